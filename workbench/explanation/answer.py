@@ -178,13 +178,9 @@ def _whole(
         fixed_points(recording, bench, terms),
         *_for_sensor(bench, recording, proved, terms, ~found.outliers),
     )
-    return with_statements(
-        made,
-        [
-            words.statement(term, words.TIPS.get(recording.measures, "the measured point"), unit)
-            for term in (*terms, *refused)
-        ],
-    )
+    point = words.TIPS.get(recording.measures, "the measured point")
+    statements = [words.statement(term, point, unit) for term in (*terms, *refused)]
+    return with_statements(made, statements)
 
 
 def _verdict(bench, found: Found, terms, refused, proved) -> str:

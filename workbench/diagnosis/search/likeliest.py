@@ -13,8 +13,8 @@ from workbench.diagnosis.search.stepwise import Stepwise
 
 _ROUNDS = 4
 """Solutions about which the set is searched: the second nearly always confirms the first."""
-_FIRST, _CONDITIONAL, _UNNAMED = 48, 24, 6
-"""Terms taken into the search: the likeliest alone, the likeliest in addition, and functions of each table."""
+_FIRST, _CONDITIONAL, _EACH, _UNNAMED = 48, 24, 4, 6
+"""Terms taken into the search: the likeliest alone, in addition, in the place of each, and functions of each table."""
 _WORTHWHILE = float(np.log(3.0))
 """Log odds from which on another set is worth a solution: Jeffreys calls less not worth more than a bare mention."""
 _VARIANTS = 4
@@ -48,7 +48,7 @@ def _hardly_likelier(objective: LogPosterior, members: Members, present: Members
 
 
 def _at_hand(search: Search) -> tuple[list[Hypothesis], tuple[int, ...]]:
-    """Terms to search: the accepted ones, whose numbers are given, and what is likely alone or in addition."""
+    """Terms to search: the accepted ones, whose numbers are given, and what is likely alone, in addition or instead."""
     alone, own = search.table(()), {name_of(h) for h in search.accepted}
     chosen = {name_of(h): h for h in alone if name_of(h) in own}
     order = [name_of(h) for h in search.accepted if name_of(h) in chosen]
@@ -56,6 +56,8 @@ def _at_hand(search: Search) -> tuple[list[Hypothesis], tuple[int, ...]]:
     pools = [(alone, _FIRST, _UNNAMED)]
     if search.accepted:
         pools.append((search.table(search.everyone), _CONDITIONAL, _UNNAMED))
+    # Without the term in whose place it stands, a likelier name may be the first of its table alone.
+    pools += [(search.table(search.others(i)), _EACH, 0) for i in search.everyone]
     for table, named, unnamed in pools:
         laws = _varied([h for h in table if not h.unnamed], named)
         functions = [h for h in table if h.unnamed][:unnamed]
