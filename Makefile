@@ -67,10 +67,14 @@ docs: $(VENV)/.docs
 # The lock is resolved from the package index; FIND_LINKS names a folder or page with PyTorch for processors.
 FIND_LINKS ?= https://download.pytorch.org/whl/cpu/torch/
 lock:
-	head -4 requirements.lock > requirements.new
+	head -3 requirements.lock > requirements.new
+	head -2 requirements-torch.lock > requirements-torch.new
 	uv pip compile pyproject.toml --python-platform x86_64-manylinux_2_35 --python-version 3.11 \
-		--generate-hashes --no-header --no-annotate --quiet --find-links $(FIND_LINKS) >> requirements.new
-	mv requirements.new requirements.lock
+		--generate-hashes --no-header --no-annotate --quiet --find-links $(FIND_LINKS) > requirements.all
+	awk '/^[a-z]/ { torch = /^torch==/ } torch' requirements.all >> requirements-torch.new
+	awk '/^[a-z]/ { torch = /^torch==/ } !torch' requirements.all >> requirements.new
+	mv requirements.new requirements.lock && mv requirements-torch.new requirements-torch.lock
+	rm requirements.all
 
 package: $(VENV)/.test
 	$(BIN)/python tools/check_package.py
@@ -89,9 +93,10 @@ $(VENV)/bin/python:
 		{ echo "$(PYTHON) is older than 3.11: name a newer one, as in make PYTHON=python3.12" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.demo: pyproject.toml requirements.lock | $(VENV)/bin/python system
+$(VENV)/.demo: pyproject.toml requirements.lock requirements-torch.lock | $(VENV)/bin/python system
 	@if $(BIN)/python tools/lock_applies.py; then \
-		$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements.lock && \
+		$(BIN)/python -m pip install --quiet --no-deps --require-hashes -r requirements-torch.lock && \
+		$(BIN)/python -m pip install --quiet --no-deps --require-hashes -r requirements.lock && \
 		$(BIN)/python -m pip install --quiet --no-deps --editable .; \
 	else \
 		$(BIN)/python -m pip install --quiet --editable .; \
