@@ -58,6 +58,33 @@ def test_too_little_memory_is_no_bug(tmp_path, monkeypatch, capsys):
     assert "memory of this machine" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["check", "x" * 300],
+        ["identifiability", "elastic-arm", "--json", "x" * 300],
+        ["datasets", "get", "irb120_faro", "--to", "x" * 300],
+        ["calibrate", "elastic-arm", "--out", "x" * 300],
+    ],
+    ids=lambda words: words[0],
+)
+def test_a_name_that_is_too_long_is_a_sentence(tmp_path, monkeypatch, capsys, words):
+    monkeypatch.chdir(tmp_path)
+    assert cli.run(words) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_a_removed_working_directory_is_a_sentence(tmp_path, monkeypatch, capsys):
+    scene = tmp_path / "scene.toml"
+    scene.write_text('robot = "abb_irb120"\nmeasures = "external-pose"\nsamples = 8\n')
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    assert cli.run(["simulate", str(scene)]) == 2
+    assert "working directory was removed" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("command", ["simulate", "significance", "compensate", "stiffness"])
 def test_a_place_that_cannot_be_written_is_found_before_the_work(tmp_path, command, capsys):
     """The other arguments are never read: they do not exist."""
