@@ -2,15 +2,22 @@
 
 import errno
 import os
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import datasets
+from conftest import ROOT
 from test_recording_good import write_good
 from workbench.commands import cli
 from workbench.core.errors import InputError
 from workbench.files import runs
+
+sys.path.insert(0, str(ROOT / "tools"))
+
+import kill_runs  # noqa: E402
 
 
 class FullDisk:
@@ -124,3 +131,10 @@ def test_flipped_bytes_of_a_parquet_file_are_found(tmp_path):
         )
         accepted += not same
     assert accepted == 0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="processes are listed in /proc (Linux)")
+def test_kills_lose_nothing_and_leave_no_process(tmp_path):
+    """A few of the kills of `python tools/kill_runs.py`."""
+    assert kill_runs.kill_runs(tmp_path, 8, seed=5) == []
