@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest \
 	-n logical --maxprocesses 8 --dist worksteal -p no:cacheprovider
 
-.PHONY: help demo prove test test-slow test-all test-long check fuzz language docs bench system clean
+.PHONY: help demo prove test test-slow test-all test-long check fuzz language docs lock package sbom bench system clean
 
 help:
 	@echo "make demo       calibrate a recording and write a report page"
@@ -20,6 +20,9 @@ help:
 	@echo "make language   words that the project no longer uses"
 	@echo "make docs       the documentation site, in site/"
 	@echo "make prove      the blind benchmark: cases of every suite, and a scoreboard (hours)"
+	@echo "make package    build sdist and wheel, and run the wheel outside the checkout"
+	@echo "make lock       resolve requirements.lock again (needs uv)"
+	@echo "make sbom       bill of materials (CycloneDX) and licences, in dist/"
 	@echo "make bench      speed against other libraries, in an environment of its own"
 
 demo: $(VENV)/.demo
@@ -61,6 +64,24 @@ docs: $(VENV)/.docs
 	$(BIN)/mkdocs build --strict --quiet
 	@echo site/index.html
 
+# The lock is resolved from the package index; FIND_LINKS names a folder or page with PyTorch for processors.
+FIND_LINKS ?= https://download.pytorch.org/whl/cpu/torch/
+lock:
+	head -3 requirements.lock > requirements.new
+	head -2 requirements-torch.lock > requirements-torch.new
+	uv pip compile pyproject.toml --python-platform x86_64-manylinux_2_35 --python-version 3.11 \
+		--generate-hashes --no-header --no-annotate --quiet --find-links $(FIND_LINKS) > requirements.all
+	awk '/^[a-z]/ { torch = /^torch==/ } torch' requirements.all >> requirements-torch.new
+	awk '/^[a-z]/ { torch = /^torch==/ } !torch' requirements.all >> requirements.new
+	mv requirements.new requirements.lock && mv requirements-torch.new requirements-torch.lock
+	rm requirements.all
+
+package: $(VENV)/.test
+	$(BIN)/python tools/check_package.py
+
+sbom: $(VENV)/.demo
+	$(BIN)/python tools/sbom.py dist
+
 bench: $(BENCH_VENV)/.bench
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BENCH_VENV)/bin/python -m benchmarks
 
@@ -72,8 +93,14 @@ $(VENV)/bin/python:
 		{ echo "$(PYTHON) is older than 3.11: name a newer one, as in make PYTHON=python3.12" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.demo: pyproject.toml | $(VENV)/bin/python system
-	$(BIN)/python -m pip install --quiet --editable .
+$(VENV)/.demo: pyproject.toml requirements.lock requirements-torch.lock | $(VENV)/bin/python system
+	@if $(BIN)/python tools/lock_applies.py; then \
+		$(BIN)/python -m pip install --quiet --no-deps --require-hashes -r requirements-torch.lock && \
+		$(BIN)/python -m pip install --quiet --no-deps --require-hashes -r requirements.lock && \
+		$(BIN)/python -m pip install --quiet --no-deps --editable .; \
+	else \
+		$(BIN)/python -m pip install --quiet --editable .; \
+	fi
 	@touch $@
 
 $(VENV)/.test: pyproject.toml | $(VENV)/bin/python system

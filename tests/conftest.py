@@ -6,6 +6,9 @@ import os
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+import json  # noqa: E402
+import select  # noqa: E402
+import signal  # noqa: E402
 import subprocess  # noqa: E402
 import sys  # noqa: E402
 from pathlib import Path  # noqa: E402
@@ -19,6 +22,21 @@ def recordings_folder() -> Path:
     """Where real recordings lie: WORKBENCH_RECORDINGS, else shared/recordings beside the project."""
     setting = os.environ.get("WORKBENCH_RECORDINGS")
     return Path(setting) if setting else ROOT.parent / "shared" / "recordings"
+
+
+def mostly_slow(cases, fast: int) -> list:
+    """`cases` for parametrize, of which `fast`, evenly spread, belong to the fast tests and all others to the slow."""
+    cases = list(cases)
+    kept = {round(k * (len(cases) - 1) / max(fast - 1, 1)) for k in range(fast)}
+    return [case if k in kept else _slow(case) for k, case in enumerate(cases)]
+
+
+def _slow(case):
+    """One case of parametrize, plain or made by `pytest.param`, as a slow test."""
+    if hasattr(case, "marks"):
+        return pytest.param(*case.values, id=case.id, marks=pytest.mark.slow)
+    values = case if isinstance(case, tuple) else (case,)
+    return pytest.param(*values, marks=pytest.mark.slow)
 
 
 def pytest_collection_modifyitems(items):
@@ -54,20 +72,70 @@ def recording(real):
     return read
 
 
+class CommandServer:
+    """The process of `command_server`, started with the first command and again after a timeout."""
+
+    def __init__(self):
+        self.process, self.environment = None, {}
+
+    def __call__(self, words, cwd, timeout, environment, scratch) -> int:
+        """Exit status of a command whose streams go to files in `scratch`."""
+        if self.process is None or self.environment != environment:
+            self._start(environment)
+        streams = {name: str(scratch / name) for name in ("stdout", "stderr")}
+        for path in streams.values():
+            Path(path).touch()
+        request = {"words": words, "cwd": str(cwd), "environment": environment, **streams}
+        self.process.stdin.write(json.dumps(request) + "\n")
+        self.process.stdin.flush()
+        return int(self._line(words, timeout))
+
+    def _start(self, environment):
+        self.stop()
+        self.process = subprocess.Popen(
+            [sys.executable, str(ROOT / "tests" / "command_server.py")],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=environment,
+            start_new_session=True,
+        )
+        self.environment = environment
+        self._line("start", 300)
+
+    def _line(self, words, timeout) -> str:
+        if not select.select([self.process.stdout], [], [], timeout)[0]:
+            os.killpg(self.process.pid, signal.SIGKILL)
+            self.stop()
+            raise subprocess.TimeoutExpired(words, timeout)
+        return self.process.stdout.readline()
+
+    def stop(self):
+        if self.process is not None:
+            self.process.stdin.close()
+            self.process.stdout.close()
+            self.process.wait(30)
+            self.process = None
+
+
+@pytest.fixture(scope="session")
+def command_server():
+    """One process for each worker of the tests, from which the commands are forked."""
+    server = CommandServer()
+    yield server
+    server.stop()
+
+
 @pytest.fixture
-def workbench(tmp_path):
+def workbench(tmp_path, tmp_path_factory, command_server):
     """`workbench("calibrate", …)` runs a command in a process of its own, in an empty folder."""
 
-    def call(*words, cwd: Path = tmp_path, timeout: float = 300) -> subprocess.CompletedProcess:
+    def call(*words, cwd: Path = tmp_path, timeout: float = 100) -> subprocess.CompletedProcess:
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-        return subprocess.run(
-            [sys.executable, "-m", "workbench", *map(str, words)],
-            cwd=cwd,
-            text=True,
-            capture_output=True,
-            timeout=timeout,
-            env=environment,
-            check=False,
-        )
+        environment.pop("PYTEST_CURRENT_TEST", None)
+        words, scratch = [str(word) for word in words], tmp_path_factory.mktemp("streams")
+        status = command_server(words, cwd, timeout, environment, scratch)
+        texts = [(scratch / name).read_text(encoding="utf-8") for name in ("stdout", "stderr")]
+        return subprocess.CompletedProcess(words, status, *texts)
 
     return call

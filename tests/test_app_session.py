@@ -204,6 +204,7 @@ def _without_date(folder):
     return answer
 
 
+@pytest.mark.slow
 def test_a_session_is_repeated_from_the_command_line_with_an_identical_result(tmp_path, workbench):
     session = Session("elastic-arm", changes=(CHANGES[0], CHANGES[2], CHANGES[5]))
     session.save(tmp_path / "session.toml")

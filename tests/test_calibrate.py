@@ -63,6 +63,7 @@ def test_a_determined_length_is_found_within_its_sigma(clean):
     assert row["identifiable"] and abs(row["value"] - 70.4) < 4 * row["std"]
 
 
+@pytest.mark.slow
 def test_a_blunder_is_named_and_costs_nothing(clean):
     def blunder(points):
         points[17] += [30.0, -12.0, 8.0]
@@ -79,6 +80,7 @@ def test_held_out_covers_every_sample_once(clean):
     assert np.isfinite(clean.held_out_residual).all()
 
 
+@pytest.mark.slow
 def test_test_samples_have_no_part_in_any_choice():
     made = recorded()
     test = made.sample_ids[::4]

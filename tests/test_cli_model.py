@@ -20,6 +20,7 @@ def found(workbench, tmp_path):
     return json.loads((tmp_path / "a.json").read_text())["model"]
 
 
+@pytest.mark.slow
 def test_the_run_of_a_diagnosis_is_used_like_a_calibration(workbench, tmp_path, found):
     assert found["plan"].endswith("found/plan.toml") and not found["left_out"]
     (tmp_path / "t.csv").write_text(

@@ -25,6 +25,7 @@ def images_of(folder: Path, role: str) -> list[Path]:
         return [folder / row["image"] for row in csv.DictReader(file) if row["role"] == role]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("level", "why"), [(0, "all black"), (255, "saturated")])
 def test_scans_without_a_laser_line_are_named_and_leave_the_json_whole(
     workbench, answers, tmp_path, level, why

@@ -64,6 +64,7 @@ def run(tmp_path_factory):
     return recording, made, folder, files
 
 
+@pytest.mark.slow
 def test_the_run_folder_holds_plan_solution_and_scene(run):
     _, made, folder, files = run
     assert [(t.finding.effect, t.finding.where) for t in made.terms] == [("backlash", "joint-3")]

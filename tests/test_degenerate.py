@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from conftest import mostly_slow
 from degenerate_scenes import Case, draw, recording
 from robot_model import load_robot
 from robot_model.measurements import looks_of, samples_of
@@ -134,7 +135,7 @@ def failure(name, run, case) -> str:
         return f"{name}: {type(problem).__name__}: {problem} {case}"
 
 
-@pytest.mark.parametrize("seed", range(FAST))
+@pytest.mark.parametrize("seed", mostly_slow(range(FAST), 10))
 def test_a_recording_that_determines_little_ends_in_a_result_or_in_a_sentence(seed, tmp_path):
     assert judge(draw(seed), tmp_path) == []
 
@@ -189,7 +190,7 @@ EXACT = {
 }
 
 
-@pytest.mark.parametrize("name", EXACT)
+@pytest.mark.parametrize("name", mostly_slow(EXACT, 3))
 def test_what_such_recordings_leave_undetermined_is_named(name, tmp_path):
     """Identifiability says in sentences what a constant joint, a small region or a lone reflector leaves open."""
     made = recording(EXACT[name])

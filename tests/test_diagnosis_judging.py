@@ -142,6 +142,7 @@ def test_terms_that_raise_the_held_out_error_are_refused_one_by_one(monkeypatch)
     assert verdict_of((), 1e-6) == UNEXPLAINED
 
 
+@pytest.mark.slow
 def test_a_step_in_time_is_judged_by_blocks_of_the_workspace(tmp_path):
     """Whoever leaves out the block of time with the step cannot know when it was: that error hardly falls."""
     path = tmp_path / "scene.toml"

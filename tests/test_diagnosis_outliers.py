@@ -16,6 +16,7 @@ def _with_outliers(rng, n, count, size, axis=None):
     return white, rows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [3, 5, 10, np.inf])
 @pytest.mark.parametrize("shared", [True, False])
 def test_noise_of_any_tails_is_rarely_taken_for_outliers(degrees, shared):

@@ -95,6 +95,7 @@ def test_a_wrong_value_of_an_effect_of_the_simulation_is_a_parameter(tmp_path):
     assert found.parameters[0]["value"] == pytest.approx(2e-4, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_answer_has_three_parts_and_the_solution_that_holds_beta_is_found_out(tmp_path):
     """A twin in MJCF whose axes 2 and 3 are not quite parallel in reality, with a gap that it does not know."""
     (tmp_path / "twin.xml").write_text(TWIN)

@@ -128,6 +128,7 @@ def test_no_base_is_known_and_the_program_says_so():
     assert geometry["identifiable"] == geometry["free"] - (len(geometry["undetermined"]) - 1)
 
 
+@pytest.mark.slow
 def test_lengths_of_an_arm_that_the_model_did_not_make(tmp_path):
     """MuJoCo's elastic arm, 0.005 mm: nominal 1.8 mm, unseen lengths to 1.4 times the noise, through the files."""
     lengths_maker = pytest.importorskip(

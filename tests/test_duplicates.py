@@ -110,6 +110,7 @@ def test_calibrate_counts_a_copy_once(doubled):
     assert copied.doubts == ()
 
 
+@pytest.mark.slow
 def test_every_analysis_counts_a_copy_once(doubled):
     _, once, twice = doubled
     for found in (compare(twice, ["default"], folds=3).as_json(), identifiability(twice)):

@@ -458,6 +458,7 @@ def test_the_nominal_file_is_the_one_that_the_maker_publishes():
     np.testing.assert_allclose(places[5][:3, 3], [0, 92.2, 0], atol=0.1)
 
 
+@pytest.mark.slow
 def test_the_module_of_one_half_predicts_the_other_as_calibrate_does(recording, tmp_path):
     """irb120_faro: fitted on the first half, exported, and the second half predicted by the module."""
     from workbench.files.solution_file import read_solution

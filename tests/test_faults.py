@@ -2,15 +2,22 @@
 
 import errno
 import os
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import datasets
+from conftest import ROOT
 from test_recording_good import write_good
 from workbench.commands import cli
 from workbench.core.errors import InputError
 from workbench.files import runs
+
+sys.path.insert(0, str(ROOT / "tools"))
+
+import kill_runs  # noqa: E402
 
 
 class FullDisk:
@@ -58,6 +65,33 @@ def test_too_little_memory_is_no_bug(tmp_path, monkeypatch, capsys):
     assert "memory of this machine" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["check", "x" * 300],
+        ["identifiability", "elastic-arm", "--json", "x" * 300],
+        ["datasets", "get", "irb120_faro", "--to", "x" * 300],
+        ["calibrate", "elastic-arm", "--out", "x" * 300],
+    ],
+    ids=lambda words: words[0],
+)
+def test_a_name_that_is_too_long_is_a_sentence(tmp_path, monkeypatch, capsys, words):
+    monkeypatch.chdir(tmp_path)
+    assert cli.run(words) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_a_removed_working_directory_is_a_sentence(tmp_path, monkeypatch, capsys):
+    scene = tmp_path / "scene.toml"
+    scene.write_text('robot = "abb_irb120"\nmeasures = "external-pose"\nsamples = 8\n')
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    assert cli.run(["simulate", str(scene)]) == 2
+    assert "working directory was removed" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("command", ["simulate", "significance", "compensate", "stiffness"])
 def test_a_place_that_cannot_be_written_is_found_before_the_work(tmp_path, command, capsys):
     """The other arguments are never read: they do not exist."""
@@ -97,3 +131,10 @@ def test_flipped_bytes_of_a_parquet_file_are_found(tmp_path):
         )
         accepted += not same
     assert accepted == 0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="processes are listed in /proc (Linux)")
+def test_kills_lose_nothing_and_leave_no_process(tmp_path):
+    """A few of the kills of `python tools/kill_runs.py`."""
+    assert kill_runs.kill_runs(tmp_path, 8, seed=5) == []

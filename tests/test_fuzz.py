@@ -17,6 +17,7 @@ FORMER_FAILURES = {
     "cloud": b"ply\nformat ascii 1.0\n" + b"x" * 3000,
     "pcd": b"SIZE 4 4 4\nSIZE 4 4 4\nDATA 4 4 =1+1\nDATA ascii\n",
     "prove-sums": b"abc",
+    "rapid": b'"' + b"1," * 100_000,
     "plan": b"a = " + b"[" * 4000,
 }
 

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import hand_eye_recordings as recordings
 import hand_eye_user_errors as bench
+from conftest import mostly_slow
 from hand_eye_scenes import CAMERA, HAND_EYE, board, images
 from sensors.hand_eye.images import hand_eye_from_views, review_views
 from sensors.hand_eye.mistakes import Reading
@@ -59,7 +60,7 @@ MISTAKES = {
 }
 
 
-@pytest.mark.parametrize("name", MISTAKES)
+@pytest.mark.parametrize("name", mostly_slow(MISTAKES, 4))
 def test_a_mistake_in_flange_poses_is_certain_and_named(name):
     cause, words = name.split(" ", 1)
     views, flange = images(10)
@@ -159,6 +160,7 @@ def run(*words) -> int:
     return cli.run([str(word) for word in words])
 
 
+@pytest.mark.slow
 def test_a_wrong_square_refuses_and_trust_data_overrides(here, capsys):
     """31.9 px and exit status 0 was the answer once: now a sentence that names the factor, or a warning."""
     right = recordings.made("chessboard")
@@ -193,7 +195,7 @@ def test_a_right_recording_has_a_verdict_and_no_warning(here, capsys):
 FAST = ("camera moved midway", "quaternion written x, y, z, w")
 
 
-@pytest.mark.parametrize("name", FAST)
+@pytest.mark.parametrize("name", mostly_slow(FAST, 3))
 def test_a_planted_mistake_is_stopped_by_its_name(name):
     mistake, right = bench.MISTAKES[name], recordings.made("chessboard")
     found = bench.outcome(mistake.plant(right), right, mistake.words)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from conftest import mostly_slow
 from datasets.importers.mapping.rotations import EULER
 from workbench.core.errors import InputError
 from workbench.jobs.robot.simulate import simulate
@@ -116,7 +117,9 @@ def test_there_are_60_variants():
     assert len(VARIANTS) == 60
 
 
-@pytest.mark.parametrize(("k", "form", "joint", "length", "angle", "separator"), VARIANTS)
+@pytest.mark.parametrize(
+    ("k", "form", "joint", "length", "angle", "separator"), mostly_slow(VARIANTS, 12)
+)
 def test_variant_is_right(k, form, joint, length, angle, separator, truth, tmp_path):
     path = tmp_path / "table.txt"
     columns = table_of(truth, k, form, joint, length, angle)

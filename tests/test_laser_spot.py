@@ -95,6 +95,7 @@ def test_exact_beams_are_met_and_unseen_ones_predicted(arm):
     assert np.abs(model.residual(fit.parameters)[:, test]).max() < 2e-3
 
 
+@pytest.mark.slow
 def test_the_main_job_takes_beams(arm):
     robot, geometry = arm
     answer = calibrate(beams(robot, geometry, points=12, each=10, sigma=0.02), folds=5).as_json()

@@ -1,6 +1,7 @@
 """Mistakes that are often made in samples.csv are named; arms that only err as arms do are not suspected."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import datasets
+from conftest import mostly_slow
 from datasets.columns import joint_columns
 from erring_scenes import erring
 from plain_frames import frames_of
@@ -47,8 +49,7 @@ def assert_warned(robot, recording, cause, *words):
         assert word in found[0].sentence
 
 
-@pytest.mark.parametrize("measures", KINDS)
-@pytest.mark.parametrize("joint", [1, 3, 4])
+@pytest.mark.parametrize("measures, joint", mostly_slow(product(KINDS, (1, 3, 4)), 4))
 def test_a_joint_of_the_other_sign_is_named(measures, joint):
     robot, recording = erring(measures, 1)
     name = f"q{joint}_deg"
@@ -78,10 +79,12 @@ def test_a_sliding_joint_of_the_other_sign_is_named():
     )
 
 
-@pytest.mark.parametrize("pair", [("q4_deg", "q5_deg"), ("q1_deg", "q2_deg"), ("q3_deg", "q6_deg")])
-def test_swapped_joint_columns_are_named(pair):
+SWAPPED = [("q4_deg", "q5_deg"), ("q1_deg", "q2_deg"), ("q3_deg", "q6_deg")]
+
+
+@pytest.mark.parametrize("first, second", mostly_slow(SWAPPED, 1))
+def test_swapped_joint_columns_are_named(first, second):
     robot, recording = erring("ball-centre", 4)
-    first, second = pair
     swapped = changed(
         recording, **{first: recording.columns[second], second: recording.columns[first]}
     )
@@ -105,12 +108,13 @@ def test_all_joints_in_radians_are_named():
     assert_named(robot, wrong, "columns q1_deg, q2_deg,", "hold radians")
 
 
-@pytest.mark.parametrize("measures", KINDS)
 @pytest.mark.parametrize(
-    "factor, unit",
-    [(0.1, "cm"), (1 / 25.4, "inches"), (0.001, "m"), (10, "tenths of a mm"), (1000, "um")],
+    "measures, unit",
+    mostly_slow(product(KINDS, ("cm", "inches", "m", "tenths of a mm", "um")), 6),
 )
-def test_points_in_another_unit_are_named(measures, factor, unit):
+def test_points_in_another_unit_are_named(measures, unit):
+    factors = {"cm": 0.1, "inches": 1 / 25.4, "m": 0.001, "tenths of a mm": 10, "um": 1000}
+    factor = factors[unit]
     robot, recording = erring(measures, 6)
     wrong = changed(recording, **{c: factor * recording.columns[c] for c in XYZ})
     assert_named(
@@ -121,14 +125,13 @@ def test_points_in_another_unit_are_named(measures, factor, unit):
     )
 
 
-@pytest.mark.parametrize("measures", KINDS[:2])
-@pytest.mark.parametrize("axis", XYZ)
+@pytest.mark.parametrize("measures, axis", mostly_slow(product(KINDS[:2], XYZ), 2))
 def test_left_handed_points_are_named(measures, axis):
     robot, recording = erring(measures, 7)
     assert_named(robot, changed(recording, **{axis: -recording.columns[axis]}), "left-handed")
 
 
-@pytest.mark.parametrize("axis", XYZ)
+@pytest.mark.parametrize("axis", mostly_slow(XYZ, 1))
 def test_beside_orientations_the_mirrored_axis_is_named(axis):
     robot, recording = erring("external-pose", 8)
     assert_named(
@@ -180,16 +183,16 @@ def test_single_rows_of_another_ball_are_named():
     assert_warned(robot, wrong, "ball-labels", "sample 5 (ball 4 for 1) and 17 (ball 4 for 1);")
 
 
-@pytest.mark.parametrize("measures", KINDS)
-@pytest.mark.parametrize("step, words", [(1, "of the row before"), (-1, "of the row after")])
-def test_positions_of_the_neighbouring_row_are_named(measures, step, words):
+@pytest.mark.parametrize("measures, step", mostly_slow(product(KINDS, (1, -1)), 2))
+def test_positions_of_the_neighbouring_row_are_named(measures, step):
+    words = {1: "of the row before", -1: "of the row after"}[step]
     robot, recording = erring(measures, 12)
     observed_too = observed_columns(recording)
     late = changed(recording, **{c: np.roll(recording.columns[c], step) for c in observed_too})
     assert_named(robot, late.select(np.arange(1, 59)), words)
 
 
-@pytest.mark.parametrize("measures", KINDS)
+@pytest.mark.parametrize("measures", mostly_slow(KINDS, 1))
 def test_shuffled_rows_are_named_but_nothing_is_to_be_changed(measures):
     robot, recording = erring(measures, 13)
     order = np.random.default_rng(13).permutation(recording.n)
@@ -201,8 +204,7 @@ def test_shuffled_rows_are_named_but_nothing_is_to_be_changed(measures):
     )
 
 
-@pytest.mark.parametrize("measures", KINDS)
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("measures, seed", mostly_slow(product(KINDS, range(8)), 9))
 def test_an_arm_off_its_data_sheet_is_not_suspected(measures, seed):
     arm = list(ARMS.values())[seed % len(ARMS)]
     robot, recording = erring(
@@ -218,7 +220,7 @@ def test_zero_offsets_of_degrees_are_never_called_a_mistake(measures, seed):
     assert not any(found.certain for found in suspicions(robot, recording))
 
 
-@pytest.mark.parametrize("measures", KINDS)
+@pytest.mark.parametrize("measures", mostly_slow(KINDS, 2))
 def test_gross_errors_are_named_by_sample(measures):
     robot, recording = erring(measures, 14)
     z = recording.columns["z_mm"].copy()
@@ -237,8 +239,7 @@ def test_a_mistake_is_named_although_a_row_is_lost():
     )
 
 
-@pytest.mark.parametrize("measures", KINDS)
-@pytest.mark.parametrize("n", [3, 4, 5])
+@pytest.mark.parametrize("measures, n", mostly_slow(product(KINDS, (3, 4, 5)), 5))
 def test_too_few_rows_say_nothing_certain(measures, n):
     robot, recording = erring(
         measures, 16, n=n, balls={1: BALLS[1]}, reflectors={1: (30.0, -40.0, 100.0)}
@@ -277,7 +278,7 @@ def test_the_bundled_recording_is_not_suspected():
     assert check_plausibility(load_robot(recording.robot), recording) == ()
 
 
-@pytest.mark.parametrize("joint", [2, 5, 6])
+@pytest.mark.parametrize("joint", mostly_slow([2, 5, 6], 1))
 def test_orientation_counts_as_much_as_position(joint):
     """A joint whose sign hardly moves the point: the target is near the wrist centre, so only rotations show it."""
     made = scene("external-pose", n=60, seed=21)

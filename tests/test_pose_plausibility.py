@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from conftest import mostly_slow
 from pose_scenes import SPREADS_DEG, pose_scene
 from workbench.core.errors import InputError
 from workbench.fitting.checked_samples import check_samples
@@ -44,12 +45,12 @@ def is_named(seed) -> bool:
     return False
 
 
-@pytest.mark.parametrize("seed", range(16))
+@pytest.mark.parametrize("seed", mostly_slow(range(16), 4))
 def test_right_recordings_are_not_doubted(seed):
     assert_not_doubted(seed)
 
 
-@pytest.mark.parametrize("seed", [0, 3, 17, 23])
+@pytest.mark.parametrize("seed", mostly_slow([0, 3, 17, 23], 2))
 def test_a_negated_joint_is_named(seed):
     assert is_named(seed)
 
@@ -81,7 +82,7 @@ def test_the_last_joint_negated_is_refused(spread_deg):
         check_samples(wrong)
 
 
-@pytest.mark.parametrize("spread_deg", [1.0, 30.0, 180.0])
+@pytest.mark.parametrize("spread_deg", mostly_slow([1.0, 30.0, 180.0], 1))
 def test_the_last_joint_stuck_is_a_warning_with_its_cause(spread_deg):
     recording = pose_scene(3, spread_deg).recording
     wrong = with_column(recording, "q6_deg", np.full(recording.n, 12.5))

@@ -346,6 +346,7 @@ def test_an_examination_is_not_mixed_with_another(tmp_path):
         prove.prove(tmp_path / "full", ["clean"], 1)
 
 
+@pytest.mark.slow
 def test_a_few_cases_from_end_to_end_and_again_from_where_they_were(tmp_path):
     """Committed first, diagnosed from the recording only, scored; a second call repeats nothing.
 

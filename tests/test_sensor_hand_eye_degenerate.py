@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from conftest import mostly_slow
 from hand_eye_scenes import CAMERA, HAND_EYE, LOOKS, board, images, jolt, looks, off, profiles
 from sensors.hand_eye.images import camera_prior, hand_eye_from_views
 from sensors.hand_eye.motion import motion
@@ -131,7 +132,7 @@ FEW = [
 ]
 
 
-@pytest.mark.parametrize(("turns", "repeated", "what"), FEW)
+@pytest.mark.parametrize(("turns", "repeated", "what"), mostly_slow(FEW, 4))
 @pytest.mark.parametrize("noise", [0.0, pytest.param(1.0, marks=pytest.mark.slow)])
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_repeated_poses_and_exact_data_end_in_a_result(turns, repeated, what, noise):

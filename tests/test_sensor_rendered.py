@@ -31,6 +31,7 @@ def tiny():
     return render_scanner(small_scene(3, **TINY))
 
 
+@pytest.mark.slow
 def test_images_become_a_scanner_and_a_ball_centre(tiny):
     error, sigma = tiny.camera_errors()["fx"]
     assert abs(error) < 3 * sigma < 3e-3 * tiny.scene.sees.fx

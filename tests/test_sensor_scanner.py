@@ -129,6 +129,7 @@ def test_a_mirror_that_shakes_is_refused_and_the_free_planes_are_used():
     assert aligned(scene, found.camera, found.scanner.planes, steps=found.scanner.steps)[0] < 0.001
 
 
+@pytest.mark.slow
 def test_a_wobble_once_and_twice_a_turn_is_a_differently_placed_mirror():
     values = np.random.default_rng(5).normal(size=8) * np.tile([1e-3, 0.1], 4)
     scene = twin(np.random.default_rng(13), points=20, steps=30, wobble=values)

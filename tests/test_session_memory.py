@@ -77,6 +77,7 @@ def found(monkeypatch) -> scan.Scan:
     return made
 
 
+@pytest.mark.slow
 def test_the_command_needs_no_more_memory_the_longer_the_session(few, found, tmp_path, capsys):
     def peak(scans, out):
         folder = session(few, tmp_path / f"recording-{out}", scans)
@@ -103,6 +104,7 @@ def test_the_command_needs_no_more_memory_the_longer_the_session(few, found, tmp
     assert "288 more scans have other remarks" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_report_needs_no_more_memory_the_longer_the_session(few, found, tmp_path):
     def peak(scans, out):
         folder = session(few, tmp_path / f"recording-{out}", scans)

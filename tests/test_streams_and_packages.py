@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import ROOT
+from conftest import ROOT, mostly_slow
 from workbench.machine import doctor
 
 
@@ -103,7 +103,7 @@ def test_a_study_without_salib_is_one_sentence(tmp_path):
     assert not (tmp_path / "runs").exists()
 
 
-@pytest.mark.parametrize("name", doctor.OPTIONAL)
+@pytest.mark.parametrize("name", mostly_slow(doctor.OPTIONAL, 1))
 def test_the_doctor_names_the_command_that_needs_a_missing_package(name, tmp_path):
     done = shell(
         "workbench doctor --json answer.json",

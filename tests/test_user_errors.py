@@ -4,6 +4,7 @@ from itertools import product
 
 import pytest
 
+from conftest import mostly_slow
 from robot_model import load_robot
 from user_error_scenes import REAL, SIMULATED, simulated
 from user_errors import MISTAKES, is_absorbed, judged
@@ -53,13 +54,13 @@ def test_sound_real_recordings_are_not_suspected(name, real):
     assert check_plausibility(load_robot(recording.robot), recording) == ()
 
 
-@pytest.mark.parametrize(("name", "mistake"), product(SIMULATED, QUICK))
+@pytest.mark.parametrize(("name", "mistake"), mostly_slow(product(SIMULATED, QUICK), 19))
 def test_mistakes_that_residuals_or_stated_values_show(name, mistake):
     assert_right_cause(NAMED[mistake], simulated(name))
 
 
 @pytest.mark.parametrize(
-    ("name", "mistake"), product(("external-point", "external-pose"), SEARCHED)
+    ("name", "mistake"), mostly_slow(product(("external-point", "external-pose"), SEARCHED), 2)
 )
 def test_mistakes_that_are_searched_for(name, mistake):
     assert_right_cause(NAMED[mistake], simulated(name))

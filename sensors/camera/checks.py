@@ -7,6 +7,7 @@ import numpy as np
 
 from sensors.camera.corners import Corners, placements
 from sensors.camera.model import RATIONAL, Camera
+from workbench.core.distributions import chi2
 from workbench.core.effect import Effect
 from workbench.core.least_squares.bundle import BundleFit, solve_bundle
 from workbench.core.least_squares.linear_algebra import all_finite, least_squares, solve_positive
@@ -233,8 +234,6 @@ class Halves:
     @property
     def p_value(self) -> float:
         """Probability of at least this difference, were the sigmas right."""
-        from scipy.stats import chi2
-
         return float(chi2.sf(self.chi_square, self.numbers))
 
     @property

@@ -49,7 +49,19 @@ BUG = 70
 INTERRUPTED = 130
 _STOPPED = "Interrupted; nothing was written."
 # Errors of the system that the user can correct; they are not internal errors.
-_REFUSALS = {errno.EACCES, errno.EPERM, errno.ENOSPC, errno.EROFS, errno.EDQUOT}
+_REFUSALS = {
+    errno.EACCES,
+    errno.EPERM,
+    errno.ENOSPC,
+    errno.EROFS,
+    errno.EDQUOT,
+    errno.ENAMETOOLONG,
+    errno.ELOOP,
+    errno.ENOTDIR,
+    errno.EIO,
+    errno.EMFILE,
+    errno.ENFILE,
+}
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 
 # rich takes a quarter of a second to load; without a terminal it is not used.
@@ -148,6 +160,12 @@ def _failed(error: Exception) -> int:
         return _say(_wrong_call(error), 2)
     if isinstance(error, ImportError) and (sentence := missing_package(error)):
         return _say(sentence, 2)
+    if isinstance(error, OSError) and not _has_working_directory():
+        return _say(
+            "The working directory was removed, so files cannot be found or written there. "
+            "Change to another folder and repeat the command.",
+            2,
+        )
     if isinstance(error, OSError) and error.errno in _REFUSALS and error.filename:
         return _say(
             f"{error.filename} cannot be used ('{error.strerror}'). "
@@ -171,6 +189,13 @@ def _failed(error: Exception) -> int:
         f"Please report it with the file {_traceback_file(error)}, which holds the traceback.",
         BUG,
     )
+
+
+def _has_working_directory() -> bool:
+    try:
+        return bool(os.getcwd())
+    except OSError:
+        return False
 
 
 def _wrong_call(error: typer.TyperException) -> str:

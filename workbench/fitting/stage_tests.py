@@ -8,6 +8,8 @@ than a random column would: the partial F-test says so.
 
 import numpy as np
 
+from workbench.core.distributions import fisher
+
 LEVEL = 0.05
 """Chance that a plan retains any stage that explains nothing."""
 
@@ -33,10 +35,8 @@ def partial_f_p_value(residuals, sigma: np.ndarray, degrees: tuple[float, float]
     A larger model spends at least one degree of freedom: terms that their prior shrinks to nothing spend a small part
     of one, and so small a gain is no evidence. Source: Seber & Lee, Linear Regression Analysis (2003), sec. 4.3.
     """
-    from scipy.stats import f  # takes half a second to import
-
     spent = max(degrees[0] - degrees[1], 1.0)
     left = max(degrees[1], 1.0)
     before, after = (float(((residual / sigma) ** 2).sum()) for residual in residuals)
     ratio = max(before - after, 0.0) / spent / max(after / left, 1e-300)
-    return float(f.sf(ratio, spent, left))
+    return float(fisher.sf(ratio, spent, left))

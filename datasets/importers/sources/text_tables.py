@@ -145,10 +145,11 @@ def split_cells(line: str, separator: str) -> list[str]:
     if separator == " ":
         return _spaced(text)
     if '"' in text:
-        return [
-            cell.strip()
-            for cell in next(csv.reader([text], delimiter=separator, skipinitialspace=True))
-        ]
+        try:
+            cells = next(csv.reader([text], delimiter=separator, skipinitialspace=True))
+        except csv.Error:  # a cell above the size that a cell can have: no table of measurements
+            cells = text.split(separator)
+        return [cell.strip() for cell in cells]
     return [cell.strip() for cell in text.split(separator)]
 
 

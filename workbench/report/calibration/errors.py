@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import plotly.graph_objects as go
-from scipy.stats import chi
 
+from workbench.core.distributions import chi2
 from workbench.report import style
 from workbench.report.text import rounded
 
@@ -200,7 +200,7 @@ def cumulative(errors: Errors) -> go.Figure:
         _add_curve(figure, name, *_ecdf(distance), line, errors.kind.unit)
     if errors.sigma:
         share = np.linspace(0.005, 0.995, 200)
-        noise = chi.ppf(share, errors.parts, scale=errors.sigma)
+        noise = errors.sigma * np.sqrt(chi2.ppf(share, errors.parts))
         line = dict(color=style.ORANGE, width=2, dash="dashdot")
         _add_curve(figure, "noise alone", noise, 100 * share, line, errors.kind.unit)
     ends = np.concatenate([trace.x for trace in figure.data])

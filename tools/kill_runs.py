@@ -1,0 +1,155 @@
+"""Kill long commands at random moments: nothing is lost, no process stays, and the same command completes afterwards.
+
+`python tools/kill_runs.py --kills 200` kills with SIGKILL, SIGTERM, SIGHUP and SIGINT in turn. After every fourth kill
+the command runs to its end in the same folder; its result must be that of a run that was never interrupted.
+"""
+
+import argparse
+import hashlib
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
+STUDY = """kind = "compliance"
+title = "killed"
+seed = 3
+do = ["simulate"]
+part = 2
+[scene]
+robot = "abb_irb120"
+samples = 20
+sigma_mm = 0.02
+[[scene.effect]]
+effect = "joint-compliance"
+where = "joint-2"
+values = { compliance = 3e-5 }
+[vary]
+method = "sobol"
+runs = 60
+[[vary.parameter]]
+name = "c2"
+path = "scene.effect.1.values.compliance"
+low = 1e-5
+high = 1e-4
+[test]
+samples = 10
+"""
+SCENE = 'robot = "abb_irb120"\nmeasures = "external-pose"\nsamples = 3000\nsigma_mm = 0.02\n'
+PATIENCE_S = 20
+
+
+@dataclass(frozen=True)
+class Command:
+    """Words of a command that writes into a folder, and the file whose bytes are its result."""
+
+    name: str
+    words: tuple[str, ...]
+    result: str
+
+
+COMMANDS = (
+    Command("study", ("study", "{}/study.toml", "--workers", "2", "--no-report"), "table.csv"),
+    Command("simulate", ("simulate", "{}/scene.toml"), "samples.csv"),
+)
+
+
+def main() -> int:
+    """Exit status 1 where a kill has left something."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="workbench-kills-") as home:
+        faults = kill_runs(Path(home), given.kills, given.seed)
+    for fault in faults:
+        print(fault)
+    print(f"{given.kills} kills, {len(faults)} faults")
+    return int(bool(faults))
+
+
+def kill_runs(home: Path, kills: int, seed: int, commands=COMMANDS) -> list[str]:
+    """What went wrong, one sentence each."""
+    (home / "study.toml").write_text(STUDY, encoding="utf-8")
+    (home / "scene.toml").write_text(SCENE, encoding="utf-8")
+    rng, faults = random.Random(seed), []
+    for turn in range(0, kills, 4):
+        command = commands[turn // 4 % len(commands)]
+        reference, duration = finished(command, home, home / f"reference-{command.name}")
+        out = home / f"killed-{turn}"
+        for number in SIGNALS[: min(4, kills - turn)]:
+            faults += killed(command, home, out, number, rng.uniform(0.1, duration))
+        result, _ = finished(command, home, out)
+        if result != reference:
+            faults.append(f"{command.name}: another result after kills in {out.name}")
+        faults += [f"{path.name} was left behind" for path in home.glob(f".partial-{out.name}*")]
+    return faults
+
+
+def started(command: Command, home: Path, out: Path) -> subprocess.Popen:
+    """The command in a session of its own."""
+    words = [word.replace("{}", str(home)) for word in command.words]
+    return subprocess.Popen(
+        [sys.executable, "-m", "workbench", *words, "--out", str(out)],
+        cwd=home,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+
+
+def finished(command: Command, home: Path, out: Path) -> tuple[str, float]:
+    """Checksum of the result of a command that is not killed ("" where it failed), and its duration in s."""
+    start = time.monotonic()
+    if not (out / command.result).is_file():
+        started(command, home, out).wait()
+    path = out / command.result
+    found = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+    return found, max(time.monotonic() - start, 3.0)
+
+
+def killed(
+    command: Command, home: Path, out: Path, number: signal.Signals, after_s: float
+) -> Iterator[str]:
+    """Faults of one kill: processes that stay, or a result without all its files."""
+    process = started(command, home, out)
+    time.sleep(after_s)
+    process.send_signal(number)
+    try:
+        process.wait(PATIENCE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        yield f"{command.name}: runs on {PATIENCE_S} s after {number.name}"
+    until = time.monotonic() + PATIENCE_S
+    while (left := members(process.pid)) and time.monotonic() < until:
+        time.sleep(0.2)
+    if left:
+        yield f"{command.name}: {len(left)} processes stay after {number.name}"
+    if out.is_dir() and not (out / command.result).is_file():
+        yield f"{command.name}: {out.name} stands without {command.result} after {number.name}"
+
+
+def members(session: int) -> list[int]:
+    """Processes of a session that are no zombies (Linux)."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[3]) == session and fields[0] != "Z":
+            found.append(int(path.parent.name))
+    return found
+
+
+if __name__ == "__main__":
+    sys.exit(main())
