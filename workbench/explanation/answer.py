@@ -17,8 +17,8 @@ from workbench.diagnosis.search.select import find, found_terms
 from workbench.diagnosis.validation import proof
 from workbench.explanation import reference as references
 from workbench.explanation import replicates, stated_noise, words
-from workbench.explanation.differences import with_differences
 from workbench.explanation.angular_noise import with_angular_noise
+from workbench.explanation.differences import with_differences
 from workbench.explanation.final import Final, residuals_of, stated_sigma, unwhitened
 from workbench.explanation.fixed_points import fixed_points
 from workbench.explanation.planning.experiment import missing_of, next_experiment

@@ -15,7 +15,7 @@ from workbench.core.covariates import clock
 from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import covariance_of
-from workbench.core.least_squares.solver import Fit, solve
+from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.diagnosis.linear.problem import Problem, Site
