@@ -199,7 +199,10 @@ def _spectrum(row: Mapping) -> str:
     """Size of an error curve and its dominant cycles per revolution with their amplitudes."""
     unit = row["unit"]
     per = "per revolution" if unit == "rad" else "per mm"
-    waves = [f"{order:.3g} ({measured(size, None, unit)})" for order, size in row["cycles"]]
+    waves = []
+    for order, size, of_motor in row["cycles"]:
+        motor = f", {of_motor} per revolution of the motor" if of_motor else ""
+        waves.append(f"{order:.3g} ({measured(size, None, unit)}{motor})")
     return f"RMS {measured(row['curve_rms'], None, unit)}, cycles {per}: {listed(waves)}"
 
 
