@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 import tomli_w
 
+from robot_model.effects import CATALOGUE
 from workbench.diagnosis.linear.problem import Finding, Found, Located, Problem
 from workbench.diagnosis.validation import judging, proof
+from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.folds import SPACE, TIME, Scheme
 from workbench.diagnosis.validation.heldout import left_out
 from workbench.explanation import words
@@ -90,6 +92,44 @@ def test_left_out_blocks_are_predicted_with_the_priors_of_the_effects():
         found = np.linalg.solve(seen.T @ seen + prior, seen.T @ y[fold != k])
         expected[fold == k] = y[fold == k] - both[fold == k] @ found
     assert np.allclose(left_out(problem.keeping(), fold), np.abs(expected))
+
+
+def test_a_cause_with_many_numbers_passes_its_permutation_control_with_few_poses():
+    """Twelve functions of 40 poses explain a third of any signal: that much says nothing against the cause."""
+    rng = np.random.default_rng(3)
+    columns, cause = rng.normal(size=(40, 12)), CATALOGUE["backlash"]("joint-2")
+    signal = columns @ rng.normal(size=12) + 0.1 * rng.normal(size=40)
+    with_it = problem_with(columns, np.zeros(12))
+    plain = replace(with_it, residual=signal, effects=(), added=(), values=())
+    bench = SimpleNamespace(chain=None, problem=lambda effects, **_: with_it if effects else plain)
+    assert controls(bench, (), (cause,))[0].passed
+    constant = replace(with_it, residual=3.0 + 0.1 * rng.normal(size=40))
+    same = problem_with(np.ones((40, 1)) + 1e-3 * rng.normal(size=(40, 1)), np.zeros(1))
+    unowed = replace(constant, effects=(), added=(), values=())
+    bench = SimpleNamespace(chain=None, problem=lambda effects, **_: same if effects else unowed)
+    assert not controls(bench, (), (cause,))[0].passed
+
+
+def test_a_term_that_was_removed_for_another_comes_back():
+    """Next to a term that is wrong the true one is worse than nothing; without the wrong one it is needed."""
+    wrong, true, plain = (
+        Term(Finding(name, "joint-2", "", (), 1e-9, 1.0, 1.0, 1.0)) for name in "wtp"
+    )
+
+    def judged(left):
+        names = "".join(sorted(term.finding.effect for term in left))
+        t = {
+            "ptw": {"w": 1.0, "t": -5.0, "p": 3.0},
+            "pw": {"w": 0.5, "p": 3.0},
+            "p": {"p": 4.0},
+            "pt": {"t": 6.0, "p": 5.0},
+        }
+        return [replace(one, t=t[names][one.finding.effect], gain=1.0) for one in left]
+
+    left, gone = proof._without_unreal(judged, [wrong, true, plain])
+    assert [term.finding.effect for term in left] == ["p"]
+    again = proof._with_best(judged, left, gone)
+    assert [term.finding.effect for term in again] == ["p", "t"]
 
 
 @pytest.mark.parametrize(

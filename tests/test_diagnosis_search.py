@@ -11,7 +11,9 @@ from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import found, recorded
 from workbench.diagnosis.linear.evidence import SIZES
 from workbench.diagnosis.linear.hypotheses import judged
+from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.search.findings import with_special_cases
 from workbench.diagnosis.search.objective import LogPosterior
 from workbench.diagnosis.search.posterior import Window
 from workbench.diagnosis.search.stepwise import Stepwise
@@ -144,3 +146,21 @@ def test_masses_that_are_nearly_known_make_a_name_less_certain(elastic_arm):
 
     assert joint in best
     assert spread(elastic_arm) < spread(known)
+
+
+def test_a_curve_takes_in_the_harmonic_of_its_joint():
+    """One error of a joint is one finding, though the search found a series and a harmonic beyond it."""
+
+    def made(effect, label, gain):
+        return Finding(effect.effect, effect.where, label, (effect,), 1e-9, 0.9, 1.0, gain)
+
+    curve = CATALOGUE["joint-curve"]("joint-5", start=-1.0, end=1.0, terms=7)
+    near = CATALOGUE["transmission-harmonic"]("joint-5", order=23)
+    other = CATALOGUE["transmission-harmonic"]("joint-6", order=9)
+    findings = [made(near, "order 23", 5.0), made(curve, "", 7.0), made(other, "order 9", 3.0)]
+    kept = with_special_cases(findings)
+    assert [(one.effect, one.where) for one in kept] == [
+        ("joint-curve", "joint-5"),
+        ("transmission-harmonic", "joint-6"),
+    ]
+    assert kept[0].effects == (curve, near) and kept[0].gain == 12.0

@@ -49,6 +49,9 @@ def test_the_spectrum_names_the_cycles_per_revolution_that_are_there():
     assert cycles[0].order == pytest.approx(17, abs=0.3)
     assert cycles[0].amplitude == pytest.approx(2e-4, rel=0.1)
     assert cycles[1].order == pytest.approx(4, abs=0.5)
+    assert cycles[0].per_motor_revolution is None
+    tied = dominant_cycles(curve, coefficients, gear_ratio=-8.5)
+    assert tied[0].per_motor_revolution == 2 and tied[1].per_motor_revolution is None
 
 
 def test_an_end_before_the_start_is_a_sentence():

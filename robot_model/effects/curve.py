@@ -1,6 +1,6 @@
 """Any function of one joint's own angle: transmission errors without a stated order, encoders, worn gears."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Annotated
 
 import numpy as np
@@ -24,6 +24,7 @@ _TYPICAL = {"rad": 3e-4, "mm": 0.02}
 _WIDEST = 3.0  # typical sizes: what a term may be, 1 sigma
 _GRID = 4096
 _LEFT = 0.05  # share of a curve's variance below which further cycles are not stated
+_MOST_PER_MOTOR = 4  # cycles per revolution of a motor that gears and encoders make
 _OVERSAMPLING = 8  # candidate orders per cycle over the domain
 
 
@@ -106,15 +107,23 @@ class JointCurve(Effect):
 
 @dataclass(frozen=True)
 class Cycle:
-    """A sinusoid in a curve: `order` cycles per revolution (per mm of a slide), `amplitude` in rad or mm."""
+    """A sinusoid in a curve: `order` cycles per revolution (per mm of a slide), `amplitude` in rad or mm.
+
+    `per_motor_revolution`: the number of cycles per revolution of the motor that the order agrees with, where the
+    gear ratio is known; None where it agrees with none.
+    """
 
     order: float
     amplitude: float
+    per_motor_revolution: int | None = None
 
 
-def dominant_cycles(effect: JointCurve, coefficients: np.ndarray, count: int = 4) -> list[Cycle]:
+def dominant_cycles(
+    effect: JointCurve, coefficients: np.ndarray, count: int = 4, gear_ratio: float = np.nan
+) -> list[Cycle]:
     """The sinusoids that make most of a curve on its domain, largest first.
 
+    gear_ratio: motor revolutions per revolution of the joint, nan where it is unknown.
     Matching pursuit (Mallat & Zhang, IEEE Trans. Signal Process. 41 (1993) 3397) over sinusoids from half a cycle per
     domain to the resolution of the series; it ends where less than 5 % of the variance is left.
     """
@@ -132,8 +141,19 @@ def dominant_cycles(effect: JointCurve, coefficients: np.ndarray, count: int = 4
         columns = np.stack([phases[best].real, phases[best].imag, np.ones(_GRID)], 1)
         fitted = np.linalg.lstsq(columns, left, rcond=None)[0]
         left = left - columns @ fitted
-        cycles.append(Cycle(float(frequencies[best]), float(np.hypot(fitted[0], fitted[1]))))
+        order = float(frequencies[best])
+        of_motor = _of_motor(order, gear_ratio, np.pi / span)
+        cycles.append(Cycle(order, float(np.hypot(fitted[0], fitted[1])), of_motor))
     return sorted(cycles, key=lambda cycle: -cycle.amplitude)
+
+
+def _of_motor(order: float, gear_ratio: float, resolution: float) -> int | None:
+    """Cycles per revolution of the motor (1 to 4) of an order that is known to `resolution`; None where none agrees."""
+    if not np.isfinite(gear_ratio) or abs(gear_ratio) < 2 * resolution:
+        return None
+    multiple = round(order / abs(gear_ratio))
+    agrees = abs(order - multiple * abs(gear_ratio)) <= resolution
+    return multiple if agrees and 1 <= multiple <= _MOST_PER_MOTOR else None
 
 
 def resolved_terms(angle: np.ndarray, numbers: int) -> int:
@@ -186,7 +206,7 @@ def describe_curves(model, parameters) -> list[dict]:
     """One row per joint curve of a model: its size on the visited angles and its dominant cycles.
 
     Keys: `where`, `unit` (rad or mm), `rms` (without the mean), `terms`, and `cycles`: `order` in cycles per revolution
-    (per mm of a slide) and `amplitude`, largest first.
+    (per mm of a slide), `amplitude` and `per_motor_revolution` (None where unknown), largest first.
     """
     rows = []
     for effect, span in zip(model.effects, model.spans):
@@ -194,14 +214,15 @@ def describe_curves(model, parameters) -> list[dict]:
             continue
         coefficients = parameters.values[span]
         error = effect.curve(coefficients, model.chain.variables[effect.number - 1])
-        cycles = dominant_cycles(effect, coefficients)
+        ratio = model.chain.robot.gear_ratio[effect.number - 1]
+        cycles = dominant_cycles(effect, coefficients, gear_ratio=float(ratio))
         rows.append(
             {
                 "where": effect.where,
                 "unit": parameters.table[span.start].unit,
                 "rms": float(error.std()),
                 "terms": effect.terms,
-                "cycles": [{"order": c.order, "amplitude": c.amplitude} for c in cycles],
+                "cycles": [asdict(cycle) for cycle in cycles],
             }
         )
     return rows

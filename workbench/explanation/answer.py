@@ -17,8 +17,9 @@ from workbench.diagnosis.search.select import find, found_terms
 from workbench.diagnosis.validation import proof
 from workbench.explanation import reference as references
 from workbench.explanation import replicates, stated_noise, words
+from workbench.explanation.angular_noise import with_angular_noise
 from workbench.explanation.differences import with_differences
-from workbench.explanation.final import Final, stated_sigma, unwhitened
+from workbench.explanation.final import Final, residuals_of, stated_sigma, unwhitened
 from workbench.explanation.fixed_points import fixed_points
 from workbench.explanation.planning.experiment import missing_of, next_experiment
 from workbench.explanation.result import (
@@ -141,7 +142,7 @@ def _whole(
     unit, noise = bench.unit, Final(bench, found, bench.unit).noise
     terms, refused, proved = _proved(bench, found, noise, say, jobs)
     last = Final(bench, found, unit, terms)
-    terms = (*terms, *_of_noise(found, terms, refused, last.after))
+    terms = _with_noise(last, terms, refused)
     proved, terms = _with_stated_noise(last, proved, terms, refused)
     verdict = _verdict(bench, found, terms, refused, proved)
     if verdict == UNEXPLAINED:
@@ -290,6 +291,15 @@ def _size(bench, effects, term: Term) -> float | None:
         return None
     moved = sum(problem.added[i] @ problem.values[i] for i in own) * unwhitened(problem)
     return float(np.sqrt((moved**2).sum() / problem.n))
+
+
+def _with_noise(last: Final, terms, refused) -> tuple[Term, ...]:
+    """The terms with findings on the data; the direction of noise only where no structure is left."""
+    found, after = last.found, last.after
+    terms = (*terms, *_of_noise(found, terms, refused, after))
+    if refused or found.p_rest <= LEVEL:
+        return terms
+    return with_angular_noise(terms, last.bench, residuals_of(after), ~found.outliers)
 
 
 def _of_noise(found: Found, terms, refused, problem) -> tuple[Term, ...]:

@@ -177,7 +177,8 @@ def length(value: float | None, unit: str = "mm") -> str:
 def figures(rows: Sequence[Mapping]) -> str:
     """The parameters of a finding: pairs of cosine and sine as amplitudes, at most three, the surest first."""
     if rows and "cycles" in rows[0]:
-        return _spectrum(rows[0])
+        others = [row for row in rows if row.get("effect") != rows[0].get("effect")]
+        return _spectrum(rows[0], [row for _, row in _waves(others)])
     masses = [row for row in rows if _MASSES in row["name"]]
     rows = [row for row in rows if row not in masses]
     parts = list(_waves(rows)) or [
@@ -195,11 +196,19 @@ def figures(rows: Sequence[Mapping]) -> str:
     )
 
 
-def _spectrum(row: Mapping) -> str:
-    """Size of an error curve and its dominant cycles per revolution with their amplitudes."""
+def _spectrum(row: Mapping, harmonics: Sequence[Mapping] = ()) -> str:
+    """Size of an error curve and its dominant cycles per revolution with their amplitudes.
+
+    harmonics: amplitudes of harmonics that belong to the curve, named cosN.
+    """
     unit = row["unit"]
     per = "per revolution" if unit == "rad" else "per mm"
-    waves = [f"{order:.3g} ({measured(size, None, unit)})" for order, size in row["cycles"]]
+    waves = []
+    for order, size, of_motor in row["cycles"]:
+        motor = f", {of_motor} per revolution of the motor" if of_motor else ""
+        waves.append(f"{order:.3g} ({measured(size, None, unit)}{motor})")
+    for one in harmonics:
+        waves.append(f"{one['name'].removeprefix('cos')} ({measured(one['value'], None, unit)})")
     return f"RMS {measured(row['curve_rms'], None, unit)}, cycles {per}: {listed(waves)}"
 
 

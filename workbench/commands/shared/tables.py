@@ -168,10 +168,17 @@ def _joint_curves(console, curves: Sequence[Mapping]) -> None:
     rows = []
     for curve in curves:
         factor, unit = (1e3, "mrad") if curve["unit"] == "rad" else (1.0, "mm")
-        cycles = [f"{c['order']:.3g} ({c['amplitude'] * factor:.2g})" for c in curve["cycles"]]
+        cycles = [_cycle(cycle, factor) for cycle in curve["cycles"]]
         rows.append([curve["where"], f"{curve['rms'] * factor:.3f} {unit}", ", ".join(cycles)])
     title = "Joint error curves: cycles per revolution (amplitude), the largest of each"
     grid(console, title, ["where", "RMS", "dominant cycles"], rows)
+
+
+def _cycle(cycle: Mapping, factor: float) -> str:
+    """'17 (0.21)', and how many cycles that is per revolution of the motor where they agree."""
+    motor = cycle.get("per_motor_revolution")
+    tied = f", {motor} per motor revolution" if motor else ""
+    return f"{cycle['order']:.3g} ({cycle['amplitude'] * factor:.2g}{tied})"
 
 
 def _parameters(console, parameters: Sequence[Mapping], most: int = 15) -> None:

@@ -14,8 +14,8 @@ from robot_model.system import RobotChain, bind
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
-from workbench.core.least_squares.linear_algebra import covariance_of, root_between
-from workbench.core.least_squares.solver import Fit, solve
+from workbench.core.least_squares.linear_algebra import covariance_of
+from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.diagnosis.linear.problem import Problem, Site
@@ -25,6 +25,7 @@ from workbench.diagnosis.robot import loose
 from workbench.diagnosis.robot.derived import mass_rows, spectrum
 from workbench.diagnosis.robot.library import compliances, names, variants
 from workbench.diagnosis.robot.linearised import solution, with_hypotheses
+from workbench.diagnosis.robot.noise_scale import noise_scaled
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.cross_validation import cross_validate
 from workbench.fitting.plans import geometry, stage_mask
@@ -236,7 +237,7 @@ class RobotBench:
             model, rounds = replace(model, chain=replace(chain, sigma=sigma)), rounds[1:]
         for steps in rounds[:-1]:
             start = solve(model, start, "huber", steps)
-            model = replace(model, chain=_widened(chain, start))
+            model = replace(model, chain=noise_scaled(chain, start))
             start = start.parameters
         fit = solve(model, start, "huber", rounds[-1])
         if model.shrunk.any():  # each octave of a curve has the prior scale that the data give it
@@ -334,26 +335,3 @@ def _held(option: Variant, baseline) -> bool:
 
 def _key(samples):
     return None if samples is None else samples.tobytes()
-
-
-def _widened(chain: RobotChain, fit: Fit) -> RobotChain:
-    """Sigmas widened by one variance until robustly weighted residuals agree (Paule & Mandel 1982)."""
-    stated = 0 * chain.stated_sigma if chain.sigma_unknown else chain.stated_sigma
-    widened = chain.sigma.copy()
-    spent = fit.residual.size / fit.degrees
-    weights = fit.weights / fit.weights.mean()
-    for rows in (slice(0, 3), slice(3, 6)):
-        squares = fit.residual[rows] ** 2 * weights * spent
-        if squares.size:
-            widened[rows] = np.sqrt(stated[rows] ** 2 + _extra(squares, stated[rows]))
-    return replace(chain, sigma=widened)
-
-
-def _extra(squares, sigma):
-    """The variance v, at least 0, with mean(squares / (sigma^2 + v)) = 1; floor: a nanometre."""
-
-    def excess(v):
-        return float((squares / (sigma**2 + v)).mean() - 1)
-
-    high, least = 2 * float(squares.mean()) + 1e-12, 1e-12
-    return root_between(excess, least, high) if excess(least) > 0 else least * (not sigma.any())

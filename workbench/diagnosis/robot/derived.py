@@ -43,7 +43,9 @@ def linear_values(
 def spectrum(effect: JointCurve, coefficients: np.ndarray, chain) -> dict:
     """Size of an error curve on the visited angles, and its dominant cycles, for the row of its first term."""
     error = effect.curve(coefficients, chain.variables[effect.number - 1])
-    cycles = [(c.order, c.amplitude) for c in dominant_cycles(effect, coefficients)]
+    ratio = float(chain.robot.gear_ratio[effect.number - 1])
+    found = dominant_cycles(effect, coefficients, gear_ratio=ratio)
+    cycles = [(c.order, c.amplitude, c.per_motor_revolution) for c in found]
     return {"curve_rms": float(error.std()), "cycles": cycles}
 
 

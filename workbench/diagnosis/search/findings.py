@@ -1,6 +1,6 @@
 """What a search accepted, as findings: each with its probability among all that might stand in its place."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -71,6 +71,44 @@ def _explains_more(function: Hypothesis, law: Hypothesis, explained: float) -> b
     same = function.where in same_place(law) and law.reads & set(function.unnamed)
     share = LAW_ERROR**2 if same else 1 - LAW
     return function.gain > law.gain + share * explained
+
+
+def with_special_cases(findings: Sequence[Finding]) -> list[Finding]:
+    """The findings, where one whose law contains others at its place takes these in: a curve and its harmonics.
+
+    A series of few terms with one harmonic beyond them is one error of the joint, found as two terms of the search.
+    """
+    kept = list(findings)
+    for general in findings:
+        parts = [one for one in kept if one is not general and _is_case_of(one, general)]
+        if parts and any(one is general for one in kept):
+            whole = [_taken_in(general, parts) if one is general else one for one in kept]
+            kept = [one for one in whole if not any(one is part for part in parts)]
+    return kept
+
+
+def _is_case_of(finding: Finding, general: Finding) -> bool:
+    """Whether all effects of a finding may act several at a place, where one of the other contains them."""
+    if finding.where != general.where or not finding.effects or not general.effects:
+        return False
+    contained = {name for effect in general.effects for name in effect.subsumes}
+    return all(effect.coexists and effect.effect in contained for effect in finding.effects)
+
+
+def _taken_in(general: Finding, parts: Sequence[Finding]) -> Finding:
+    """The general finding with the effects of its special cases."""
+    mine = {(part.effect, part.where) for part in parts}
+    every = (general, *parts)
+    return replace(
+        general,
+        label=" and ".join(one.label for one in every if one.label),
+        effects=tuple(effect for one in every for effect in one.effects),
+        p_value=min(one.p_value for one in every),
+        probability=max(one.probability for one in every),
+        size=float(np.sqrt(sum(one.size**2 for one in every))),
+        gain=sum(one.gain for one in every),
+        alternatives=tuple(a for a in general.alternatives if (a.effect, a.where) not in mine),
+    )
 
 
 def _only_generalises(other: Hypothesis, own: Hypothesis, chance: float) -> bool:

@@ -25,7 +25,13 @@ from workbench.diagnosis.noise.scatter import (
     scattered,
 )
 from workbench.diagnosis.search.compatible import near
-from workbench.diagnosis.search.findings import bare_finding, finding, tells, with_hidden
+from workbench.diagnosis.search.findings import (
+    bare_finding,
+    finding,
+    tells,
+    with_hidden,
+    with_special_cases,
+)
 from workbench.diagnosis.search.likeliest import accept_likeliest
 from workbench.diagnosis.search.posterior import probabilities_of_names
 from workbench.diagnosis.search.prior import LAW_ERROR
@@ -58,7 +64,7 @@ def found_terms(bench: Bench, samples: np.ndarray | None = None) -> list[Finding
     search = Search(bench, samples, MISSING, lambda text: None)
     search.solve()
     _accept(search)
-    return [bare_finding(h) for h in search.accepted]
+    return with_special_cases([bare_finding(h) for h in search.accepted])
 
 
 def _accept(search: Search) -> tuple[float, bool]:
@@ -87,7 +93,8 @@ def _found(search: Search) -> Found:
     places = located(search.problem, search.table(()))
     first, moving = _accept(search)
     names = probabilities_of_names(search)
-    findings = tuple(with_hidden(search, finding(search, i, names)) for i in search.everyone)
+    each = [with_hidden(search, finding(search, i, names)) for i in search.everyone]
+    findings = tuple(with_special_cases(each))
     rest = family_wise(search.table(search.everyone))
     after = search.plain.keeping()
     outliers, data = of_data(after)

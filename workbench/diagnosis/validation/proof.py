@@ -444,11 +444,11 @@ def _same(finding: Finding, made: np.ndarray, other: Finding, moved: np.ndarray)
 
 
 def _names(finding: Finding) -> set[tuple[str, str]]:
-    """A finding and its alternatives: what is about as likely in its place, or explains as much there."""
+    """A finding, its effects and its alternatives: what is about as likely in its place, or explains as much there."""
     alternatives = (
         a for a in finding.alternatives if a.probability >= 1 - ALIKE or a.alike >= ALIKE
     )
-    return {_name(one) for one in (finding, *alternatives)}
+    return {_name(one) for one in (finding, *finding.effects, *alternatives)}
 
 
 def _name(one) -> tuple[str, str]:

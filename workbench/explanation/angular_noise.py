@@ -1,0 +1,98 @@
+"""Whether the noise of an external instrument grows with the range, or is larger across the sight line than along it.
+
+The range of a tracker is known better than its angles, whose error grows with the range. Along and across are compared
+sample by sample by the logarithms of their squares: both have the same distribution where the noise has no direction,
+whatever its tails and however it changes from sample to sample, so that the mean difference is zero.
+"""
+
+import numpy as np
+from scipy.stats import norm
+
+from robot_model.effects.instrument import AngularNoise, sight_lines
+from workbench.core.common_effects import NoiseLaw
+from workbench.diagnosis.linear.problem import Finding
+from workbench.explanation.result import Term
+
+LEVEL = 1e-3
+"""Chance of a false alarm on a recording whose noise has no direction."""
+_ISOTROPIC = 1.01  # ratio of stated sigmas of a sample's axes up to which they are equal
+_LEAST = 30  # samples
+_ROUNDING = 1e-12  # of the mean square, below which the logarithm of a square is rounding
+
+
+def with_angular_noise(terms: tuple[Term, ...], bench, residual: np.ndarray, usual: np.ndarray):
+    """The terms with that of angular noise, where it is likelier than noise that depends on another covariate.
+
+    residual (m, n): of a model that leaves no structure, its first three rows the position, mm, in the instrument's
+    frame; usual (n,) bool: not an outlier. Only where an external instrument measures points or poses, and the stated
+    sigma is the same along all axes.
+    """
+    found = angular_noise(bench, residual[:3], usual)
+    others = [term for term in terms if term.finding.effect == NoiseLaw.effect]
+    if found is None or any(term.finding.p_value < found.p_value for term in others):
+        return terms
+    return (*(term for term in terms if term not in others), Term(found))
+
+
+def angular_noise(bench, residual: np.ndarray, usual: np.ndarray) -> Finding | None:
+    """The finding that the noise of position residuals (3, n) is angular, or None; arguments as above."""
+    if bench.chain is None or not bench.chain.places("instrument") or len(residual) != 3:
+        return None
+    stated = bench.chain.stated_sigma[:3]
+    if usual.sum() < _LEAST or not (stated.max(0) <= _ISOTROPIC * stated.min(0)).all():
+        return None
+    sight, distance = (part[..., usual] for part in sight_lines(bench.chain.state))
+    p, ratio = direction_test(residual[:, usual], sight)
+    p_range, exponent = range_test(residual[:, usual], distance)
+    labels = [
+        (p if ratio > 1 else 1.0, f"{ratio:.2g} times as large across the sight line as along it"),
+        (p_range if exponent > 0 else 1.0, f"with the range to the power {exponent:.2g}"),
+    ]
+    least, label = min(labels)
+    if 2 * least > LEVEL:
+        return None
+    return Finding(
+        AngularNoise.effect, "noise", label, (), 2 * least, 1 - 2 * least, 0.0, 0.0, ("range",)
+    )
+
+
+def range_test(residual: np.ndarray, distance: np.ndarray) -> tuple[float, float]:
+    """p-value that noise (3, n) does not change with the range (n,), and the exponent with which it does.
+
+    Ordinary least squares of the mean logarithm of the squares on twice the logarithm of the range (Harvey,
+    Econometrica 44 (1976) 461), with the standard error of the residuals of that line.
+    """
+    least = _ROUNDING * float((residual**2).mean())
+    logs = np.log(residual**2 + least).mean(0)
+    x = 2 * np.log(distance)
+    x = x - x.mean()
+    squares = float(x @ x)
+    if squares < _ROUNDING * len(x):
+        return 1.0, 0.0
+    slope = float(x @ logs) / squares
+    left = logs - logs.mean() - slope * x
+    error = np.sqrt(float(left @ left) / (len(x) - 2) / squares)
+    return float(2 * norm.sf(abs(slope) / error)), slope
+
+
+def direction_test(residual: np.ndarray, sight: np.ndarray) -> tuple[float, float]:
+    """p-value that noise is the same along and across the sight line, and the ratio of standard deviations.
+
+    residual (3, n) mm; sight (3, n) unit vectors. The ratio is across over along.
+    """
+    along = (residual * sight).sum(0)
+    aside = np.where(np.abs(sight[2]) < 0.9, 1.0, 0.0)
+    helper = np.stack([1 - aside, np.zeros_like(aside), aside])
+    first = np.cross(sight.T, helper.T).T
+    first /= np.linalg.norm(first, axis=0)
+    second = np.cross(sight.T, first.T).T
+    across = [(residual * one).sum(0) for one in (first, second)]
+    least = _ROUNDING * float((residual**2).mean())
+    logs = [np.log(part**2 + least) for part in (along, *across)]
+    difference = (logs[1] + logs[2]) / 2 - logs[0]
+    z = difference.mean() / (difference.std(ddof=1) / np.sqrt(len(difference)))
+    ratio = np.sqrt(np.mean([part**2 for part in across]) / max(float((along**2).mean()), 1e-300))
+    return float(2 * norm.sf(abs(z))), float(ratio)
+
+
+__all__ = ["angular_noise", "direction_test", "range_test", "with_angular_noise"]
