@@ -9,7 +9,13 @@ from scenes import ABB
 from test_exports_arm import arm_with, readings_of
 from workbench.core.errors import InputError
 from workbench.files.exports.mjcf import mjcf
-from workbench.jobs.robot.stiffness import PARTS, cartesian_stiffness, save, stiffness_columns
+from workbench.jobs.robot.stiffness import (
+    MODELS,
+    PARTS,
+    cartesian_stiffness,
+    save,
+    stiffness_columns,
+)
 
 ROWS = [
     *(("joint-compliance", f"joint-{k}", {}) for k in range(1, 7)),
@@ -156,3 +162,75 @@ def solution_of(arm):
         "converged": True,
         "outcome": "converged",
     }
+
+
+PUBLISHED = """
+robot = "abb_irb120"
+source = "made up for this test"
+[joint]
+1 = 1e5
+2 = 8e4
+[bearing]
+2 = 5e5
+[link]
+2 = 4e5
+[pedestal]
+about_y = 2e6
+"""
+
+
+def test_published_stiffness_is_an_input_and_models_stand_side_by_side(tmp_path):
+    from workbench.files.stiffness_file import read_stiffness
+
+    (tmp_path / "k.toml").write_text(PUBLISHED)
+    arm = read_stiffness(tmp_path / "k.toml")
+    readings = readings_of(arm.robot, 6)
+    found = cartesian_stiffness(arm, readings, TOOL)
+    models = found.models(WRENCH)
+    assert list(models) == list(MODELS) and not models["rigid"].any()
+    total = sum(found.deflection(WRENCH).values())
+    wanted = np.linalg.norm(total[:, :3], axis=1)
+    np.testing.assert_allclose(models["joints, bearings, links and pedestal"], wanted, rtol=1e-12)
+    # the stiffness of joint 1 is that which the file states: a moment about its axis turns it by M / k
+    only = {"joint-1.joint-compliance.compliance": 1e-5}
+    assert only.items() <= arm.values.items()
+    largest = found.models()
+    assert (largest["joints"] <= largest["joints and bearings"] + 1e-15).all()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("1 = 1e5", "1 = -1e5", "key joint.1: expected a stiffness above zero"),
+        ("1 = 1e5", "9 = 1e5", "key joint.9: expected a number from 1 to 6"),
+        ("about_y", "about_z", "key pedestal: expected about_x and about_y, found about_z"),
+        ("[link]", "[links]", "found the key links"),
+        ('robot = "abb_irb120"', "", "found no key robot"),
+        ("[joint]", "[joint", "cannot be read"),
+    ],
+)
+def test_a_wrong_stiffness_file_is_a_sentence(old, new, words, tmp_path):
+    from workbench.files.stiffness_file import read_stiffness
+
+    (tmp_path / "k.toml").write_text(PUBLISHED.replace(old, new))
+    with pytest.raises(InputError, match=words):
+        read_stiffness(tmp_path / "k.toml")
+
+
+def test_the_command_takes_published_stiffness(workbench, tmp_path):
+    (tmp_path / "k.toml").write_text(PUBLISHED)
+    (tmp_path / "t.csv").write_text(
+        "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,10,10,0,30,0\n20,-10,15,10,40,5\n"
+    )
+    call = ("stiffness", "k.toml", "t.csv", "--wrench", "0", "0", "100", "0", "0", "0")
+    done = workbench(*call, "--out", "out", "--json", "a.json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads((tmp_path / "a.json").read_text())
+    sizes = [row["rms_mm"] for row in told["models"]]
+    assert sizes[0] == 0 < sizes[1] < sizes[2] < sizes[3]
+    product = np.array(told["first_pose"]["compliance"]) @ np.array(told["first_pose"]["stiffness"])
+    np.testing.assert_allclose(product, np.eye(6), atol=1e-6)
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"models.pdf", "models.svg", "map.pdf", "map.svg", "map.vtk", "stiffness.npy"} <= names
+    done = workbench("stiffness", "absent.toml", "t.csv")
+    assert done.returncode == 2 and "absent.toml" in done.stderr

@@ -44,6 +44,7 @@ _FUNCTIONS = (
     "new",
     "poses",
     "prove",
+    "register",
     "render",
     "scan",
     "scanner",

@@ -31,6 +31,7 @@ COMMANDS = {
     "export": "robot.export",
     "identifiability": "robot.identifiability",
     "poses": "robot.poses",
+    "register": "robot.register",
     "significance": "robot.significance",
     "simulate": "robot.simulate",
     "stiffness": "robot.stiffness",

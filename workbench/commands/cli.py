@@ -36,6 +36,7 @@ from workbench.commands.robot import (
     export,
     identifiability,
     poses,
+    register,
     significance,
     simulate,
     stiffness,
@@ -106,6 +107,7 @@ app.command("identifiability", short_help="Which parameters a recording identifi
 app.command("significance", short_help="Which parameters move the end of an arm.")(
     significance.command
 )
+app.command("register", short_help="Points against those of a tracker.")(register.command)
 app.command("stiffness", short_help="What a wrench at the tool moves an arm by.")(stiffness.command)
 app.add_typer(datasets.app, name="datasets", short_help="Recordings known by name.")
 app.command("open", short_help="A run or a recording in a local web page.")(open.command)

@@ -6,12 +6,20 @@ from typing import Annotated
 import typer
 
 from workbench.commands.robot.calibrate import Without
-from workbench.commands.robot.compensate import Force, Solution
+from workbench.commands.robot.compensate import Force
 from workbench.commands.shared import answer, tables
 from workbench.core.errors import InputError
 from workbench.files import runs
 from workbench.fitting.verdicts.verdict import no_verdict
 
+Source = Annotated[
+    Path,
+    typer.Argument(
+        metavar="SOLUTION",
+        help="Run folder of `workbench calibrate` or `workbench diagnose`, its solution.json, or a file of measured "
+        "or published stiffness (TOML).",
+    ),
+]
 Wrench = Annotated[
     tuple[float, float, float, float, float, float] | None,
     typer.Option(
@@ -28,7 +36,7 @@ _NO_RESIDUAL = "A stiffness is computed and not measured, so that there is no re
 
 
 def command(
-    solution: Solution,
+    solution: Source,
     targets: Annotated[Path, typer.Argument(help="Joint readings, a row a pose (CSV).")],
     wrench: Wrench = None,
     tool_point: ToolPoint = (0.0, 0.0, 0.0),
@@ -40,18 +48,16 @@ def command(
     """Cartesian compliance and stiffness of a calibrated arm, and its deflection under a wrench by joint, bearing,
     link and pedestal.
 
-    Writes stiffness.csv, compliance.npy (n, 6, 6), a map of the workspace as PDF and SVG, and map.vtk.
+    Writes stiffness.csv, compliance.npy and stiffness.npy (n, 6, 6), a map of the workspace and a comparison of the
+    rigid, joint, joint and bearing, and complete models as PDF and SVG, and map.vtk.
     """
     answer.check_target(json)
     runs.check_place(out)
     with answer.progress(f"reading {solution}"):
-        from workbench.files.solution_file import read_solution, without_terms
         from workbench.files.targets import read_programme
-        from workbench.jobs.robot.correction_limits import checked
         from workbench.jobs.robot.stiffness import cartesian_stiffness, save
 
-        arm = checked(read_solution(solution), solution, force)
-        arm = without_terms(arm, without or (), str(solution))
+        arm = _arm(solution, without or (), force)
         programme = read_programme(targets, arm.robot)
         if programme.poses is not None:
             raise InputError(
@@ -67,6 +73,17 @@ def command(
     _show(answer.console(json), result)
 
 
+def _arm(source: Path, without: list[str], force: bool):
+    """The arm of a calibration, or of a file that states its stiffness, without the terms that are switched off."""
+    from workbench.files.solution_file import read_solution, without_terms
+    from workbench.files.stiffness_file import read_stiffness
+    from workbench.jobs.robot.correction_limits import checked
+
+    if source.suffix.lower() == ".toml":
+        return without_terms(read_stiffness(source), without, str(source))
+    return without_terms(checked(read_solution(source), source, force), without, str(source))
+
+
 def _summary(found, wrench) -> dict:
     """Extremes over the poses; the first pose's matrices as an example of the units."""
     import numpy as np
@@ -79,6 +96,12 @@ def _summary(found, wrench) -> dict:
         "compliance_largest_mm_per_n": float(translational[:, 2].max()),
         "units": "twist (mm, rad) per wrench (N, N m), root frame",
         "wrench": None if wrench is None else list(wrench),
+        "models": _models(found, wrench),
+        "first_pose": {
+            "tool_point_mm": found.points[0].tolist(),
+            "compliance": found.total[0].tolist(),
+            "stiffness": _plain(found.stiffness[0]),
+        },
         "verdict": no_verdict(_NO_RESIDUAL).as_json(),
     }
     if wrench is None:
@@ -90,6 +113,22 @@ def _summary(found, wrench) -> dict:
     made["deflection_rms_mm"]["total"] = _rms(total)
     made["deflection_max_mm"] = float(total.max())
     return made
+
+
+def _models(found, wrench) -> list[dict]:
+    """A row a model: RMS and largest translation (mm) under the wrench, or compliance (mm/N) without one."""
+    unit = "mm_per_n" if wrench is None else "mm"
+    return [
+        {"model": name, f"rms_{unit}": _rms(values), f"max_{unit}": float(values.max())}
+        for name, values in found.models(wrench).items()
+    ]
+
+
+def _plain(matrix) -> list[list[float]] | None:
+    """The rows of a matrix; None where a direction does not deflect."""
+    import numpy as np
+
+    return matrix.tolist() if np.isfinite(matrix).all() else None
 
 
 def _rms(values) -> float:
@@ -104,4 +143,9 @@ def _show(console, result) -> None:
     for part, value in result.get("deflection_rms_mm", {}).items():
         rows.append([f"RMS deflection, {part}, mm", value])
     tables.grid(console, f"{result['count']} poses", ["", "value"], rows)
+    unit = "mm_per_n" if result["wrench"] is None else "mm"
+    models = [[m["model"], m[f"rms_{unit}"], m[f"max_{unit}"]] for m in result["models"]]
+    title = "Models: " + ("largest compliance" if unit == "mm_per_n" else "deflection")
+    shown = "mm/N" if unit == "mm_per_n" else "mm"
+    tables.grid(console, title, ["what deflects", f"RMS {shown}", f"max {shown}"], models)
     console.print(str(result["run"]), soft_wrap=True, markup=False)

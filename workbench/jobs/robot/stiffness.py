@@ -20,6 +20,13 @@ from workbench.files.exports.mjcf import Compliances, compliances_of
 from workbench.files.solution_file import CalibratedArm
 
 PARTS = ("joint", "bearing", "link", "pedestal")
+MODELS = {
+    "rigid": (),
+    "joints": ("joint",),
+    "joints and bearings": ("joint", "bearing"),
+    "joints, bearings, links and pedestal": PARTS,
+}
+"""Models that are compared: name -> the parts that deflect."""
 _FORCE, _MOMENT = slice(0, 3), slice(3, 6)
 _RIGID = 1e-12  # share of the largest eigenvalue below which a direction does not deflect
 
@@ -59,6 +66,18 @@ class CartesianStiffness:
     def translational(self) -> np.ndarray:
         """(n, 3) mm/N: least, middle and largest translation per force without a moment, over all directions."""
         return np.linalg.eigvalsh(self.total[:, _FORCE, _FORCE])
+
+    def models(self, wrench=None) -> dict[str, np.ndarray]:
+        """Model of `MODELS` -> (n,) mm: translation under a wrench, or the largest per newton of force."""
+        made = {}
+        for name, parts in MODELS.items():
+            total = sum((self.compliance[part] for part in parts), np.zeros_like(self.total))
+            if wrench is None:
+                made[name] = np.linalg.eigvalsh(total[:, _FORCE, _FORCE])[:, -1]
+            else:
+                moved = total @ np.asarray(wrench, float)
+                made[name] = np.linalg.norm(moved[:, _FORCE], axis=1)
+        return made
 
 
 def cartesian_stiffness(
@@ -141,15 +160,17 @@ def stiffness_columns(found: CartesianStiffness, wrench) -> dict[str, np.ndarray
 
 
 def save(found: CartesianStiffness, wrench, folder: Path) -> None:
-    """Write stiffness.csv, compliance.npy (n, 6, 6), map.vtk, and the map as map.pdf and map.svg."""
+    """Write stiffness.csv, compliance.npy and stiffness.npy (n, 6, 6), map.vtk, and map and models as PDF and SVG."""
     columns = stiffness_columns(found, wrench)
     lines = [[f"{value:.9g}" for value in row] for row in zip(*columns.values())]
     (folder / "stiffness.csv").write_text(csv_text(list(columns), lines), encoding="utf-8")
     np.save(folder / "compliance.npy", found.total)
+    np.save(folder / "stiffness.npy", found.stiffness)
     (folder / "map.vtk").write_text(_vtk(found.points, columns), encoding="utf-8")
-    figure = map_figure(found, wrench)
-    for suffix in ("pdf", "svg"):
-        figure.savefig(folder / f"map.{suffix}")
+    made = {"map": map_figure(found, wrench), "models": models_figure(found, wrench)}
+    for name, figure in made.items():
+        for suffix in ("pdf", "svg"):
+            figure.savefig(folder / f"{name}.{suffix}")
 
 
 def _vtk(points: np.ndarray, columns: Mapping[str, np.ndarray]) -> str:
@@ -185,4 +206,32 @@ def map_figure(found: CartesianStiffness, wrench):
     return made
 
 
-__all__ = ["CartesianStiffness", "cartesian_stiffness", "save", "stiffness_columns"]
+def models_figure(found: CartesianStiffness, wrench):
+    """A matplotlib figure: one map a model, rigid to all parts, on one colour scale, and their distributions."""
+    from matplotlib.figure import Figure
+
+    models = found.models(wrench)
+    label = (
+        "largest translational compliance (µm/N)"
+        if wrench is None
+        else "deflection under the wrench (µm)"
+    )
+    made = Figure(figsize=(4.2 * len(models), 7.6), layout="constrained")
+    maps, below = made.subfigures(2, 1)
+    panels = maps.subplots(1, len(models), sharex=True, sharey=True)
+    top = 1e3 * max(float(values.max()) for values in models.values())
+    for axes, (name, values) in zip(panels, models.items()):
+        shown = axes.scatter(*found.points.T[[0, 2]], c=1e3 * values, vmin=0, vmax=max(top, 1e-9))
+        axes.set(xlabel="x (mm)", title=name, aspect="equal")
+        axes.title.set_size(9)
+    panels[0].set(ylabel="z (mm)")
+    maps.colorbar(shown, ax=panels, label=label)
+    axes = below.subplots()
+    for name, values in models.items():
+        axes.ecdf(1e3 * values, label=name)
+    axes.set(xlabel=label, ylabel="share of poses (1)")
+    axes.legend(frameon=False)
+    return made
+
+
+__all__ = ["MODELS", "CartesianStiffness", "cartesian_stiffness", "save", "stiffness_columns"]

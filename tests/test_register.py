@@ -1,0 +1,77 @@
+"""Registration against a tracker: the published figures of Gubankov & Yukhimets, ICP, and wrong calls as sentences."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from datasets import papers
+from workbench.core.errors import InputError
+from workbench.jobs.robot.register import register
+
+CLOUDS = ("identified", "controller", "nominal")
+
+
+def clouds():
+    table = papers.load("gubankov-2022")["table_1"]
+    return papers.cloud(table, "tracker"), {name: papers.cloud(table, name) for name in CLOUDS}
+
+
+def write(path, points, names=None):
+    head = "x_mm,y_mm,z_mm" + (",point" if names else "")
+    rows = [
+        ",".join(map(repr, map(float, row))) + (f",{names[k]}" if names else "")
+        for k, row in enumerate(points)
+    ]
+    path.write_text("\n".join([head, *rows]) + "\n")
+
+
+@pytest.mark.parametrize("matched", [True, False], ids=["by row", "nearest"])
+@pytest.mark.parametrize("cloud", CLOUDS)
+def test_table_1_of_the_paper_is_reproduced(cloud, matched):
+    tracker, points = clouds()
+    published = papers.load("gubankov-2022")["registration"][f"{cloud}_mm"]
+    found = register(points[cloud], tracker, matched).as_json()
+    assert found["rms_mm"] == pytest.approx(published, abs=5e-4)
+    assert found["left_one_out_rms_mm"] > found["rms_mm"]
+
+
+def test_a_known_transform_is_found():
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(12, 3)) * [300, 200, 80]
+    turn = Rotation.from_rotvec([0.3, -2.0, 1.0]).as_matrix()
+    moved = points @ turn.T + [100.0, -50, 20]
+    order = rng.permutation(12)
+    found = register(points, moved[order], matched=False)
+    np.testing.assert_allclose(found.matrix[:3, :3], turn, atol=1e-9)
+    np.testing.assert_array_equal(order[found.target_row], np.arange(12))
+    assert found.distances.max() < 1e-9
+
+
+def test_points_on_a_line_determine_no_rotation():
+    line = np.outer(np.arange(5.0), [1, 2, 3])
+    with pytest.raises(InputError, match="one line"):
+        register(line, line)
+    with pytest.raises(InputError, match="at least 3"):
+        register(line[:2], line[:2])
+
+
+def test_the_command_matches_points_by_name(workbench, tmp_path):
+    tracker, points = clouds()
+    names = [f"P{k}" for k in range(13)]
+    order = np.random.default_rng(1).permutation(13)
+    write(tmp_path / "arm.csv", points["identified"], names)
+    write(tmp_path / "tracker.csv", tracker[order], [names[k] for k in order])
+    done = workbench("register", "arm.csv", "tracker.csv", "--out", "out", "--json", "a.json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads((tmp_path / "a.json").read_text())
+    assert told["rms_mm"] == pytest.approx(0.2262, abs=5e-4) and told["points"] == 13
+    assert len((tmp_path / "out" / "residuals.csv").read_text().splitlines()) == 14
+    write(tmp_path / "other.csv", tracker, [*names[:-1], "Q"])
+    for target, words in (
+        ("other.csv", "found P12; rename"),
+        ("absent.csv", "absent.csv"),
+    ):
+        done = workbench("register", "arm.csv", target)
+        assert done.returncode == 2 and words in " ".join(done.stderr.split()), done.stderr

@@ -1,0 +1,94 @@
+"""`workbench register`: points of an arm against points of a tracker, by a rigid transform."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from workbench.commands.shared import answer, tables
+from workbench.core.errors import InputError
+from workbench.files import runs
+from workbench.fitting.verdicts.verdict import no_verdict
+
+Nearest = Annotated[
+    bool,
+    typer.Option(
+        "--nearest", help="Match every point with the nearest one (ICP), not by name or row."
+    ),
+]
+_NO_RESIDUAL = "The agreement of two sets of points is stated; the noise of neither is known."
+
+
+def command(
+    source: Annotated[
+        Path,
+        typer.Argument(help="Points to be moved: x_mm, y_mm, z_mm, and their names in `point`."),
+    ],
+    target: Annotated[Path, typer.Argument(help="Points of the tracker, in the same columns.")],
+    nearest: Nearest = False,
+    out: answer.OutFolder = None,
+    json: answer.JsonTarget = None,
+) -> None:
+    """Register points to those of an external instrument and state how well they agree.
+
+    The rigid transform is the least-squares one. Points correspond by the column `point`, by row where there is none,
+    or by nearness with --nearest. The error of every point is also stated with that point left out of the fit.
+    """
+    answer.check_target(json)
+    runs.check_place(out)
+    with answer.progress(f"reading {source}"):
+        from workbench.files.points import read_points
+        from workbench.jobs.robot.register import register, save
+
+        names, points = read_points(source)
+        other_names, others = read_points(target)
+        rows = _corresponding(names, other_names, source, target) if not nearest else None
+        others = others if rows is None else others[rows[1]]
+        points = points if rows is None else points[rows[0]]
+        found = register(points, others, matched=not nearest)
+        labels = _labels(names, rows, len(points))
+        with runs.opened("register", source.stem, out) as run:
+            save(found, labels, run.partial)
+            result = {
+                "command": "register",
+                "source": source,
+                "target": target,
+                **found.as_json(),
+                "verdict": no_verdict(_NO_RESIDUAL).as_json(),
+                "run": run.path,
+            }
+            runs.replace_file(run.partial / "answer.json", answer.as_text(result))
+    answer.deliver(result, json)
+    _show(answer.console(json), result)
+
+
+def _corresponding(names, others, source: Path, target: Path) -> tuple[list[int], list[int]] | None:
+    """Rows of source and target with the same name; None where a file has no names and rows correspond."""
+    if names is None or others is None:
+        return None
+    missing = [name for name in names if name not in others]
+    if missing:
+        raise InputError(
+            f"{source}, column point: expected points that {target} has, too, found {missing[0]}; rename or remove it"
+        )
+    return list(range(len(names))), [others.index(name) for name in names]
+
+
+def _labels(names, rows, count: int) -> list[str]:
+    if names is None:
+        return [str(k) for k in range(1, count + 1)]
+    return names if rows is None else [names[k] for k in rows[0]]
+
+
+def _show(console, result) -> None:
+    names = {
+        "rms_mm": "RMS distance",
+        "mean_mm": "mean distance",
+        "std_mm": "standard deviation of the distance",
+        "max_mm": "largest distance",
+        "sigma_mm": "standard deviation of a coordinate",
+        "left_one_out_rms_mm": "RMS distance of points left out of the fit",
+    }
+    rows = [[text, result[key]] for key, text in names.items() if result[key] is not None]
+    tables.grid(console, f"{result['points']} points", ["", "mm"], rows)
+    console.print(str(result["run"]), soft_wrap=True, markup=False)

@@ -1,0 +1,40 @@
+"""Named points in space, read from a table."""
+
+from pathlib import Path
+
+import numpy as np
+
+from datasets.columns import POINT
+from datasets.errors import complaint
+from datasets.formats.table import read_table
+
+LABEL = "point"
+
+
+def read_points(path: Path) -> tuple[list[str] | None, np.ndarray]:
+    """Labels (column `point`; None where there is none) and (n, 3) mm of a CSV or Parquet file with x_mm, y_mm, z_mm.
+
+    Raises InputError with file, row and column.
+    """
+    path = Path(path)
+    table = read_table(path, path.name, (LABEL, "note"))
+    for name in POINT:
+        if name not in table.columns:
+            found = ", ".join(list(table.columns)[:6])
+            raise complaint(f"{path.name}, column {name}", "x_mm, y_mm and z_mm", found, "add it")
+    points = np.stack([table.columns[name] for name in POINT], 1).astype(float)
+    for row, column in np.argwhere(~np.isfinite(points)):
+        found = f"{points[row, column]}"
+        raise complaint(table.where(row, POINT[column]), "a finite number", found, "correct it")
+    if LABEL not in table.columns:
+        return None, points
+    labels = [str(label) for label in table.columns[LABEL]]
+    for row, label in enumerate(labels):
+        if label in labels[:row]:
+            raise complaint(
+                table.where(row, LABEL), "every point once", label, "rename one of them"
+            )
+    return labels, points
+
+
+__all__ = ["LABEL", "read_points"]

@@ -1,0 +1,154 @@
+"""Rigid registration of one set of points to another: how well an arm's points agree with those of a tracker.
+
+With known correspondences: centring and the nearest rotation (Kabsch, Acta Cryst. A32 (1976) 922; Umeyama, IEEE PAMI 13
+(1991) 376). Without: iterative closest points (Besl & McKay, IEEE PAMI 14 (1992) 239) from the four proper alignments
+of the principal axes.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from workbench.core.errors import InputError
+from workbench.core.rigid import nearest_rotation, transform
+from workbench.core.text.csv_text import csv_text
+
+_LEAST, _ROUNDS = 3, 200
+_FLAT = 1e-6  # share of the largest extent below which points lie on a line
+_SIGNS = tuple(product((1, -1), repeat=3))
+_FREE = 6  # numbers of a rigid transform
+
+
+@dataclass(frozen=True)
+class Registration:
+    """`matrix` (4, 4) T_target_source, mm; `target_row` (n,) the row that each source point is matched with.
+
+    `residual` (n, 3) mm: transformed source minus target; `left_out` (n,) mm: the distance of each point under the
+    transform of all others, nan where these do not determine one.
+    """
+
+    matrix: np.ndarray
+    target_row: np.ndarray
+    residual: np.ndarray
+    left_out: np.ndarray
+
+    @property
+    def distances(self) -> np.ndarray:
+        """(n,) mm."""
+        return np.linalg.norm(self.residual, axis=1)
+
+    def as_json(self) -> dict:
+        """Figures with their unit: RMS, mean, largest distance, and the RMS of points that were left out."""
+        n = len(self.residual)
+        free = max(3 * n - _FREE, 1)
+        known = self.left_out[np.isfinite(self.left_out)]
+        return {
+            "points": n,
+            "rms_mm": _rms(self.distances),
+            "mean_mm": float(self.distances.mean()),
+            "max_mm": float(self.distances.max()),
+            "std_mm": float(self.distances.std(ddof=1)),
+            "sigma_mm": float(np.sqrt((self.residual**2).sum() / free)),
+            "left_one_out_rms_mm": _rms(known) if known.size else None,
+            "matrix": self.matrix.tolist(),
+        }
+
+
+def register(source: np.ndarray, target: np.ndarray, matched: bool = True) -> Registration:
+    """The rigid transform that carries points (n, 3) mm onto others (m, 3) mm in the least-squares sense.
+
+    matched: row k of one is row k of the other, n = m; else every source point goes with the nearest target point.
+    Raises InputError for fewer than three points, points on a line, or numbers of points that differ.
+    """
+    source, target = np.asarray(source, float), np.asarray(target, float)
+    _check(source, "source")
+    _check(target, "target")
+    if matched and len(source) != len(target):
+        raise InputError(
+            f"registration: expected as many source as target points, found {len(source)} and {len(target)}; name the "
+            "points in a column `point`, or match the nearest ones"
+        )
+    rows = np.arange(len(source)) if matched else _nearest(source, target)
+    matrix = _aligned(source, target[rows])
+    residual = source @ matrix[:3, :3].T + matrix[:3, 3] - target[rows]
+    return Registration(matrix, rows, residual, _left_one_out(source, target[rows]))
+
+
+def _check(points: np.ndarray, name: str) -> None:
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < _LEAST:
+        raise InputError(
+            f"registration: expected at least {_LEAST} {name} points, found {len(points)}; measure more"
+        )
+    extent = np.linalg.svd(points - points.mean(0), compute_uv=False)
+    if extent[1] <= _FLAT * max(extent[0], 1e-300):
+        raise InputError(
+            f"registration: expected {name} points that do not lie on one line, found such ones, about which the "
+            "rotation is not determined; measure points beside the line"
+        )
+
+
+def _aligned(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """(4, 4) closed-form least-squares transform of matched points."""
+    middle, aim = source.mean(0), target.mean(0)
+    turn = nearest_rotation((target - aim).T @ (source - middle))
+    return transform(turn, aim - turn @ middle)
+
+
+def _nearest(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """(n,) target row nearest to each source point, after iterating from four alignments of the principal axes."""
+    tree = cKDTree(target)
+    trials = [_iterated(source, target, tree, start) for start in _starts(source, target)]
+    return min(trials, key=lambda trial: trial[0])[1]
+
+
+def _starts(source: np.ndarray, target: np.ndarray):
+    axes = [np.linalg.svd(points - points.mean(0))[2] for points in (source, target)]
+    for signs in _SIGNS:
+        turn = axes[1].T @ (np.array(signs)[:, None] * axes[0])
+        if np.linalg.det(turn) > 0:
+            yield transform(turn, target.mean(0) - turn @ source.mean(0))
+
+
+def _iterated(source, target, tree: cKDTree, matrix: np.ndarray) -> tuple[float, np.ndarray]:
+    """Mean square distance (mm^2) and matches (n,) of iterative closest points from a start."""
+    rows = None
+    for _ in range(_ROUNDS):
+        moved = source @ matrix[:3, :3].T + matrix[:3, 3]
+        distance, found = tree.query(moved)
+        if rows is not None and np.array_equal(found, rows):
+            break
+        rows = found
+        matrix = _aligned(source, target[rows])
+    return float((distance**2).mean()), rows
+
+
+def _left_one_out(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """(n,) mm: distance of each point under the transform of the others; nan where three or fewer are left."""
+    n = len(source)
+    found = np.full(n, np.nan)
+    for k in range(n if n > _LEAST + 1 else 0):
+        others = np.arange(n) != k
+        matrix = _aligned(source[others], target[others])
+        found[k] = np.linalg.norm(matrix[:3, :3] @ source[k] + matrix[:3, 3] - target[k])
+    return found
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+def save(found: Registration, labels: list[str], folder: Path) -> None:
+    """Write residuals.csv: a row a point with its residual, distance and left-one-out distance, mm."""
+    head = ["point", "target_row", "dx_mm", "dy_mm", "dz_mm", "distance_mm", "left_one_out_mm"]
+    numbers = np.column_stack([found.residual, found.distances, found.left_out])
+    lines = [
+        [label, int(row) + 1, *(f"{value:.6g}" for value in values)]
+        for label, row, values in zip(labels, found.target_row, numbers)
+    ]
+    (folder / "residuals.csv").write_text(csv_text(head, lines), encoding="utf-8")
+
+
+__all__ = ["Registration", "register", "save"]
