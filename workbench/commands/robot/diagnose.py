@@ -57,12 +57,10 @@ def command(
 ) -> None:
     """Identify unmodelled effects of a recording: effect, place, probability, and reduction of the held-out error."""
     answer.check_target(json)
-    edits = sessions.session_of(session, {"RECORDING": recording, "--scanner": scanner})
+    edits = sessions.session_of(session, "diagnose", recording, scanner)
     if edits is not None:
         recording, trust_data = edits.recording, edits.trust_data
         scanner = Path(edits.scanner) if edits.scanner else None
-    elif recording is None:
-        raise sessions.nothing_named("diagnose")
     with answer.progress(f"reading {recording}") as say:
         from workbench.machine.processes import cores, one_thread
 
@@ -73,10 +71,7 @@ def command(
         from workbench.explanation.files import save
         from workbench.fitting.verdicts.diagnosis_verdict import check_diagnosis
 
-        if simulation is not None and solution is not None:
-            raise InputError(
-                "--simulation and --solution: expected one of them, found both; omit one."
-            )
+        _check_comparison(simulation, solution)
         found = sessions.edited(edits, datasets.read(recording, trust_data))
         _check_scanner(found, scanner)
         tolerances = parse_tolerances(tolerance, _units(found))
@@ -118,6 +113,11 @@ def _units(recording) -> tuple[str, ...]:
     from workbench.explanation.answer import IMAGES
 
     return ("px",) if recording.measures in IMAGES else ("mm",)
+
+
+def _check_comparison(simulation: Path | None, solution: Path | None) -> None:
+    if simulation is not None and solution is not None:
+        raise InputError("--simulation and --solution: expected one of them, found both; omit one.")
 
 
 def _check_scanner(found, scanner: Path | None) -> None:
