@@ -271,6 +271,7 @@ def test_columns_are_mapped_by_keyboard(page):
     field = page.get_by_role("combobox", name="Measured point", exact=True)
     for text in ("expected 3 columns", "Ready"):
         field.focus()
+        page.keyboard.press("Control+a")
         page.keyboard.type("Messpunkt Z")
         page.get_by_role("option", name="Messpunkt Z").wait_for()
         page.keyboard.press("ArrowDown")

@@ -4,6 +4,7 @@ import pytest
 
 from app_browser import (
     chromium,
+    emit,
     open_page,
     plot,
     run_workbench,
@@ -133,6 +134,95 @@ def test_another_scan_is_chosen(page):
     assert "Scan 2" in text_of(page, "scan")
 
 
+def test_images_with_reprojection_errors_stand_in_the_sensor_tab_too(page):
+    show_tab(page, "Sensor")
+    wait_for_text(page, "overlay", "54 corners detected")
+    assert trace(page, "overlay", "reprojection error")
+
+
+def test_the_map_of_a_ball_shows_the_points_of_the_cloud(page):
+    show_tab(page, "Sensor")
+    points, mapped = trace(page, "cloud", "points on balls"), trace(page, "ball_map", "ball ")
+    assert 0.5 * len(points["x"]) < len(mapped["x"]) <= len(points["x"])
+
+
+def test_scrubbing_moves_arm_and_sensor(page):
+    show_tab(page, "Recording")
+    before = trace(page, "scene", "field of the sensor")["x"]
+    page.get_by_role("slider", name="Sample in the order of the recording").press("ArrowRight")
+    wait_for_text(page, "row", "(2 of 30)")
+    page.wait_for_function(
+        """(old) => JSON.stringify(Array.from(document.querySelector('[data-figure=scene] .js-plotly-plot')._fullData
+            .find((one) => one.name === 'field of the sensor').x)) !== JSON.stringify(old)""",
+        arg=before,
+    )
+
+
+def test_coverage_shows_every_joint(page):
+    show_tab(page, "Recording")
+    titles = plot(page, "coverage").evaluate(
+        "(element) => element.layout.annotations.map((one) => one.text)"
+    )
+    assert len(titles) == 8
+
+
+def test_a_click_on_an_image_selects_its_sample(page):
+    _choose_image(page, "scan-004-step-005.png")
+    plot(page, "image").locator(".nsewdrag").first.click()
+    wait_for_text(page, "row", "Sample 3 (4 of 30)")
+    page.get_by_role("button", name="Select its sample").press("Enter")
+    wait_for_text(page, "row", "Sample 3 (4 of 30)")
+
+
+def test_a_click_on_an_arrow_shows_image_with_overlay_pose_and_row(page):
+    show_tab(page, "Residuals")
+    emit(page, "arrows", "plotly_click", {"points": [{"customdata": 5}]})
+    wait_for_text(page, "selection", "1 of 30 samples selected")
+    page.get_by_role("heading", name="Sample 5, pose").wait_for()
+    wait_for_text(page, "picked", "images/scan-006-")
+    plot(page, "picked")
+    assert "q1_deg" in page.get_by_role("group", name="Row of the sample").inner_text()
+
+
+def test_a_bar_and_a_brush_select(page):
+    show_tab(page, "Residuals")
+    bars = trace(page, "histogram", "held out")
+    place = max(range(len(bars["y"])), key=lambda k: bars["y"][k])
+    value = {"points": [{"customdata": bars["customdata"][place]}]}
+    emit(page, "histogram", "plotly_click", value)
+    wait_for_text(page, "selection", f"{bars['y'][place]} of 30 samples selected")
+    box = plot(page, "chart").locator(".nsewdrag").first.bounding_box()
+    page.mouse.move(box["x"] + 2, box["y"] + 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] - 2, box["y"] + box["height"] - 2, steps=6)
+    page.mouse.up()
+    wait_for_text(page, "selection", "30 of 30 samples selected")
+    page.get_by_role("button", name="Clear selection").click()
+
+
+def test_excluded_samples_are_included_again(page, served):
+    show_tab(page, "Residuals")
+    emit(page, "arrows", "plotly_click", {"points": [{"customdata": 5}]})
+    wait_for_text(page, "selection", "1 of 30 samples selected")
+    page.get_by_role("button", name="Exclude their poses").click()
+    wait_for_text(page, "selection", "1 excluded")
+    page.get_by_label("Sample number").fill("5")
+    page.get_by_role("button", name="Select sample").click()
+    wait_for_text(page, "selection", "1 of 30 samples selected")
+    show_tab(page, "Edit and rerun")
+    page.get_by_role("button", name="Undo").click()
+    page.get_by_role("button", name="Redo").click()
+    page.locator("[data-change]", has_text="exclude 1 pose").wait_for()
+    page.get_by_role("button", name="Undo").click()
+    show_tab(page, "Residuals")
+    page.get_by_role("button", name="Exclude selected samples").click()
+    wait_for_text(page, "selection", "1 excluded")
+    page.get_by_role("button", name="Select sample").click()
+    wait_for_text(page, "selection", "1 of 30 samples selected")
+    page.get_by_role("button", name="Include selected samples").click()
+    wait_for_text(page, "selection", "0 excluded")
+
+
 def test_a_residual_leads_to_its_image(page):
     show_tab(page, "Residuals")
     page.get_by_label("Sample number").fill("3")
@@ -143,6 +233,60 @@ def test_a_residual_leads_to_its_image(page):
     assert image.startswith("images/")
     page.get_by_role("button", name="Show in recording").click()
     wait_for_text(page, "image", image)
+
+
+def _settled(page, name: str) -> str:
+    """A status line once it stays the same for a second."""
+    text = ""
+    while text != text_of(page, name):
+        text = text_of(page, name)
+        page.wait_for_timeout(1000)
+    return text
+
+
+def _without_date(path) -> list[str]:
+    """Lines of a file without the time at which it was written."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return [line for line in lines if not line.startswith("date = ")]
+
+
+def test_the_outlier_threshold_is_dragged_with_the_mouse(page):
+    show_tab(page, "Edit and rerun")
+    wait_for_text(page, "threshold", "0 samples have a residual above")
+    thumb = page.locator(".v-slider", has=page.get_by_role("slider", name="Outlier threshold"))
+    box = page.locator("[data-tab=edit] .v-slider-thumb").bounding_box()
+    track = thumb.first.bounding_box() if thumb.count() else box
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x - 0.5 * max(track["width"], 200), y, steps=8)
+    page.mouse.up()
+    page.wait_for_function(
+        "() => !document.querySelector('[data-text=threshold]').innerText.startsWith('0 ')"
+    )
+    above = int(_settled(page, "threshold").split()[0])
+    page.get_by_role("button", name="Exclude samples above").click()
+    page.locator("[data-change]", has_text=f"exclude {above} sample").wait_for()
+
+
+def test_a_rerun_of_the_scanner_shows_before_and_after_and_is_repeated(page, served, tmp_path):
+    show_tab(page, "Edit and rerun")
+    page.get_by_role("button", name="Calibrate").click()
+    wait_for_text(page, "job", "Finished after", 400_000)
+    assert trace(page, "side_by_side", "before") and trace(page, "side_by_side", "after")
+    words = ["--session", served.session, "--out", tmp_path / "again", "--no-report"]
+    run_workbench("calibrate", *words, cwd=tmp_path)
+    newest = max(served.folder.glob("calibrate-*"), key=lambda path: path.stat().st_mtime)
+    for name in ("residuals.csv", "parameters.toml", "scanner.toml"):
+        assert _without_date(newest / name) == _without_date(tmp_path / "again" / name), name
+
+
+def test_a_diagnosis_of_the_scanner_is_cancelled(page, served):
+    show_tab(page, "Edit and rerun")
+    page.get_by_role("button", name="Diagnose").click()
+    page.get_by_role("button", name="Cancel").click()
+    wait_for_text(page, "job", "Cancelled", 60_000)
+    assert not list(served.folder.glob("diagnose-*"))
 
 
 def test_no_script_error_occurred(page):

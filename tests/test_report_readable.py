@@ -66,6 +66,12 @@ def test_a_legend_above_a_plot_is_clear_of_plot_and_title(entries):
     assert not axes.get_legend().get_window_extent().overlaps(axes.title.get_window_extent())
 
 
+def test_p_values_below_a_millionth_are_not_written_out_in_sentences():
+    from workbench.core.least_squares.adjustment_tests import p_text
+
+    assert p_text(3e-9) == "p < 1e-6" and p_text(0.012) == "p = 0.012"
+
+
 def test_p_values_below_a_millionth_are_not_written_out():
     assert p_value(0.0) == p_value(9.99e-7) == "< 1e-6"
     assert p_value(1e-6) != "< 1e-6" and p_value(0.25) == "0.25"

@@ -12,6 +12,7 @@ from robot_model.effects import CATALOGUE as ROBOT
 from robot_model.effects.friction import ReadingLattice
 from sensors.effects import CATALOGUE as SENSOR
 from workbench.core.common_effects import NoiseLaw
+from workbench.core.least_squares.adjustment_tests import p_text
 from workbench.core.vocabulary import Covariate, Place
 from workbench.diagnosis.levels import NOTABLE
 from workbench.diagnosis.linear.problem import Finding, Found
@@ -262,7 +263,7 @@ def _what(term: Term, tip: str, unit: str) -> str:
     if found.effect == "stated-noise":
         return _of_stated_noise(term)
     if found.effect == "unknown" and found.label in (BY_POSE, NOT_LOCATED):
-        return f"There is structure that nothing in the catalogue explains: {found.label} (p = {found.p_value:.2g})."
+        return f"There is structure that nothing in the catalogue explains: {found.label} ({p_text(found.p_value)})."
     if found.effect in _OF_DATA or (
         found.effect == "unknown" and not found.effects and not found.depends_on
     ):

@@ -29,12 +29,12 @@ class ArmPose:
 
 def has_arm(opened: Opened) -> bool:
     """Whether there are joint readings and a robot to draw."""
-    return opened.robot is not None and opened.samples.joints.shape[1] > 0
+    return opened.robot is not None and opened.joints.shape[1] > 0
 
 
 def arm_pose(opened: Opened, row: int) -> ArmPose:
     """The arm at row `row` of `opened.samples`."""
-    variables = opened.robot.mixing @ opened.samples.joints[row : row + 1].T
+    variables = opened.robot.mixing @ opened.joints[row : row + 1].T
     frames = forward(opened.robot, variables, links=True)
     links = np.vstack(
         [frames.pivot[:1, :, 0], frames.origin[:, :, 0], frames.end_origin[None, :, 0]]
@@ -48,7 +48,7 @@ def arm_pose(opened: Opened, row: int) -> ArmPose:
 
 def flange_points(opened: Opened, rows: np.ndarray) -> np.ndarray:
     """(3, k) mm: flange of the nominal arm at some rows of `opened.samples`."""
-    variables = opened.robot.mixing @ opened.samples.joints[rows].T
+    variables = opened.robot.mixing @ opened.joints[rows].T
     return forward(opened.robot, variables).end_origin
 
 

@@ -63,6 +63,11 @@ class Opened:
         return found
 
     @cached_property
+    def joints(self) -> np.ndarray:
+        """(n, J) joint readings of all samples, rad (mm of a slide); kept, since every scene needs some of them."""
+        return self.samples.joints
+
+    @cached_property
     def edit_ids(self) -> np.ndarray:
         """(m,) number of the sample of `recording` that each row of the residuals stems from."""
         if self.samples is self.recording or "pose" not in self.samples.columns:

@@ -145,8 +145,8 @@ class Tab:
             self.figures[name] = plotly.Figure(
                 state_variable_name=f"figure_{name}",
                 display_logo=("false",),
-                display_mode_bar=("'hover'",),
-                mode_bar_buttons_to_remove=("['lasso2d', 'resetCameraLastSave3d']",),
+                display_mode_bar=("false",),  # its buttons cannot be reached by keyboard
+                scroll_zoom=("true",),
                 **events,
             )
 

@@ -1,4 +1,4 @@
-"""One import in progress: the files, what the user chose, and the options of the importer."""
+"""One import before it is written: the files, what the user chose, and the options of the importer."""
 
 import re
 from dataclasses import dataclass, field

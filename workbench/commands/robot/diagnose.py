@@ -57,8 +57,10 @@ def command(
 ) -> None:
     """Identify unmodelled effects of a recording: effect, place, probability, and reduction of the held-out error."""
     answer.check_target(json)
-    edits = sessions.session_of(session, {"RECORDING": recording, "--scanner": scanner})
-    recording, scanner, trust_data = _subject(edits, recording, scanner, trust_data)
+    edits = sessions.session_of(session, "diagnose", recording, scanner)
+    if edits is not None:
+        recording, trust_data = edits.recording, edits.trust_data
+        scanner = Path(edits.scanner) if edits.scanner else None
     with answer.progress(f"reading {recording}") as say:
         from workbench.machine.processes import cores, one_thread
 
@@ -69,7 +71,7 @@ def command(
         from workbench.explanation.files import save
         from workbench.fitting.verdicts.diagnosis_verdict import check_diagnosis
 
-        _check_one_reference(simulation, solution)
+        _check_comparison(simulation, solution)
         found = sessions.edited(edits, datasets.read(recording, trust_data))
         _check_scanner(found, scanner)
         tolerances = parse_tolerances(tolerance, _units(found))
@@ -106,25 +108,16 @@ def command(
     answer.conclude(console, result, run.path)
 
 
-def _subject(edits, recording: str | None, scanner: Path | None, trust_data: bool):
-    """Recording, scanner file and trust of the call, or of the edit session where one is given."""
-    if edits is not None:
-        return edits.recording, Path(edits.scanner) if edits.scanner else None, edits.trust_data
-    if recording is None:
-        raise sessions.nothing_named("diagnose")
-    return recording, scanner, trust_data
-
-
-def _check_one_reference(simulation: Path | None, solution: Path | None) -> None:
-    if simulation is not None and solution is not None:
-        raise InputError("--simulation and --solution: expected one of them, found both; omit one.")
-
-
 def _units(recording) -> tuple[str, ...]:
     """Residuals of calibration images are in pixels, all others in millimetres."""
     from workbench.explanation.answer import IMAGES
 
     return ("px",) if recording.measures in IMAGES else ("mm",)
+
+
+def _check_comparison(simulation: Path | None, solution: Path | None) -> None:
+    if simulation is not None and solution is not None:
+        raise InputError("--simulation and --solution: expected one of them, found both; omit one.")
 
 
 def _check_scanner(found, scanner: Path | None) -> None:

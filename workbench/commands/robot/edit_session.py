@@ -65,24 +65,21 @@ def check_unused(path: Path, options: Mapping) -> None:
             )
 
 
-def session_of(path: Path | None, options: Mapping):
-    """The session that a command takes its recording from; None without one. Raises InputError.
+def session_of(path: Path | None, command: str, recording: str | None, scanner: Path | None):
+    """The session that a command takes its recording and scanner from; None where a recording is named.
 
-    options: option of the command -> value; all of them must be None where there is a session.
+    Raises InputError where both or neither are named.
     """
     if path is None:
+        if recording is None:
+            raise InputError(
+                f"workbench {command}: expected a recording or --session FILE, found neither; name one."
+            )
         return None
     from workbench.app.edits.session import read_session
 
-    check_unused(path, options)
+    check_unused(path, {"RECORDING": recording, "--scanner": scanner})
     return read_session(path)
-
-
-def nothing_named(command: str) -> InputError:
-    """The refusal of a command that was given neither a recording nor a session."""
-    return InputError(
-        f"workbench {command}: expected a recording or --session FILE, found neither; name one."
-    )
 
 
 def edited(session, recording):

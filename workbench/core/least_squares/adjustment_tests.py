@@ -215,5 +215,5 @@ def _orthonormal(columns: np.ndarray, size: float | None = None) -> np.ndarray:
 
 
 def p_text(p: float) -> str:
-    """A p-value for a person: two digits, nothing finer than 1e-10."""
-    return "p < 1e-10" if p < 1e-10 else f"p = {p:.2g}"
+    """A p-value for a person: two digits, nothing finer than 1e-6."""
+    return "p < 1e-6" if p < 1e-6 else f"p = {p:.2g}"

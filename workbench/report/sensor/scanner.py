@@ -3,6 +3,7 @@
 import numpy as np
 import plotly.graph_objects as go
 
+from workbench.core.least_squares.adjustment_tests import p_text
 from workbench.jobs.sensor.scanner import ScannerRun
 from workbench.report import style
 from workbench.report.sections import Page, Section, figure, note, pair, table, words
@@ -299,7 +300,7 @@ def _mirror(calibration):
         f"{3 * len(calibration.scanner.steps)}. Independent planes differ from it by "
         f"{rounded(check.difference_mm)} mm RMS over the working volume; expected from their standard deviations: "
         f"{rounded(check.expected_mm)} mm. Lack-of-fit test of the mirror model: "
-        f"p = {rounded(check.probability, 2)}, {check.verdict}."
+        f"{p_text(check.probability)}, {check.verdict}."
     )
     yield figure(
         "mirrorcheck",
