@@ -1,4 +1,4 @@
-"""Effects of recorded columns are named: exposure, warm-up of the laser, rolling shutter, vibration, a board line."""
+"""Effects of recorded columns are named: exposure, warm-up of the laser, rolling shutter, vibration; lines of boards, lobes."""
 
 from dataclasses import replace
 from functools import cache
@@ -18,6 +18,7 @@ CASES = {
     "rolling-shutter": ("time", {}, {"readout": 4e-3}),
     "mirror-vibration": ("mirror", {"angular_frequency": 0.31}, {"cos": 2e-4, "sin": 1e-4}),
     "board-point-errors": ("artefact", {"line": "row", "at_mm": 24.0}, {"row24_x": 0.03}),
+    "ball-form": ("ball-1", {"degree": 3}, {"d3m0": 0.05, "d3m6": 0.04}),
 }
 
 
@@ -51,6 +52,7 @@ def true():
         pytest.param("rolling-shutter", marks=pytest.mark.slow),
         pytest.param("mirror-vibration", marks=pytest.mark.slow),
         pytest.param("board-point-errors", marks=pytest.mark.slow),
+        pytest.param("ball-form", marks=pytest.mark.slow),
     ],
 )
 def test_an_effect_of_a_recorded_column_is_named(name):

@@ -61,6 +61,7 @@ SCANNER_ADDITIONS = {
     "rolling-shutter",
     "recorded-column",
     "board-point-errors",
+    "ball-form",
 }
 ADDITIONS |= {
     "joint-curve",

@@ -12,6 +12,7 @@ from sensors.boards import circles
 from sensors.boards import finders as board_finders
 from sensors.boards.board import Board
 from sensors.boards.detection import Rejected, View, detect, detect_all, relabelled
+from sensors.camera.model import Camera
 from workbench.core.errors import InputError
 
 BOARDS = pytest.mark.parametrize(
@@ -417,3 +418,33 @@ def test_real_images(real, name, count, limit):
         points, [v.pixels.T.astype(np.float32) for v in found.views], found.size, None, None
     )[0]
     assert rms < limit
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.5])
+def test_the_middle_of_a_disc_through_a_strong_lens(tilt):
+    """The centre of area of discs whose edges OpenCV projects, against both shifts of a circle's centre."""
+    camera = Camera(372.0, 373.0, 243.0, 176.0, (-0.24, 0.07, 3e-4, 5e-4, 0.0), (480, 360))
+    turn = cv2.Rodrigues(np.array([0.2, tilt, 0.1]))[0]
+    centres = turn @ np.array([[-80.0, 0.0, 70.0], [40.0, -60.0, 50.0], [0, 0, 0.0]]) + [
+        [0],
+        [0],
+        [200.0],
+    ]
+    normals, radius = np.tile(turn[:, 2:], 3), 7.0
+    angle = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+    middle = []
+    for centre in centres.T:
+        edge = centre[:, None] + radius * (
+            turn[:, :1] * np.cos(angle) + turn[:, 1:2] * np.sin(angle)
+        )
+        seen = cv2.projectPoints(
+            edge.T.copy(), np.zeros(3), np.zeros(3), camera.matrix, np.array(camera.distortion)
+        )[0]
+        moments = cv2.moments((seen - seen.mean(0)).astype(np.float32))
+        area = np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+        middle.append(seen.mean(0)[0] + area)
+    aimed = centres + circles.centre_shift(centres, normals, radius)
+    shift = circles.lens_shift(camera, aimed, normals, radius)
+    gap = np.array(middle).T - camera.project(aimed)
+    assert np.abs(gap).max() > 0.03
+    assert np.abs(gap - shift).max() < 0.05 * np.abs(gap).max()

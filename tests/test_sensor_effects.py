@@ -44,6 +44,8 @@ CASES = (
     ("board-bow", "artefact", {}),
     ("ball-position", "ball-2", {}),
     ("ball-radius", "ball-2", {}),
+    ("ball-form", "ball-2", {}),
+    ("ball-form", "ball-2", {"degree": 3}),
     ("artefact-expansion", "artefact", {}),
     (
         "noise-heteroscedastic",

@@ -62,7 +62,7 @@ RECORDED = {
     "board-point-errors",
 }
 """Effects that read columns of images.csv: tests/test_diagnosis_sensor_recorded.py."""
-ELSEWHERE = {"ball-position", "ball-radius", "noise-heteroscedastic"} | RECORDED
+ELSEWHERE = {"ball-position", "ball-radius", "ball-form", "noise-heteroscedastic"} | RECORDED
 
 
 def causes(*rows) -> Causes:

@@ -161,9 +161,41 @@ def centre_shift(points: np.ndarray, normal: np.ndarray, radius: float) -> np.nd
     points: (3, n) mm, centres in the camera frame; normal: (3,) or (3, n) unit normal of the board there;
     radius in mm. From the dual conic of the disc's image, q q' - r^2 (I - n n') for a centre q: the
     ellipse's centre is its third column over its last number (the bias is that of Heikkilä, PAMI 22
-    (2000) 1066). Exact for an ideal camera; a lens that bends over one disc adds its own, smaller shift.
+    (2000) 1066). Exact for an ideal camera; a lens that bends over one disc adds `lens_shift`.
     """
     normal = np.reshape(normal, (3, -1))
     across = -normal * normal[2]
     across[2] += 1
     return -(radius**2) / points[2] * across
+
+
+def lens_shift(camera, points: np.ndarray, normals: np.ndarray, radius: float) -> np.ndarray:
+    """(2, n) px by which the middle of a disc's image is off because the lens distorts the disc itself.
+
+    camera: `Camera`; points (3, n) mm that project onto the ellipses' centres without the lens, and unit normals
+    (3, n) of the board, camera frame; radius in mm. Of the distortion D with derivative J and an ellipse of the
+    conjugate half axes d_k about c, to second order: the mean of D over the distorted disc is
+    D(c) + sum_k (D''(d_k, d_k) / 8 + J d_k (d_k . grad ln det J) / 4). A circle that is fitted to the disc's edge
+    moves by the same.
+    """
+    flat = points[:2] / points[2]
+    middle, total = camera.distort(flat), np.zeros_like(flat)
+    for axis in _tangents(normals):
+        half = radius / points[2] * (axis[:2] - flat * axis[2])
+        (above, one), (below, other) = _bent(camera, flat + half), _bent(camera, flat - half)
+        total += (above + below - 2 * middle) / 8 + (above - below) * np.log(one / other) / 16
+    return np.array([[camera.fx], [camera.fy]]) * total
+
+
+def _tangents(normals):
+    """Two unit vectors (3, n) across unit normals (3, n) and one another."""
+    aside = np.where(np.abs(normals[:1]) < 0.7, [[1.0], [0.0], [0.0]], [[0.0], [1.0], [0.0]])
+    first = np.cross(normals, aside, axis=0)
+    first /= np.linalg.norm(first, axis=0)
+    return first, np.cross(normals, first, axis=0)
+
+
+def _bent(camera, flat):
+    """Distorted points (2, n) and the determinant (n,) of the distortion there."""
+    bent, slope, _ = camera.distort_rows(flat)
+    return bent, slope[0, 0] * slope[1, 1] - slope[0, 1] * slope[1, 0]

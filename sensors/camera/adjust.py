@@ -43,6 +43,7 @@ PARALLEL = np.deg2rad(10)
 # its image. A wide lens bends a board's image by more than a pinhole allows, but as a whole.
 _NO_PLANE = 0.15
 _TURNINGS = 4
+_CIRCLE_FITS = 3  # of boards of circles: what the lens does to a circle is constant within a fit
 _FIRST_STEPS = 2  # of a first fit, which only has to come near
 _STILL = 1.2  # costs' ratio from step to step above which it has not come near
 
@@ -259,9 +260,11 @@ def adjust(
     chain = replace(
         chain, poses=fit.values["placement"], sigma=np.hypot(chain.sigma, _excess(fit, chain.sigma))
     )
-    fit = fit_free(chain, effects, fit.parameters, loss)
-    camera = Camera.of(fit.parameters.values[: len(chain.parameters)], chain.camera.size)
-    return chain.moved(camera, fit.values["placement"]), fit
+    for _ in range(_CIRCLE_FITS if chain.radius else 1):
+        fit = fit_free(chain, effects, fit.parameters, loss)
+        camera = Camera.of(fit.parameters.values[: len(chain.parameters)], chain.camera.size)
+        chain = chain.moved(camera, fit.values["placement"])
+    return chain, fit
 
 
 def _excess(fit, stated):

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sensors.boards.circles import centre_shift
+from sensors.boards.circles import centre_shift, lens_shift
 from sensors.camera.model import NAMES, Camera
 from sensors.state import SensorState
 from workbench.core.errors import InputError
@@ -90,6 +90,7 @@ class Corners:
     radius: float = 0.0
     covariates: Mapping[str, np.ndarray] = field(default_factory=dict)
     _kept_state: SensorState | None = field(default=None, repr=False)
+    _kept_lens: np.ndarray | None = field(default=None, repr=False)
 
     @cached_property
     def parameters(self) -> Parameters:
@@ -115,6 +116,15 @@ class Corners:
             self.points,
         )
 
+    @cached_property
+    def by_lens(self) -> np.ndarray:
+        """(2, n) px, `lens_shift` of a board's circles at the start; a solve leaves it as it is."""
+        if self._kept_lens is not None:
+            return self._kept_lens
+        board = _OnBoard(self, self.points)
+        aimed = board.points + centre_shift(board.points, board.normals, self.radius)
+        return lens_shift(self.camera, aimed, board.normals, self.radius)
+
     def at(self, samples: np.ndarray) -> "Corners":
         """The same on some of the samples (indices or mask); the poses stay."""
         return replace(
@@ -126,15 +136,18 @@ class Corners:
             sigma=self.sigma if self.sigma.shape[1] == 1 else self.sigma[:, samples],
             covariates={name: column[samples] for name, column in self.covariates.items()},
             _kept_state=None,
+            _kept_lens=None,
         )
 
     def moved(self, camera: Camera, poses: np.ndarray) -> "Corners":
         """The same at another start."""
-        return replace(self, camera=camera, poses=poses, _kept_state=None)
+        return replace(self, camera=camera, poses=poses, _kept_state=None, _kept_lens=None)
 
     def with_families(self, values: Mapping[str, np.ndarray]) -> "Corners":
         """The same with other poses; the state stays that of the start."""
-        return replace(self, poses=values.get("placement", self.poses), _kept_state=self.state)
+        lens = self.by_lens if self.radius else None
+        poses = values.get("placement", self.poses)
+        return replace(self, poses=poses, _kept_state=self.state, _kept_lens=lens)
 
     def slots(self, port: str, where: str, components: tuple[int, ...]) -> tuple[int, ...]:
         return slots(port, where, components)
@@ -188,6 +201,8 @@ class Evaluation:
         self._aimed = self._board.points if not chain.radius else self._board.points + self._aside
         aim = self._aimed if self._bend is None else self._aimed - self._range * self._bend
         pixels, self._by_aim, self._by_value = camera.project_rows(aim)
+        if chain.radius:
+            pixels = pixels + chain.by_lens
         self.residual = _moved(pixels, deltas.get("pixel")) - chain.pixels
 
     @cached_property

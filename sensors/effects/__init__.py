@@ -20,6 +20,7 @@ CATALOGUE = {
     "board-point-errors": recorded.BoardPointErrors,
     "ball-position": artefact.BallPosition,
     "ball-radius": artefact.BallRadius,
+    "ball-form": artefact.BallForm,
     "mirror-wobble": laser.MirrorWobble,
     "mirror-encoder-harmonic": laser.MirrorEncoderHarmonic,
     "mirror-hysteresis": laser.MirrorHysteresis,

@@ -8,7 +8,7 @@ from pydantic import Field
 from sensors.effects.covariates import warming
 from workbench.core.common_effects import ArtefactExpansionLaw, BallPositionLaw
 from workbench.core.covariates import known
-from workbench.core.effect import Effect
+from workbench.core.effect import Effect, Variant
 
 
 class BoardBow(Effect):
@@ -56,6 +56,63 @@ class BallRadius(Effect):
 
     def basis(self, state):
         return np.where(state.ball == self.number, known(state.normals), 0.0)[None]
+
+
+class BallForm(Effect):
+    """Ball K is no sphere: its surface has lobes, spherical harmonics of degree 2 or 3 of the outward normal.
+
+    In the axes of the camera: the ball does not rotate against the scanner from scan to scan. A parameter is the
+    height of the highest lobe or nearly.
+    """
+
+    effect = "ball-form"
+    port = "target"
+    places = ("ball",)
+    equation = "dX = sum_m a_m Y_m(n) n, Y_m real spherical harmonics of one degree"
+    source = "form deviation of a sphere: ISO 10360-8; real spherical harmonics: Courant & Hilbert, vol. 1, ch. 7"
+
+    def __init__(self, where: str, degree: Annotated[int, Field(ge=2, le=3)] = 2):
+        super().__init__(where)
+        self.degree = degree
+
+    @classmethod
+    def candidates(cls, chain):
+        """Of the second and of the third degree, at every ball."""
+        for where in chain.places("ball"):
+            for degree in (2, 3):
+                yield Variant(cls(where, degree), f"degree {degree}", 0.5)
+
+    def table(self, chain):
+        return tuple(
+            self.parameter(f"d{self.degree}m{k}", "mm", 0.01, f"lobe {k} of ball {self.number}")
+            for k in range(2 * self.degree + 1)
+        )
+
+    def basis(self, state):
+        normals = known(state.normals)
+        lobes = _second_degree(*normals) if self.degree == 2 else _third_degree(*normals)
+        return np.where(state.ball == self.number, lobes[:, None] * normals, 0.0)
+
+
+def _second_degree(x, y, z):
+    """(5, n) real spherical harmonics of degree 2 with largest value 1."""
+    return np.stack([2 * x * y, 2 * y * z, 2 * z * x, x * x - y * y, (3 * z * z - 1) / 2])
+
+
+def _third_degree(x, y, z):
+    """(7, n) real spherical harmonics of degree 3 with largest values of about 1."""
+    steep = 1.5 * np.sqrt(3.0)
+    return np.stack(
+        [
+            y * (3 * x * x - y * y),
+            2 * steep * x * y * z,
+            y * (5 * z * z - 1),
+            z * (5 * z * z - 3) / 2,
+            x * (5 * z * z - 1),
+            steep * z * (x * x - y * y),
+            x * (x * x - 3 * y * y),
+        ]
+    )
 
 
 class BallPosition(BallPositionLaw, Effect):

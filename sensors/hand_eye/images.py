@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sensors.boards.circles import centre_shift
+from sensors.boards.circles import centre_shift, lens_shift
 from sensors.boards.detection import relabelled
 from sensors.camera.model import Camera
 from sensors.hand_eye.adjust import Variances, adjust, find_blunders
@@ -212,7 +212,8 @@ def _chain(views, points, camera, flange, kind, covariance):
     pose = np.concatenate([np.full(len(view.index), k) for k, view in enumerate(views)])
     points = np.concatenate([points[:, view.index] for view in views], 1)
     pixels = np.concatenate([view.pixels for view in views], 1).astype(float)
-    points = points + _shifts(views, points, pixels, pose, camera)
+    aside, lens = _shifts(views, points, pixels, pose, camera)
+    points, pixels = points + aside, pixels - lens
     modes = np.zeros((len(camera.values), 0)) if covariance is None else _root(covariance)
     return BoardChain(
         kind,
@@ -228,14 +229,16 @@ def _chain(views, points, camera, flange, kind, covariance):
 
 
 def _shifts(views, points, pixels, pose, camera):
-    """(3, n) mm on the board: an ellipse's centre is not where the disc's centre projects."""
+    """(3, n) mm on the board and (2, n) px: an ellipse's centre is not where the disc's centre projects."""
     radius = np.array([getattr(view, "radius_mm", 0.0) for view in views])[pose]
     if not radius.any():
-        return np.zeros_like(points)
+        return np.zeros_like(points), np.zeros_like(pixels)
     turn = board_poses(points, pixels, pose, camera)
     placed = np.einsum("nij,jn->in", turn[pose, :3, :3], points) + turn[pose, :3, 3].T
-    shift = centre_shift(placed, turn[pose, :3, 2].T, radius)
-    return np.einsum("nji,jn->in", turn[pose, :3, :3], shift)
+    normals = turn[pose, :3, 2].T
+    shift = centre_shift(placed, normals, radius)
+    lens = lens_shift(camera, placed + shift, normals, radius)
+    return np.einsum("nji,jn->in", turn[pose, :3, :3], shift), lens
 
 
 def _same_way_round(views, board, points, camera, flange, kind):

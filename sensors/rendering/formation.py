@@ -114,6 +114,41 @@ def _wrapped_blur(field, sigma):
     ]
 
 
+def vignetted(light, camera, power: float):
+    """(H, W) light less what a lens loses off its axis: the cosine of the field angle to a power, 4 by nature.
+
+    Born & Wolf, Principles of Optics, 7th ed., sec. 4.8. The angle is that of the pinhole's ray.
+    """
+    if not power:
+        return light
+    import torch
+    from kornia.geometry import create_meshgrid
+    from kornia.geometry.camera import unproject_points
+
+    height, width = light.shape
+    pixels = create_meshgrid(height, width, normalized_coordinates=False, device=light.device)[0]
+    matrix = torch.as_tensor(camera.matrix, dtype=light.dtype, device=light.device)
+    depth = torch.ones((height, width, 1), dtype=light.dtype, device=light.device)
+    rays = unproject_points(pixels.to(light.dtype), depth, matrix[None, None])
+    return light * rays.norm(dim=-1) ** -power
+
+
+def bloomed(light, chip: Chip):
+    """(H, W) electrons after charge beyond the full well has spilled along the columns, up and down alike."""
+    if not chip.blooming:
+        return light
+    import torch
+    from kornia.filters import filter2d
+
+    beyond = (light - chip.full_well_e).clamp_min(0)
+    reach = int(np.ceil(5 * chip.spill_px))
+    away = torch.arange(-reach, reach + 1, device=light.device).abs()
+    kernel = torch.exp(-away / chip.spill_px) * (away > 0)
+    kernel = (kernel / kernel.sum())[None, :, None]
+    spilled = filter2d(beyond[None, None], kernel, border_type="constant")[0, 0]
+    return light + chip.blooming * spilled
+
+
 def develop(light, chip: Chip, random, spread=None) -> np.ndarray:
     """(H, W) image as the file has it of `light` in electrons.
 
@@ -122,6 +157,7 @@ def develop(light, chip: Chip, random, spread=None) -> np.ndarray:
     """
     import torch
 
+    light = bloomed(light, chip)
     noise = torch.randn(light.shape, generator=random, device=light.device)
     noise *= torch.sqrt(light + chip.read_noise_e**2)
     if spread is not None:

@@ -20,6 +20,8 @@ class Optics:
     blur_px: float = 0.6
     focus_mm: float = 125.0
     defocus_px: float = 8.0
+    vignetting: float = 0.0
+    """Power of the cosine of the field angle by which the light falls; 4 is the natural law of a thin lens."""
 
     def sigma(self, depth: np.ndarray) -> np.ndarray:
         """Blur's 1 sigma in px at depths z in mm, any shape; nan (nothing there) counts as in focus."""
@@ -39,6 +41,10 @@ class Chip:
     read_noise_e: float = 12.0
     black: float = 0.01
     bits: int = 8
+    blooming: float = 0.0
+    """Share of the charge beyond the full well that spills along the columns; the rest is drained."""
+    spill_px: float = 3.0
+    """Distance over which the spilled charge falls to 1/e."""
 
     @property
     def top(self) -> int:
@@ -68,6 +74,16 @@ class Laser:
     source: np.ndarray | None = None
     contrast: float = 0.1
     grain_px: float = 0.8
+    rayleigh_mm: float = float("inf")
+    """Distance from the waist, at `reach_mm`, where the line is wider by the root of two (a Gaussian beam)."""
+    uneven: float = 0.0
+    """Amplitude of brightness along the fan, as a share."""
+    uneven_deg: float = 5.0
+    """Period of that brightness, an angle of the fan."""
+
+    def width(self, distance: np.ndarray) -> np.ndarray:
+        """(n,) mm, 1 sigma of the line at distances (n,) mm from the source: Siegman, Lasers (1986), ch. 17."""
+        return self.width_mm * np.hypot(1, (distance - self.reach_mm) / self.rayleigh_mm)
 
 
 @dataclass(frozen=True)
@@ -78,6 +94,8 @@ class Lamp:
     laser: float = 0.01
     background: float = 0.05
     """How white what lies behind everything is."""
+    towards: tuple[float, float, float] | None = None
+    """Direction towards a distant lamp, camera frame; None for a lamp at the camera."""
 
 
 @dataclass(frozen=True)

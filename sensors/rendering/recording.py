@@ -12,7 +12,14 @@ from sensors.rendering.places import artefact_poses, board_poses
 from sensors.rendering.ports import Moment
 from sensors.rendering.render import render_board, render_scan
 from sensors.rendering.scene import Scene
-from sensors.rendering.surfaces import BallSurface, BoardSurface, MeshSurface, Surface, true_balls
+from sensors.rendering.surfaces import (
+    BallSurface,
+    BoardSurface,
+    Gloss,
+    MeshSurface,
+    Surface,
+    true_balls,
+)
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_matrix, rotation_vector
 from workbench.core.text.cloud_headers import ply_problem
@@ -180,8 +187,9 @@ def _artefact(scene, pose, moment) -> tuple[Surface, ...]:
         table = np.array(scene.balls).T
         centres, radii = true_balls(table[:3], table[3], camera, moment)
         centres = turn @ centres + pose[:3, None]
+        gloss = Gloss(scene.ball_gloss, scene.ball_gloss_exponent)
         surfaces = [
-            BallSurface(centres[:, k], radii[k], k + 1, scene.ball_white)
+            BallSurface(centres[:, k], radii[k], k + 1, scene.ball_white, gloss)
             for k in range(len(radii))
             if _in_view(centres[:, k], radii[k], camera)
         ]

@@ -21,11 +21,14 @@ def render_board(
     parts: int = 4,
 ) -> np.ndarray:
     """(H, W) image, uint8 or uint16, of surfaces under the lamp, laser off."""
-    return formation.develop(
-        lamp_light(instrument, surfaces, instrument.lamp.board, moment, parts),
-        instrument.chip,
-        formation.generator(seed),
-    )
+    light = lamp_light(instrument, surfaces, instrument.lamp.board, moment, parts)
+    return _developed(instrument, light, formation.generator(seed))
+
+
+def _developed(instrument, light, random, spread=None) -> np.ndarray:
+    """The image of light (H, W) that the lens and the chip make."""
+    light = formation.vignetted(light, instrument.camera, instrument.optics.vignetting)
+    return formation.develop(light, instrument.chip, random, spread)
 
 
 def render_scan(
@@ -48,7 +51,7 @@ def render_scan(
         random = formation.generator(seed, index)
         found = stripe(instrument, surfaces, stage, index, moment)
         light, spread = _with_stripe(instrument, lamp, found, canvas, random)
-        yield formation.develop(light, instrument.chip, random, spread)
+        yield _developed(instrument, light, random, spread)
 
 
 def laser_light(
@@ -75,8 +78,8 @@ def lamp_light(
 ):
     """(H, W) tensor, electrons that the lamp's light gives, blurred; `level` the share of the full well from white.
 
-    A lamp at the camera: Lambert's cosine of the angle of view. Pixels whose four corners agree are
-    even; the others are averaged over parts x parts rays of their own.
+    Lambert's cosine of the incidence; of a lamp at the camera that is the angle of view. Pixels whose four corners
+    agree are even; the others are averaged over parts x parts rays of their own.
     """
     import torch
 
@@ -110,11 +113,18 @@ def _corners(instrument, surfaces, canvas, moment):
 
 
 def _lamp(instrument, surfaces, seen, parts):
-    """(n,) reflectance times the cosine of the angle of view; the background's where nothing is seen."""
+    """(n,) reflectance times the cosine of the lamp's incidence; the background's where nothing is seen."""
     rays = seen.points / np.sqrt((seen.points**2).sum(0))
-    cosine = -(rays * sight.normals(surfaces, seen)).sum(0)
+    towards = -rays if instrument.lamp.towards is None else _unit(instrument.lamp.towards)
+    cosine = (towards * sight.normals(surfaces, seen)).sum(0)
     light = sight.albedo(surfaces, seen, 1 / (instrument.camera.fx * parts)) * np.maximum(cosine, 0)
     return np.where(seen.surface >= 0, light, instrument.lamp.background)
+
+
+def _unit(direction) -> np.ndarray:
+    """(3, 1) unit vector."""
+    direction = np.asarray(direction, float)[:, None]
+    return direction / np.linalg.norm(direction)
 
 
 def _even(corners, surface, top):

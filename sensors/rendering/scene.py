@@ -57,6 +57,7 @@ class LensKeys(_Table):
     blur_px: float = Field(0.6, gt=0)
     focus_mm: Above = 125.0
     defocus_px: float = Field(8.0, ge=0)
+    vignetting: float = Field(0.0, ge=0, le=20)
 
 
 class ChipKeys(_Table):
@@ -66,6 +67,8 @@ class ChipKeys(_Table):
     read_noise_e: float = Field(12.0, ge=0)
     black: float = Field(0.01, ge=0, lt=1)
     bits: Literal[8, 10, 12, 16] = 8
+    blooming: Share = 0.0
+    spill_px: Above = 3.0
 
 
 class LampKeys(_Table):
@@ -74,6 +77,7 @@ class LampKeys(_Table):
     board: float = Field(0.7, ge=0)
     laser: float = Field(0.01, ge=0)
     background: Share = 0.05
+    towards: tuple[float, float, float] | None = None
 
 
 class LaserKeys(_Table):
@@ -83,6 +87,9 @@ class LaserKeys(_Table):
     peak: Above = 0.7
     speckle_contrast: float = Field(0.1, ge=0, le=1)
     speckle_grain_px: float = Field(0.8, ge=0)
+    rayleigh_mm: float = Field(float("inf"), gt=0, allow_inf_nan=True)
+    uneven: Share = 0.0
+    uneven_deg: Above = 5.0
     source_mm: Vector | None = None
 
 
@@ -211,6 +218,8 @@ class Scene(_Table):
     placements: Views = Views(count=20, laser=10)
     balls: list[Ball] = []
     ball_white: Share = 0.8
+    ball_gloss: float = Field(0.0, ge=0, le=100)
+    ball_gloss_exponent: float = Field(50.0, ge=1)
     mesh: MeshKeys | None = None
     scans: Views = Views()
     arm: str | None = None

@@ -113,7 +113,7 @@ def _reached(instrument, rough, probes, index, moment) -> np.ndarray:
     moved = _sheet(instrument, index, probes, moment, {}) - (nominal[:3] @ probes + nominal[3])
     pixel = np.nanmax(probes[2]) / instrument.camera.fx
     low, high = min(moved.min(), 0), max(moved.max(), 0)
-    limit = _REACH * instrument.laser.width_mm + pixel + 0.2 * (high - low)
+    limit = _REACH * _widest(instrument, index, probes) + pixel + 0.2 * (high - low)
     distance = nominal[:3].astype(np.float32) @ rough + np.float32(nominal[3])
     with np.errstate(invalid="ignore"):
         return np.flatnonzero((distance > -limit - high) & (distance < limit - low))
@@ -174,9 +174,11 @@ def stripe(
     if known["pixels"] is None:
         del known["pixels"]
     distance = _sheet(instrument, index, points, moment, known)
-    bright = _profile(distance, instrument.laser.width_mm) * stage.albedo[rows].ravel()
+    bright = _across(instrument, index, distance, points) * _along(instrument, index, points)
     lit = np.flatnonzero(bright > 1e-6)
-    bright[lit] *= _arriving(instrument, surfaces, index, points[:, lit], normals[:, lit])
+    there = points[:, lit], normals[:, lit]
+    diffuse = stage.albedo[rows].ravel()[lit] * _arriving(instrument, surfaces, index, *there)
+    bright[lit] *= diffuse + _specular(instrument, surfaces, index, known["ball"][lit], *there)
     light = np.zeros(len(rows) * stage.parts**2)
     light[lit] = bright[lit]
     depth = np.nan_to_num(stage.points[2, rows, 0], nan=instrument.optics.focus_mm)
@@ -200,6 +202,54 @@ def _thin(distance, light, parts, width) -> bool:
 def _profile(distance, width):
     """(n,) of Gaussian light across the sheet; 0 where nothing is seen."""
     return np.nan_to_num(np.exp(-0.5 * (distance / width) ** 2))
+
+
+def _widest(instrument, index, points):
+    """mm, the largest 1 sigma of the line at points (3, n)."""
+    source, laser = instrument.light(index), instrument.laser
+    if source is None or not np.isfinite(laser.rayleigh_mm):
+        return laser.width_mm
+    return float(np.max(laser.width(np.linalg.norm(points - source[:, None], axis=0))))
+
+
+def _across(instrument, index, distance, points):
+    """(n,) light across the sheet: its width grows away from the waist, and its peak falls with it."""
+    source, laser = instrument.light(index), instrument.laser
+    if source is None or not np.isfinite(laser.rayleigh_mm):
+        return _profile(distance, laser.width_mm)
+    width = laser.width(np.linalg.norm(points - source[:, None], axis=0))
+    return _profile(distance, width) * np.nan_to_num(laser.width_mm / width)
+
+
+def _along(instrument, index, points):
+    """(n,) factor of brightness along the fan, of its angle about the source."""
+    source, laser = instrument.light(index), instrument.laser
+    if source is None or not laser.uneven:
+        return np.ones(points.shape[1])
+    plane = instrument.nominal_planes()[:, index, None]
+    away = points - source[:, None]
+    along = (stripe_direction(plane) * away).sum(0)
+    angle = np.arcsin(np.clip(along / np.linalg.norm(away, axis=0), -1, 1))
+    wave = np.cos(2 * np.pi * angle / np.deg2rad(laser.uneven_deg))
+    return np.nan_to_num(1 + laser.uneven * wave)
+
+
+def _specular(instrument, surfaces, index, balls, points, normals):
+    """(n,) light of the highlights on balls, of the same unit as the diffuse light."""
+    source = instrument.light(index)
+    glossy = {s.number: s.gloss for s in surfaces if getattr(s, "gloss", None) and s.gloss.share}
+    made = np.zeros(points.shape[1])
+    if source is None or not glossy:
+        return made
+    towards = source[:, None] - points
+    length = np.linalg.norm(towards, axis=0)
+    towards, back = towards / length, -points / np.linalg.norm(points, axis=0)
+    lit = (towards * normals).sum(0) > 0
+    for number, gloss in glossy.items():
+        mine = lit & (balls == number)
+        light = gloss.reflected(towards[:, mine], back[:, mine], normals[:, mine])
+        made[mine] = light * instrument.laser.reach_mm / length[mine]
+    return made
 
 
 def _arriving(instrument, surfaces, index, points, normals):

@@ -94,6 +94,26 @@ def _at_height(turned, start, height):
 
 
 @dataclass(frozen=True)
+class Gloss:
+    """Specular reflection: `share` of a white surface's light at the middle of the highlight, Blinn's `exponent`."""
+
+    share: float = 0.0
+    exponent: float = 50.0
+
+    def reflected(self, towards: np.ndarray, back: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """(n,) of light that comes from unit directions `towards` (3, n) and leaves along `back` (3, n).
+
+        Blinn, SIGGRAPH 1977: the cosine between the normal and the half vector, to a power.
+        """
+        half = towards + back
+        half /= np.maximum(np.linalg.norm(half, axis=0), 1e-300)
+        return self.share * np.maximum((half * normals).sum(0), 0) ** self.exponent
+
+
+MATT = Gloss()
+
+
+@dataclass(frozen=True)
 class BallSurface:
     """A ball: `centre` (3,) and `radius` as they truly are; `number` as on the certificate, from 1."""
 
@@ -101,6 +121,7 @@ class BallSurface:
     radius: float
     number: int
     white: float = 0.8
+    gloss: Gloss = MATT
 
     def meet(self, rays: np.ndarray) -> np.ndarray:
         """(n,) mm along unit rays (3, n) from the camera."""
