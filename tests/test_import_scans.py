@@ -94,3 +94,25 @@ def test_a_table_of_three_columns_is_no_profile(tmp_path):
     (tmp_path / "b.csv").write_text("\n".join(f"{k}\t{2 * k}" for k in range(40)))
     assert is_profile(tmp_path / "b.csv")
     assert np.array_equal(read_cloud(tmp_path / "b.csv", 100)[5], [5.0, 0.0, 10.0])
+
+
+@pytest.mark.parametrize(("factor", "word"), [(1e-3, "metres"), (1 / 25.4, "inches")])
+def test_ball_centres_in_another_unit_are_refused(factor, word):
+    from dataclasses import replace
+
+    from datasets.recording import Recording
+    from workbench.jobs.sensor import hand_eye
+    from workbench.recordings.templates import scanner_kinds
+
+    rng = np.random.default_rng(1)
+    sensor = scanner_kinds._views_of_ball(12, rng, 300.0)
+    seen = scanner_kinds._SPHERE - sensor[:, :3, 3]
+    seen = np.einsum("nji,nj->ni", sensor[:, :3, :3], seen)
+    flange = scanner_kinds.flange_columns(sensor @ np.linalg.inv(scanner_kinds.HAND_EYE), rng)
+    columns = {"sample": np.arange(1.0, 13.0), "ball": np.ones(12), **flange}
+    columns |= dict(zip(("x_mm", "y_mm", "z_mm"), seen.T))
+    right = Recording("ball-centre", columns, {}, name="right")
+    assert hand_eye.calibrate(right, None, None, lambda text: None).made.fit["rms_mm"] < 0.1
+    scaled = columns | {name: factor * columns[name] for name in ("x_mm", "y_mm", "z_mm")}
+    with pytest.raises(InputError, match=word):
+        hand_eye.calibrate(replace(right, columns=scaled), None, None, lambda text: None)
