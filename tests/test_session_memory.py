@@ -82,9 +82,7 @@ def test_the_command_needs_no_more_memory_the_longer_the_session(few, found, tmp
         folder = session(few, tmp_path / f"recording-{out}", scans)
         gc.collect()
         tracemalloc.start()
-        scan_command.command(
-            str(folder), Path("scanner.toml"), out=tmp_path / out, no_report=True
-        )
+        scan_command.command(str(folder), Path("scanner.toml"), out=tmp_path / out, no_report=True)
         size = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         return size

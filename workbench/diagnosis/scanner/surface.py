@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from datasets.recording import Recording
+from sensors.effects import artefact, recorded, surface
 from workbench.core.distributions import fisher
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix, skew
@@ -108,9 +109,9 @@ def diagnose_surface(recording: Recording, progress: Callable[[str], None]) -> d
         "effects": [one.as_json() for one in retained],
         "refused": [one.as_json() for one in refused],
         "held_out": {
-            "before": before,
-            "after": after,
-            "noise": float(np.hypot(data.noise, data.pose_error)),
+            "before_mm": before,
+            "after_mm": after,
+            "noise_mm": float(np.hypot(data.noise, data.pose_error)),
             "noise_from": "from points of one pose and from the flange poses",
             "folds": _FOLDS,
             "scheme": "whole poses",
@@ -130,7 +131,9 @@ def _verdict(retained) -> str:
 def _next(retained) -> str:
     if retained:
         return "correct the sensor's calibration by what was found, then record the ball again"
-    return "none; measure the ball at other distances and places of the field to see smaller effects"
+    return (
+        "none; measure the ball at other distances and places of the field to see smaller effects"
+    )
 
 
 @dataclass(frozen=True)
@@ -231,15 +234,20 @@ def _candidates(recording: Recording, data: Data, run) -> list[Candidate]:
     cosine = np.clip(-np.einsum("ni,ni->n", data.normal, sight), np.cos(_STEEPEST), 1)
     tangent = np.tan(np.arccos(cosine)) * -cosine
     made = [
-        Candidate("range-scale", "scale of z", ("mm/mm",), (along * depth)[:, None]),
+        Candidate(surface.RangeScale.effect, "scale of z", ("mm/mm",), (along * depth)[:, None]),
         Candidate(
-            "field-bias",
+            surface.FieldBias.effect,
             "z errs by a quadratic polynomial of the place in the field",
             ("mm",) * len(powers),
             along[:, None] * np.stack(powers, axis=1),
         ),
-        Candidate("incidence-bias", "shift along the ray with incidence", ("mm",), tangent[:, None]),
-        Candidate("ball-radius", "radius of the ball", ("mm",), -np.ones((len(x), 1))),
+        Candidate(
+            surface.IncidenceBias.effect,
+            "shift along the ray with incidence",
+            ("mm",),
+            tangent[:, None],
+        ),
+        Candidate(artefact.BallRadius.effect, "radius of the ball", ("mm",), -np.ones((len(x), 1))),
     ]
     return made + _of_columns(recording, data, along)
 
@@ -253,7 +261,9 @@ def _of_columns(recording: Recording, data: Data, along) -> list[Candidate]:
         if np.ptp(mean) > 0:
             scaled = (mean - mean.mean()) / mean.std()
             column = (along * scaled[data.pose])[:, None]
-            made.append(Candidate("recorded-column", f"z errs with {name}", ("mm",), column))
+            made.append(
+                Candidate(recorded.RecordedColumn.effect, f"z errs with {name}", ("mm",), column)
+            )
     return made
 
 

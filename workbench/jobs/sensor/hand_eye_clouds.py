@@ -17,7 +17,9 @@ _FLAT = (
 )
 _METRES = 1000.0
 _UNITS = {"metres": 1000.0, "inches": 25.4, "micrometres": 1e-3}
-_BETTER = 0.1  # of the RMS, below which another unit explains the centres and the stated one does not
+_BETTER = (
+    0.1  # of the RMS, below which another unit explains the centres and the stated one does not
+)
 _AGREES = 0.3  # by which a ratio of radii may differ from a ratio of units
 
 

@@ -103,7 +103,9 @@ def matched_clouds(table: RawTable, clouds: Sequence[Path]):
 def cloud_unit(clouds: Sequence[Path], radius: float) -> str:
     """The unit in which most of the first clouds show a ball of the radius. Raises InputError where none does."""
     some = clouds[: min(3, len(clouds))]
-    found = {unit: sum(ball_in_cloud(path, unit, radius) is not None for path in some) for unit in _UNITS}
+    found = {
+        unit: sum(ball_in_cloud(path, unit, radius) is not None for path in some) for unit in _UNITS
+    }
     best = max(found, key=found.get)
     if not found[best]:
         raise InputError(

@@ -206,6 +206,7 @@ def _readings(rows: RawTable, mapping: Mapping, options):
 
 
 def flange_readings(rows: RawTable, mapping: Mapping):
+    """(title, mapping, poses (n, 4, 4)) of every reading of the flange poses. Raises InputError where none is one."""
     readings = []
     for turn in rotation_candidates(mapping.flange_rotation, rows):
         turned = turn.matrices(rows)
@@ -278,6 +279,7 @@ def _refuse_other_kind(readings, views: BoardViews, kind: str, fits, file: str) 
 
 
 def reading_line(mapping: Mapping) -> str:
+    """What a mapping file says to state this reading."""
     if mapping.flange_rotation is None:
         return f'unit = "{mapping.joints.unit}" under [joints]'
     group = mapping.flange_rotation
@@ -323,6 +325,7 @@ def _fit(title: str, poses: np.ndarray, measured: np.ndarray) -> CandidateFit:
 
 
 def pose_columns(rows: RawTable, mapping: Mapping, keys) -> dict[str, np.ndarray]:
+    """Columns of samples.csv: flange poses, or joint readings of the robot `keys`."""
     if mapping.flange_rotation is None:
         robot = load_robot(keys, "robot")
         return joint_columns(rows, mapping.joints, robot.prismatic, "mm")

@@ -46,8 +46,8 @@ def import_scans(found, options, progress):
     first = found.source.clouds[0].name
     if radius is None:
         raise InputError(
-            f"{first}: expected the certified radius of the ball, which decides the unit of the points, found none; add "
-            "--ball-radius MM."
+            f"{first}: expected the certified radius of the ball, which decides the unit of the points, found none; "
+            "add --ball-radius MM."
         )
     rows, files, said = matched_clouds(found.table, found.source.clouds)
     rows, dropped = complete_rows(rows, found.mapping)
@@ -144,7 +144,9 @@ def _share_of_sections(profiles, radius) -> float:
         circles = _circles(profiles, _LARGEST_CIRCLE * radius)
     except (InputError, np.linalg.LinAlgError):
         return 0.0
-    fits = (circles.radius < _LARGEST_CIRCLE * radius) & (circles.radius > _SMALLEST_CIRCLE * radius)
+    fits = (circles.radius < _LARGEST_CIRCLE * radius) & (
+        circles.radius > _SMALLEST_CIRCLE * radius
+    )
     return float((fits & (circles.rms < _SMALLEST_CIRCLE * radius)).mean())
 
 
