@@ -187,8 +187,8 @@ _PAGE = """# Parameters, noise and physics: attribution of simulated differences
 
 {count} arms differ from their simulation in parameters of the geometry, in the noise, in physics that the simulation
 does not hold, or in several of these. The arms are solved by MuJoCo (`datasets/makers/planted.py`), which shares no
-code with the kinematics and statics of the workbench. Three robots (0.6, 0.7 and 2.7 m reach), 130 poses, a load that changes,
-noise of 0.02 or 0.05 mm. Each recording is diagnosed against the nominal simulation (`workbench diagnose REC
+code with the kinematics and statics of the workbench. Three robots (0.6, 0.7 and 2.7 m reach), 130 poses, a load that
+changes, noise of 0.02 or 0.05 mm. Each recording is diagnosed against the nominal simulation (`workbench diagnose REC
 --simulation nominal.xml`), the corrected model is exported as MJCF, and MuJoCo runs the exported file at {unseen} poses
 that the recording does not have. `python tools/study_differences.py` writes this page; `differences.csv` has a row a
 scene.

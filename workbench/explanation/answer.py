@@ -297,7 +297,7 @@ def _with_noise(last: Final, terms, refused) -> tuple[Term, ...]:
     """The terms with findings on the data; the direction of noise only where no structure is left."""
     found, after = last.found, last.after
     terms = (*terms, *_of_noise(found, terms, refused, after))
-    if refused or found.p_rest <= LEVEL:
+    if refused or found.p_rest <= MISSING:
         return terms
     return with_angular_noise(terms, last.bench, residuals_of(after), ~found.outliers)
 

@@ -21,16 +21,16 @@ from pathlib import Path
 import numpy as np
 
 from robot_model import load_robot
-from robot_model.effects import CATALOGUE
+from robot_model.effects import elastic
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_toml
 from workbench.files.solution_file import CalibratedArm
 
 _TABLES = {
-    "joint": ("joint-compliance", "joint", "compliance"),
-    "bearing": ("bearing-compliance", "joint", "tilt"),
-    "link": ("link-compliance", "link", "bending"),
+    "joint": (elastic.JointCompliance, "joint", "compliance"),
+    "bearing": (elastic.BearingCompliance, "joint", "tilt"),
+    "link": (elastic.LinkCompliance, "link", "bending"),
 }
 _PEDESTAL = ("about_x", "about_y")
 _KEYS = ("robot", "source", *_TABLES, "pedestal")
@@ -43,15 +43,15 @@ def read_stiffness(path: Path) -> CalibratedArm:
     robot = _robot(keys, path)
     values: dict[str, float] = {}
     effects = []
-    for table, (effect, kind, name) in _TABLES.items():
+    for table, (law, kind, name) in _TABLES.items():
         for number, stiffness in _table(keys, table, path).items():
             place = f"{kind}-{_number(number, robot, f'{path}, key {table}.{number}')}"
-            effects.append(CATALOGUE[effect](place))
+            effects.append(law(place))
             compliance = _compliance(stiffness, f"{path}, key {table}.{number}")
-            values[f"{place}.{effect}.{name}"] = compliance
+            values[f"{place}.{law.effect}.{name}"] = compliance
     pedestal = _table(keys, "pedestal", path)
     if pedestal:
-        effects.append(CATALOGUE["pedestal-compliance"]("base"))
+        effects.append(elastic.PedestalCompliance("base"))
         values |= _of_pedestal(pedestal, path)
     nominal = {
         f"joint-{k + 1}.{name}{k + 1}": float(robot.geometry[k, c])
@@ -139,7 +139,7 @@ def _of_pedestal(table: Mapping, path: Path) -> dict[str, float]:
             f"{path}, key pedestal: expected {' and '.join(_PEDESTAL)}, found {unknown[0]}; rename it"
         )
     return {
-        f"base.pedestal-compliance.{name}": (
+        f"base.{elastic.PedestalCompliance.effect}.{name}": (
             _compliance(table[name], f"{path}, key pedestal.{name}") if name in table else 0.0
         )
         for name in _PEDESTAL

@@ -22,6 +22,7 @@ _TEXT = {".csv", ".tsv", ".txt", ".log", ".asc", ".dat", ".prn", ".tab", ".res",
 _PROGRAMS = {".src", ".mod", ".sys", ".ls", ".prg", ".mxt"}
 _STORAGE = {".yml", ".yaml", ".xml", ".json"}
 _OURS = {"recording.toml", "import.toml"}
+_FEWEST_PROFILES = 3
 
 
 def read_sources(paths: Sequence[Path], scratch: Path) -> Source:
@@ -83,8 +84,12 @@ def _read_folder(folder: Path, scratch: Path) -> Source:
         if path.is_file() and len(path.relative_to(folder).parts) <= 2
     ]
     files = sorted(files, key=natural_order)
-    table, others = read_pose_files([path for path in files if path.suffix.lower() in _TEXT])
+    texts = [path for path in files if path.suffix.lower() in _TEXT]
+    profiles = [path for path in texts if path.suffix and clouds.is_profile(path)]
+    profiles = profiles if len(profiles) >= _FEWEST_PROFILES else []
+    table, others = read_pose_files([path for path in texts if path not in profiles])
     found, skipped = Source() if table is None else Source(tables=(table,)), []
+    found = found + Source(clouds=tuple(profiles))
     for path in files:
         if path.suffix.lower() in _TEXT and path not in others:
             continue

@@ -64,17 +64,20 @@ def command(
     with answer.progress(f"reading {recording}") as say:
         from workbench.machine.processes import cores, one_thread
 
-        one_thread()  # the matrices are small: several threads would slow one another down
+        one_thread()  # matrices are small: several threads would slow one another down
         import datasets
+        from workbench.diagnosis.scanner.surface import is_surface
         from workbench.explanation.answer import diagnose
         from workbench.explanation.corrected_model import write_model
         from workbench.explanation.files import save
         from workbench.fitting.verdicts.diagnosis_verdict import check_diagnosis
 
-        _check_comparison(simulation, solution)
         found = sessions.edited(edits, datasets.read(recording, trust_data))
-        _check_scanner(found, scanner)
+        _check_options(found, simulation, solution, scanner)
         tolerances = parse_tolerances(tolerance, _units(found))
+        if is_surface(found):
+            _diagnose_sensor(found, recording, (out, json, no_report), tolerances, say)
+            return
         with runs.opened("diagnose", recording, out) as run:
             made = diagnose(
                 found,
@@ -87,13 +90,13 @@ def command(
                 jobs=jobs or cores(),
                 trust_data=trust_data,
             )
-            diagnosis_json = made.as_json()
             save(made, run.partial)
             sessions.keep(edits, run.partial)
             model = write_model(made, found, run.partial, say, trust_data)
+            found_json = made.as_json()
             result = {
-                **diagnosis_json,
-                **check_diagnosis(made, found, tolerances).keys(diagnosis_json),
+                **found_json,
+                **check_diagnosis(made, found, tolerances).keys(found_json),
                 "model": model.as_json(run.path),
                 "input": runs.input_name(recording),
                 "run": run.path,
@@ -108,16 +111,44 @@ def command(
     answer.conclude(console, result, run.path)
 
 
+def _diagnose_sensor(found, recording: str, targets, tolerances, say) -> None:
+    """Diagnose a profiler or a 3-D camera; targets: run folder, target of the JSON, whether to write no report."""
+    from workbench.diagnosis.scanner.surface import diagnose_surface
+    from workbench.fitting.verdicts.verdict import Noise, Residual, judge
+    from workbench.report.diagnosis.surface import page
+    from workbench.report.page import write_sheet
+
+    out, json, no_report = targets
+    with runs.opened("diagnose", recording, out) as run:
+        result = diagnose_surface(found, say)
+        held_out = result["held_out"]
+        error = Residual(
+            held_out["after_mm"], "mm", "held-out RMS distance of the points from the ball"
+        )
+        noise = Noise(held_out["noise_mm"], held_out["noise_from"])
+        verdict = judge(error, noise, tolerances, "an effect of the sensor that no test names")
+        result |= {"verdict_details": verdict.as_json(), "run": run.path}
+        result["input"] = runs.input_name(recording)
+        if not no_report:
+            write_sheet(page(result), run.partial)
+        runs.replace_file(run.partial / "answer.json", answer.as_text(result))
+    answer.deliver(result, json)
+    console = answer.console(json)
+    show(console, result)
+    answer.conclude(console, result, run.path)
+
+
+def _check_options(found, simulation: Path | None, solution: Path | None, scanner) -> None:
+    _check_scanner(found, scanner)
+    if simulation is not None and solution is not None:
+        raise InputError("--simulation and --solution: expected one of them, found both; omit one.")
+
+
 def _units(recording) -> tuple[str, ...]:
     """Residuals of calibration images are in pixels, all others in millimetres."""
     from workbench.explanation.answer import IMAGES
 
     return ("px",) if recording.measures in IMAGES else ("mm",)
-
-
-def _check_comparison(simulation: Path | None, solution: Path | None) -> None:
-    if simulation is not None and solution is not None:
-        raise InputError("--simulation and --solution: expected one of them, found both; omit one.")
 
 
 def _check_scanner(found, scanner: Path | None) -> None:

@@ -63,7 +63,7 @@ def bare_finding(h: Hypothesis) -> Finding:
 
 
 def _explains_more(function: Hypothesis, law: Hypothesis, explained: float) -> bool:
-    """Whether a function without a name explains more than a law's own error may leave of all that is `explained`.
+    """Whether a smooth nonparametric alternative explains more than a law's own error may leave of all that is `explained`.
 
     A function of the very covariates that the law reads, at its place, differs from the law only by its shape: the
     error is then that of a law that is right. Elsewhere a law may be wrong by more before its place is in doubt.

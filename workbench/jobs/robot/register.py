@@ -86,7 +86,7 @@ def _check(points: np.ndarray, name: str) -> None:
     if extent[1] <= _FLAT * max(extent[0], 1e-300):
         raise InputError(
             f"registration: expected {name} points that do not lie on one line, found such ones, about which the "
-            "rotation is not determined; measure points beside the line"
+            "rotation is not determined; measure points off that line"
         )
 
 

@@ -1,6 +1,7 @@
 """Hand-eye of a 3-D camera from clouds of a ball, and of any sensor from ball centres, at flange poses."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +16,10 @@ _FLAT = (
     0.01  # of the extent of a pose's points, within which they lie in the profiler's plane y = 0
 )
 _METRES = 1000.0
+_UNITS = {"metres": 1000.0, "inches": 25.4, "micrometres": 1e-3}
+_BETTER = (
+    0.1  # of the RMS, below which another unit explains the centres and the stated one does not
+)
 _AGREES = 0.3  # by which a ratio of radii may differ from a ratio of units
 
 
@@ -59,7 +64,21 @@ def from_ball_centres(
     sigma = np.nan if recording.sigma is None else float(np.sqrt(np.mean(recording.sigma**2)))
     data = Centres(recording.points.T, flange, label, sigma)
     made = hand_eye_from_centres(data, float("nan") if first is None else float(first[3]))
+    _check_unit_of_centres(recording, data, made)
     return made, flange, tuple(f"sample {number:g}" for number in recording.sample_ids)
+
+
+def _check_unit_of_centres(recording: Recording, data: Centres, made: HandEye) -> None:
+    """InputError where the centres fit the flange poses far better in another unit of length."""
+    rms = made.fit["rms_mm"]
+    for name, factor in _UNITS.items():
+        other = hand_eye_from_centres(replace(data, points=factor * data.points), made.radius)
+        if other.fit["rms_mm"] < _BETTER * rms:
+            raise InputError(
+                f"{recording.name}, samples.csv, columns x_mm, y_mm, z_mm: expected ball centres in mm, found that the "
+                f"balls keep their places to {rms:.3g} mm as recorded and to {other.fit['rms_mm']:.3g} mm if the "
+                f"numbers are {name}; multiply them by {factor:g}"
+            )
 
 
 def _ball(recording, points, radius, label):

@@ -39,12 +39,12 @@ def with_ball_centres(found, options, progress):
             f"{found.source.clouds[0].name}: expected a table with the joint readings of each cloud, found none; name "
             "it as well."
         )
-    table, clouds, said = _matched(found.table, found.source.clouds)
-    unit = _unit(clouds, options.ball_radius_mm)
+    table, clouds, said = matched_clouds(found.table, found.source.clouds)
+    unit = cloud_unit(clouds, options.ball_radius_mm)
     centres, sigmas, kept, failed = [], [], [], []
     for row, path in enumerate(clouds):
         progress(f"finding the ball in {path.name}")
-        ball = _ball(path, unit, options.ball_radius_mm)
+        ball = ball_in_cloud(path, unit, options.ball_radius_mm)
         if ball is None:
             failed.append(path.name)
             continue
@@ -76,7 +76,7 @@ def _extended(found, table: RawTable, centres: np.ndarray, sigmas: np.ndarray, s
     return replace(found, table=table, mapping=mapping, warnings=(*found.warnings, *said))
 
 
-def _matched(table: RawTable, clouds: Sequence[Path]):
+def matched_clouds(table: RawTable, clouds: Sequence[Path]):
     """Rows with a cloud and their clouds, by file names in a text column or by order. Raises InputError."""
     ordered = sorted(clouds, key=natural_order)
     by_stem = {path.stem.lower(): path for path in ordered}
@@ -100,10 +100,12 @@ def _matched(table: RawTable, clouds: Sequence[Path]):
     return table, ordered, ()
 
 
-def _unit(clouds: Sequence[Path], radius: float) -> str:
+def cloud_unit(clouds: Sequence[Path], radius: float) -> str:
     """The unit in which most of the first clouds show a ball of the radius. Raises InputError where none does."""
     some = clouds[: min(3, len(clouds))]
-    found = {unit: sum(_ball(path, unit, radius) is not None for path in some) for unit in _UNITS}
+    found = {
+        unit: sum(ball_in_cloud(path, unit, radius) is not None for path in some) for unit in _UNITS
+    }
     best = max(found, key=found.get)
     if not found[best]:
         raise InputError(
@@ -113,7 +115,7 @@ def _unit(clouds: Sequence[Path], radius: float) -> str:
     return best
 
 
-def _ball(path: Path, unit: str, radius: float):
+def ball_in_cloud(path: Path, unit: str, radius: float):
     """The ball with most points in a cloud, None where there is none."""
     points = LENGTHS[unit] * read_cloud(path, _MOST_POINTS).T
     if np.ptp(points, axis=1).max() < radius / 2:

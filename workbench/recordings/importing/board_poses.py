@@ -74,7 +74,7 @@ def import_images(found, options, folder: Path, progress):
     mapping, fits = _decide(readings, views, kind, rows.file, options)
     columns = {
         "sample": np.arange(1, rows.n + 1, dtype=float),
-        **_pose_columns(rows, mapping, keys),
+        **pose_columns(rows, mapping, keys),
     }
     others = other_columns(rows, mapping)
     columns |= {name: cells for name, cells in others.items() if cells.dtype.kind == "f"}
@@ -178,7 +178,7 @@ def _left_out(images: int, rows: int, used: int) -> tuple[str, ...]:
 def _readings(rows: RawTable, mapping: Mapping, options):
     """Robot keys, mapping, and (title, mapping, poses (n, 4, 4)) of every reading of poses or joint readings."""
     if mapping.flange_point is not None and mapping.flange_rotation is not None:
-        return {}, replace(mapping, joints=None), _flange_readings(rows, mapping)
+        return {}, replace(mapping, joints=None), flange_readings(rows, mapping)
     if mapping.joints is None:
         shown = ", ".join(list(rows.columns)[:16])
         raise InputError(
@@ -205,7 +205,8 @@ def _readings(rows: RawTable, mapping: Mapping, options):
     return keys, mapping, readings
 
 
-def _flange_readings(rows: RawTable, mapping: Mapping):
+def flange_readings(rows: RawTable, mapping: Mapping):
+    """(title, mapping, poses (n, 4, 4)) of every reading of the flange poses. Raises InputError where none is one."""
     readings = []
     for turn in rotation_candidates(mapping.flange_rotation, rows):
         turned = turn.matrices(rows)
@@ -251,7 +252,7 @@ def _decide(readings, views: BoardViews, kind: str, file: str, options):
     fits = _compared(readings, views, kind)
     if not (fits and fits[0][1].is_good):
         _refuse_other_kind(readings, views, kind, fits, file)
-    lines = [_line(mapping) for _, mapping, _ in readings]
+    lines = [reading_line(mapping) for _, mapping, _ in readings]
     chosen = choose_reading(lines, fits, f"{file}, flange poses", options.ask)
     best = dict(fits)[chosen]
     if not best.is_good and not options.trust_data:
@@ -277,7 +278,8 @@ def _refuse_other_kind(readings, views: BoardViews, kind: str, fits, file: str) 
     )
 
 
-def _line(mapping: Mapping) -> str:
+def reading_line(mapping: Mapping) -> str:
+    """What a mapping file says to state this reading."""
     if mapping.flange_rotation is None:
         return f'unit = "{mapping.joints.unit}" under [joints]'
     group = mapping.flange_rotation
@@ -322,7 +324,8 @@ def _fit(title: str, poses: np.ndarray, measured: np.ndarray) -> CandidateFit:
     return CandidateFit(title, rms_mm, rms_deg, scale, degrees * np.log(max(scale, 1e-3)), is_good)
 
 
-def _pose_columns(rows: RawTable, mapping: Mapping, keys) -> dict[str, np.ndarray]:
+def pose_columns(rows: RawTable, mapping: Mapping, keys) -> dict[str, np.ndarray]:
+    """Columns of samples.csv: flange poses, or joint readings of the robot `keys`."""
     if mapping.flange_rotation is None:
         robot = load_robot(keys, "robot")
         return joint_columns(rows, mapping.joints, robot.prismatic, "mm")

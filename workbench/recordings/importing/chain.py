@@ -36,6 +36,7 @@ from workbench.recordings.importing.final_check import check_fit
 from workbench.recordings.importing.fits import CandidateFit
 from workbench.recordings.importing.questions import Ask
 from workbench.recordings.importing.robots import read_artefact, robot_keys
+from workbench.recordings.importing.surface_scans import import_scans, is_scan
 
 MAPPING_FILE = "import.toml"
 _EXTERNAL = ("external-point", "external-pose", "partial-pose")
@@ -111,6 +112,8 @@ def import_recording(
         found = find_mapping(paths, options, Path(scratch), progress)
         if found.source.images:
             made = import_images(found, options, Path(scratch) / "recording", progress)
+        elif is_scan(found):
+            made = import_scans(found, options, progress)
         elif found.source.clouds:
             found = with_ball_centres(found, options, progress)
             made = _import_table(found, options, progress)

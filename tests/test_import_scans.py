@@ -1,0 +1,118 @@
+"""Import of profiles and clouds of a ball at flange poses, and ball centres whose unit is wrong."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from datasets.importers.sources.clouds import is_profile, read_cloud
+from workbench.core.errors import InputError
+from workbench.recordings.importing import ImportOptions, import_recording
+from workbench.recordings.templates.scanner_kinds import example
+
+RADIUS = 15.0
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("examples")
+    kinds = ("profiler", "3d-camera")
+    return {kind: example(kind, folder / kind, lambda text: None).recording for kind in kinds}
+
+
+def written(recording, folder, scale, write):
+    """Files of single poses in `folder`/scans, and poses in m with intrinsic ZYX angles in rad."""
+    (folder / "scans").mkdir()
+    lines = ["file,X,Y,Z,A,B,C"]
+    for number in np.unique(recording.columns["pose"]):
+        on = recording.columns["pose"] == number
+        path = write(folder / "scans" / f"scan_{int(number):02d}", scale * recording.points[on])
+        pose = recording.flange[on][0]
+        angles = Rotation.from_matrix(pose[:3, :3]).as_euler("ZYX")
+        cells = [path.name, *(pose[:3, 3] / 1000), *angles]
+        lines.append(",".join(map(str, cells)))
+    (folder / "poses.csv").write_text("\n".join(lines) + "\n")
+    return [folder / "scans", folder / "poses.csv"]
+
+
+def as_text(path, points):
+    """A profile with a title, decimal commas and semicolons."""
+    path = path.with_suffix(".csv")
+    rows = [f"{x:.5f};{z:.5f}".replace(".", ",") for x, _, z in points]
+    path.write_text("\n".join(["x [mm];z [mm]", *rows]) + "\n")
+    return path
+
+
+def as_ply(path, points):
+    import open3d
+
+    path = path.with_suffix(".ply")
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+    open3d.io.write_point_cloud(str(path), cloud)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "scale", "write"), [("profiler", 1.0, as_text), ("3d-camera", 0.001, as_ply)]
+)
+def test_scans_of_a_ball_with_flange_poses(kind, scale, write, recordings, tmp_path):
+    recording = recordings[kind]
+    sources = written(recording, tmp_path, scale, write)
+    made = import_recording(sources, tmp_path / "out", ImportOptions(ball_radius_mm=RADIUS))
+    assert made.recording.measures == "ball-surface"
+    assert made.mapping.flange_point.unit == "m"
+    assert made.mapping.flange_rotation.convention == "intrinsic ZYX"
+    assert made.mapping.flange_rotation.unit == "rad"
+    number, first = np.unique(made.recording.columns["pose"], return_index=True)
+    expected = recording.flange[np.unique(recording.columns["pose"], return_index=True)[1]]
+    assert len(number) == len(expected)
+    assert np.allclose(made.recording.flange[first], expected, atol=1e-3)
+    spread = np.linalg.norm(made.recording.points - recording.points.mean(0), axis=1)
+    assert 5.0 < spread.max() < 60.0  # mm
+
+
+def test_scans_without_radius_are_refused(recordings, tmp_path):
+    sources = written(recordings["profiler"], tmp_path, 1.0, as_text)
+    with pytest.raises(InputError, match="--ball-radius"):
+        import_recording(sources, tmp_path / "out", ImportOptions())
+
+
+def test_poses_of_other_scans_are_refused(recordings, tmp_path):
+    sources = written(recordings["3d-camera"], tmp_path, 1.0, as_ply)
+    lines = sources[1].read_text().splitlines()
+    names = [line.partition(",")[0] for line in lines[1:]]
+    poses = [line.partition(",")[2] for line in lines[1:]]
+    mixed = [f"{name},{pose}" for name, pose in zip(names, poses[7:] + poses[:7])]
+    sources[1].write_text("\n".join([lines[0], *mixed]) + "\n")
+    with pytest.raises(InputError, match="ball in its place|fit about equally"):
+        import_recording(sources, tmp_path / "out", ImportOptions(ball_radius_mm=RADIUS))
+
+
+def test_a_table_of_three_columns_is_no_profile(tmp_path):
+    rows = "\n".join(f"{k},{k},{k}" for k in range(40))
+    (tmp_path / "a.csv").write_text(rows)
+    assert not is_profile(tmp_path / "a.csv")
+    (tmp_path / "b.csv").write_text("\n".join(f"{k}\t{2 * k}" for k in range(40)))
+    assert is_profile(tmp_path / "b.csv")
+    assert np.array_equal(read_cloud(tmp_path / "b.csv", 100)[5], [5.0, 0.0, 10.0])
+
+
+@pytest.mark.parametrize(("factor", "word"), [(1e-3, "metres"), (1 / 25.4, "inches")])
+def test_ball_centres_in_another_unit_are_refused(factor, word):
+    from dataclasses import replace
+
+    from datasets.recording import Recording
+    from workbench.jobs.sensor import hand_eye
+    from workbench.recordings.templates import scanner_kinds
+
+    rng = np.random.default_rng(1)
+    sensor = scanner_kinds._views_of_ball(12, rng, 300.0)
+    seen = scanner_kinds._SPHERE - sensor[:, :3, 3]
+    seen = np.einsum("nji,nj->ni", sensor[:, :3, :3], seen)
+    flange = scanner_kinds.flange_columns(sensor @ np.linalg.inv(scanner_kinds.HAND_EYE), rng)
+    columns = {"sample": np.arange(1.0, 13.0), "ball": np.ones(12), **flange}
+    columns |= dict(zip(("x_mm", "y_mm", "z_mm"), seen.T))
+    right = Recording("ball-centre", columns, {}, name="right")
+    assert hand_eye.calibrate(right, None, None, lambda text: None).made.fit["rms_mm"] < 0.1
+    scaled = columns | {name: factor * columns[name] for name in ("x_mm", "y_mm", "z_mm")}
+    with pytest.raises(InputError, match=word):
+        hand_eye.calibrate(replace(right, columns=scaled), None, None, lambda text: None)
