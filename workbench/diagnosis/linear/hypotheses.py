@@ -17,6 +17,7 @@ UNNAMED_SHARE = 0.1
 LEVEL_UNNAMED = 0.3
 """Share of the error level that the smooth nonparametric alternatives receive."""
 _KEPT = 2000  # samples up to which products of functions are kept
+_AT_ONCE = 2_000_000  # numbers of columns that are judged together: sixteen megabytes
 _FEW = 12  # options of a scan that are looked at one by one; the others only count in their family
 
 
@@ -151,11 +152,8 @@ def _excludes(effect: Effect, h: Hypothesis) -> bool:
 def _candidates(candidates: Sequence[Candidate], projected: Projected):
     """(mass, hypothesis without prior) of each candidate, those with equally many columns at once."""
     widths = np.array([c.columns.shape[1] for c in candidates])
-    for width in np.unique(widths):
-        chosen = [c for c in candidates if c.columns.shape[1] == width]
-        moments = projected.of_columns(
-            np.stack([c.columns * c.typical for c in chosen]), ("candidates", width)
-        )
+    for chosen, name in _groups(candidates, widths):
+        moments = projected.of_columns(np.stack([c.columns * c.typical for c in chosen]), name)
         scores = projected.judge(moments)
         scores = replace(
             scores, evidence=scores.evidence + _one_sided(chosen, moments, scores, projected)
@@ -173,6 +171,16 @@ def _candidates(candidates: Sequence[Candidate], projected: Projected):
                 c,
             )
             yield c.mass, description, _row(scores, i)
+
+
+def _groups(candidates: Sequence[Candidate], widths: np.ndarray):
+    """(candidates, name) of groups with equally many columns, of no more numbers together than `_AT_ONCE`."""
+    for width in np.unique(widths):
+        rows = np.flatnonzero(widths == width)
+        size = max(_AT_ONCE // candidates[rows[0]].columns.size, 1)
+        for start in range(0, len(rows), size):
+            chosen = [candidates[i] for i in rows[start : start + size]]
+            yield chosen, ("candidates", width, start)
 
 
 def _one_sided(chosen, moments: Moments, scores, projected: Projected) -> np.ndarray:

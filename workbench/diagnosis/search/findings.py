@@ -63,14 +63,16 @@ def bare_finding(h: Hypothesis) -> Finding:
 
 
 def _explains_more(function: Hypothesis, law: Hypothesis, explained: float) -> bool:
-    """Whether a smooth nonparametric alternative explains more than a law's own error may leave of all that is `explained`.
+    """Whether a nonparametric function explains more than a law's own error may leave of all that is `explained`.
 
-    A function of the very covariates that the law reads, at its place, differs from the law only by its shape: the
-    error is then that of a law that is right. Elsewhere a law may be wrong by more before its place is in doubt.
+    A function of the very covariates that the law reads, at its place, differs from the law only by its shape: of what
+    the law explains itself, only the error of a law that is right is then left. What other laws explain may be wrong
+    by more, and so may all of it before a law's place is in doubt.
     """
-    same = function.where in same_place(law) and law.reads & set(function.unnamed)
-    share = LAW_ERROR**2 if same else 1 - LAW
-    return function.gain > law.gain + share * explained
+    if function.where in same_place(law) and law.reads & set(function.unnamed):
+        others = max(explained - law.gain, 0.0)
+        return function.gain > law.gain + LAW_ERROR**2 * law.gain + (1 - LAW) * others
+    return function.gain > law.gain + (1 - LAW) * explained
 
 
 def with_special_cases(findings: Sequence[Finding]) -> list[Finding]:

@@ -11,10 +11,12 @@ from workbench.diagnosis.search.objective import LogPosterior, Members
 from workbench.diagnosis.search.state import Search, name_of
 from workbench.diagnosis.search.stepwise import Stepwise
 
-_ROUNDS = 4
-"""Solutions about which the set is searched: the second nearly always confirms the first."""
-_FIRST, _CONDITIONAL, _EACH, _UNNAMED = 48, 24, 4, 6
-"""Terms taken into the search: the likeliest alone, in addition, in the place of each, and functions of each table."""
+_ROUNDS = 5
+"""Searches of the set, each about a new solution or more thorough: the second nearly always confirms the first."""
+_FIRST, _CONDITIONAL, _UNNAMED = 48, 24, 6
+"""Terms taken into the search: the likeliest alone, the likeliest in addition, and functions of each table."""
+_INSTEAD, _WIDE = 4, 6
+"""Terms in the place of each accepted one, where no more than so many are accepted: more are exchanged in pairs."""
 _WORTHWHILE = float(np.log(3.0))
 """Log odds from which on another set is worth a solution: Jeffreys calls less not worth more than a bare mention."""
 _VARIANTS = 4
@@ -24,15 +26,19 @@ _VARIANTS = 4
 def accept_likeliest(search: Search) -> None:
     """Replace what is accepted by the set with the highest posterior, in the order in which its terms explain most."""
     tried: list[set] = []
+    thorough = False
     for _ in range(_ROUNDS):
-        terms, present = _at_hand(search)
+        terms, present = _at_hand(search, thorough)
         remainder = Projected(search.problem.keeping()).y
         objective = LogPosterior.of(search.problem.keeping(()), terms, remainder)
         members = Stepwise(objective).likeliest(present)
         chosen = [terms[i] for i in members]
         names = {name_of(h) for h in chosen}
         if names in tried or _hardly_likelier(objective, members, present):
-            break
+            if thorough:
+                break
+            thorough = True  # before it stays: what would stand in the place of each
+            continue
         tried.append(names)
         search.accepted = tuple(_with_effect(search.bench, h) for h in chosen)
         search.say("; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in chosen))
@@ -47,8 +53,11 @@ def _hardly_likelier(objective: LogPosterior, members: Members, present: Members
     return 0 <= objective.value(members) - objective.value(present) < _WORTHWHILE
 
 
-def _at_hand(search: Search) -> tuple[list[Hypothesis], tuple[int, ...]]:
-    """Terms to search: the accepted ones, whose numbers are given, and what is likely alone, in addition or instead."""
+def _at_hand(search: Search, thorough: bool) -> tuple[list[Hypothesis], tuple[int, ...]]:
+    """Terms to search: the accepted ones, whose numbers are given, and what is likely alone or in addition.
+
+    thorough: also the likeliest in the place of each.
+    """
     alone, own = search.table(()), {name_of(h) for h in search.accepted}
     chosen = {name_of(h): h for h in alone if name_of(h) in own}
     order = [name_of(h) for h in search.accepted if name_of(h) in chosen]
@@ -56,8 +65,8 @@ def _at_hand(search: Search) -> tuple[list[Hypothesis], tuple[int, ...]]:
     pools = [(alone, _FIRST, _UNNAMED)]
     if search.accepted:
         pools.append((search.table(search.everyone), _CONDITIONAL, _UNNAMED))
-    # Without the term in whose place it stands, a likelier name may be the first of its table alone.
-    pools += [(search.table(search.others(i)), _EACH, 0) for i in search.everyone]
+    if thorough and len(search.accepted) <= _WIDE:
+        pools += [(search.table(search.others(i)), _INSTEAD, 0) for i in search.everyone]
     for table, named, unnamed in pools:
         laws = _varied([h for h in table if not h.unnamed], named)
         functions = [h for h in table if h.unnamed][:unnamed]

@@ -53,9 +53,10 @@ def find(
     level: chance of a false alarm on the whole search. Raises what the bench's solve raises.
     """
     search = Search(bench, samples, level, progress)
-    search.solve()
-    if search.problem.n > _MANY and not bench.whole:
+    count = len(bench.pose) if samples is None else int(samples.sum())
+    if count > _MANY and not bench.whole:
         return _confirmed(search, samples)
+    search.solve()
     return bench.reviewed(_found(search), samples)
 
 
@@ -218,13 +219,14 @@ def _explain_next_to_unknowns(search: Search) -> bool:
 
 def _confirmed(search: Search, samples) -> Found:
     """The search on every so many poses, which is as valid and quicker; what is left is judged on all."""
-    whole, n = search.problem.without_candidates(), search.problem.n
-    search.problem = search.plain = None
+    whole = search.bench.problem((), samples, hypotheses=False)
     _, label = np.unique(whole.pose, return_inverse=True)
-    part = label % -(-n // _MANY) == 0
+    part = label % -(-whole.n // _MANY) == 0
     if samples is not None:
         part = _within(samples, part)
-    found = _found(replace(search, samples=part, problem=search.bench.problem((), part), tables={}))
+    search.samples = part
+    search.solve()
+    found = _found(search)
     effects = [e for f in found.findings for e in f.effects]
     after = search.bench.problem(effects, samples).keeping()
     table = judged(after)

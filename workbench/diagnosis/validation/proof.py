@@ -71,7 +71,7 @@ def prove(
     """
     usual = ~found.outliers
     errors = Errors(bench)
-    terms, refused = _inside(found.before, *_earned(bench, list(found.findings), None, say))
+    terms, refused = _inside(found.after, *_earned(bench, list(found.findings), None, say))
     whole = _whole(bench, found, find if terms else None, errors, say, jobs)
     terms, lost = _stable(errors, terms, whole, usual)
     terms, more = _controlled(bench, terms, say)
