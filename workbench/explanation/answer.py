@@ -146,11 +146,10 @@ def _whole(
     proved, terms = _with_stated_noise(last, proved, terms, refused)
     verdict = _verdict(bench, found, terms, refused, proved)
     if verdict == UNEXPLAINED:
-        terms = (*terms, *_somewhere(found, terms, refused, last.after if terms else found.before))
+        bare = last.after if terms else _with_hypotheses(bench, found)
+        terms = (*terms, *_somewhere(found, terms, refused, bare))
     say("what these data could have shown")
-    scale = unwhitened(found.before)
-    baseline_problem = found.before if found.before.candidates else bench.problem(())
-    visible = tuple(smallest(baseline_problem, scale, lambda one: bench.units(one.effects)))
+    visible = _visible(bench, found)
     say("the next experiment")
     certain = [e for t in terms if t.certain for e in t.finding.effects]
     experiment = next_experiment(bench, terms, bench.problem(certain), found.p_first)
@@ -182,6 +181,17 @@ def _whole(
     point = words.TIPS.get(recording.measures, "the measured point")
     statements = [words.statement(term, point, unit) for term in (*terms, *refused)]
     return with_statements(made, statements)
+
+
+def _with_hypotheses(bench: Bench, found: Found):
+    """The problem of the baseline with all that a search compares: of a large recording none is kept."""
+    return found.before if found.before.candidates else bench.problem(())
+
+
+def _visible(bench: Bench, found: Found) -> tuple:
+    """The smallest sizes that these data would have shown."""
+    problem = _with_hypotheses(bench, found)
+    return tuple(smallest(problem, unwhitened(problem), lambda one: bench.units(one.effects)))
 
 
 def _verdict(bench, found: Found, terms, refused, proved) -> str:

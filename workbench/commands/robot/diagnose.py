@@ -58,9 +58,7 @@ def command(
     """Identify unmodelled effects of a recording: effect, place, probability, and reduction of the held-out error."""
     answer.check_target(json)
     edits = sessions.session_of(session, "diagnose", recording, scanner)
-    if edits is not None:
-        recording, trust_data = edits.recording, edits.trust_data
-        scanner = Path(edits.scanner) if edits.scanner else None
+    recording, scanner, trust_data = _subject(edits, recording, scanner, trust_data)
     with answer.progress(f"reading {recording}") as say:
         from workbench.machine.processes import cores, one_thread
 
@@ -136,6 +134,13 @@ def _diagnose_sensor(found, recording: str, targets, tolerances, say) -> None:
     console = answer.console(json)
     show(console, result)
     answer.conclude(console, result, run.path)
+
+
+def _subject(edits, recording: str | None, scanner: Path | None, trust_data: bool):
+    """Recording, scanner file and trust of the call, or of the edit session where one is given."""
+    if edits is None:
+        return recording, scanner, trust_data
+    return edits.recording, Path(edits.scanner) if edits.scanner else None, edits.trust_data
 
 
 def _check_options(found, simulation: Path | None, solution: Path | None, scanner) -> None:

@@ -20,7 +20,7 @@ from workbench.diagnosis.validation.heldout import name_of
 from workbench.diagnosis.validation.terms import Control
 
 _TRIALS, _TURNS = 199, 39
-"""Permutations, of which one in a hundred can then be distinguished from one in two hundred, and circular shifts."""
+"""Permutations, which distinguish a p-value of one in a hundred from one of one in two hundred, and circular shifts."""
 _LEVEL, _LEFT, _MOST = 0.01, 0.2, 0.75
 """A control is passed below this p-value, and where this share of the gain is left in this share of all shifts."""
 _MOST_BY_CHANCE = 0.5
