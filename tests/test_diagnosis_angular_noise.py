@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from workbench.explanation.angular_noise import direction_test, range_test
+from workbench.explanation.noise.angular_noise import direction_test, range_test
 
 
 def _sights(rng, n):

@@ -15,7 +15,8 @@ from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.validation import folds, heldout, proof
 from workbench.diagnosis.validation.controls import PERMUTED, ROTATED, controls, of_order
 from workbench.explanation import reference as references
-from workbench.explanation import replicates, visible, words
+from workbench.explanation import visible, words
+from workbench.explanation.noise import replicates
 from workbench.explanation.planning.experiment import (
     Doubt,
     compared,

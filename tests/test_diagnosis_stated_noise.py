@@ -7,8 +7,8 @@ import pytest
 import tomli_w
 
 from workbench.explanation.answer import diagnose
+from workbench.explanation.noise.stated_noise import StatedNoise, compare, finding_of
 from workbench.explanation.result import CONSISTENT, EXPLAINED, UNEXPLAINED, Term, verdict_of
-from workbench.explanation.stated_noise import StatedNoise, compare, finding_of
 from workbench.jobs.robot.simulate import simulate
 
 SCENE = {

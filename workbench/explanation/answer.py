@@ -16,11 +16,12 @@ from workbench.diagnosis.robot.bench import RobotBench, bench_of
 from workbench.diagnosis.search.select import find, found_terms
 from workbench.diagnosis.validation import proof
 from workbench.explanation import reference as references
-from workbench.explanation import replicates, stated_noise, words
-from workbench.explanation.angular_noise import with_angular_noise
+from workbench.explanation import words
 from workbench.explanation.differences import with_differences
 from workbench.explanation.final import Final, residuals_of, stated_sigma, unwhitened
 from workbench.explanation.fixed_points import fixed_points
+from workbench.explanation.noise import replicates, stated_noise
+from workbench.explanation.noise.angular_noise import with_angular_noise
 from workbench.explanation.planning.experiment import missing_of, next_experiment
 from workbench.explanation.result import (
     UNEXPLAINED,

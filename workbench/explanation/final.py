@@ -3,7 +3,7 @@
 import numpy as np
 
 from workbench.diagnosis.linear.problem import Found
-from workbench.explanation import replicates, stated_noise
+from workbench.explanation.noise import replicates, stated_noise
 from workbench.explanation.result import Views
 from workbench.explanation.term_steps import steps_of_terms
 

@@ -91,10 +91,9 @@ def command(
             save(made, run.partial)
             sessions.keep(edits, run.partial)
             model = write_model(made, found, run.partial, say, trust_data)
-            found_json = made.as_json()
-            result = {
-                **found_json,
-                **check_diagnosis(made, found, tolerances).keys(found_json),
+            result = made.as_json()
+            result |= check_diagnosis(made, found, tolerances).keys(result)
+            result |= {
                 "model": model.as_json(run.path),
                 "input": runs.input_name(recording),
                 "run": run.path,

@@ -14,7 +14,7 @@ from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from workbench.diagnosis.linear.problem import Finding
-from workbench.explanation.replicates import LEAST_REPEATS, replicates
+from workbench.explanation.noise.replicates import LEAST_REPEATS, replicates
 
 EFFECT, WHERE = "stated-noise", "noise"
 LEVEL = 1e-3
