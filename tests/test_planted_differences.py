@@ -33,3 +33,15 @@ def test_a_recording_with_loads_is_attributed_and_its_export_predicts_unseen_pos
     found = study_differences.scene(1006, (1, 2, False))
     assert found.is_right, (found.wrong_names, found.missed)
     assert found.prediction < 1.1 and found.found_factor == pytest.approx(1, abs=0.1)
+
+
+@pytest.mark.slow
+def test_the_true_arm_at_compensated_readings_errs_by_no_more_than_predicted():
+    """Two diagnosis runs: the true arm, solved by MuJoCo, is sent to the readings of `compensate`."""
+    import study_compensation
+
+    scenes = [study_compensation.execute(4000, (2, 1, False))]
+    scenes += [study_compensation.execute(4003, (2, 0, False))]
+    pooled = np.sqrt(np.mean([scene.ratio**2 for scene in scenes]))
+    assert pooled < 1.2
+    assert all(scene.after < 0.05 * scene.before for scene in scenes)
