@@ -29,6 +29,16 @@ def stripes(rng, grain=0.0, count=60, length=150):
     return NOISE * noise.ravel(), label, along
 
 
+def test_speckle_on_the_short_stripes_of_a_ball_is_no_lack_of_fit():
+    """Grains of some rows: the polynomials take a large part of such noise, which counts as noise."""
+    relevant = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        residual, label, along = stripes(rng, grain=1.5, count=8, length=40)
+        relevant.append(stripe_misfit(residual, label, along).is_relevant)
+    assert sum(relevant) <= 1
+
+
 @pytest.mark.parametrize("grain", [0.0, 1.0, 2.0])
 def test_noise_is_no_lack_of_fit(grain):
     """Independent noise and speckle of several rows: nothing is relevant in 20 recordings."""

@@ -17,8 +17,10 @@ _LEVEL = 1e-3
 # Share of the noise of a single centre from which lack of fit matters. Below it, uneven reflectance and perspective
 # explain it, and the random effects of stripes and placements in the covariance hold it.
 _RELEVANT = 0.5
-_RELATED = 0.05  # autocorrelation below which noise along a stripe counts as independent
 _FARTHEST = 60  # points
+_SOME = 30  # stripes that the autocovariance of noise is taken from
+_ROUNDS = 8
+_BEYOND_ZERO = 1  # lags, by which the remainders' autocovariance falls to zero too early
 
 
 @dataclass(frozen=True)
@@ -90,51 +92,88 @@ def stripe_misfit(
     ]
     if len(parts) < _FEWEST_STRIPES:
         return None
-    explained = np.sum([part[0] for part in parts], axis=0)
-    rest = [part[1] for part in parts]
-    return _tested(explained, rest, stated)
+    return _tested(parts, stated)
 
 
-def _decomposed(values: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sums of squares (4,) explained by each polynomial degree, and the remainder (k,) of one stripe."""
+@dataclass(frozen=True)
+class _Stripe:
+    """One stripe: `basis` (n, 4) orthonormal polynomials, `explained` (4,) squares, `rest` (n,) remainder, px."""
+
+    basis: np.ndarray
+    explained: np.ndarray
+    rest: np.ndarray
+
+
+def _decomposed(values: np.ndarray, places: np.ndarray) -> _Stripe:
+    """Residuals (n,) of one stripe at places (n,), by polynomial degree."""
     middle = (places[0] + places[-1]) / 2
     half = max((places[-1] - places[0]) / 2, 1e-9)
     powers = np.vander((places - middle) / half, _ORDERS, increasing=True)
     basis = np.linalg.qr(powers)[0]
     coefficients = basis.T @ values
-    return coefficients**2, values - basis @ coefficients
+    return _Stripe(basis, coefficients**2, values - basis @ coefficients)
 
 
-def _tested(explained: np.ndarray, rest: list[np.ndarray], stated: float) -> Misfit:
+def _tested(stripes: list[_Stripe], stated: float) -> Misfit:
     from scipy.special import fdtrc
 
-    stripes = len(rest)
-    count = sum(len(part) for part in rest)
-    degrees = count - _ORDERS * stripes
-    squares = float(sum(part @ part for part in rest))
-    variance = max(squares / degrees, 1e-300)
-    inflation = _memory(rest)
+    explained = np.sum([one.explained for one in stripes], axis=0)
+    count = sum(len(one.rest) for one in stripes)
+    noise = _autocovariance(stripes)
     # Correlated noise gives low degrees of a polynomial more than the variance of independent noise.
-    expected = variance * inflation * stripes
-    ratio = float(explained.sum()) / (_ORDERS * expected + stated)
-    independent = stripes if stated > expected else _ORDERS * stripes
-    p_value = float(fdtrc(independent, max(degrees / inflation, 1.0), ratio))
+    expected = np.sum([_explained_by_noise(one.basis, noise) for one in stripes], axis=0)
+    by_noise = float(expected.sum())
+    ratio = float(explained.sum()) / max(by_noise + stated, 1e-300)
+    inflation = max(1.0, float(noise[0] + 2 * noise[1:].sum()) / max(float(noise[0]), 1e-300))
+    independent = len(stripes) if stated > by_noise / _ORDERS else _ORDERS * len(stripes)
+    degrees = max((count - _ORDERS * len(stripes)) / inflation, 1.0)
+    p_value = float(fdtrc(independent, degrees, ratio))
     of_shift = np.array([stated, 0.0, 0.0, 0.0])
     beyond = np.sqrt(np.maximum(explained - expected - of_shift, 0.0) / count)
     bend = float(np.hypot(beyond[2], beyond[3]))
-    return Misfit(
-        float(np.sqrt(variance)), float(beyond[0]), float(beyond[1]), bend, p_value, stripes
-    )
+    sigma = float(np.sqrt(max(float(noise[0]), 1e-300)))
+    return Misfit(sigma, float(beyond[0]), float(beyond[1]), bend, p_value, len(stripes))
 
 
-def _memory(rest: list[np.ndarray]) -> float:
-    """1 + 2 times the sum of the autocorrelations up to the first small one (Geyer, Statistical Science 7 (1992))."""
-    power = sum(float(part @ part) for part in rest)
-    total = 1.0
-    for lag in range(1, _FARTHEST):
-        pairs = sum(float(part[lag:] @ part[:-lag]) for part in rest if len(part) > lag)
-        share = pairs / max(power, 1e-300)
-        if share < _RELATED:
-            break
-        total += 2 * share
-    return total
+def _autocovariance(stripes: list[_Stripe]) -> np.ndarray:
+    """(lags,) px^2, of the noise along stripes, up to where it falls to zero.
+
+    That of the remainders is too small, since the polynomial takes a part of correlated noise: for a noise of the
+    autocovariance C the remainder (I - H) e has (I - H) C (I - H). C is corrected until the two agree.
+    """
+    lags = int(np.clip(min(len(one.rest) for one in stripes) // 2, 1, _FARTHEST))
+    some = stripes[:: -(-len(stripes) // _SOME)]
+    measured = _by_lag([np.outer(one.rest, one.rest) for one in some], lags)
+    ends = np.flatnonzero(measured < 0)
+    used = np.arange(lags) < (ends[0] + _BEYOND_ZERO if len(ends) else lags)
+    noise = np.where(used, measured, 0.0)
+    for _ in range(_ROUNDS):
+        left = [_remainder(one.basis, noise) for one in some]
+        noise = np.where(used, noise + measured - _by_lag(left, lags), 0.0)
+    return noise
+
+
+def _by_lag(matrices: list[np.ndarray], lags: int) -> np.ndarray:
+    """(lags,) mean over the diagonals of all matrices (n, n)."""
+    sums = [[np.trace(one, offset=lag) for lag in range(lags)] for one in matrices]
+    counts = [[len(one) - lag for lag in range(lags)] for one in matrices]
+    return np.sum(sums, axis=0) / np.sum(counts, axis=0)
+
+
+def _toeplitz(noise: np.ndarray, n: int) -> np.ndarray:
+    """(n, n) covariance of noise with an autocovariance (lags,)."""
+    from scipy.linalg import toeplitz
+
+    return toeplitz(np.pad(noise, (0, max(n - len(noise), 0)))[:n])
+
+
+def _remainder(basis: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """(n, n) covariance of what the polynomials (n, 4) leave of noise."""
+    covariance = _toeplitz(noise, len(basis))
+    left = covariance - basis @ (basis.T @ covariance)
+    return left - (left @ basis) @ basis.T
+
+
+def _explained_by_noise(basis: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """(4,) px^2 that polynomials (n, 4) are expected to explain of noise."""
+    return np.einsum("nk,nm,mk->k", basis, _toeplitz(noise, len(basis)), basis, optimize=True)

@@ -33,6 +33,9 @@ from sensors.camera.model import Camera
 _STEP = 0.5  # px, of the difference quotients; a ball's radius is some hundred px, a board wider
 _STEEPEST = 0.1  # cosine of the light's incidence below which nothing is lit
 _RATIOS = np.geomspace(1e-2, 1e3, 26)
+_FEWEST_WIDTHS = 20
+_REWEIGHTED = 12
+_NO_WIDER = 0.01  # relative deviation of width^2 below which all lines count alike
 
 
 @dataclass(frozen=True)
@@ -70,21 +73,20 @@ class Bend:
         return mean - counted * blur * moment / 2
 
     def line_shape(self, width: np.ndarray) -> "LineShape":
-        """Sheet and blur from widths (n,) px of the lines: width^2 = (sheet / slope)^2 + blur^2.
+        """Sheet and blur from widths (n,) px of the lines: width^2 = (sheet / slope)^2 + blur^2 (1 + tilt^2).
 
-        Weighted least squares; what is far off, as lines that run aslant, is left out three times over. Both are 0
-        where widths say nothing.
+        Least absolute deviations of width^2 relative to itself, by reweighting. Of nothing where widths say nothing.
         """
         square = np.asarray(width, float) ** 2
-        shape = np.stack([self.slope**-2, np.ones_like(self.slope)])
+        shape = np.stack([self.slope**-2, 1 + self.tilt**2])
         kept = np.isfinite(shape).all(0) & np.isfinite(square) & (square > 0)
-        found = np.zeros(2)
-        for _ in range(4):
-            if kept.sum() < 20:
-                return LineShape(0.0, 0.0)
-            found = _nonnegative(shape[:, kept] / square[kept])
-            off = np.abs(square - found @ shape) / square
-            kept = off <= 3 * 1.4826 * np.median(off[kept])
+        if kept.sum() < _FEWEST_WIDTHS:
+            return LineShape(0.0, 0.0)
+        relative = shape[:, kept] / square[kept]
+        found, weight = np.zeros(2), np.ones(kept.sum())
+        for _ in range(_REWEIGHTED):
+            found = _nonnegative(relative, weight)
+            weight = 1 / np.maximum(np.abs(found @ relative - 1), _NO_WIDER)
         return LineShape(*np.sqrt(found).tolist())
 
 
@@ -96,11 +98,12 @@ class LineShape:
     blur_px: float
 
 
-def _nonnegative(shape: np.ndarray) -> np.ndarray:
-    """(2,) least-squares solution of found @ shape = 1 with shape (2, n) and no negative number."""
+def _nonnegative(shape: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(2,) weighted least squares of found @ shape = 1 without negative numbers; shape (2, n), weight (n,)."""
     from scipy.optimize import nnls
 
-    return nnls(shape.T, np.ones(shape.shape[1]))[0]
+    root = np.sqrt(weight)
+    return nnls((shape * root).T, root)[0]
 
 
 def bend_on_ball(
