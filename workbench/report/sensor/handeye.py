@@ -1,5 +1,7 @@
 """Page of a hand-eye calibration: errors by pose, scatter of the estimated board pose, and a 3-D view."""
 
+from pathlib import Path
+
 import numpy as np
 import plotly.graph_objects as go
 from scipy.spatial.transform import Rotation
@@ -26,6 +28,7 @@ _WORDS = {
     "least_turn_deg": "the same: board rotation, RMS, 1 rad weighted as 300 mm (deg)",
 }
 
+_NAMED = 40  # largest number of bars that carry their names
 _RAGGED = " points left out, off the circle or at its ragged ends"
 
 
@@ -180,9 +183,11 @@ def _bars(run) -> go.Figure:
             marker_color=np.where(off, style.ORANGE, colour),
             hovertemplate="%{customdata}: %{y:.3f}<extra>" + name + "</extra>",
         )
-    return figure.update_layout(barmode="group", bargap=0.25).update_xaxes(
-        dtick=max(1, len(rows) // 15)
-    )
+    figure.update_layout(barmode="group", bargap=0.25)
+    if len(rows) > _NAMED:
+        return figure.update_xaxes(dtick=max(1, len(rows) // 15))
+    short = [Path(name).stem for name in run.names]
+    return figure.update_xaxes(tickvals=place, ticktext=short, title_text="image or pose")
 
 
 def _errors(run):

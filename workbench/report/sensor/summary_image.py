@@ -11,6 +11,7 @@ from workbench.report.page import IMAGE
 from workbench.report.sections import Page
 
 _INK, _MOST = "#222222", 5000
+_NAMED = 40  # largest number of bars that carry their names
 _SCANS = 60  # largest number of bars that stay distinguishable
 _log = logging.getLogger(__name__)
 Panel = Callable[[object], None]
@@ -32,7 +33,7 @@ def summary(page: Page, panels: tuple[Panel, ...]):
 
     made = Figure(figsize=(13, 4.9), facecolor="white")
     grid = made.add_gridspec(
-        1, len(panels), left=0.06, right=0.98, bottom=0.13, top=0.7, wspace=0.2
+        1, len(panels), left=0.06, right=0.98, bottom=0.17, top=0.68, wspace=0.2
     )
     for k, panel in enumerate(panels):
         axes = made.add_subplot(grid[k])
@@ -148,16 +149,25 @@ def handeye(run) -> tuple[Panel, ...]:
         axes.bar(
             place + 0.2, [row.held_out for row in rows], 0.38, color=style.BLUE, label="held out"
         )
-        axes.set(
-            xlabel="pose", ylabel=f"RMS ({unit})", title="error by pose, recorded flange poses"
-        )
+        axes.set(ylabel=f"RMS ({unit})", title="error by pose, recorded flange poses")
+        _label_poses(axes, run.names)
         style.legend_above(axes)
 
     def moved(axes):
         axes.bar(place, [row.moved_mm for row in rows], color=style.ORANGE)
-        axes.set(xlabel="pose", ylabel="mm", title="estimated errors of the flange poses")
+        axes.set(ylabel="mm", title="estimated errors of the flange poses")
+        _label_poses(axes, run.names)
 
     return errors, moved
+
+
+def _label_poses(axes, names) -> None:
+    """Names of images or poses under the bars; the number of the pose where they are too many."""
+    if len(names) > _NAMED:
+        axes.set_xlabel("pose")
+        return
+    short = [Path(name).stem for name in names]
+    axes.set_xticks(np.arange(1, len(names) + 1), short, rotation=60, ha="right", size=7)
 
 
 def _ecdf(axes, values, label, colour):
