@@ -22,8 +22,9 @@ from workbench.jobs.robot.poses import choose_poses
 
 # they take samples, but of a recording that was checked, or only its joint readings
 UNCHECKED = {
-    "diagnosis/differences.py",
-    "diagnosis/robot/against.py",
+    "explanation/differences.py",
+    "explanation/reference.py",
+    "explanation/term_steps.py",
     "fitting/verdicts/diagnosis_verdict.py",
     "jobs/robot/poses.py",
     "jobs/robot/significance.py",
