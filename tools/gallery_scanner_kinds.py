@@ -19,13 +19,15 @@ def main() -> None:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(13, 4.4), facecolor="white")
-    grid = figure.add_gridspec(1, 3, left=0.02, right=0.98, bottom=0.14, top=0.9, wspace=0.32)
+    grid = figure.add_gridspec(
+        1, 4, width_ratios=(1, 1, 0.14, 0.9), left=0.02, right=0.98, bottom=0.14, top=0.9
+    )
     for place, kind in enumerate(("fixed-plane", "turntable")):
         with TemporaryDirectory() as folder:
             scans, calibration = _scanned(kind, Path(folder))
         axes = figure.add_subplot(grid[place], projection="3d")
         _cloud(axes, scans, kind)
-    _angles(figure.add_subplot(grid[2]), calibration)
+    _angles(figure.add_subplot(grid[3]), calibration)
     figure.savefig(IMAGE, dpi=110)
 
 

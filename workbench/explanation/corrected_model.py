@@ -15,12 +15,12 @@ from workbench.core.errors import InputError
 from workbench.core.solution import Stage
 from workbench.explanation.result import Diagnosis
 from workbench.files.solution_file import NAME as SOLUTION
-from workbench.files.solution_file import solution_keys
+from workbench.files.solution_file import robot_keys, solution_keys
 from workbench.fitting.plan_file import NAME as PLAN
 from workbench.fitting.plan_file import plan_text
 from workbench.fitting.plans import geometry
 from workbench.jobs.robot.calibrate import calibrate
-from workbench.jobs.robot.corrected_scene import SCENE, corrected_scene, robot_keys, write_scene
+from workbench.jobs.robot.corrected_scene import SCENE, corrected_scene, write_scene
 
 _IMAGES = "a diagnosis of images corrects a sensor, which a plan of an arm does not hold"
 _NO_PARAMETERS = "{title}: it has no parameters, so that no model holds it"

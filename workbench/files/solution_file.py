@@ -67,7 +67,7 @@ def solution_keys(calibration, noise=None) -> dict:
         "format": FORMAT,
         "recording": recording.name,
         "measures": recording.measures,
-        "robot": _robot_keys(recording),
+        "robot": robot_keys(recording),
         "effects": [
             {"effect": name_of(e), "where": e.where, **e.options} for e in calibration.model.effects
         ],
@@ -107,11 +107,13 @@ def _fitted_range(calibration) -> dict[str, list[float]]:
     return found
 
 
-def _robot_keys(recording) -> dict:
-    """The robot of a recording, a path made whole so that the solution may be read from anywhere."""
+def robot_keys(recording) -> dict:
+    """The robot of a recording, the path of a URDF made absolute so that the file may be read from anywhere.
+
+    A recording states the path relative to the working folder, as it was read."""
     keys = dict(recording.robot)
     if "urdf" in keys:
-        keys["urdf"] = str(Path(recording.folder or ".", keys["urdf"]).resolve())
+        keys["urdf"] = str(Path(keys["urdf"]).resolve())
     return keys
 
 

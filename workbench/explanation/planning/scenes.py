@@ -3,12 +3,12 @@
 import numpy as np
 
 from robot_model.effects import CATALOGUE
+from workbench.files.solution_file import robot_keys
 from workbench.jobs.robot.corrected_scene import (
     KINDS,
     covariate_keys,
     effect_keys,
     pose_keys,
-    robot_keys,
     share_of_limits,
     target_keys,
 )

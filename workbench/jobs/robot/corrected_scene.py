@@ -13,6 +13,7 @@ from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.core.parameters import Parameters
 from workbench.core.vocabulary import Covariate
 from workbench.files.scene import Scene
+from workbench.files.solution_file import robot_keys
 from workbench.jobs.robot.simulate import truth_from
 
 KINDS = ("external-point", "external-pose", "ball-centre")
@@ -79,14 +80,6 @@ def write_scene(scene: CorrectedScene, folder: Path) -> str:
         return str(problem)
     path.write_text(tomli_w.dumps(dict(scene.keys)), encoding="utf-8")
     return ""
-
-
-def robot_keys(recording) -> dict:
-    """The robot of a recording, the path of a URDF made absolute."""
-    keys = dict(recording.robot)
-    if "urdf" in keys:
-        keys["urdf"] = str(Path(recording.folder or ".", keys["urdf"]).resolve())
-    return keys
 
 
 def effect_keys(effect, values: Parameters, chain) -> dict:
