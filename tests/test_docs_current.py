@@ -1,0 +1,40 @@
+"""The page of the commands in the documentation equals the one that is generated from the command line."""
+
+import os
+import subprocess
+import sys
+from importlib import metadata
+from importlib.util import find_spec
+
+import pytest
+
+from conftest import ROOT
+
+PAGE = ROOT / "docs" / "reference" / "commands.md"
+LOCK = ROOT / "requirements.lock"
+WORDS = ["workbench.commands.cli", "utils", "docs", "--name", "workbench", "--output"]
+
+
+def version_in_lock() -> str:
+    """The version of typer whose generator wrote the page of the repository."""
+    lines = LOCK.read_text(encoding="utf-8").splitlines()
+    entry = next(line for line in lines if line.startswith("typer=="))
+    return entry.split()[0].removeprefix("typer==")
+
+
+def test_the_page_of_commands_is_that_of_the_command_line(tmp_path):
+    if find_spec("typer.cli") is None:
+        pytest.skip("typer has no module typer.cli, the generator of the page")
+    if metadata.version("typer") != version_in_lock():
+        pytest.skip("typer is not the version of requirements.lock, and pages differ by version")
+    made = tmp_path / "commands.md"
+    done = subprocess.run(
+        [sys.executable, "-m", "typer", *WORDS, str(made)],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    is_current = made.read_text(encoding="utf-8") == PAGE.read_text(encoding="utf-8")
+    assert is_current, "docs/reference/commands.md is not up to date; run `make docs` and commit it"
