@@ -45,6 +45,7 @@ from workbench.commands.sensor import camera, handeye, render, scan, scanner
 from workbench.core import VERSION
 from workbench.core.errors import InputError, Stopped
 from workbench.machine.doctor import missing_package
+from workbench.machine.processes import one_blas_thread
 
 BUG = 70
 INTERRUPTED = 130
@@ -140,6 +141,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     """
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # warnings of numpy would hide the message
+    one_blas_thread()
     words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
         status = int(app(args=words, prog_name="workbench", standalone_mode=False) or 0)

@@ -12,6 +12,15 @@ THREADS = (
 )
 
 
+def one_blas_thread() -> None:
+    """Let linear algebra use one thread, unless the environment says otherwise; call it before numpy is loaded.
+
+    The matrices of a fit are small: threads that wait for one another take many times longer on a busy machine.
+    """
+    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
+        os.environ.setdefault(name, "1")
+
+
 def one_thread() -> None:
     """Limit the numerical libraries of this process to one thread: the processes already use all cores."""
     import sys
