@@ -70,6 +70,7 @@ def test_a_faulty_recording_is_never_silent(fault):
     assert answer["noise"]["factor"] > 20 and answer["noise"]["level"] == ALARM
     verdict = calibration_verdict(made.held_out, made.noise)
     assert verdict.residual_over_noise > 20 and "times the noise" in verdict.sentence
+    assert verdict.passed is False and "Do not use this result" in verdict.sentence
     assert solution_keys(made)["warnings"], "`compensate` trusts it"
 
 

@@ -52,12 +52,20 @@ def calibration_verdict(
 ) -> Verdict:
     """The verdict on the held-out errors of a calibration.
 
-    held_out: the block of the JSON contract (`rms_mm`, and `rotation_rms_deg` where poses are measured).
+    held_out: the block of the JSON contract (`rms_mm`, and `rotation_rms_deg` where poses are measured). It fails where
+    a tolerance is exceeded, and where the report of the noise raises an alarm.
     """
     verdicts = [_judged(_position(held_out, report), tolerances, report.advice)]
     if "rotation_rms_deg" in held_out or any(one.unit == "deg" for one in tolerances):
         verdicts.append(_judged(_orientation(held_out, report), tolerances, report.advice))
-    return combine(verdicts)
+    verdict = combine(verdicts)
+    return _failed(verdict) if report.alarms else verdict
+
+
+def _failed(verdict: Verdict) -> Verdict:
+    """The same as a failure: parameters that are not to be trusted meet no tolerance."""
+    sentence = f"{verdict.sentence} Do not use this result: its parameters are not to be trusted."
+    return replace(verdict, passed=False, sentence=sentence)
 
 
 def _position(held_out: Mapping, report: NoiseReport) -> _Quantity:
