@@ -135,15 +135,16 @@ def _profiles(made: HandEye, tolerances) -> Verdict:
 
 
 def handeye_warnings(run) -> list[str]:
-    """What a user must read before the result is used: what is undetermined, suspected mistakes, images left out."""
+    """What a user must read before the result is used: suspected mistakes, what is undetermined, images left out."""
     made, causes = run.made, undetermined_causes(run)
     left_out = [
         f"image {name}: {row.why.partition(': ')[2] or row.why}"
         for name, row in zip(run.names, made.poses)
         if row.outlier
     ]
-    first = [f"undetermined: {'; '.join(causes)}; {_lower(_undetermined_remedy(run))}"]
-    return [*(first if causes else []), *_few_poses(run), *suspicions(run), *left_out]
+    open_ones = [f"undetermined: {'; '.join(causes)}; {_lower(_undetermined_remedy(run))}"]
+    # a mistake that is named is the likely reason why anything is undetermined
+    return [*suspicions(run), *(open_ones if causes else []), *_few_poses(run), *left_out]
 
 
 def suspicions(run) -> tuple[str, ...]:
