@@ -70,9 +70,9 @@ class Noise:
 class Verdict:
     """Whether a result meets its tolerance, and how its residual compares with the noise.
 
-    `passed` None where no tolerance was given and nothing makes the result unusable. `residual`, `noise` and `tolerance`
-    in `unit`, None where unknown. `parts`: the verdicts of the single quantities where several were judged (position and
-    orientation).
+    `passed` None where no tolerance was given and nothing makes the result unusable. `residual`, `noise` and
+    `tolerance` in `unit`, None where unknown. `parts`: the verdicts of the single quantities where several were judged
+    (position and orientation).
     """
 
     passed: bool | None
