@@ -70,6 +70,7 @@ def test_a_faulty_recording_is_never_silent(fault):
     assert answer["noise"]["factor"] > 20 and answer["noise"]["level"] == ALARM
     verdict = calibration_verdict(made.held_out, made.noise)
     assert verdict.residual_over_noise > 20 and "times the noise" in verdict.sentence
+    assert verdict.passed is False and "Do not use this result" in verdict.sentence
     assert solution_keys(made)["warnings"], "`compensate` trusts it"
 
 
@@ -240,3 +241,27 @@ def test_a_clean_recording_agrees_with_its_noise(measures):
     assert made.noise.findings.test.factor == pytest.approx(1, abs=0.15)
     verdict = calibration_verdict(made.held_out, made.noise)
     assert verdict.passed is None and "agrees with the noise" in verdict.sentence
+
+
+def test_too_few_poses_do_not_agree_with_the_noise():
+    """Eight poses fit within the noise because the model has as many parameters; unseen poses do not."""
+    made = geometry_of(recorded(3, n=9))
+    assert made.fit["rms_mm"] < 1.5 * np.sqrt(3) * SIGMA
+    verdict = calibration_verdict(made.held_out, made.noise)
+    assert verdict.residual_over_noise > 3
+    assert "agrees" not in verdict.sentence
+    assert "too few poses for this model: fit 0.0" in verdict.sentence
+
+
+def test_too_few_poses_are_named_without_a_stated_noise():
+    made = geometry_of(replace(recorded(3, n=9), sigma_mm=None))
+    assert made.noise.findings.stated is None
+    assert "too few poses" in calibration_verdict(made.held_out, made.noise).sentence
+
+
+def test_held_out_orientations_are_tested_themselves():
+    made = recorded(15, n=60, measures="external-pose")
+    calibration = geometry_of(with_columns(made, sigma_deg=np.full(60, 0.02)))
+    worse = calibration.held_out | {"rotation_rms_deg": 1.2}
+    sentence = calibration_verdict(worse, calibration.noise).parts[1].sentence
+    assert "agrees" not in sentence and "held out 1.2 deg" in sentence

@@ -2,7 +2,8 @@
 
 Order of the work: stated values that cannot be right (`stated_values`), one robust fit with plausible geometry
 errors (`fitting`), structure in its residuals (outlying rows, change points, rounding), and where the fit is bad,
-a search over corrections of the data and of the robot file (`search`).
+a search over corrections of the data and of the robot file (`search`). Where it is good but above the noise, single
+corrections of joint columns are tested (`small_mistakes`).
 """
 
 from workbench.fitting.plausibility.check import check_plausibility

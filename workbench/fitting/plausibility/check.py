@@ -20,6 +20,7 @@ from workbench.fitting.plausibility.misfit import (
 from workbench.fitting.plausibility.outliers import find_outliers, named_samples, outlier_reason
 from workbench.fitting.plausibility.rounding import explains, joint_rounding
 from workbench.fitting.plausibility.sampling import even_rows
+from workbench.fitting.plausibility.small_mistakes import small_mistakes
 from workbench.fitting.plausibility.stated_values import stated_value_suspicions
 from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.fitting.plausibility.wording import change_point_sentence, deviation_sentence, listed
@@ -62,7 +63,7 @@ def _fit_suspicions(robot, recording, fit: Fit, good) -> list[Suspicion]:
         found = explained_suspicions(robot, recording, fit, good)
         if found:
             return found
-    return list(_well_fitting(robot, recording, fit, good))
+    return list(_well_fitting(robot, recording, fit, good)) or small_mistakes(robot, recording, fit)
 
 
 def _converged(robot, recording, fit: Fit) -> Fit:

@@ -65,13 +65,13 @@ def _accepted(explanations, recorded: Fit, good) -> list[Explanation]:
         return []
     best = min(e.fit.scale for e in plausible)
     close = [e for e in plausible if e.fit.scale <= max(CLOSE * best, best + 0.05)]
-    return sorted(close, key=lambda e: (e.correction.parts, _rank(e), e.fit.scale))
+    return sorted(close, key=lambda e: (e.correction.parts, rank(e), e.fit.scale))
 
 
 _COMMON = ("joint-sign", "joint-unit", "length-unit", "joint-order", "quaternion-order")
 
 
-def _rank(explanation):
+def rank(explanation) -> int:
     """Common mistakes before rare ones, where both explain the data equally well."""
     cause = explanation.correction.cause
     return _COMMON.index(cause) if cause in _COMMON else len(_COMMON)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from workbench.fitting.verdicts.noise_report import NoiseReport, is_above
 from workbench.fitting.verdicts.verdict import (
@@ -12,11 +13,33 @@ from workbench.fitting.verdicts.verdict import (
     Tolerance,
     Verdict,
     combine,
+    is_far_above,
     judge,
 )
 
 _ORIENTED = ("external-pose", "partial-pose")
 POSITION, ORIENTATION = "held-out RMS position error", "held-out RMS orientation error"
+# Cross-validation of a right model inflates the held-out error by about sqrt(1 + u/(N - u)), with u parameters and N
+# coordinates. At 1.5 times, parameters take more than half of the coordinates.
+_TOO_FEW = 1.5
+
+
+@dataclass(frozen=True)
+class _Quantity:
+    """One judged quantity: held-out value, its noise, and the fit, raw (`fit`) and per degree of freedom (`corrected`).
+
+    All in `unit`; `fit` and `corrected` nan where unknown. `is_above`: whether the fit exceeds the noise, None where
+    no noise is known. `degrees` of freedom of the held-out mean square.
+    """
+
+    name: str
+    unit: str
+    held_out: float
+    noise: Noise | None
+    fit: float
+    corrected: float
+    is_above: bool | None
+    degrees: float
 
 
 def units_of(measures: str) -> tuple[str, ...]:
@@ -29,19 +52,81 @@ def calibration_verdict(
 ) -> Verdict:
     """The verdict on the held-out errors of a calibration.
 
-    held_out: the block of the JSON contract (`rms_mm`, and `rotation_rms_deg` where poses are measured).
+    held_out: the block of the JSON contract (`rms_mm`, and `rotation_rms_deg` where poses are measured). It fails where
+    a tolerance is exceeded, and where the report of the noise raises an alarm.
     """
-    position = Residual(held_out["rms_mm"], "mm", POSITION, is_significant=report.is_above)
-    verdicts = [judge(position, _noise(report), tolerances, report.advice)]
-    turned = held_out.get("rotation_rms_deg")
-    if turned is not None or any(one.unit == "deg" for one in tolerances):
-        stated = report.findings.rotation
-        far = None if stated is None else is_above(stated.test)
-        noise = None if stated is None else Noise(stated.stated_rms_deg, STATED)
-        value = math.nan if turned is None else turned
-        orientation = Residual(value, "deg", ORIENTATION, is_significant=far)
-        verdicts.append(judge(orientation, noise, tolerances, report.advice))
-    return combine(verdicts)
+    verdicts = [_judged(_position(held_out, report), tolerances, report.advice)]
+    if "rotation_rms_deg" in held_out or any(one.unit == "deg" for one in tolerances):
+        verdicts.append(_judged(_orientation(held_out, report), tolerances, report.advice))
+    verdict = combine(verdicts)
+    return _failed(verdict) if report.alarms else verdict
+
+
+def _failed(verdict: Verdict) -> Verdict:
+    """The same as a failure: parameters that are not to be trusted meet no tolerance."""
+    sentence = f"{verdict.sentence} Do not use this result: its parameters are not to be trusted."
+    return replace(verdict, passed=False, sentence=sentence)
+
+
+def _position(held_out: Mapping, report: NoiseReport) -> _Quantity:
+    found = report.findings
+    return _Quantity(
+        POSITION,
+        "mm",
+        held_out["rms_mm"],
+        _noise(report),
+        found.rms,
+        math.sqrt(found.components) * found.residual_rms,
+        report.is_above,
+        found.components * found.samples,
+    )
+
+
+def _orientation(held_out: Mapping, report: NoiseReport) -> _Quantity:
+    stated, found = report.findings.rotation, report.findings
+    known = stated is not None
+    return _Quantity(
+        ORIENTATION,
+        "deg",
+        held_out.get("rotation_rms_deg", math.nan),
+        Noise(stated.stated_rms_deg, STATED) if known else None,
+        stated.fit_rms_deg if known else math.nan,
+        stated.stated_rms_deg * stated.test.factor if known else math.nan,
+        is_above(stated.test) if known else None,
+        found.components * found.samples,
+    )
+
+
+def _judged(one: _Quantity, tolerances: Sequence[Tolerance], advice: str) -> Verdict:
+    """The verdict on a held-out error: the fit's own test says nothing about poses that the fit did not see."""
+    overfitted = _too_few_poses(one)
+    residual = Residual(one.held_out, one.unit, one.name, is_significant=_is_above(one, overfitted))
+    verdict = judge(residual, one.noise, tolerances, overfitted or advice)
+    if one.noise is None and overfitted:
+        return replace(verdict, sentence=f"{verdict.sentence[:-1]}; {overfitted}.")
+    return verdict
+
+
+def _is_above(one: _Quantity, overfitted: str) -> bool | None:
+    """Whether the held-out error exceeds the noise; None where no noise is known."""
+    if one.noise is None or one.is_above is None:
+        return None
+    return one.is_above or bool(overfitted)
+
+
+def _too_few_poses(one: _Quantity) -> str:
+    """What a held-out error means that is significantly above both the noise and the fit; else ''."""
+    noise = one.noise.value if one.noise else 0.0
+    expected = max(one.corrected, noise)
+    if not expected > 0 or not math.isfinite(one.held_out):
+        return ""
+    ratio = one.held_out / expected
+    if ratio < _TOO_FEW or not is_far_above(ratio, one.degrees):
+        return ""
+    return (
+        f"too few poses for this model: fit {one.fit:.2g} {one.unit}, held out {one.held_out:.2g} {one.unit}; measure "
+        "more poses, spread over the range of every joint"
+    )
 
 
 def _noise(report: NoiseReport) -> Noise | None:

@@ -70,7 +70,8 @@ def _rotation(recording, model: Model, fit: Fit) -> RotationNoise | None:
     rotation = fit.residual[3:]
     degrees = fit.degrees * rotation.size / fit.residual.size
     expected = float(np.rad2deg(np.sqrt((stated**2).sum(0).mean())))
-    return RotationNoise(expected, variance_test(rotation / stated, degrees))
+    left = float(np.rad2deg(np.sqrt((rotation**2).sum(0).mean())))
+    return RotationNoise(expected, variance_test(rotation / stated, degrees), left)
 
 
 def _outlying(model: Model, fit: Fit, stated: np.ndarray | None, above: bool) -> np.ndarray:

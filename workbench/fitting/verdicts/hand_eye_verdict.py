@@ -2,8 +2,12 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from sensors.hand_eye.result import HandEye
+from sensors.hand_eye.review import UNEXPLAINED
 from workbench.fitting.verdicts.verdict import Noise, Residual, Tolerance, Verdict, combine, judge
 
 UNITS = ("mm", "deg", "px")
@@ -11,6 +15,13 @@ PROFILE_UNITS = ("mm",)
 FROM_IMAGES = "from each image alone, without the robot"
 _SAME = "for the same reason"
 FROM_PROFILES = "from each profile alone, without the robot"
+# Images with tilted boards give the focal length to 0.5 % or better. At 5 % the distance of the board is as uncertain,
+# and any scatter of the board may come from the camera.
+_WEAK_FOCAL = 0.05
+# Redundancy of P poses is 6 P - 12: below 8 poses the estimated errors of flange poses are uncertain by over 12 %.
+_FEW_POSES = 8
+_TURN = "turn the flange about a second axis, by 20 deg or more"
+_TILT = "tilt the board against the camera by 20 to 45 deg"
 
 
 def handeye_verdict(run, tolerances: Sequence[Tolerance] = ()) -> Verdict:
@@ -19,9 +30,59 @@ def handeye_verdict(run, tolerances: Sequence[Tolerance] = ()) -> Verdict:
     The poses are those that the solve did not see. Without a board pose that is known well enough for held-out
     errors, those of the fit are judged.
     """
+    made, causes = run.made, undetermined_causes(run)
+    verdict = _boards(run, tolerances) if made.radius is None else _profiles(made, tolerances)
+    if not causes:
+        return verdict
+    sentence = f"Not determined: {'; '.join(causes)}. {_undetermined_remedy(run)}."
+    return replace(verdict, passed=False, sentence=sentence, parts=())
+
+
+def undetermined_causes(run) -> tuple[str, ...]:
+    """Why the hand-eye transform or the camera is not determined; empty where both are.
+
+    The estimated errors of the flange poses then have no meaning: the same residuals follow from another camera or
+    another transform.
+    """
+    made, causes = run.made, []
+    if not np.isfinite(made.covariance).all():
+        causes += list(made.undetermined[:1]) or ["the transform has directions without an effect"]
+    focal = weak_focal(run.calibration)
+    if focal is not None:
+        causes.append(
+            f"the images determine the focal length to {100 * focal:.2g} % only, because the board is nearly parallel "
+            "to itself in all images or too few images show all of it"
+        )
+    return tuple(causes)
+
+
+def weak_focal(calibration) -> float | None:
+    """Relative standard deviation of the focal length where it is too large for a hand-eye calibration, else None.
+
+    calibration: a `CameraCalibration` of the same images, None where the camera was given.
+    """
+    if calibration is None:
+        return None
+    share = math.sqrt(calibration.covariance[0, 0]) / calibration.camera.fx
+    return None if share <= _WEAK_FOCAL else share
+
+
+def is_refused_by(review, calibration) -> bool:
+    """Whether the review of the data proves a mistake; a misfit without a cause proves none under a weak camera."""
+    first = next((one for one in review.findings if one.certain), None)
+    if first is None:
+        return False
+    return first.cause != UNEXPLAINED or weak_focal(calibration) is None
+
+
+def _undetermined_remedy(run) -> str:
+    if run.board is None:
+        return f"Measure more poses and {_TURN}"
+    return f"Take more images: {_TURN}, {_TILT}, and keep all of the board in the image"
+
+
+def _boards(run, tolerances) -> Verdict:
     made = run.made
-    if made.radius is not None:
-        return _profiles(made, tolerances)
     errors, label = _held_out(made)
     degrees = max(6 * len(made.poses) - 12, 1)
     rows = (
@@ -74,11 +135,48 @@ def _profiles(made: HandEye, tolerances) -> Verdict:
 
 
 def handeye_warnings(run) -> list[str]:
-    """What a user must read before the result is used: suspected mistakes, images left out, what is undetermined."""
-    made = run.made
+    """What a user must read before the result is used: suspected mistakes, what is undetermined, images left out."""
+    made, causes = run.made, undetermined_causes(run)
     left_out = [
         f"image {name}: {row.why.partition(': ')[2] or row.why}"
         for name, row in zip(run.names, made.poses)
         if row.outlier
     ]
-    return [*made.suspicions, *left_out]
+    open_ones = [f"undetermined: {'; '.join(causes)}; {_lower(_undetermined_remedy(run))}"]
+    # a mistake that is named is the likely reason why anything is undetermined
+    return [*suspicions(run), *(open_ones if causes else []), *_few_poses(run), *left_out]
+
+
+def suspicions(run) -> tuple[str, ...]:
+    """Suspected mistakes; a misfit without a known cause is none where camera or hand-eye is undetermined."""
+    if not undetermined_causes(run):
+        return tuple(run.made.suspicions)
+    findings = run.review.findings if run.review is not None else ()
+    unexplained = [one.sentence for one in findings if one.cause == UNEXPLAINED]
+    return tuple(one for one in run.made.suspicions if one not in unexplained)
+
+
+def undetermined(run) -> list[str]:
+    """What is undetermined of transform, board and camera, the causes first."""
+    causes = undetermined_causes(run)
+    return [*causes, *(one for one in run.made.undetermined if one not in causes)]
+
+
+def robot_sigma(run) -> dict[str, float | None]:
+    """Estimated 1 sigma of the flange poses; None where camera or hand-eye is undetermined."""
+    known = not undetermined_causes(run)
+    return {key: value if known else None for key, value in run.made.robot_sigma.items()}
+
+
+def _few_poses(run) -> list[str]:
+    used = sum(not row.outlier for row in run.made.poses)
+    if run.board is None or used >= _FEW_POSES:
+        return []
+    return [
+        f"only {used} poses: {6 * used} robot coordinates stand against 12 unknowns of camera and board, so that a "
+        f"faulty pose is hard to recognise and the uncertainties are rough; take at least {_FEW_POSES} poses, better 15"
+    ]
+
+
+def _lower(sentence: str) -> str:
+    return sentence[:1].lower() + sentence[1:]

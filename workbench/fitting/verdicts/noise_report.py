@@ -33,10 +33,12 @@ class Replicates:
 
 @dataclass(frozen=True)
 class RotationNoise:
-    """Stated noise of an orientation: RMS (deg) of its angle, and the test of the variance factor against it."""
+    """Stated noise of an orientation: RMS (deg) of its angle, the test of the variance factor against it, and the RMS
+    (deg) of the angles that the fit leaves."""
 
     stated_rms_deg: float
     test: VarianceTest
+    fit_rms_deg: float
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,9 @@
 """The verdict of a command: its residual compared with the noise and with a tolerance.
 
 Two questions are answered separately. Is the residual larger than the noise explains (chi-square test of the
-variance)? Is it small enough for the user (`--tolerance`)? Only the second one decides the exit status: a real arm
-practically always leaves more than the noise of the tracker, and is good enough all the same.
+variance)? Is it small enough for the user (`--tolerance`)? Of these only the second one decides the exit status: a real
+arm practically always leaves more than the noise of the tracker, and is good enough all the same. A result that is not
+usable at all (an alarm) fails without a tolerance.
 """
 
 import math
@@ -69,8 +70,9 @@ class Noise:
 class Verdict:
     """Whether a result meets its tolerance, and how its residual compares with the noise.
 
-    `passed` None where no tolerance was given. `residual`, `noise` and `tolerance` in `unit`, None where unknown.
-    `parts`: the verdicts of the single quantities where several were judged (position and orientation).
+    `passed` None where no tolerance was given and nothing makes the result unusable. `residual`, `noise` and
+    `tolerance` in `unit`, None where unknown. `parts`: the verdicts of the single quantities where several were judged
+    (position and orientation).
     """
 
     passed: bool | None

@@ -18,7 +18,14 @@ from workbench.core.rigid import rotation_vector
 from workbench.files.images.flange import flange_poses, rows_of_samples
 from workbench.files.images.images import by_role, check_size
 from workbench.files.provenance import provenance
-from workbench.fitting.verdicts.hand_eye_verdict import handeye_verdict, handeye_warnings
+from workbench.fitting.verdicts.hand_eye_verdict import (
+    handeye_verdict,
+    handeye_warnings,
+    is_refused_by,
+    robot_sigma,
+    suspicions,
+    undetermined,
+)
 from workbench.fitting.verdicts.verdict import Tolerance
 from workbench.jobs.sensor import camera as cameras
 from workbench.jobs.sensor import hand_eye_clouds
@@ -94,12 +101,12 @@ def calibrate(
     review = review_recording(
         Observed(recording, found, views, camera, not held, poses, rows, kind), progress
     )
-    if not trust_data:
+    calibration = camera if isinstance(camera, CameraCalibration) else None
+    if not trust_data and is_refused_by(review, calibration):
         refuse(recording, review)
     made = hand_eye_from_views(
         views, found.board, camera, poses, kind, camera_covariance=covariance, reviewed=review
     )
-    calibration = camera if isinstance(camera, CameraCalibration) else None
     return HandEyeRun(
         recording,
         made,
@@ -227,7 +234,7 @@ def as_json(run: HandEyeRun, tolerances: Sequence[Tolerance] = ()) -> dict:
         "target": target_json(made),
         "noise": made.noise,
         "noise_unit": made.unit,
-        "robot_sigma": dict(made.robot_sigma),
+        "robot_sigma": robot_sigma(run),
         "fit": dict(made.fit),
         "held_out": dict(made.held_out),
         "errors": [
@@ -250,8 +257,8 @@ def as_json(run: HandEyeRun, tolerances: Sequence[Tolerance] = ()) -> dict:
         if run.camera is None
         else {**cameras.camera_json(run.camera, made.std), "source": run.source},
         "rejected": [{"image": one.image, "why": one.why} for one in run.rejected],
-        "undetermined": list(made.undetermined),
-        "suspicions": list(made.suspicions),
+        "undetermined": undetermined(run),
+        "suspicions": list(suspicions(run)),
         "warnings": handeye_warnings(run),
         "verdict": handeye_verdict(run, tolerances).as_json(),
         "notes": list(made.notes),
@@ -315,7 +322,9 @@ def save(run: HandEyeRun, folder: Path) -> None:
         "transform": result["transform"],
         **result["hand_eye"],
         "covariance": run.made.covariance.tolist(),
-        "robot_sigma": result["robot_sigma"],
+        "robot_sigma": {
+            key: value for key, value in result["robot_sigma"].items() if value is not None
+        },
         "undetermined": result["undetermined"],
         "suspicions": result["suspicions"],
         "provenance": {key: value for key, value in result["provenance"].items() if value},

@@ -5,10 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datasets.columns import KINDS, joint_columns
+from datasets.columns import KINDS, joint_columns, joint_number
 from datasets.recording import Recording
 from robot_model import load_robot
+from robot_model.measurements import samples_of
+from workbench.core.errors import InputError
 from workbench.core.vocabulary import Covariate
+from workbench.fitting.plausibility.small_mistakes import untested_signs
+from workbench.fitting.plausibility.wording import fit_words
 from workbench.recordings.inspection.coverage import Coverage, ImageCoverage
 from workbench.recordings.inspection.repeats import Repeats
 
@@ -84,6 +88,25 @@ def _calibration_needs(recording: Recording, coverage: Coverage) -> Iterator[Nee
     if coverage.spread_deg < _SMALL_SPREAD_DEG:
         what = f"the flange keeps its orientation to {coverage.spread_deg:.1f} deg RMS: base and tool are confounded"
         yield Need("calibrate", False, what, "add poses with other orientations")
+    if poses >= least:
+        yield from _sign_needs(recording)
+
+
+def _sign_needs(recording: Recording) -> Iterator[Need]:
+    """Joints whose sign the measurements do not test, because they hardly move the measured point."""
+    robot = load_robot(recording.robot, f"robot of {recording.name}")
+    try:
+        found = untested_signs(robot, samples_of(recording))
+    except (np.linalg.LinAlgError, InputError, ValueError):
+        return  # no fit is possible: other needs say why
+    for one in found:
+        (name,) = one.correction.touches
+        fits = f"{fit_words(one.recorded)} as recorded, {fit_words(one.fit)} with the opposite sign"
+        what = f"column {name} moves the measured point too little for its sign to be tested (fit: {fits})"
+        action = (
+            f"check the sign of joint {joint_number(name)}, or measure a point away from its axis"
+        )
+        yield Need("calibrate", False, what, action)
 
 
 def _joint_needs(joint) -> Iterator[Need]:

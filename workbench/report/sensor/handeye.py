@@ -6,6 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 from scipy.spatial.transform import Rotation
 
+from workbench.fitting.verdicts.hand_eye_verdict import robot_sigma, suspicions, undetermined
 from workbench.jobs.sensor.hand_eye import TO_HAND, HandEyeRun
 from workbench.report import style
 from workbench.report.provenance import flat
@@ -28,6 +29,7 @@ _WORDS = {
     "least_turn_deg": "the same: board rotation, RMS, 1 rad weighted as 300 mm (deg)",
 }
 
+_NOT_DETERMINED = "The errors of the flange poses are not estimated: camera or hand-eye transform is not determined."
 _NAMED = 40  # largest number of bars that carry their names
 _RAGGED = " points left out, off the circle or at its ragged ends"
 
@@ -66,14 +68,15 @@ def page(run: HandEyeRun) -> Page:
         tuple(_numbers(made)),
         tuple(lead(run)),
         sections,
-        warning=_warning(made),
+        warning=_warning(run),
         files=("hand-eye.toml",),
     )
 
 
-def _warning(made):
+def _warning(run):
     """Reservations that apply to all numbers."""
-    doubts = (*made.suspicions, *made.undetermined)
+    made = run.made
+    doubts = (*suspicions(run), *undetermined(run))
     return " ".join(
         sentence(line) for line in (*(() if made.converged else (made.outcome,)), *doubts)
     )
@@ -100,9 +103,11 @@ def lead(run: HandEyeRun) -> list[str]:
         if made.kind == "clouds"
         else "distance of the profile points from the common sphere"
     )
-    spread = made.robot_sigma
+    spread = robot_sigma(run)
     robot = (
-        (
+        _NOT_DETERMINED
+        if None in spread.values()
+        else (
             f"The flange poses are modelled with random errors; estimated 1 σ = "
             f"{rounded(spread['position_mm'])} mm and {rounded(spread['rotation_deg'])}°."
         )
@@ -195,7 +200,7 @@ def _errors(run):
     keys = [key for key in made.fit if key in _WORDS]
     rows = [(_WORDS[key], rounded(made.fit[key]), rounded(made.held_out.get(key))) for key in keys]
     yield table(["", "fit", "held out"], rows)
-    doubts = [sentence(line) for line in (*made.suspicions, *made.undetermined)]
+    doubts = [sentence(line) for line in (*suspicions(run), *undetermined(run))]
     if doubts:
         yield note("Reservations, and parameters that are not identifiable", doubts)
     for line in _gathered(made.notes):

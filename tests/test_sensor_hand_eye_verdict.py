@@ -1,0 +1,85 @@
+"""The verdict of `handeye` on recordings that determine little: no errors are blamed on the flange poses."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import datasets
+import hand_eye_recordings as recordings
+from workbench.commands import cli
+from workbench.core.rigid import transform
+
+
+def flat_turns(scene, random) -> np.ndarray:
+    """(P, 4, 4) T_camera_board of a board that stays parallel to the image and turns about its normal only."""
+    turns = Rotation.from_rotvec(
+        np.outer(np.linspace(-0.6, 0.6, scene.count), [0, 0, 1])
+    ).as_matrix()
+    extent = np.ptp(scene.board.points[:2], axis=1) + 2 * scene.board.square_mm
+    away = 1.5 * recordings.CAMERA.fx * max(extent / np.array(recordings.SIZE))
+    aside = random.uniform(-0.06, 0.06, (scene.count, 2)) * away
+    place = np.column_stack([aside, np.full(scene.count, away)])
+    return transform(turns, place - turns @ scene.board.middle)
+
+
+def answer_of(recording, folder):
+    """The exit status of `handeye` on a recording, its answer and the text of the report page."""
+    datasets.write(recording, folder / "recording")
+    out = folder / "run"
+    status = cli.run(["handeye", str(folder / "recording"), "--out", str(out)])
+    page = (out / "report.html").read_text()
+    return status, json.loads((out / "answer.json").read_text()), page
+
+
+@pytest.fixture(scope="module")
+def flat(tmp_path_factory):
+    """The answer on turns about one axis before a flat board, with the camera from the same images."""
+    patch = pytest.MonkeyPatch()
+    patch.setattr(recordings, "board_poses", flat_turns)
+    patch.setitem(
+        recordings.SCENES, "flat", replace(recordings.SCENES["chessboard"], count=8, noise_mm=0.05)
+    )
+    made = recordings.made("flat")
+    patch.undo()
+    return answer_of(made.recording, tmp_path_factory.mktemp("flat"))
+
+
+def test_turns_about_one_axis_before_a_flat_board_are_not_determined(flat):
+    status, answer, _ = flat
+    assert status == 1
+    assert answer["verdict"]["pass"] is False
+    assert answer["verdict"]["sentence"].startswith("Not determined: ")
+    assert "second axis" in answer["verdict"]["sentence"]
+    assert "tilt the board" in answer["verdict"]["sentence"]
+
+
+def test_what_is_undetermined_comes_first(flat):
+    assert flat[1]["warnings"][0].startswith("undetermined: ")
+
+
+def test_flange_poses_are_not_blamed_where_nothing_is_determined(flat):
+    _, answer, page = flat
+    assert set(answer["robot_sigma"].values()) == {None}
+    said = " ".join([*answer["warnings"], *answer["suspicions"], answer["verdict"]["sentence"]])
+    assert "flange poses are off" not in said and "do not fit the images" not in said
+    assert "errors of the flange poses are not estimated" in page
+
+
+def test_few_poses_are_a_warning(tmp_path):
+    whole = recordings.made("chessboard").recording
+    images = whole.images
+    few = replace(whole, images=tuple(row for row in images if row["sample"] <= 5))
+    status, answer, _ = answer_of(few, tmp_path)
+    assert status == 0
+    (warning,) = [text for text in answer["warnings"] if "poses" in text]
+    assert warning.startswith("only 5 poses") and "at least 8" in warning
+
+
+def test_a_sound_recording_has_no_such_warning(tmp_path):
+    status, answer, page = answer_of(recordings.made("chessboard").recording, tmp_path)
+    assert status == 0 and answer["warnings"] == []
+    assert answer["robot_sigma"]["position_mm"] is not None
+    assert "Not determined" not in answer["verdict"]["sentence"]

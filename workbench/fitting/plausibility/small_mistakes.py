@@ -1,0 +1,125 @@
+"""Mistakes in joint columns whose effect is small: a joint whose axis nearly carries the measured point.
+
+The recording then fits to a fraction of a millimetre, and only the noise shows that something is wrong. Every single
+correction of joint columns is screened at the nominal geometry; those that leave the misfit of the same size are fitted
+again with plausible geometry errors and compared with the data as recorded.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.core.distributions import chi2
+from workbench.core.errors import InputError
+from workbench.fitting.plausibility.fitting import Fit, fit_recording, nominal_scale
+from workbench.fitting.plausibility.hypotheses.corrections import Correction
+from workbench.fitting.plausibility.hypotheses.joint_corrections import joint_corrections
+from workbench.fitting.plausibility.misfit import rank
+from workbench.fitting.plausibility.sampling import even_rows
+from workbench.fitting.plausibility.search import CLOSE, SIGN, screen
+from workbench.fitting.plausibility.suspicion import Suspicion
+from workbench.fitting.plausibility.wording import correction_sentence
+
+_ROWS, _STEPS = 240, 60
+_SAME_SIZE, _JUDGED = 4.0, 6
+_LEVEL, _RELEVANT = 0.001, 1.1
+_EVIDENCE = 30.0
+"""Difference of the negative log posteriors: odds of 10^13."""
+_FALLS, _NEAR = 2.0, 1.3
+_PLAUSIBLE = 5.0
+_LEAST_DEGREES = 12
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """One correction, the fit under it, and the fit of the data as recorded on the same rows."""
+
+    correction: Correction
+    fit: Fit
+    recorded: Fit
+
+    @property
+    def gain(self) -> float:
+        """Log odds of the corrected against the recorded data; negative where the recorded data fit better."""
+        return self.recorded.improbability - self.fit.improbability
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether the corrected fit needs no geometry errors beyond those of a data sheet."""
+        return bool(np.abs(self.fit.deviations).max(initial=0.0) <= _PLAUSIBLE)
+
+
+def small_mistakes(robot, recording, recorded: Fit) -> list[Suspicion]:
+    """The joint column whose correction explains nearly all that a good fit leaves beyond the noise, or nothing.
+
+    recorded: fit of the data as they are. Unmodelled effects of a sound arm leave a misfit too; a correction is named
+    only where it lowers the misfit to about the noise, or to less than half.
+    """
+    noise = _stated_noise(recording, recorded)
+    if recorded.degrees < _LEAST_DEGREES or not _is_above(recorded, noise):
+        return []
+    found = [one for one in alternatives(robot, recording) if _explains(one, noise)]
+    if not found:
+        return []
+    least = min(one.fit.scale for one in found)
+    close = [one for one in found if one.fit.scale <= CLOSE * least]
+    best, *others = sorted(close, key=lambda one: (rank(one), one.fit.scale))
+    sentence = correction_sentence(
+        recording, best.recorded, best, [one.correction for one in others]
+    )
+    return [Suspicion(sentence, False, best.correction.cause)]
+
+
+def untested_signs(robot, recording) -> list[Alternative]:
+    """Joint columns that fit about as well, or better, with the opposite sign: the data do not test their sign."""
+    signs = [one for one in alternatives(robot, recording) if one.correction.cause == SIGN]
+    return [one for one in signs if one.is_plausible and one.gain > -_EVIDENCE]
+
+
+def alternatives(robot, recording) -> list[Alternative]:
+    """Single corrections of joint columns that leave about the misfit of the recorded data, each fitted."""
+    chosen = recording.select(even_rows(recording, _ROWS))
+    moving = [one for one in joint_corrections(chosen) if _is_moving(chosen, one)]
+    limit = _SAME_SIZE * nominal_scale(robot, chosen)
+    near = [one.correction for one in screen(robot, chosen, moving) if one.scale <= limit]
+    if not near:
+        return []
+    recorded = fit_recording(robot, chosen, steps=_STEPS)
+    made = []
+    for correction in near[:_JUDGED]:
+        try:
+            fit = fit_recording(*correction.apply(robot, chosen), steps=_STEPS)
+        except (np.linalg.LinAlgError, InputError, ValueError):
+            continue
+        made.append(Alternative(correction, fit, recorded))
+    return made
+
+
+def _is_moving(recording, correction) -> bool:
+    """Whether every column that a correction changes varies: of a constant one, the tool absorbs any change."""
+    columns = [recording.columns[name] for name in correction.touches if name in recording.columns]
+    return all(np.ptp(values) > 0 for values in columns)
+
+
+def _stated_noise(recording, fit: Fit) -> float:
+    """mm, what the stated noise makes of the misfit of positions; 0 where none is stated or orientations count too."""
+    if recording.sigma is None or not np.isnan(fit.rotation_deg):
+        return 0.0
+    return float(np.median(recording.sigma)) * np.sqrt(len(fit.residual))
+
+
+def _is_above(fit: Fit, noise: float) -> bool:
+    """Chi-square test of the variance, one-sided at 0.1 %; True where no noise is known."""
+    if not noise > 0:
+        return True
+    ratio = fit.scale / noise
+    return bool(ratio > _RELEVANT and chi2.sf(fit.degrees * ratio**2, fit.degrees) < _LEVEL)
+
+
+def _explains(one: Alternative, noise: float) -> bool:
+    if not one.is_plausible or one.gain < _EVIDENCE:
+        return False
+    corrected = one.correction.comparable(one.fit.scale)
+    recorded = one.recorded.scale
+    to_noise = corrected < _NEAR * noise and recorded > _NEAR * corrected
+    return to_noise or _FALLS * corrected < recorded
