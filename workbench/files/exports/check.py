@@ -8,6 +8,7 @@ import numpy as np
 from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.measurements.closure import flange_matrices
+from robot_model.state import sliding
 from sensors.camera.model import Camera, camera_from_keys
 from workbench.core.errors import InputError
 from workbench.core.rigid import transform
@@ -48,21 +49,44 @@ def check_urdf(arm: CalibratedArm, text: str) -> None:
 
 
 def check_python(arm: CalibratedArm, text: str) -> None:
-    """RuntimeError where the module, executed, puts the flange elsewhere than the calibrated arm."""
-    from workbench.files.exports.python.module import arm_data, observed_effects
-    from workbench.files.exports.python.runtime import CorrectedArm
+    """RuntimeError where the module, executed, puts the flange elsewhere than the calibrated arm.
+
+    Every public function is called with its defaults, covariates only where a term depends on one.
+    """
+    from workbench.files.exports.python.module import arm_data, covariates_used, observed_effects
+    from workbench.files.exports.python.runtime import CorrectedArm, calibrated_points
 
     module: dict = {"__name__": "exported_arm"}
     exec(compile(text, "exported_arm.py", "exec"), module)
     plain = CorrectedArm(arm_data(arm), arm.acting_effects, observed_effects(arm))
-    readings = np.random.default_rng(0).uniform(-50, 50, (8, arm.robot.mixing.shape[1]))
+    readings = _checked_readings(arm)
     ranges = arm.fitted_range or {}
-    covariates = {name: (low + high) / 2 for name, (low, high) in ranges.items()}
-    if arm.fitted_range is None and any(effect.needs for effect in arm.effects):
+    used = covariates_used(arm)
+    if not set(used) <= set(ranges):
         return  # an older version did not write in which range its covariates are
+    covariates = {name: sum(ranges[name]) / 2 for name in used}
+    given = {"covariates": covariates} if covariates else {}
     wanted = plain.flange_poses(readings, covariates)
-    if np.abs(module["flange_poses"](readings, covariates) - wanted).max() > _SAME_MM:
+    if np.abs(module["flange_poses"](readings, **given) - wanted).max() > _SAME_MM:
         raise _Differs("the Python module executed puts the flange elsewhere")
+    point = {} if calibrated_points(arm.values) else {"tool_point": np.zeros(3)}
+    answers = {
+        "nominal_poses": module["nominal_poses"](readings),
+        "measured_points": module["measured_points"](readings, **point, **given),
+        "servo_targets": module["servo_targets"](readings, **given),
+        "corrected_readings": module["corrected_readings"](readings, **given)[0],
+    }
+    for name, answer in answers.items():
+        if len(answer) != len(readings) or name != "corrected_readings" and np.isnan(answer).any():
+            raise _Differs(f"{name} of the Python module executed gives no numbers")
+
+
+def _checked_readings(arm: CalibratedArm) -> np.ndarray:
+    """(8, R) deg, mm: readings within the recorded ranges, where they are known."""
+    ranges = arm.fitted_range or {}
+    names = [f"q{k}_{'mm' if slides else 'deg'}" for k, slides in enumerate(sliding(arm.robot), 1)]
+    low, high = np.array([ranges.get(name, (-50.0, 50.0)) for name in names]).T
+    return np.random.default_rng(0).uniform(low, high, (8, len(names)))
 
 
 def check_patched_urdf(arm: CalibratedArm, content: bytes, spec: dict, exact: bool) -> None:

@@ -16,6 +16,7 @@ from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix
 
 _STEPS = 40
+_POSE = ("x", "y", "z", "rx", "ry", "rz")
 _LEVER_MM = 200.0
 _REACHED_MM = 1e-5
 _DAMPING = 1e-6 * _LEVER_MM**2 * 1e-3
@@ -73,17 +74,32 @@ class CorrectedArm:
         """(n, 4, 4) T_root_flange where the real flange is at readings (n, R) in degrees, mm of a slide."""
         return _poses(self._frames(self._radians(readings), covariates, self.effects))
 
-    def measured_points(self, readings, tool_point=None, covariates=None) -> np.ndarray:
+    def measured_points(self, readings, tool_point=None, covariates=None, reflector=None):
         """(n, 3) mm: a point of the tool in the frame of the external instrument.
 
-        tool_point (3,) or (n, 3) mm in the flange frame; None: the calibrated one (`tool.x`, ...).
+        tool_point: (3,) or (n, 3) mm in the flange frame. None takes a calibrated point: that of number `reflector`,
+        by default the one with the lowest number, or the origin of the calibrated tool frame. A calibration without a
+        frame of an instrument gives points in the robot's root frame. Raises ValueError where the calibration has no
+        such point.
         """
         if tool_point is None:
-            tool_point = [self.values[f"tool.{axis}"] for axis in "xyz"]
+            tool_point = self._calibrated_point(reflector)
         frames = self._frames(self._radians(readings), covariates, self.observed)
         point = frames.point(np.atleast_2d(np.asarray(tool_point, float)).T)
-        base = np.array([self.values[f"base.{c}"] for c in ("x", "y", "z", "rx", "ry", "rz")])
+        base = np.array([self.values.get(f"base.{c}", 0.0) for c in _POSE])
         return (rotation_matrix(base[3:]) @ point).T + base[:3]
+
+    def _calibrated_point(self, reflector) -> list:
+        """Three coordinates (mm, flange frame) of a calibrated point; ValueError where there is none."""
+        points = calibrated_points(self.values)
+        name = next(iter(points), None) if reflector is None else f"reflector{reflector}"
+        if name in points:
+            return points[name]
+        found = ", ".join(points) or "none"
+        raise ValueError(
+            f"expected a calibrated point {name or 'of the tool'}, found {found}; "
+            "give tool_point, three coordinates in mm in the flange frame"
+        )
 
     def servo_targets(self, readings, covariates=None) -> np.ndarray:
         """(n, J) rad, m of a slide: targets of the servos of the exported MJCF model at readings (n, R).
@@ -158,6 +174,24 @@ class CorrectedArm:
         model = Model(chain, effects)
         known = {k: self.values[k] for k in model.parameters.keys if k in self.values}
         return chain, model, model.parameters.update(known)
+
+
+def calibrated_points(values) -> dict:
+    """Name -> three coordinates (mm, flange frame) of the points that a calibration determined on the tool.
+
+    values: parameters by key, as `tool.reflector1_x` (name reflector1, sorted by number), `tool.tip_x` (tip),
+    `tool.x` (tool) or `sensor.x` (sensor).
+    """
+    found = {}
+    for key in values:
+        place, _, axis = key.partition(".")
+        name = axis[:-2] if axis.endswith("_x") else place if axis == "x" else ""
+        if place in ("tool", "sensor") and name and "." not in name:
+            found[name] = [values[key[:-1] + letter] for letter in "xyz"]
+    numbers = {
+        name: int(name.removeprefix("reflector") or 0) for name in found if name[-1:].isdigit()
+    }
+    return {name: found[name] for name in sorted(found, key=lambda name: numbers.get(name, 0))}
 
 
 def _poses(frames) -> np.ndarray:
