@@ -9,6 +9,7 @@ from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.measurements.closure import flange_matrices
 from robot_model.state import sliding
+from robot_model.tool_points import calibrated_points
 from sensors.camera.model import Camera, camera_from_keys
 from workbench.core.errors import InputError
 from workbench.core.rigid import transform
@@ -19,6 +20,8 @@ from workbench.files.exports.mdh import calibrated_geometry, read_mdh
 from workbench.files.solution_file import CalibratedArm
 
 _SAME_MM, _SAME = 1e-6, 1e-9
+# functions of the Python module that answer nan for a target that they refuse
+_MAY_BE_NAN = ("corrected_readings", "errors_left")
 
 
 class _Differs(RuntimeError):
@@ -54,7 +57,7 @@ def check_python(arm: CalibratedArm, text: str) -> None:
     Every public function is called with its defaults, covariates only where a term depends on one.
     """
     from workbench.files.exports.python.module import arm_data, covariates_used, observed_effects
-    from workbench.files.exports.python.runtime import CorrectedArm, calibrated_points
+    from workbench.files.exports.python.runtime import CorrectedArm
 
     module: dict = {"__name__": "exported_arm"}
     exec(compile(text, "exported_arm.py", "exec"), module)
@@ -76,8 +79,10 @@ def check_python(arm: CalibratedArm, text: str) -> None:
         "servo_targets": module["servo_targets"](readings, **given),
         "corrected_readings": module["corrected_readings"](readings, **given)[0],
     }
+    corrected = answers["corrected_readings"]
+    answers["errors_left"] = module["errors_left"](corrected, readings, **given)[0]
     for name, answer in answers.items():
-        if len(answer) != len(readings) or name != "corrected_readings" and np.isnan(answer).any():
+        if len(answer) != len(readings) or name not in _MAY_BE_NAN and np.isnan(answer).any():
             raise _Differs(f"{name} of the Python module executed gives no numbers")
 
 

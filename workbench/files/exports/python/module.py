@@ -7,6 +7,7 @@ from dataclasses import fields
 import numpy as np
 
 from robot_model.state import sliding
+from robot_model.tool_points import calibrated_points
 from workbench.files.exports.mjcf import control_terms
 from workbench.files.exports.python import runtime
 from workbench.files.exports.python.bundle import Symbol, bundle
@@ -20,6 +21,7 @@ _METHODS = (
     "corrected_readings",
     "measured_points",
     "servo_targets",
+    "errors_left",
 )
 _HEAD = '''"""{name}: forward and inverse correction of the calibrated arm. Needs Python 3.11 and numpy alone.
 
@@ -33,6 +35,8 @@ flange to the robot's root frame.{covariates}
     flange_poses(readings, covariates)        where it really is
     corrected_readings(readings, poses, covariates)
                                               readings that bring it to the target, and the error left (mm)
+    errors_left(corrected, readings, poses, covariates)
+                                              what corrected readings leave of it: position (mm), orientation (deg)
     measured_points(readings, tool_point, covariates, reflector)
                                               a point of the tool in the frame of the external instrument (mm);
                                               tool_point: mm in the flange frame, by default {point}
@@ -52,6 +56,7 @@ flange_poses = ARM.flange_poses
 corrected_readings = ARM.corrected_readings
 measured_points = ARM.measured_points
 servo_targets = ARM.servo_targets
+errors_left = ARM.errors_left
 """
 
 
@@ -109,7 +114,7 @@ def _left_out(arm: CalibratedArm) -> str:
 
 def _usage(arm: CalibratedArm) -> dict[str, str]:
     """Parts of the module's docstring that depend on the columns and the points of this calibration."""
-    needs, points = covariates_used(arm), list(runtime.calibrated_points(arm.values))
+    needs, points = covariates_used(arm), list(calibrated_points(arm.values))
     names = ", ".join(needs)
     sentence = f" Covariates are columns by name, in file units: {names}." if needs else ""
     values = ", ".join(f'"{name}": {_typical(arm, name):.4g}' for name in needs)

@@ -12,6 +12,8 @@ from robot_model.chain import forward
 from robot_model.robot import Robot
 from robot_model.state import State, sliding
 from robot_model.system import RobotChain
+from robot_model.task_priority import Task, joint_part, pose_difference, pose_sizes
+from robot_model.tool_points import calibrated_points
 from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix
 
@@ -64,6 +66,7 @@ class CorrectedArm:
             fields[name] = np.array(fields[name], float)  # None is nan: unknown
         self.robot = Robot(**fields)
         self.values, self.load_centre = data["values"], np.array(data["load_centre"], float)
+        self.task = Task.of(self.robot, self.values)
         self.effects, self.observed, self.control = tuple(effects), tuple(observed), tuple(control)
 
     def nominal_poses(self, readings) -> np.ndarray:
@@ -125,18 +128,46 @@ class CorrectedArm:
         readings (n, R): as programmed; the target is where the nominal arm would stand. poses (n, 4, 4): targets
         instead, and readings are where the search starts. The error left is the larger of the distance and of the
         rotation at a lever of 200 mm; a target is reached where it is below 0.001 mm.
+
+        An arm that cannot move its tool in all six directions corrects the position of the first calibrated point,
+        then the orientation as far as its joints allow. The error left is then that of this point and of the
+        orientation; `errors_left` has both by themselves.
         """
         found = self._radians(readings)
         wanted = self.nominal_poses(readings) if poses is None else np.asarray(poses, float)
         back = np.linalg.pinv(self.robot.mixing)
         for _ in range(_STEPS):
             frames = self._frames(found, covariates, self.effects)
-            error = _difference(_poses(frames), wanted)
-            if _size(error).max(initial=0) < _REACHED_MM:
+            error = pose_difference(_poses(frames), wanted, self._point())
+            step, movable = self._step(frames, error, back)
+            if movable.max(initial=0) < _REACHED_MM:
                 break
-            found = found - (back @ _joint_step(self.robot, frames, error)).T
-        left = _size(_difference(_poses(self._frames(found, covariates, self.effects)), wanted))
+            found = found - np.clip(step, -self._most(), self._most())
+        frames = self._frames(found, covariates, self.effects)
+        left = _size(pose_difference(_poses(frames), wanted, self._point()))
         return np.where(sliding(self.robot), found, np.rad2deg(found)), left
+
+    def errors_left(self, corrected, readings, poses=None, covariates=None) -> tuple:
+        """(n,) mm and (n,) deg: position and orientation that corrected readings leave to the targets.
+
+        corrected (n, R): of `corrected_readings`; readings, poses and covariates as there. The position is that of the
+        flange or, of an arm that cannot move it in all six directions, of the first calibrated point on the tool.
+        """
+        wanted = self.nominal_poses(readings) if poses is None else np.asarray(poses, float)
+        actual = self.flange_poses(corrected, covariates)
+        return pose_sizes(pose_difference(actual, wanted, self._point()))
+
+    def _point(self):
+        return self.task.point if self.task.is_deficient else np.zeros(3)
+
+    def _most(self) -> np.ndarray:
+        """(R,) largest change of a reading in one step: a radian, 100 mm of a slide."""
+        return np.where(sliding(self.robot), 100.0, 1.0)
+
+    def _step(self, frames, error, back) -> tuple:
+        if self.task.is_deficient:
+            return joint_part(self.robot, frames, error, self.task)
+        return (back @ _joint_step(self.robot, frames, error)).T, _size(error)
 
     def _radians(self, readings) -> np.ndarray:
         given = np.atleast_2d(np.asarray(readings, float))
@@ -176,48 +207,12 @@ class CorrectedArm:
         return chain, model, model.parameters.update(known)
 
 
-def calibrated_points(values) -> dict:
-    """Name -> three coordinates (mm, flange frame) of the points that a calibration determined on the tool.
-
-    values: parameters by key, as `tool.reflector1_x` (name reflector1, sorted by number), `tool.tip_x` (tip),
-    `tool.x` (tool) or `sensor.x` (sensor).
-    """
-    found = {}
-    for key in values:
-        place, _, axis = key.partition(".")
-        name = axis[:-2] if axis.endswith("_x") else place if axis == "x" else ""
-        if place in ("tool", "sensor") and name and "." not in name:
-            found[name] = [values[key[:-1] + letter] for letter in "xyz"]
-    numbers = {
-        name: int(name.removeprefix("reflector") or 0) for name in found if name[-1:].isdigit()
-    }
-    return {name: found[name] for name in sorted(found, key=lambda name: numbers.get(name, 0))}
-
-
 def _poses(frames) -> np.ndarray:
     """(n, 4, 4) of the end of a chain."""
     rotation = np.stack(frames.end, -1).transpose(1, 0, 2)
     poses = np.zeros((len(rotation), 4, 4))
     poses[:, :3, :3], poses[:, :3, 3], poses[:, 3, 3] = rotation, frames.end_origin.T, 1
     return poses
-
-
-def _difference(actual, wanted) -> np.ndarray:
-    """(6, n) mm and rad: shift and rotation vector that take the wanted poses to the actual ones."""
-    rotation = actual[:, :3, :3] @ wanted[:, :3, :3].transpose(0, 2, 1)
-    axis = np.stack(
-        [
-            rotation[:, 2, 1] - rotation[:, 1, 2],
-            rotation[:, 0, 2] - rotation[:, 2, 0],
-            rotation[:, 1, 0] - rotation[:, 0, 1],
-        ]
-    )
-    sine = np.sqrt((axis**2).sum(0)) / 2
-    cosine = (np.trace(rotation, axis1=1, axis2=2) - 1) / 2
-    angle = np.arctan2(sine, cosine)
-    scale = np.where(sine > 1e-9, angle / np.maximum(2 * sine, 1e-300), 0.5)
-    shift = (actual[:, :3, 3] - wanted[:, :3, 3]).T
-    return np.concatenate([shift, axis * scale])
 
 
 def _size(error) -> np.ndarray:
