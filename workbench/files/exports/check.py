@@ -17,6 +17,7 @@ from workbench.core.text.structured_text import ContentError, read_toml
 from workbench.files.exports.camera import read_camera_text
 from workbench.files.exports.hand_eye import StaticTransform, read_launch_yaml, read_transform_yaml
 from workbench.files.exports.mdh import calibrated_geometry, read_mdh
+from workbench.files.exports.urdf import is_coupled, joint_signs
 from workbench.files.solution_file import CalibratedArm
 
 _SAME_MM, _SAME = 1e-6, 1e-9
@@ -44,11 +45,33 @@ def check_urdf(arm: CalibratedArm, text: str) -> None:
         arm.robot.prismatic, 100, 1
     )
     # joints that are coupled stand in the URDF as angles of their own
-    coupled = np.count_nonzero(arm.robot.mixing) > arm.robot.joints
-    variables = readings if coupled else readings @ arm.robot.mixing.T
+    variables = readings if is_coupled(arm.robot) else readings @ arm.robot.mixing.T
     wanted = _flanges(arm.robot, variables, calibrated_geometry(arm))
     if np.abs(_flanges(again, readings @ again.mixing.T) - wanted).max() > _SAME_MM:
         raise _Differs("the URDF read back puts the flange elsewhere")
+    _check_limits(arm, again)
+
+
+def _check_limits(arm: CalibratedArm, again) -> None:
+    """RuntimeError where a recorded reading within the robot's limits exceeds the limits of the URDF read back.
+
+    Only ranges of the readings are known, so that all their corners are checked.
+    """
+    ranges = arm.fitted_range or {}
+    slides = sliding(arm.robot)
+    names = [f"q{k}_{'mm' if s else 'deg'}" for k, s in enumerate(slides, 1)]
+    if not set(names) <= set(ranges):
+        return
+    units = np.where(slides, 1.0, np.pi / 180)
+    ends = np.array([ranges[name] for name in names]) * units[:, None]
+    allowed = np.where(np.isnan(arm.robot.limits), ends, arm.robot.limits)
+    low, high = np.clip(ends, allowed[:, :1], allowed[:, 1:]).T
+    forms = arm.robot.mixing * joint_signs(arm.robot)[:, None]
+    lowest = np.maximum(forms, 0) @ low + np.minimum(forms, 0) @ high
+    highest = np.maximum(forms, 0) @ high + np.minimum(forms, 0) @ low
+    is_outside = (lowest < again.limits[:, 0] - _SAME) | (highest > again.limits[:, 1] + _SAME)
+    if is_outside.any():
+        raise _Differs(f"recorded readings exceed the limits of joint {is_outside.argmax() + 1}")
 
 
 def check_python(arm: CalibratedArm, text: str) -> None:
