@@ -140,7 +140,7 @@ import exported
 given = json.load(open("given.json"))
 covariates = {k: np.array(v) for k, v in given["covariates"].items()}
 readings = np.array(given["readings"])
-corrected, left = exported.corrected_readings(readings, None, covariates)
+corrected, left = exported.corrected_readings(readings, None, covariates, force=True)
 foreign = [m for m in sys.modules if m.split(".")[0] in
            ("workbench", "robot_model", "datasets", "sensors", "scipy", "pydantic", "torch")]
 print(json.dumps({"poses": exported.flange_poses(readings, covariates).tolist(),

@@ -16,7 +16,7 @@ from robot_model.state import sliding
 from robot_model.system import geometry_priors
 from workbench.core.errors import InputError
 from workbench.core.vocabulary import Covariate
-from workbench.files.solution_file import CalibratedArm
+from workbench.files.solution_file import LARGEST_DEG, LARGEST_MM, CalibratedArm
 from workbench.jobs.robot.compensate import covariates_read
 
 # No arm deviates from its model by a hundred times the noise of an instrument that is fit to measure it: noise then
@@ -49,8 +49,8 @@ class Limits:
     arm, since a correction that is less certain than the error it removes does no good.
     """
 
-    correction_mm: float = 10.0
-    correction_deg: float = 1.0
+    correction_mm: float = LARGEST_MM
+    correction_deg: float = LARGEST_DEG
     sigma_mm: float | None = None
 
     def __post_init__(self):

@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Mapping
 from dataclasses import fields
 
 import numpy as np
@@ -11,7 +12,7 @@ from robot_model.tool_points import calibrated_points
 from workbench.files.exports.mjcf import control_terms
 from workbench.files.exports.python import runtime
 from workbench.files.exports.python.bundle import Symbol, bundle
-from workbench.files.solution_file import CalibratedArm
+from workbench.files.solution_file import LARGEST_DEG, LARGEST_MM, CalibratedArm
 
 _LOAD, _JOINT = "payload_kg", re.compile(r"q\d+_(deg|mm)")
 _DRAWS = 16
@@ -33,8 +34,9 @@ flange to the robot's root frame.{covariates}
 
     nominal_poses(readings)                   where the controller believes the flange to be
     flange_poses(readings, covariates)        where it really is
-    corrected_readings(readings, poses, covariates)
-                                              readings that bring it to the target, and the error left (mm)
+    corrected_readings(readings, poses, covariates, force)
+                                              readings that bring it to the target, and the error left (mm); nan where
+                                              it is not reached, beyond limits or (unless force) implausible
     errors_left(corrected, readings, poses, covariates)
                                               what corrected readings leave of it: position (mm), orientation (deg)
     measured_points(readings, tool_point, covariates, reflector)
@@ -70,7 +72,7 @@ def python_module(arm: CalibratedArm) -> str:
     kinds = list(dict.fromkeys(type(effect) for effect in (*arm.acting_effects, *observed)))
     roots = [Symbol(runtime.__name__, "CorrectedArm")]
     roots += [Symbol(kind.__module__, kind.__name__) for kind in kinds]
-    data = json.dumps(arm_data(arm), indent=1)
+    data = json.dumps(arm_data(arm, _used_ranges(arm)), indent=1)
     head = _HEAD.format(
         **_usage(arm),
         name=arm.robot.name,
@@ -87,13 +89,15 @@ def python_module(arm: CalibratedArm) -> str:
     return f"{head}\n{bundle(roots, _METHODS)}\n\n{constants}\n{tail}"
 
 
-def arm_data(arm: CalibratedArm) -> dict:
-    """Robot, parameter values and place of the load, as JSON; nan is null."""
+def arm_data(arm: CalibratedArm, ranges: Mapping | None = None) -> dict:
+    """Robot, parameter values, place of the load, and what a correction is compared with, as JSON; nan is null."""
     robot = {f.name: _plain(getattr(arm.robot, f.name)) for f in fields(arm.robot)}
     return {
         "robot": robot,
         "values": dict(arm.values),
         "load_centre": _plain(arm.load_centre),
+        "ranges": {} if ranges is None else ranges,
+        "largest_correction": [LARGEST_MM, LARGEST_DEG],
     }
 
 
@@ -130,6 +134,17 @@ def _usage(arm: CalibratedArm) -> dict[str, str]:
         "point_passed": "" if points else ", tool_point=[0.0, 0.0, 100.0]",
         "zeros": str(_middle(arm)),
     }
+
+
+def _used_ranges(arm: CalibratedArm) -> dict[str, list[float]]:
+    """Recorded ranges of joint readings and of the covariates that a term uses, in file units."""
+    used = covariates_used(arm)
+    recorded = dict(arm.fitted_range or {})
+    if recorded and any(effect.elastic for effect in arm.acting_effects):
+        used = [*used, _LOAD]
+        recorded.setdefault(_LOAD, (0.0, 0.0))
+    kept = [name for name in recorded if name in used or _JOINT.fullmatch(name)]
+    return {name: list(recorded[name]) for name in kept}
 
 
 def _typical(arm: CalibratedArm, name: str) -> float:
