@@ -1,5 +1,6 @@
 """A calibrated arm taken elsewhere: each export is executed or read back by another program than the workbench."""
 
+import inspect
 import json
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from robot_model.measurements.closure import flange_matrices
 from scenes import ABB, CRAIG, SLIDING
 from workbench.core.errors import InputError
 from workbench.core.rigid import transform
+from workbench.files.exports.check import check_python
 from workbench.files.exports.mdh import calibrated_geometry
 from workbench.files.exports.mjcf import control_terms, left_out, mjcf
 from workbench.files.exports.programs import LANGUAGES, Program, program_text, read_program
@@ -138,7 +140,7 @@ import exported
 given = json.load(open("given.json"))
 covariates = {k: np.array(v) for k, v in given["covariates"].items()}
 readings = np.array(given["readings"])
-corrected, left = exported.corrected_readings(readings, None, covariates)
+corrected, left = exported.corrected_readings(readings, None, covariates, force=True)
 foreign = [m for m in sys.modules if m.split(".")[0] in
            ("workbench", "robot_model", "datasets", "sensors", "scipy", "pydantic", "torch")]
 print(json.dumps({"poses": exported.flange_poses(readings, covariates).tolist(),
@@ -181,6 +183,60 @@ def test_the_python_module_alone_predicts_and_corrects_as_the_workbench_does(spe
     assert near.sum() > 8
     np.testing.assert_allclose(np.array(told["corrected"])[near], corrected[near], atol=1e-4)
     assert np.array(told["left"])[near].max() < 1e-4
+
+
+def exported(arm):
+    """The names of the executed module."""
+    module: dict = {"__name__": "exported"}
+    exec(python_module(arm), module)
+    return module
+
+
+@pytest.mark.parametrize("names", [("reflector1",), ("reflector2", "reflector10"), ("tip",), ("",)])
+def test_measured_points_take_a_calibrated_point_by_default(names):
+    points = {name: [10.0 * k, -20.0, 30.0] for k, name in enumerate(names, 1)}
+    keys = {
+        f"tool.{name}{'_' if name else ''}{c}": value
+        for name, point in points.items()
+        for c, value in zip("xyz", point)
+    }
+    base = dict(zip((f"base.{c}" for c in ("x", "y", "z", "rx", "ry", "rz")), range(6)))
+    arm = arm_with(ABB, (), values=keys | base)
+    check_python(arm, python_module(arm))
+    measured_points = exported(arm)["measured_points"]
+    reading = [[0, -30, 20, 0, 10, 0]]
+    first = measured_points(reading, points[names[0]])
+    np.testing.assert_allclose(measured_points(reading), first, atol=1e-9)
+    if len(names) > 1:
+        second = measured_points(reading, points[names[1]])
+        np.testing.assert_allclose(measured_points(reading, reflector=10), second, atol=1e-9)
+        assert np.abs(second - first).max() > 1
+    with pytest.raises(ValueError, match="reflector7, found"):
+        measured_points(reading, reflector=7)
+
+
+def test_a_module_without_a_calibrated_point_asks_for_one():
+    arm = arm_with(ABB, ())
+    check_python(arm, python_module(arm))
+    with pytest.raises(ValueError, match="give tool_point"):
+        exported(arm)["measured_points"]([[0] * 6])
+
+
+def test_the_docstring_names_covariates_only_where_a_term_uses_one():
+    ranges = {f"q{k}_deg": (-40.0, 40.0) for k in range(1, 7)}
+    ranges |= {"payload_kg": (0.0, 3.0), "temperature_c": (20.0, 25.0)}
+    tool = {f"tool.{c}": 50.0 for c in "xyz"}
+    rigid = replace(arm_with(ABB, (), values=tool), fitted_range=ranges)
+    spring = arm_with(ABB, [("joint-compliance", "joint-2", {})], values=tool)
+    spring = replace(spring, fitted_range=ranges)
+    without, with_load = (python_module(arm).split('"""')[1] for arm in (rigid, spring))
+    assert "Covariates" not in without and "covariates=covariates" not in without
+    assert "in file units: payload_kg." in with_load and '{"payload_kg": 1.5}' in with_load
+    for text in (without, with_load):
+        example = text.split("Example:")[1].replace("import exported_arm", "")
+        names = exported(rigid if text is without else spring)
+        exec(inspect.cleandoc(example).replace("exported_arm.", ""), names)
+        assert names["points"].shape == (1, 3)
 
 
 def test_the_python_module_holds_no_more_than_the_arm_needs():

@@ -17,6 +17,8 @@ from workbench.core.terms import switched_off, term_names
 from workbench.core.text.structured_text import ContentError, read_json
 
 FORMAT, NAME = "solution/1", "solution.json"
+# Largest plausible correction of the position and of the orientation of the flange, where nobody states another.
+LARGEST_MM, LARGEST_DEG = 10.0, 1.0
 # What acts on the arm. The instrument's own errors, its drift relative to the base and the moment of reading move no
 # flange.
 _ARM_PORTS = ("joint", "geometry", "frame", "gravity", "mass")

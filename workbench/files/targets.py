@@ -169,6 +169,8 @@ def corrected_columns(
     added = {
         "correction_mm": found.correction_mm,
         "left_mm": found.left_mm,
+        "position_left_mm": found.position_left_mm,
+        "rotation_left_deg": found.rotation_left_deg,
         "sigma_mm": found.sigma_mm,
         "reached": found.reached.astype(float),
         "refused": is_refused.astype(float),

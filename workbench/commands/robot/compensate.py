@@ -131,17 +131,28 @@ def _summary(arm, found, refused) -> dict:
         "count": len(reached),
         "reached": int(reached.sum()),
         "corrected_count": int(kept.sum()),
-        "unreached_rows": [int(k) + 1 for k in (~reached).nonzero()[0]],
+        "unreached_rows": _rows(~reached),
+        "beyond_limits_rows": _rows(found.beyond_limits),
+        "unattainable_rows": _rows(~reached & ~found.beyond_limits),
+        "point": "tool point" if found.is_deficient else "flange",
+        "joints": arm.robot.mixing.shape[1],
         "refused": [{"row": k + 1, "why": "; ".join(why)} for k, why in sorted(refused.items())],
         "largest_correction_mm": _largest(found.position_mm[reached]),
         "largest_correction_deg": _largest(found.rotation_deg[reached]),
         "correction_rms_mm": _rms(found.correction_mm[kept]),
         "left_rms_mm": _rms(found.left_mm[kept]),
+        "position_left_rms_mm": _rms(found.position_left_mm[kept]),
+        "rotation_left_rms_deg": _rms(found.rotation_left_deg[kept]),
         "sigma_rms_mm": _rms(found.sigma_mm[kept]),
         "expected_error_mm": arm.held_out_mm,
         "nominal_error_mm": arm.keys["nominal"]["rms_mm"],
         "why_expected": "held-out RMS of the calibration: the model discrepancy remains at every target",
     }
+
+
+def _rows(chosen) -> list[int]:
+    """Numbers of the chosen targets, counted from 1."""
+    return [int(k) + 1 for k in chosen.nonzero()[0]]
 
 
 def _verdict(arm, found, refused, tolerances):
@@ -152,7 +163,8 @@ def _verdict(arm, found, refused, tolerances):
     kept[list(refused)] = False
     if not kept.any():
         return no_verdict("No target is corrected, so there is no error to judge.")
-    largest = math.hypot(arm.held_out_mm, float(found.sigma_mm[kept].max()))
+    own = (found.sigma_mm[kept] ** 2 + found.position_left_mm[kept] ** 2).max()
+    largest = math.hypot(arm.held_out_mm, math.sqrt(float(own)))
     stated = arm.keys.get("noise_rms_mm")
     noise = None if stated is None else Noise(stated)
     return judge(Residual(largest, "mm", "largest expected position error"), noise, tolerances)
@@ -172,7 +184,7 @@ def _show(console, result) -> None:
         ["error of the nominal arm, held out", result["nominal_error_mm"]],
         ["error to expect now, held out", result["expected_error_mm"]],
         ["standard uncertainty at these targets", result["sigma_rms_mm"]],
-        ["the corrections, at the flange", result["correction_rms_mm"]],
+        [f"the corrections, at the {result['point']}", result["correction_rms_mm"]],
         ["inverse-kinematics residual", result["left_rms_mm"]],
     ]
     tables.grid(
@@ -186,14 +198,25 @@ def _show(console, result) -> None:
         )
     for sentence in result["warnings"]:
         console.print(sentence, markup=False)
-    if result["unreached_rows"]:
-        console.print(
-            "Out of reach or limits, with no readings in corrected.csv: target "
-            f"{', '.join(map(str, result['unreached_rows'][:_NAMED]))}."
-        )
+    _show_unreached(console, result)
     _show_refused(console, result["refused"])
     answer.show_verdict(console, result["verdict"])
     console.print(str(result["run"]), soft_wrap=True, markup=False)
+
+
+def _show_unreached(console, result) -> None:
+    """Targets without readings: beyond the limits of the joints, or not attainable at all."""
+    reasons = {
+        "beyond_limits_rows": "The corrected readings exceed the limits of the joints",
+        "unattainable_rows": f"Not attainable with {result['joints']} joints",
+    }
+    for key, reason in reasons.items():
+        rows = result[key]
+        if not rows:
+            continue
+        more = f" and {len(rows) - _NAMED} more" if len(rows) > _NAMED else ""
+        named = ", ".join(map(str, rows[:_NAMED]))
+        console.print(f"{reason}, no readings in corrected.csv: target {named}{more}.")
 
 
 def _show_refused(console, refused) -> None:

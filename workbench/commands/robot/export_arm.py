@@ -160,7 +160,10 @@ def _program(arm, to: str, file: Path, options: ArmOptions) -> ArmExport:
     covariates = covariates_of(arm, programme)
     found = compensate(arm, programme.readings, programme.poses, covariates, programme.anywhere)
     refused = {} if options.force else judge_targets(arm, programme, found, Limits()).refused
-    refused |= {int(k): ["it is out of reach or limits"] for k in (~found.reached).nonzero()[0]}
+    for k in (~found.reached).nonzero()[0]:
+        unattainable = f"it is not attainable with {arm.robot.mixing.shape[1]} joints"
+        why = "it exceeds the joint limits" if found.beyond_limits[k] else unattainable
+        refused = refused | {int(k): [why]}
     if refused:
         row = min(refused)
         raise InputError(

@@ -8,6 +8,8 @@ import numpy as np
 from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.measurements.closure import flange_matrices
+from robot_model.state import sliding
+from robot_model.tool_points import calibrated_points
 from sensors.camera.model import Camera, camera_from_keys
 from workbench.core.errors import InputError
 from workbench.core.rigid import transform
@@ -15,9 +17,12 @@ from workbench.core.text.structured_text import ContentError, read_toml
 from workbench.files.exports.camera import read_camera_text
 from workbench.files.exports.hand_eye import StaticTransform, read_launch_yaml, read_transform_yaml
 from workbench.files.exports.mdh import calibrated_geometry, read_mdh
+from workbench.files.exports.urdf import is_coupled, joint_signs
 from workbench.files.solution_file import CalibratedArm
 
 _SAME_MM, _SAME = 1e-6, 1e-9
+# functions of the Python module that answer nan for a target that they refuse
+_MAY_BE_NAN = ("corrected_readings", "errors_left")
 
 
 class _Differs(RuntimeError):
@@ -40,29 +45,76 @@ def check_urdf(arm: CalibratedArm, text: str) -> None:
         arm.robot.prismatic, 100, 1
     )
     # joints that are coupled stand in the URDF as angles of their own
-    coupled = np.count_nonzero(arm.robot.mixing) > arm.robot.joints
-    variables = readings if coupled else readings @ arm.robot.mixing.T
+    variables = readings if is_coupled(arm.robot) else readings @ arm.robot.mixing.T
     wanted = _flanges(arm.robot, variables, calibrated_geometry(arm))
     if np.abs(_flanges(again, readings @ again.mixing.T) - wanted).max() > _SAME_MM:
         raise _Differs("the URDF read back puts the flange elsewhere")
+    _check_limits(arm, again)
+
+
+def _check_limits(arm: CalibratedArm, again) -> None:
+    """RuntimeError where a recorded reading within the robot's limits exceeds the limits of the URDF read back.
+
+    Only ranges of the readings are known, so that all their corners are checked.
+    """
+    ranges = arm.fitted_range or {}
+    slides = sliding(arm.robot)
+    names = [f"q{k}_{'mm' if s else 'deg'}" for k, s in enumerate(slides, 1)]
+    if not set(names) <= set(ranges):
+        return
+    units = np.where(slides, 1.0, np.pi / 180)
+    ends = np.array([ranges[name] for name in names]) * units[:, None]
+    allowed = np.where(np.isnan(arm.robot.limits), ends, arm.robot.limits)
+    low, high = np.clip(ends, allowed[:, :1], allowed[:, 1:]).T
+    forms = arm.robot.mixing * joint_signs(arm.robot)[:, None]
+    lowest = np.maximum(forms, 0) @ low + np.minimum(forms, 0) @ high
+    highest = np.maximum(forms, 0) @ high + np.minimum(forms, 0) @ low
+    is_outside = (lowest < again.limits[:, 0] - _SAME) | (highest > again.limits[:, 1] + _SAME)
+    if is_outside.any():
+        raise _Differs(f"recorded readings exceed the limits of joint {is_outside.argmax() + 1}")
 
 
 def check_python(arm: CalibratedArm, text: str) -> None:
-    """RuntimeError where the module, executed, puts the flange elsewhere than the calibrated arm."""
-    from workbench.files.exports.python.module import arm_data, observed_effects
+    """RuntimeError where the module, executed, puts the flange elsewhere than the calibrated arm.
+
+    Every public function is called with its defaults, covariates only where a term depends on one.
+    """
+    from workbench.files.exports.python.module import arm_data, covariates_used, observed_effects
     from workbench.files.exports.python.runtime import CorrectedArm
 
     module: dict = {"__name__": "exported_arm"}
     exec(compile(text, "exported_arm.py", "exec"), module)
     plain = CorrectedArm(arm_data(arm), arm.acting_effects, observed_effects(arm))
-    readings = np.random.default_rng(0).uniform(-50, 50, (8, arm.robot.mixing.shape[1]))
+    readings = _checked_readings(arm)
     ranges = arm.fitted_range or {}
-    covariates = {name: (low + high) / 2 for name, (low, high) in ranges.items()}
-    if arm.fitted_range is None and any(effect.needs for effect in arm.effects):
+    used = covariates_used(arm)
+    if not set(used) <= set(ranges):
         return  # an older version did not write in which range its covariates are
+    covariates = {name: sum(ranges[name]) / 2 for name in used}
+    given = {"covariates": covariates} if covariates else {}
     wanted = plain.flange_poses(readings, covariates)
-    if np.abs(module["flange_poses"](readings, covariates) - wanted).max() > _SAME_MM:
+    if np.abs(module["flange_poses"](readings, **given) - wanted).max() > _SAME_MM:
         raise _Differs("the Python module executed puts the flange elsewhere")
+    point = {} if calibrated_points(arm.values) else {"tool_point": np.zeros(3)}
+    answers = {
+        "nominal_poses": module["nominal_poses"](readings),
+        "measured_points": module["measured_points"](readings, **point, **given),
+        "servo_targets": module["servo_targets"](readings, **given),
+        "corrected_readings": module["corrected_readings"](readings, **given)[0],
+    }
+    corrected = answers["corrected_readings"]
+    answers["errors_left"] = module["errors_left"](corrected, readings, **given)[0]
+    for name, answer in answers.items():
+        if len(answer) != len(readings) or name not in _MAY_BE_NAN and np.isnan(answer).any():
+            raise _Differs(f"{name} of the Python module executed gives no numbers")
+
+
+def _checked_readings(arm: CalibratedArm) -> np.ndarray:
+    """(8, R) deg, mm: readings within the recorded ranges, where they are known."""
+    ranges = arm.fitted_range or {}
+    names = [f"q{k}_{'mm' if slides else 'deg'}" for k, slides in enumerate(sliding(arm.robot), 1)]
+    low, high = np.array([ranges.get(name, (-50.0, 50.0)) for name in names]).T
+    return np.random.default_rng(0).uniform(low, high, (8, len(names)))
 
 
 def check_patched_urdf(arm: CalibratedArm, content: bytes, spec: dict, exact: bool) -> None:

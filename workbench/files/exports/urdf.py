@@ -9,13 +9,19 @@ from robot_model.chain import ALPHA, BETA, THETA, A, D
 from workbench.files.exports.mdh import calibrated_geometry, left_out
 from workbench.files.solution_file import CalibratedArm
 
+_COUPLED_LIMITS = (
+    " interval of this joint over the limits of all readings that it depends on; "
+    "not every combination of joint angles within such limits is allowed "
+)
+
 
 def urdf(arm: CalibratedArm) -> str:
     """URDF text: lengths in m, angles in rad; joints joint_1 ..., links base_link, link_1 ..., flange.
 
     A URDF's joint turns about its own axis after a fixed origin: what stands between two joint
     axes becomes the origin of the second. Where the controller couples joints, which a URDF cannot
-    say, its joints are the angles between the links, and a comment gives them from the readings.
+    say, its joints are the angles between the links, and a comment gives them from the readings. The limits of such a
+    joint are the interval that its angle takes over the limits of all readings; it is wider than the reachable set.
     """
     signs = joint_signs(arm.robot)
     origins = joint_origins(arm)
@@ -61,6 +67,21 @@ def is_coupled(robot) -> bool:
     )
 
 
+def joint_limits(robot) -> np.ndarray:
+    """(J, 2) rad, mm: lowest and highest value of each joint of the URDF over the limits of the readings.
+
+    A joint is its own reading, or minus it, or a linear form of several readings: the interval of the form over the box
+    of their limits. nan where a limit of one of them is unknown.
+    """
+    factors = robot.mixing * joint_signs(robot)[:, None]
+    found = []
+    for row in factors:
+        own = np.flatnonzero(row)
+        ends = row[own, None] * robot.limits[own]
+        found.append([ends.min(1).sum(), ends.max(1).sum()])
+    return np.array(found)
+
+
 def coupled_sums(robot) -> str:
     """Joint variables from readings: joint_3 = q3 + q2 of each joint that is not its own reading."""
     return "; ".join(
@@ -102,12 +123,14 @@ def placed(axes, angles, shift=(0, 0, 0)) -> np.ndarray:
 
 def _joint(root, robot, k, links, origin, sign):
     slides = robot.prismatic[k]
-    low, high = robot.limits[k]
+    low, high = joint_limits(robot)[k]
     bounded = np.isfinite([low, high]).all()
     kind = "prismatic" if slides else "revolute" if bounded else "continuous"
     joint = ET.SubElement(root, "joint", name=f"joint_{k + 1}", type=kind)
     _between(joint, *links, origin)
     ET.SubElement(joint, "axis", xyz=f"0 0 {int(sign)}")
+    if np.count_nonzero(robot.mixing[k]) > 1:
+        joint.append(ET.Comment(_COUPLED_LIMITS))
     unit = 1e-3 if slides else 1.0
     low, high = (low, high) if bounded else (-1e6, 1e6)
     if kind != "continuous":

@@ -1,7 +1,8 @@
 """Using a calibration: joint readings that bring the real arm where the nominal one was sent.
 
 The full non-linear model is inverted, for all targets at once: geometry, transmission, compliance
-under the load that each target carries, and whatever else was calibrated.
+under the load that each target carries, and whatever else was calibrated. An arm that cannot move its flange in all six
+directions reaches the position first, and the orientation as far as its joints allow.
 """
 
 from dataclasses import dataclass, replace
@@ -14,12 +15,13 @@ from robot_model.measurements.external_pose import ExternalPose
 from robot_model.robot import Robot
 from robot_model.state import State, sliding
 from robot_model.system import RobotChain
+from robot_model.task_priority import LEVER_MM, Task, joint_part, pose_difference, pose_sizes
 from workbench.core.least_squares.linear_algebra import least_squares, solve_positive
 from workbench.core.model import Model
 from workbench.core.rigid import transform
 from workbench.files.solution_file import CalibratedArm
 
-_STEPS, _LEVER_MM = 40, 200.0
+_STEPS = 40
 # starts of the search for a posture, and where a joint without limits may start
 _TRIES, _OPEN = 20, (-np.pi, np.pi)
 # a target counts as reached within a hundredth of a micrometre, and as much a lever's length away
@@ -37,7 +39,12 @@ class Compensated:
     for; `correction_mm` (n,) how far the real flange is from them at the nominal arm's readings, the larger of its
     position and of its orientation at a lever of 200 mm; `position_mm` and `rotation_deg` (n,) the two by themselves;
     `left_mm` (n,) what is left of it; `sigma_mm` (n,) 1 sigma of the 3-D place that the parameters'
-    uncertainty makes; `reached` (n,) False where no reading within limits gets there.
+    uncertainty makes; `reached` (n,) False where no reading within limits gets there, because the search found none
+    or, where `beyond_limits` (n,), because the one it found is outside the limits of the joints.
+
+    An arm that cannot move its flange in all six directions (`is_deficient`) has reached a target where nothing is left
+    in the directions that its joints move; `position_left_mm` and `rotation_left_deg` (n,) are then what is left in
+    the other ones. All its distances are those of the first calibrated point on the tool, not of the flange.
     """
 
     readings: np.ndarray
@@ -48,6 +55,10 @@ class Compensated:
     left_mm: np.ndarray
     sigma_mm: np.ndarray
     reached: np.ndarray
+    beyond_limits: np.ndarray
+    position_left_mm: np.ndarray
+    rotation_left_deg: np.ndarray
+    is_deficient: bool
 
 
 def compensate(
@@ -66,27 +77,41 @@ def compensate(
     nominal = nominal_poses(arm.robot, readings)
     wanted = nominal if poses is None else np.asarray(poses, float)
     found = np.array(readings, float)
+    task = Task.of(arm.robot, arm.values)
     if poses is not None:
-        found = _nominal_readings(arm.robot, found, wanted, anywhere)
-    deviation, before = _off(_model(arm, found, wanted, covariates), arm)
-    position, rotation = (
-        np.linalg.norm(deviation[:3], axis=0),
-        np.rad2deg(np.linalg.norm(deviation[3:], axis=0)),
-    )
+        found = _nominal_readings(arm.robot, found, wanted, anywhere, task)
+    position, rotation = pose_sizes(_deviation(_model(arm, found, wanted, covariates), arm, task))
     for _ in range(_STEPS):
-        model = _model(arm, found, wanted, covariates)
-        residual, distance = _off(model, arm)
-        step = _step(model, arm, residual)
-        if distance.max(initial=0) < _REACHED_MM:
+        step, movable = _reading_step(_model(arm, found, wanted, covariates), arm, task)
+        if movable.max(initial=0) < _REACHED_MM:
             break
-        found = found - least_squares(arm.robot.mixing, step).T
+        found = found - np.clip(step, -_reach(arm.robot), _reach(arm.robot))
     model = _model(arm, found, wanted, covariates)
-    left = _off(model, arm)[1]
-    reached = (left < 1e-3) & _within(arm.robot, found)
-    sigma = _sigma(model, arm)
+    position_left, rotation_left = pose_sizes(_deviation(model, arm, task))
+    is_solved = _reading_step(model, arm, task)[1] < 1e-3
+    beyond = is_solved & ~_within(arm.robot, found)
+    reached = is_solved & ~beyond
     # what an inversion that failed ends with is no place to send an arm to
     readings = np.where(reached[:, None], found, np.nan)
-    return Compensated(readings, wanted, before, position, rotation, left, sigma, reached)
+    return Compensated(
+        readings,
+        wanted,
+        _larger(position, rotation),
+        position,
+        rotation,
+        _larger(position_left, rotation_left),
+        _sigma(model, arm),
+        reached,
+        beyond,
+        position_left,
+        rotation_left,
+        task.is_deficient,
+    )
+
+
+def _larger(position, rotation) -> np.ndarray:
+    """(n,) mm: the larger of a distance (mm) and of a rotation (deg) at a lever's length."""
+    return np.maximum(position, LEVER_MM * np.deg2rad(rotation))
 
 
 def nominal_poses(robot: Robot, readings: np.ndarray) -> np.ndarray:
@@ -180,18 +205,38 @@ def _off(model, arm):
     """(6, n) actual minus wanted pose, and (n,) mm: its largest of place and of turn at a lever's length."""
     residual = model.residual(_parameters(model, arm))
     place, turn = np.linalg.norm(residual[:3], axis=0), np.linalg.norm(residual[3:], axis=0)
-    return residual, np.maximum(place, _LEVER_MM * turn)
+    return residual, np.maximum(place, LEVER_MM * turn)
+
+
+def _deviation(model, arm, task) -> np.ndarray:
+    """(6, n) mm and rad: actual minus wanted pose, of a deficient arm at the point whose position comes first."""
+    if not task.is_deficient:
+        return _off(model, arm)[0]
+    frames = model.evaluate(_parameters(model, arm)).frames
+    actual = transform(flange_matrices(frames), frames.end_origin.T)
+    measured = model.chain.measurement
+    return pose_difference(actual, transform(measured.turns, measured.measured.T), task.point)
+
+
+def _reading_step(model, arm, task) -> tuple[np.ndarray, np.ndarray]:
+    """(n, R) change of the readings that makes the deviation, and (n,) mm: what of it the joints can move."""
+    if not task.is_deficient:
+        residual, distance = _off(model, arm)
+        return least_squares(arm.robot.mixing, _step(model, arm, residual)).T, distance
+    frames = model.evaluate(_parameters(model, arm)).frames
+    deviation = _deviation(model, arm, task)
+    return joint_part(arm.robot, frames, deviation, task, _reading_weights(arm))
 
 
 def _step(model, arm, residual):
     """(J, n) change of the joint variables that undoes the residual; effects hardly change over it."""
     rows = model.evaluate(_parameters(model, arm)).rows("joint", np.arange(arm.robot.joints))
-    scale = np.array([1.0, 1, 1, _LEVER_MM, _LEVER_MM, _LEVER_MM])[:, None]
+    scale = np.array([1.0, 1, 1, LEVER_MM, LEVER_MM, LEVER_MM])[:, None]
     weight = _joint_weights(arm)
     jacobian = np.transpose(rows * scale, (2, 1, 0)) * weight
     right = (residual * scale).T[..., None]
     # damped: near a singular posture a plain inverse would leap
-    normal = np.swapaxes(jacobian, 1, 2) @ jacobian + 1e-6 * _LEVER_MM**2 * 1e-3 * np.eye(
+    normal = np.swapaxes(jacobian, 1, 2) @ jacobian + 1e-6 * LEVER_MM**2 * 1e-3 * np.eye(
         arm.robot.joints
     )
     return (solve_positive(normal, np.swapaxes(jacobian, 1, 2) @ right)[..., 0] * weight).T
@@ -199,20 +244,30 @@ def _step(model, arm, residual):
 
 def _joint_weights(arm) -> np.ndarray:
     """(J,) how readily a joint variable takes part in a correction: little where it stood still in the recording."""
+    has_moved = (np.abs(arm.robot.mixing) @ _moved(arm)) > 0
+    return np.where(has_moved, 1.0, _STILL_WEIGHT)
+
+
+def _reading_weights(arm) -> np.ndarray:
+    """(R,) how readily a reading takes part in a correction: little where it stood still in the recording."""
+    return np.where(_moved(arm), 1.0, _STILL_WEIGHT)
+
+
+def _moved(arm) -> np.ndarray:
+    """(R,) bool: readings that changed in the recording; True where its ranges are unknown."""
     if arm.fitted_range is None:
-        return np.ones(arm.robot.joints)
+        return np.ones(arm.robot.mixing.shape[1], bool)
     moved = np.ones(arm.robot.mixing.shape[1], bool)
     for k, slides in enumerate(sliding(arm.robot)):
         low, high = arm.fitted_range.get(f"q{k + 1}_{'mm' if slides else 'deg'}", (-np.inf, np.inf))
         moved[k] = high - low > (_STILL_MM if slides else np.rad2deg(_STILL_RAD))
-    has_moved = (np.abs(arm.robot.mixing) @ moved) > 0
-    return np.where(has_moved, 1.0, _STILL_WEIGHT)
+    return moved
 
 
-def _nominal_readings(robot, start, wanted, anywhere):
+def _nominal_readings(robot, start, wanted, anywhere, task):
     """Readings (n, R) of the nominal arm at the wanted poses, from `start`; where that leads beyond limits and any
     posture will do, from other places within them."""
-    found, good = _searched(robot, start, wanted)
+    found, good = _searched(robot, start, wanted, task)
     rng, (low, high) = (
         np.random.default_rng(0),
         np.where(np.isnan(robot.limits), _OPEN, robot.limits).T,
@@ -222,24 +277,23 @@ def _nominal_readings(robot, start, wanted, anywhere):
         if not rows.size:
             break
         found[rows], good[rows] = _searched(
-            robot, rng.uniform(low, high, (len(rows), len(low))), wanted[rows]
+            robot, rng.uniform(low, high, (len(rows), len(low))), wanted[rows], task
         )
     return found
 
 
-def _searched(robot, start, wanted):
+def _searched(robot, start, wanted, task):
     """Readings (n, R) of the nominal arm nearest to the wanted poses, and (n,) whether it may and does get there."""
     bare = CalibratedArm(robot, (), {}, (), np.zeros((0, 0)), np.zeros(3), 0.0, True, "", {})
     found = start
     for _ in range(3 * _STEPS):
-        model = _model(bare, found, wanted, None)
-        residual, distance = _off(model, bare)
-        if distance.max(initial=0) < 1e-3:
+        step, movable = _reading_step(_model(bare, found, wanted, None), bare, task)
+        if movable.max(initial=0) < 1e-3:
             break
-        step = np.clip(_step(model, bare, residual), -0.3 * _reach(robot), 0.3 * _reach(robot))
-        found = found - least_squares(robot.mixing, step).T
+        found = found - np.clip(step, -0.3 * _reach(robot), 0.3 * _reach(robot))
     found = _turned_back(robot, found)
-    return found, (_off(_model(bare, found, wanted, None), bare)[1] < 1e-2) & _within(robot, found)
+    movable = _reading_step(_model(bare, found, wanted, None), bare, task)[1]
+    return found, (movable < 1e-2) & _within(robot, found)
 
 
 def _turned_back(robot, readings):
@@ -251,8 +305,8 @@ def _turned_back(robot, readings):
 
 
 def _reach(robot):
-    """(J, 1) what a step of one is: a radian, or a hundred mm where the joint slides."""
-    return np.where(robot.prismatic, 100.0, 1.0)[:, None]
+    """(R,) what a step of one is: a radian, or a hundred mm where the joint slides."""
+    return np.where(sliding(robot), 100.0, 1.0)
 
 
 def _within(robot, readings):

@@ -16,7 +16,7 @@ from robot_model.state import sliding
 from robot_model.system import geometry_priors
 from workbench.core.errors import InputError
 from workbench.core.vocabulary import Covariate
-from workbench.files.solution_file import CalibratedArm
+from workbench.files.solution_file import LARGEST_DEG, LARGEST_MM, CalibratedArm
 from workbench.jobs.robot.compensate import covariates_read
 
 # No arm deviates from its model by a hundred times the noise of an instrument that is fit to measure it: noise then
@@ -49,8 +49,8 @@ class Limits:
     arm, since a correction that is less certain than the error it removes does no good.
     """
 
-    correction_mm: float = 10.0
-    correction_deg: float = 1.0
+    correction_mm: float = LARGEST_MM
+    correction_deg: float = LARGEST_DEG
     sigma_mm: float | None = None
 
     def __post_init__(self):
@@ -216,7 +216,17 @@ def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judge
     ):
         for row in np.flatnonzero(found.reached & ~(values <= largest)):
             refuse(row, f"{words} of {values[row]:.3g} {unit} exceeds {largest:.3g} {unit}")
-    warnings = []
+    for words, values, largest, unit in (
+        ("position", found.position_left_mm, limits.correction_mm, "mm"),
+        ("orientation", found.rotation_left_deg, limits.correction_deg, "deg"),
+    ):
+        for row in np.flatnonzero(found.reached & ~(values <= largest)):
+            refuse(
+                row,
+                f"its {words} is not attainable with {arm.robot.mixing.shape[1]} joints: "
+                f"{values[row]:.3g} {unit} remain, above {largest:.3g} {unit}",
+            )
+    warnings = _left_by_joints(arm, found)
     for covered in _coverages(arm, programme, found):
         is_refused = found.reached & (covered.outside > _FAR) & covered.is_read
         for row in np.flatnonzero(is_refused):
@@ -225,6 +235,19 @@ def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judge
     if arm.fitted_range is None:
         warnings.append(_NO_RANGES)
     return Judgement(refused, warnings)
+
+
+def _left_by_joints(arm: CalibratedArm, found) -> list[str]:
+    """A sentence on what remains in the directions in which the joints cannot move the flange, or none."""
+    if not found.is_deficient or not found.reached.any():
+        return []
+    position = found.position_left_mm[found.reached].max()
+    rotation = found.rotation_left_deg[found.reached].max()
+    return [
+        f"{arm.robot.mixing.shape[1]} joints do not move the flange in all six directions: its position is corrected "
+        "first, then its orientation. Up to "
+        f"{position:.3g} mm and {rotation:.3g} deg remain in directions that the joints cannot move."
+    ]
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,18 @@ from robot_model.chain import forward
 from robot_model.robot import Robot
 from robot_model.state import State, sliding
 from robot_model.system import RobotChain
+from robot_model.task_priority import Task, joint_part, pose_difference, pose_sizes
+from robot_model.tool_points import calibrated_points
 from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix
 
 _STEPS = 40
+_SOLVED_MM = 1e-3
+# outside the recorded range by more than this many of its extents a correction is not supported by the data
+_FAR = 1.0
+# extent of a joint that hardly moved in the recording: the correction itself moves it by part of a degree
+_LEAST_TURN_DEG, _LEAST_SLIDE_MM = 10.0, 100.0
+_POSE = ("x", "y", "z", "rx", "ry", "rz")
 _LEVER_MM = 200.0
 _REACHED_MM = 1e-5
 _DAMPING = 1e-6 * _LEVER_MM**2 * 1e-3
@@ -50,12 +58,15 @@ class Flange:
 class CorrectedArm:
     """A calibrated arm.
 
-    data: keys `robot` (fields of a Robot), `values` (parameters by key; mm, rad), `load_centre` (3,) mm.
+    data: keys `robot` (fields of a Robot), `values` (parameters by key; mm, rad), `load_centre` (3,) mm, `ranges`
+    (recorded column -> lowest and highest value, of joint readings and of covariates that a term uses; empty where
+    unknown), `largest_correction` (mm and deg).
     effects: those that move the flange. observed: these and the drift of the base in the instrument's frame.
     control: those on joints that are no springs, which change the targets of servos.
     """
 
     def __init__(self, data, effects, observed, control=()):
+        self.data = data
         fields = dict(data["robot"])
         for name in _ARRAYS:
             fields[name] = np.array(fields[name])
@@ -63,6 +74,8 @@ class CorrectedArm:
             fields[name] = np.array(fields[name], float)  # None is nan: unknown
         self.robot = Robot(**fields)
         self.values, self.load_centre = data["values"], np.array(data["load_centre"], float)
+        self.ranges, self.largest = data["ranges"], data["largest_correction"]
+        self.task = Task.of(self.robot, self.values)
         self.effects, self.observed, self.control = tuple(effects), tuple(observed), tuple(control)
 
     def nominal_poses(self, readings) -> np.ndarray:
@@ -73,17 +86,32 @@ class CorrectedArm:
         """(n, 4, 4) T_root_flange where the real flange is at readings (n, R) in degrees, mm of a slide."""
         return _poses(self._frames(self._radians(readings), covariates, self.effects))
 
-    def measured_points(self, readings, tool_point=None, covariates=None) -> np.ndarray:
+    def measured_points(self, readings, tool_point=None, covariates=None, reflector=None):
         """(n, 3) mm: a point of the tool in the frame of the external instrument.
 
-        tool_point (3,) or (n, 3) mm in the flange frame; None: the calibrated one (`tool.x`, ...).
+        tool_point: (3,) or (n, 3) mm in the flange frame. None takes a calibrated point: that of number `reflector`,
+        by default the one with the lowest number, or the origin of the calibrated tool frame. A calibration without a
+        frame of an instrument gives points in the robot's root frame. Raises ValueError where the calibration has no
+        such point.
         """
         if tool_point is None:
-            tool_point = [self.values[f"tool.{axis}"] for axis in "xyz"]
+            tool_point = self._calibrated_point(reflector)
         frames = self._frames(self._radians(readings), covariates, self.observed)
         point = frames.point(np.atleast_2d(np.asarray(tool_point, float)).T)
-        base = np.array([self.values[f"base.{c}"] for c in ("x", "y", "z", "rx", "ry", "rz")])
+        base = np.array([self.values.get(f"base.{c}", 0.0) for c in _POSE])
         return (rotation_matrix(base[3:]) @ point).T + base[:3]
+
+    def _calibrated_point(self, reflector) -> list:
+        """Three coordinates (mm, flange frame) of a calibrated point; ValueError where there is none."""
+        points = calibrated_points(self.values)
+        name = next(iter(points), None) if reflector is None else f"reflector{reflector}"
+        if name in points:
+            return points[name]
+        found = ", ".join(points) or "none"
+        raise ValueError(
+            f"expected a calibrated point {name or 'of the tool'}, found {found}; "
+            "give tool_point, three coordinates in mm in the flange frame"
+        )
 
     def servo_targets(self, readings, covariates=None) -> np.ndarray:
         """(n, J) rad, m of a slide: targets of the servos of the exported MJCF model at readings (n, R).
@@ -103,24 +131,107 @@ class CorrectedArm:
         signs = np.ones(self.robot.joints) if is_coupled else own
         return (signs[:, None] * targets * np.where(self.robot.prismatic, 1e-3, 1.0)[:, None]).T
 
-    def corrected_readings(self, readings, poses=None, covariates=None) -> tuple:
+    def corrected_readings(self, readings, poses=None, covariates=None, force=False) -> tuple:
         """Readings (n, R) that bring the real flange to where it shall be, and what is left of the error (n,) mm.
 
         readings (n, R): as programmed; the target is where the nominal arm would stand. poses (n, 4, 4): targets
         instead, and readings are where the search starts. The error left is the larger of the distance and of the
         rotation at a lever of 200 mm; a target is reached where it is below 0.001 mm.
+
+        Readings are nan where the target is not reached or they exceed the limits of the joints. They are also nan
+        where the correction, or what is left of it, is above `largest_correction` (10 mm, 1 deg), or where joint
+        readings or covariates are outside their recorded range by more than its extent; force=True accepts these.
+
+        An arm that cannot move its tool in all six directions corrects the position of the first calibrated point,
+        then the orientation as far as its joints allow. The error left is then that of this point and of the
+        orientation; `errors_left` has both by themselves.
         """
-        found = self._radians(readings)
         wanted = self.nominal_poses(readings) if poses is None else np.asarray(poses, float)
+        found = (
+            self._radians(readings) if poses is None else self._nominal_readings(readings, wanted)
+        )
+        before = self._error(found, wanted, covariates)
+        found, movable, left = self._solved(found, wanted, covariates)
+        is_good = (movable < _SOLVED_MM) & self._is_within_limits(found)
+        shown = np.where(sliding(self.robot), found, np.rad2deg(found))
+        if not force:
+            after = self._error(found, wanted, covariates)
+            is_good &= self._is_plausible(before) & self._is_plausible(after)
+            is_good &= self._is_covered(shown, covariates)
+        return np.where(is_good[:, None], shown, np.nan), left
+
+    def _nominal_readings(self, readings, wanted) -> np.ndarray:
+        """(n, R) rad, mm: readings of the nominal arm at the wanted poses, from where the search starts."""
+        nominal = CorrectedArm({**self.data, "values": {}}, (), ())
+        nominal.task = self.task
+        return nominal._solved(self._radians(readings), wanted, None)[0]
+
+    def _solved(self, found, wanted, covariates) -> tuple:
+        """Readings (n, R) rad, mm after the search, what the joints can move of the error, and all of it (n,) mm."""
         back = np.linalg.pinv(self.robot.mixing)
         for _ in range(_STEPS):
             frames = self._frames(found, covariates, self.effects)
-            error = _difference(_poses(frames), wanted)
-            if _size(error).max(initial=0) < _REACHED_MM:
+            error = pose_difference(_poses(frames), wanted, self._point())
+            step, movable = self._step(frames, error, back)
+            if movable.max(initial=0) < _REACHED_MM:
                 break
-            found = found - (back @ _joint_step(self.robot, frames, error)).T
-        left = _size(_difference(_poses(self._frames(found, covariates, self.effects)), wanted))
-        return np.where(sliding(self.robot), found, np.rad2deg(found)), left
+            found = found - np.clip(step, -self._most(), self._most())
+        frames = self._frames(found, covariates, self.effects)
+        error = pose_difference(_poses(frames), wanted, self._point())
+        return found, self._step(frames, error, back)[1], _size(error)
+
+    def _error(self, found, wanted, covariates) -> np.ndarray:
+        """(6, n) mm and rad between the real and the wanted poses at readings (n, R) in rad, mm."""
+        actual = _poses(self._frames(found, covariates, self.effects))
+        return pose_difference(actual, wanted, self._point())
+
+    def _is_within_limits(self, found) -> np.ndarray:
+        """(n,) bool: whether readings (n, R) in rad, mm are within the joint limits; nan is no limit."""
+        low, high = self.robot.limits.T
+        return (~(found < low) & ~(found > high)).all(1)
+
+    def _is_plausible(self, error) -> np.ndarray:
+        """(n,) bool: whether an error (6, n) is small enough to be a correction."""
+        position, rotation = pose_sizes(error)
+        return (position <= self.largest[0]) & (rotation <= self.largest[1])
+
+    def _is_covered(self, shown, covariates) -> np.ndarray:
+        """(n,) bool: whether readings (n, R) in deg, mm and covariates are in or near what was recorded."""
+        covered = np.ones(len(shown), bool)
+        least = np.where(sliding(self.robot), _LEAST_SLIDE_MM, _LEAST_TURN_DEG)
+        for k, slides in enumerate(sliding(self.robot)):
+            ends = self.ranges.get(f"q{k + 1}_{'mm' if slides else 'deg'}")
+            covered &= _is_near(shown[:, k], ends, least[k])
+        load = self.robot.payload_mass
+        given = {"payload_kg": 0.0, **(covariates or {})}
+        for name, values in given.items():
+            ends, values = self.ranges.get(name), np.asarray(values, float)
+            if name == "payload_kg" and ends is not None:
+                ends, values = [end + load for end in ends], values + load
+            covered &= _is_near(values, ends, ends[1] if name == "payload_kg" and ends else 0.0)
+        return covered
+
+    def errors_left(self, corrected, readings, poses=None, covariates=None) -> tuple:
+        """(n,) mm and (n,) deg: position and orientation that corrected readings leave to the targets.
+
+        corrected (n, R): of `corrected_readings`; readings, poses and covariates as there. The position is that of the
+        flange or, of an arm that cannot move it in all six directions, of the first calibrated point on the tool.
+        """
+        wanted = self.nominal_poses(readings) if poses is None else np.asarray(poses, float)
+        actual = self.flange_poses(corrected, covariates)
+        return pose_sizes(pose_difference(actual, wanted, self._point()))
+
+    def _point(self):
+        return self.task.point if self.task.is_deficient else np.zeros(3)
+
+    def _most(self) -> np.ndarray:
+        """(R,) largest change of a reading in one step: a radian, 100 mm of a slide."""
+        return np.where(sliding(self.robot), 100.0, 1.0)
+
+    def _step(self, frames, error, back) -> tuple:
+        if self.task.is_deficient:
+            return joint_part(self.robot, frames, error, self.task)
+        return (back @ _joint_step(self.robot, frames, error)).T, _size(error)
 
     def _radians(self, readings) -> np.ndarray:
         given = np.atleast_2d(np.asarray(readings, float))
@@ -168,22 +279,14 @@ def _poses(frames) -> np.ndarray:
     return poses
 
 
-def _difference(actual, wanted) -> np.ndarray:
-    """(6, n) mm and rad: shift and rotation vector that take the wanted poses to the actual ones."""
-    rotation = actual[:, :3, :3] @ wanted[:, :3, :3].transpose(0, 2, 1)
-    axis = np.stack(
-        [
-            rotation[:, 2, 1] - rotation[:, 1, 2],
-            rotation[:, 0, 2] - rotation[:, 2, 0],
-            rotation[:, 1, 0] - rotation[:, 0, 1],
-        ]
-    )
-    sine = np.sqrt((axis**2).sum(0)) / 2
-    cosine = (np.trace(rotation, axis1=1, axis2=2) - 1) / 2
-    angle = np.arctan2(sine, cosine)
-    scale = np.where(sine > 1e-9, angle / np.maximum(2 * sine, 1e-300), 0.5)
-    shift = (actual[:, :3, 3] - wanted[:, :3, 3]).T
-    return np.concatenate([shift, axis * scale])
+def _is_near(values, ends, least):
+    """bool: whether values are outside a recorded range by at most its extent, which is at least `least`."""
+    if ends is None:
+        return np.ones(np.shape(values), bool)
+    low, high = ends
+    rounding = 1e-9 * max(abs(low), abs(high))
+    distance = np.maximum(np.maximum(low - values, values - high), 0.0)
+    return distance <= _FAR * max(high - low, least) + rounding
 
 
 def _size(error) -> np.ndarray:

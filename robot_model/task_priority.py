@@ -1,0 +1,151 @@
+"""Inverse kinematics of arms that cannot move their flange in all six directions: position first, then orientation.
+
+A SCARA, a palletiser or an arm with five joints reaches a position and keeps some error of orientation that its joints
+cannot move. The orientation is corrected in the null space of the position, by least squares (Nakamura, Hanafusa &
+Yoshikawa 1987, "Task-priority based redundancy control of robot manipulators").
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_model.chain import forward
+from robot_model.robot import Robot
+from robot_model.state import sliding
+from robot_model.tool_points import calibrated_points
+
+# lever (mm) that makes a rotation comparable to a shift, and a slide (mm) comparable to a radian
+LEVER_MM = 200.0
+# a direction counts as movable where its singular value is above this part of the largest one
+_MOVABLE = 1e-4
+_CONFIGURATIONS = 16
+_FULL = 6
+# damping of the inverse near singular postures, relative to the square of the largest singular value
+_DAMPING = 1e-9
+
+
+@dataclass(frozen=True)
+class Task:
+    """What an arm can be asked for.
+
+    `point` (3,) mm in the flange frame: the point whose position comes first. `ranks`: number of directions of its
+    position (0 to 3), and then of the orientation while it stands still, in which the readings move the tool; (3, 3)
+    for an arm with six joints.
+    """
+
+    point: np.ndarray
+    ranks: tuple
+
+    @classmethod
+    def of(cls, robot, values):
+        """The task of an arm: its first calibrated point on the tool, or the origin of the flange.
+
+        values: parameters by key. The ranks are the largest of the nominal arm's over random configurations, so that a
+        singular posture does not count.
+        """
+        points = list(calibrated_points(values).values())
+        point = np.array(points[0] if points else [0.0, 0.0, 0.0])
+        return cls(point, _movable_ranks(robot, point))
+
+    @property
+    def is_deficient(self) -> bool:
+        """Whether there are directions in which the joints cannot move the tool."""
+        return sum(self.ranks) < _FULL
+
+
+def _movable_ranks(robot: Robot, point) -> tuple[int, int]:
+    low, high = robot.limits.T
+    ends = np.where(sliding(robot), LEVER_MM, np.pi)
+    low, high = np.where(np.isnan(low), -ends, low), np.where(np.isnan(high), ends, high)
+    readings = np.random.default_rng(0).uniform(low, high, (_CONFIGURATIONS, len(low)))
+    jacobian = _reading_jacobian(robot, forward(robot, robot.mixing @ readings.T), point)
+    _, moved, directions = np.linalg.svd(jacobian[:, :3])
+    place = int((moved > _MOVABLE * moved.max()).sum(1).max())
+    still = np.swapaxes(directions[:, place:], 1, 2)
+    turned = np.linalg.svd(jacobian[:, 3:] @ still, compute_uv=False)
+    return place, int((turned > _MOVABLE).sum(1).max(initial=0))
+
+
+def _reading_jacobian(robot: Robot, frames, point) -> np.ndarray:
+    """(n, 6, R) change of a point (mm) and of the orientation (rad), by radian or by LEVER_MM of a slide."""
+    jacobian = geometric_jacobian(robot, frames, point) @ robot.mixing
+    return jacobian * np.where(sliding(robot), LEVER_MM, 1.0)
+
+
+def geometric_jacobian(robot: Robot, frames, point) -> np.ndarray:
+    """(n, 6, J) change of a point (mm, flange frame) and of the orientation (rad) by each joint variable (rad, mm)."""
+    axes, lever = frames.z, frames.point(point) - frames.z_origin
+    slides = robot.prismatic[:, None, None]
+    moved = np.where(slides, axes, np.cross(axes, lever, axis=1))
+    rotated = np.where(slides, 0.0, axes)
+    return np.concatenate([moved, rotated], 1).transpose(2, 1, 0)
+
+
+def joint_part(robot, frames, error, task, weights=1.0) -> tuple:
+    """(n, R) change of the readings (rad, mm) that makes an error, and (n,) mm: what of it the joints can move.
+
+    frames: of the arm, root frame. error (6, n): of `pose_difference` at the point of the task. weights (R,): how
+    readily a reading takes part where there is a choice.
+    """
+    scale = np.where(sliding(robot), LEVER_MM, 1.0) * weights
+    jacobian = geometric_jacobian(robot, frames, task.point) @ robot.mixing * scale
+    step, movable = priority_step(jacobian, error, task.ranks)
+    return step * scale, movable
+
+
+def pose_difference(actual, wanted, point=(0.0, 0.0, 0.0)) -> np.ndarray:
+    """(6, n) mm and rad: shift of a point and rotation vector that take wanted poses (n, 4, 4) to the actual ones.
+
+    point (3,) mm in the frame that the poses place; shift and rotation vector are in the frame that they refer to.
+    """
+    rotation = actual[:, :3, :3] @ wanted[:, :3, :3].transpose(0, 2, 1)
+    axis = np.stack(
+        [
+            rotation[:, 2, 1] - rotation[:, 1, 2],
+            rotation[:, 0, 2] - rotation[:, 2, 0],
+            rotation[:, 1, 0] - rotation[:, 0, 1],
+        ]
+    )
+    sine = np.sqrt((axis**2).sum(0)) / 2
+    cosine = (np.trace(rotation, axis1=1, axis2=2) - 1) / 2
+    angle = np.arctan2(sine, cosine)
+    scale = np.where(sine > 1e-9, angle / np.maximum(2 * sine, 1e-300), 0.5)
+    shift = ((actual - wanted)[:, :3] @ np.append(point, 1.0)).T
+    return np.concatenate([shift, axis * scale])
+
+
+def pose_sizes(error) -> tuple:
+    """(n,) mm and (n,) deg: the sizes of both parts of an error (6, n) in mm and rad."""
+    turn = np.rad2deg(np.sqrt((error[3:] ** 2).sum(0)))
+    return np.sqrt((error[:3] ** 2).sum(0)), turn
+
+
+def priority_step(jacobian: np.ndarray, error: np.ndarray, ranks: tuple[int, int]) -> tuple:
+    """(n, R) change of the readings that makes the error, and (n,) mm: what of the error the joints can move.
+
+    jacobian (n, 6, R), error (6, n) mm and rad. The position is changed first, the orientation in its null space, each
+    in as many directions as `ranks` says. The rest is the larger of the two parts, the rotation at a lever of 200 mm;
+    it is zero at the optimum.
+    """
+    place, turn = error[:3].T, error[3:].T
+    inverse, still, movable = _ranked(jacobian[:, :3], ranks[0])
+    first = _times(inverse, place)
+    inner, _, turnable = _ranked(jacobian[:, 3:] @ still, ranks[1])
+    remaining = turn - _times(jacobian[:, 3:], first)
+    step = first + _times(still, _times(inner, remaining))
+    rest = np.linalg.norm(_times(movable, place), axis=1)
+    rest_turn = np.linalg.norm(_times(turnable, turn), axis=1)
+    return step, np.maximum(rest, LEVER_MM * rest_turn)
+
+
+def _ranked(matrix, rank: int) -> tuple:
+    """Pseudo-inverse (n, c, r) of matrices (n, r, c) of a known rank, their null space (n, c, c - rank), and the rows
+    (n, rank, r) that project on their range."""
+    u, s, vt = np.linalg.svd(matrix)
+    v, rows = np.swapaxes(vt, 1, 2), np.swapaxes(u, 1, 2)[:, :rank]
+    gains = s[:, :rank] / (s[:, :rank] ** 2 + _DAMPING * s[:, :1] ** 2 + 1e-300)
+    return (v[:, :, :rank] * gains[:, None]) @ rows, v[:, :, rank:], rows
+
+
+def _times(matrix, vector) -> np.ndarray:
+    return (matrix @ vector[..., None])[..., 0]
