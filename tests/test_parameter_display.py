@@ -29,10 +29,8 @@ def rows(calibration):
 
 
 def test_every_parameter_has_one_status(calibration, rows):
-    known = calibration.solution.all_known
-    determined = {key for key, sure in zip(known.keys, known.determined) if sure}
-    determined |= set(calibration.solution.shrunk)
-    confounded = set(known.tied())
+    determined = calibration.solution.determined
+    confounded = set(calibration.solution.single.tied())
     for row in rows:
         key = f"{row['where']}.{row['name']}"
         assert row["identifiable"] == (row["status"] == "estimated")

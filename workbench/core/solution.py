@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from workbench.core.least_squares.identifiability import Identifiability, identifiability
+from workbench.core.least_squares.single_parameters import SingleParameters
 from workbench.core.least_squares.solver import Fit
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
@@ -115,7 +116,31 @@ class Solution:
     @property
     def null_sentences(self) -> tuple[str, ...]:
         """Parameters that are not identifiable, in words."""
-        return tuple(self.all_known.sentences())
+        return tuple(self.single.sentences())
+
+    @cached_property
+    def single(self) -> SingleParameters:
+        """Which parameters are determined one by one, of all that a stage freed."""
+        return SingleParameters.of(self.all_known, self.parameters)
+
+    @cached_property
+    def identified(self) -> int:
+        """Number of combinations of the free parameters that the data determine."""
+        return SingleParameters.of(self.known, self.parameters).combinations
+
+    @property
+    def determined(self) -> frozenset[str]:
+        """Keys of free parameters that have an estimate of their own."""
+        if self.redundancy <= 0:
+            return frozenset()
+        mine = zip(self.single.known.keys, self.single.determined & self.single.free)
+        return frozenset(key for key, sure in mine if sure) | self.shrunk
+
+    @cached_property
+    def marginal_std(self) -> dict[str, float]:
+        """1 sigma of every free parameter; also what is held for others is then uncertain by its prior."""
+        held = self.single.from_held()
+        return {key: float(np.sqrt(std**2 + held.get(key, 0.0))) for key, std in self.std.items()}
 
     @property
     def redundancy(self) -> int:

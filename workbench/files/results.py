@@ -42,25 +42,37 @@ def parameter_rows(solution) -> list[dict]:
     `status`: "estimated" with a standard deviation; "not identifiable" where the data do not determine
     the parameter, which is then free and confounded with others, or held at nominal because others
     carry it; "held" where the plan holds it at nominal. `deviation` from nominal in the parameter's
-    unit, None for poses and points of which nothing is known before the calibration. A parameter that
+    unit, None for poses and points of which nothing is known before the calibration. `std` allows for
+    parameters that are held because others carry them: they are uncertain by their priors. A parameter that
     is identifiable only together with others has no `std` but `std_given_tied`: its standard deviation
-    if those others are exactly at the values that they are held at.
+    if those others are exactly at the values that they are held at. The rule is that of
+    `workbench.core.least_squares.single_parameters`.
     """
-    parameters, known = solution.parameters, solution.all_known
-    determined = dict(zip(known.keys, known.determined.tolist()))
-    determined |= dict.fromkeys(solution.shrunk, True)
-    tied = known.tied()
-    std = solution.std if solution.redundancy > 0 else {}
+    parameters, single = solution.parameters, solution.single
+    known, sure = frozenset(single.known.keys), solution.determined
+    tied, std = single.tied(), _standard_deviations(solution)
     return [
-        _row(p, value, free, std.get(p.key), determined.get(p.key, False), tied.get(p.key, []))
+        _row(p, value, free, (std.get(p.key), p.key in sure, p.key in known), tied.get(p.key, []))
         for p, value, free in zip(
             parameters.table, parameters.values.tolist(), parameters.mask.tolist()
         )
     ]
 
 
-def _row(parameter, value, free, std, determined, others):
+def _standard_deviations(solution) -> dict[str, float]:
+    """Key -> std of determined parameters, of others that with the held ones exactly at their values."""
+    if solution.redundancy <= 0:
+        return {}
+    sure = solution.determined
+    return solution.std | {
+        key: value for key, value in solution.marginal_std.items() if key in sure
+    }
+
+
+def _row(parameter, value, free, judged, others):
+    """judged: (std or None, whether determined by itself, whether any stage asks about it)."""
     where, _, name = parameter.key.partition(".")
+    std, determined, is_asked = judged
     sure = bool(free and determined and std is not None)
     return {
         "name": name,
@@ -74,7 +86,7 @@ def _row(parameter, value, free, std, determined, others):
         "free": bool(free),
         "label": parameter.label,
         "std_given_tied": None if sure else std,
-        "why": _why(free, sure, std, others, determined),
+        "why": _why(free, sure, std, others, is_asked),
         "status": _status(free, sure, others),
         "deviation": _deviation(where, name, value, parameter.null),
     }
@@ -92,7 +104,7 @@ def _deviation(where: str, name: str, value: float, nominal: float) -> float | N
     return value - nominal if has_nominal else None
 
 
-def _why(free, sure, std, others, determined):
+def _why(free, sure, std, others, is_asked):
     if sure:
         return ""
     if free and std is None:
@@ -103,7 +115,7 @@ def _why(free, sure, std, others, determined):
         return "not identifiable: too small an effect on these measurements"
     if others:
         return "not identifiable, held at nominal: confounded with " + ", ".join(others)
-    if determined is False:
+    if not is_asked:
         return "held at its nominal value by the plan"
     return "held at nominal: too small an effect on these measurements"
 
@@ -140,7 +152,7 @@ def calibration_json(calibration) -> dict:
 def _stiffness(calibration) -> list[dict]:
     """Which joint stiffness is known in N m/rad, and which only times a first moment."""
     solution = calibration.solution
-    std = solution.std if solution.redundancy > 0 else {}
+    std = {key: v for key, v in solution.marginal_std.items() if key in solution.determined}
     rows = stiffness_rows(calibration.model, solution.parameters, std)
     return [row.as_json() for row in rows]
 

@@ -61,7 +61,7 @@ def _show(console, result) -> None:
         head = [
             "plan",
             "free",
-            "known",
+            "identified",
             f"fit RMS {unit}",
             "held out",
             "mean",

@@ -29,6 +29,19 @@ def calibration(console, answer: Mapping) -> None:
     described = tuple(f"{row['where']}.{JointCurve.effect}." for row in curves)
     others = [p for p in answer["parameters"] if not _key(p).startswith(described)]
     _parameters(console, others)
+    if sentence := combinations(answer["stages"]):
+        console.print(f"{sentence}\n", markup=False)
+
+
+def combinations(stages: Sequence[Mapping]) -> str:
+    """How many combinations of its parameters the first stage determines; "" where these are all of them."""
+    if not stages or stages[0]["identifiable"] >= stages[0]["free"]:
+        return ""
+    stage = stages[0]
+    return (
+        f"{stage['identifiable']} of {stage['free']} combinations of the {stage['name']} are determined; the values "
+        "of single parameters of the others depend on conventions; predictions and corrections do not."
+    )
 
 
 def warnings(console, answer: Mapping) -> None:
@@ -47,7 +60,7 @@ def identifiability(console, answer: Mapping) -> None:
     answer: the object of `identifiability --json`.
     """
     warnings(console, answer)
-    head = ["stage", "free", "identifiable", "O1", "O2", "O3", "O4", "O5"]
+    head = ["stage", "free", "identified", "O1", "O2", "O3", "O4", "O5"]
     rows = [
         [s["name"], s["free"], s["identifiable"], *(number(s[f"O{k}"], 3) for k in range(1, 6))]
         for s in answer["stages"]
@@ -147,7 +160,10 @@ def _stiffness(console, stiffness: Sequence[Mapping]) -> None:
             value, std = row["value"], row["std"]
             shown, factor = ("mrad", 1e3) if row["unit"] == "rad" else ("µrad/(N m)", 1e6)
         spread = "" if std is None else f" ± {std * factor:.2g}"
-        said = f"{value * factor:.3g}{spread} {shown}" if row["clear"] else "not determined"
+        is_known = row["clear"] or std is not None
+        said = f"{value * factor:.3g}{spread} {shown}" if is_known else "not determined"
+        if is_known and not row["clear"]:
+            said += ", not significant"
         rows.append([row["where"], row["known_from"], said])
     title = (
         "Joint stiffness; 'product only': deflection under the links, whose masses are not stated"
@@ -187,7 +203,8 @@ def _parameters(console, parameters: Sequence[Mapping], most: int = 15) -> None:
     ranked = sorted(estimated, key=_significance, reverse=True)[:most]
     title = f"Deviations from nominal, the {len(ranked)} most significant of {len(estimated)}"
     head = ["where", "name", "unit", "value", "deviation", "std"]
-    grid(console, title, head, [_parameter(row) for row in ranked], left=3)
+    if ranked:
+        grid(console, title, head, [_parameter(row) for row in ranked], left=3)
     if sentence := unidentified(parameters):
         console.print(f"{sentence}\n", markup=False)
 

@@ -5,7 +5,7 @@ size. A singular value s of a direction then reads: the data know it 1/s typical
 s < 1 they know less than one knew before measuring, and the direction is called undetermined.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,6 +77,14 @@ class Identifiability:
         """Keys of each undetermined direction, in a sparse basis of the null space."""
         return [[self.keys[k] for k in self._members(row)] for row in self._short()]
 
+    def exact_groups(self) -> list[list[str]]:
+        """Keys of each direction in which no measurement changes."""
+        return self.groups()[: len(self.exact)]
+
+    def weak_groups(self) -> list[list[str]]:
+        """Keys of each other undetermined direction."""
+        return self.groups()[len(self.exact) :]
+
     def _members(self, row):
         """Indices of the parameters in a direction, by their individual effect on the measurements."""
         part = np.abs(row) * self.weight
@@ -104,11 +112,13 @@ class Identifiability:
         """The null space in words, one sentence per undetermined direction."""
         label = dict(zip(self.keys, self.labels))
         return [
-            self._alone(group[0]) if len(group) == 1 else _sentence([label[k] for k in group])
+            self.alone(group[0])
+            if len(group) == 1
+            else confounded_sentence([label[k] for k in group])
             for group in self.groups()
         ]
 
-    def _alone(self, key):
+    def alone(self, key: str) -> str:
         """Sentence on a parameter that is not identifiable and not confounded with others."""
         k = self.keys.index(key)
         if self.weight[k] < _NO_EFFECT:
@@ -247,7 +257,8 @@ def _greedy(scaled):
     return kept, left_out
 
 
-def _sentence(labels):
+def confounded_sentence(labels: Sequence[str]) -> str:
+    """A combination of parameters, by their labels, that is left open."""
     if len(labels) == 2:
         return f"{labels[0]} and {labels[1]} are confounded: only a combination of them is identifiable"
     if len(labels) > _NAMED + 1:

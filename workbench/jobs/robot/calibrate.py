@@ -24,6 +24,7 @@ from workbench.core.least_squares.identifiability import (
     independent,
 )
 from workbench.core.least_squares.linear_algebra import root_between
+from workbench.core.least_squares.single_parameters import SingleParameters
 from workbench.core.least_squares.solver import Fit, normal_matrix, pose_scores, solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
@@ -315,7 +316,7 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
         held_out,
         step.tied | tied,
         asked,
-        known.rank,
+        SingleParameters.of(known, fit.parameters).combinations,
         stage.loss,
         stage.canonical,
     )

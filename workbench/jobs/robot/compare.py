@@ -230,7 +230,7 @@ def _fit_rms(calibration) -> dict:
 def _parameters(calibration) -> dict:
     """What a plan frees, and how much of it these data determine, of the stages that stayed."""
     kept = [stage for stage in calibration.stages if stage.earned] or list(calibration.stages)
-    return {"free": kept[-1].free, "identifiable": calibration.solution.known.rank}
+    return {"free": kept[-1].free, "identifiable": calibration.solution.identified}
 
 
 def _chooses(name: str) -> bool:
@@ -308,7 +308,7 @@ def _bars(axes, comparison, colours, kind):
     for row, value, at in zip(rows, values, place):
         text = f"{value:.4f}  ({row[f'{prefix}ratio']:.2f})"
         axes.annotate(text, (value, at), (5, 0), textcoords="offset points", va="center", size=9)
-    names = [f"{row['plan']}\n{row['identifiable']} identifiable" for row in rows]
+    names = [f"{row['plan']}\n{row['identifiable']} identified" for row in rows]
     axes.set(yticks=place, yticklabels=names, xlim=(0, 1.3 * max(values)))
     axes.set(
         xlabel=f"RMS of the {what} ({unit})", title="held out, and its ratio to the first plan's"
