@@ -258,7 +258,7 @@ def _greedy(scaled):
 
 
 def confounded_sentence(labels: Sequence[str]) -> str:
-    """A combination of parameters, by their labels, that is left open."""
+    """A combination of parameters, by their labels, that is not identifiable."""
     if len(labels) == 2:
         return f"{labels[0]} and {labels[1]} are confounded: only a combination of them is identifiable"
     if len(labels) > _NAMED + 1:

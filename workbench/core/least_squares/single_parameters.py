@@ -70,7 +70,7 @@ class SingleParameters:
         return {self.known.keys[k]: max(float(v), 0.0) for k, v in zip(free, part)}
 
     def groups(self) -> list[list[str]]:
-        """Keys of every combination that is left open, each once.
+        """Keys of every combination that is not identifiable, each once.
 
         Directions in which no measurement changes keep all their members. Of a direction that is only weak, the
         members are the other parameters that are not determined; weak directions with a common member are one group.
@@ -86,7 +86,7 @@ class SingleParameters:
         return {key: sorted(others) for key, others in found.items()}
 
     def sentences(self) -> list[str]:
-        """Every combination that is left open, in words; then the parameters that stay where their prior has them."""
+        """Every combination that is not identifiable, in words; then the parameters that stay where their prior has them."""
         label = dict(zip(self.known.keys, self.known.labels))
         said = [
             self.known.alone(group[0])
@@ -106,15 +106,15 @@ class SingleParameters:
 
     def _exact(self) -> list[list[str]]:
         """Members of each direction without any effect that holds a parameter which is not determined."""
-        unsure = set(self._open())
-        return [group for group in self.known.exact_groups() if unsure & set(group)]
+        undetermined = set(self._open())
+        return [group for group in self.known.exact_groups() if undetermined & set(group)]
 
     def _weak(self) -> list[list[str]]:
         """Disjoint groups of two or more parameters that share weak directions and are not determined."""
-        unsure = set(self._open()).difference(*self._exact())
+        undetermined = set(self._open()).difference(*self._exact())
         merged: list[list[str]] = []
         for group in self.known.weak_groups():
-            merged = _joined(merged, [key for key in group if key in unsure])
+            merged = _joined(merged, [key for key in group if key in undetermined])
         return [members for members in merged if len(members) > 1]
 
 
