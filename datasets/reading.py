@@ -9,6 +9,22 @@ from datasets.errors import complaint
 from datasets.formats.recording1 import read_recording
 from datasets.recording import Recording
 
+_FOREIGN = {
+    ".csv",
+    ".txt",
+    ".tsv",
+    ".xlsx",
+    ".png",
+    ".jpg",
+    ".jpeg",
+    ".tif",
+    ".tiff",
+    ".bmp",
+    ".ply",
+    ".pcd",
+}
+"""Suffixes of tables, images and point clouds that `workbench import` reads."""
+
 
 def bundled() -> dict[str, Path]:
     """Name and folder of every recording that comes with the project."""
@@ -28,18 +44,40 @@ def read(path: str | Path, trust_data: bool = False) -> Recording:
     if folder.name == "recording.toml":
         folder = folder.parent
     if folder.is_dir():
+        _check_imported(folder)
         return read_recording(folder, trust_data)
     if name in bundled():
         return read_recording(bundled()[name], trust_data)
     if name.partition(":")[0] in registry.sources():
         return _read_real(name)
     known = [*bundled(), *registry.sources()]
+    if folder.is_file():
+        raise complaint(
+            name,
+            "a folder in recording/1",
+            f"a file ({folder.suffix or 'no suffix'})",
+            "make a recording of it first: run `workbench import` on this file",
+        )
     raise complaint(
         name or "the recording's path",
         f"a folder in recording/1, or one of {', '.join(known)}",
         "neither",
         "correct the path or the name",
     )
+
+
+def _check_imported(folder: Path) -> None:
+    """Raise InputError for a folder of foreign files: tables or images without recording.toml."""
+    if (folder / "recording.toml").exists():
+        return
+    found = sorted({file.suffix.lower() for file in folder.iterdir() if file.is_file()} & _FOREIGN)
+    if found:
+        raise complaint(
+            str(folder),
+            "a folder in recording/1, which has recording.toml",
+            f"only other files ({', '.join(found)})",
+            "make a recording of them first: run `workbench import` on this folder",
+        )
 
 
 def _read_real(name: str) -> Recording:

@@ -113,7 +113,9 @@ def test_the_main_job_takes_touches(arm):
     assert rows["theta2"]["identifiable"] and rows["alpha1"]["identifiable"]
     assert not any(rows[name]["identifiable"] for name in ("d1", "theta1", "theta6", "d6", "a6"))
     # nobody ever measured a length: an arm grown as a whole touches as well
-    assert {"joint-3.a3", "joint-4.d4"} <= set(rows["a2"]["tied_to"])
+    assert "joint-4.d4" in rows["a2"]["tied_to"] and not rows["a2"]["identifiable"]
+    # a short length changes little with the size of the arm, and its standard deviation says by how much
+    assert rows["a3"]["identifiable"] and rows["a3"]["std"] > 0.02 * abs(rows["a3"]["nominal"]) / 10
 
 
 def test_touches_have_no_coordinate_to_write():

@@ -186,11 +186,16 @@ def test_the_null_directions_are_named_in_words(quiet):
 def test_what_is_null_carries_no_sigma(quiet):
     """100 poses: no parameter of a null direction is reported as known, each names what it is tied to.
 
-    The base's turn is known to within what was known of joint 1's constant before.
+    The base's turn and the zero offsets of joints 2 and 3 are known to within what was known of the constants of
+    these joints before: their standard deviation says so.
     """
     rows = {
         f"{row['where']}.{row['name']}": row for row in first_fitted(noisy(quiet, 2)).parameters
     }
-    for key in frozenset().union(*NULL) - {"base.rz"}:
+    bounded = {"base.rz": 1, "joint-2.theta2": 2, "joint-3.theta3": 3}
+    for key in frozenset().union(*NULL) - set(bounded):
         assert rows[key]["free"] and not rows[key]["identifiable"] and rows[key]["std"] is None
-    assert "joint-1.zero-offset.k0" in rows["base.rz"]["tied_to"]
+    for key, joint in bounded.items():
+        constant = rows[f"joint-{joint}.zero-offset.k0"]
+        assert "joint-" + str(joint) + ".zero-offset.k0" in rows[key]["tied_to"]
+        assert rows[key]["std"] >= 0.99 * constant["std_given_tied"] > 0

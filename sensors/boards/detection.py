@@ -109,11 +109,13 @@ def detect_all(
     recording: "Recording",
     progress: Callable[[int, int, str], None] | None = None,
     board: Board | None = None,
+    said_in: str = "",
 ) -> Detection:
     """Every `board` image of a recording, one in memory at a time.
 
-    progress: called with how many are done, how many there are, and the image's name.
-    Raises InputError where a image cannot be read, or none shows the board.
+    progress: called with how many are done, how many there are, and the image's name. said_in: where the user
+    describes the board, for messages; recording.toml if empty.
+    Raises InputError where an image cannot be read, or none shows the board.
     """
     board = board or Board.of(_board_keys(recording))
     rows = [row for row in recording.images if row["role"] == "board"]
@@ -131,7 +133,8 @@ def detect_all(
     views = tuple(v for v, _ in found if isinstance(v, View))
     rejected = tuple(v for v, _ in found if isinstance(v, Rejected))
     if not views or _of_another_size(board, views, rejected):
-        raise _nothing(recording, board, rejected, len(found))
+        where = said_in or f"{recording.name}/recording.toml, [board]"
+        raise _nothing(where, board, rejected, len(found))
     return Detection(board, views, rejected)
 
 
@@ -178,12 +181,9 @@ def _of_another_size(board: Board, views: tuple[View, ...], rejected: tuple[Reje
     return not whole and sum(one.found is not None for one in rejected) > len(views)
 
 
-def _nothing(
-    recording: "Recording", board: Board, rejected: tuple[Rejected, ...], count: int
-) -> InputError:
+def _nothing(where: str, board: Board, rejected: tuple[Rejected, ...], count: int) -> InputError:
     """The sentence where no image shows the board: the size that most of them do show, else the first reason."""
     sizes = [r.found for r in rejected if r.found]
-    where = f"{recording.name}/recording.toml, [board]"
     if sizes:
         size = max(set(sizes), key=sizes.count)
         return InputError(

@@ -331,8 +331,9 @@ def _of_data(found: Finding) -> str:
 def _proved(term: Term, unit: str) -> str:
     if term.gain is None:
         return ""
+    parts = ", ".join(f"{count} {name}" for name, count in term.ways) if len(term.ways) > 1 else ""
     again = (
-        f", and the search found it again in {term.again} of {term.chances} folds"
+        f", and the search found it again in {term.again} of {term.chances} folds{parts and f' ({parts})'}"
         if term.chances
         else ""
     )

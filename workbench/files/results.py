@@ -152,7 +152,8 @@ def calibration_json(calibration) -> dict:
 def _stiffness(calibration) -> list[dict]:
     """Which joint stiffness is known in N m/rad, and which only times a first moment."""
     solution = calibration.solution
-    std = {key: v for key, v in solution.marginal_std.items() if key in solution.determined}
+    known = _standard_deviations(solution)
+    std = {key: known[key] for key in known if key in solution.determined}
     rows = stiffness_rows(calibration.model, solution.parameters, std)
     return [row.as_json() for row in rows]
 

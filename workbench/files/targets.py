@@ -51,12 +51,7 @@ def read_programme(path: Path, robot: Robot) -> Programme:
             "add it, or give joint readings alone",
         )
     if not joints and not wants:
-        raise complaint(
-            path.name,
-            "joint columns q1_deg ... or pose columns x_mm y_mm z_mm qw qx qy qz",
-            ", ".join(list(table.columns)[:6]),
-            "add them",
-        )
+        raise _unknown_columns(path.name, table.columns, robot)
     readings = (
         _readings(table, joints, robot) if joints else np.tile(_home(robot), (len(table.rows), 1))
     )
@@ -65,6 +60,22 @@ def read_programme(path: Path, robot: Robot) -> Programme:
     _check_covariates(table, covariates)
     return Programme(
         table, readings, _poses(table) if wants else None, covariates, anywhere=not joints
+    )
+
+
+def _unknown_columns(called: str, columns, robot: Robot):
+    """The InputError for a table without joint and pose columns, with the names that this robot's table has."""
+    names = [
+        f"q{k}_{'mm' if slides else 'deg'}" for k, slides in enumerate(sliding(robot).tolist(), 1)
+    ]
+    known = {"sample", "note"}
+    others = [name for name in columns if name not in known]
+    shown = ", ".join(others[:6]) + (", ..." if len(others) > 6 else "")
+    return complaint(
+        called,
+        f"joint columns {names[0]} ... {names[-1]}, or pose columns x_mm y_mm z_mm qw qx qy qz",
+        f"none of them; not recognised: {shown or 'no column at all'}",
+        f"rename the columns of the joint readings to {', '.join(names)}",
     )
 
 

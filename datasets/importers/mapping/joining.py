@@ -236,6 +236,17 @@ def _interpolated(
 
 def seconds_of(table: RawTable) -> np.ndarray | None:
     """(n,) times of the rows in s; None where the table has no times, or some that cannot be read."""
+    return _times(table)[0]
+
+
+def time_columns(table: RawTable) -> tuple[str, ...]:
+    """Names of the columns that `seconds_of` reads; () where it finds no times."""
+    seconds, names = _times(table)
+    return () if seconds is None else names
+
+
+def _times(table: RawTable) -> tuple[np.ndarray | None, tuple[str, ...]]:
+    """Times in s, or None, and the columns that they are read from."""
     headers = headers_of(table)
     names = [name for name, header in headers.items() if header.kind == "time"]
     dates = [name for name, header in headers.items() if header.kind == "date"]
@@ -243,15 +254,15 @@ def seconds_of(table: RawTable) -> np.ndarray | None:
         cells = table.columns[name]
         if cells.dtype.kind == "f" and np.isfinite(cells).all():
             if _is_calendar(cells):
-                return _parsed([f"{cell:.0f}" for cell in cells])
-            return cells * _time_factor(headers[name].unit, cells)
+                return _parsed([f"{cell:.0f}" for cell in cells]), (name,)
+            return cells * _time_factor(headers[name].unit, cells), (name,)
     if dates and names:
         joined = [f"{d} {t}" for d, t in zip(table.columns[dates[0]], table.columns[names[0]])]
-        return _parsed(joined)
+        return _parsed(joined), (dates[0], names[0])
     for name in (*names, *dates):
         if table.columns[name].dtype.kind != "f":
-            return _parsed([str(cell) for cell in table.columns[name]])
-    return None
+            return _parsed([str(cell) for cell in table.columns[name]]), (name,)
+    return None, ()
 
 
 def _is_calendar(cells: np.ndarray) -> bool:

@@ -110,7 +110,7 @@ def _verdict(design, tolerances) -> verdict.Verdict:
     """Verdict on the predicted error at the tasks; no verdict if no error is predicted."""
     predicted = design["predicted"]
     if predicted is None:
-        return verdict.no_verdict("Nothing is measured yet, so there is no residual to judge.")
+        return verdict.no_verdict("No error is predicted; --criterion task --tasks predicts one.")
     error = verdict.Residual(
         predicted["chosen_mm"], "mm", "predicted RMS error at the tasks", has_noise=False
     )

@@ -9,6 +9,7 @@ ROTATION_MEASURES = (
     "rotation_p95_deg",
     "rotation_max_deg",
 )
+_LONGEST_NAME, _WIDEST = 40, 400
 _BLOCKS = ("nominal", "fit", "held_out")
 _DEGREES = ("rotation_rms_deg", "held_out_rotation_rms_deg")
 
@@ -100,7 +101,8 @@ def measured(value: float | None, std: float | None) -> tuple[str, str]:
 def grid(console, title: str, head: Sequence[str], rows: Sequence[Sequence], left: int = 1) -> None:
     """Print a table. The first `left` columns, and any without a heading, are text; the others are numbers.
 
-    Numbers are never wrapped; text is wrapped to fit into 80 columns.
+    Numbers and the names of the first column are never wrapped: a table of them that is too wide for the terminal
+    keeps its width. Other text is wrapped to fit into 80 columns.
     """
     from rich import box
     from rich.markup import escape
@@ -111,13 +113,20 @@ def grid(console, title: str, head: Sequence[str], rows: Sequence[Sequence], lef
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
     for index, name in enumerate(head):
         word = index < left or not name
+        is_whole = not word or (index == 0 and _longest(rows, index) <= _LONGEST_NAME)
         table.add_column(
-            name, justify="left" if word else "right", overflow="fold", no_wrap=not word
+            name, justify="left" if word else "right", overflow="fold", no_wrap=is_whole
         )
     for row in rows:
         table.add_row(*(escape(number(cell)) for cell in row))
-    console.print(table)
+    least = console.measure(table, options=console.options.update(width=_WIDEST)).minimum
+    console.print(table, width=max(least, console.width), crop=False)
     console.print()
+
+
+def _longest(rows: Sequence[Sequence], index: int) -> int:
+    """Characters of the longest cell of a column."""
+    return max((len(number(row[index])) for row in rows), default=0)
 
 
 def _errors(console, answer: Mapping) -> None:

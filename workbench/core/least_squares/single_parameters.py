@@ -19,6 +19,7 @@ from workbench.core.parameters import Parameters
 LARGEST_SHARE = 0.5
 """Posterior over prior standard deviation up to which a parameter, or a combination, is determined."""
 _NAMED = 12
+_LEAST = 1e-100  # of a prior that a fit has shrunk to nothing: its square is not zero
 
 
 @dataclass(frozen=True)
@@ -143,7 +144,8 @@ def _known_before(known: Identifiability, parameters: Parameters, rows: np.ndarr
         for unit in {unit for unit, has in zip(known.units, has_prior) if has}
     }
     limit = np.array([widest.get(unit, np.inf) for unit in known.units])
-    return np.where(has_prior, prior, np.minimum(known.typical, limit))
+    before = np.where(has_prior, prior, np.minimum(known.typical, limit))
+    return np.maximum(before, _LEAST)
 
 
 def _weak_sentence(labels: Collection[str], count: int) -> str:

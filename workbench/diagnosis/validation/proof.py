@@ -369,6 +369,7 @@ def _stable(errors: Errors, terms, whole: _Whole, usual) -> tuple[list[Term], li
     )
     own = _made(problem, findings) if terms else []
     made = [_made(solved, found) for rows in folds for found, solved in rows.values()]
+    ways = tuple((scheme.name, len(rows)) for scheme, rows in zip(whole.schemes, folds))
     for term, moved, mine in zip(terms, own, numbers):
         t = []
         for scheme in judging_schemes(bench, term.finding.effects, whole.schemes, problem, mine):
@@ -377,7 +378,7 @@ def _stable(errors: Errors, terms, whole: _Whole, usual) -> tuple[list[Term], li
             t.append(paired(bench.pose, less, with_all[at], usual, sigma_of(bench)))
         again = sum(_alike(moved, others) for others in made)
         nested = min(t) if min(t) < -REAL else max(t)
-        term = replace(term, again=again, chances=len(made), t_nested=nested)
+        term = replace(term, again=again, chances=len(made), t_nested=nested, ways=ways)
         if term.t_nested > REAL:
             kept.append(term)
         else:

@@ -32,7 +32,8 @@ class Term:
 
     `t` of the paired gains of poses, and `t_nested` of the nested cross-validation; `gain` (mm, px)
     the fall of the held-out RMS that this term alone brings; `again` of `chances` folds in which the repeated search
-    reselects most of what it makes; `size` (mm, px) RMS displacement of the measured point; `kept` False where a
+    reselects most of what it makes, `ways` their schemes and how many folds each has;
+    `size` (mm, px) RMS displacement of the measured point; `kept` False where a
     proof failed, and `reason` then says which. `parameters`: rows of `Bench.parameters`. `share` of the mismatch, of
     what is located and not modelled,
     or of what remains next to the other terms where `rest`.
@@ -46,6 +47,7 @@ class Term:
     gain: float | None = None
     again: int = 0
     chances: int = 0
+    ways: tuple[tuple[str, int], ...] = ()
     controls: tuple[Control, ...] = ()
     kept: bool = True
     reason: str = ""

@@ -44,6 +44,7 @@ from workbench.fitting.cross_validation import (
     repeat_summary,
 )
 from workbench.fitting.gauge import non_negligible_lengths, resized, size_of
+from workbench.fitting.missing_masses import missing_mass_warnings
 from workbench.fitting.parallel_axes import parallelism_warnings
 from workbench.fitting.plans import default_plan, frames_of, held, read_plan, stage_mask
 from workbench.fitting.shrinkage import settled
@@ -157,7 +158,8 @@ def calibrate(
         nominal = _first(Model(chain), split, stages)
         step, results = _run(nominal, stages, split, progress)
     made = _calibration(checked, nominal, step, results, split)
-    return replace(made, warnings=(*made.warnings, *parallelism_warnings(stages, robot)))
+    doubts = *parallelism_warnings(stages, robot), *missing_mass_warnings(stages, chain.state)
+    return replace(made, warnings=(*made.warnings, *doubts))
 
 
 def _stages(plan, chain) -> tuple[Stage, ...]:

@@ -17,6 +17,7 @@ from workbench.jobs.robot.calibrate import Calibration, calibrate
 
 DEFAULT = "default"
 _BLOCKS, _LEAST_BLOCKS = 10, 5
+_EQUAL = 1e-6  # of the squared error: a hundredth of what a converged fit leaves open
 CHOSEN = "not printed: a plan chose its stages on these very folds; name --test-samples"
 SAME_FIRST = "the plan that the others are compared with"
 FEW = f"not printed: fewer than {_LEAST_BLOCKS} folds or blocks of test poses"
@@ -149,7 +150,9 @@ class Comparison:
         squares = (self.distances**2).mean(1)
         best = int(squares.argmin())
         verdict = self.verdict(best, tolerances)
-        return replace(verdict, sentence=f"Best plan, {self.names[best]}: {verdict.sentence}")
+        is_equal = len(squares) > 1 and np.allclose(squares, squares[best], rtol=_EQUAL, atol=0)
+        which = "No difference between the plans" if is_equal else f"Best plan, {self.names[best]}"
+        return replace(verdict, sentence=f"{which}: {verdict.sentence}")
 
     def as_json(self, tolerances: Sequence[Tolerance] = ()) -> dict:
         """The answer of `workbench compare`; the verdict is that of the best plan."""

@@ -142,9 +142,19 @@ def _matched_rows(found, mapping) -> tuple[list[tuple[ImageFile, int]], tuple[st
 
 def _by_name(images, table: RawTable) -> list[tuple[ImageFile, int]]:
     """Pairs by a text column with file names, or by a number that the file names end with."""
+    return _name_column(images, table)[0]
+
+
+def image_column(images: Sequence[ImageFile], table: RawTable) -> tuple[str, ...]:
+    """Name of the column that holds the names of the image files; () where none does."""
+    return _name_column(images, table)[1]
+
+
+def _name_column(images, table: RawTable):
+    """Pairs of image and row, and the column that connects them."""
     places = {Path(image.name).name.lower(): image for image in images}
     stems = {Path(image.name).stem.lower(): image for image in images}
-    for cells in table.columns.values():
+    for column, cells in table.columns.items():
         if cells.dtype.kind == "f":
             continue
         names = [Path(str(cell).replace("\\", "/")).name.lower() for cell in cells]
@@ -153,8 +163,8 @@ def _by_name(images, table: RawTable) -> list[tuple[ImageFile, int]]:
         ]
         kept = [(image, row) for image, row in pairs if image is not None]
         if len(kept) >= max(_FEWEST, table.n // 2):
-            return kept
-    return []
+            return kept, (column,)
+    return [], ()
 
 
 def _by_time(images, table: RawTable) -> list[tuple[ImageFile, int]]:
@@ -231,7 +241,8 @@ def _board_views(recording: Recording, options, progress) -> BoardViews:
     count = len(recording.images)
     rows = np.unique(np.linspace(0, count - 1, min(count, _IMAGES_TESTED)).astype(int))
     some = replace(recording, images=tuple(recording.images[row] for row in rows))
-    found = detect_all(some)
+    said_in = "--board" if options.board else "the description of the board"
+    found = detect_all(some, said_in=said_in)
     numbers = {image["image"]: row for row, image in zip(rows, some.images)}
     progress("calibrating a camera to test the poses")
     camera = calibrate_camera(found.views, found.board, found.size, folds=0).camera

@@ -20,7 +20,7 @@ from datasets.importers.mapping.conversion import (
     point_columns,
     rotation_columns,
 )
-from datasets.importers.mapping.joining import join_tables
+from datasets.importers.mapping.joining import join_tables, time_columns
 from datasets.importers.mapping.model import Mapping, write_mapping
 from datasets.importers.mapping.proposal import propose
 from datasets.importers.mapping.sets import find_sets
@@ -31,7 +31,7 @@ from robot_model import builtin_robots, load_robot
 from workbench.core.errors import InputError
 from workbench.recordings.importing import decisions
 from workbench.recordings.importing.ball_clouds import with_ball_centres
-from workbench.recordings.importing.board_poses import import_images
+from workbench.recordings.importing.board_poses import image_column, import_images
 from workbench.recordings.importing.final_check import check_fit
 from workbench.recordings.importing.fits import CandidateFit
 from workbench.recordings.importing.questions import Ask
@@ -129,7 +129,20 @@ def import_recording(
     )
     write_mapping(mapping, folder / MAPPING_FILE, comment)
     warnings = (*found.warnings, *said, *read.warnings)
-    return ImportResult(read, mapping, fits, found.unused, tuple(dict.fromkeys(warnings)))
+    unused = _never_read(found, mapping, "time_s" in recording.columns)
+    return ImportResult(read, mapping, fits, unused, tuple(dict.fromkeys(warnings)))
+
+
+def _never_read(found: Found, mapping: Mapping, with_times: bool) -> tuple[str, ...]:
+    """Columns that no quantity, time, join or image name was read from; with_times: whether the recording has times."""
+    if found.table is None:
+        return found.unused
+    read = {found.mapping.join.key, *image_column(found.source.images, found.table)}
+    if with_times or found.mapping.join.by == "time":
+        read |= set(time_columns(found.table))
+    return tuple(
+        name for name in found.unused if name not in read and not _is_mapped(mapping, name)
+    )
 
 
 def _read_back(folder: Path, trust_data: bool) -> Recording:

@@ -163,6 +163,12 @@ def choose_reading(
     close = sorted([fits[0], *alternatives], key=lambda item: item[0])[:_SHOWN]
     words = "; ".join(fit.words for _, fit in close)
     more = "; ..." if len(alternatives) + 1 > len(close) else ""
+    if not any(fit.is_good for _, fit in fits):
+        raise InputError(
+            f"{where}: expected a reading that fits the robot, found that no reading fits ({words}{more}); check the "
+            "robot, the order and the units of the joint columns and the unit of the measured points, or state all "
+            "units in a mapping file and name it with --map."
+        )
     question = Question(
         f"{where}: expected one reading that fits clearly best, found {len(alternatives) + 1} that fit about equally "
         f"well ({words}{more})",
