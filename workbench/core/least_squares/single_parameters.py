@@ -87,7 +87,7 @@ class SingleParameters:
         return {key: sorted(others) for key, others in found.items()}
 
     def sentences(self) -> list[str]:
-        """Combinations that are not identifiable, in words; then the parameters that stay where their prior has them."""
+        """Combinations that are not identifiable, in words; then the parameters that keep their prior values."""
         label = dict(zip(self.known.keys, self.known.labels))
         said = [
             self.known.alone(group[0])
