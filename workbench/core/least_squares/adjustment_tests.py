@@ -129,7 +129,9 @@ def outlying(
     if len(known) < 10:
         return np.zeros(len(squares), bool)
     tail = fit_tail(known, components, least_scale)
-    p = fisher.sf(squares / (components * max(tail.scale, 1e-300) ** 2), components, tail.degrees)
+    if tail.scale**2 < np.finfo(float).tiny:  # the others fit exactly
+        return squares > 0
+    p = fisher.sf(squares / (components * tail.scale**2), components, tail.degrees)
     return p < level / len(squares)
 
 
