@@ -46,6 +46,8 @@ def choose_joint_curves(model: Model, parameters: Parameters) -> tuple[tuple[str
     if not curves:
         return ()
     linear = _linearised(model, parameters, curves)
+    if linear.square < np.finfo(float).tiny:  # the samples fit exactly: nothing is left for a curve
+        return ()
     precision, variance = _scaled(linear)
     kept = _retained_octaves(linear, precision, variance, curves)
     rows = []
