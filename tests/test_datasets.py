@@ -130,8 +130,8 @@ class Answer:
     def __exit__(self, *problem):
         return False
 
-    def read(self) -> bytes:
-        return self.content
+    def read(self, size: int = -1) -> bytes:
+        return self.content if size < 0 else self.content[:size]
 
 
 def test_get_fetches_checks_and_keeps(monkeypatch, tmp_path):

@@ -197,7 +197,7 @@ def test_a_user_can_run_it(tmp_path):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_lengths_are_not_shrunk_over_a_hundred_recordings():
     pair, further, ours, error = gallery.paired(100).T
     assert wilcoxon(pair, ours, alternative="less").pvalue < 1e-6

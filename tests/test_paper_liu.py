@@ -129,7 +129,7 @@ def test_a_user_can_run_it(tmp_path):
     assert answer["held_out"]["rms_mm"] < 2 * NOISE < 0.2 < answer["nominal"]["rms_mm"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_half_the_beams_do_as_well_over_recordings():
     theirs, _, half = gallery.compared(range(1, 9)).T
     assert np.sqrt((half**2).mean()) <= np.sqrt((theirs**2).mean())

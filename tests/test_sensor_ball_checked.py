@@ -12,6 +12,7 @@ from sensors.ball.form import low_orders
 from sensors.ball.point_errors import plane_error
 from sensors.ball.search import find_balls
 from sensors.ball.shared import Shared
+from sensors.scanner.cloud import Cloud
 from sensors.scanner.model import Scanner
 from workbench.jobs.sensor.ball_centres import ball_json, uncertainty
 from workbench.jobs.sensor.scan import Ball, _Work
@@ -241,9 +242,8 @@ def test_a_ball_at_the_images_edge_or_the_sweeps_end_is_cut(centre, swept, cut):
     pixels = pixels + np.random.default_rng(0).normal(0, 0.05, pixels.shape) * [[1], [0]]
     points, n = instrument.reconstruct(pixels, steps), len(steps)
     bench = _Work(SimpleNamespace(balls={}, columns={}, name="made"), instrument, None)
-    (ball,), _ = bench.balls(
-        rows, points, pixels, steps, np.full(n, 0.05), np.full((2, n), [[4.0], [20.0]])
-    )
+    cloud = Cloud(instrument, points, pixels, steps, steps - min(swept))
+    (ball,), _ = bench.balls(rows, cloud, np.full(n, 0.05), np.full((2, n), [[4.0], [20.0]]))
     assert bool(ball.fit.cut) == cut
     assert ball_json(ball, instrument)["cut_by_field"] == cut
 
