@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from robot_model.effects.elastic import JointCompliance
+from robot_model.effects.unknown_masses import GravityCompliance
 from robot_model.state import State
 from workbench.core.solution import Stage
 
@@ -16,5 +17,5 @@ def missing_mass_warnings(stages: Sequence[Stage], state: State) -> tuple[str, .
         return ()
     return (
         f"The robot has no masses and the recording no payload_kg: {_NAME} has no effect, and nothing is estimated "
-        "for it. Use gravity-compliance, which needs no masses, or state mass_kg and com_mm of the links.",
+        f"for it. Use {GravityCompliance.effect}, which needs no masses, or state mass_kg and com_mm of the links.",
     )
