@@ -97,3 +97,28 @@ def test_a_recording_with_the_wrong_noise_is_not_consistent(tmp_path, factor):
         "the stated sigma" in term.statement
         and made.as_json()["effects"][0]["parameters"][0]["std"] > 0
     )
+
+
+def test_the_noise_of_a_solution_is_that_of_its_own_residual(tmp_path):
+    """After a large effect: with the noise of the baseline its prior would hold it short of its size."""
+    from robot_model.effects.sensed import FieldBias
+    from workbench.diagnosis.robot.bench import bench_of
+    from workbench.diagnosis.robot.noise_scale import noise_scaled
+
+    effect = {"effect": "field-bias", "where": "sensor", "values": {"xy": 1.0, "yy": -1.0}}
+    scene = {
+        "robot": "abb_irb120",
+        "measures": "ball-centre",
+        "samples": 100,
+        "seed": 7,
+        "sigma_mm": 0.003,
+        "balls": [[0.0, 0.0, 0.0, 15.0], [60.0, 0.0, 0.0, 15.0], [0.0, 60.0, 0.0, 15.0]],
+        "base": {"xyz_mm": [-450.0, 0.0, -100.0]},
+        "effect": [effect],
+    }
+    path = tmp_path / "scene.toml"
+    path.write_text(tomli_w.dumps(scene), encoding="utf-8")
+    bench = bench_of(simulate(path))
+    bench.solve()
+    model, fit, _ = bench.solve((FieldBias("sensor"),))
+    assert np.allclose(noise_scaled(model.chain, fit).sigma, model.chain.sigma, rtol=0.03)

@@ -40,6 +40,9 @@ _FEW_STEPS, _STEPS = (
     6,
     50,
 )  # of a solve whose only purpose is a first estimate of the noise, and of the last one
+_NOISE_ROUNDS, _SAME_NOISE = 10, 0.02
+"""Most estimates of the noise in one solution, and the relative change of sigma that ends them: a fiftieth is within
+the standard error of a noise of 1,000 samples."""
 _LARGE = 5000  # samples from which on bases of all candidates are not kept: they take megabytes a thousand
 _KEPT = 2  # parts of the samples whose bases are kept: all, and those of the fold that is searched
 _SOLUTIONS = (
@@ -231,15 +234,18 @@ class RobotBench:
         model = self._part(samples).model((*self.baseline, *effects))
         chain = model.chain
         part = self._part(samples)
-        start, rounds = self.free(model), (_FEW_STEPS, _FEW_STEPS, _STEPS)
-        if part.last is not None:  # the noise, too, is nearly that of the last solution
+        start = self.free(model)
+        if part.last is not None:  # the noise, too, may be nearly that of the last solution
             start, sigma = start.take_over(part.last[0]), part.last[1]
-            model, rounds = replace(model, chain=replace(chain, sigma=sigma)), rounds[1:]
-        for steps in rounds[:-1]:
-            start = solve(model, start, "huber", steps)
-            model = replace(model, chain=noise_scaled(chain, start))
-            start = start.parameters
-        fit = solve(model, start, "huber", rounds[-1])
+            model = replace(model, chain=replace(chain, sigma=sigma))
+        # a sigma that is still too large shrinks the effects towards zero, and what they leave keeps it large
+        for _ in range(_NOISE_ROUNDS):
+            fit = solve(model, start, "huber", _FEW_STEPS)
+            model, before = replace(model, chain=noise_scaled(chain, fit)), model.chain.sigma
+            start = fit.parameters
+            if np.allclose(model.chain.sigma, before, rtol=_SAME_NOISE, atol=0):
+                break
+        fit = solve(model, start, "huber", _STEPS)
         if model.shrunk.any():  # each octave of a curve has the prior scale that the data give it
             fit = settled(model, fit, "huber", _STEPS, only=model.shrunk)
         white = fit.residual / model.sigma(fit.parameters)
