@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -41,14 +42,17 @@ def local(workers: int, loaded: str, begin: Callable = one_thread, *given) -> It
     """Pool of single-threaded processes on this machine; they inherit no open files of this process.
 
     If the system can fork, they come from a server that has loaded the module `loaded` once. Each calls `begin` with
-    the arguments `given`.
+    the arguments `given`, and ends when this process ends, however it ends.
     """
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(
         dict.fromkeys(THREADS, "1")
     )  # a new process inherits them before it loads libraries
     pool = ProcessPoolExecutor(
-        workers, mp_context=_context(loaded), initializer=begin, initargs=given
+        workers,
+        mp_context=_context(loaded),
+        initializer=_begin_worker,
+        initargs=(begin, *given),
     )
     try:
         yield pool
@@ -56,6 +60,19 @@ def local(workers: int, loaded: str, begin: Callable = one_thread, *given) -> It
         pool.shutdown(wait=True, cancel_futures=True)
         for name, value in before.items():
             os.environ.pop(name) if value is None else os.environ.update({name: value})
+
+
+def _begin_worker(begin: Callable, *given) -> None:
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    begin(*given)
+
+
+def _end_with_parent() -> None:
+    """Wait for the end of the process that made this one: a killed process cannot end its workers itself."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _context(loaded: str):

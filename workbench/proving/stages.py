@@ -1,7 +1,6 @@
 """Stages of a benchmark run on all cores: create, commit, diagnose, unblind, score; interrupted runs can be resumed."""
 
 import json
-import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -147,20 +146,12 @@ def _spread(function: Callable, work: list[tuple], jobs: int) -> Iterator:
     """Results of the calls in order of completion, from new single-threaded processes; the first error is raised."""
     if not work:
         return
-    from concurrent.futures import ProcessPoolExecutor, as_completed
-    from multiprocessing import get_context
+    from concurrent.futures import as_completed
 
-    for name in processes.THREADS:
-        os.environ.setdefault(
-            name, "1"
-        )  # before numpy is loaded in the new process: one thread per process
-    with ProcessPoolExecutor(min(jobs, len(work)), mp_context=get_context("spawn")) as pool:
+    with processes.local(min(jobs, len(work)), "workbench.explanation.answer") as pool:
         running = [pool.submit(function, *arguments) for arguments in work]
-        try:
-            for done in as_completed(running):
-                yield done.result()
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+        for done in as_completed(running):
+            yield done.result()
 
 
 def _warm() -> None:
