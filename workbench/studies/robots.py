@@ -316,15 +316,25 @@ def arm_of(calibration: Calibration) -> CalibratedArm:
     )
 
 
-def parameter_row(made: dict[str, Calibration]) -> Row:
-    """Value and stated sigma of every free parameter of each model; None if it is not identifiable."""
+def parameter_row(made: dict[str, Calibration], same_arm: bool = False) -> Row:
+    """Value and sigma of every free parameter of each model; None if it is not identifiable.
+
+    same_arm: True where all runs measure the same arm. Parameters that are held because others carry them are then
+    the same in all runs, so that sigma leaves out what they could be; otherwise it is the stated one.
+    """
     row: Row = {}
     for name, one in made.items():
         for parameter in one.parameters:
             if parameter["free"]:
                 key = f"{name}:{parameter['where']}.{parameter['name']}"
-                row |= {key: parameter["value"], f"{key}:std": parameter["std"]}
+                row |= {key: parameter["value"], f"{key}:std": _sigma(parameter, one, same_arm)}
     return row
+
+
+def _sigma(parameter: dict, made: Calibration, same_arm: bool) -> float | None:
+    if parameter["std"] is None or not same_arm:
+        return parameter["std"]
+    return made.solution.std[f"{parameter['where']}.{parameter['name']}"]
 
 
 def diagnosed(study: Study, measured: Recording) -> Row:

@@ -69,7 +69,8 @@ def _of_recording(study: Study, seed: int) -> Row:
     row: Row = {"samples": recording.n}
     if "calibrate" in study.do:
         made = robots.calibrations(study, recording)
-        row |= robots.judged(made, {}) | (robots.parameter_row(made) if study.parameters else {})
+        row |= robots.judged(made, {})
+        row |= robots.parameter_row(made, same_arm=True) if study.parameters else {}
     return row | (robots.diagnosed(study, recording) if "diagnose" in study.do else {})
 
 

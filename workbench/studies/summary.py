@@ -207,7 +207,7 @@ def coverage(made, names: list[str]) -> list[dict]:
     from workbench.studies.robots import parameter_row
 
     whole = {Path(name).stem: fitted(study.recording, name, study.folds) for name in study.models}
-    true = parameter_row(whole)
+    true = parameter_row(whole, same_arm=True)
     # the true values are those of the first model, to which the noise is added
     true_model = f"{Path(study.models[0]).stem}:" if study.resample.how == "noise" else None
     rows = []
