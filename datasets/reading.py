@@ -73,7 +73,7 @@ def _check_imported(folder: Path) -> None:
     found = sorted({file.suffix.lower() for file in folder.iterdir() if file.is_file()} & _FOREIGN)
     if found:
         raise complaint(
-            str(folder),
+            folder.name or str(folder),
             "a folder in recording/1, which has recording.toml",
             f"only other files ({', '.join(found)})",
             "make a recording of them first: run `workbench import` on this folder",

@@ -20,7 +20,7 @@ from workbench.jobs.robot.compare import compare
 from workbench.jobs.robot.identify import identifiability
 from workbench.jobs.robot.poses import choose_poses
 
-# they take samples, but of a recording that was checked, or only its joint readings
+# they take samples, but of a recording that was checked, only its joint readings, or to judge the recording
 UNCHECKED = {
     "explanation/differences.py",
     "explanation/reference.py",
@@ -28,6 +28,7 @@ UNCHECKED = {
     "fitting/verdicts/diagnosis_verdict.py",
     "jobs/robot/poses.py",
     "jobs/robot/significance.py",
+    "recordings/inspection/needs.py",
 }
 COMMANDS = ("calibrate", "compare", "diagnose", "identifiability", "poses", "calibrate-large")
 

@@ -163,7 +163,7 @@ TOML, ROBOT, CSV, ART, IMG = (
 Q = r"q\d_deg"
 CASES = [
     # recording.toml
-    Case("no recording.toml", remove(TOML), (TOML, "no such file", "put it there")),
+    Case("no recording.toml", remove(TOML), (TOML, "found only other files", "workbench import")),
     Case("empty recording.toml", write(TOML, b""), (TOML, "empty file", "export it again")),
     Case("broken TOML", sub(TOML, r'"test"', '"test'), (TOML, "line 2", "correct that line")),
     Case("binary recording.toml", write(TOML, b"\xff\xfe\x00binary"), (TOML, "byte 1", "UTF-8")),

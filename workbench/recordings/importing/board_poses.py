@@ -30,7 +30,7 @@ from robot_model.measurements.external_pose import ExternalPose
 from robot_model.measurements.multistart import MODEL_ERROR_MM, lever_arm
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, transform
-from workbench.recordings.importing.decisions import choose_reading, screened_turns
+from workbench.recordings.importing.decisions import BOARD_ADVICE, choose_reading, screened_turns
 from workbench.recordings.importing.fits import CandidateFit
 from workbench.recordings.importing.robots import robot_keys
 
@@ -264,7 +264,7 @@ def _decide(readings, views: BoardViews, kind: str, file: str, options):
     if not (fits and fits[0][1].is_good):
         _refuse_other_kind(readings, views, kind, fits, file)
     lines = [reading_line(mapping) for _, mapping, _ in readings]
-    chosen = choose_reading(lines, fits, f"{file}, flange poses", options.ask)
+    chosen = choose_reading(lines, fits, f"{file}, flange poses", options.ask, BOARD_ADVICE)
     best = dict(fits)[chosen]
     if not best.is_good and not options.trust_data:
         raise InputError(

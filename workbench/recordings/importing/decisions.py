@@ -142,13 +142,32 @@ def _decided(readings, fits, where: str, ask: Ask | None, line) -> Decision:
     return Decision(readings[chosen][1], tuple(fit for _, fit in ordered))
 
 
+_ROBOT_ADVICE = (
+    "a reading that fits the robot",
+    "check the robot, the order and the units of the joint columns and the unit of the measured points",
+)
+SCAN_ADVICE = (
+    "flange poses that keep the ball in its place",
+    "check that each file belongs to the pose of its row, --ball-radius and the unit of the scans",
+)
+BOARD_ADVICE = (
+    "flange poses that explain the board in the images",
+    "check that each image belongs to the pose of its row and the size of the board",
+)
+
+
 def choose_reading(
-    lines: Sequence[str], fits: Sequence[tuple[int, CandidateFit]], where: str, ask: Ask | None
+    lines: Sequence[str],
+    fits: Sequence[tuple[int, CandidateFit]],
+    where: str,
+    ask: Ask | None,
+    advice: tuple[str, str] = _ROBOT_ADVICE,
 ) -> int:
     """Index of the reading that fits clearly best; where several fit about equally well, the answer to a question.
 
-    lines: of the mapping file, for every reading. fits: index and fit, the most probable first. Raises InputError
-    where no reading can be fitted or nobody can be asked.
+    lines: of the mapping file, for every reading. fits: index and fit, the most probable first. advice: what was
+    expected and what to check where no reading fits. Raises InputError where no reading can be fitted or nobody
+    can be asked.
     """
     if not fits:
         raise InputError(
@@ -164,10 +183,10 @@ def choose_reading(
     words = "; ".join(fit.words for _, fit in close)
     more = "; ..." if len(alternatives) + 1 > len(close) else ""
     if not any(fit.is_good for _, fit in fits):
+        expected, check = advice
         raise InputError(
-            f"{where}: expected a reading that fits the robot, found that no reading fits ({words}{more}); check the "
-            "robot, the order and the units of the joint columns and the unit of the measured points, or state all "
-            "units in a mapping file and name it with --map."
+            f"{where}: expected {expected}, found that no reading fits ({words}{more}); {check}, or state all units "
+            "in a mapping file and name it with --map."
         )
     question = Question(
         f"{where}: expected one reading that fits clearly best, found {len(alternatives) + 1} that fit about equally "

@@ -19,7 +19,7 @@ from sensors.hand_eye.profiles_start import find_start
 from workbench.core.errors import InputError
 from workbench.recordings.importing.ball_clouds import cloud_unit, matched_clouds
 from workbench.recordings.importing.board_poses import flange_readings, pose_columns, reading_line
-from workbench.recordings.importing.decisions import choose_reading
+from workbench.recordings.importing.decisions import SCAN_ADVICE, choose_reading
 from workbench.recordings.importing.fits import CandidateFit
 
 _FEWEST = 5
@@ -65,7 +65,7 @@ def import_scans(found, options, progress):
     progress(f"testing {len(readings)} readings of the flange poses")
     fits = _compared(readings, points, radius, is_profile)
     lines = [reading_line(made) for _, made, _ in readings]
-    chosen = choose_reading(lines, fits, f"{rows.file}, flange poses", options.ask)
+    chosen = choose_reading(lines, fits, f"{rows.file}, flange poses", options.ask, SCAN_ADVICE)
     best = dict(fits)[chosen]
     if not best.is_good and not options.trust_data:
         raise InputError(
