@@ -58,6 +58,8 @@ _OUTLIER = 15.0
 _MEDIAN_CHI3 = 1.538  # of the length of a vector whose three components have sigma 1
 _ROUNDS = 2
 _LEAST_POSES = 4
+_NOISE_ROUNDS, _SAME_NOISE = 8, 0.02
+"""Most estimates of the noise in one stage, and the relative change of sigma that ends them."""
 _NANOMETRE = 1e-6  # mm: nothing is measured better
 
 
@@ -286,8 +288,8 @@ def _merged(stages, nominal: _Step) -> Stage:
 def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     """The model with the stage's effects, solved on the fit samples and tested on the others.
 
-    Two solves with all that the stage frees say how large the noise is; only then can it be said
-    which parameters these data determine, and the last solve has only those.
+    Solves with all that the stage frees say how large the noise is, until it is that of their own residual;
+    only then can it be said which parameters these data determine, and the last solve has only those.
     """
     effects = make_effects(CATALOGUE, stage.effects)
     model = step.model.with_effects(*effects)
@@ -295,13 +297,14 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     wanted = start.only(start.mask | stage_mask(start, stage, effects, model.chain))
     size = size_of(model.chain, wanted) if stage.canonical else None
     asked, wanted = int(wanted.mask.sum()), wanted if size is None else wanted.fix(size)
-    trial, residual = None, step.fit
-    for _ in range(2):
-        model = replace(model, chain=_honest_sigma(model.chain, residual, split), _bases={})
-        residual = trial = solve(
-            model.at(split.fit), trial.parameters if trial else wanted, stage.loss, stage.steps
-        )
-    model = replace(model, chain=_honest_sigma(model.chain, trial, split), _bases={})
+    trial, start = step.fit, wanted
+    for _ in range(_NOISE_ROUNDS):
+        model = replace(model, chain=_honest_sigma(model.chain, trial, split), _bases={})
+        trial = solve(model.at(split.fit), start, stage.loss, stage.steps)
+        start, chain = trial.parameters, _honest_sigma(model.chain, trial, split)
+        if np.allclose(chain.sigma, model.chain.sigma, rtol=_SAME_NOISE, atol=0):
+            break
+    model = replace(model, chain=chain, _bases={})
     free, tied = _canonical(model.at(split.fit), trial, wanted) if stage.canonical else (wanted, {})
     fit = solve(model.at(split.fit), free, stage.loss, stage.steps)
     if stage.canonical:
