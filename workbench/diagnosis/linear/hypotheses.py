@@ -66,6 +66,16 @@ class Hypothesis:
             else set()
         )
 
+    @property
+    def needs_compliance(self) -> bool:
+        """Whether it acts through the compliances of the model alone, see `Effect`."""
+        return any(effect.needs_compliance for effect in self.effects)
+
+    @property
+    def is_compliance(self) -> bool:
+        """Whether it deflects under the weight of the machine, so that others act through it."""
+        return any(effect.elastic and not effect.needs_compliance for effect in self.effects)
+
     def columns(self, problem: Problem) -> np.ndarray:
         """(N, P) whitened columns in typical sizes."""
         return columns_of(self.source, problem)
@@ -79,7 +89,7 @@ def columns_of(source, problem: Problem) -> np.ndarray:
     if isinstance(first, Site):
         waves, sizes = waves_at(problem, option, first.fine)
     elif first.kind == "step":
-        waves, sizes = (first.x > option).astype(float)[None], np.ones(1)
+        waves, sizes = first.step(option)[None], np.ones(1)
     else:
         waves, sizes = np.stack([np.cos(option * first.x), np.sin(option * first.x)]), np.ones(2)
     waves = (waves * sizes[:, None])[:, problem.sample]

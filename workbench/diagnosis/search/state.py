@@ -67,9 +67,20 @@ class Search:
                 [self.accepted[i] for i in kept],
             )
             self.tables[kept] = [
-                h for h in table if h.unnamed or all(compatible(h, other) for other in held)
+                h
+                for h in table
+                if h.unnamed or self._is_linear_at(h, kept) and all(compatible(h, o) for o in held)
             ]
         return self.tables[kept]
+
+    def _is_linear_at(self, h: Hypothesis, kept: tuple[int, ...]) -> bool:
+        """Whether the columns of a hypothesis hold for a model with the effects kept.
+
+        Those of a load hold for the compliances that are accepted: without one of them it would stand in for that.
+        """
+        accepted = {name_of(own) for own in self.accepted}
+        needed = {i for i in self.everyone if self.accepted[i].is_compliance}
+        return not h.needs_compliance or needed <= set(kept) or name_of(h) in accepted
 
     @property
     def everyone(self) -> tuple[int, ...]:
