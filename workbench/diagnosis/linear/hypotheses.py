@@ -89,7 +89,8 @@ def columns_of(source, problem: Problem) -> np.ndarray:
     if isinstance(first, Site):
         waves, sizes = waves_at(problem, option, first.fine)
     elif first.kind == "step":
-        waves, sizes = first.step(option)[None], np.ones(1)
+        step = (first.x > option).astype(float)
+        waves, sizes = (step - first.centred * step.mean())[None], np.ones(1)
     else:
         waves, sizes = np.stack([np.cos(option * first.x), np.sin(option * first.x)]), np.ones(2)
     waves = (waves * sizes[:, None])[:, problem.sample]

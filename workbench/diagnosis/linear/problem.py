@@ -83,11 +83,6 @@ class Scan:
     together: bool = False
     centred: bool = False
 
-    def step(self, option: float) -> np.ndarray:
-        """(n,) factor of the rows."""
-        is_after = (self.x > option).astype(float)
-        return is_after - is_after.mean() if self.centred else is_after
-
 
 @dataclass(frozen=True)
 class Site:
