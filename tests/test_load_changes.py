@@ -10,7 +10,11 @@ from test_diagnosis_engine import found, recorded
 from test_real_arm_effects import without_masses
 from workbench.diagnosis.linear.evidence import Projected, scan_moments
 from workbench.diagnosis.linear.hypotheses import columns_of
+from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.validation import proof
+from workbench.diagnosis.validation.judging import with_carriers
+from workbench.diagnosis.validation.terms import Term
 
 COMPLIANCES = {"joint-2": 8e-6, "joint-3": 1.2e-5, "joint-5": 1.5e-4}  # rad/(N m)
 INSTANT, LOAD_KG, MOMENT = 1810.0, 4.0, [160.0, -80.0, 320.0]  # kg mm
@@ -76,3 +80,28 @@ def test_the_evidence_of_a_change_without_masses_is_that_of_what_changes():
         assert moments.gram[i] == pytest.approx(columns.T @ columns, rel=1e-6, abs=scale)
         assert moments.score[i] == pytest.approx(columns.T @ projected.y, rel=1e-6, abs=1e-5)
     assert np.trace(moments.gram[0]) < 0.3 * np.trace(moments.gram[middle])
+
+
+def of_effects(*effects):
+    return [Finding(e.effect, e.where, "", (e,), 0.0, 1.0, 0.0, 0.0) for e in effects]
+
+
+def test_a_compliance_is_judged_without_the_load_that_acts_through_it():
+    """What a load makes contains the deflection of each joint: next to it a compliance alone gains next to nothing."""
+    load = CATALOGUE["payload"]("tool")
+    bench = bench_of(recorded(45, [*soft()[:1], load], [1e-5, 12.0, *MOMENT], n=120))
+    joint, added = of_effects(soft()[0], load)
+    kept, refused = proof._earned(bench, [joint, added], None)
+    assert not refused and {term.finding.effect for term in kept} == {joint.effect, added.effect}
+    alone, _ = proof._earned(bench, [joint], None)
+    t = {term.finding.effect: term.t for term in kept}
+    assert t[joint.effect] > 0.8 * alone[0].t > 5.0
+
+
+def test_a_load_is_refused_where_no_compliance_is_retained():
+    bench = bench_of(recorded(46, n=60))
+    load, joint = CATALOGUE["payload"]("tool"), CATALOGUE["joint-compliance"]("joint-2")
+    terms = [Term(finding) for finding in of_effects(load, joint)]
+    assert with_carriers(bench, terms) == (terms, [])
+    kept, refused = with_carriers(bench, terms[:1])
+    assert kept == [] and not refused[0].kept and "compliances" in refused[0].reason

@@ -255,6 +255,11 @@ class Effect:
         }
 
     @property
+    def carries_load(self) -> bool:
+        """Whether it deflects under gravity, so that what changes gravity or masses acts through it."""
+        return self.elastic and not self.needs_compliance
+
+    @property
     def title(self) -> str:
         return f"{self.effect} at {self.where}"
 

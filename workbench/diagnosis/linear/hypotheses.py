@@ -72,9 +72,9 @@ class Hypothesis:
         return any(effect.needs_compliance for effect in self.effects)
 
     @property
-    def is_compliance(self) -> bool:
-        """Whether it deflects under the weight of the machine, so that others act through it."""
-        return any(effect.elastic and not effect.needs_compliance for effect in self.effects)
+    def carries_load(self) -> bool:
+        """Whether others act through it, see `Effect`."""
+        return any(effect.carries_load for effect in self.effects)
 
     def columns(self, problem: Problem) -> np.ndarray:
         """(N, P) whitened columns in typical sizes."""

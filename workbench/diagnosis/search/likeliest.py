@@ -112,7 +112,7 @@ def _order(search: Search) -> None:
 def _able(search: Search, left: list[int]) -> list[int]:
     """Those left that may come next: what needs a compliance follows all compliances."""
     accepted = search.accepted
-    if not any(accepted[i].is_compliance for i in left):
+    if not any(accepted[i].carries_load for i in left):
         return left
     return [i for i in left if not accepted[i].needs_compliance]
 

@@ -230,7 +230,7 @@ def _condition_on_compliances(
 ) -> None:
     """Take out of the columns (N, T) of terms that need a compliance, in place, what the accepted compliances make."""
     widths = np.diff(start)
-    carriers = [i < accepted and h.is_compliance for i, h in enumerate(terms)]
+    carriers = [i < accepted and h.carries_load for i, h in enumerate(terms)]
     carried = np.repeat([h.needs_compliance for h in terms], widths).astype(bool)
     base = clear[:, np.repeat(carriers, widths).astype(bool)]
     if carried.any() and base.shape[1]:
