@@ -26,6 +26,7 @@ class Payload(Effect):
     places = ("tool",)
     needs_compliance = True
     of_session = True
+    coexists = True
     equation = "m -> m + d, m c -> m c + h, all the time or after an instant"
     source = "load identification: Khalil, Gautier & Lemoine, ICRA 2007; Swevers et al., IEEE Control Syst. 27 (2007)"
     unrecorded = "payload_kg"
@@ -40,20 +41,32 @@ class Payload(Effect):
         if chain.robot.mass.any():
             yield Variant(cls("tool"), "constant")
 
+    @classmethod
+    def grids(cls, chain):
+        """Any instant between two samples, but for the first and the last two, where masses are known."""
+        between = instants_between(chain.state)
+        if not chain.robot.mass.any() or not len(between):
+            return
+        sizes = tuple(p.typical for p in cls("tool").table(chain))
+        even = np.ones(len(between))
+        yield Grid(cls, "tool", "after", "step", "time", between, even, sizes, "after {:g}")
+
     def slots(self, chain):
         first = 3 * chain.robot.joints
         return (first + 3, first, first + 1, first + 2)
 
     def table(self, chain):
         mass = max(0.05 * float(chain.robot.mass.sum()), _LOAD_KG)
-        label = "the load"
+        label, suffix = "the load", ""
+        if self.after is not None:
+            label, suffix = f"the load added after {self.after:g}", f"_after_{self.after:g}"
         moments = [
             self.parameter(
-                f"m{axis}", "kg mm", mass * _CENTRE_MM, f"{label}'s first moment in {axis}"
+                f"m{axis}{suffix}", "kg mm", mass * _CENTRE_MM, f"{label}'s first moment in {axis}"
             )
             for axis in "xyz"
         ]
-        return (self.parameter("mass", "kg", mass, f"{label}'s mass"), *moments)
+        return (self.parameter(f"mass{suffix}", "kg", mass, f"{label}'s mass"), *moments)
 
     def basis(self, state):
         there = np.ones(state.n)
@@ -63,7 +76,7 @@ class Payload(Effect):
 
 
 class LoadDeflection(Effect):
-    """The tool carries another load after an instant, and the joints deflect by it; no joint's compliance is known.
+    """The tool carries another load after an instant, and the joints deflect by it; the links' masses are not known.
 
     One number a joint, its compliance times the change of weight, and the centre of the load relative to the measured
     point or the tool's centre of mass. The mass itself follows where the compliance of a joint is known.
@@ -72,6 +85,7 @@ class LoadDeflection(Effect):
     effect = "payload"
     port = "joint"
     of_session = True
+    needs_compliance = True
     places = ("tool",)
     elastic = True
     equation = (
@@ -95,7 +109,13 @@ class LoadDeflection(Effect):
 
     @classmethod
     def grids(cls, chain):
-        """Any instant between two samples, but for the first and the last two; every joint with a centre of its own."""
+        """Any instant between two samples, but for the first and the last two; every joint with a centre of its own.
+
+        None where masses are known: `Payload` then says the same with fewer numbers. Centred, for a load that acts
+        nearly all the time deflects the joints as the links' weight does, which is no change of load.
+        """
+        if chain.robot.mass.any():
+            return
         between = instants_between(chain.state)
         torques = unit_torques(chain.state)
         least = np.array([_LEVER_M, *3 * [_LEVER_M / _OFF_CENTRE_M]])
@@ -105,9 +125,8 @@ class LoadDeflection(Effect):
             sizes = _DEFLECTION * np.array([1.0, *3 * [_OFF_CENTRE_M]])
             slots, factor = tuple(joints.tolist()), torques[parts, joints]
             typical = tuple(sizes[parts].tolist())
-            yield Grid(
-                cls, "tool", "after", "step", "time", between, even, typical, label, factor, slots
-            )
+            scanned = ("step", "time", between, even, typical, label, factor, slots)
+            yield Grid(cls, "tool", "after", *scanned, centred=True)
 
     def slots(self, chain):
         return tuple(range(chain.robot.joints))

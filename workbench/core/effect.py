@@ -52,7 +52,8 @@ class Grid:
     size of the amplitudes, one or (k,), in the units of the slots; `label`: format string of a
     variant's label ("order {:g}"); `factor` (k, n): what the amplitude of a slot is multiplied by
     at each sample, where it is not 1 (a lever arm); `slots` (k): the slot of each amplitude, where several act on
-    one slot with factors of their own.
+    one slot with factors of their own. `centred`: the evidence is that of a step less its mean. Another law has the
+    factor all the time (deflection under gravity), and a step near the start must not stand in for it.
     """
 
     effect: type["Effect"]
@@ -66,6 +67,7 @@ class Grid:
     label: str
     factor: np.ndarray | None = None
     slots: tuple[int, ...] = ()
+    centred: bool = False
 
     def make(self, value: float) -> "Effect":
         """The effect for one value, which gets the type of the grid's values."""
@@ -251,6 +253,11 @@ class Effect:
         return {
             name: getattr(self, name) for name in list(inspect.signature(type(self)).parameters)[1:]
         }
+
+    @property
+    def carries_load(self) -> bool:
+        """Whether it deflects under gravity, so that what changes gravity or masses acts through it."""
+        return self.elastic and not self.needs_compliance
 
     @property
     def title(self) -> str:

@@ -223,7 +223,7 @@ def _surety(row) -> float:
 
 def _waves(rows):
     """(name, row) of the amplitude of each pair cosN, sinN; none where the rows are no such pairs."""
-    known = {row["name"].rpartition(".")[2]: row for row in rows}
+    known = {row["name"]: row for row in rows}
     pairs = [(name, f"sin{name[3:]}") for name in known if name.startswith("cos")]
     if 2 * len(pairs) != len(known) or not all(other in known for _, other in pairs):
         return

@@ -255,20 +255,37 @@ class Slots:
         return raw.reshape(len(squares), k * count, k * count)
 
     def steps(
-        self, name: tuple, x: np.ndarray, options: np.ndarray, typical: np.ndarray
+        self,
+        name: tuple,
+        x: np.ndarray,
+        options: np.ndarray,
+        typical: np.ndarray,
+        centred: bool = False,
     ) -> Moments:
-        """Moments of rows * (x > option), one hypothesis an option (V,); typical (k,). name: of the steps."""
+        """Moments of rows * (x > option), one hypothesis an option (V,); typical (k,). name: of the steps.
+
+        centred: each step less its mean over the samples.
+        """
         order = np.argsort(x, kind="stable")[::-1]
         after = len(x) - np.searchsorted(x[order][::-1], options, side="right")
+        mean = after / len(x) if centred else np.zeros(len(options))
+
+        def summed(values, of_all, of_after):
+            sums = _summed(values[order])
+            shape = (-1, *[1] * (sums.ndim - 1))
+            return sums[after] * of_after.reshape(shape) + sums[-1] * of_all.reshape(shape)
+
+        def linear(values):
+            return summed(values, -mean, np.ones(len(mean)))
 
         def made(basis):
-            return np.stack([_summed(b[order])[after] for b in basis], 1)
+            return np.stack([linear(b) for b in basis], 1)
 
         def raw():
-            return np.stack([_summed(r[order])[after] for r in self.rows], 1)
+            return np.stack([summed(r, mean**2, 1 - 2 * mean) for r in self.rows], 1)
 
         def score():
-            return _summed(self.score[order])[after]
+            return linear(self.score)
 
         sizes = np.broadcast_to(typical, (len(options), len(typical)))
         return self._moments(name, sizes, score, raw, made)
@@ -360,7 +377,7 @@ def scan_moments(projected: Projected, scan: Scan) -> Moments:
     """Moments of every option of a scan."""
     slots = projected.slots(scan.rows, ("scan", scan.where, scan.effect, scan.kind))
     if scan.kind == "step":
-        return slots.steps(("step",), scan.x, scan.options, scan.typical)
+        return slots.steps(("step",), scan.x, scan.options, scan.typical, scan.centred)
     parts = []
     step = max(_CHUNK // len(scan.x), 1)
     for start in range(0, len(scan.options), step):

@@ -66,6 +66,16 @@ class Hypothesis:
             else set()
         )
 
+    @property
+    def needs_compliance(self) -> bool:
+        """Whether it acts through the compliances of the model alone, see `Effect`."""
+        return any(effect.needs_compliance for effect in self.effects)
+
+    @property
+    def carries_load(self) -> bool:
+        """Whether others act through it, see `Effect`."""
+        return any(effect.carries_load for effect in self.effects)
+
     def columns(self, problem: Problem) -> np.ndarray:
         """(N, P) whitened columns in typical sizes."""
         return columns_of(self.source, problem)
@@ -79,7 +89,8 @@ def columns_of(source, problem: Problem) -> np.ndarray:
     if isinstance(first, Site):
         waves, sizes = waves_at(problem, option, first.fine)
     elif first.kind == "step":
-        waves, sizes = (first.x > option).astype(float)[None], np.ones(1)
+        step = (first.x > option).astype(float)
+        waves, sizes = (step - first.centred * step.mean())[None], np.ones(1)
     else:
         waves, sizes = np.stack([np.cos(option * first.x), np.sin(option * first.x)]), np.ones(2)
     waves = (waves * sizes[:, None])[:, problem.sample]

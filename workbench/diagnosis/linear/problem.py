@@ -65,7 +65,7 @@ class Scan:
     covariate; `options` (V,) ascending; `make` gives the effects for an option, or None where the
     family has no name (a periodic movement of the floor). `typical`: prior size of an amplitude in
     the port's unit, one a row. `mass` (V,): prior of each option, relative to the others.
-    `unnamed`: the covariates it would depend on, for a family without a name.
+    `unnamed`: the covariates it would depend on, for a family without a name. `centred`: as of `Grid`.
     """
 
     effect: str
@@ -81,6 +81,7 @@ class Scan:
     word: str = ""  # of the label: "order {:g}", "after {:g}"
     unnamed: tuple[str, ...] = ()
     together: bool = False
+    centred: bool = False
 
 
 @dataclass(frozen=True)

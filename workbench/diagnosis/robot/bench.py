@@ -294,7 +294,7 @@ class RobotBench:
                 rows.append(
                     {
                         "key": p.key,
-                        "name": p.key.rpartition(".")[2],
+                        "name": p.key.split(".", 2)[2],
                         "where": effect.where,
                         "label": p.label,
                         "effect": effect.effect,

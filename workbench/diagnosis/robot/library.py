@@ -40,11 +40,12 @@ def _grid_order(grid: Grid) -> tuple[float, str]:
     return np.inf if number is None else number, grid.shape
 
 
-def grids(catalogue: Catalogue, chain: Recorded) -> list[Grid]:
-    """All families of variants over one option, joint by joint, steps before waves."""
+def grids(catalogue: Catalogue, chain: Recorded, elastic: bool = True) -> list[Grid]:
+    """All families of variants over one option, joint by joint, steps before waves; `elastic` as for `variants`."""
     found: list[Grid] = []
     for kind in catalogue.values():
-        found += kind.grids(chain)
+        if elastic or not kind.needs_compliance:
+            found += kind.grids(chain)
     return sorted(found, key=_grid_order)
 
 
@@ -72,6 +73,7 @@ def scan_of(grid: Grid, rows: np.ndarray, covariate: np.ndarray) -> Scan:
         make,
         grid.label,
         together=kind.coexists,
+        centred=grid.centred,
     )
 
 

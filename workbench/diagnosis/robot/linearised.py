@@ -1,6 +1,7 @@
 """A robot's fitted model as the arrays of a diagnosis: its solution, and all that a search compares with it."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -68,7 +69,7 @@ def with_hypotheses(problem: Problem, model: Model, fit: Fit, library, variants)
         problem,
         sites=sites(model.chain, rows),
         candidates=_candidates(model, fit, rows, white, library(elastic)),
-        scans=scans(model.chain, rows),
+        scans=scans(model.chain, rows, partial(_columns, model, fit, rows, white), elastic),
         loose=_candidates(model, fit, rows, white, loose),
         growing=lengths(model.chain, rows),
         given=_given(bare, fit, white),

@@ -8,6 +8,7 @@ from robot_model.effects import CATALOGUE
 from robot_model.effects.curve import curve_candidates
 from workbench.core.covariates import clock
 from workbench.core.effect import Grid
+from workbench.core.model import STATE_PORTS
 from workbench.core.vocabulary import Covariate
 from workbench.diagnosis.linear.problem import Scan, Site
 from workbench.diagnosis.linear.smooth_alternatives import Wave
@@ -21,22 +22,25 @@ _PARTICULAR = ("approach", "q", "qdot", "tau", "move", "seen", "down", "moment")
 _ALSO_AS = ("row", "time_s", "payload_kg")
 
 
-def scans(chain, rows) -> tuple[Scan, ...]:
+def scans(chain, rows, columns, elastic: bool) -> tuple[Scan, ...]:
     """Effects with one option on a fine grid (any instant, any order), and the floor going to and fro.
 
-    rows: (port, slots) -> (k, m, n) whitened derivatives of the residual.
+    rows: (port, slots) -> (k, m, n) whitened derivatives of the residual; columns: effect -> (N, P) those by its
+    parameters; elastic: whether the model holds a compliance.
     """
-    made = [_scan(grid, chain, rows) for grid in grids(CATALOGUE, chain)]
+    made = [_scan(grid, chain, rows, columns) for grid in grids(CATALOGUE, chain, elastic)]
     return (*made, *_floor(chain, rows, _FRAME))
 
 
-def _scan(grid: Grid, chain, rows) -> Scan:
+def _scan(grid: Grid, chain, rows, columns) -> Scan:
     """The grid with the derivatives of its slot and its covariate."""
-    effect = grid.make(grid.values[0])
+    effect, covariate = grid.make(grid.values[0]), chain.state.covariates[grid.covariate]
+    if effect.port in STATE_PORTS:  # its derivative is that of what deflects under the load
+        return scan_of(grid, columns(grid.effect(grid.where)).T.copy(), covariate)
     own = rows(effect.port, grid.slots or effect.slots(chain))
     if grid.factor is not None:
         own = own * grid.factor[:, None]
-    return scan_of(grid, _flat(own), chain.state.covariates[grid.covariate])
+    return scan_of(grid, _flat(own), covariate)
 
 
 def sites(chain, rows) -> tuple[Site, ...]:

@@ -30,7 +30,7 @@ def accept_likeliest(search: Search) -> None:
     for _ in range(_ROUNDS):
         terms, present = _at_hand(search, thorough)
         remainder = Projected(search.problem.keeping()).y
-        objective = LogPosterior.of(search.problem.keeping(()), terms, remainder)
+        objective = LogPosterior.of(search.problem.keeping(()), terms, remainder, len(present))
         members = Stepwise(objective).likeliest(present)
         chosen = [terms[i] for i in members]
         names = {name_of(h) for h in chosen}
@@ -102,9 +102,19 @@ def _order(search: Search) -> None:
     bare = search.problem.keeping(())
     projected, columns = Projected(bare), search.problem.added
     while left:
-        falls = [projected.fall(np.concatenate([columns[j] for j in (*kept, i)], 1)) for i in left]
-        kept.append(left.pop(int(np.argmax(falls))))
+        able = _able(search, left)
+        falls = [projected.fall(np.concatenate([columns[j] for j in (*kept, i)], 1)) for i in able]
+        kept.append(able[int(np.argmax(falls))])
+        left.remove(kept[-1])
     search.reorder(kept)
+
+
+def _able(search: Search, left: list[int]) -> list[int]:
+    """Those left that may come next: what needs a compliance follows all compliances."""
+    accepted = search.accepted
+    if not any(accepted[i].carries_load for i in left):
+        return left
+    return [i for i in left if not accepted[i].needs_compliance]
 
 
 __all__ = ["accept_likeliest"]

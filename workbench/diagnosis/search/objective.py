@@ -60,16 +60,20 @@ class LogPosterior:
         problem: Problem,
         terms: Sequence[Hypothesis],
         remainder: np.ndarray | None = None,
+        accepted: int = 0,
     ) -> "LogPosterior":
         """Of some terms, their columns taken at a problem that keeps none of them.
 
         remainder (N,): what is left with the terms accepted so far. Repeats of a pose err together by what these
         explain, so that only the remainder says how many independent numbers the samples are worth.
+        accepted: how many of the first terms are accepted. What acts through their compliances (a load) counts for
+        what these do not explain.
         """
         projected = Projected(problem, remainder)
         parts = [h.columns(problem) for h in terms]
         start = np.concatenate([[0], np.cumsum([c.shape[1] for c in parts])]).astype(int)
         clear = problem.clear(np.concatenate(parts, 1))
+        _condition_on_compliances(clear, start, terms, accepted)
         priors = elastic_prior(problem, projected, terms)
         clear *= np.repeat(priors.scale, np.diff(start))
         masses = Masses.of(problem, projected, priors)
@@ -219,6 +223,19 @@ class LogPosterior:
             more, spent = (along**2 / values).sum(-1), np.log(values).sum(-1)
         volume = spent - width * np.log(shrink)[:, None]
         return log_evidence(left.spent[:, None] + volume, left.gained[:, None] + more, self)
+
+
+def _condition_on_compliances(
+    clear: np.ndarray, start: np.ndarray, terms: Sequence[Hypothesis], accepted: int
+) -> None:
+    """Take out of the columns (N, T) of terms that need a compliance, in place, what the accepted compliances make."""
+    widths = np.diff(start)
+    carriers = [i < accepted and h.carries_load for i, h in enumerate(terms)]
+    carried = np.repeat([h.needs_compliance for h in terms], widths).astype(bool)
+    base = clear[:, np.repeat(carriers, widths).astype(bool)]
+    if carried.any() and base.shape[1]:
+        orthonormal = np.linalg.qr(base)[0]
+        clear[:, carried] -= orthonormal @ (orthonormal.T @ clear[:, carried])
 
 
 __all__ = ["LogPosterior", "Members"]

@@ -67,9 +67,20 @@ class Search:
                 [self.accepted[i] for i in kept],
             )
             self.tables[kept] = [
-                h for h in table if h.unnamed or all(compatible(h, other) for other in held)
+                h
+                for h in table
+                if h.unnamed or self._is_linear_at(h, kept) and all(compatible(h, o) for o in held)
             ]
         return self.tables[kept]
+
+    def _is_linear_at(self, h: Hypothesis, kept: tuple[int, ...]) -> bool:
+        """Whether the columns of a hypothesis hold for a model with the effects kept.
+
+        Those of a load hold for the compliances that are accepted: without one of them it would stand in for that.
+        """
+        accepted = {name_of(own) for own in self.accepted}
+        needed = {i for i in self.everyone if self.accepted[i].carries_load}
+        return not h.needs_compliance or needed <= set(kept) or name_of(h) in accepted
 
     @property
     def everyone(self) -> tuple[int, ...]:
@@ -77,8 +88,15 @@ class Search:
         return tuple(range(len(self.accepted)))
 
     def others(self, i: int) -> tuple[int, ...]:
-        """Numbers of all accepted but one."""
-        return tuple(j for j in self.everyone if j != i)
+        """Numbers of all accepted but one, and of a compliance without what acts through it: marginality.
+
+        A compliance is tested without the interactions that contain it, as a load's columns contain all that carry
+        it: Nelder, J. R. Stat. Soc. A 140 (1977) 48.
+        """
+        left = tuple(j for j in self.everyone if j != i)
+        if not self.accepted[i].carries_load:
+            return left
+        return tuple(j for j in left if not self.accepted[j].needs_compliance)
 
     def own(self, i: int) -> Hypothesis:
         """An accepted hypothesis as the table conditional on the others judges it."""

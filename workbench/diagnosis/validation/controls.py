@@ -92,7 +92,7 @@ def of_order(bench: Bench, effects: Sequence[Effect]) -> bool:
 def _clocked(effect: Effect, chain) -> bool:
     """Whether an effect does anything else where the clock is moved round by half of the recording."""
     moves = any(name.startswith("move") for name in getattr(effect, "names", ()))
-    if moves or effect.by_moves or effect.port in (*STATE_PORTS, NOISE):
+    if moves or effect.by_moves or effect.port == NOISE:
         return False
     here, there = effect.basis(chain.state), effect.basis(_turned_state(chain, 0.5))
     return not np.allclose(here, there, rtol=0, atol=_SAME * np.abs(here).max())

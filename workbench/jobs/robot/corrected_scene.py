@@ -86,7 +86,7 @@ def effect_keys(effect, values: Parameters, chain) -> dict:
     """An [[effect]] table of a scene: name, place, options and the values of its parameters."""
     name = next(key for key, kind in CATALOGUE.items() if kind is type(effect))
     own = [p.key for p in effect.parameters(chain)]
-    ends = [key.rpartition(".")[2] for key in own]
+    ends = [key.split(".", 2)[-1] for key in own]
     by_name = {end if ends.count(end) == 1 else key: values[key] for end, key in zip(ends, own)}
     return {"effect": name, "where": effect.where, **effect.options, "values": by_name}
 

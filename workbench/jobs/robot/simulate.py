@@ -168,7 +168,7 @@ def _true_values(scene, model) -> dict[str, float]:
     values = {}
     for cause, effect in zip(scene.effect, model.effects):
         full = [p.key for p in effect.parameters(model.chain)]
-        ends = [key.rpartition(".")[2] for key in full]
+        ends = [key.split(".", 2)[-1] for key in full]
         keys = {key: key for key in full} | {
             end: key for end, key in zip(ends, full) if ends.count(end) == 1
         }
