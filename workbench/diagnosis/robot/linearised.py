@@ -146,23 +146,8 @@ def _candidates(model: Model, fit: Fit, rows: _Rows, white, library) -> tuple[Ca
         effect = option.effect
         columns = _columns(model, fit, rows, white, effect)
         typical = np.array([p.typical for p in effect.parameters(model.chain)])
-        kind = effect.coexists, effect.nonnegative
         load = _load(model, effect) if effect.elastic and effect.nonnegative else 0.0
-        made.append(
-            Candidate(
-                effect.effect,
-                effect.where,
-                option.label,
-                (effect,),
-                columns,
-                typical,
-                option.family,
-                option.mass,
-                option.missing,
-                *kind,
-                load,
-            )
-        )
+        made.append(Candidate.of_variant(option, columns, typical, load))
     return tuple(made)
 
 

@@ -192,21 +192,7 @@ class Linear:
                 continue
             columns, typical = self.columns(effect)
             typical = typical * self.widened(columns * typical)
-            made.append(
-                Candidate(
-                    effect.effect,
-                    effect.where,
-                    option.label,
-                    (effect,),
-                    columns,
-                    typical,
-                    option.family,
-                    option.mass,
-                    option.missing,
-                    effect.coexists,
-                    effect.nonnegative,
-                )
-            )
+            made.append(Candidate.of_variant(option, columns, typical))
         return tuple(made)
 
     def added(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
