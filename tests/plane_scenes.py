@@ -43,16 +43,16 @@ class Twin:
 
 
 def mirror(offset=0.0):
-    """Mirror 69 mm left of the camera whose axis is nearly the image's vertical, its sheet through z = 125 mm."""
+    """Mirror 69 mm left of the camera whose axis is nearly the image's vertical, its light plane through z = 125 mm."""
     axis = np.array([0.004, 1.0, -0.003])
     axis /= np.linalg.norm(axis)
     out = np.deg2rad(29)
-    sheet = np.array([np.cos(out), 0.002, -np.sin(out)])  # normal of the plane in mid-sweep
-    sheet /= np.linalg.norm(sheet)
-    face = rotation_matrix(axis * np.deg2rad(-45)) @ (sheet - (sheet @ axis) * axis)
+    light_plane = np.array([np.cos(out), 0.002, -np.sin(out)])  # normal of the plane in mid-sweep
+    light_plane /= np.linalg.norm(light_plane)
+    face = rotation_matrix(axis * np.deg2rad(-45)) @ (light_plane - (light_plane @ axis) * axis)
     face /= np.linalg.norm(face)
     point = np.array([-69.0, 1.0, 2.0])
-    beam = sheet - 2 * (sheet @ face) * face
+    beam = light_plane - 2 * (light_plane @ face) * face
     return Mirror(axis, point, face, offset, np.append(beam, 0.1 - beam @ point))
 
 

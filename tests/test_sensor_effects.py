@@ -300,7 +300,7 @@ def test_a_window_moves_the_ray_as_snells_law_does():
     )  # of 0.4 mm: first order in thickness over range
 
 
-def test_a_bowed_sheet_departs_with_the_square_of_the_place_along_the_stripe():
+def test_a_bowed_light_plane_departs_with_the_square_of_the_place_along_the_stripe():
     state = observations()
     (flat,) = make_effects(CATALOGUE, [("plane-bow", "laser", {})])
     assert flat.delta(np.array([1e-4]), state) == pytest.approx(np.full((1, state.n), 1e-4))

@@ -321,7 +321,7 @@ def open3dv(real):
 def test_open3dv_board_scatter(open3dv, kind):
     """RMS of the least scatter, mean distance and angle of the most likely hand-eye; and RMS against OpenCV's closed forms.
 
-    With the camera as stated; at the board's middle also with the camera as adjusted. Where the maker's sheet gives a camera no distortion at all, it is adjusted, the sheet its prior.
+    With the camera as stated; at the board's middle also with the camera as adjusted. Where the data sheet gives a camera no distortion at all, it is adjusted, the light plane its prior.
     """
     views, target, camera, flange = open3dv(kind)
     prior = None if any(camera.distortion) else camera_prior(camera)

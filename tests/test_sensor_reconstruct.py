@@ -7,8 +7,8 @@ from plane_scenes import CAMERA, HALF_DIAGONAL, MIDDLE, mirror, twin
 from sensors.camera.model import Camera
 from sensors.camera.undistort import BLOCK, fit_inverse, iterate
 from sensors.effects import CATALOGUE
+from sensors.light.board_chain import BoardStripeChain
 from sensors.light.planes import moved
-from sensors.light.sheets import Sheets
 from sensors.scanner.errors import (
     by_camera,
     by_pixel,
@@ -159,7 +159,7 @@ def changes(effects, chain, state):
 )
 def test_effects_act_on_scans_as_on_the_stripe_chain(rows):
     scene = twin(np.random.default_rng(7), placements=2, steps=4, points=30, stripe=0.0)
-    chain = Sheets(
+    chain = BoardStripeChain(
         CAMERA,
         scene.stripes,
         {"placement": scene.placement, "step": scene.step},

@@ -232,7 +232,7 @@ def crossings(light, steps):
 
 
 def test_a_balls_cloud_lies_on_the_sphere():
-    """A thin sharp sheet, no noise: stripes, reconstructed by the scanner, to under a micrometre."""
+    """A thin sharp light plane, no noise: stripes, reconstructed by the scanner, to under a micrometre."""
     thin = instrument(np.linspace(-1.0, 1.5, 6), optics=Optics(0.7, 125.0, 0.0))
     thin = replace(thin, laser=replace(thin.laser, width_mm=0.03))
     centre = np.array([1.0, 2.0, 136.0])
@@ -386,7 +386,7 @@ def test_speckle_has_its_contrast_and_grain():
 
 
 def test_brightness_is_lamberts():
-    """Peak of a sharp, wide sheet: share of the full well, albedo, cosine, distance."""
+    """Peak of a sharp, wide light plane: share of the full well, albedo, cosine, distance."""
     wide = replace(
         instrument((0.0,), optics=Optics(0.3, 125.0, 0.0)),
         laser=Laser(1.0, 0.6, 180.0, SOURCE, 0.0),

@@ -9,9 +9,9 @@ import pytest
 from plane_scenes import CAMERA, aligned, board, board_stripes, mirror, twin, views
 from sensors.camera.calibration import calibrate_camera
 from sensors.effects import CATALOGUE
+from sensors.light.board_chain import BoardStripeChain
 from sensors.light.board_stripes import BoardStripes, joined, thinned, wrong_points
 from sensors.light.planes import tilt_directions
-from sensors.light.sheets import Sheets
 from sensors.light.together import Together
 from sensors.scanner.calibration import calibrate_scanner
 from sensors.scanner.file import read_scanner, scanner_text, write_scanner
@@ -39,7 +39,7 @@ def made(truth):
 
 def whitened(adjustment, truth, steps):
     """Errors of camera and planes, as independent numbers of variance one where the covariance is right."""
-    found, real = adjustment.sheets.planes, truth.planes[:, steps]
+    found, real = adjustment.board_stripes.planes, truth.planes[:, steps]
     real = real * np.sign((real[:3] * found[:3]).sum(0))
     tilts = np.einsum("kis,is->ks", tilt_directions(found), found[:3] - real[:3])
     error = np.r_[
@@ -57,7 +57,7 @@ def test_planes_are_found_to_a_thousandth_of_a_millimetre_and_the_mirror_finds_t
     made, truth
 ):
     steps = made.scanner.steps
-    free = aligned(truth, made.free.camera, made.free.sheets.planes, steps=steps)
+    free = aligned(truth, made.free.camera, made.free.board_stripes.planes, steps=steps)
     pooled = aligned(truth, made.camera, made.scanner.planes, steps=steps)
     assert made.mirror.supported and made.scanner.mirror is not None
     assert pooled[0] < free[0] < 0.001
@@ -170,7 +170,7 @@ def test_effects_of_the_light_are_found_too():
     scene = twin(np.random.default_rng(17), points=60, steps=3)
     bow = 2e-5
     along = tilt_directions(scene.planes)[0]
-    chain = Sheets(
+    chain = BoardStripeChain(
         CAMERA,
         scene.stripes,
         {"placement": scene.placement, "step": scene.step},
@@ -253,7 +253,7 @@ def test_stripes_along_rows_and_along_columns_are_not_mixed(truth):
 
 def test_thinning_keeps_residuals_and_information():
     scene = twin(np.random.default_rng(19), points=240, steps=3, placements=4)
-    whole = Sheets(
+    whole = BoardStripeChain(
         CAMERA,
         scene.stripes,
         {"placement": scene.placement, "step": scene.step},
@@ -281,7 +281,9 @@ def test_thinning_keeps_residuals_and_information():
 def test_thinned_stripes_keep_the_errors_that_their_points_share():
     scene = twin(np.random.default_rng(19), points=240, steps=3, placements=4)
     labels = {"placement": scene.placement, "step": scene.step}
-    whole = Sheets(CAMERA, scene.stripes, labels, scene.poses, scene.planes, np.zeros(2), 1.0)
+    whole = BoardStripeChain(
+        CAMERA, scene.stripes, labels, scene.poses, scene.planes, np.zeros(2), 1.0
+    )
     shared = replace(Together.of(labels, whole.along), sigma=np.array([0.03, 0.02, 0.05]))
     whole = replace(whole, together=shared)
     moved = whole.with_families({"placement": scene.poses + 1e-4})
@@ -302,7 +304,7 @@ def test_points_far_from_their_stripe_are_named_and_no_others():
     pixels = scene.stripes.copy()
     bad = np.arange(7, pixels.shape[1], 41)
     pixels[0, bad] += 4
-    chain = Sheets(
+    chain = BoardStripeChain(
         CAMERA,
         pixels,
         {"placement": scene.placement, "step": scene.step},

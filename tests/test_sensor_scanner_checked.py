@@ -47,7 +47,7 @@ def test_a_left_out_placement_has_no_say_in_the_planes_it_is_judged_by(made, whi
     fit, whole = getattr(made, which), made.stripes.at(~made.wrong)
     plain = leave_out(fit, whole)
     for group in (0, 3):
-        changed = replace(fit, sheets=shifted(fit.sheets, group, 0.5))
+        changed = replace(fit, board_stripes=shifted(fit.board_stripes, group, 0.5))
         moved = leave_out(changed, shifted(whole, group, 0.5))
         own = whole.labels["placement"] == group
         assert np.abs((moved.residual_px - plain.residual_px)[own]) == pytest.approx(

@@ -35,16 +35,16 @@ This page is written by `python tools/gallery.py rendered-scanner`.
 
 ## The stripe on a ball is not symmetric
 
-Across the stripe the light is exp(−f²/2s²) cos(incidence), f the distance from the sheet and s its 1 σ. On a curved
-surface f has a second derivative along the scan line and the cosine a slope: the fit of a Gaussian is pulled by
+Across the stripe the light is exp(−f²/2s²) cos(incidence), f the distance from the light plane and s its 1 σ. On a
+curved surface f has a second derivative along the scan line and the cosine a slope: the fit of a Gaussian is pulled by
 
     c = a² (l − (f2/f1) (3 − q a²/w²)),    a = s/f1
 
 (sensors/stripe/bend.py (`sensors/stripe/bend.py`) says what the letters mean). Almost without noise it agrees
 with rendered lines to 5 % (2 % with the true s) and leaves 0.0012 px of 0.0105 px RMS (tests/test_sensor_rendered.py).
 It is a physical effect and not one of the renderer: its size is s²/R times a function of both angles, 0.03 px where
-the light comes in at 66°, and −0.8 µm in the centre of this ball along the direction of the mirror. A sheet of 0.15
-mm and a ball of 10 mm have ten times as much. `workbench scan` takes it off: s comes from how the lines widen with
+the light comes in at 66°, and −0.8 µm in the centre of this ball along the direction of the mirror. A light plane of
+0.15 mm and a ball of 10 mm have ten times as much. `workbench scan` takes it off: s comes from how the lines widen with
 the slope, the light from the mirror. Where the light grazes by more than 60° its stripe is a ragged patch of
 speckle that no first order describes (another −1 µm): these points are left out as those are that are seen too
 steeply.

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sensors.boards.board import Board
+from sensors.light.board_chain import BoardStripeChain, Evaluation
 from sensors.light.grouping import centred, groups
-from sensors.light.sheets import Evaluation, Sheets
 from workbench.core.errors import InputError
 
 _FAR = 5.0  # robust sigmas from its own stripe's course beyond which a point is wrong
@@ -138,7 +138,7 @@ def on_the_board(board: Board, points: np.ndarray) -> np.ndarray:
     return ((points[:2] >= low[:, None]) & (points[:2] <= high[:, None])).all(0)
 
 
-def wrong_points(chain: Sheets, here: Evaluation) -> np.ndarray:
+def wrong_points(chain: BoardStripeChain, here: Evaluation) -> np.ndarray:
     """(n,) True where a point is far from the course of its own stripe.
 
     The residual of a good stripe against any nearly right plane is smooth along the stripe: a
@@ -175,7 +175,7 @@ def _fitted(shape, values, weights, group, count):
     return (shape * found.T[:, group]).sum(0)
 
 
-def thinned(chain: Sheets, most: int = 60_000) -> tuple[Sheets, np.ndarray]:
+def thinned(chain: BoardStripeChain, most: int = 60_000) -> tuple[BoardStripeChain, np.ndarray]:
     """At most about `most` points that say what all of them say, and the block (n,) that each point went into.
 
     Neighbours along one stripe become one point: their weighted mean, with the sigma of that mean,
@@ -200,7 +200,7 @@ def thinned(chain: Sheets, most: int = 60_000) -> tuple[Sheets, np.ndarray]:
     return _averaged(chain, block, int(blocks.sum())), block
 
 
-def _independent(chain: Sheets) -> int:
+def _independent(chain: BoardStripeChain) -> int:
     """Points along a stripe whose mean hardly depends on the next mean: four times the memory of the noise.
 
     Memory: 1 + 2 times the sum of the autocorrelations up to the first that is less than a twentieth
@@ -223,7 +223,7 @@ def _independent(chain: Sheets) -> int:
     return int(np.ceil(4 * memory)) if memory > 1 else 1
 
 
-def _averaged(chain: Sheets, block: np.ndarray, count: int) -> Sheets:
+def _averaged(chain: BoardStripeChain, block: np.ndarray, count: int) -> BoardStripeChain:
     """The chain of `count` weighted means over the points with one number in `block` (n,)."""
     weights = 1 / np.broadcast_to(chain.sigma, (1, chain.n))[0] ** 2
     total = np.bincount(block, weights, count)

@@ -8,7 +8,7 @@ from workbench.core.parameters import Parameter, Parameters
 from workbench.core.rigid import left_jacobian, rotation_matrix
 
 # What may be changed about a mirror. The first seven, with the angles known, make every family of
-# planes that a face through its own axis makes: the sheet, turned about a line. The rest shows
+# planes that a face through its own axis makes: the light plane, turned about a line. The rest shows
 # hardly or not at all, see `mirror_parameters`.
 _TABLE = (
     ("tilt_face", "rad", 0.01, "the mirror axis' tilt about the face's normal"),
@@ -32,7 +32,7 @@ class Mirror:
 
     The face turns about the line through `point` (3,) along the unit vector `axis` (3,); at angle 0
     its unit normal is `face` (3,), across the axis; it stands `offset` from the axis. The laser's
-    sheet before the mirror is the plane `beam` (4,): unit normal and offset, n.X + b = 0.
+    light plane before the mirror is the plane `beam` (4,): unit normal and offset, n.X + b = 0.
     """
 
     axis: np.ndarray
@@ -181,7 +181,7 @@ def start_mirror(
 
     Axis: the direction that all normals hold one angle with, the shortest singular vector of their
     differences. Turn about it: twice the angle. Place: b_i = c - n_i.a, linear in a and c. The
-    face's turn at angle zero is not seen; it is set so that the sheet meets the face at `incidence`
+    face's turn at angle zero is not seen; it is set so that the light plane meets the face at `incidence`
     (rad) in mid-sweep. Gain: turn of the mirror per commanded one; its sign is that of the axis.
     """
     normals = planes[:3]

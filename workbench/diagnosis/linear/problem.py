@@ -16,7 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
-from workbench.core.effect import Effect, Variant
+from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, thin_svd
 from workbench.diagnosis.levels import ROUNDING, SEEN
 
@@ -54,27 +54,6 @@ class Candidate:
     together: bool = False
     positive: int = 0
     load: float = 0.0
-
-    @classmethod
-    def of_variant(
-        cls, variant: Variant, columns: np.ndarray, typical: np.ndarray, load: float = 0.0
-    ) -> "Candidate":
-        """A variant of an effect with the columns (N, P) and the typical sizes (P,) of its parameters."""
-        effect = variant.effect
-        return cls(
-            effect.effect,
-            effect.where,
-            variant.label,
-            (effect,),
-            columns,
-            typical,
-            variant.family,
-            variant.mass,
-            variant.missing,
-            effect.coexists,
-            effect.nonnegative,
-            load,
-        )
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ class SensorBench:
 
     def __init__(self, chains: Chains):
         self.kind = _kind(chains)
-        middle = 0.0 if not self.kind.mirror else float(np.mean(chains.sheets.angles))
+        middle = 0.0 if not self.kind.mirror else float(np.mean(chains.board_stripes.angles))
         parts = chains.parts
         own = {
             name: described(measured_chains.noiseless(chain), name, middle)
@@ -135,14 +135,18 @@ class SensorBench:
 
     def _held_by_corners(self, chains: Chains, effects, known: Parameters) -> np.ndarray:
         """(n,) px: errors with everything `known` but board poses, from corners, and centres of balls."""
-        without = replace(chains, sheets=None)
+        without = replace(chains, board_stripes=None)
         posed = self._posed(without, effects, known)
         lengths = dict(zip(without.parts, (_lengths([part]) for part in posed.residual)))
-        if chains.sheets is not None:
-            sheets = chains.sheets.with_families({"placement": posed.values["placement"]})
-            alone = dict(zip(chains.parts, models(replace(chains, sheets=sheets), effects)))
-            model = alone["sheets"]
-            lengths["sheets"] = _lengths(
+        if chains.board_stripes is not None:
+            board_stripes = chains.board_stripes.with_families(
+                {"placement": posed.values["placement"]}
+            )
+            alone = dict(
+                zip(chains.parts, models(replace(chains, board_stripes=board_stripes), effects))
+            )
+            model = alone["board_stripes"]
+            lengths["board_stripes"] = _lengths(
                 [model.evaluate(model.parameters.take_over(known)).residual]
             )
         return np.concatenate([lengths[name] for name in chains.parts])
@@ -226,13 +230,13 @@ def _kind(chains: Chains) -> Kind:
             if name != "corners" or column not in ("sweep", "mirror_speed_deg_s"):
                 columns.setdefault(column, []).append(values)
     varies = {c for c, parts in columns.items() if np.ptp(np.concatenate(parts)) > 0}
-    mirror = chains.sheets is not None and chains.sheets.mirror is not None
-    light = tuple(chains.sheets.mirror.point.tolist()) if mirror else None
+    mirror = chains.board_stripes is not None and chains.board_stripes.mirror is not None
+    light = tuple(chains.board_stripes.mirror.point.tolist()) if mirror else None
     balls = () if chains.balls is None else tuple(sorted(set(chains.balls.number.tolist())))
-    times = () if chains.sheets is None else _laser_column(chains, "time_s")
+    times = () if chains.board_stripes is None else _laser_column(chains, "time_s")
     lines = tuple(tuple(np.unique(np.round(row, 6)).tolist()) for row in chains.corners.points[:2])
     return Kind(
-        chains.sheets is not None,
+        chains.board_stripes is not None,
         mirror,
         balls,
         frozenset(varies),
@@ -245,7 +249,7 @@ def _kind(chains: Chains) -> Kind:
 
 def _laser_column(chains: Chains, name: str) -> np.ndarray:
     """(n,) a recorded column of all stripes; empty where some have none."""
-    parts = [chain for chain in (chains.sheets, chains.balls) if chain is not None]
+    parts = [chain for chain in (chains.board_stripes, chains.balls) if chain is not None]
     if not all(name in part.covariates for part in parts):
         return np.empty(0)
     return np.concatenate([part.covariates[name] for part in parts])
@@ -253,7 +257,7 @@ def _laser_column(chains: Chains, name: str) -> np.ndarray:
 
 def _spreads(chains: Chains, varies) -> tuple[tuple[str, float], ...]:
     """Standard deviation of each recorded column that varies among the stripes."""
-    if chains.sheets is None:
+    if chains.board_stripes is None:
         return ()
     spreads = {name: _laser_column(chains, name) for name in sorted(varies)}
     return tuple((name, float(v.std())) for name, v in spreads.items() if v.size and v.std() > 0)

@@ -379,7 +379,7 @@ def _apart(calibration) -> list[float | None]:
 
 def shared_json(calibration: ScannerCalibration) -> dict:
     """1 sigma, px, by which points of stripes err together, by kind, with its own sigma (None: not known)."""
-    together = calibration.made.sheets.together
+    together = calibration.made.board_stripes.together
     return {
         name: {"sigma": sigma, "std": float(std) if np.isfinite(std) else None}
         for (name, sigma), std in zip(together.named.items(), together.std)
