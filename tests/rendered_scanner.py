@@ -1,6 +1,6 @@
 """Rendered scanner after Ye: images of a scene, the complete chain on them, and the errors against the truth.
 
-Distances of planes and balls are told twice: in the camera's frame as it was found, and after the
+Distances of planes and balls are stated twice: in the camera's frame as it was found, and after the
 rigid motion that lays the found scanner over the true one (`laid_over`). Where a camera's own frame
 stands is known only to its principal point, some micrometres, and a hand-eye calibration takes it up.
 """

@@ -41,7 +41,7 @@ def written(folder: Path, *changes: tuple[str, str], text: str = TEXT) -> Path:
 
 
 def noted(folder: str, slowly: float, study, runs):
-    """`do_part` that leaves a mark for every run that it made, in a process that is told by its number."""
+    """`do_part` that leaves a mark for every run that it made, in a process identified by its number."""
     from workbench.studies.engine import do_part
 
     time.sleep(slowly)

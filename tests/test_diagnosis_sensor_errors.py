@@ -113,7 +113,7 @@ def replace_t(term, t):
 
 
 def moved_by(shift_of_stripe) -> sensor.SensorBench:
-    """A bench whose stripes are displaced by shift_of_stripe(placement, step) px."""
+    """A bench whose stripes are displaced by shift_of_stripe(board pose, step) px."""
     chains = simulated(sensor_virtual.chains(), (), {}, 5)
     labels = chains.board_stripes.labels
     moved = shift_of_stripe(labels["placement"], labels["step"])

@@ -173,16 +173,16 @@ def test_the_python_module_alone_predicts_and_corrects_as_the_workbench_does(spe
     readings = readings_of(robot)
     covariates = covariates_of(len(readings))
     shown = np.where(robot.prismatic, readings, np.rad2deg(readings))
-    told = run_alone(tmp_path, python_module(arm), shown, covariates)
-    assert told["foreign"] == []
+    exported = run_alone(tmp_path, python_module(arm), shown, covariates)
+    assert exported["foreign"] == []
     wanted = actual_poses(arm, readings, covariates)
-    np.testing.assert_allclose(told["poses"], wanted, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(exported["poses"], wanted, rtol=0, atol=1e-7)
     found = compensate(arm, readings, covariates=covariates)
     corrected = np.where(robot.prismatic, found.readings, np.rad2deg(found.readings))
     near = found.left_mm < 1e-5
     assert near.sum() > 8
-    np.testing.assert_allclose(np.array(told["corrected"])[near], corrected[near], atol=1e-4)
-    assert np.array(told["left"])[near].max() < 1e-4
+    np.testing.assert_allclose(np.array(exported["corrected"])[near], corrected[near], atol=1e-4)
+    assert np.array(exported["left"])[near].max() < 1e-4
 
 
 def exported(arm):

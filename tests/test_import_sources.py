@@ -552,9 +552,11 @@ def test_propose_edit_and_repeat_with_a_mapping(truth, tmp_path, capsys):
     answer = tmp_path / "a.json"
     command = ["import", str(tmp_path / "plain.csv"), "--map", str(mapping), "--out", str(out)]
     assert run([*command, "--json", str(answer)]) == 0
-    told = json.loads(answer.read_text())
-    assert told["mapping"]["joints"]["unit"] == "deg" and told["mapping"]["point"]["unit"] == "mm"
-    assert told["conventions"][0]["rms_mm"] < 0.1 and told["questions"] == []
+    result = json.loads(answer.read_text())
+    assert (
+        result["mapping"]["joints"]["unit"] == "deg" and result["mapping"]["point"]["unit"] == "mm"
+    )
+    assert result["conventions"][0]["rms_mm"] < 0.1 and result["questions"] == []
     again = read_mapping(out / "import.toml")
     assert again.joints.unit == "deg"
     repeat = ["import", str(tmp_path / "plain.csv"), "--map", str(out / "import.toml")]

@@ -1,4 +1,4 @@
-"""Recordings with images and with flange poses: read, written beside their images, and every mistake in them named."""
+"""Recordings with images and with flange poses: read, written next to their images, and every mistake in them named."""
 
 from dataclasses import replace
 
@@ -158,7 +158,7 @@ def in_place(folder, board=BOARDS[0]):
 
 
 @pytest.mark.parametrize("board", BOARDS, ids=lambda b: b["kind"])
-def test_written_beside_images_that_are_there(tmp_path, board):
+def test_written_next_to_existing_images(tmp_path, board):
     made = in_place(tmp_path / "made", board)
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "made" / "images").iterdir()}
     assert datasets.write(made, tmp_path / "made") == tmp_path / "made"
@@ -178,7 +178,7 @@ def test_written_beside_images_that_are_there(tmp_path, board):
         datasets.write(made, tmp_path / "made")
 
 
-def test_writing_beside_images_touches_nothing_else(tmp_path):
+def test_writing_next_to_images_changes_no_other_file(tmp_path):
     made = in_place(tmp_path / "made")
     (tmp_path / "made" / IMG).write_text("mine")
     with pytest.raises(InputError, match="made/images.csv: expected a folder with images only"):
@@ -270,7 +270,7 @@ CASES = [
         (IMG, "row 3", "column role", "''", "write one of these"),
     ),
     Case(
-        "laser without a placement",
+        "laser row without placement",
         image(3, "placement", ""),
         (IMG, "row 3", "which placement", "add a placement"),
     ),

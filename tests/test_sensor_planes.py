@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from plane_scenes import CAMERA, HALF_DIAGONAL, MIDDLE, bow, mirror, twin
+from plane_scenes import CAMERA, HALF_DIAGONAL, MIDDLE, bow, mirror, simulated_scanner
 from sensors.camera.model import Camera
 from sensors.light.board_chain import BoardStripeChain
 from sensors.light.mirror import NAMES, MovedMirror, start_mirror
@@ -27,7 +27,7 @@ def chain_of(truth, with_mirror=False, camera=CAMERA):
 
 @pytest.fixture(scope="module")
 def small():
-    return twin(np.random.default_rng(1), placements=3, steps=4, points=12)
+    return simulated_scanner(np.random.default_rng(1), placements=3, steps=4, points=12)
 
 
 PORTS = {
@@ -110,7 +110,9 @@ def test_rows_are_the_derivatives_for_camera_mirror_poses_and_planes(small, bent
 
 
 def test_a_stripe_made_forwards_has_no_residual_backwards():
-    truth = twin(np.random.default_rng(4), placements=3, steps=5, points=40, stripe=0.0)
+    truth = simulated_scanner(
+        np.random.default_rng(4), placements=3, steps=5, points=40, stripe=0.0
+    )
     chain = chain_of(truth)
     on_board = chain.state.target
     assert abs(chain.evaluate(chain.parameters.values, {}).residual).max() > 0.05  # the bow is seen

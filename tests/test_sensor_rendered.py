@@ -77,7 +77,7 @@ def test_what_a_ball_does_to_its_stripes_is_known():
 
 
 @pytest.mark.long
-def test_the_twin_of_ye_reaches_what_is_asked():
+def test_the_simulated_copy_of_ye_meets_the_acceptance_criteria():
     made = render_scanner(ye_scene())
     error, sigma = made.camera_errors()["fx"]
     assert abs(error) < 3 * sigma and sigma < 1e-3 * made.scene.sees.fx

@@ -378,8 +378,8 @@ def test_speckle_has_its_contrast_and_grain():
     assert seen.mean() == pytest.approx(100, rel=0.01)
     assert seen.std() / seen.mean() == pytest.approx(0.3, rel=0.03)
     field = np.log(seen) - np.log(seen).mean()
-    beside = (field[:, 3:] * field[:, :-3]).mean() / field.var()
-    assert beside == pytest.approx(
+    neighbour_correlation = (field[:, 3:] * field[:, :-3]).mean() / field.var()
+    assert neighbour_correlation == pytest.approx(
         np.exp(-(3**2) / (4 * 1.5**2)), abs=0.03
     )  # a Gaussian of 1.5 px twice
     assert (seen > 0).all()

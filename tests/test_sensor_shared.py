@@ -6,7 +6,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from plane_scenes import CAMERA, aligned, board, board_stripes, seen, stripe_points, twin, views
+from plane_scenes import (
+    CAMERA,
+    aligned,
+    board,
+    board_stripes,
+    seen,
+    simulated_scanner,
+    stripe_points,
+    views,
+)
 from sensors.ball.fit import fit_ball
 from sensors.ball.shared import Shared
 from sensors.components import Components, components
@@ -26,9 +35,9 @@ SHIFT, TILT = 0.06, 0.05  # px
 
 
 def shaken(seed, shift=SHIFT, tilt=TILT, placements=8, steps=8):
-    """A twin whose stripes are each shifted, and tilted along themselves, as a whole."""
+    """A simulated scanner whose stripes are each shifted, and tilted along themselves, as a whole."""
     rng = np.random.default_rng(seed)
-    truth = twin(rng, placements, steps, 60, sweep=np.deg2rad(4))
+    truth = simulated_scanner(rng, placements, steps, 60, sweep=np.deg2rad(4))
     number = truth.placement * steps + truth.step
     along = truth.stripes[1] / CAMERA.size[1] * 2 - 1
     moved = (
@@ -81,7 +90,7 @@ def test_decorrelated_errors_are_those_of_the_whole_covariance():
 
 @dataclass(frozen=True)
 class Straight:
-    """A chain as that of stripes, but linear: y = a x + p u + s v, a for all, p of a placement, s of a step."""
+    """A chain as that of stripes, but linear: y = a x + p u + s v, a for all, p of a board pose, s of a step."""
 
     x: np.ndarray
     y: np.ndarray
@@ -125,7 +134,7 @@ class Straight:
 
 @pytest.mark.parametrize("spread", [(0.2, 0.1, 0.3), (0.0, 0.0, 0.3), (0.2, 0.0, 0.0)])
 def test_a_bundle_with_shared_errors_is_the_dense_generalised_least_squares(spread):
-    """Also of steps whose numbers a placement's error mixes: answer and covariance, against the whole matrices."""
+    """Also of steps whose numbers a board pose's error mixes: answer and covariance, against the whole matrices."""
     rng, n, placements, steps = np.random.default_rng(7), 180, 5, 4
     labels = {"placement": rng.integers(placements, size=n), "step": rng.integers(steps, size=n)}
     together = replace(Together.of(labels, rng.uniform(0, 1000, n)), sigma=np.array(spread))
@@ -185,7 +194,7 @@ def test_variances_of_a_layout_are_found():
 
 
 def test_a_kind_that_the_unknowns_take_whole_has_no_variance():
-    """Two groups beside a mean: one difference, which tells nothing of a variance."""
+    """Two groups and a mean leave one difference, which does not determine a variance."""
     design = np.repeat(np.eye(2), 50, axis=0)
     project = np.eye(100) - 0.01
     y = design @ [3.0, -3.0] + np.random.default_rng(3).normal(size=100)
@@ -247,7 +256,7 @@ def test_a_ball_finds_what_its_stripes_share():
 
 
 def test_what_points_share_does_not_depend_on_where_the_solve_began():
-    """What is left of a placement's shift beside its pose is a small difference of large numbers: of one place, or it
+    """The shift of the stripes of one board, conditional on its pose, is a small difference of large numbers: of one place, or it
     comes out less than nothing and its variance without end."""
     made = calibrated(shaken(8, placements=6), mirror=False).free
     plain = replace(made.board_stripes, together=None)
@@ -287,9 +296,9 @@ def test_placements_whose_stripes_all_err_alike_are_found_and_stand_in_the_sigma
 
 
 def lagging(seed, half_gap, placements=8, steps=16):
-    """A twin whose mirror stands half a gap before its command at every other placement, and half a gap behind."""
+    """A simulated scanner whose mirror stands half a gap before its command at every other board pose, and half a gap behind."""
     rng = np.random.default_rng(seed)
-    truth = twin(rng, placements, steps, 60, sweep=np.deg2rad(7))
+    truth = simulated_scanner(rng, placements, steps, 60, sweep=np.deg2rad(7))
     planes = {way: truth.mirror.planes(truth.angles + way * half_gap) for way in (1, -1)}
     pixels = []
     for g, pose in enumerate(truth.poses):
@@ -316,7 +325,7 @@ def test_sweeps_that_disagree_move_no_board_and_are_said():
     for one, limit in ((made, 0.02), (plain, 0.004)):
         assert aligned(truth, one.camera, one.scanner.planes, steps=one.scanner.steps)[1] < limit
     assert any(
-        "something that changed from placement to placement is missing" in said
+        "something that changed from board pose to board pose is missing" in said
         for said in made.sentences
     )
     assert not any("is missing" in said for said in plain.sentences)
@@ -342,7 +351,7 @@ def test_a_profiler_states_its_plane_in_the_cameras_frame():
     """One plane has no other to be apart from: in the frame that fits best nothing would be left to tell."""
     from workbench.jobs.sensor.scanner import _apart
 
-    truth = twin(np.random.default_rng(9), 8, 1, 60)
+    truth = simulated_scanner(np.random.default_rng(9), 8, 1, 60)
     made = calibrated(truth)
     assert len(made.scanner.steps) == 1 and len(made.made.board_stripes.together.named) == 3
     assert (

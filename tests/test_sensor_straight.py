@@ -70,10 +70,10 @@ def test_the_pull_on_a_tilted_board_is_that_of_a_fit_to_its_light(turn, light):
         np.array([1.0, 0.0]),
         light,
     )
-    told = bend.pull(LineShape(PLANE_WIDTH, 0.0), np.array([width]), np.array([0.0]))[0]
+    modelled = bend.pull(LineShape(PLANE_WIDTH, 0.0), np.array([width]), np.array([0.0]))[0]
     assert abs(bend.away[0]) < 1e-9
-    assert told == pytest.approx(centre - zero, rel=0.05, abs=2e-4)
-    assert abs(told) > 0.002 or turn >= 0
+    assert modelled == pytest.approx(centre - zero, rel=0.05, abs=2e-4)
+    assert abs(modelled) > 0.002 or turn >= 0
 
 
 def blurred_on_ball(centre, radius, plane, zero, row, blur):

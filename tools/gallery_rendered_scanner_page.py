@@ -184,9 +184,9 @@ def _verdict(seeds) -> str:
         f"Ball centres are {_rms(laid):.2f} µm RMS off (mean {mean}), planes {planes:.2f} µm. {verdict} By z² stated "
         f"sigmas are up to {most:.0f} % too small. Stripes on tilted boards are pulled as those on balls are "
         "(sensors/light/straight.py (`sensors/light/straight.py`)): nearer parts are seen larger and lit more. "
-        "Against true boards and planes that makes means of up to 0.005 px of a placement, in proportion to the "
-        "board's tilt about the stripe (correlation 0.43 over 400 placements); taken off, the correlation is 0.00. "
-        "What stripes of a placement share beyond that is found to 0.009 px only, so that this much of it is counted "
+        "Against true boards and planes that makes means of up to 0.005 px of a board pose, in proportion to the "
+        "board's tilt about the stripe (correlation 0.43 over 400 board poses); taken off, the correlation is 0.00. "
+        "What stripes of a board pose share beyond that is found to 0.009 px only, so that this much of it is counted "
         "on. The camera's nine values are not independent: of 26 further seeds, boards alone, 67 % of the values are "
         "within 1 σ, and 64 % of the 234 independent combinations.",
         116,
@@ -200,7 +200,7 @@ def _directions(rows) -> str:
     return textwrap.fill(
         "- `mirror-hysteresis` and `frame-sync` part the two directions of a sweep: to agree, boards would have to "
         f"move. Their corners hold them where they are; the {left[0]:.1f} and {left[1]:.1f} px that are left are taken "
-        "for a shift of each placement, much larger than light can make one, and `workbench scanner` says that "
+        "for a shift of each board pose, much larger than light can make one, and `workbench scanner` says that "
         "something is missing. Planes are those of the mean of both directions; whoever goes on all the same has "
         f"centres that are off by {balls[0]:.0f} and {balls[1]:.0f} µm, as each scan has its own direction. In the "
         "model both are found.",

@@ -24,8 +24,8 @@ _FLAT = 1e-3  # of the board's extent along its corners: they lie on a line wher
 _WITHIN = 0.05
 _OVER = 3  # corners more than a warp has numbers: fewer are no test of it
 _ORDER = 5
-_NEIGHBOURS = 40  # corners of a placement below which a warp of that order across the board would follow single ones
-_MANY = 3  # placements that are off smoothly from which on the lens is the cause
+_NEIGHBOURS = 40  # corners of a board pose below which a warp of that order across the board would follow single ones
+_MANY = 3  # board poses that are off smoothly from which on the lens is the cause
 
 
 def on_a_line(views: Sequence["View"], board) -> np.ndarray:
@@ -96,7 +96,7 @@ def _far_off(scaled):
 
 
 def _rough(chain, residual):
-    """(2, n) residuals less a smooth warp across the board of each placement."""
+    """(2, n) residuals less a smooth warp across the board of each pose."""
     x, y = chain.place
     rows = np.stack([x**i * y**j for i in range(_ORDER + 1) for j in range(_ORDER + 1 - i)])
     start = np.flatnonzero(np.diff(chain.labels["placement"], prepend=-1))

@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 MODELS = {"brown": BROWN, "rational": RATIONAL}
 FEW = 16
-"""Corners of a placement that a start needs: its homography takes four."""
+"""Corners of a board pose that a start needs: its homography takes four."""
 _CAMERA_GROUPS = 20
 _WIDEST, _NARROWEST = 0.2, 50.0  # focal lengths over the image's width: 136 and 1 degrees of view
 
 
 def placement_groups(views: Sequence["View"]) -> tuple[np.ndarray, list[str]]:
-    """(V,) group of each view, in order of appearance, and the groups' names: placements, else images."""
+    """(V,) group of each view, in order of appearance, and the groups' names: board poses, else images."""
     names = [view.placement or view.image for view in views]
     order = {name: k for k, name in enumerate(dict.fromkeys(names))}
     return np.array([order[name] for name in names], int), list(order)
@@ -32,7 +32,7 @@ def placement_groups(views: Sequence["View"]) -> tuple[np.ndarray, list[str]]:
 def corner_chain(
     views: Sequence["View"], board: "Board", size: tuple[int, int], model: str = "brown"
 ) -> Corners:
-    """All corners of the views, sorted by placement, before a camera and poses are known (zeros)."""
+    """All corners of the views, sorted by board pose, before a camera and poses are known (zeros)."""
     group, names = placement_groups(views)
     order = np.argsort(group, kind="stable")
     counts = np.array([len(views[k].index) for k in order])
@@ -93,13 +93,13 @@ def _covariates(views, order, counts):
 
 
 def thinned(chain: Corners) -> np.ndarray:
-    """(t,) indices of at most `FEW` corners of each placement."""
+    """(t,) indices of at most `FEW` corners of each board pose."""
     chosen, new = spread(chain)
     return chosen[new]
 
 
 def spread(chain: Corners) -> tuple[np.ndarray, np.ndarray]:
-    """(G, FEW) corners of each placement, spread over it and not in step with its columns, and which are no repeats."""
+    """(G, FEW) corners of each board pose, spread over it and out of step with its columns; which are no repeats."""
     bounds = np.searchsorted(chain.labels["placement"], np.arange(len(chain.poses) + 1))
     share = (np.arange(FEW) + np.random.default_rng(0).random(FEW)) / FEW
     chosen = bounds[:-1, None] + (share * np.diff(bounds)[:, None]).astype(int)
@@ -107,7 +107,7 @@ def spread(chain: Corners) -> tuple[np.ndarray, np.ndarray]:
 
 
 def started(chain: Corners) -> Corners:
-    """The chain at a first camera without distortion and first poses; four corners or more of every placement.
+    """The chain at a first camera without distortion and first poses; four corners or more of every board pose.
 
     Camera: cv2.initCameraMatrix2D, the linear solution of Zhang, PAMI 22 (2000) 1330, with the principal
     point in the middle. A focal length that the boards do not tell is started as a usual lens's, 1.2

@@ -22,8 +22,8 @@ _FEWEST = 10
 @dataclass(frozen=True)
 class Circles:
     """One circle a profile: `centre` (2, P) x and z mm, `radius` (P,) mm, `rms` (P,) mm of its
-    points' distances; `used` (n,) True where a point lies on the ball; `why` sentences on what was
-    left out."""
+    points' distances; `used` (n,) True where a point lies on the ball; `why` sentences on points
+    without use."""
 
     centre: np.ndarray
     radius: np.ndarray

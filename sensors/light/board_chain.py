@@ -61,7 +61,7 @@ class BoardStripeChain(StripeChain):
     def decorrelated(self, rows: np.ndarray, across: bool = True) -> np.ndarray:
         """(..., n) residuals or their derivatives without what points share: left is noise of `sigma` in each.
 
-        across: also what stripes of a placement share; only for what is not one step's own.
+        across: also what stripes of a board pose share; only for what is not one step's own.
         """
         if self.together is None:
             return rows
@@ -70,7 +70,7 @@ class BoardStripeChain(StripeChain):
 
     @property
     def across(self) -> tuple[np.ndarray, float] | None:
-        """Shape (n,), where what the points of a stripe share is taken off, and variance of a placement's error."""
+        """Shape (n,), where what the points of a stripe share is taken off, and variance of a board pose's error."""
         if self.together is None or not self.together.sigma[2]:
             return None
         return decorrelated(self._apart[0], self.together.shapes[2]), float(
@@ -190,7 +190,7 @@ class Evaluation(Sight):
         return made
 
     def family_rows(self, name: str) -> np.ndarray:
-        """(6, 1, n) for the placement's pose, or (3, 1, n) for the step's plane."""
+        """(6, 1, n) for the board pose, or (3, 1, n) for the step's plane."""
         return (self._pose_rows() / self.gain)[:, None] if name == "placement" else self.step_rows()
 
     def _pose_rows(self):

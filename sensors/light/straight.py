@@ -1,7 +1,7 @@
 """Stripes on tilted boards are not symmetric: what pulls their centres is taken off before planes are fitted to them.
 
 A tilted board is seen larger where it is nearer, and lit more where it is nearer to the light: `sensors.stripe.bend`
-says what that does to the centre. It is some thousandths of a pixel, the same for all stripes of a placement: planes
+says what that does to the centre. It is some thousandths of a pixel, the same for all stripes of a board pose: planes
 from many stripes are known better than that.
 """
 

@@ -1,4 +1,4 @@
-"""The joint adjustment of a scanner: corners and stripes of all placements, camera, bow, poses and light planes."""
+"""The joint adjustment of a scanner: corners and stripes of all board poses, camera, bow, poses and light planes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -29,9 +29,9 @@ Progress = Callable[[str], None]
 _FEWEST_POINTS = 20
 _FEWEST_PLACEMENTS = 2
 _FRAME_TAKES = 3  # planes below which six numbers of a frame make up for all of theirs
-_NO_BOARD = "no board: no usable image of the board at their placement"
+_NO_BOARD = "no board: no usable image of the board in their pose"
 _OFF_BOARD = "off the board"
-_NO_PLANE = "their step's plane is not determined: fewer than two placements, or one line"
+_NO_PLANE = "their step's plane is not determined: fewer than two board poses, or one line"
 _WRONG = "wrong: far from the course of their stripe or from its plane"
 _STILL = 1e-6  # rad, below which commanded angles say nothing of how the mirror turns
 _LINE = 0.02  # second over first spread of a step's points below which they lie on one line, and make no plane
@@ -126,13 +126,13 @@ def calibrate_scanner(
     provenance: Mapping | None = None,
     progress: Progress = lambda text: None,
 ) -> ScannerCalibration:
-    """One adjustment of corners and stripes of all placements, each residual in pixels.
+    """One adjustment of corners and stripes of all board poses, each residual in pixels.
 
     views: images of the board without laser; stripes: points of the laser's line on it, with the
-    placement and the mirror's step of each. camera: a calibration of these views, made here where not given.
+    board pose and the mirror's step of each. camera: a calibration of these views, made here where not given.
     effects: further ones of the sensor to be fitted (those of `camera` always are); those of the mirror
     act only where the mirror is tried: free planes hold them already. mirror: try the
-    physical mirror where there are five steps or more. check: leave placements out.
+    physical mirror where there are five steps or more. check: leave board poses out.
     InputError where no stripe is on a board, or no plane is determined.
     """
     if camera is None:
@@ -261,7 +261,7 @@ class _Found:
 
 
 def _prepared(camera, stripes: BoardStripes, board) -> _Found:
-    """Points whose placement has a pose, that lie on the board, at steps whose plane they determine."""
+    """Points whose board pose is known, that lie on the board, at steps whose plane they determine."""
     dropped: dict[str, int] = {}
     names = np.array(camera.placements)
     kept = _less(stripes, np.isin(stripes.placement, names), dropped, _NO_BOARD)
@@ -274,7 +274,7 @@ def _prepared(camera, stripes: BoardStripes, board) -> _Found:
         kept,
         "points of the laser's line on a board that was seen",
         dropped,
-        "see that placements of board and board-laser images agree",
+        "see that `placement` of board and board-laser images agree",
     )
     steps, step = np.unique(kept.step, return_inverse=True)
     planes, fine = _start_planes(hits, group, step, len(steps))
@@ -282,7 +282,7 @@ def _prepared(camera, stripes: BoardStripes, board) -> _Found:
     kept, group = _less(kept, on, dropped, _NO_PLANE), group[on]
     _some(
         kept,
-        f"a step seen at {_FEWEST_PLACEMENTS} placements with the board at different depths",
+        f"a step seen in {_FEWEST_PLACEMENTS} board poses at different depths",
         dropped,
         "move the board and take more images",
     )

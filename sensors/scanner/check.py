@@ -1,4 +1,4 @@
-"""A scanner judged by placements that its light planes were not made from."""
+"""A scanner judged by board poses that its light planes were not made from."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -10,16 +10,16 @@ from sensors.scanner.adjustment import Adjustment, solve_once, stripe_model
 
 _FOLDS = 20
 _INLIER = 3.0  # robust sigmas
-_LEAST = 2  # placements that a free plane needs
+_LEAST = 2  # board poses that a free plane needs
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Stripes of placements whose stripes were left out: how far they lie from the planes that the others make.
+    """Stripes of board poses that were left out: how far they lie from the planes that the others make.
 
     `residual_px` (n,) along the scan line and `residual_mm` (n,) from the plane, nan where too few
-    placements were left for a plane; robust `rms` of the inliers, those within three robust sigmas,
-    and their share; `placement_rms_mm` (G,) of all points of each. The pose of a left-out placement
+    board poses were left for a plane; robust `rms` of the inliers, those within three robust sigmas,
+    and their share; `placement_rms_mm` (G,) of all points of each. The pose of a left-out board pose
     comes from its corners alone.
     """
 
@@ -53,7 +53,7 @@ class LeftOut:
     @property
     def sentence(self) -> str:
         return (
-            f"stripes of placements left out, in {self.folds} folds: {self.rms_mm:.4f} mm from the light plane "
+            f"stripes of board poses left out, in {self.folds} folds: {self.rms_mm:.4f} mm from the light plane "
             f"({self.rms_px:.3f} px along the scan line), {100 * self.share:.1f} % within three robust sigmas; "
             f"{self.rms_all_mm:.4f} mm with all points"
         )
@@ -66,9 +66,9 @@ def _rms(values):
 def leave_out(
     made: Adjustment, whole: BoardStripeChain, progress: Callable[[str], None] = lambda text: None
 ) -> LeftOut | None:
-    """Each placement's stripes left out of the adjustment; in folds where there are more than twenty.
+    """Each board pose's stripes left out of the adjustment; in folds where there are more than twenty.
 
-    whole: all stripe points on the board, wrong ones too. None with fewer than three placements.
+    whole: all stripe points on the board, wrong ones too. None with fewer than three board poses.
     """
     present = np.unique(made.board_stripes.labels["placement"])
     folds = min(_FOLDS, len(present))
@@ -76,7 +76,7 @@ def leave_out(
         return None
     pixels, millimetres = np.full(whole.n, np.nan), np.full(whole.n, np.nan)
     for fold in range(folds):
-        progress(f"placements left out, {fold + 1} of {folds}")
+        progress(f"board poses left out, {fold + 1} of {folds}")
         out = np.isin(whole.labels["placement"], present[fold::folds])
         pixels[out], millimetres[out] = _one(made, whole, present[fold::folds], out)
     return _judged(folds, pixels, millimetres, whole)
@@ -94,7 +94,7 @@ def _judged(folds, pixels, millimetres, whole):
 
 
 def _one(made, whole, placements, out):
-    """Residuals in px and mm of the points `out` of some placements, against planes made without them."""
+    """Residuals in px and mm of the points `out` of some board poses, against planes made without them."""
     board_stripes = made.board_stripes
     keep = ~np.isin(board_stripes.labels["placement"], placements)
     left = solve_once(
@@ -113,7 +113,7 @@ def _one(made, whole, placements, out):
 
 
 def _placements_of(board_stripes: BoardStripeChain) -> np.ndarray:
-    """(S,) how many placements each step's plane is seen at."""
+    """(S,) how many board poses each step's plane is seen at."""
     pairs = np.unique(
         np.stack([board_stripes.labels["step"], board_stripes.labels["placement"]]), axis=1
     )

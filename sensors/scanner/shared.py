@@ -1,4 +1,4 @@
-"""How much points of one stripe, and stripes of one placement, err together: variances from the adjustment itself."""
+"""How much points of one stripe, and stripes of one board pose, err together: variances from the adjustment itself."""
 
 from dataclasses import dataclass, replace
 
@@ -37,7 +37,7 @@ def with_shared_errors(made: Adjustment) -> Adjustment:
 
 def _held_by_corners(made: Adjustment) -> Adjustment:
     """Poses by the corners alone and planes by the stripes there; as a first guess of what these share, what they
-    miss their planes by: the root of the mean square of the means of placements, and of stripes relative to these."""
+    miss their planes by: the root of the mean square of the means of board poses, and of stripes relative to these."""
     board_stripes = replace(made.board_stripes, sigma=made.board_stripes.sigma * _LIGHT)
     held = solve_once(made.corners, board_stripes, made.effects, made.parameters, made.free)
     board_stripes = replace(held.board_stripes, sigma=held.board_stripes.sigma / _LIGHT)
@@ -79,7 +79,7 @@ def shared_errors(made: Adjustment) -> tuple[Together, float]:
 
     Restricted maximum likelihood (`sensors.components`) on the adjustment's linear model there, with its
     unknowns, so that what planes and poses take of a stripe's error is not counted as none. A kind that
-    another one is by construction (one stripe a placement) stays 0. Where there are more than
+    another one is by construction (one stripe a board pose) stays 0. Where there are more than
     `_MOST` stripes, those of steps spread evenly count: the others reach them only through the
     few numbers that all share.
     """
@@ -128,10 +128,10 @@ def own_noise(residual: np.ndarray, weight: np.ndarray, together: Together) -> f
 
 
 def _apart_from_all(own, pull, kind):
-    """R, g and kinds with contrasts of the placements' shifts in place of these.
+    """R, g and kinds with contrasts of the board poses' shifts in place of these.
 
-    What all placements are off by alike is the scanner's and no placement's: planes and principal point take it up but
-    for next to nothing, and that remnant would answer for whatever else is wrong.
+    An error that all board poses share belongs to the scanner: planes and principal point absorb nearly all of it, and
+    the small remainder would take the blame for other errors.
     """
     from scipy.linalg import block_diag, helmert
 
@@ -193,7 +193,7 @@ def _left(made: Adjustment, effects: _Effects):
     a pose's own inverse, together those of all unknowns. R and g are those of points that share nothing, of the
     linear model where the adjustment stands: if that was solved for points that do, the unknowns would still move.
     """
-    # of what is left of a placement's shift, nearly all the pose's, a derivative from one step before would make less
+    # of what is left of a board pose's shift, nearly all the pose's, a derivative from one step before would make less
     # than nothing
     apart = linearised(replace(made, board_stripes=replace(made.board_stripes, together=None)))
     fit, where, residual = apart.fit, effects.placement, apart.fit.residual[1][0]

@@ -1,7 +1,7 @@
 """The bench of a sensor: solves camera, mirror and effects with all poses, and makes the problem of a diagnosis there.
 
 Baseline: Brown's camera, a flat board, one mirror (axis, offset, beam) or free light planes, a ball of
-its certified radius. Placements of the board and centres of the balls belong to the baseline too:
+its certified radius. Board poses and centres of the balls belong to the baseline too:
 their columns stand in the basis, so that what any pose can make of an effect is projected out.
 Coordinates: u of all corners, v of all corners, stripes on boards, stripes on balls, in pixels.
 """
@@ -46,7 +46,7 @@ def bench_of(recording: Recording, progress: Progress = lambda text: None) -> "S
 class SensorBench:
     """Implements `workbench.diagnosis.linear.problem.Bench` for corners, stripes on boards and stripes on balls.
 
-    A sample is a corner or a block of a stripe; `pose` (n,): the placement, or the scan's ball after them; `sigma`
+    A sample is a corner or a block of a stripe; `pose` (n,): the board pose, or the scan's ball after them; `sigma`
     (n,) px its noise.
     """
 
@@ -54,7 +54,7 @@ class SensorBench:
     baseline: tuple[Effect, ...] = ()
     chain = None
     warnings: tuple[str, ...] = ()
-    whole = True  # a third of the placements would show a third as much, and other balls
+    whole = True  # a third of the board poses would show a third as much, and other balls
 
     def __init__(self, chains: Chains):
         self.kind = _kind(chains)
