@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
+from effect_cases import SCANNER_ADDITIONS, VOCABULARY
 from sensors.camera.model import Camera
 from sensors.effects import CATALOGUE
 from sensors.state import SensorState, stripe_direction
-from test_effects import SCANNER_ADDITIONS, VOCABULARY
 from workbench.core.effect import Effect, make_effects, numeric_derivative
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameters

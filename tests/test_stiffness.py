@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from export_scenes import arm_with, readings_of
 from scenes import ABB
-from test_exports_arm import arm_with, readings_of
 from workbench.core.errors import InputError
 from workbench.files.exports.mjcf import mjcf
 from workbench.jobs.robot.stiffness import (
