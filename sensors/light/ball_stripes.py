@@ -49,6 +49,8 @@ class Balls(StripeChain):
     change: np.ndarray | None = None
     covariates: Mapping[str, np.ndarray] = field(default_factory=dict)
     _start: "Balls | None" = field(default=None, repr=False, compare=False)
+    family = "ball"
+    surfaces = "centres"
 
     @cached_property
     def state(self) -> SensorState:
@@ -79,30 +81,6 @@ class Balls(StripeChain):
             labels={name: label[samples] for name, label in self.labels.items()},
             covariates={name: column[samples] for name, column in self.covariates.items()},
             _start=None if self._start is None else self._start.at(samples),
-        )
-
-    def with_families(self, values: Mapping[str, np.ndarray]) -> "Balls":
-        """The same with other centres and changes of planes; the state stays that of the start."""
-        start = self if self._start is None else self._start
-        return replace(
-            self,
-            centres=values.get("ball", self.centres),
-            change=values.get("step", self.change),
-            _start=start,
-        )
-
-    def moved(
-        self, camera: Camera, centres: np.ndarray, planes: np.ndarray, mirror=None
-    ) -> "Balls":
-        """The same measurements started elsewhere."""
-        return replace(
-            self,
-            camera=camera,
-            centres=centres,
-            planes=planes,
-            mirror=mirror,
-            change=None,
-            _start=None,
         )
 
     def numbers(self, place: str) -> tuple[int, ...]:

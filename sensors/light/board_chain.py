@@ -46,6 +46,8 @@ class BoardStripeChain(StripeChain):
     covariates: Mapping[str, np.ndarray] = field(default_factory=dict)
     together: Together | None = None
     _start: "BoardStripeChain | None" = field(default=None, repr=False, compare=False)
+    family = "placement"
+    surfaces = "poses"
 
     @property
     def along(self) -> np.ndarray:
@@ -108,24 +110,6 @@ class BoardStripeChain(StripeChain):
             covariates={name: column[samples] for name, column in self.covariates.items()},
             together=None if self.together is None else self.together.at(samples),
             _start=None if self._start is None else self._start.at(samples),
-        )
-
-    def with_families(self, values: Mapping[str, np.ndarray]) -> "BoardStripeChain":
-        """The same with other poses and changes of planes; the state stays that of the start."""
-        start = self if self._start is None else self._start
-        return replace(
-            self,
-            poses=values.get("placement", self.poses),
-            change=values.get("step", self.change),
-            _start=start,
-        )
-
-    def moved(
-        self, camera: Camera, poses: np.ndarray, planes: np.ndarray, mirror=None
-    ) -> "BoardStripeChain":
-        """The same measurements started elsewhere."""
-        return replace(
-            self, camera=camera, poses=poses, planes=planes, mirror=mirror, change=None, _start=None
         )
 
     @property

@@ -5,7 +5,9 @@ the rays with its surface and states the derivatives of its residual by a ray an
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -23,8 +25,13 @@ class StripeChain:
 
     A chain has the fields `camera`, `pixels` (2, n), `labels`, `planes` (4, S), `scan`, `mirror` and `angles`, and
     `_start`: the chain at its first linearisation, None where it is that itself. Everything that belongs to the start
-    (`at_start`, `gain`) is taken from there, so that a solve cannot change it. `evaluation` is its subclass of `Sight`.
+    (`at_start`, `gain`) is taken from there, so that a solve cannot change it. `evaluation` is its
+    subclass of `Sight`. `surfaces` names the field with the poses or centres of the bodies that the light falls on,
+    `family` their family in a bundle.
     """
+
+    family: ClassVar[str]
+    surfaces: ClassVar[str]
 
     @cached_property
     def parameters(self) -> Parameters:
@@ -61,6 +68,27 @@ class StripeChain:
         """(n,) rad, angle of the mirror as commanded at each point; nan where it is unknown."""
         every = np.full(self.planes.shape[1], np.nan) if self.angles is None else self.angles
         return every[self.labels["step"]]
+
+    def with_families(self, values: Mapping[str, np.ndarray]) -> Self:
+        """The chain with other surfaces and changes of planes; the state stays that of the start."""
+        return replace(
+            self,
+            **{self.surfaces: values.get(self.family, getattr(self, self.surfaces))},
+            change=values.get("step", self.change),
+            _start=self if self._start is None else self._start,
+        )
+
+    def moved(self, camera: Camera, surfaces: np.ndarray, planes: np.ndarray, mirror=None) -> Self:
+        """The same measurements with another start: camera, poses or centres, planes (4, S) and mirror."""
+        return replace(
+            self,
+            **{self.surfaces: surfaces},
+            camera=camera,
+            planes=planes,
+            mirror=mirror,
+            change=None,
+            _start=None,
+        )
 
     def slots(self, port: str, where: str, components: tuple[int, ...]) -> tuple[int, ...]:
         """Rows of a port that `components` name, all for (); InputError where there is no such port."""
