@@ -98,10 +98,14 @@ def _far_off(scaled):
 def _rough(chain, residual):
     """(2, n) residuals less a smooth warp across the board of each pose."""
     x, y = chain.place
-    rows = np.stack([x**i * y**j for i in range(_ORDER + 1) for j in range(_ORDER + 1 - i)])
+    powers = [(i, j) for i in range(_ORDER + 1) for j in range(_ORDER + 1 - i)]
+    rows = np.stack([x**i * y**j for i, j in powers])
+    # corners of one pose stand together: one sum a pose, from each start to the next
     start = np.flatnonzero(np.diff(chain.labels["placement"], prepend=-1))
+    count = np.diff(start, append=residual.shape[1])
     gram = np.add.reduceat(rows[:, None] * rows, start, axis=2).transpose(2, 0, 1)
-    pull = np.add.reduceat(rows[:, None] * residual, start, axis=2).transpose(2, 0, 1)
-    warp = solve_positive(gram + 1e-9 * len(rows) * np.eye(len(rows)), pull)
-    which = np.repeat(np.arange(len(start)), np.diff(start, append=residual.shape[1]))
-    return residual - np.einsum("kn,nkc->cn", rows, warp[which])
+    right = np.add.reduceat(rows[:, None] * residual, start, axis=2).transpose(2, 0, 1)
+    small = 1e-9 * len(rows) * np.eye(len(rows))
+    warp = solve_positive(gram + small, right)
+    of_corner = np.repeat(np.arange(len(start)), count)
+    return residual - np.einsum("kn,nkc->cn", rows, warp[of_corner])

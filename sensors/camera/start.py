@@ -151,18 +151,27 @@ def homographies(chain: Corners, chosen: np.ndarray, new: np.ndarray) -> np.ndar
     ed., alg. 4.2), with the last number 1 there: the middle of a board's corners is never at infinity.
     """
     weight = new.astype(float)
-    (x, y), board = _normalised(chain.points[:2, chosen], weight)
-    (u, v), image = _normalised(chain.pixels[:, chosen], weight)
-    rows = np.zeros((2, 9, *x.shape))
-    rows[0, 0], rows[0, 1], rows[0, 2] = rows[1, 3], rows[1, 4], rows[1, 5] = x, y, np.ones_like(x)
-    for row, seen in zip(rows, (u, v)):
-        row[6], row[7], row[8] = -seen * x, -seen * y, seen
-    rows = np.moveaxis(rows * weight, 2, 0).transpose(0, 2, 1, 3).reshape(len(chosen), 9, -1)
-    normal = rows @ rows.transpose(0, 2, 1)
-    small = 1e-12 * np.trace(normal[:, :8, :8], axis1=1, axis2=2)[:, None, None] * np.eye(8)
-    made = solve_positive(normal[:, :8, :8] + small, normal[:, :8, 8:])[..., 0]
-    made = np.concatenate([made, np.ones((len(made), 1))], axis=1).reshape(-1, 3, 3)
-    return np.linalg.solve(image, made @ board)
+    places, board = _normalised(chain.points[:2, chosen], weight)
+    pixels, image = _normalised(chain.pixels[:, chosen], weight)
+    normal = _transform_normal(places, pixels, weight)
+    gram, right = normal[:, :8, :8], normal[:, :8, 8:]
+    small = 1e-12 * np.trace(gram, axis1=1, axis2=2)
+    found = solve_positive(gram + small[:, None, None] * np.eye(8), right)[..., 0]
+    with_last = np.concatenate([found, np.ones((len(found), 1))], axis=1)
+    normalised = with_last.reshape(-1, 3, 3)
+    return np.linalg.solve(image, normalised @ board)
+
+
+def _transform_normal(places, pixels, weight):
+    """(G, 9, 9) normal matrices of the direct linear transform, from (2, G, k) places and pixels, weights (G, k)."""
+    (x, y), (u, v) = places, pixels
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    along_u = np.stack([x, y, one, zero, zero, zero, -u * x, -u * y, u])
+    along_v = np.stack([zero, zero, zero, x, y, one, -v * x, -v * y, v])
+    # (2, 9, G, k) -> (G, 9, 2 k): both equations of all corners of a board
+    both = np.stack([along_u, along_v]) * weight
+    rows = np.moveaxis(both, 2, 0).transpose(0, 2, 1, 3).reshape(len(weight), 9, -1)
+    return rows @ rows.transpose(0, 2, 1)
 
 
 def _normalised(places, weight):

@@ -53,19 +53,23 @@ def quarter_turned(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) ->
 
 
 def _own_bows(chain, fit, effects):
-    """((xx - yy) / 2, xy) mm of each board pose (G, 2), and what is known of them (G, 2, 2), pose free."""
+    """((xx - yy) / 2, xy) mm of each board pose (G, 2), and their information (G, 2, 2), pose free."""
     evaluation = Model(chain, tuple(effects)).evaluate(fit.parameters)
     x, y = chain.place
-    bow = np.stack([x * x - y * y, x * y])[:, None] * evaluation.rows("target", np.array([2]))
-    rows = np.concatenate([evaluation.family_rows("placement"), bow, evaluation.residual[None]])
+    shapes = np.stack([x * x - y * y, x * y])
+    bow = shapes[:, None] * evaluation.rows("target", np.array([2]))
+    pose = evaluation.family_rows("placement")
+    rows = np.concatenate([pose, bow, evaluation.residual[None]])
     rows = rows * (np.sqrt(fit.weights[0]) / chain.sigma)
+    # normal matrix of six of the pose, two of the bow and the residual, one for each board pose
     start = np.flatnonzero(np.diff(chain.labels["placement"], prepend=-1))
     gram = np.add.reduceat(np.einsum("amn,bmn->nab", rows, rows), start, axis=0)
-    mix = solve_positive(gram[:, :6, :6], gram[:, :6, 6:])
-    left = gram[:, 6:, 6:] - gram[:, 6:, :6] @ mix
-    known = left[:, :2, :2]
+    poses, mixed = gram[:, :6, :6], gram[:, :6, 6:]
+    left = gram[:, 6:, 6:] - gram[:, 6:, :6] @ solve_positive(poses, mixed)
+    information, gradient = left[:, :2, :2], left[:, :2, 2:]
+    change = solve_positive(information, gradient)[..., 0]
     xx, yy, xy = (fit.parameters[key] for key in _BOW)
-    return np.array([(xx - yy) / 2, xy]) - solve_positive(known, left[:, :2, 2:])[..., 0], known
+    return np.array([(xx - yy) / 2, xy]) - change, information
 
 
 def turn(chain: Corners, views: Sequence["View"], board: "Board", turned: np.ndarray, model: str):

@@ -67,11 +67,14 @@ class Mirror:
     def by_normal(self, angles: np.ndarray, turn: np.ndarray) -> np.ndarray:
         """(..., 4, n) change of the planes for a change `turn` (..., 3, n) of the face's normals."""
         normals, beam = self.normals(angles), self.beam[:3, None]
-        share, reach = (beam * normals).sum(0), self.point @ normals + self.offset
+        cosine = (beam * normals).sum(0)
+        reach = self.point @ normals + self.offset
+        # changes of the cosine and of the reach
         tilt = (beam * turn).sum(-2)
+        shift = (self.point[:, None] * turn).sum(-2)
         made = np.empty((*turn.shape[:-2], 4, len(angles)))
-        made[..., :3, :] = -2 * (tilt[..., None, :] * normals + share * turn)
-        made[..., 3, :] = 2 * (tilt * reach + share * (self.point[:, None] * turn).sum(-2))
+        made[..., :3, :] = -2 * (tilt[..., None, :] * normals + cosine * turn)
+        made[..., 3, :] = 2 * (tilt * reach + cosine * shift)
         return made
 
     def by_angle(self, angles: np.ndarray) -> np.ndarray:
