@@ -142,7 +142,7 @@ def _check_together(table: Table, rows: Rows) -> None:
     if len(alone):
         raise complaint(
             table.where(alone[0], "placement"),
-            "a placement with an image of role board",
+            "an image of role board with the same placement",
             f"none at {str(place[alone[0]])!r}",
             "add that image or delete the row",
         )

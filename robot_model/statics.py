@@ -38,9 +38,13 @@ class Levers:
 def link_levers(robot: Robot, frames: Frames) -> Levers:
     """Levers of the links' own masses; body k moves with joint k, its centre is in frame k."""
     n = frames.end_origin.shape[1]
-    centres = frames.origin + np.einsum("kcin,kc->kin", frames.link[1:-1], robot.com)
-    masses, moments = np.zeros((robot.joints + 1, n)), np.zeros((robot.joints + 1, 3, n))
-    masses[:-1], moments[:-1] = robot.mass[:, None], robot.mass[:, None, None] * centres
+    from_origin = np.einsum("kcin,kc->kin", frames.link[1:-1], robot.com)
+    centres = frames.origin + from_origin
+    # the last body, the load at the flange, has no mass here
+    masses = np.zeros((robot.joints + 1, n))
+    masses[:-1] = robot.mass[:, None]
+    moments = np.zeros((robot.joints + 1, 3, n))
+    moments[:-1] = robot.mass[:, None, None] * centres
     return _levers(robot, frames, masses, moments)
 
 

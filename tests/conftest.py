@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def recordings_folder() -> Path:
-    """Where real recordings lie: WORKBENCH_RECORDINGS, else shared/recordings beside the project."""
+    """Where real recordings lie: WORKBENCH_RECORDINGS, else shared/recordings next to the project."""
     setting = os.environ.get("WORKBENCH_RECORDINGS")
     return Path(setting) if setting else ROOT.parent / "shared" / "recordings"
 

@@ -9,6 +9,7 @@ import numpy as np
 import datasets
 import workbench as wb
 from fuzz_engine import Target
+from import_scenes import pose_scene
 from study_scenes import TEXT as STUDY
 from test_exports import BROWN, hand_eye_run
 from test_recording_good import write_good
@@ -26,25 +27,14 @@ why = "gravity"
 effects = [{ effect = "joint-compliance", where = "joint-2" }]
 earn = true
 """
-SCENE = """robot = "abb_irb120"
-measures = "external-pose"
-samples = 12
-seed = 3
-sigma_mm = 0.02
-[base]
-xyz_mm = [2300.0, -700.0, 400.0]
-rpy_deg = [1.0, -2.0, 70.0]
-[tool]
-xyz_mm = [10.0, 40.0, 130.0]
-rpy_deg = [20.0, 30.0, -60.0]
-[errors]
-length_mm = 0.2
-angle_deg = 0.05
-[[effect]]
+SCENE = (
+    pose_scene("abb_irb120", 12, 3)
+    + """[[effect]]
 effect = "joint-compliance"
 where = "joint-2"
 values = { compliance = 3e-5 }
 """
+)
 SESSION = """format = 'session/1'
 recording = 'elastic-arm'
 folds = 5

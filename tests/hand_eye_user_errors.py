@@ -121,7 +121,7 @@ def moved_midway(shift, degrees, what):
     return with_flange(change)
 
 
-def scrambled(count):
+def permuted(count):
     return np.random.default_rng(5).permutation(count)
 
 
@@ -159,7 +159,7 @@ MISTAKES = {
     "camera moved midway": Mistake(moved_midway(12.0, 3.0, "sensor"), ("camera", "moved between")),
     "camera slipped midway": Mistake(moved_midway(3.0, 0.7, "sensor"), ("camera", "moved between")),
     "board moved midway": Mistake(moved_midway(10.0, 4.0, "board"), ("board", "moved between")),
-    "images permuted": Mistake(with_samples(scrambled), ("permuted",), "any"),
+    "images permuted": Mistake(with_samples(permuted), ("permuted",), "any"),
     "images shifted by one": Mistake(
         with_samples(lambda n: np.roll(np.arange(n), 1)), ("shifted", "permuted"), "any"
     ),
@@ -267,8 +267,8 @@ def outcome(wrong: Made, right: Made, words=()) -> Outcome:
             run = hand_eye.calibrate(wrong.recording, wrong.camera, wrong.kind, lambda text: None)
     except InputError as problem:
         return Outcome("refused", str(problem), _names(str(problem), words))
-    told = hand_eye.as_json(run)
-    said = " ".join(told["warnings"])
+    answer = hand_eye.as_json(run)
+    said = " ".join(answer["warnings"])
     if said:
         return Outcome("warned", said, _names(said, words))
     away = np.linalg.norm(run.made.sensor[:3, 3] - right.sensor[:3, 3])

@@ -1,4 +1,4 @@
-"""Stripes on boards with known truth: a twin of Ye's instrument at the level of pixels.
+"""Stripes on boards with known truth: a simulated copy of Ye's instrument at the level of pixels.
 
 Made forwards, from the point on the bowed board to the pixel; the stripe chain goes backwards.
 """
@@ -27,7 +27,7 @@ HALF_DIAGONAL = float(np.hypot(*MIDDLE))
 
 
 @dataclass(frozen=True)
-class Twin:
+class SimulatedScanner:
     """Truth and what was measured of it: corners (2, G K) and stripe points with their labels."""
 
     camera: Camera
@@ -43,16 +43,16 @@ class Twin:
 
 
 def mirror(offset=0.0):
-    """Mirror 69 mm left of the camera whose axis is nearly the image's vertical, its sheet through z = 125 mm."""
+    """Mirror 69 mm left of the camera whose axis is nearly the image's vertical, its light plane through z = 125 mm."""
     axis = np.array([0.004, 1.0, -0.003])
     axis /= np.linalg.norm(axis)
     out = np.deg2rad(29)
-    sheet = np.array([np.cos(out), 0.002, -np.sin(out)])  # normal of the plane in mid-sweep
-    sheet /= np.linalg.norm(sheet)
-    face = rotation_matrix(axis * np.deg2rad(-45)) @ (sheet - (sheet @ axis) * axis)
+    light_plane = np.array([np.cos(out), 0.002, -np.sin(out)])  # normal of the plane in mid-sweep
+    light_plane /= np.linalg.norm(light_plane)
+    face = rotation_matrix(axis * np.deg2rad(-45)) @ (light_plane - (light_plane @ axis) * axis)
     face /= np.linalg.norm(face)
     point = np.array([-69.0, 1.0, 2.0])
-    beam = sheet - 2 * (sheet @ face) * face
+    beam = light_plane - 2 * (light_plane @ face) * face
     return Mirror(axis, point, face, offset, np.append(beam, 0.1 - beam @ point))
 
 
@@ -107,7 +107,7 @@ def seen(camera, pose, points):
     return pixels, ((pixels > 5) & (pixels < np.array(camera.size)[:, None] - 6)).all(0)
 
 
-def twin(
+def simulated_scanner(
     rng,
     placements=PLACEMENTS,
     steps=STEPS,
@@ -119,7 +119,7 @@ def twin(
     offset=0.0,
     sweep=SWEEP,
 ):
-    """A twin with noise of `stripe` px along the image's rows and `corner` px; wobble: (8,) of mirror-wobble.
+    """A simulated scanner with noise of `stripe` px along the image's rows and `corner` px; wobble: (8,) of mirror-wobble.
 
     shake: mm by which bearings move the planes, once in 4 degrees of the mirror.
     """
@@ -144,7 +144,7 @@ def twin(
     stripes, (placement, step) = np.hstack(pixels), np.hstack(labels)
     stripes[0] += stripe * rng.normal(size=stripes.shape[1])
     corners += corner * rng.normal(size=corners.shape)
-    return Twin(
+    return SimulatedScanner(
         CAMERA, instrument, angles, planes, boards, board, corners, stripes, placement, step
     )
 

@@ -1,6 +1,6 @@
 """Rendered scanner after Ye: images of a scene, the complete chain on them, and the errors against the truth.
 
-Distances of planes and balls are told twice: in the camera's frame as it was found, and after the
+Distances of planes and balls are stated twice: in the camera's frame as it was found, and after the
 rigid motion that lays the found scanner over the true one (`laid_over`). Where a camera's own frame
 stands is known only to its principal point, some micrometres, and a hand-eye calibration takes it up.
 """
@@ -84,7 +84,7 @@ class RenderedScanner:
         """RMS mm over the working volume, of planes and of reconstructed points, laid over the truth."""
         made = self.found.free if free else self.found.made
         *_, distance, error = laid_over(
-            self.scene.sees, self.planes, made.camera, made.sheets.planes, self.found.volume
+            self.scene.sees, self.planes, made.camera, made.board_stripes.planes, self.found.volume
         )
         return float(np.sqrt((distance**2).mean())), float(np.sqrt((error**2).sum(0).mean()))
 
@@ -184,7 +184,7 @@ def render_scanner(scene: Scene, scans: bool = True) -> RenderedScanner:
 def plane_whitened(made: RenderedScanner, free: bool = False) -> np.ndarray:
     """Errors of camera and planes together, as independent numbers of variance one where the covariance is right."""
     adjustment, real = made.found.free if free else made.found.made, made.planes
-    found = adjustment.sheets.planes
+    found = adjustment.board_stripes.planes
     real = real * np.sign((real[:3] * found[:3]).sum(0))
     tilts = np.einsum("kis,is->ks", tilt_directions(found), found[:3] - real[:3])
     error = np.r_[

@@ -7,7 +7,7 @@ from sensors.boards.board import Board
 from sensors.camera.corners import Corners
 from sensors.camera.model import Camera
 from sensors.light.ball_stripes import Balls
-from sensors.light.sheets import Sheets
+from sensors.light.board_chain import BoardStripeChain
 from sensors.rendering.instrument import sweeping_mirror
 from sensors.rendering.places import board_poses
 from sensors.rendering.scene import BoardKeys, Views
@@ -41,10 +41,10 @@ def chains(
     mirror, _ = sweeping_mirror(69.0, 125.0, 2.0, 60.0, (0.3, -0.2))
     angles = np.deg2rad(np.linspace(-sweep_deg, sweep_deg, steps))
     planes = mirror.planes(angles)
-    sheets = _stripes(board, poses, mirror, angles, planes, stripe_px, rng)
+    board_stripes = _stripes(board, poses, mirror, angles, planes, stripe_px, rng)
     return Chains(
         _corners(board, poses, corner_px),
-        sheets,
+        board_stripes,
         _balls(mirror, angles, planes, scans, stripe_px, rng),
         tuple(map(str, range(boards))),
         tuple(map(str, range(scans))),
@@ -93,7 +93,7 @@ def _stripes(board, poses, mirror, angles, planes, sigma, rng):
     pixels, group, step = (np.concatenate([one[k] for one in found], axis=-1) for k in range(3))
     inside = ((pixels > 0) & (pixels < np.array([[640.0], [512.0]]))).all(0)
     pixels, group, step = pixels[:, inside], group[inside], step[inside]
-    return Sheets(
+    return BoardStripeChain(
         CAMERA,
         pixels,
         {"placement": group, "step": step},

@@ -32,16 +32,20 @@ samples = 10
 
 def written(folder: Path, *changes: tuple[str, str], text: str = TEXT) -> Path:
     """The study as a file, with each (old, new) changed; an old text must be there."""
+    return write_study(folder / "small.toml", *changes, text=text)
+
+
+def write_study(path: Path, *changes: tuple[str, str], text: str = TEXT) -> Path:
+    """The study at a path, with each (old, new) changed; an old text must be there."""
     for old, new in changes:
         assert old in text, old
         text = text.replace(old, new)
-    path = folder / "small.toml"
     path.write_text(text, encoding="utf-8")
     return path
 
 
 def noted(folder: str, slowly: float, study, runs):
-    """`do_part` that leaves a mark for every run that it made, in a process that is told by its number."""
+    """`do_part` that leaves a mark for every run that it made, in a process identified by its number."""
     from workbench.studies.engine import do_part
 
     time.sleep(slowly)

@@ -1,4 +1,4 @@
-"""The protocol of the blind proof: seals that cannot be broken, watches that see, a maker that stands alone."""
+"""The protocol of the blind benchmark: hash-committed truths, observed file access, an independent maker."""
 
 import json
 import subprocess
@@ -208,22 +208,22 @@ def test_rows_of_a_withheld_approach_stand_in_no_order_that_tells_it():
 
 
 def test_the_size_is_what_survives_the_makers_own_baseline():
-    """Of a clean case nothing survives; a displacement along the baseline is swallowed whole."""
-    from datasets.makers.blind import surviving, workplace
+    """Nothing of a clean case remains; the baseline absorbs a displacement along itself completely."""
+    from datasets.makers.blind import baseline_span, workplace
     from datasets.makers.blind.world import Push
 
     world = workplace.draw(
         np.random.default_rng(4), workplace.Wish("ball-centre", samples=(120, 140))
     )
-    base = surviving.basis(world)
+    base = baseline_span.basis(world)
     assert np.allclose(base.T @ base, np.eye(base.shape[1]), atol=1e-9)
     offset = np.zeros((world.n, world.joints))
     offset[:, 2] = 1e-5
     change = world.measured(Push(joint=offset)) - world.clean
-    assert surviving.rms(surviving.left(base, change)) < 2e-3 * surviving.rms(change)
+    assert baseline_span.rms(baseline_span.left(base, change)) < 2e-3 * baseline_span.rms(change)
     sine = offset * np.sin(3 * world.angles)
     change = world.measured(Push(joint=sine)) - world.clean
-    assert surviving.rms(surviving.left(base, change)) > 0.3 * surviving.rms(change)
+    assert baseline_span.rms(baseline_span.left(base, change)) > 0.3 * baseline_span.rms(change)
 
 
 def test_pushes_add_up_and_nothing_is_nothing():
@@ -269,5 +269,5 @@ def test_seals_are_the_checksums_of_the_files(tmp_path):
 
     exam = exam_of(tmp_path, "a")
     protocol.seal(exam)
-    told = json.loads(exam.seals.read_text())
-    assert told == {"a": hashlib.sha256(exam.truth("a").read_bytes()).hexdigest()}
+    hashes = json.loads(exam.seals.read_text())
+    assert hashes == {"a": hashlib.sha256(exam.truth("a").read_bytes()).hexdigest()}

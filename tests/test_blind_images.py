@@ -1,4 +1,4 @@
-"""The maker of concealed images: its own optics, what it writes, and that it shares nothing with who looks at it."""
+"""The maker of blinded images: its own optics, its files, and that it shares no code with the code under test."""
 
 import ast
 import sys
@@ -131,7 +131,7 @@ def test_a_made_folder_is_a_recording_with_all_its_images(made):
     assert recording.balls[3][3] == 16.0
 
 
-def test_the_truth_is_told_to_the_caller_and_not_in_the_folder(made):
+def test_the_truth_goes_to_the_caller_and_not_into_the_folder(made):
     folder, truths = made
     assert truths[None]["effects"] == []
     assert [(e["effect"], e["where"]) for e in truths["plane-bow"]["effects"]] == [

@@ -279,21 +279,21 @@ class Shift(Effect):
         return np.ones((1, 1, state.n))
 
 
-def test_the_cost_falls_at_every_step_and_progress_is_told():
+def test_the_cost_falls_at_every_step_and_is_reported():
     rng = np.random.default_rng(9)
     model, truth = board_model(rng, 5)
     start = truth.free(*CAMERA_AND_BOW).update({"camera.fx": 3900.0, "camera.k1": 0.4})
-    told = []
+    progress_calls = []
     fit = solve_bundle(
         [model],
         start,
         {"placement": placements(disturbed(rng, model.chain.poses, 2))},
-        progress=lambda step, cost: told.append((step, cost)),
+        progress=lambda step, cost: progress_calls.append((step, cost)),
     )
     assert fit.converged and (np.diff(fit.history) < 0).all()
-    assert [step for step, _ in told] == list(range(1, len(told) + 1)) and told[-1][
-        1
-    ] == fit.history[-1]
+    assert [step for step, _ in progress_calls] == list(
+        range(1, len(progress_calls) + 1)
+    ) and progress_calls[-1][1] == fit.history[-1]
 
 
 def test_a_start_that_is_not_finite_and_too_few_steps_are_said():

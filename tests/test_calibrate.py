@@ -1,4 +1,4 @@
-"""The main job on made recordings: what earns its place, what is left out, what is said."""
+"""The main job on made recordings: which stages are retained, which samples are left out, which messages appear."""
 
 from dataclasses import replace
 
@@ -49,7 +49,7 @@ def test_a_stage_that_another_replaces_is_taken_back(clean):
     assert "left out" in gears.sentence
 
 
-def test_what_is_tied_is_told_on_both_sides_and_carries_no_std(clean):
+def test_confounded_parameters_name_each_other_and_carry_no_std(clean):
     table = rows(clean)
     assert "base.z" in table["joint-1.d1"]["tied_to"] and "joint-1.d1" in table["base.z"]["tied_to"]
     for key in ("joint-1.d1", "base.z"):

@@ -167,8 +167,8 @@ def test_against_a_simulation_the_difference_has_three_parts_that_add_up(home, t
 )
 def test_a_wrong_call_gets_one_sentence(home, capsys, words, said):
     assert cli.run(["diagnose", str(home / "clean"), *words]) == 2
-    told = capsys.readouterr().err.strip()
-    assert said in told and "\n" not in told
+    message = capsys.readouterr().err.strip()
+    assert said in message and "\n" not in message
 
 
 @pytest.mark.slow

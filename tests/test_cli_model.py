@@ -48,19 +48,19 @@ def test_the_run_of_a_diagnosis_is_used_like_a_calibration(workbench, tmp_path, 
         "export": ("export", "found", "--to", "python", "--out", "arm.py"),
         "program": ("export", "found", "--to", "krl", "--targets", "t.csv", "--out", "p.src"),
     }
-    told = {}
+    answers = {}
     for name, call in calls.items():
         place = () if call[0] == "export" else ("--out", f"run-{name}")
         done = workbench(*call, *place, "--json", f"{name}.json")
         assert done.returncode == 0, (name, done.stderr)
-        told[name] = json.loads((tmp_path / f"{name}.json").read_text())
+        answers[name] = json.loads((tmp_path / f"{name}.json").read_text())
     kept, bare = (
-        {p["where"] + p["name"] for p in told[k]["parameters"]} for k in ("calibrate", "bare")
+        {p["where"] + p["name"] for p in answers[k]["parameters"]} for k in ("calibrate", "bare")
     )
     assert kept - bare == {"joint-3backlash.half_gap"}
-    assert told["bare"]["held_out"]["rms_mm"] > 1.3 * told["calibrate"]["held_out"]["rms_mm"]
-    assert told["simulate"]["samples"] == 70 and told["poses"]["poses"] == 30
-    assert told["export"]["left_out"] == [] and "PTP {AXIS:" in (tmp_path / "p.src").read_text()
+    assert answers["bare"]["held_out"]["rms_mm"] > 1.3 * answers["calibrate"]["held_out"]["rms_mm"]
+    assert answers["simulate"]["samples"] == 70 and answers["poses"]["poses"] == 30
+    assert answers["export"]["left_out"] == [] and "PTP {AXIS:" in (tmp_path / "p.src").read_text()
     rows = [
         (tmp_path / f"run-{name}" / "corrected.csv").read_text()
         for name in ("compensate", "compensate-bare")
@@ -102,22 +102,24 @@ def test_every_command_takes_a_run_with_a_joint_curve(workbench, tmp_path):
         "python-bare": ("export", "found", "--to", "python", "--out", "bare.py", *off),
         "calibrate-bare": ("calibrate", "rec", "--from-diagnosis", "found", "--no-report", *off),
     }
-    told = {}
+    answers = {}
     for name, call in calls.items():
         place = () if call[0] == "export" else ("--out", f"run-{name}")
         done = workbench(*call, *place, "--json", f"{name}.json")
         assert done.returncode == 0, (name, done.stderr)
-        told[name] = json.loads((tmp_path / f"{name}.json").read_text())
-    plans = {row["plan"]: row["held_out_rms_mm"] for row in told["compare"]["plans"]}
+        answers[name] = json.loads((tmp_path / f"{name}.json").read_text())
+    plans = {row["plan"]: row["held_out_rms_mm"] for row in answers["compare"]["plans"]}
     assert plans["ye-mdh"] > 1.3 * plans["found"]
-    held_out = {name: told[name]["held_out"]["rms_mm"] for name in ("calibrate", "calibrate-bare")}
+    held_out = {
+        name: answers[name]["held_out"]["rms_mm"] for name in ("calibrate", "calibrate-bare")
+    }
     assert held_out["calibrate-bare"] > 1.3 * held_out["calibrate"]
     for name, file in (("compensate", "corrected.csv"), ("simulate", "samples.csv")):
         texts = [(tmp_path / f"run-{n}" / file).read_text() for n in (name, f"{name}-bare")]
         assert texts[0] != texts[1]
     assert "class JointCurve" in (tmp_path / "arm.py").read_text()
     assert "class JointCurve" not in (tmp_path / "bare.py").read_text()
-    assert told["mjcf"]["control_file"].endswith("arm_control.py")
+    assert answers["mjcf"]["control_file"].endswith("arm_control.py")
 
 
 TARGETS = (

@@ -39,7 +39,7 @@ def test_scans_without_a_laser_line_are_named_and_leave_the_json_whole(
         "scan", folder, "--scanner", home / "scanner.toml", "--no-report", "--json", "-"
     )
     assert done.returncode == 0, done.stderr
-    for one in json.loads(done.stdout)["scans"]:  # which no library may write beside
+    for one in json.loads(done.stdout)["scans"]:  # no library may write to the same stream
         assert one["points"] == 0 and one["balls"] == [] and one["cloud"] is None
         assert "no laser line was found" in one["outcome"] and why in one["outcome"]
     assert "no ball" in done.stderr and max(map(len, done.stderr.splitlines()[:4])) <= 80
@@ -148,5 +148,5 @@ def test_a_result_says_the_version_that_made_it():
     from workbench.core import VERSION
     from workbench.files.provenance import provenance
 
-    told = provenance(SimpleNamespace(sha256="", source="", licence="", name="x"))
-    assert told["workbench"] == VERSION and told["numpy"] == np.__version__
+    record = provenance(SimpleNamespace(sha256="", source="", licence="", name="x"))
+    assert record["workbench"] == VERSION and record["numpy"] == np.__version__

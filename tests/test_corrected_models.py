@@ -68,9 +68,9 @@ def run(tmp_path_factory):
 def test_the_run_folder_holds_plan_solution_and_scene(run):
     _, made, folder, files = run
     assert [(t.finding.effect, t.finding.where) for t in made.terms] == [("backlash", "joint-3")]
-    told = files.as_json(folder)
-    assert all(told[key].startswith(str(folder)) for key in ("plan", "solution", "scene"))
-    assert not told["left_out"] and 0.02 < told["held_out_rms_mm"] < 0.05
+    result = files.as_json(folder)
+    assert all(result[key].startswith(str(folder)) for key in ("plan", "solution", "scene"))
+    assert not result["left_out"] and 0.02 < result["held_out_rms_mm"] < 0.05
     assert is_model_run(folder) and scene_of(folder).is_file()
 
 
@@ -201,5 +201,5 @@ def test_smooth_functions_are_part_of_the_model_files(run, tmp_path):
 
 def test_the_model_of_images_is_said_to_be_none(run, tmp_path):
     files = write_model(replace(run[1], unit="px"), None, tmp_path)
-    told = json.loads(json.dumps(files.as_json(tmp_path)))
-    assert told["plan"] is None and "images" in told["left_out"][0]
+    result = json.loads(json.dumps(files.as_json(tmp_path)))
+    assert result["plan"] is None and "images" in result["left_out"][0]

@@ -41,7 +41,7 @@ def test_registration_does_not_see_a_rigid_motion():
     assert papers.registration_rms(points, mirrored) > 0.1
 
 
-def test_gubankov_counts_pairs_and_keeps_deviations_beside_results():
+def test_gubankov_counts_pairs_and_keeps_deviations_next_to_results():
     paper = papers.load("gubankov-2022")
     for robot in ("rv2fb", "ur10e"):
         pairs = sum(math.comb(n, 2) for n in paper[robot]["touches"])

@@ -55,15 +55,15 @@ def check_sentence(problem: InputError):
 
 def check_calibration(found):
     """What is called identifiable has a finite positive sigma; what is not has none, and a reason."""
-    told = found.as_json()
-    assert not not_finite(told), not_finite(told)
-    for row in told["parameters"]:
+    result = found.as_json()
+    assert not not_finite(result), not_finite(result)
+    for row in result["parameters"]:
         if row["identifiable"]:
             assert row["std"] is not None and row["std"] > 0, row
         else:
             assert row["std"] is None and row["why"], row
-    open_ones = [row for row in told["parameters"] if row["free"] and not row["identifiable"]]
-    assert not open_ones or told["undetermined"] or found.solution.redundancy <= 0, open_ones
+    open_ones = [row for row in result["parameters"] if row["free"] and not row["identifiable"]]
+    assert not open_ones or result["undetermined"] or found.solution.redundancy <= 0, open_ones
 
 
 def check_compensated(made, folder):

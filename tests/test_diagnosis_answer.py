@@ -344,7 +344,7 @@ def _of_gap(recording):
     return float((left**2).sum() / problem.n)
 
 
-def test_a_second_load_tells_two_compliances_apart(bench):
+def test_a_second_load_distinguishes_two_compliances(bench):
     doubt = Doubt(
         (CATALOGUE["joint-compliance"]("joint-2"),),
         np.array([2e-6]),

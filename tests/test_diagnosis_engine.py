@@ -223,7 +223,7 @@ def test_a_worn_patch_of_a_gear_is_no_series_of_harmonics():
 
 
 @pytest.mark.slow
-def test_what_moves_by_chance_is_located_and_the_missing_covariate_named():
+def test_a_random_effect_is_located_and_the_missing_covariate_named():
     class Random(CATALOGUE["joint-coupling"]):
         def basis(self, state):
             return np.random.default_rng(1).normal(size=(1, 1, state.n))

@@ -76,13 +76,13 @@ def test_what_goes_with_time_asks_for_what_changes_with_time():
 def test_what_the_baseline_holds_is_no_candidate(kind):
     recording = recorded(5, n=60)
     bare = {(c.effect, c.where) for c in getattr(bench_of(recording).problem(), kind)}
-    yields = {
+    compliances = {
         (c.effect, c.where)
         for c in getattr(bench_of(recording, "joint-compliance").problem(), kind)
     }
     gone = {pair for pair in bare if pair[0] == "joint-compliance"}
     assert gone
-    assert not yields & gone
+    assert not compliances & gone
 
 
 @pytest.mark.parametrize(("share", "stay"), [(2.0, True), (0.5, False)])

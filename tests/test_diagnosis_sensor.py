@@ -162,9 +162,9 @@ def test_a_search_inside_a_fold_sees_all_of_the_other_placements():
 
 def test_every_sample_has_the_noise_of_its_kind():
     bench = clean()
-    corners, sheets, balls = bench.chains.counts
-    kinds = np.split(bench.sigma, np.cumsum((corners, sheets)))
-    assert [len(kind) for kind in kinds] == [corners, sheets, balls]
+    corners, board_stripes, balls = bench.chains.counts
+    kinds = np.split(bench.sigma, np.cumsum((corners, board_stripes)))
+    assert [len(kind) for kind in kinds] == [corners, board_stripes, balls]
     assert np.allclose([np.median(kind) for kind in kinds], (0.01, 0.03, 0.03), rtol=0.1)
 
 
@@ -174,7 +174,7 @@ def test_nothing_is_found_in_a_flawless_scanner():
     assert not found.findings
 
 
-def test_a_bowed_light_sheet_is_named_at_the_laser():
+def test_a_bowed_light_plane_is_named_at_the_laser():
     named("plane-bow")
 
 

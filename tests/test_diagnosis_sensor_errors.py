@@ -30,11 +30,13 @@ def bench():
 def displaced(placement: int) -> sensor.SensorBench:
     """A bench on whose board pose `placement` all stripes are displaced, which a board pose absorbs in part."""
     chains = simulated(sensor_virtual.chains(), (), {}, 5)
-    moved = SHIFT * (chains.sheets.labels["placement"] == placement)
-    sheets = replace(chains.sheets, pixels=chains.sheets.pixels + chains.sheets.scan * moved)
+    moved = SHIFT * (chains.board_stripes.labels["placement"] == placement)
+    board_stripes = replace(
+        chains.board_stripes, pixels=chains.board_stripes.pixels + chains.board_stripes.scan * moved
+    )
     # stripes weigh as much as thousands of blurred corners do: a pose fitted to both follows the stripes
     corners = replace(chains.corners, sigma=100 * chains.corners.sigma)
-    return sensor.SensorBench(replace(chains, sheets=sheets, corners=corners))
+    return sensor.SensorBench(replace(chains, board_stripes=board_stripes, corners=corners))
 
 
 def test_a_held_out_board_pose_does_not_absorb_the_error_of_its_stripes():
@@ -111,12 +113,14 @@ def replace_t(term, t):
 
 
 def moved_by(shift_of_stripe) -> sensor.SensorBench:
-    """A bench whose stripes are displaced by shift_of_stripe(placement, step) px."""
+    """A bench whose stripes are displaced by shift_of_stripe(board pose, step) px."""
     chains = simulated(sensor_virtual.chains(), (), {}, 5)
-    labels = chains.sheets.labels
+    labels = chains.board_stripes.labels
     moved = shift_of_stripe(labels["placement"], labels["step"])
-    sheets = replace(chains.sheets, pixels=chains.sheets.pixels + chains.sheets.scan * moved)
-    return sensor.SensorBench(replace(chains, sheets=sheets))
+    board_stripes = replace(
+        chains.board_stripes, pixels=chains.board_stripes.pixels + chains.board_stripes.scan * moved
+    )
+    return sensor.SensorBench(replace(chains, board_stripes=board_stripes))
 
 
 def test_jitter_of_single_images_is_said_and_a_clean_recording_is_silent(bench):

@@ -28,9 +28,9 @@ def true():
     chains = sensor_virtual.chains()
     rng = np.random.default_rng(8)
     parts, start = {}, 0.0
-    for name in ("sheets", "balls"):
+    for name in ("board_stripes", "balls"):
         chain = getattr(chains, name)
-        group = chain.labels["placement" if name == "sheets" else "ball"]
+        group = chain.labels["placement" if name == "board_stripes" else "ball"]
         code = group * chain.planes.shape[1] + chain.labels["step"]
         _, image = np.unique(code, return_inverse=True)
         time = start + np.cumsum(rng.uniform(1.5, 2.5, image.max() + 1))

@@ -5,7 +5,7 @@ import pytest
 import tomli_w
 
 from robot_model.effects import CATALOGUE
-from test_mjcf import TWIN
+from test_mjcf import MJCF_CELL
 from workbench.core.errors import InputError
 from workbench.explanation.answer import diagnose
 from workbench.explanation.differences import differences
@@ -24,7 +24,7 @@ NOMINAL = {"joint-2.a2": 270.0, "joint-3.theta3": 0.0, "joint-2.beta2": 0.0, "jo
 GAP = {"effect": "backlash", "where": "joint-3", "values": {"half_gap": 3e-4}}
 
 
-def scene_file(folder, name="twin", **changes):
+def scene_file(folder, name="cell", **changes):
     path = folder / f"{name}.toml"
     path.write_text(tomli_w.dumps(SCENE | changes))
     return path
@@ -97,10 +97,10 @@ def test_a_wrong_value_of_an_effect_of_the_simulation_is_a_parameter(tmp_path):
 
 @pytest.mark.slow
 def test_the_answer_has_three_parts_and_the_solution_that_holds_beta_is_found_out(tmp_path):
-    """A twin in MJCF whose axes 2 and 3 are not quite parallel in reality, with a gap that it does not know."""
-    (tmp_path / "twin.xml").write_text(TWIN)
+    """A cell in MJCF whose axes 2 and 3 are not quite parallel in reality, with a gap that it does not know."""
+    (tmp_path / "cell.xml").write_text(MJCF_CELL)
     wrong = {"joint-2.theta2": 6e-4}
-    scene = {"robot": "twin.xml", "share_of_limits": 0.6, "samples": 100, "effect": [GAP]}
+    scene = {"robot": "cell.xml", "share_of_limits": 0.6, "samples": 100, "effect": [GAP]}
     truth = scene_file(tmp_path, "truth", **scene)
     nominal = simulate(truth)
     from robot_model import load_robot
@@ -108,24 +108,24 @@ def test_the_answer_has_three_parts_and_the_solution_that_holds_beta_is_found_ou
     robot = load_robot(nominal.robot)
     geometry = {"joint-2.theta2": robot.geometry[1, 0] + wrong["joint-2.theta2"]}
     recording = simulate(scene_file(tmp_path, "truth", **scene, geometry=geometry))
-    made = diagnose(recording, simulation=tmp_path / "twin.xml")
-    told = made.as_json()["differences"]
-    assert [(r["where"], r["name"]) for r in told["parameters"]] == [("joint-2", "theta2")]
-    assert told["parameters"][0]["value"] == pytest.approx(6e-4, rel=0.2)
-    assert told["noise"]["factor"] == pytest.approx(1, abs=0.12)
-    assert [(one["effect"], one["where"]) for one in told["physics"]] == [("backlash", "joint-3")]
+    made = diagnose(recording, simulation=tmp_path / "cell.xml")
+    result = made.as_json()["differences"]
+    assert [(r["where"], r["name"]) for r in result["parameters"]] == [("joint-2", "theta2")]
+    assert result["parameters"][0]["value"] == pytest.approx(6e-4, rel=0.2)
+    assert result["noise"]["factor"] == pytest.approx(1, abs=0.12)
+    assert [(one["effect"], one["where"]) for one in result["physics"]] == [("backlash", "joint-3")]
     assert any("servos are taken as rigid" in sentence for sentence in made.warnings)
     names = [step.name for step in made.views.steps]
-    assert "twin.xml, base and tool fitted" in names[0] and names[1] == "baseline"
+    assert "cell.xml, base and tool fitted" in names[0] and names[1] == "baseline"
     sizes = [step.rms for step in made.views.steps]
     assert sizes[0] > sizes[1] > sizes[-1]
 
 
-def test_a_twin_without_masses_is_said_to_show_no_deflection(tmp_path):
+def test_a_cell_without_masses_is_said_to_show_no_deflection(tmp_path):
     import re
 
-    (tmp_path / "twin.xml").write_text(re.sub(r"<(inertial|geom)[^>]*/>", "", TWIN))
-    reference = reference_of(tmp_path / "twin.xml", None)
+    (tmp_path / "cell.xml").write_text(re.sub(r"<(inertial|geom)[^>]*/>", "", MJCF_CELL))
+    reference = reference_of(tmp_path / "cell.xml", None)
     assert any("states no masses" in note for note in reference.notes)
     with pytest.raises(InputError):
         reference_of(tmp_path / "absent.xml", None)

@@ -57,10 +57,10 @@ def test_candidates_come_joint_by_joint_and_those_of_gravity_last():
 
 def test_variants_of_one_family_differ_in_their_label():
     chain = chain_of(ABB)
-    told = [(v.family, v.label) for v in variants(ROBOT, chain, elastic=True)]
-    assert len(set(told)) == len(told)
-    told = [(v.family, v.label) for v in variants(SCANNER, SCAN)]
-    assert len(set(told)) == len(told) > 20
+    listed = [(v.family, v.label) for v in variants(ROBOT, chain, elastic=True)]
+    assert len(set(listed)) == len(listed)
+    listed = [(v.family, v.label) for v in variants(SCANNER, SCAN)]
+    assert len(set(listed)) == len(listed) > 20
 
 
 def test_an_effect_of_gravity_in_the_model_makes_the_tilt_of_the_mount_observable():

@@ -5,64 +5,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from effect_cases import (
+    ADDITIONS,
+    CASES,
+    EVERY,
+    POINTS,
+    PORT_SIZES,
+    VARIANTS,
+    VOCABULARY,
+    own_part,
+    started,
+    state_of,
+    with_effect,
+)
 from robot_model.effects import CATALOGUE
 from scenes import ABB, CRAIG, REFLECTORS, SLIDING, assert_rows, differences, model_of, scene
-from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
-from workbench.core.model import NOISE, STATE_PORTS
+from workbench.core.model import NOISE
 from workbench.core.rigid import rotation_matrix
 
-# the robot's, sensor's and data rows of spec/effects.md
-VOCABULARY = {
-    "transmission-harmonic",
-    "joint-compliance",
-    "link-self-weight",
-    "link-compliance",
-    "backlash",
-    "joint-coupling",
-    "zero-shift",
-    "encoder-quantisation",
-    "link-thermal-growth",
-    "joint-thermal-drift",
-    "pedestal-compliance",
-    "base-drift",
-    "mount-tilt",
-    "tool-deflection",
-    "time-offset",
-    "axis-run-out",
-    "range-scale",
-    "field-bias",
-    "incidence-bias",
-    "subsurface-scatter",
-    "lens-residual",
-    "camera-thermal-drift",
-    "window-refraction",
-    "plane-bow",
-    "mirror-wobble",
-    "mirror-encoder-harmonic",
-    "mirror-hysteresis",
-    "frame-sync",
-    "board-bow",
-    "ball-position",
-    "ball-radius",
-    "artefact-expansion",
-    "outliers",
-    "noise-heteroscedastic",
-    "unit-or-frame",
-    "unknown",
-}
-# Beyond it: masses that are not where the data sheet says, bearings that tilt, Ye's constant Fourier term, tilts
-# that an accelerometer has recorded, readings taken while the arm still brakes.
-ADDITIONS = {"first-moment", "bearing-compliance", "zero-offset", "measured-tilt", "reading-lag"}
-# Of the scanner: laws of recorded time, mirror speed and any other column, and lines of a board.
-SCANNER_ADDITIONS = {
-    "laser-drift",
-    "mirror-vibration",
-    "rolling-shutter",
-    "recorded-column",
-    "board-point-errors",
-    "ball-form",
-}
 ADDITIONS |= {
     "joint-curve",
     "gravity-compliance",
@@ -77,173 +38,6 @@ ADDITIONS |= {
     "reflector-incidence",
     "angular-noise",
 }
-VARIANTS = (
-    "ye-compliance",
-    "mount-tilt-torsion",
-    "gravity-bearing-compliance",
-    "gravity-link-compliance",
-    "gravity-pedestal-compliance",
-    "link-beam",
-    "load-deflection",
-    "link-warm-up",
-    "base-warm-up",
-    "instrument-range-scale",
-)
-PORT_SIZES = {
-    "joint": 6,
-    "geometry": 30,
-    "frame": 48,
-    "gravity": 3,
-    "mass": 22,
-    "sensor": 3,
-    "target": 3,
-    "noise": 1,
-}
-
-MIXTURE = [[[10.0 * k, -5.0, 3.0 * k] for k in range(7)]]
-CASES = (
-    (
-        "smooth-function",
-        "joint-3",
-        {"port": "joint", "names": ["q3"], "spans": [[-1.5, 1.5]], "unit": "rad", "sizes": [3e-4]},
-    ),
-    (
-        "smooth-function",
-        "link-2",
-        {
-            "port": "frame",
-            "names": ["q2", "tau3"],
-            "spans": [[-1.5, 1.5], [-20.0, 20.0]],
-            "unit": "mm and rad",
-            "sizes": [0.05, 0.05, 0.05, 3e-4, 3e-4, 3e-4],
-        },
-    ),
-    (
-        "periodic-motion",
-        "base",
-        {
-            "rate": 0.03,
-            "units": ["mm", "mm", "mm", "rad", "rad", "rad"],
-            "sizes": [0.05, 0.05, 0.05, 3e-4, 3e-4, 3e-4],
-        },
-    ),
-    (
-        "compliance-with-masses",
-        "joint-2",
-        {"law": "joint-compliance", "mixtures": MIXTURE, "shares": [[0.3]]},
-    ),
-    (
-        "compliance-with-masses",
-        "base",
-        {"law": "pedestal-compliance", "mixtures": MIXTURE, "shares": [[0.3, 0.1]]},
-    ),
-    ("transmission-harmonic", "joint-2", {"order": 1}),
-    ("transmission-harmonic", "joint-5", {"order": 80}),
-    ("zero-offset", "joint-3", {}),
-    ("backlash", "joint-3", {}),
-    ("backlash", "joint-3", {"seat": "gravity"}),
-    ("zero-shift", "joint-1", {"after": 200.0}),
-    ("joint-coupling", "joint-6", {"joint": 5}),
-    ("joint-thermal-drift", "joint-2", {}),
-    ("time-offset", "time", {}),
-    ("reading-lag", "time", {}),
-    ("reading-lag", "time", {"law": "share"}),
-    ("joint-curve", "joint-4", {"start": -2.0, "end": 2.0, "terms": 5}),
-    ("joint-compliance", "joint-2", {}),
-    ("gravity-compliance", "joint-2", {}),
-    ("gravity-compliance", "joint-5", {}),
-    ("gravity-bearing-compliance", "joint-1", {}),
-    ("gravity-link-compliance", "link-2", {}),
-    ("gravity-pedestal-compliance", "base", {}),
-    ("link-beam", "link-2", {}),
-    ("payload", "tool", {}),
-    ("payload", "tool", {"after": 200.0}),
-    ("load-deflection", "tool", {"after": 200.0}),
-    ("shift", "tool", {"after": 200.0}),
-    ("shift", "base", {"after": 200.0}),
-    ("shift", "link-2", {"after": 200.0}),
-    ("loosening", "tool", {"start": 0.0, "end": 500.0}),
-    ("warm-up", "joint-2", {"time_constant": 100.0}),
-    ("link-warm-up", "link-2", {"time_constant": 100.0}),
-    ("base-warm-up", "base", {"time_constant": 100.0}),
-    ("joint-hysteresis", "joint-3", {}),
-    ("joint-torque", "joint-3", {"start": -2.0, "end": 2.0}),
-    ("reading-lattice", "joint-3", {"step": 0.001}),
-    ("sight-line-refraction", "instrument", {}),
-    ("instrument-range-scale", "instrument", {}),
-    ("reflector-incidence", "tool", {}),
-    ("angular-noise", "noise", {}),
-    ("link-self-weight", "joint-3", {}),
-    ("ye-compliance", "joint-1", {}),
-    ("link-compliance", "link-2", {}),
-    ("bearing-compliance", "joint-1", {}),
-    ("bearing-compliance", "joint-6", {}),
-    ("pedestal-compliance", "base", {}),
-    ("tool-deflection", "tool", {}),
-    ("mount-tilt", "base", {}),
-    ("mount-tilt-torsion", "base", {}),
-    ("first-moment", "link-3", {}),
-    ("first-moment", "tool", {}),
-    ("link-thermal-growth", "link-2", {}),
-    ("base-drift", "base", {"start": 0.0, "end": 500.0, "order": 2}),
-    ("axis-run-out", "joint-1", {}),
-    ("axis-run-out", "joint-4", {}),
-    ("measured-tilt", "base", {"sensor": "foot"}),
-    ("measured-tilt", "link-2", {"sensor": "foot", "axes": "xz"}),
-    ("range-scale", "sensor", {"z0": 250.0}),
-    ("field-bias", "sensor", {}),
-    ("ball-position", "ball-2", {}),
-    ("artefact-expansion", "artefact", {}),
-    ("noise-heteroscedastic", "noise", {"covariate": "range_mm", "mean": 250.0, "spread": 30.0}),
-)
-EVERY = pytest.mark.parametrize(
-    "case",
-    CASES,
-    ids=lambda case: "-".join(str(part) for part in (case[0], case[1], *case[2].values())),
-)
-POINTS = pytest.mark.parametrize("measures", ["ball-centre", "external-point"])
-# what lets gravity and masses be seen
-SOFT = (
-    ("joint-compliance", "joint-2", {}),
-    ("link-compliance", "link-3", {}),
-    ("ye-compliance", "joint-4", {}),
-    ("tool-deflection", "tool", {}),
-)
-MISSING = {
-    ("backlash", "joint-3"): ("approach3", {}),
-    ("time-offset", "time"): ("qdot1_deg_s", {}),
-    ("measured-tilt", "base"): ("accel_foot_x_m_s2", {"sensor": "foot"}),
-    ("measured-tilt", "link-2"): ("accel_foot_z_m_s2", {"sensor": "foot", "axes": "xz"}),
-    ("noise-heteroscedastic", "noise"): ("range_mm", {"covariate": "range_mm"}),
-}
-
-
-def with_effect(case, measures="external-point", arm=ABB, n=40):
-    """The model with the case's effect first, and behind it what lets it be seen."""
-    made = scene(measures, n=n, arm=arm, seed=3)
-    needed = (
-        [soft for soft in SOFT if soft[:2] != case[:2]]
-        if CATALOGUE[case[0]].port in STATE_PORTS
-        else []
-    )
-    return model_of(made, case, *needed)
-
-
-def own_part(model):
-    return model.spans[0]
-
-
-def started(model, sizes):
-    """Parameters at their start; the effects' set to `sizes` typical sizes."""
-    start = model.parameters
-    values = start.values.copy()
-    begin = len(model.chain.parameters)
-    values[begin:] = (start.typical * sizes)[begin:]
-    return replace(start, values=values)
-
-
-def state_of(model):
-    return model.chain.state
 
 
 def test_every_effect_of_the_catalogue_is_in_the_table():
@@ -365,74 +159,6 @@ def test_it_stands_on_any_arm(case, arm):
     assert np.isfinite(model.residual(started(model, 0.5))).all()
 
 
-@pytest.mark.parametrize("place", MISSING, ids=lambda place: place[0])
-def test_a_missing_covariate_is_a_sentence(place):
-    column, options = MISSING[place]
-    made = scene("external-point", n=20)
-    columns = {k: v for k, v in made.recording.columns.items() if k != column}
-    model = model_of(
-        replace(made, recording=replace(made.recording, columns=columns)), (*place, options)
-    )
-    assert column in model.effects[0].needs
-    with pytest.raises(
-        InputError, match=f"samples.csv .* column '{column}' is needed .* add the column"
-    ):
-        model.residual(started(model, 1.0)), model.sigma(started(model, 1.0))
-
-
-def test_every_effect_that_names_a_need_is_in_the_table_of_missing_ones():
-    needy = {
-        (e.effect, e.where)
-        for e in make_effects(CATALOGUE, [(n, w, o) for n, w, o in CASES])
-        if e.needs
-    }
-    assert needy == set(MISSING)
-
-
-@EVERY
-def test_a_wrong_place_is_a_sentence(case):
-    name, _, options = case
-    with pytest.raises(InputError, match=f"effect '{name}' cannot sit at 'mirror'"):
-        make_effects(CATALOGUE, [(name, "mirror", options)])
-
-
-@pytest.mark.parametrize(
-    "where", ["joint", "joint-", "joint-x", "joint-0", "joint--1", "joint-2.5"]
-)
-def test_a_place_without_a_proper_number_is_a_sentence(where):
-    with pytest.raises(InputError, match="joint"):
-        make_effects(CATALOGUE, [("zero-offset", where, {})])
-
-
-@pytest.mark.parametrize("where", ["base-1", "base-x"])
-def test_a_number_where_none_belongs_is_a_sentence(where):
-    with pytest.raises(InputError, match=f"cannot sit at '{where}'"):
-        make_effects(CATALOGUE, [("mount-tilt", where, {})])
-
-
-@pytest.mark.parametrize(
-    ("name", "where"),
-    [("zero-offset", "joint-7"), ("link-compliance", "link-9"), ("first-moment", "link-7")],
-)
-def test_a_joint_that_the_arm_has_not_is_a_sentence(name, where):
-    model = model_of(scene("external-point", n=20), (name, where, {}))
-    with pytest.raises(InputError, match=where):
-        model.effects[0].slots(model.chain)
-
-
-@pytest.mark.parametrize(
-    ("name", "where"),
-    [("joint-compliance", "joint-99"), ("link-compliance", "link-9"), ("ball-position", "ball-9")],
-)
-@POINTS
-def test_a_place_that_is_not_there_is_a_sentence_of_the_parameters(name, where, measures):
-    with pytest.raises(
-        InputError,
-        match=f"{name} at {where}: expected .* one of .*, found '{where}'; correct the place",
-    ):
-        model_of(scene(measures, n=20), (name, where, {})).parameters
-
-
 @pytest.mark.parametrize("name", ["transmission-harmonic", "axis-run-out"])
 def test_what_speaks_of_a_turn_does_not_sit_at_a_slide(name):
     with pytest.raises(
@@ -472,16 +198,6 @@ def test_a_slides_error_is_in_millimetres(name, options):
     assert slide.typical == pytest.approx(
         turn.typical * (1 if name in ("joint-compliance", "link-self-weight") else 1000)
     )
-
-
-def test_yes_law_wants_six_joints():
-    arm = SLIDING | {"joint": SLIDING["joint"][:5]}
-    with pytest.raises(
-        InputError, match="'ye-compliance': expected an arm of six joints, found .* with 5"
-    ):
-        model_of(
-            scene("external-point", n=20, arm=arm), ("ye-compliance", "joint-1", {})
-        ).parameters
 
 
 @pytest.mark.parametrize("arm", [ABB, CRAIG, SLIDING], ids=["abb", "craig", "sliding"])
@@ -537,13 +253,6 @@ def test_growth_an_hour_is_taken_to_be_larger_than_growth_a_kelvin(case):
     ).parameters.table[-1]
     assert warm.unit.endswith("/K") and hours.unit.endswith("/h")
     assert hours.prior >= 24 * warm.typical and hours.typical > warm.typical
-
-
-def test_an_unknown_effect_or_option_is_a_sentence():
-    with pytest.raises(InputError, match="no effect is called 'gremlin'"):
-        make_effects(CATALOGUE, [("gremlin", "joint-1", {})])
-    with pytest.raises(InputError, match="'backlash' does not take these options"):
-        make_effects(CATALOGUE, [("backlash", "joint-1", {"depth": 3})])
 
 
 def test_a_balls_error_moves_that_ball_alone():

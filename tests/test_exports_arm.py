@@ -9,14 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from export_scenes import CURVE, GEOMETRY, arm_with, covariates_of, exported, flanges, readings_of
 from robot_model import load_robot
-from robot_model.chain import forward
-from robot_model.effects import CATALOGUE
 from robot_model.measurements import samples_of
-from robot_model.measurements.closure import flange_matrices
 from scenes import ABB, CRAIG, SLIDING
 from workbench.core.errors import InputError
-from workbench.core.rigid import transform
 from workbench.files.exports.check import check_python
 from workbench.files.exports.mdh import calibrated_geometry
 from workbench.files.exports.mjcf import control_terms, left_out, mjcf
@@ -27,14 +24,11 @@ from workbench.files.exports.ur_kinematics import (
     read_ur_kinematics,
     ur_kinematics_yaml,
 )
-from workbench.files.exports.urdf_patch import patched_urdf
-from workbench.files.solution_file import CalibratedArm
 from workbench.jobs.robot.compensate import actual_poses, compensate
 
-GEOMETRY = ("theta", "d", "a", "alpha", "beta")
-SIZES = np.array([5e-4, 0.1, 0.1, 5e-4, 5e-4])
-CURVE = {"port": "joint", "names": ["q2"], "spans": [[-1.5, 1.5]], "unit": "rad", "sizes": [3e-4]}
 MIXTURE = [[[10.0 * k, -5.0, 3.0 * k] for k in range(7)]]
+
+
 EVERY = (
     ("transmission-harmonic", "joint-2", {"order": 2.0}),
     ("zero-offset", "joint-3", {}),
@@ -61,76 +55,6 @@ EVERY = (
         {"law": "joint-compliance", "mixtures": MIXTURE, "shares": [[0.3]]},
     ),
 )
-
-
-def arm_with(spec, rows, seed=0, values=None):
-    """An arm with small errors in every length and angle, and effects of typical size or of given `values`."""
-    robot = spec if hasattr(spec, "geometry") else load_robot(spec)
-    rng = np.random.default_rng(seed)
-    moved = robot.geometry + rng.normal(size=robot.geometry.shape) * SIZES
-    known = {
-        f"joint-{k + 1}.{name}{k + 1}": moved[k, c]
-        for k in range(robot.joints)
-        for c, name in enumerate(GEOMETRY)
-    }
-    effects = tuple(CATALOGUE[name](where, **options) for name, where, options in rows)
-    keys = {} if hasattr(spec, "geometry") else {"robot": spec}
-    arm = CalibratedArm(
-        robot,
-        effects,
-        known,
-        (),
-        np.zeros((0, 0)),
-        np.array([10.0, -20, 60]),
-        0.05,
-        True,
-        "",
-        keys,
-    )
-    chain = chain_of(robot)
-    for effect in effects:
-        for parameter in effect.parameters(chain):
-            known[parameter.key] = parameter.typical * rng.uniform(0.5, 1.5)
-    return replace(arm, values=known | (values or {}))
-
-
-def chain_of(robot):
-    """Just enough of a chain for an effect to say its parameters."""
-    from robot_model.state import State
-    from robot_model.system import RobotChain
-    from workbench.files.exports.python.runtime import Flange
-
-    zero = np.zeros((robot.joints, 1))
-    blank = np.zeros((3, 1))
-    columns = {"row": np.zeros(1), "temperature_c": np.full(1, 20.0)}
-    state = State(
-        robot,
-        zero,
-        columns,
-        robot.gravity,
-        np.ones(1),
-        np.zeros(3),
-        blank,
-        np.ones(1, int),
-        blank,
-    )
-    return RobotChain(robot, Flange(), zero, np.ones((1, 1)), state, np.zeros(0), np.ones((1, 1)))
-
-
-def readings_of(robot, n=12, seed=1):
-    """(n, R) rad, mm."""
-    rng = np.random.default_rng(seed)
-    return rng.uniform(-1, 1, (n, robot.mixing.shape[1])) * np.where(robot.prismatic, 60, 1)
-
-
-def covariates_of(n):
-    rng = np.random.default_rng(2)
-    sides = {f"approach{k}": rng.choice([-1.0, 1.0], n) for k in range(1, 7)}
-    return sides | {
-        "payload_kg": np.linspace(0, 3, n),
-        "temperature_c": np.linspace(18, 30, n),
-        "time_s": np.arange(n, dtype=float),
-    }
 
 
 ALONE = """
@@ -173,23 +97,16 @@ def test_the_python_module_alone_predicts_and_corrects_as_the_workbench_does(spe
     readings = readings_of(robot)
     covariates = covariates_of(len(readings))
     shown = np.where(robot.prismatic, readings, np.rad2deg(readings))
-    told = run_alone(tmp_path, python_module(arm), shown, covariates)
-    assert told["foreign"] == []
+    exported = run_alone(tmp_path, python_module(arm), shown, covariates)
+    assert exported["foreign"] == []
     wanted = actual_poses(arm, readings, covariates)
-    np.testing.assert_allclose(told["poses"], wanted, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(exported["poses"], wanted, rtol=0, atol=1e-7)
     found = compensate(arm, readings, covariates=covariates)
     corrected = np.where(robot.prismatic, found.readings, np.rad2deg(found.readings))
     near = found.left_mm < 1e-5
     assert near.sum() > 8
-    np.testing.assert_allclose(np.array(told["corrected"])[near], corrected[near], atol=1e-4)
-    assert np.array(told["left"])[near].max() < 1e-4
-
-
-def exported(arm):
-    """The names of the executed module."""
-    module: dict = {"__name__": "exported"}
-    exec(python_module(arm), module)
-    return module
+    np.testing.assert_allclose(np.array(exported["corrected"])[near], corrected[near], atol=1e-4)
+    assert np.array(exported["left"])[near].max() < 1e-4
 
 
 @pytest.mark.parametrize("names", [("reflector1",), ("reflector2", "reflector10"), ("tip",), ("",)])
@@ -334,129 +251,6 @@ def test_terms_that_are_no_springs_go_into_the_servo_targets():
     assert np.abs(found - wanted)[:, :3, 3].max() < 5e-3
     plain = flange_at_rest(mjcf(arm), readings, covariates["payload_kg"])
     assert np.abs(plain - wanted)[:, :3, 3].max() > 0.1
-
-
-URDF = """<?xml version="1.0"?>
-<!-- our cell, do not edit by hand -->
-<robot name="cell">
-  <link name="world"/>
-  <link name='base_link'><visual><geometry><mesh filename="package://cell/base.stl"/></geometry></visual></link>
-  <joint name="mount" type="fixed"><origin xyz="0.1 0.2 0.3" rpy="0 0 0.5"/><parent link="world"/><child link="base_link"/></joint>
-  <link name="shoulder"><inertial><mass value="9"/><origin xyz="0 0 0.1" rpy="0 0 0"/></inertial></link>
-  <joint name="pan" type="revolute">
-    <parent link="base_link"/><child link="shoulder"/>   <!-- the pan axis > here -->
-    <origin   rpy='0 0 0'
-              xyz="0 0 0.29"/>
-    <axis xyz="0 0 1"/><limit lower="-2.8" upper="2.8" effort="1" velocity="1"/>
-  </joint>
-  <link name="upper"/>
-  <joint name="lift" type="revolute"><parent link="shoulder"/><child link="upper"/><axis xyz="0 1 0"/>
-    <limit lower="-1.9" upper="1.9" effort="1" velocity="1"/></joint>
-  <link name="fore"/>
-  <joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0 0 0.27"/><axis xyz="0 1 0"/>
-    <limit lower="-1.9" upper="1.2" effort="1" velocity="1"/></joint>
-  <link name="roll"/>
-  <joint name="wrist1" type="revolute"><parent link="fore"/><child link="roll"/><origin xyz="0.302 0 0.07"/><axis xyz="1 0 0"/>
-    <limit lower="-2.7" upper="2.7" effort="1" velocity="1"/></joint>
-  <link name="bend"/>
-  <joint name="wrist2" type="revolute"><parent link="roll"/><child link="bend"/><origin xyz="0 0 0"/><axis xyz="0 1 0"/>
-    <limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
-  <link name="end"/>
-  <joint name="wrist3" type="revolute"><parent link="bend"/><child link="end"/><origin xyz="0.072 0 0"/><axis xyz="1 0 0"/>
-    <limit lower="-6" upper="6" effort="1" velocity="1"/></joint>
-  <link name="tool0"/>
-  <joint name="tool_fixed" type="fixed"><origin xyz="0 0 0" rpy="0 1.5707963267948966 0"/><parent link="end"/><child link="tool0"/></joint>
-  <gazebo reference="tool0"><origin xyz="9 9 9"/></gazebo>
-</robot>
-"""
-
-
-def flanges(robot, readings, geometry=None):
-    frames = forward(robot, robot.mixing @ readings.T, geometry)
-    return transform(flange_matrices(frames), frames.end_origin.T)
-
-
-def write_urdf(folder, text=URDF):
-    path = folder / "cell.urdf"
-    path.write_bytes(text.replace("\n", "\r\n").encode())
-    return {"urdf": str(path), "tip": "tool0"}
-
-
-def test_a_patched_urdf_differs_in_numbers_alone_and_is_the_calibrated_arm(tmp_path):
-    import re
-
-    spec = write_urdf(tmp_path)
-    arm = arm_with(spec, [("joint-compliance", "joint-2", {})])
-    made = patched_urdf(arm, spec)
-    before = (tmp_path / "cell.urdf").read_bytes()
-    (tmp_path / "new.urdf").write_bytes(made.content)
-    again = load_robot({"urdf": str(tmp_path / "new.urdf"), "tip": "tool0"})
-    readings = readings_of(arm.robot)
-    wanted = flanges(arm.robot, readings, calibrated_geometry(arm))
-    np.testing.assert_allclose(flanges(again, readings), wanted, atol=1e-6)
-    # what is not a number, or the joint's missing origin that had to be written, is the same byte for byte
-    number = rb"-?\d+\.?\d*(e-?\d+)?"
-    stripped = [
-        re.sub(rb"(xyz|rpy)=(\"[^\"]*\"|'[^']*')", b"#", text) for text in (before, made.content)
-    ]
-    added = [line for line in stripped[1].split(b"\r\n") if line not in stripped[0].split(b"\r\n")]
-    assert all(re.sub(rb"<origin( #)*/>|( #)+", b"", line) for line in added)
-    skeleton = [re.sub(rb"<origin[^>]*>", b"", text) for text in stripped]
-    assert skeleton[0] == skeleton[1] and re.search(number, made.content)
-    assert b"our cell, do not edit by hand" in made.content and b"9 9 9" in made.content
-    assert b'<origin xyz="0.1 0.2 0.3" rpy="0 0 0.5"/>' in made.content  # the mount is as it was
-    assert "mount" not in made.changed and "tool_fixed" in made.changed
-    assert made.left_out == ("joint-compliance at joint-2",) and made.is_whole
-
-
-def test_a_nominal_arm_leaves_its_urdf_as_it_is(tmp_path):
-    spec = write_urdf(tmp_path)
-    arm = arm_with(spec, ())
-    nominal = {
-        f"joint-{k + 1}.{n}{k + 1}": arm.robot.geometry[k, c]
-        for k in range(6)
-        for c, n in enumerate(GEOMETRY)
-    }
-    made = patched_urdf(replace(arm, values=nominal), spec)
-    assert made.content == (tmp_path / "cell.urdf").read_bytes() and not made.changed
-
-
-def test_an_arm_of_another_description_patches_the_urdf_of_the_same_kinematics(tmp_path):
-    """An arm calibrated from a table of lengths and angles, and a URDF on a mount and with its own tool frame."""
-    spec = write_urdf(tmp_path)
-    own = load_robot(spec)
-    table = replace(own, base=np.eye(4), flange=np.eye(4), name="table")
-    arm = arm_with(table, ())
-    made = patched_urdf(arm, spec)
-    (tmp_path / "new.urdf").write_bytes(made.content)
-    again = load_robot({"urdf": str(tmp_path / "new.urdf"), "tip": "tool0"})
-    readings = readings_of(own)
-    wanted = own.base @ flanges(table, readings, calibrated_geometry(arm)) @ own.flange
-    np.testing.assert_allclose(flanges(again, readings), wanted, atol=1e-5)
-    with pytest.raises(InputError, match="nominal kinematics of FANUC"):
-        patched_urdf(arm_with({"builtin": "fanuc_lr_mate_200id"}, ()), spec)
-
-
-def test_a_flange_on_the_last_axis_is_said_to_miss_what_no_joint_can_hold(tmp_path):
-    spec = write_urdf(tmp_path) | {"tip": "end"}
-    made = patched_urdf(arm_with(spec, ()), spec)
-    assert not made.is_whole and "no fixed joint follows" in made.left_out[0]
-
-
-def test_pinocchio_reads_the_patched_urdf(tmp_path):
-    pinocchio = pytest.importorskip("pinocchio", reason="needs Pinocchio (pip install pin)")
-    spec = write_urdf(tmp_path)
-    arm = arm_with(spec, ())
-    text = patched_urdf(arm, spec).content.decode()
-    model = pinocchio.buildModelFromXML(text)
-    data = model.createData()
-    readings = readings_of(arm.robot, 5)
-    wanted = flanges(arm.robot, readings, calibrated_geometry(arm))
-    for reading, pose in zip(readings, wanted):
-        pinocchio.framesForwardKinematics(model, data, reading)
-        found = data.oMf[model.getFrameId("tool0")]
-        np.testing.assert_allclose(1e3 * found.translation, pose[:3, 3], atol=1e-6)
-        np.testing.assert_allclose(found.rotation, pose[:3, :3], atol=1e-9)
 
 
 @pytest.mark.parametrize("language", LANGUAGES)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from export_scenes import arm_with, exported
 from robot_model import load_robot
 from scenes import ABB
-from test_exports_arm import arm_with, exported
 from workbench.jobs.robot.compensate import compensate
 
 READINGS = np.array([[0.0, 10, 10, 20, 30, 40], [20.0, -10, 15, 10, 40, 5]])

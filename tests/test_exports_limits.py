@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from test_exports_arm import arm_with
+from export_scenes import arm_with
 from test_fewer_joints import PALLETISER, SCARA, _joint
 from workbench.files.exports.check import check_urdf
 from workbench.files.exports.urdf import urdf

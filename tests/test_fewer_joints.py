@@ -5,10 +5,10 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from export_scenes import arm_with, exported
 from robot_model import load_robot
 from robot_model.task_priority import Task
 from scenes import ABB, CRAIG, SLIDING
-from test_exports_arm import arm_with, exported
 from workbench.jobs.robot.compensate import actual_poses, compensate, nominal_poses
 
 TOOL = np.array([25.0, 10.0, -60.0])

@@ -1,4 +1,4 @@
-"""What the data can tell: rank and null space in words on known cases, indices by formula, covariance, twins."""
+"""Identifiability: rank and null space in words on known cases, indices by formula, covariance, confounding."""
 
 import numpy as np
 import pytest
@@ -82,7 +82,7 @@ def test_a_constant_term_is_the_joints_offset():
 
 
 def test_a_parameter_that_moves_nothing_is_said_to():
-    """A tilted mount is seen only through what yields."""
+    """A tilted mount is seen only through compliance."""
     model = model_of(upright(), ("mount-tilt", "base", {}))
     known = known_of(model, "base.*", "tool.*", "*.tilt_*")
     assert sorted(known.sentences()) == [
@@ -162,7 +162,7 @@ def test_covariance_holds_the_prior_and_stays_finite_without():
     assert np.sqrt(nothing.covariance[0, 0]) == pytest.approx(20)
 
 
-def test_independent_leaves_out_twins_and_says_whose():
+def test_independent_leaves_out_confounded_parameters_and_names_the_partner():
     rows = np.random.default_rng(2).normal(size=(50, 3)) * 100
     rows = np.column_stack(
         [rows[:, 0], rows[:, 1], 2 * rows[:, 0] - rows[:, 1], rows[:, 2], np.zeros(50)]
@@ -173,7 +173,7 @@ def test_independent_leaves_out_twins_and_says_whose():
 
 
 def test_independent_keeps_first_what_nothing_was_known_about():
-    """Of twins the one without a prior stays, though it stands later."""
+    """Of two confounded parameters the one without a prior stays, though it stands later."""
     both = Parameters.of(
         [Parameter("joint-1.theta1", "rad", prior=1.0), Parameter("base.rz", "rad")]
     ).only([True, True])
@@ -196,7 +196,7 @@ def test_what_is_left_determines_itself():
     known = identifiability(normal_matrix(model, kept), kept)
     assert (
         known.singular[0] > 0.05
-    )  # a twin has less than a tenth of a typical size left of its own
+    )  # a confounded parameter has less than a tenth of a typical size left of its own
     assert known.rank >= kept.mask.sum() - 2
 
 

@@ -9,27 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from conftest import mostly_slow
 from datasets.importers.mapping.rotations import EULER
+from import_scenes import pose_scene, simulated
 from workbench.core.errors import InputError
-from workbench.jobs.robot.simulate import simulate
 from workbench.recordings.importing import ImportOptions, import_recording
 
 ROBOT = "abb_irb120"
-SCENE = """
-robot = "abb_irb120"
-measures = "external-pose"
-samples = 40
-seed = 3
-sigma_mm = 0.02
-[base]
-xyz_mm = [2300.0, -700.0, 400.0]
-rpy_deg = [1.0, -2.0, 70.0]
-[tool]
-xyz_mm = [10.0, 40.0, 130.0]
-rpy_deg = [20.0, 30.0, -60.0]
-[errors]
-length_mm = 0.2
-angle_deg = 0.05
-"""
 JOINT_UNITS = {"deg": 1.0, "rad": np.pi / 180, "gon": 1 / 0.9}
 LENGTH_UNITS = {"mm": 1.0, "m": 0.001, "in": 1 / 25.4}
 SEPARATORS = [(",", "."), (";", ","), ("\t", "."), (" ", "."), ("\t", ","), ("|", "."), (";", ".")]
@@ -39,9 +23,7 @@ POINTS = ["{}", "Tracker {}", "pos_{}", "SMR {}", "Messpunkt {}"]
 
 @pytest.fixture(scope="module")
 def truth(tmp_path_factory):
-    scene = tmp_path_factory.mktemp("scene") / "scene.toml"
-    scene.write_text(SCENE)
-    return simulate(scene)
+    return simulated(tmp_path_factory.mktemp("scene"), pose_scene(ROBOT, 40, 3))
 
 
 def rotation_of(recording) -> Rotation:

@@ -82,7 +82,7 @@ def test_what_no_data_determine_keeps_the_variance_of_its_prior():
     assert abs(total @ found @ total) < 1e-9
 
 
-def test_a_small_parameter_beside_large_ones_is_known_as_well_as_alone():
+def test_a_small_parameter_among_large_ones_is_as_certain_as_alone():
     information = np.diag([1e16, 1e16, 25.0])
     information[0, 1] = information[1, 0] = 1e16
     found = covariance_of(information, np.full(3, 1e-4))

@@ -5,19 +5,21 @@ import pytest
 import tomli_w
 
 import datasets
+from export_scenes import arm_with, flanges, readings_of
 from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.effects import CATALOGUE
 from robot_model.mjcf import terms_of, unread
 from robot_model.state import State
 from scenes import ABB
-from test_exports_arm import SPRINGS, arm_with, calibrated_geometry, flanges, readings_of
+from test_exports_arm import SPRINGS
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
+from workbench.files.exports.mdh import calibrated_geometry
 from workbench.files.exports.mjcf import mjcf
 from workbench.jobs.robot.simulate import simulate
 
-TWIN = """<mujoco model="cell">
+MJCF_CELL = """<mujoco model="cell">
   <compiler angle="degree" autolimits="true"/>
   <option gravity="0 0.5 -9.8"/>
   <default><joint axis="0 0 1"/><default class="elbow"><joint axis="0 1 0" range="-120 120"/></default></default>
@@ -61,16 +63,16 @@ TWIN = """<mujoco model="cell">
 
 
 @pytest.fixture
-def twin(tmp_path):
-    path = tmp_path / "twin.xml"
-    path.write_text(TWIN)
+def cell_file(tmp_path):
+    path = tmp_path / "cell.xml"
+    path.write_text(MJCF_CELL)
     return path
 
 
-def test_the_flange_and_the_torques_are_those_of_mujoco(twin):
+def test_the_flange_and_the_torques_are_those_of_mujoco(cell_file):
     mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo")
-    robot = load_robot(twin)
-    model = mujoco.MjModel.from_xml_path(str(twin))
+    robot = load_robot(cell_file)
+    model = mujoco.MjModel.from_xml_path(str(cell_file))
     data = mujoco.MjData(model)
     readings = readings_of(robot, 8)
     n = len(readings)
@@ -101,11 +103,11 @@ def test_the_flange_and_the_torques_are_those_of_mujoco(twin):
     assert forward(robot, variables).end_origin.shape == (3, n)
 
 
-def test_what_a_foreign_file_says_and_is_not_taken_over_is_said(twin):
-    said = unread(twin)
+def test_what_a_foreign_file_says_and_is_not_taken_over_is_said(cell_file):
+    said = unread(cell_file)
     assert len(said) == 1 and "servos are taken as rigid" in said[0]
-    twin.write_text(TWIN.replace('name="roll" axis', 'name="roll" stiffness="5" axis'))
-    assert "springs of the joints roll are taken as rigid" in unread(twin)[0]
+    cell_file.write_text(MJCF_CELL.replace('name="roll" axis', 'name="roll" stiffness="5" axis'))
+    assert "springs of the joints roll are taken as rigid" in unread(cell_file)[0]
 
 
 @pytest.mark.parametrize(
@@ -118,15 +120,15 @@ def test_what_a_foreign_file_says_and_is_not_taken_over_is_said(twin):
         ('<site name="flange"', '<site name="elsewhere"', None),
     ],
 )
-def test_a_broken_file_is_a_sentence(twin, old, new, words):
-    twin.write_text(TWIN.replace(old, new))
+def test_a_broken_file_is_a_sentence(cell_file, old, new, words):
+    cell_file.write_text(MJCF_CELL.replace(old, new))
     if words is None:
-        assert load_robot({"urdf": str(twin), "tip": "elsewhere"}).joints == 6
+        assert load_robot({"urdf": str(cell_file), "tip": "elsewhere"}).joints == 6
         with pytest.raises(InputError, match="the tip to be a link"):
-            load_robot({"urdf": str(twin), "tip": "flange"})
+            load_robot({"urdf": str(cell_file), "tip": "flange"})
         return
     with pytest.raises(InputError, match=words):
-        load_robot({"urdf": str(twin)})
+        load_robot({"urdf": str(cell_file)})
 
 
 @pytest.mark.parametrize("case", SPRINGS)
@@ -150,9 +152,9 @@ def test_an_exported_model_read_back_is_the_calibrated_arm_with_its_terms(case, 
     assert all(arm.values[key] == value for key, value in held["values"].items())
 
 
-def test_a_recording_of_a_twin_is_written_and_read(twin, tmp_path):
+def test_a_recording_of_an_mjcf_cell_is_written_and_read(cell_file, tmp_path):
     scene = {
-        "robot": "twin.xml",
+        "robot": "cell.xml",
         "samples": 12,
         "sigma_mm": 0.02,
         "reflectors": [[0.0, 0.0, 50.0]],

@@ -1,4 +1,4 @@
-"""A model: effects add up at one slot, load effects act through what yields, the Jacobian is the derivative."""
+"""A model: effects add up at one slot, load effects act through compliances, the Jacobian is the derivative."""
 
 from dataclasses import replace
 
@@ -85,7 +85,7 @@ def test_the_order_of_effects_does_not_matter():
     )
 
 
-def test_load_effects_do_nothing_where_nothing_yields():
+def test_load_effects_do_nothing_where_nothing_is_compliant():
     model = model_of(
         scene("external-point", n=15), ("mount-tilt", "base", {}), ("first-moment", "tool", {})
     )

@@ -253,7 +253,7 @@ def test_ye_arm_has_the_torques_of_equation_25():
     np.testing.assert_allclose(torque[:, 2], 0, atol=1e-9)
 
 
-def test_ye_second_experiment_is_reproducible_and_noisy_as_told():
+def test_ye_second_experiment_is_reproducible_and_as_noisy_as_stated():
     quiet, noisy = (ye.ye_second_experiment(200, seed=5, noise_mm=s) for s in (1e-9, 0.02))
     points = [
         np.column_stack([m.columns[c] for c in ("x_mm", "y_mm", "z_mm")]) for m in (quiet, noisy)

@@ -56,8 +56,8 @@ def calibrated(folder, tmp_path) -> dict:
     ],
 )
 def test_template_calibrates_as_it_is(kind, templates, tmp_path, capsys):
-    told = calibrated(templates(kind), tmp_path)
-    assert told["held_out"]["rms_mm"] < 0.1
+    result = calibrated(templates(kind), tmp_path)
+    assert result["held_out"]["rms_mm"] < 0.1
     capsys.readouterr()
 
 
@@ -142,9 +142,9 @@ def test_command_writes_a_page_and_the_contract_keys(templates, tmp_path, capsys
     assert (
         run(["check", str(templates("ball-centre")), "--out", str(out), "--json", str(answer)]) == 0
     )
-    told = json.loads(answer.read_text())
-    assert {"coverage", "repeats", "noise_from_repeats_mm", "missing", "verdict"} <= set(told)
-    assert len(told["coverage"]["joints"]) == 6
+    result = json.loads(answer.read_text())
+    assert {"coverage", "repeats", "noise_from_repeats_mm", "missing", "verdict"} <= set(result)
+    assert len(result["coverage"]["joints"]) == 6
     page = (out / "report.html").read_text()
     for words in ("What is missing", "Range of the joints", "Poses in space"):
         assert words in page

@@ -153,7 +153,7 @@ def test_copies_of_a_row_are_no_replicates():
     assert geometry_of(copied).noise.findings.replicates is None
 
 
-def test_an_unmodelled_joint_error_is_told_from_wrong_noise():
+def test_an_unmodelled_joint_error_is_distinguished_from_wrong_noise():
     clean = recorded(11, n=160)
     q2 = clean.columns["q2_deg"]
     wrong = with_columns(clean, q2_deg=q2 + np.rad2deg(3e-4) * np.sin(2 * np.deg2rad(q2)))

@@ -150,7 +150,7 @@ def test_the_pair_objective_shrinks_the_arm_and_rejection_does_not_help(driven):
     assert abs(gallery.size_error(driven, gallery.found(gallery.ours(driven))[0])) < 3e-4
 
 
-def test_what_cannot_be_told_is_said(driven):
+def test_parameters_that_are_not_identifiable_are_reported(driven):
     known = gallery.ours(driven).solution.all_known
     tied = known.tied()
     assert {

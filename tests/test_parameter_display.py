@@ -43,7 +43,7 @@ def test_every_parameter_has_one_status(calibration, rows):
 
 
 def test_sentence_counts_only_parameters_without_an_estimate(rows):
-    """Identifiable coordinates of base and tool were counted as left open, too."""
+    """Identifiable coordinates of base and tool were counted as not identifiable, too."""
     frames = [
         row
         for row in rows

@@ -132,7 +132,7 @@ def test_left_handed_points_are_named(measures, axis):
 
 
 @pytest.mark.parametrize("axis", mostly_slow(XYZ, 1))
-def test_beside_orientations_the_mirrored_axis_is_named(axis):
+def test_a_mirrored_axis_is_named_where_orientations_are_measured(axis):
     robot, recording = erring("external-pose", 8)
     assert_named(
         robot,
@@ -142,7 +142,7 @@ def test_beside_orientations_the_mirrored_axis_is_named(axis):
     )
 
 
-def test_swapped_axes_beside_orientations_are_named():
+def test_swapped_axes_are_named_where_orientations_are_measured():
     robot, recording = erring("external-pose", 8)
     columns = recording.columns
     assert_named(

@@ -193,17 +193,17 @@ def test_forty_for_a_cell_beat_eighty_random_ones_once_measured_and_err_as_predi
     tasks, candidates = cell
     found = choose_poses(candidates, 40, "task", tasks, link_radius_mm=0)
     rows = np.searchsorted(candidates.sample_ids, found.samples)
-    told, rng, squares = found.predicted(), np.random.default_rng(1), []
+    prediction, rng, squares = found.predicted(), np.random.default_rng(1), []
     for _ in range(80):
         random = rng.choice(candidates.n, 80, replace=False)
         squares.append(
             [(measured(tasks, candidates, some, rng) ** 2).sum(0).mean() for some in (rows, random)]
         )
     mine, twice = np.sqrt(np.mean(squares, 0))
-    assert found.candidates == candidates.n and told["share_of_twice_beaten"] > 0.95
+    assert found.candidates == candidates.n and prediction["share_of_twice_beaten"] > 0.95
     assert mine < 0.95 * twice
-    assert mine == pytest.approx(told["chosen_mm"], rel=0.12)
-    assert twice == pytest.approx(told["random_twice_mm"], rel=0.12)
+    assert mine == pytest.approx(prediction["chosen_mm"], rel=0.12)
+    assert twice == pytest.approx(prediction["random_twice_mm"], rel=0.12)
 
 
 def test_a_pose_may_be_measured_again_where_asked(candidates, cell, tmp_path):
@@ -226,11 +226,14 @@ def test_a_pose_may_be_measured_again_where_asked(candidates, cell, tmp_path):
     assert choose_poses(candidates, 40, link_radius_mm=0).predicted() is None
 
 
-def test_candidates_that_are_alike_are_told_to_be(cell):
+def test_candidates_that_are_alike_are_reported_as_such(cell):
     """All within the cell itself: which of them are taken matters little, and the bound says that no choice will do."""
     tasks, _ = cell
-    told = choose_poses(tasks, 15, "task", tasks, link_radius_mm=0).predicted()
-    assert told["bound_mm"] > told["random_twice_mm"] and told["chosen_mm"] >= told["bound_mm"]
+    prediction = choose_poses(tasks, 15, "task", tasks, link_radius_mm=0).predicted()
+    assert (
+        prediction["bound_mm"] > prediction["random_twice_mm"]
+        and prediction["chosen_mm"] >= prediction["bound_mm"]
+    )
 
 
 def test_the_predicted_error_is_that_of_a_calibrations_covariance(cell):

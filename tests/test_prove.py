@@ -1,4 +1,4 @@
-"""Fixed rules of scoring, the figures and the scoreboard of the blind proof, and an examination from end to end."""
+"""Fixed rules of scoring, the figures and the scoreboard of the blind benchmark, and a run from end to end."""
 
 import json
 
@@ -142,11 +142,11 @@ def test_to_ask_where_nothing_was_withheld_is_counted():
         row(asks=1),
         row("clean", "right", effects=[], asks=0),
     ]
-    told = {
+    result = {
         f.name: (f.hits, f.cases) for f in figures.table(rows) if f.suite == "covariate-withheld"
     }
-    assert told["the missing covariate is asked for, and no other"] == (1, 1)
-    assert told["control: something is asked for where nothing was withheld"] == (1, 2)
+    assert result["the missing covariate is asked for, and no other"] == (1, 1)
+    assert result["control: something is asked for where nothing was withheld"] == (1, 2)
 
 
 def test_a_mistake_in_the_file_may_be_refused_with_a_sentence():
@@ -202,19 +202,19 @@ def test_figures_say_what_was_reached():
         + [row(outcome="missed") for _ in range(5)]
         + [row(outcome="missed", survives_sigma=0.2)]
     )
-    told = {f.name: f for f in figures.table(rows)}
-    seen = told["detected, surviving size ≥ 0.3 σ"]
+    result = {f.name: f for f in figures.table(rows)}
+    seen = result["detected, surviving size ≥ 0.3 σ"]
     assert (seen.hits, seen.cases, seen.reached) == (95, 100, True)
     assert (
-        told["confidently wrong"].reached
-        and told["right name or declared group, of detected"].value == 1.0
+        result["confidently wrong"].reached
+        and result["right name or declared group, of detected"].value == 1.0
     )
     clean = [row("clean", "right", effects=[])] * 98 + [row("clean", "false alarm", effects=[])] * 2
-    told = figures.table(clean)
+    result = figures.table(clean)
     assert (
-        told[0].value == 0.02
-        and told[0].reached is False
-        and told[1].value == pytest.approx(0.0700, abs=1e-3)
+        result[0].value == 0.02
+        and result[0].reached is False
+        and result[1].value == pytest.approx(0.0700, abs=1e-3)
     )
 
 
@@ -255,11 +255,11 @@ def test_the_failed_cases_stand_first_and_every_case_is_in_the_files(tmp_path):
         "a",
     ]
     assert (tmp_path / "results.csv").read_text().count("\n") == 5
-    told = json.loads(json.dumps(stages.plain(made.as_json())))
+    result = json.loads(json.dumps(stages.plain(made.as_json())))
     assert (
-        told["command"] == "prove"
-        and len(told["results"]) == 4
-        and told["skipped"] == {"sensor": "why"}
+        result["command"] == "prove"
+        and len(result["results"]) == 4
+        and result["skipped"] == {"sensor": "why"}
     )
 
 
@@ -333,7 +333,7 @@ def test_a_folder_of_ones_own_is_checked(tmp_path):
         prove.bring(protocol.BenchmarkRun(tmp_path / "again"), own)
 
 
-def test_an_examination_is_not_mixed_with_another(tmp_path):
+def test_a_benchmark_run_is_not_mixed_with_another(tmp_path):
     (tmp_path / "exam").mkdir()
     (tmp_path / "exam" / "settings.json").write_text(
         json.dumps({"seed": 1, "own": None, "planned": {}})

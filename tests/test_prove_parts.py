@@ -1,4 +1,4 @@
-"""An examination held in parts, its checks of itself, and the scoreboard as a page of Markdown."""
+"""A benchmark run in parts, its checks of itself, and the scoreboard as a page of Markdown."""
 
 import json
 from types import SimpleNamespace
@@ -32,7 +32,7 @@ def test_suites_may_have_counts_of_their_own():
             tasks.plan([word], None, 1)
 
 
-def test_parts_of_an_examination_add_up(tmp_path):
+def test_parts_of_a_benchmark_run_add_up(tmp_path):
     """With no time left, cases are created and committed but not diagnosed; later calls plan more."""
     pytest.importorskip("mujoco")
     folder = tmp_path / "exam"
@@ -46,8 +46,8 @@ def test_parts_of_an_examination_add_up(tmp_path):
     assert then.planned == {"clean": 2, "library": 1}
     assert then.command == "workbench prove --suite clean=2 --suite library=1 --seed 5"
     assert len((folder / "SHA256SUMS").read_text().splitlines()) == 3
-    told = json.loads((folder / "settings.json").read_text())
-    assert told == {"seed": 5, "own": None, "planned": {"clean": 2, "library": 1}}
+    result = json.loads((folder / "settings.json").read_text())
+    assert result == {"seed": 5, "own": None, "planned": {"clean": 2, "library": 1}}
 
 
 def exam_of_one(folder, truth='{"effects": []}\n'):
@@ -79,16 +79,18 @@ def test_a_diagnosis_that_takes_too_long_is_no_answer(tmp_path, monkeypatch):
         while True:
             np.linalg.inv(np.eye(20))
 
-    told = protocol.run(tmp_path, "a", forever)
+    result = protocol.run(tmp_path, "a", forever)
     assert (
-        told["answer"] is None and told["failed"].startswith("TimeoutError") and told["cpu_s"] < 5
+        result["answer"] is None
+        and result["failed"].startswith("TimeoutError")
+        and result["cpu_s"] < 5
     )
 
 
 def test_one_changed_byte_of_each_truth_is_tried_and_the_makers_are_read(tmp_path, monkeypatch):
     exam, _ = exam_of_one(tmp_path)
-    alone, sealed, closed = checks.checks(exam, [{"case": "a", "opened": ["/x"]}])
-    assert alone.reached and alone.cases > 20 and sealed.reached and closed.reached is False
+    alone, committed, closed = checks.checks(exam, [{"case": "a", "opened": ["/x"]}])
+    assert alone.reached and alone.cases > 20 and committed.reached and closed.reached is False
     monkeypatch.setattr(protocol, "check", lambda *_: None)
     assert checks.checks(exam, [{"case": "a"}])[1].reached is False
 
@@ -121,7 +123,7 @@ def test_too_few_cases_reach_nothing():
     assert figures.table(clean * 2)[0].word == "reached"
 
 
-def test_of_a_swallowed_effect_silence_is_right_below_the_size_that_is_stated():
+def test_no_finding_is_right_for_an_absorbed_effect_below_the_minimal_detectable_bias():
     small = row("swallowed", "missed", below_visible=True, wrong_name=False)
     rest = "named, or abstained, or below the stated minimal detectable bias"
 
@@ -136,7 +138,7 @@ def test_of_a_swallowed_effect_silence_is_right_below_the_size_that_is_stated():
     assert not held(small | {"outcome": "wrong", "wrong_name": True})
 
 
-def test_the_smallest_visible_size_is_of_the_same_effect_and_order():
+def test_the_minimal_detectable_bias_is_of_the_same_effect_and_order():
     one = {
         "effect": "transmission-harmonic",
         "where": "joint-2",

@@ -73,7 +73,7 @@ def test_a_lag_is_named_from_the_order_of_rows_alone(tmp_path):
 
 
 def test_a_lag_of_chance_size_scatters_along_the_last_moves(tmp_path):
-    """Whoever reads at any moment before standstill leaves no mean law, but a direction."""
+    """Readings at random moments before the arm is static have no mean law, but a direction."""
     bench = _bench(tmp_path, SCENE | {"effect": [], "samples": 200})
     plain = bench.problem()
     row = places(plain)[-1].rows[0]

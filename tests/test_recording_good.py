@@ -79,7 +79,7 @@ def recording_toml(measures: str) -> str:
 
 
 def samples_csv(measures: str) -> str:
-    """POSES standstills; balls seen from each of them keep their distance."""
+    """POSES static poses; balls seen from each of them keep their distance."""
     rng = np.random.default_rng(3)
     rows = []
     for pose in range(1, POSES + 1):

@@ -1,4 +1,4 @@
-"""Recordings with images and with flange poses: read, written beside their images, and every mistake in them named."""
+"""Recordings with images and with flange poses: read, written next to their images, and every mistake in them named."""
 
 from dataclasses import replace
 
@@ -7,15 +7,26 @@ import numpy as np
 import pytest
 
 import datasets
+from broken_recordings import (
+    IMG,
+    TOML,
+    Case,
+    assert_sentence,
+    both,
+    cell,
+    drop,
+    sub,
+    with_flange,
+    write,
+)
 from datasets import registry
-from datasets.columns import FLANGE
 from datasets.errors import InputError
 from datasets.recording import Recording
-from test_recording_broken import Case, add, both, cell, drop, sub, write
 from test_recording_good import write_good
 
-IMG, CSV, TOML = "images.csv", "samples.csv", "recording.toml"
 HEADER = "image,role,placement,scan,step,mirror_deg,sample,sweep,mirror_speed_deg_s,time_s,temperature_c,note"
+
+
 ROWS = (
     "images/a.png,board,1,,,,1,,,0.5,21.0,by hand",
     "images/b.png,board-laser,1,,0,1.5,,-1,3.0,1.0,21.0,",
@@ -29,18 +40,6 @@ def write_images(folder, measures="scan-images"):
     write_good(folder, measures)
     cv2.imwrite(str(folder / "images" / "d.png"), np.full((12, 16), 7, np.uint8))
     (folder / IMG).write_text("\n".join((HEADER, *ROWS)) + "\n", encoding="utf-8")
-    return folder
-
-
-def with_flange(folder, measures="ball-surface"):
-    """A folder whose arm gave flange poses and no joints: no robot file is needed."""
-    write_good(folder, measures)
-    for number in range(1, 7):
-        drop(f"q{number}_deg")(folder)
-    for name, value in zip(FLANGE, ("500.5", "-20", "310", "0.5", "0.5", "-0.5", "0.5")):
-        add(name, value)(folder)
-    sub(TOML, r"\[robot\]\nfile.*\n", "")(folder)
-    (folder / "robot.toml").unlink()
     return folder
 
 
@@ -83,26 +82,6 @@ def test_scans_of_an_arm_need_no_points(tmp_path):
     )
     with pytest.raises(InputError, match="measured points, found none in a scan-images recording"):
         found.points
-
-
-def test_flange_poses_instead_of_joints(tmp_path):
-    found = datasets.read(with_flange(tmp_path / "good"))
-    assert found.flange.shape == (12, 4, 4) and found.joints.shape == (12, 0) and found.robot == {}
-    np.testing.assert_allclose(
-        found.flange[3],
-        [[0, -1, 0, 500.5], [0, 0, -1, -20], [1, 0, 0, 310], [0, 0, 0, 1]],
-        atol=1e-12,
-    )
-    assert not set(found.covariates) & set(FLANGE)
-    assert datasets.read(write_good(tmp_path / "joints")).flange is None
-
-
-def test_rows_of_one_flange_pose_are_one_pose():
-    columns = {
-        name: np.array([value] * 4) for name, value in zip(FLANGE, (500.0, 0, 300, 1, 0, 0, 0))
-    }
-    columns["flange_x_mm"] = np.array([500.0, 500.0, 510.0, 500.00001])
-    assert list(Recording("ball-surface", columns, {}).poses) == [0, 0, 1, 0]
 
 
 @pytest.mark.parametrize("made", [write_images, with_flange])
@@ -158,7 +137,7 @@ def in_place(folder, board=BOARDS[0]):
 
 
 @pytest.mark.parametrize("board", BOARDS, ids=lambda b: b["kind"])
-def test_written_beside_images_that_are_there(tmp_path, board):
+def test_written_next_to_existing_images(tmp_path, board):
     made = in_place(tmp_path / "made", board)
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "made" / "images").iterdir()}
     assert datasets.write(made, tmp_path / "made") == tmp_path / "made"
@@ -178,7 +157,7 @@ def test_written_beside_images_that_are_there(tmp_path, board):
         datasets.write(made, tmp_path / "made")
 
 
-def test_writing_beside_images_touches_nothing_else(tmp_path):
+def test_writing_next_to_images_changes_no_other_file(tmp_path):
     made = in_place(tmp_path / "made")
     (tmp_path / "made" / IMG).write_text("mine")
     with pytest.raises(InputError, match="made/images.csv: expected a folder with images only"):
@@ -270,7 +249,7 @@ CASES = [
         (IMG, "row 3", "column role", "''", "write one of these"),
     ),
     Case(
-        "laser without a placement",
+        "laser row without placement",
         image(3, "placement", ""),
         (IMG, "row 3", "which placement", "add a placement"),
     ),
@@ -374,81 +353,11 @@ CASES = [
         (TOML, "key fixed_to", "tool, base, floor", "correct"),
     ),
 ]
-FLANGES = [
-    Case(
-        "flange without a quaternion",
-        drop("flange_qz"),
-        (CSV, "column flange_qz", "no such column", "add it next to"),
-    ),
-    Case("flange without a place", drop("flange_y_mm"), (CSV, "column flange_y_mm", "add it")),
-    Case(
-        "flange named in metres",
-        sub(CSV, "flange_x_mm", "flange_x_m"),
-        (CSV, "column flange_x_mm", "flange_x_m", "convert"),
-    ),
-    Case(
-        "flange in metres",
-        both(
-            *(
-                both(*(cell(row, name, value) for row in range(2, 14)))
-                for name, value in zip(FLANGE, ("0.5", "-0.02", "0.3"))
-            )
-        ),
-        (CSV, "flange_x_mm", "as if in metres", "multiply them by 1000"),
-    ),
-    Case(
-        "flange turned by no rotation",
-        cell(3, "flange_qw", "0.9"),
-        (CSV, "row 3", "flange_qw", "length 1", "divide"),
-    ),
-    Case(
-        "flange not finite",
-        cell(4, "flange_z_mm", "nan"),
-        (CSV, "row 4", "flange_z_mm", "nan", "correct"),
-    ),
-    Case(
-        "neither joints nor flange",
-        both(*map(drop, FLANGE)),
-        (CSV, "q1_deg", "or flange poses", "add them"),
-    ),
-]
-
-
-def check(folder, case):
-    datasets.read(folder)
-    case.patch(folder)
-    with pytest.raises(InputError) as caught:
-        datasets.read(folder)
-    sentence = str(caught.value)
-    assert (
-        "\n" not in sentence
-        and sentence.endswith(".")
-        and ": expected " in sentence
-        and ", found " in sentence
-    )
-    for word in case.words:
-        assert word in sentence, sentence
-    assert str(folder.parent) not in sentence
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_mistake_in_images_gets_its_sentence(tmp_path, case):
-    check(write_images(tmp_path / "cell-4"), case)
-
-
-@pytest.mark.parametrize("case", FLANGES, ids=lambda case: case.name)
-def test_mistake_in_flange_poses_gets_its_sentence(tmp_path, case):
-    check(with_flange(tmp_path / "cell-4"), case)
-
-
-def test_robot_is_needed_for_joints_only(tmp_path):
-    folder = write_good(tmp_path / "cell-4", "ball-surface")
-    sub(TOML, r"\[robot\]\nfile.*\n", "")(folder)
-    with pytest.raises(InputError, match=r"key \[robot\]: expected this section"):
-        datasets.read(folder)
-
-
-# Real sets
+    assert_sentence(write_images(tmp_path / "cell-4"), case)
 
 
 def real_set(real, name):
@@ -480,18 +389,6 @@ def test_real_images_are_named_where_they_lie(real, name, roles):
     assert {r["placement"] for r in found.images} == {
         r["placement"] for r in found.images if r["role"] == "board"
     }
-
-
-def test_real_flange_poses_turn_rightly(real):
-    """The hand's camera looks down on its board: so does the flange's z axis, within 20 degrees; samples name images."""
-    found = real_set(real, "handeye_open3dv:in-hand")
-    assert np.all(found.flange[:, 2, 2] < -0.93) and [
-        row["sample"] for row in found.images
-    ] == list(found.sample_ids)
-    assert (
-        found.board["square_mm"] == 10.0
-        and real_set(real, "handeye_open3dv:to-hand").board["fixed_to"] == "tool"
-    )
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,7 @@ def recover(case, seeds) -> Gaps:
 
 
 def identifiable(model: Model, measures) -> Parameters:
-    """Everything free that these poses can tell apart."""
+    """All free parameters that these poses distinguish."""
     tool = "sensor.*" if measures == "ball-centre" else "tool.*"
     extra = [p.key for effect in model.effects for p in effect.parameters(model.chain)]
     free = model.parameters.free("base.*", tool, *geometry_free(model.chain.robot), *extra)

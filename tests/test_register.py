@@ -65,8 +65,8 @@ def test_the_command_matches_points_by_name(workbench, tmp_path):
     write(tmp_path / "tracker.csv", tracker[order], [names[k] for k in order])
     done = workbench("register", "arm.csv", "tracker.csv", "--out", "out", "--json", "a.json")
     assert done.returncode == 0, done.stderr
-    told = json.loads((tmp_path / "a.json").read_text())
-    assert told["rms_mm"] == pytest.approx(0.2262, abs=5e-4) and told["points"] == 13
+    result = json.loads((tmp_path / "a.json").read_text())
+    assert result["rms_mm"] == pytest.approx(0.2262, abs=5e-4) and result["points"] == 13
     assert len((tmp_path / "out" / "residuals.csv").read_text().splitlines()) == 14
     write(tmp_path / "other.csv", tracker, [*names[:-1], "Q"])
     for target, words in (

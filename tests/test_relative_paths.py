@@ -3,8 +3,8 @@
 import numpy as np
 
 import datasets
+from export_scenes import URDF
 from robot_model import load_robot
-from test_exports_arm import URDF
 from workbench.files.solution_file import robot_keys
 
 

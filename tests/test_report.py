@@ -399,13 +399,13 @@ def test_long_list_of_ties_is_cut_and_says_how_much():
         identifiable=False,
         std=None,
         tied_to=keys,
-        why="undetermined: one and the same here as " + ", ".join(keys),
+        why="not identifiable: confounded with " + ", ".join(keys),
     )
     assert parameters.row(tied)["state"].endswith(
-        "as joint-1.a1, joint-2.a2, joint-3.a3, joint-4.a4 and 3 more."
+        "with joint-1.a1, joint-2.a2, joint-3.a3, joint-4.a4 and 3 more."
     )
-    words = "a cannot be told from " + ", ".join("bcdefghijklm") + " and n"
+    words = "a is confounded with " + ", ".join("bcdefghijklm") + " and n"
     assert (
         parameters.shortened(words)
-        == "a cannot be told from b, c, d, e, f, g, h, i and 5 more (listed in the JSON)"
+        == "a is confounded with b, c, d, e, f, g, h, i and 5 more (listed in the JSON)"
     )

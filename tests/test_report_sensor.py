@@ -252,7 +252,7 @@ def test_front_page_links_both_reports(tmp_path):
     assert 'href="tracker/report.html"' in text and "0.0700" in text
 
 
-def test_time_left_is_told_once_there_is_a_guess():
+def test_time_left_is_shown_once_there_is_an_estimate():
     from workbench.machine.progress import paced
 
     said, seconds = [], iter([0.0, 1.0, 10.0, 20.0])

@@ -19,9 +19,9 @@ def test_between_the_poses_the_error_is_that_of_its_neighbours(places):
     grid = volume(places, 2.0 + slope @ places)
     away = np.linalg.norm(grid.points, axis=1)
     inside = (away > 380) & (away < 520)
-    told = grid["error_mm"][inside]
-    assert np.isfinite(told).all()
-    assert np.abs(told - 2.0 - grid.points[inside] @ slope).max() < 0.1
+    shown = grid["error_mm"][inside]
+    assert np.isfinite(shown).all()
+    assert np.abs(shown - 2.0 - grid.points[inside] @ slope).max() < 0.1
 
 
 def test_where_no_pose_is_near_there_is_no_value(places):

@@ -145,7 +145,7 @@ def test_a_broken_robot_file_gets_one_sentence(case, tmp_path):
         assert word in sentence
 
 
-def test_metres_are_told():
+def test_metres_are_recognised():
     keys = tomllib.loads(GOOD)
     for joint in keys["joint"]:
         joint.update(a_mm=joint["a_mm"] / 1000, d_mm=joint["d_mm"] / 1000)
@@ -156,7 +156,7 @@ def test_metres_are_told():
         load_robot(keys)
 
 
-def test_single_brackets_are_told(tmp_path):
+def test_single_brackets_are_recognised(tmp_path):
     file = tmp_path / "robot.toml"
     file.write_text('name = "a"\nconvention = "distal"\n[joint]\ntheta_deg = 0\n')
     with pytest.raises(InputError, match=r"robot\.toml: key joint: expected one \[\[joint\]\]"):

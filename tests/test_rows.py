@@ -72,12 +72,12 @@ def test_mappings_of_any_kind_become_rows():
 
 
 @pytest.mark.parametrize(
-    "told",
+    "content",
     [{}, {"none": []}, {"a": {"b": [1, {"c": float("inf")}]}, "é": ("x\n", 2), "n": np.arange(3)}],
 )
-def test_an_answer_in_parts_is_the_answer(told):
-    plain = json.loads(answer.as_text(told))
-    assert answer.as_text(told) == json.dumps(plain, indent=2, ensure_ascii=False) + "\n"
+def test_an_answer_in_parts_is_the_answer(content):
+    plain = json.loads(answer.as_text(content))
+    assert answer.as_text(content) == json.dumps(plain, indent=2, ensure_ascii=False) + "\n"
 
 
 def test_what_is_made_of_a_long_sequence_is_made_when_it_is_asked_for():
@@ -89,9 +89,9 @@ def test_what_is_made_of_a_long_sequence_is_made_when_it_is_asked_for():
         and made[-2:] == [{"k": 198}, {"k": 199}]
         and asked == [150, 198, 199]
     )
-    told = {"scans": made, "within": {"scans": made}}
-    assert json.loads(answer.as_text(told)) == {
+    content = {"scans": made, "within": {"scans": made}}
+    assert json.loads(answer.as_text(content)) == {
         "scans": [{"k": k} for k in range(200)],
         "within": {"scans": [{"k": k} for k in range(200)]},
     }
-    assert sum(1 for _ in answer.parts(told)) > 200
+    assert sum(1 for _ in answer.parts(content)) > 200

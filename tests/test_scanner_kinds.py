@@ -194,7 +194,7 @@ def test_a_board_that_does_not_turn_with_the_table_is_refused():
         calibrate_turntable(views, board, _table_camera(), poses[order], angles)
 
 
-def test_full_turns_are_told_from_partial_ones():
+def test_full_revolutions_are_distinguished_from_partial_ones():
     assert is_full_turn(np.deg2rad(np.arange(0, 360, 5)))
     assert not is_full_turn(np.deg2rad(np.arange(0, 300, 5)))
 

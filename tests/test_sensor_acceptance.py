@@ -117,7 +117,7 @@ def test_the_artefacts_own_uncertainty_is_added_to_that_of_the_centres(balls):
     assert judged(measured, limit).verdict == WITHIN and judged(whole, limit).verdict == UNDECIDED
 
 
-def test_the_form_is_told_about_the_ball_of_least_squares():
+def test_the_form_refers_to_the_ball_of_least_squares():
     """A tenth of the points 0.2 mm outside, round the edge: they move that ball, and not the robust one."""
     points = cap(20_000, np.pi / 3, RADIUS)
     edge = np.argsort(points[2])[-2000:]

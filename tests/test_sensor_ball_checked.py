@@ -40,7 +40,7 @@ def cylinder():
     return points + random.normal(0, SIGMA, points.shape)
 
 
-def test_a_radius_that_is_two_percent_wrong_is_told_with_what_it_does():
+def test_a_radius_that_is_two_percent_wrong_is_reported_with_its_consequence():
     """At 60 deg the centre goes 326 um away, with a sigma of 1 um that knows nothing of it."""
     fit = fit_ball(seen(), SIGMA, 1.02 * RADIUS)
     off = np.linalg.norm(fit.centre - CENTRE)
@@ -188,7 +188,7 @@ def scanner(**more):
 def test_sigma_in_the_cameras_frame_holds_the_frames_own():
     """The shift's variance, and that of the turn times the distance; distances between balls know nothing of it."""
     fit, there = fit_ball(seen(), SIGMA, RADIUS), scanner(frame=FRAME)
-    told = ball_json(Ball(1, RADIUS, fit, fit.free, seen(), seen()[:2], False), there)
+    answer = ball_json(Ball(1, RADIUS, fit, fit.free, seen(), seen()[:2], False), there)
     x, y, z = fit.centre
     spread = FRAME.diagonal()
     frame = np.sqrt(
@@ -198,9 +198,9 @@ def test_sigma_in_the_cameras_frame_holds_the_frames_own():
             spread[2] + spread[3] * y**2 + spread[4] * x**2,
         ]
     )
-    assert told["std_in_best_frame_mm"] == pytest.approx(fit.std[:3])
-    assert told["std_mm"] == pytest.approx(np.hypot(frame, fit.std[:3]))
-    assert np.diag(told["covariance_mm2"]) == pytest.approx(np.square(told["std_mm"]))
+    assert answer["std_in_best_frame_mm"] == pytest.approx(fit.std[:3])
+    assert answer["std_mm"] == pytest.approx(np.hypot(frame, fit.std[:3]))
+    assert np.diag(answer["covariance_mm2"]) == pytest.approx(np.square(answer["std_mm"]))
     assert "camera's frame" in uncertainty(there) and "is the same" in uncertainty(scanner())
     alone = ball_json(Ball(1, RADIUS, fit, fit.free, seen(), seen()[:2], False), scanner())
     assert alone["std_mm"] == alone["std_in_best_frame_mm"] and alone["warnings"] == []

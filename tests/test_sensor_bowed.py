@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plane_scenes import board, board_stripes, twin, views
+from plane_scenes import board, board_stripes, simulated_scanner, views
 from sensors.scanner.bowed import calibrated_with_bow, misfit_of
 from sensors.scanner.calibration import calibrate_scanner
 from sensors.state import stripe_direction
@@ -13,7 +13,7 @@ from workbench.core.rigid import rotation_matrix
 
 
 def bent_stripes(truth, curvature):
-    """The stripes (2, n) px of a twin whose light planes are bowed by `curvature` (1/mm), to first order."""
+    """The stripes (2, n) px of a simulated scanner whose light planes are bowed by `curvature` (1/mm), to first order."""
     turns = rotation_matrix(truth.poses[:, 3:])[truth.placement, :, 2]
     heights = (turns * truth.poses[truth.placement, :3]).sum(1)
     rays = truth.camera.rays(truth.stripes)
@@ -30,7 +30,7 @@ def bent_stripes(truth, curvature):
 
 def calibrated(curvature):
     """Scanner of twelve boards and three light planes, with flat planes and as a bow is found in the stripes."""
-    truth = twin(np.random.default_rng(5), placements=12, steps=3)
+    truth = simulated_scanner(np.random.default_rng(5), placements=12, steps=3)
     stripes = board_stripes(replace(truth, stripes=bent_stripes(truth, curvature)))
 
     def calibrate(effects):

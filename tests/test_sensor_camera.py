@@ -43,7 +43,7 @@ def calibrated(views, board=BOARD, folds=0, **options):
     return calibrate_camera(views, board, CAMERA.size, folds=folds, **options)
 
 
-def test_the_twin_of_the_published_instrument_is_found_within_its_sigmas():
+def test_the_simulated_copy_of_the_published_instrument_is_found_within_its_sigmas():
     """20 boards with a bow of 50 um: fx within 3 sigma, which is below 0.1 %; the bow within its own."""
     views, truth = views_of(np.random.default_rng(0))
     made = calibrated(views)
@@ -320,11 +320,11 @@ def test_a_field_that_is_hardly_covered_and_too_few_placements_for_checks_are_sa
 @pytest.mark.parametrize(
     "change, sentence",
     [
-        (lambda v: v[:2], "expected the board at 3 or more placements, found 2; take 15 to 20"),
-        (lambda v: [], "expected the board at 3 or more placements, found 0"),
+        (lambda v: v[:2], "expected the board in 3 or more board poses, found 2; take 15 to 20"),
+        (lambda v: [], "expected the board in 3 or more board poses, found 0"),
         (
             lambda v: [replace(one, placement="a") for one in v],
-            "expected the board at 3 or more placements, found 1",
+            "expected the board in 3 or more board poses, found 1",
         ),
         (
             lambda v: [*v[:4], replace(v[4], size=(640, 480))],

@@ -369,7 +369,7 @@ def test_derivatives_of_a_circles_middle_are_those_of_its_residual():
 
 
 def test_halves_that_differ_by_a_chance_below_one_in_a_hundred_are_remarked_on():
-    """As those of a sensor tilted by 1 degree, p 0.005, do, where no RMS tells; with the chance beside it."""
+    """As those of a sensor tilted by 1 degree, p 0.005, do, where no RMS shows it; with the probability."""
     from scipy.stats import chi2
 
     from sensors.camera.calibration import _remarks

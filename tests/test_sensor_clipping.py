@@ -115,14 +115,14 @@ def test_full_scale_is_that_of_all_images(tmp_path):
 
 def passed_on(monkeypatch, module) -> list:
     """What a module passes to `find_stripes` as saturation."""
-    told = []
+    saturations = []
 
     def watched(*arguments, saturation=None, **more):
-        told.append(saturation)
+        saturations.append(saturation)
         return find_stripes(*arguments, saturation=saturation, **more)
 
     monkeypatch.setattr(module, "find_stripes", watched)
-    return told
+    return saturations
 
 
 @pytest.mark.parametrize(("left", "full"), [(False, 4095), (True, 65520)])
@@ -131,7 +131,7 @@ def test_scans_know_the_full_scale_of_their_camera(tmp_path, monkeypatch, left, 
 
     import workbench.jobs.sensor.scan
 
-    told = passed_on(monkeypatch, workbench.jobs.sensor.scan)
+    saturations = passed_on(monkeypatch, workbench.jobs.sensor.scan)
     images = twelve_bits(left)
     made = recorded(
         tmp_path, {f"{k}.png": image for k, image in enumerate(images)}, "scan", scan="1"
@@ -148,14 +148,14 @@ def test_scans_know_the_full_scale_of_their_camera(tmp_path, monkeypatch, left, 
         len(u) > 0.95 * 2 * SIDE
         and np.sqrt(np.mean((u - TRUTH[np.rint(v).astype(int)]) ** 2)) < 0.005
     )
-    assert set(told) == {full}
+    assert set(saturations) == {full}
 
 
 @pytest.mark.parametrize(("left", "full"), [(False, 4095), (True, 65520)])
 def test_stripes_on_boards_know_the_full_scale_of_their_camera(tmp_path, monkeypatch, left, full):
     import workbench.jobs.sensor.scanner
 
-    told = passed_on(monkeypatch, workbench.jobs.sensor.scanner)
+    saturations = passed_on(monkeypatch, workbench.jobs.sensor.scanner)
     images = {f"{k}.png": image for k, image in enumerate(twelve_bits(left))}
     made = recorded(tmp_path, images, "board-laser", placement="1")
     assert cv2.imwrite(str(tmp_path / "dark.png"), twelve_bits(left, peak=0.0, frames=1, seed=1)[0])
@@ -172,4 +172,4 @@ def test_stripes_on_boards_know_the_full_scale_of_their_camera(tmp_path, monkeyp
     found = board_stripes(made, [(view, list(made.images))], BOARD, lambda text: None)
     u, v = found.pixels
     assert found.n > 300 and np.sqrt(np.mean((u - TRUTH[v.astype(int)]) ** 2)) < 0.005
-    assert set(told) == {full}
+    assert set(saturations) == {full}

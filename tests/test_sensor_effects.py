@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from conftest import ROOT
+from effect_cases import SCANNER_ADDITIONS, VOCABULARY
 from sensors.camera.model import Camera
 from sensors.effects import CATALOGUE
 from sensors.state import SensorState, stripe_direction
-from test_effects import SCANNER_ADDITIONS, VOCABULARY
 from workbench.core.effect import Effect, make_effects, numeric_derivative
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameters
@@ -300,7 +300,7 @@ def test_a_window_moves_the_ray_as_snells_law_does():
     )  # of 0.4 mm: first order in thickness over range
 
 
-def test_a_bowed_sheet_departs_with_the_square_of_the_place_along_the_stripe():
+def test_a_bowed_light_plane_departs_with_the_square_of_the_place_along_the_stripe():
     state = observations()
     (flat,) = make_effects(CATALOGUE, [("plane-bow", "laser", {})])
     assert flat.delta(np.array([1e-4]), state) == pytest.approx(np.full((1, state.n), 1e-4))

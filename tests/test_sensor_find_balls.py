@@ -1,4 +1,4 @@
-"""Balls in a scan: found, told apart from all else, cut ones named, and matched with the artefact."""
+"""Balls in a scan: found, distinguished from other surfaces, cut ones named, and matched with the artefact."""
 
 import time
 

@@ -185,7 +185,7 @@ def test_profiles_find_the_truth_without_a_guess(radius):
 
 
 def test_profiles_among_clutter_keep_the_ball():
-    """Half as many points again, scattered at random, change nothing but the list of what was left out."""
+    """Half as many points again, scattered at random, change only the list of excluded points."""
     points, pose, flange = profiles(6)
     random = np.random.default_rng(0)
     clutter = np.stack([random.uniform(-60, 60, 900), np.zeros(900), random.uniform(60, 140, 900)])
@@ -321,7 +321,7 @@ def open3dv(real):
 def test_open3dv_board_scatter(open3dv, kind):
     """RMS of the least scatter, mean distance and angle of the most likely hand-eye; and RMS against OpenCV's closed forms.
 
-    With the camera as stated; at the board's middle also with the camera as adjusted. Where the maker's sheet gives a camera no distortion at all, it is adjusted, the sheet its prior.
+    With the camera as stated; at the board's middle also with the camera as adjusted. Where the data sheet gives a camera no distortion at all, it is adjusted, the light plane its prior.
     """
     views, target, camera, flange = open3dv(kind)
     prior = None if any(camera.distortion) else camera_prior(camera)
@@ -396,16 +396,16 @@ def test_the_answer_of_profiles_says_scale_noise_and_free_radius(real):
     from workbench.jobs.sensor import hand_eye
 
     real("spherescan_handeye_pan")
-    told = hand_eye.as_json(
+    answer = hand_eye.as_json(
         hand_eye.calibrate(
             datasets.read("spherescan_handeye_pan:r12"), None, None, lambda text: None
         )
     )
     assert (
-        told["radius_mm"] == 12.7
-        and told["radius_std_mm"] is None
-        and told["noise"] == pytest.approx(0.1, abs=0.02)
+        answer["radius_mm"] == 12.7
+        and answer["radius_std_mm"] is None
+        and answer["noise"] == pytest.approx(0.1, abs=0.02)
     )
-    assert abs(told["free_radius_mm"] - 12.7) < 3 * told["free_radius_std_mm"] < 3
-    assert abs(told["range_scale"]) < 3 * told["range_scale_std"] < 0.3
-    assert told["free_radius_rms_mm"] <= told["fit"]["rms_mm"] <= 0.22
+    assert abs(answer["free_radius_mm"] - 12.7) < 3 * answer["free_radius_std_mm"] < 3
+    assert abs(answer["range_scale"]) < 3 * answer["range_scale_std"] < 0.3
+    assert answer["free_radius_rms_mm"] <= answer["fit"]["rms_mm"] <= 0.22

@@ -55,7 +55,7 @@ def test_angles_that_never_change_are_not_read_in_another_order():
     assert any("angles" in words for words, _ in readings(images(8)[1]))
 
 
-def test_what_is_known_beside_a_prior_is_what_the_whole_leaves_of_it():
+def test_information_conditional_on_a_prior_is_the_whole_less_the_prior():
     """The Schur complement is the inverse of the block of the inverse."""
     rows = np.random.default_rng(0).normal(size=(20, 5))
     precision, own = np.array([0, 0, 4.0, 0, 1.0]), np.array([True, True, False, True, False])
@@ -287,15 +287,15 @@ def test_terminal_and_page_say_first_what_is_not_determined(one_axis, monkeypatc
 
     monkeypatch.setattr(hand_eye, "provenance", lambda recording: {})
     monkeypatch.setattr(report, "_provenance", lambda recording: [])
-    told = {"recording": "x", **hand_eye.as_json(one_axis)}
+    result = {"recording": "x", **hand_eye.as_json(one_axis)}
     console = Console(record=True, width=120, file=StringIO())
-    sensor_tables.handeye(console, told)
+    sensor_tables.handeye(console, result)
     text = console.export_text()
     assert (
         text.startswith("Warning: the flange turned about one axis only")
         and text.count("not identifiable") == 3
     )
-    assert '"std_mm": [\n      null,\n      null,\n      null\n    ]' in answer.as_text(told)
+    assert '"std_mm": [\n      null,\n      null,\n      null\n    ]' in answer.as_text(result)
     page = report.page(one_axis)
     assert "turned about one axis only" in page.warning
     # three coordinates, and the heading of the list
@@ -309,5 +309,5 @@ def test_the_file_says_what_is_not_determined(one_axis, tmp_path, monkeypatch):
 
     monkeypatch.setattr(hand_eye, "provenance", lambda recording: {})
     hand_eye.save(one_axis, tmp_path)
-    told = tomllib.loads((tmp_path / "hand-eye.toml").read_text())
-    assert "one axis" in told["undetermined"][0] and np.isinf(told["std_mm"]).all()
+    result = tomllib.loads((tmp_path / "hand-eye.toml").read_text())
+    assert "one axis" in result["undetermined"][0] and np.isinf(result["std_mm"]).all()

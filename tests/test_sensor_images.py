@@ -138,7 +138,7 @@ def test_useful_image_is_not(image):
 
 
 @pytest.mark.parametrize("sigma", [1.0, 3.0, 10.0])
-def test_noise_is_measured_beside_edges(sigma):
+def test_noise_is_measured_away_from_edges(sigma):
     """Whole counts alone leave a third of one open."""
     scene = np.where(np.add.outer(np.arange(200), np.arange(300)) // 25 % 2, 180, 70)
     assert images.noise(grainy(scene, sigma, scene.shape)) == pytest.approx(

@@ -68,7 +68,7 @@ def test_too_few_stripes_are_not_tested():
 
 
 def images(second: float, seed: int = 0, frames: int = 20) -> np.ndarray:
-    """Images (F, 80, 60) of a line of 1.2 px width, with a second one of height `second` at 2 px beside it."""
+    """Images (F, 80, 60) of a line of 1.2 px width, with a second one of height `second` at a distance of 2 px."""
     rng = np.random.default_rng(seed)
     u, v = np.arange(60.0), np.arange(80.0)
     centre = 28 + 0.03 * v[None, :, None] + rng.uniform(-2, 2, (frames, 1, 1))
@@ -80,7 +80,7 @@ def images(second: float, seed: int = 0, frames: int = 20) -> np.ndarray:
 
 @pytest.mark.parametrize("along", ["rows", "columns"])
 def test_a_second_line_makes_the_profile_asymmetric(along):
-    """No residual shows a second line beside the first one in every image; the profile does."""
+    """No residual shows a second line next to the first one in every image; the profile does."""
     for second, relevant in ((0.0, False), (0.25, True)):
         stack = images(second)
         stack = stack.transpose(0, 2, 1).copy() if along == "columns" else stack

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from plane_scenes import CAMERA, HALF_DIAGONAL, MIDDLE, bow, mirror, twin
+from plane_scenes import CAMERA, HALF_DIAGONAL, MIDDLE, bow, mirror, simulated_scanner
 from sensors.camera.model import Camera
+from sensors.light.board_chain import BoardStripeChain
 from sensors.light.mirror import NAMES, MovedMirror, start_mirror
 from sensors.light.planes import in_tilts, moved, moved_rows, plane_through
-from sensors.light.sheets import Sheets
 from workbench.core.errors import InputError
 
 
 def chain_of(truth, with_mirror=False, camera=CAMERA):
-    return Sheets(
+    return BoardStripeChain(
         camera,
         truth.stripes,
         {"placement": truth.placement, "step": truth.step},
@@ -27,7 +27,7 @@ def chain_of(truth, with_mirror=False, camera=CAMERA):
 
 @pytest.fixture(scope="module")
 def small():
-    return twin(np.random.default_rng(1), placements=3, steps=4, points=12)
+    return simulated_scanner(np.random.default_rng(1), placements=3, steps=4, points=12)
 
 
 PORTS = {
@@ -110,7 +110,9 @@ def test_rows_are_the_derivatives_for_camera_mirror_poses_and_planes(small, bent
 
 
 def test_a_stripe_made_forwards_has_no_residual_backwards():
-    truth = twin(np.random.default_rng(4), placements=3, steps=5, points=40, stripe=0.0)
+    truth = simulated_scanner(
+        np.random.default_rng(4), placements=3, steps=5, points=40, stripe=0.0
+    )
     chain = chain_of(truth)
     on_board = chain.state.target
     assert abs(chain.evaluate(chain.parameters.values, {}).residual).max() > 0.05  # the bow is seen
@@ -124,7 +126,7 @@ def test_a_stripe_made_forwards_has_no_residual_backwards():
 
 def test_one_pixel_along_the_scan_line_is_one_pixel_of_residual(small):
     chain = chain_of(small)
-    shifted = Sheets(
+    shifted = BoardStripeChain(
         chain.camera,
         chain.pixels + np.array([[0.3], [0.0]]),
         chain.labels,
@@ -147,16 +149,16 @@ def test_an_effect_of_the_mirror_on_free_planes_gets_its_sentence(small):
         chain.evaluate(chain.parameters.values, {"mirror": (np.array([0]), np.ones((1, chain.n)))})
 
 
-def test_planes_of_the_mirror_are_the_reflections_of_its_sheet():
+def test_planes_of_the_mirror_are_the_reflections_of_its_light_plane():
     made, angles = mirror(offset=3.0), np.linspace(-0.2, 0.2, 5)
     planes, normals = made.planes(angles), made.normals(angles)
     rng = np.random.default_rng(5)
-    on_sheet = rng.normal(size=(3, 20))
-    on_sheet -= np.outer(made.beam[:3], made.beam[:3] @ on_sheet + made.beam[3])
+    on_plane = rng.normal(size=(3, 20))
+    on_plane -= np.outer(made.beam[:3], made.beam[:3] @ on_plane + made.beam[3])
     for k in range(5):
-        # the face: m.(X - a) = e, and a point of the sheet mirrored in it
-        height = normals[:, k] @ (on_sheet - made.point[:, None]) - made.offset
-        image = on_sheet - 2 * np.outer(normals[:, k], height)
+        # the face: m.(X - a) = e, and a point of the light plane mirrored in it
+        height = normals[:, k] @ (on_plane - made.point[:, None]) - made.offset
+        image = on_plane - 2 * np.outer(normals[:, k], height)
         assert abs(planes[:3, k] @ image + planes[3, k]).max() < 1e-11
 
 

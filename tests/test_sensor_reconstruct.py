@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from plane_scenes import CAMERA, HALF_DIAGONAL, MIDDLE, mirror, twin
+from plane_scenes import CAMERA, HALF_DIAGONAL, MIDDLE, mirror, simulated_scanner
 from sensors.camera.model import Camera
 from sensors.camera.undistort import BLOCK, fit_inverse, iterate
 from sensors.effects import CATALOGUE
+from sensors.light.board_chain import BoardStripeChain
 from sensors.light.planes import moved
-from sensors.light.sheets import Sheets
 from sensors.scanner.errors import (
     by_camera,
     by_pixel,
@@ -158,8 +158,10 @@ def changes(effects, chain, state):
     "rows", [*([row] for row in EFFECTS), EFFECTS], ids=[*(row[0] for row in EFFECTS), "all"]
 )
 def test_effects_act_on_scans_as_on_the_stripe_chain(rows):
-    scene = twin(np.random.default_rng(7), placements=2, steps=4, points=30, stripe=0.0)
-    chain = Sheets(
+    scene = simulated_scanner(
+        np.random.default_rng(7), placements=2, steps=4, points=30, stripe=0.0
+    )
+    chain = BoardStripeChain(
         CAMERA,
         scene.stripes,
         {"placement": scene.placement, "step": scene.step},

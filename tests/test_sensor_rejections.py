@@ -59,9 +59,7 @@ def test_laser_images_without_a_line_or_a_board_are_named(spoilt):
         laser[5]["image"]
     ).startswith("saturated: 100 %")
     assert set(why) == {row["image"] for row in laser if row["placement"] == lost}
-    assert all(
-        "the board was not found at its placement (all black" in said for said in why.values()
-    )
+    assert all("the board was not found in its pose (all black" in said for said in why.values())
     assert set(found["shared_px"]) == {"stripe", "tilt", "placement"}
     place = Path(found["run"])
     page = (place / "report.html").read_text(encoding="utf-8")
@@ -88,9 +86,9 @@ def test_images_of_two_depths_are_a_sentence(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("more", "told"), [((1, 0), "8 x 5"), ((0, 1), "7 x 6"), ((-1, 0), "6 x 5")]
+    ("more", "stated_size"), [((1, 0), "8 x 5"), ((0, 1), "7 x 6"), ((-1, 0), "6 x 5")]
 )
-def test_a_board_written_with_another_size_is_told_by_all_images(spoilt, more, told):
+def test_a_board_written_with_another_size_is_found_from_all_images(spoilt, more, stated_size):
     """Also where some images have the board so near the edge that it passes for one that is cut."""
     columns, rows = 7 + more[0], 5 + more[1]
     file = spoilt / "recording.toml"
@@ -101,7 +99,7 @@ def test_a_board_written_with_another_size_is_told_by_all_images(spoilt, more, t
     )
     with pytest.raises(
         InputError,
-        match=rf"expected {told} chessboard as written there in the images, found 7 x 5 in",
+        match=rf"expected {stated_size} chessboard as written there in the images, found 7 x 5 in",
     ):
         from sensors.boards.detection import detect_all
 
@@ -176,7 +174,7 @@ def test_a_scan_without_a_ball_says_where_one_may_be_cut(spoilt):
 
 
 def test_images_of_a_scan_in_which_nothing_can_be_seen_are_named(spoilt, capsys):
-    """Overexposed ones always, black ones where the images beside them show the line."""
+    """Overexposed ones always, black ones where the neighbouring images show the line."""
     images = datasets.read(spoilt).images
     assert run("scanner", spoilt, "--out", "s.toml", "--no-report") == 0
     rows = [row for row in images if row["role"] == "scan" and row["scan"] == images[-1]["scan"]]

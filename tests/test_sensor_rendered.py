@@ -48,7 +48,7 @@ def test_a_flat_board_in_the_model_moves_the_focal_length(tiny):
 
 
 def test_what_a_ball_does_to_its_stripes_is_known():
-    """Centres on a ball almost without noise, against where the sheet truly meets it: the pull, and little else."""
+    """Centres on a ball almost without noise, against where the light plane truly meets it: the pull, and little else."""
     scene = ye_scene()
     whole, centre, radius = scene.instrument, np.array([1.0, -2.0, 136.0]), 15.0
     steps = np.arange(20, 105, 14)
@@ -62,7 +62,7 @@ def test_what_a_ball_does_to_its_stripes_is_known():
         np.array([1.0, 0.0]),
     )
     light, off = instrument.mirror.point, np.zeros(len(found))
-    for _ in range(4):  # Newton's method to the middle of the sheet
+    for _ in range(4):  # Newton's method to the middle of the light plane
         bend = bend_on_ball(
             camera, centre, radius, found.pixels - off * row[:, None], planes, row, light
         )
@@ -71,13 +71,13 @@ def test_what_a_ball_does_to_its_stripes_is_known():
     ratio = found.noise.gain * found.peak / found.noise.variance(found.background)
     line = bend.line_shape(found.width)
     pull = bend.pull(line, found.width, ratio)
-    assert line.sheet_mm == pytest.approx(instrument.laser.width_mm, rel=0.05)
+    assert line.plane_width_mm == pytest.approx(instrument.laser.width_mm, rel=0.05)
     assert (off * pull)[near].sum() / (pull**2)[near].sum() == pytest.approx(1, abs=0.1)
     assert rms((off - pull)[near]) < 0.4 * rms(off[near])
 
 
 @pytest.mark.long
-def test_the_twin_of_ye_reaches_what_is_asked():
+def test_the_simulated_copy_of_ye_meets_the_acceptance_criteria():
     made = render_scanner(ye_scene())
     error, sigma = made.camera_errors()["fx"]
     assert abs(error) < 3 * sigma and sigma < 1e-3 * made.scene.sees.fx

@@ -232,7 +232,7 @@ def crossings(light, steps):
 
 
 def test_a_balls_cloud_lies_on_the_sphere():
-    """A thin sharp sheet, no noise: stripes, reconstructed by the scanner, to under a micrometre."""
+    """A thin sharp light plane, no noise: stripes, reconstructed by the scanner, to under a micrometre."""
     thin = instrument(np.linspace(-1.0, 1.5, 6), optics=Optics(0.7, 125.0, 0.0))
     thin = replace(thin, laser=replace(thin.laser, width_mm=0.03))
     centre = np.array([1.0, 2.0, 136.0])
@@ -378,15 +378,15 @@ def test_speckle_has_its_contrast_and_grain():
     assert seen.mean() == pytest.approx(100, rel=0.01)
     assert seen.std() / seen.mean() == pytest.approx(0.3, rel=0.03)
     field = np.log(seen) - np.log(seen).mean()
-    beside = (field[:, 3:] * field[:, :-3]).mean() / field.var()
-    assert beside == pytest.approx(
+    neighbour_correlation = (field[:, 3:] * field[:, :-3]).mean() / field.var()
+    assert neighbour_correlation == pytest.approx(
         np.exp(-(3**2) / (4 * 1.5**2)), abs=0.03
     )  # a Gaussian of 1.5 px twice
     assert (seen > 0).all()
 
 
 def test_brightness_is_lamberts():
-    """Peak of a sharp, wide sheet: share of the full well, albedo, cosine, distance."""
+    """Peak of a sharp, wide light plane: share of the full well, albedo, cosine, distance."""
     wide = replace(
         instrument((0.0,), optics=Optics(0.3, 125.0, 0.0)),
         laser=Laser(1.0, 0.6, 180.0, SOURCE, 0.0),

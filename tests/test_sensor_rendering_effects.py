@@ -99,7 +99,7 @@ def cut(rays, height=0.0):
 
 
 def residual(acting, pixels, index, made):
-    """(n,) px from the sheet, by the definition of the ports, written out once more."""
+    """(n,) px from the light plane, by the definition of the ports, written out once more."""
     state = seen_state(pixels, cut(CAMERA.rays(pixels)), index, made)
     rays = CAMERA.rays(pixels - acting.delta("pixel", state)) + acting.delta("ray", state)
     points = cut(rays)
@@ -107,25 +107,27 @@ def residual(acting, pixels, index, made):
         points = cut(rays, acting.delta("target", seen_state(pixels, points, index, made))[2])
     state = seen_state(pixels, points, index, made)
     mirror = made.angles[index] + acting.delta("mirror", state)[0]
-    sheet = np.vstack([MIRROR.planes(mirror), np.zeros(len(mirror))]) + acting.delta("plane", state)
+    light_plane = np.vstack([MIRROR.planes(mirror), np.zeros(len(mirror))]) + acting.delta(
+        "plane", state
+    )
 
     def distance(at):
         moved = at + acting.delta("point", seen_state(pixels, at, index, made))
         return (
-            (sheet[:3] * moved).sum(0)
-            + sheet[3]
-            + sheet[4] * (stripe_direction(sheet[:4]) * moved).sum(0) ** 2
+            (light_plane[:3] * moved).sum(0)
+            + light_plane[3]
+            + light_plane[4] * (stripe_direction(light_plane[:4]) * moved).sum(0) ** 2
         )
 
     step = cut(CAMERA.rays(pixels + [[0.5], [0.0]])) - cut(CAMERA.rays(pixels - [[0.5], [0.0]]))
-    return distance(points) / (sheet[:3] * step).sum(0)
+    return distance(points) / (light_plane[:3] * step).sum(0)
 
 
 @pytest.mark.parametrize("row", SWITCHED, ids=lambda row: "-".join((row[0], *row[2])))
 def test_an_effect_acts_through_its_port(row):
     """Centres of rendered stripes fulfil the chain's equation with the effect, and not without it.
 
-    A stripe's light is even, so that its centre is where the sheet's middle is.
+    A stripe's light is even, so that its centre is where the light plane's middle is.
     """
     acting, made = causes(row), instrument((0.3,), optics=Optics(0.6, 125.0, 0.0))
     made = replace(made, laser=replace(made.laser, source=None))

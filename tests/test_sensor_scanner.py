@@ -1,4 +1,4 @@
-"""The joint adjustment of a scanner, its mirror, its file: a twin of Ye's instrument with known truth, and a real one."""
+"""The joint adjustment of a scanner, its mirror, its file: a simulated copy of Ye's instrument with known truth, and a real one."""
 
 import re
 from dataclasses import replace
@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plane_scenes import CAMERA, aligned, board, board_stripes, mirror, twin, views
+from plane_scenes import CAMERA, aligned, board, board_stripes, mirror, simulated_scanner, views
 from sensors.camera.calibration import calibrate_camera
 from sensors.effects import CATALOGUE
+from sensors.light.board_chain import BoardStripeChain
 from sensors.light.board_stripes import BoardStripes, joined, thinned, wrong_points
 from sensors.light.planes import tilt_directions
-from sensors.light.sheets import Sheets
 from sensors.light.together import Together
 from sensors.scanner.calibration import calibrate_scanner
 from sensors.scanner.file import read_scanner, scanner_text, write_scanner
@@ -29,7 +29,7 @@ def calibrated(truth, **more):
 
 @pytest.fixture(scope="module")
 def truth():
-    return twin(np.random.default_rng(11), points=20, steps=40)
+    return simulated_scanner(np.random.default_rng(11), points=20, steps=40)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def made(truth):
 
 def whitened(adjustment, truth, steps):
     """Errors of camera and planes, as independent numbers of variance one where the covariance is right."""
-    found, real = adjustment.sheets.planes, truth.planes[:, steps]
+    found, real = adjustment.board_stripes.planes, truth.planes[:, steps]
     real = real * np.sign((real[:3] * found[:3]).sum(0))
     tilts = np.einsum("kis,is->ks", tilt_directions(found), found[:3] - real[:3])
     error = np.r_[
@@ -57,7 +57,7 @@ def test_planes_are_found_to_a_thousandth_of_a_millimetre_and_the_mirror_finds_t
     made, truth
 ):
     steps = made.scanner.steps
-    free = aligned(truth, made.free.camera, made.free.sheets.planes, steps=steps)
+    free = aligned(truth, made.free.camera, made.free.board_stripes.planes, steps=steps)
     pooled = aligned(truth, made.camera, made.scanner.planes, steps=steps)
     assert made.mirror.supported and made.scanner.mirror is not None
     assert pooled[0] < free[0] < 0.001
@@ -77,7 +77,7 @@ def test_stated_sigmas_cover_the_truth(made, truth):
 def test_stated_sigmas_cover_the_truth_in_68_percent_over_seeds():
     free, pooled, points = [], [], []
     for seed in range(24):
-        scene = twin(np.random.default_rng(100 + seed), points=25, steps=40)
+        scene = simulated_scanner(np.random.default_rng(100 + seed), points=25, steps=40)
         found = calibrated(scene)
         free.append(whitened(found.free, scene, found.scanner.steps))
         pooled.append(whitened(found.made, scene, found.scanner.steps))
@@ -94,8 +94,8 @@ def test_stated_sigmas_cover_the_truth_in_68_percent_over_seeds():
 
 
 @pytest.mark.slow
-def test_the_whole_twin_with_120_planes():
-    scene = twin(np.random.default_rng(0))
+def test_the_whole_simulated_scanner_with_120_planes():
+    scene = simulated_scanner(np.random.default_rng(0))
     found = calibrated(scene, check=True)
     distance, error = aligned(scene, found.camera, found.scanner.planes, steps=found.scanner.steps)
     assert distance < 0.0005 and error < 0.001
@@ -118,7 +118,7 @@ def test_sigmas_do_not_depend_on_those_that_were_stated(truth, made):
 
 
 def test_a_mirror_that_shakes_is_refused_and_the_free_planes_are_used():
-    scene = twin(np.random.default_rng(12), points=25, steps=40, shake=0.001)
+    scene = simulated_scanner(np.random.default_rng(12), points=25, steps=40, shake=0.001)
     found = calibrated(scene)
     assert not found.mirror.supported and found.mirror.probability < 1e-6
     assert found.scanner.mirror is None
@@ -130,16 +130,16 @@ def test_a_mirror_that_shakes_is_refused_and_the_free_planes_are_used():
 
 
 @pytest.mark.slow
-def test_a_wobble_once_and_twice_a_turn_is_a_differently_placed_mirror():
+def test_a_wobble_of_one_and_two_cycles_per_revolution_is_a_differently_placed_mirror():
     values = np.random.default_rng(5).normal(size=8) * np.tile([1e-3, 0.1], 4)
-    scene = twin(np.random.default_rng(13), points=20, steps=30, wobble=values)
+    scene = simulated_scanner(np.random.default_rng(13), points=20, steps=30, wobble=values)
     found = calibrated(scene)
     assert found.mirror.supported
     assert aligned(scene, found.camera, found.scanner.planes, steps=found.scanner.steps)[0] < 0.001
 
 
 def test_unknown_angles_are_steps_of_one_unknown_turn():
-    scene = twin(np.random.default_rng(14), points=20, steps=30)
+    scene = simulated_scanner(np.random.default_rng(14), points=20, steps=30)
     found = calibrated(scene, stripes=board_stripes(scene, angles=False))
     turn = np.deg2rad(10) / 29
     assert found.mirror.supported and "gain" in found.mirror.fitted
@@ -148,7 +148,7 @@ def test_unknown_angles_are_steps_of_one_unknown_turn():
 
 
 def test_angles_of_the_light_instead_of_the_mirror_are_noticed():
-    scene = twin(np.random.default_rng(15), points=20, steps=12, sweep=np.deg2rad(8))
+    scene = simulated_scanner(np.random.default_rng(15), points=20, steps=12, sweep=np.deg2rad(8))
     found = calibrated(
         scene, stripes=replace(board_stripes(scene), mirror=2 * scene.angles[scene.step])
     )
@@ -157,20 +157,20 @@ def test_angles_of_the_light_instead_of_the_mirror_are_noticed():
     )
 
 
-def test_a_profiler_is_one_step_and_every_placement_is_left_out_once():
-    scene = twin(np.random.default_rng(16), points=120, steps=1)
+def test_a_profiler_is_one_step_and_every_board_pose_is_left_out_once():
+    scene = simulated_scanner(np.random.default_rng(16), points=120, steps=1)
     found = calibrated(scene, check=True)
     assert found.mirror is None and found.scanner.planes.shape == (4, 1)
     assert found.left_out.folds == 20 and np.isfinite(found.left_out.residual_mm).all()
-    # the pose of a left-out placement comes from its corners alone, which adds to the noise of 0.1 px
+    # a left-out board pose comes from its corners alone, which adds to the noise of 0.1 px
     assert found.left_out.share > 0.98 and 0.095 < found.left_out.rms_px < 0.13
 
 
 def test_effects_of_the_light_are_found_too():
-    scene = twin(np.random.default_rng(17), points=60, steps=3)
+    scene = simulated_scanner(np.random.default_rng(17), points=60, steps=3)
     bow = 2e-5
     along = tilt_directions(scene.planes)[0]
-    chain = Sheets(
+    chain = BoardStripeChain(
         CAMERA,
         scene.stripes,
         {"placement": scene.placement, "step": scene.step},
@@ -200,13 +200,13 @@ def test_wrong_points_are_left_out_and_counted(truth, made):
     assert any("far from the course of their stripe" in sentence for sentence in found.sentences)
 
 
-def test_stripes_where_no_board_is_are_dropped_counted_and_told(truth):
+def test_stripes_where_no_board_is_are_dropped_counted_and_reported(truth):
     stripes = board_stripes(truth)
     lost = stripes.placement == "p03"
     stripes = replace(stripes, placement=np.where(lost, "somewhere", stripes.placement))
-    beside = replace(stripes.at(slice(0, 50)), pixels=np.tile([[1270.0], [1015.0]], 50))
-    found = calibrated(truth, stripes=joined([stripes, beside]))
-    assert found.dropped["no board: no usable image of the board at their placement"] == lost.sum()
+    off_board = replace(stripes.at(slice(0, 50)), pixels=np.tile([[1270.0], [1015.0]], 50))
+    found = calibrated(truth, stripes=joined([stripes, off_board]))
+    assert found.dropped["no board: no usable image of the board in their pose"] == lost.sum()
     assert found.dropped["off the board"] >= 50
     assert any("no usable image of the board" in sentence for sentence in found.sentences)
 
@@ -231,7 +231,7 @@ def test_a_step_seen_at_one_placement_only_has_no_plane(truth):
             lambda s: replace(s, pixels=s.pixels + 5000),
             "expected points of the laser's line on a board",
         ),
-        (lambda s: s.at(s.placement == "p01"), "expected a step seen at 2 placements"),
+        (lambda s: s.at(s.placement == "p01"), "expected a step seen in 2 board poses"),
         (
             lambda s: replace(s, mirror=s.mirror + 1e-3 * (s.placement == "p01")),
             "expected one mirror_deg, found",
@@ -252,8 +252,8 @@ def test_stripes_along_rows_and_along_columns_are_not_mixed(truth):
 
 
 def test_thinning_keeps_residuals_and_information():
-    scene = twin(np.random.default_rng(19), points=240, steps=3, placements=4)
-    whole = Sheets(
+    scene = simulated_scanner(np.random.default_rng(19), points=240, steps=3, placements=4)
+    whole = BoardStripeChain(
         CAMERA,
         scene.stripes,
         {"placement": scene.placement, "step": scene.step},
@@ -279,9 +279,11 @@ def test_thinning_keeps_residuals_and_information():
 
 
 def test_thinned_stripes_keep_the_errors_that_their_points_share():
-    scene = twin(np.random.default_rng(19), points=240, steps=3, placements=4)
+    scene = simulated_scanner(np.random.default_rng(19), points=240, steps=3, placements=4)
     labels = {"placement": scene.placement, "step": scene.step}
-    whole = Sheets(CAMERA, scene.stripes, labels, scene.poses, scene.planes, np.zeros(2), 1.0)
+    whole = BoardStripeChain(
+        CAMERA, scene.stripes, labels, scene.poses, scene.planes, np.zeros(2), 1.0
+    )
     shared = replace(Together.of(labels, whole.along), sigma=np.array([0.03, 0.02, 0.05]))
     whole = replace(whole, together=shared)
     moved = whole.with_families({"placement": scene.poses + 1e-4})
@@ -298,11 +300,11 @@ def test_thinned_stripes_keep_the_errors_that_their_points_share():
 
 
 def test_points_far_from_their_stripe_are_named_and_no_others():
-    scene = twin(np.random.default_rng(20), points=100, steps=4, placements=4)
+    scene = simulated_scanner(np.random.default_rng(20), points=100, steps=4, placements=4)
     pixels = scene.stripes.copy()
     bad = np.arange(7, pixels.shape[1], 41)
     pixels[0, bad] += 4
-    chain = Sheets(
+    chain = BoardStripeChain(
         CAMERA,
         pixels,
         {"placement": scene.placement, "step": scene.step},

@@ -1,4 +1,4 @@
-"""That the checks of a scanner are checks: the mirror's probability, placements left out, the frame's covariance."""
+"""That the checks of a scanner are checks: the mirror's probability, board poses left out, the frame's covariance."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from plane_scenes import CAMERA, board, board_stripes, twin, views
+from plane_scenes import CAMERA, board, board_stripes, simulated_scanner, views
 from sensors.camera.calibration import calibrate_camera
 from sensors.scanner.calibration import calibrate_scanner
 from sensors.scanner.check import leave_out
@@ -26,7 +26,7 @@ def calibrated(truth, **more):
 
 @pytest.fixture(scope="module")
 def truth():
-    return twin(np.random.default_rng(3), points=15, steps=8, placements=6)
+    return simulated_scanner(np.random.default_rng(3), points=15, steps=8, placements=6)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def made(truth):
 
 
 def shifted(chain, group, by):
-    """The chain with the stripes of one placement `by` px farther along the rows."""
+    """The chain with the stripes of one board pose `by` px farther along the rows."""
     pixels = chain.pixels.copy()
     pixels[0, chain.labels["placement"] == group] += by
     return replace(chain, pixels=pixels)
@@ -47,7 +47,7 @@ def test_a_left_out_placement_has_no_say_in_the_planes_it_is_judged_by(made, whi
     fit, whole = getattr(made, which), made.stripes.at(~made.wrong)
     plain = leave_out(fit, whole)
     for group in (0, 3):
-        changed = replace(fit, sheets=shifted(fit.sheets, group, 0.5))
+        changed = replace(fit, board_stripes=shifted(fit.board_stripes, group, 0.5))
         moved = leave_out(changed, shifted(whole, group, 0.5))
         own = whole.labels["placement"] == group
         assert np.abs((moved.residual_px - plain.residual_px)[own]) == pytest.approx(
@@ -71,7 +71,7 @@ def test_a_commanded_angle_that_is_20_degrees_off_is_no_mirror(truth):
     assert "contradict it; it is refused and the free planes are used" in " ".join(found.sentences)
 
 
-def test_planes_that_no_ray_meets_are_told_and_not_laid_over(truth):
+def test_planes_that_no_ray_meets_are_reported_and_not_laid_over(truth):
     behind = truth.planes * [[1], [1], [1], [-1]]
     points, step, distance, error = laid_over(CAMERA, truth.planes, CAMERA, behind, (115.0, 135.0))
     assert np.isnan(error).all() and np.allclose(
@@ -96,7 +96,7 @@ def test_angles_with_another_zero_and_angles_that_say_nothing_are_a_mirror_all_t
 
 
 def test_what_is_said_of_the_mirror_is_what_was_tested(made):
-    """By chi-square and by how far the planes are from one another; the one is not told for the other."""
+    """By chi-square and by how far the planes are from one another; the two are not confused."""
     fine = replace(made.mirror, probability=0.4, difference_mm=2.0, expected_mm=1.0)
     assert fine.agrees and fine.supported and "agree with one mirror; it is used" in fine.verdict
     near = replace(made.mirror, probability=1e-30, difference_mm=0.5, expected_mm=1.0)
@@ -110,7 +110,9 @@ def test_what_is_said_of_the_mirror_is_what_was_tested(made):
 @pytest.mark.slow
 def test_the_mirrors_probability_is_uniform_where_it_is_true():
     found = [
-        calibrated(twin(np.random.default_rng(500 + seed), points=20, steps=8, placements=6)).mirror
+        calibrated(
+            simulated_scanner(np.random.default_rng(500 + seed), points=20, steps=8, placements=6)
+        ).mirror
         for seed in range(60)
     ]
     probability = np.array([check.probability for check in found])
@@ -161,7 +163,9 @@ def test_places_in_the_cameras_frame_err_as_the_frame_and_the_planes_say():
     """Of a point that the true planes hold, over seeds; without the frame the sigma is ten times too small."""
     point, z, blind = np.array([[2.0], [-3.0], [125.0]]), [], []
     for seed in range(30):
-        scene = twin(np.random.default_rng(700 + seed), points=20, steps=8, placements=6)
+        scene = simulated_scanner(
+            np.random.default_rng(700 + seed), points=20, steps=8, placements=6
+        )
         found = calibrated(scene).scanner
         distance = scene.planes[:3].T @ point[:, 0] + scene.planes[3]
         step = int(found.steps[np.argmin(np.abs(distance[found.steps]))])

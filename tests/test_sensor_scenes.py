@@ -66,23 +66,26 @@ def made(tmp_path_factory):
     """The tiny scene as a recording: folder, scene, what came back."""
     folder = tmp_path_factory.mktemp("made")
     scene = tiny(folder)
-    told = []
+    progress_calls = []
     truth = folder / "truth.toml"
     result = make_recording(
-        scene, folder / "recording", lambda done, total: told.append((done, total)), truth=truth
+        scene,
+        folder / "recording",
+        lambda done, total: progress_calls.append((done, total)),
+        truth=truth,
     )
-    return folder / "recording", scene, result, told, tomllib.loads(truth.read_text())
+    return folder / "recording", scene, result, progress_calls, tomllib.loads(truth.read_text())
 
 
 def test_a_recording_is_read_back(made):
-    folder, scene, result, told, _ = made
+    folder, scene, result, progress_calls, _ = made
     recording = read_recording(folder)
     assert recording.measures == "scan-images"
     roles = [row["role"] for row in recording.images]
     assert [roles.count(role) for role in ("board", "board-laser", "scan")] == [3, 2 * 3, 2 * 3]
     assert recording.board == {"kind": "chessboard", "columns": 5, "rows": 4, "square_mm": 6.0}
     assert recording.balls == {1: (0, 0, 0, 8), 2: (20, 0, 0, 6)}
-    assert told == [(k, 15) for k in range(1, 16)]
+    assert progress_calls == [(k, 15) for k in range(1, 16)]
     assert len(result.images) == 15
     for row in recording.images:
         image = cv2.imread(str(folder / row["image"]), cv2.IMREAD_UNCHANGED)

@@ -6,12 +6,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from plane_scenes import CAMERA, aligned, board, board_stripes, seen, stripe_points, twin, views
+from plane_scenes import (
+    CAMERA,
+    aligned,
+    board,
+    board_stripes,
+    seen,
+    simulated_scanner,
+    stripe_points,
+    views,
+)
 from sensors.ball.fit import fit_ball
 from sensors.ball.shared import Shared
 from sensors.components import Components, components
+from sensors.light.board_chain import BoardStripeChain
 from sensors.light.planes import tilt_directions
-from sensors.light.sheets import Sheets
 from sensors.light.together import Together, decorrelated
 from sensors.scanner.adjustment import linearised, solve_once
 from sensors.scanner.calibration import calibrate_scanner
@@ -26,9 +35,9 @@ SHIFT, TILT = 0.06, 0.05  # px
 
 
 def shaken(seed, shift=SHIFT, tilt=TILT, placements=8, steps=8):
-    """A twin whose stripes are each shifted, and tilted along themselves, as a whole."""
+    """A simulated scanner whose stripes are each shifted, and tilted along themselves, as a whole."""
     rng = np.random.default_rng(seed)
-    truth = twin(rng, placements, steps, 60, sweep=np.deg2rad(4))
+    truth = simulated_scanner(rng, placements, steps, 60, sweep=np.deg2rad(4))
     number = truth.placement * steps + truth.step
     along = truth.stripes[1] / CAMERA.size[1] * 2 - 1
     moved = (
@@ -46,7 +55,7 @@ def calibrated(truth, **more):
 
 def whitened(made, truth):
     """Errors of camera and free planes, as independent numbers of variance one where the covariance is right."""
-    planes, real = made.free.sheets.planes, truth.planes[:, made.scanner.steps]
+    planes, real = made.free.board_stripes.planes, truth.planes[:, made.scanner.steps]
     real = real * np.sign((real[:3] * planes[:3]).sum(0))
     tilts = np.einsum("kis,is->ks", tilt_directions(planes), planes[:3] - real[:3])
     error = np.r_[
@@ -81,7 +90,7 @@ def test_decorrelated_errors_are_those_of_the_whole_covariance():
 
 @dataclass(frozen=True)
 class Straight:
-    """A chain as that of stripes, but linear: y = a x + p u + s v, a for all, p of a placement, s of a step."""
+    """A chain as that of stripes, but linear: y = a x + p u + s v, a for all, p of a board pose, s of a step."""
 
     x: np.ndarray
     y: np.ndarray
@@ -117,15 +126,15 @@ class Straight:
         )
 
     decorrelated, across, _apart = (
-        Sheets.decorrelated,
-        Sheets.across,
+        BoardStripeChain.decorrelated,
+        BoardStripeChain.across,
         property(lambda self: self.together.steps_apart(self.sigma[0])),
     )
 
 
 @pytest.mark.parametrize("spread", [(0.2, 0.1, 0.3), (0.0, 0.0, 0.3), (0.2, 0.0, 0.0)])
 def test_a_bundle_with_shared_errors_is_the_dense_generalised_least_squares(spread):
-    """Also of steps whose numbers a placement's error mixes: answer and covariance, against the whole matrices."""
+    """Also of steps whose numbers a board pose's error mixes: answer and covariance, against the whole matrices."""
     rng, n, placements, steps = np.random.default_rng(7), 180, 5, 4
     labels = {"placement": rng.integers(placements, size=n), "step": rng.integers(steps, size=n)}
     together = replace(Together.of(labels, rng.uniform(0, 1000, n)), sigma=np.array(spread))
@@ -185,7 +194,7 @@ def test_variances_of_a_layout_are_found():
 
 
 def test_a_kind_that_the_unknowns_take_whole_has_no_variance():
-    """Two groups beside a mean: one difference, which tells nothing of a variance."""
+    """Two groups and a mean leave one difference, which does not determine a variance."""
     design = np.repeat(np.eye(2), 50, axis=0)
     project = np.eye(100) - 0.01
     y = design @ [3.0, -3.0] + np.random.default_rng(3).normal(size=100)
@@ -195,7 +204,7 @@ def test_a_kind_that_the_unknowns_take_whole_has_no_variance():
 
 def test_stripes_that_err_as_a_whole_are_found_and_said(tmp_path):
     made = calibrated(shaken(4))
-    together = made.made.sheets.together
+    together = made.made.board_stripes.together
     assert (np.abs(together.sigma[:2] - [SHIFT, TILT]) < 3 * together.std[:2]).all() and (
         together.std[:2] < 0.03
     ).all()
@@ -209,7 +218,7 @@ def test_stripes_that_err_as_a_whole_are_found_and_said(tmp_path):
 
 
 def test_stripes_that_do_not_are_left_alone():
-    together = calibrated(shaken(5, 0.0, 0.0)).free.sheets.together
+    together = calibrated(shaken(5, 0.0, 0.0)).free.board_stripes.together
     assert (together.sigma[:2] < 0.03).all() and (together.std[:2] < 0.03).all()
 
 
@@ -247,10 +256,10 @@ def test_a_ball_finds_what_its_stripes_share():
 
 
 def test_what_points_share_does_not_depend_on_where_the_solve_began():
-    """What is left of a placement's shift beside its pose is a small difference of large numbers: of one place, or it
+    """The shift of the stripes of one board, conditional on its pose, is a small difference of large numbers: of one place, or it
     comes out less than nothing and its variance without end."""
     made = calibrated(shaken(8, placements=6), mirror=False).free
-    plain = replace(made.sheets, together=None)
+    plain = replace(made.board_stripes, together=None)
     near = solve_once(made.corners, plain, made.effects, made.parameters)
     away = plain.planes + np.array([[0], [0], [0], [0.3]])
     far = solve_once(
@@ -263,7 +272,10 @@ def test_what_points_share_does_not_depend_on_where_the_solve_began():
     assert again == pytest.approx(noise, rel=1e-4)
     here = linearised(far)
     left, pull = _left(
-        here, _effects(here.sheets, Together.of(here.sheets.labels, here.sheets.pixels[1]))
+        here,
+        _effects(
+            here.board_stripes, Together.of(here.board_stripes.labels, here.board_stripes.pixels[1])
+        ),
     )
     values = np.linalg.eigvalsh((left + left.T) / 2)
     assert values[0] > -1e-9 * values[-1] and np.isfinite(pull).all()
@@ -275,7 +287,7 @@ def test_placements_whose_stripes_all_err_alike_are_found_and_stand_in_the_sigma
     moved = np.random.default_rng(8).normal(0, 1.0, 8)[truth.placement]
     truth = replace(truth, stripes=truth.stripes + np.stack([moved, 0 * moved]))
     made = calibrated(truth, mirror=False)
-    together = made.free.sheets.together
+    together = made.free.board_stripes.together
     assert (
         abs(together.sigma[2] - 1.0) < 3 * together.std[2] < 1.5 and together.sigma[:2].max() < 0.05
     )
@@ -284,9 +296,9 @@ def test_placements_whose_stripes_all_err_alike_are_found_and_stand_in_the_sigma
 
 
 def lagging(seed, half_gap, placements=8, steps=16):
-    """A twin whose mirror stands half a gap before its command at every other placement, and half a gap behind."""
+    """A simulated scanner whose mirror stands half a gap before its command at every other board pose, and half a gap behind."""
     rng = np.random.default_rng(seed)
-    truth = twin(rng, placements, steps, 60, sweep=np.deg2rad(7))
+    truth = simulated_scanner(rng, placements, steps, 60, sweep=np.deg2rad(7))
     planes = {way: truth.mirror.planes(truth.angles + way * half_gap) for way in (1, -1)}
     pixels = []
     for g, pose in enumerate(truth.poses):
@@ -308,12 +320,12 @@ def test_sweeps_that_disagree_move_no_board_and_are_said():
     truth = lagging(3, 3e-4)
     made = calibrated(truth)
     plain = calibrated(lagging(3, 0.0))
-    together = made.made.sheets.together
+    together = made.made.board_stripes.together
     assert 2 < together.sigma[2] < 4 and made.sigma_corner_px == pytest.approx(0.06, rel=0.1)
     for one, limit in ((made, 0.02), (plain, 0.004)):
         assert aligned(truth, one.camera, one.scanner.planes, steps=one.scanner.steps)[1] < limit
     assert any(
-        "something that changed from placement to placement is missing" in said
+        "something that changed from board pose to board pose is missing" in said
         for said in made.sentences
     )
     assert not any("is missing" in said for said in plain.sentences)
@@ -339,9 +351,9 @@ def test_a_profiler_states_its_plane_in_the_cameras_frame():
     """One plane has no other to be apart from: in the frame that fits best nothing would be left to tell."""
     from workbench.jobs.sensor.scanner import _apart
 
-    truth = twin(np.random.default_rng(9), 8, 1, 60)
+    truth = simulated_scanner(np.random.default_rng(9), 8, 1, 60)
     made = calibrated(truth)
-    assert len(made.scanner.steps) == 1 and len(made.made.sheets.together.named) == 3
+    assert len(made.scanner.steps) == 1 and len(made.made.board_stripes.together.named) == 3
     assert (
         made.sigma_apart_mm[0] < 1e-9
         and made.sigma_stated_mm is made.sigma_plane_mm

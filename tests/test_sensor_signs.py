@@ -14,23 +14,23 @@ FACE, BEAM, BASE = np.deg2rad(16.0), np.deg2rad(61.0), -69.0
 
 
 def light_planes(phi) -> tuple[np.ndarray, np.ndarray]:
-    """Normals (3, n) and offsets (n,) of a sheet upright through (BASE, 0, 0), mirrored in a face turned by phi about y."""
+    """Normals (3, n) and offsets (n,) of a light plane upright through (BASE, 0, 0), mirrored in a face turned by phi about y."""
     normal = np.array(
         [np.cos(FACE - phi), 0 * phi, np.sin(FACE - phi)]
     )  # right-handed about y: from z to x
-    sheet = np.array([np.cos(BEAM), 0, np.sin(BEAM)])
-    mirrored = sheet[:, None] - 2 * (sheet @ normal) * normal
+    light_plane = np.array([np.cos(BEAM), 0, np.sin(BEAM)])
+    mirrored = light_plane[:, None] - 2 * (light_plane @ normal) * normal
     return mirrored, -mirrored[0] * BASE
 
 
 def scanner(effect, *values) -> Scanner:
-    sheet = np.array([np.cos(BEAM), 0, np.sin(BEAM)])
+    light_plane = np.array([np.cos(BEAM), 0, np.sin(BEAM)])
     mirror = Mirror(
         np.array([0.0, 1, 0]),
         np.array([BASE, 0, 0]),
         np.array([np.cos(FACE), 0, np.sin(FACE)]),
         0.0,
-        np.append(sheet, -sheet[0] * BASE),
+        np.append(light_plane, -light_plane[0] * BASE),
     )
     camera = Camera(F, F, CX, CY, (0.0,) * 5, (1280, 1024))
     normal, offset = light_planes(ANGLES)

@@ -9,13 +9,13 @@ from scipy.optimize import brentq, least_squares
 
 from plane_scenes import CAMERA, HALF_DIAGONAL, MIDDLE, mirror
 from sensors.camera.model import Camera
-from sensors.light.sheets import Sheets
+from sensors.light.board_chain import BoardStripeChain
 from sensors.light.straight import straightened, unshaded
 from sensors.stripe.bend import LineShape, bend_on_ball, bend_on_boards
 from workbench.core.rigid import rotation_matrix
 
 PINHOLE = Camera.of([1700.0, 1700.0, 640.0, 512.0, 0.0, 0.0, 0.0, 0.0, 0.0], (1280, 1024))
-SHEET = 0.12  # mm
+PLANE_WIDTH = 0.12  # mm
 LIGHT = mirror().point
 
 
@@ -26,14 +26,14 @@ def board(turn):
 
 
 def across(normal, height, plane, x, y):
-    """Points (3, k) of the board that pixels x (k,) of row y see, and their distances (k,) from the sheet."""
+    """Points (3, k) of the board that pixels x (k,) of row y see, and their distances (k,) from the light plane."""
     rays = PINHOLE.rays(np.stack([x, np.full(len(x), y)]))
     points = rays * (height / (normal @ rays))
     return points, plane[:3] @ points + plane[3]
 
 
 def crossing(normal, height, plane, y):
-    """px, where the sheet's middle is seen in row y."""
+    """px, where the light plane's middle is seen in row y."""
     return brentq(lambda x: across(normal, height, plane, np.array([x]), y)[1][0], 100.0, 1200.0)
 
 
@@ -41,7 +41,7 @@ def fitted_centre(normal, height, plane, zero, y, light):
     """Middle and width of a Gaussian that is fitted to the light along row y."""
     x = zero + np.arange(-30, 30, 0.05)
     points, away = across(normal, height, plane, x, y)
-    bright = np.exp(-0.5 * (away / SHEET) ** 2)
+    bright = np.exp(-0.5 * (away / PLANE_WIDTH) ** 2)
     if light is not None:
         towards = light[:, None] - points
         bright = bright * np.abs(normal @ towards) / np.linalg.norm(towards, axis=0)
@@ -70,10 +70,10 @@ def test_the_pull_on_a_tilted_board_is_that_of_a_fit_to_its_light(turn, light):
         np.array([1.0, 0.0]),
         light,
     )
-    told = bend.pull(LineShape(SHEET, 0.0), np.array([width]), np.array([0.0]))[0]
+    modelled = bend.pull(LineShape(PLANE_WIDTH, 0.0), np.array([width]), np.array([0.0]))[0]
     assert abs(bend.away[0]) < 1e-9
-    assert told == pytest.approx(centre - zero, rel=0.05, abs=2e-4)
-    assert abs(told) > 0.002 or turn >= 0
+    assert modelled == pytest.approx(centre - zero, rel=0.05, abs=2e-4)
+    assert abs(modelled) > 0.002 or turn >= 0
 
 
 def blurred_on_ball(centre, radius, plane, zero, row, blur):
@@ -87,7 +87,7 @@ def blurred_on_ball(centre, radius, plane, zero, row, blur):
     away = plane[:3] @ points + plane[3]
     towards = LIGHT[:, None] - points
     cosine = ((points - centre[:, None]) * towards).sum(0) / np.sqrt((towards**2).sum(0))
-    light = (np.exp(-0.5 * (away / SHEET) ** 2) * cosine).reshape(len(y), len(x))
+    light = (np.exp(-0.5 * (away / PLANE_WIDTH) ** 2) * cosine).reshape(len(y), len(x))
     profile = np.exp(-0.5 * ((y - row) / blur) ** 2) @ light
     profile = gaussian_filter1d(profile, blur / step)
     found = least_squares(
@@ -115,14 +115,14 @@ def test_blur_along_the_line_moves_the_centre_on_a_ball(row):
     zero = brentq(lambda x: bend_at(x).away[0], middle - 60, middle + 60)
     found, width = blurred_on_ball(centre, radius, plane, zero, row, blur)
     bend = bend_at(zero)
-    pull = bend.pull(LineShape(SHEET, blur), np.array([width]), np.array([0.0]))[0]
-    without = bend.pull(LineShape(SHEET, 0.0), np.array([width]), np.array([0.0]))[0]
+    pull = bend.pull(LineShape(PLANE_WIDTH, blur), np.array([width]), np.array([0.0]))[0]
+    without = bend.pull(LineShape(PLANE_WIDTH, 0.0), np.array([width]), np.array([0.0]))[0]
     assert pull == pytest.approx(found - zero, rel=0.1, abs=1e-3)
     assert abs(without - (found - zero)) > 2 * abs(pull - (found - zero))
 
 
 def chain(seed=1):
-    """Sheets of boards turned both ways, with the width of every line: sheet and blur together."""
+    """Stripes on boards turned both ways, with the width of every line: light plane and blur together."""
     rng, planes = np.random.default_rng(seed), mirror().planes(np.linspace(-0.05, 0.05, 8))
     turns = np.stack([np.zeros(6), np.linspace(-0.5, 0.5, 6), np.zeros(6)], 1)
     middle = np.stack([*np.zeros((2, 6)), np.linspace(115, 135, 6)], 1)
@@ -131,7 +131,7 @@ def chain(seed=1):
     )
     group, step = np.repeat(np.arange(6), 8 * 30), np.tile(np.repeat(np.arange(8), 30), 6)
     pixels = np.stack([rng.uniform(200, 1000, 1440), np.tile(np.linspace(100, 900, 30), 48)])
-    made = Sheets(
+    made = BoardStripeChain(
         CAMERA, pixels, {"placement": group, "step": step}, poses, planes, MIDDLE, HALF_DIAGONAL
     )
     turn = rotation_matrix(turns)[:, :, 2]
@@ -143,21 +143,21 @@ def chain(seed=1):
         planes[:, step],
         np.array([1.0, 0.0]),
     )
-    return made, np.hypot(SHEET / bend.slope, 0.8)
+    return made, np.hypot(PLANE_WIDTH / bend.slope, 0.8)
 
 
-def test_the_sheets_width_is_read_from_the_lines_and_unknown_widths_change_nothing():
+def test_the_width_of_the_light_plane_is_read_from_the_lines_and_unknown_widths_change_nothing():
     made, width = chain()
-    straight, sheet = straightened(made, np.stack([width, np.ones(made.n)]))
-    assert sheet == pytest.approx(SHEET, rel=0.01)
+    straight, plane_width = straightened(made, np.stack([width, np.ones(made.n)]))
+    assert plane_width == pytest.approx(PLANE_WIDTH, rel=0.01)
     shift = (straight.pixels - made.pixels)[0]
     assert 0.005 < np.abs(shift).max() < 0.2 and (straight.pixels[1] == made.pixels[1]).all()
     assert straightened(made, None) == (made, 0.0)
     assert unshaded(made, 0.0, LIGHT) is made
-    away = unshaded(made, sheet, 1e9 * LIGHT)  # parallel light falls evenly on a flat board
+    away = unshaded(made, plane_width, 1e9 * LIGHT)  # parallel light falls evenly on a flat board
     assert (
         np.abs(away.pixels - made.pixels).max()
         < 1e-6
-        < np.abs(unshaded(made, sheet, LIGHT).pixels - made.pixels).max()
+        < np.abs(unshaded(made, plane_width, LIGHT).pixels - made.pixels).max()
     )
     assert replace(made, pixels=straight.pixels).n == made.n

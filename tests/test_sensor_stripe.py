@@ -219,7 +219,7 @@ def test_a_background_is_subtracted_at_its_own_exposure(kind):
 
 
 def test_rows_that_a_surfaces_edge_pulls_are_flagged():
-    """An edge from white to black, along the line and two pixels beside it, in some of the rows."""
+    """An edge from white to black, along the line and two pixels next to it, in some of the rows."""
     truth = centres(slope=0.0) * 0 + 160.3
     edge = (np.arange(HEIGHT) % 64 < 12)[:, None] & (np.arange(WIDTH) > 162)
     white = np.where(edge, 0.1, 1.0)
@@ -252,10 +252,10 @@ def test_speckle_adds_its_floor_and_is_found_again():
     line = np.full((3, truth.size), np.nan)
     line[:, found.frame * HEIGHT + found.line] = found.centre, 0 * found.sigma, found.width
     assert speckle_contrast(*line, HEIGHT) == pytest.approx(contrast, rel=0.2)
-    told = find_stripes(images(lit), speckle=contrast)
+    with_speckle = find_stripes(images(lit), speckle=contrast)
     plain = find_stripes(images(lit))
     np.testing.assert_allclose(
-        told.sigma, np.hypot(plain.sigma, speckle_floor(plain.width, contrast)), rtol=1e-6
+        with_speckle.sigma, np.hypot(plain.sigma, speckle_floor(plain.width, contrast)), rtol=1e-6
     )
 
 

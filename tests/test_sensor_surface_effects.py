@@ -1,4 +1,4 @@
-"""Effects that ask what the surface is like: told so, or a sentence; in a scan of balls the balls themselves tell."""
+"""Effects that depend on the surface: its properties are stated, or a message asks for them; balls of a scan determine them."""
 
 import numpy as np
 import pytest
@@ -79,13 +79,13 @@ def test_balls_of_a_scan_tell_what_their_surface_is_like(name, options, values, 
     effect = CATALOGUE[name]("sensor", **options), np.array(values)
     shift = law(points, normals)
     made, seen = scanner(points, shift, (effect,)), CAMERA.project(points + shift)
-    found, told = reconstructed(made, seen, steps, {}, [RADIUS])
+    found, sentence = reconstructed(made, seen, steps, {}, [RADIUS])
     on = np.isfinite(normals[0])
     before, after = (np.sqrt(np.mean((p - points)[:, on] ** 2)) for p in (points + shift, found))
     assert before > 0.02 and after < 0.05 * before
     assert np.abs(found - points)[:, ~on].max() < 1e-9
-    count = int(told.split("off the ")[1].split(" of ")[0])
-    assert told.startswith(f"{name} at sensor taken off the") and told.endswith(
+    count = int(sentence.split("off the ")[1].split(" of ")[0])
+    assert sentence.startswith(f"{name} at sensor taken off the") and sentence.endswith(
         f"of {len(steps)} points that lie on balls"
     )
     assert abs(count - on.sum()) < 0.02 * on.sum()
@@ -93,8 +93,8 @@ def test_balls_of_a_scan_tell_what_their_surface_is_like(name, options, values, 
 
 def test_without_such_effects_nothing_is_looked_for():
     points, normals, steps = scene(200)
-    found, told = reconstructed(scanner(points, 0.0), CAMERA.project(points), steps, {}, None)
-    assert told == "" and np.abs(found - points).max() < 1e-9
+    found, sentence = reconstructed(scanner(points, 0.0), CAMERA.project(points), steps, {}, None)
+    assert sentence == "" and np.abs(found - points).max() < 1e-9
 
 
 @pytest.mark.parametrize("steps", [np.array([0.0, 2.0]), np.array([0, 2], np.uint8), [0, 2]])

@@ -91,12 +91,12 @@ def test_the_command_needs_no_more_memory_the_longer_the_session(few, found, tmp
     peak(70, "first")  # what is loaded and made once
     short, long = peak(80, "short"), peak(300, "long")
     assert long < short + 220 * PER_SCAN
-    told = json.loads((tmp_path / "long" / "answer.json").read_text())
-    assert [one["sample"] for one in told["scans"]] == list(range(1, 301)) and told["ball_centres"][
-        "samples"
-    ] == 300
+    result = json.loads((tmp_path / "long" / "answer.json").read_text())
+    assert [one["sample"] for one in result["scans"]] == list(range(1, 301)) and result[
+        "ball_centres"
+    ]["samples"] == 300
     assert datasets.read(tmp_path / "long" / "ball-centres").n == 300
-    form = next(one for one in told["acceptance"] if one["name"] == "probing_form")
+    form = next(one for one in result["acceptance"] if one["name"] == "probing_form")
     assert (
         list(form["parts"]) == [f"scan {k}, ball-1" for k in range(1, 301)]
         and form["n"] == 300 * 400
@@ -141,7 +141,7 @@ def test_what_all_scans_tell_is_worked_out_once_and_shown_of_a_few(
     monkeypatch.setattr(
         ball_centres, "_ball_columns", lambda *given: computed.append(1) or columns_of(*given)
     )
-    told = ball_centres.as_json(made, tmp_path)
+    result = ball_centres.as_json(made, tmp_path)
     shown = page(made)
     assert len(computed) == 90 and ball_centres.characteristics(
         made
@@ -149,7 +149,7 @@ def test_what_all_scans_tell_is_worked_out_once_and_shown_of_a_few(
     assert ball_centres.centres_of(made) is ball_centres.centres_of(made)
     assert ("scans", "90", "") in shown.numbers and ("balls found", "90", "") in shown.numbers
     assert "The JSON holds 78 more." in str(shown)
-    whole = json.loads(answer.as_text(told))
+    whole = json.loads(answer.as_text(result))
     assert (
         whole["acceptance"] == json.loads(json.dumps(whole["acceptance"]))
         and len(whole["scans"]) == 90

@@ -35,7 +35,7 @@ def everything(model, measures="external-point") -> Parameters:
 
 
 def canonical(model, measures="external-point") -> Parameters:
-    """As many of them as the data tell apart."""
+    """As many of them as the data distinguish."""
     free = everything(model, measures)
     return independent(normal_matrix(model, free), free)[0]
 

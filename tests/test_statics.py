@@ -183,7 +183,7 @@ def test_altered_gravity_and_moments_are_those_of_an_altered_robot(arm):
 
 
 def test_the_links_share_does_not_hold_the_tools_first_moment():
-    """The tool is load: what is unsure about its mass is no self-weight of the links."""
+    """The tool is load: the uncertainty of its mass is no self-weight of the links."""
     state = state_of(load_robot(ARMS["abb"]))
     altered = state.altered([("mass", (18, 19, 20), np.full((3, 1), 50.0))])
     assert not np.allclose(altered.torque, state.torque)

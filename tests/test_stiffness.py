@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from export_scenes import arm_with, readings_of
 from scenes import ABB
-from test_exports_arm import arm_with, readings_of
 from workbench.core.errors import InputError
 from workbench.files.exports.mjcf import mjcf
 from workbench.jobs.robot.stiffness import (
@@ -137,8 +137,8 @@ def test_the_command_says_how_much_each_part_deflects(workbench, tmp_path):
         "run",
     )
     assert done.returncode == 0, done.stderr
-    told = json.loads((tmp_path / "a.json").read_text())
-    parts = told["deflection_rms_mm"]
+    answer = json.loads((tmp_path / "a.json").read_text())
+    parts = answer["deflection_rms_mm"]
     assert all(parts[part] > 0 for part in PARTS) and parts["total"] > parts["link"]
     assert (tmp_path / "run" / "map.pdf").is_file()
 
@@ -225,10 +225,12 @@ def test_the_command_takes_published_stiffness(workbench, tmp_path):
     call = ("stiffness", "k.toml", "t.csv", "--wrench", "0", "0", "100", "0", "0", "0")
     done = workbench(*call, "--out", "out", "--json", "a.json")
     assert done.returncode == 0, done.stderr
-    told = json.loads((tmp_path / "a.json").read_text())
-    sizes = [row["rms_mm"] for row in told["models"]]
+    answer = json.loads((tmp_path / "a.json").read_text())
+    sizes = [row["rms_mm"] for row in answer["models"]]
     assert sizes[0] == 0 < sizes[1] < sizes[2] < sizes[3]
-    product = np.array(told["first_pose"]["compliance"]) @ np.array(told["first_pose"]["stiffness"])
+    product = np.array(answer["first_pose"]["compliance"]) @ np.array(
+        answer["first_pose"]["stiffness"]
+    )
     np.testing.assert_allclose(product, np.eye(6), atol=1e-6)
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"models.pdf", "models.svg", "map.pdf", "map.svg", "map.vtk", "stiffness.npy"} <= names

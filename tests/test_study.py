@@ -128,11 +128,11 @@ def test_parts_are_the_same_on_any_machine_and_not_too_many(study):
 
 
 def test_a_study_is_whole_or_not_there_and_is_found_again(study, tmp_path):
-    path, told = scenes.written(tmp_path, ("runs = 40", "runs = 6")), []
-    first = carried_out(path, tmp_path / "out", 1, None, told.append)
+    path, messages = scenes.written(tmp_path, ("runs = 40", "runs = 6")), []
+    first = carried_out(path, tmp_path / "out", 1, None, messages.append)
     assert first.path == tmp_path / "out" and first.done.made == 6
     assert {p.name for p in first.path.iterdir()} == {"study.json", "table.parquet", "table.csv"}
-    assert any("run 6 of 6" in line for line in told)
+    assert any("run 6 of 6" in line for line in messages)
     again = carried_out(path, tmp_path / "out", 1, None, quiet)
     assert again.done is None and again.path == first.path
     changed = scenes.written(tmp_path, ("runs = 40", "runs = 7"))

@@ -35,7 +35,7 @@ def test_error_without_calibration_is_the_sag_alone_and_grows_with_compliance(tm
     study = read(scenes.written(tmp_path))[0]
     rows = [row_of(study, run) for run in (1, 2)]
     for row in rows:
-        # one joint yields: the error is proportional to its compliance, and half of it with the joint twice as stiff
+        # one joint is compliant: the error is proportional to its compliance, and half of it with the joint twice as stiff
         assert row["joint-2_twice_as_stiff_test_mm"] == pytest.approx(
             row["uncalibrated_test_mm"] / 2, rel=1e-3
         )

@@ -74,20 +74,20 @@ WRONG = {
 def test_a_study_that_cannot_be_is_one_sentence(tmp_path, case):
     change, sentence = WRONG[case]
     path = scenes.written(tmp_path, change)
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as message:
         read(path)
-    assert sentence in str(told.value), str(told.value)
-    assert str(told.value).endswith(".") and "\n" not in str(told.value)
+    assert sentence in str(message.value), str(message.value)
+    assert str(message.value).endswith(".") and "\n" not in str(message.value)
 
 
 def refused(folder, *words, capsys):
     """The sentence of a call that ends with status 2, and that nothing but the study's file is in the folder."""
     before = {path.name for path in folder.iterdir()}
     assert run([str(word) for word in words]) == 2
-    told = capsys.readouterr().err.strip()
+    message = capsys.readouterr().err.strip()
     assert {path.name for path in folder.iterdir()} == before
-    assert told and "\n" not in told and "Traceback" not in told
-    return told
+    assert message and "\n" not in message and "Traceback" not in message
+    return message
 
 
 def test_the_command_ends_with_status_2_and_leaves_nothing(tmp_path, capsys, monkeypatch):

@@ -381,7 +381,7 @@ def test_several_last_links_are_named(tmp_path):
         load_robot(file)
 
 
-def test_a_robot_file_may_name_a_urdf_beside_it(tmp_path):
+def test_a_robot_file_may_name_a_urdf_next_to_it(tmp_path):
     (tmp_path / "r.urdf").write_text(URDF)
     (tmp_path / "robot.toml").write_text('urdf = "r.urdf"\ntip = "b"\n')
     assert load_robot(tmp_path / "robot.toml").joints == 1

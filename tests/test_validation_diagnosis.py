@@ -65,7 +65,7 @@ def held_out(bench, effects):
     return rows
 
 
-def test_irb120_faro_yields_before_it_waves(recording):
+def test_irb120_faro_has_compliance_before_harmonics(recording):
     """Commanded joints, every sixth configuration: a compliance is found first, and the error is halved."""
     found = find(bench_of(every(recording("irb120_faro"), 6)))
     assert found.findings[0].effect.endswith("-compliance")
@@ -91,7 +91,7 @@ def test_a_few_poses_far_off_do_not_hide_that_joints_yield(recording):
         assert after < 0.55 * before and t > 6
 
 
-def test_the_base_of_irb120_wanders_as_its_own_reflectors_say(recording):
+def test_the_base_of_irb120_drifts_as_its_own_reflectors_show(recording):
     """Left out of the fit, they move by what the base's drift says where the arm may warm as well."""
     measured = every(recording("irb120_faro"), 3)
     bench = bench_of(measured)
@@ -119,14 +119,14 @@ def test_joints_that_were_read_while_the_arm_braked_are_found_from_the_order_of_
     for _, _, t in held_out(bench_of(taken), (lag,)):
         assert t > 5
     short = bench_of(taken).parameters((lag, *law("joint-compliance", "joint-2", "joint-3")))[0]
-    told = consecutive(recording("irb120_faro"), 300)
-    came = bench_of(told).chain.state
+    with_order = consecutive(recording("irb120_faro"), 300)
+    came = bench_of(with_order).chain.state
     moves = np.stack(
         [came.covariate(f"move{k}") for k in (1, 2, 3)]
     )  # the wrist has no lever to be seen by
     longest = np.abs([came.covariate(f"move{k}") for k in range(1, 7)]).max(0)
     share = moves / np.maximum(longest, 1e-9)
-    behind = (told.joints - taken.joints).T[:3]
+    behind = (with_order.joints - taken.joints).T[:3]
     assert short["value"] == pytest.approx((share * behind).sum() / (share**2).sum(), rel=0.15)
 
 
@@ -137,7 +137,7 @@ def test_in_another_order_of_rows_nothing_lags(recording):
 
 @pytest.mark.parametrize("ground", GROUNDS)
 def test_the_column_tilts_as_its_accelerometer_says(recording, ground):
-    """Held out, from 4-7 mm: at most 1.45 mm with the accelerometers and what yields in the arm; 1.85 on the seesaw."""
+    """Held out, from 4-7 mm: at most 1.45 mm with the accelerometers and the compliances of the arm; 1.85 on the seesaw."""
     bench = bench_of(recording(f"hilti_jaibot_tilt:{ground}"))
     tilts = [
         CATALOGUE["measured-tilt"]("base", "base"),

@@ -45,7 +45,7 @@ def test_irb120_faro_stage_by_stage(recording):
     assert all(stage.earned for stage in found.stages)
 
 
-def test_irb120_faro_with_all_stages_that_earn_their_place(recording):
+def test_irb120_faro_with_all_stages_retained_by_cross_validation(recording):
     """The default plan: 0.08 mm over ten blocks of consecutive configurations."""
     found = calibrate(recording("irb120_faro"))
     assert found.held_out["folds"] == 10 and found.held_out["samples"] == found.recording.n == 3000

@@ -127,12 +127,12 @@ def _separates(effect, near) -> str:
     if needs:
         return f"Recordings in which {' and '.join(needs)} changes and nothing else does."
     if effect.where == other.where:
-        return "More placements, nearer and farther and more oblique: both sit at one place."
+        return "More board poses, nearer and farther and more oblique: both sit at one place."
     kinds = {
         "artefact": "another board",
         "ball": "another ball",
         "mirror": "a second range of the mirror's angles",
-        "laser": "nearer and farther placements",
+        "laser": "nearer and farther board poses",
         "camera": "a board of another material, its temperature recorded",
         "sensor": "balls of another size and material",
         "time": "another speed of the mirror",

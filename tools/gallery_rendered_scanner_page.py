@@ -35,16 +35,16 @@ This page is written by `python tools/gallery.py rendered-scanner`.
 
 ## The stripe on a ball is not symmetric
 
-Across the stripe the light is exp(−f²/2s²) cos(incidence), f the distance from the sheet and s its 1 σ. On a curved
-surface f has a second derivative along the scan line and the cosine a slope: the fit of a Gaussian is pulled by
+Across the stripe the light is exp(−f²/2s²) cos(incidence), f the distance from the light plane and s its 1 σ. On a
+curved surface f has a second derivative along the scan line and the cosine a slope: the fit of a Gaussian is pulled by
 
     c = a² (l − (f2/f1) (3 − q a²/w²)),    a = s/f1
 
 (sensors/stripe/bend.py (`sensors/stripe/bend.py`) says what the letters mean). Almost without noise it agrees
 with rendered lines to 5 % (2 % with the true s) and leaves 0.0012 px of 0.0105 px RMS (tests/test_sensor_rendered.py).
 It is a physical effect and not one of the renderer: its size is s²/R times a function of both angles, 0.03 px where
-the light comes in at 66°, and −0.8 µm in the centre of this ball along the direction of the mirror. A sheet of 0.15
-mm and a ball of 10 mm have ten times as much. `workbench scan` takes it off: s comes from how the lines widen with
+the light comes in at 66°, and −0.8 µm in the centre of this ball along the direction of the mirror. A light plane of
+0.15 mm and a ball of 10 mm have ten times as much. `workbench scan` takes it off: s comes from how the lines widen with
 the slope, the light from the mirror. Where the light grazes by more than 60° its stripe is a ragged patch of
 speckle that no first order describes (another −1 µm): these points are left out as those are that are seen too
 steeply.
@@ -184,9 +184,9 @@ def _verdict(seeds) -> str:
         f"Ball centres are {_rms(laid):.2f} µm RMS off (mean {mean}), planes {planes:.2f} µm. {verdict} By z² stated "
         f"sigmas are up to {most:.0f} % too small. Stripes on tilted boards are pulled as those on balls are "
         "(sensors/light/straight.py (`sensors/light/straight.py`)): nearer parts are seen larger and lit more. "
-        "Against true boards and planes that makes means of up to 0.005 px of a placement, in proportion to the "
-        "board's tilt about the stripe (correlation 0.43 over 400 placements); taken off, the correlation is 0.00. "
-        "What stripes of a placement share beyond that is found to 0.009 px only, so that this much of it is counted "
+        "Against true boards and planes that makes means of up to 0.005 px of a board pose, in proportion to the "
+        "board's tilt about the stripe (correlation 0.43 over 400 board poses); taken off, the correlation is 0.00. "
+        "What stripes of a board pose share beyond that is found to 0.009 px only, so that this much of it is counted "
         "on. The camera's nine values are not independent: of 26 further seeds, boards alone, 67 % of the values are "
         "within 1 σ, and 64 % of the 234 independent combinations.",
         116,
@@ -200,7 +200,7 @@ def _directions(rows) -> str:
     return textwrap.fill(
         "- `mirror-hysteresis` and `frame-sync` part the two directions of a sweep: to agree, boards would have to "
         f"move. Their corners hold them where they are; the {left[0]:.1f} and {left[1]:.1f} px that are left are taken "
-        "for a shift of each placement, much larger than light can make one, and `workbench scanner` says that "
+        "for a shift of each board pose, much larger than light can make one, and `workbench scanner` says that "
         "something is missing. Planes are those of the mean of both directions; whoever goes on all the same has "
         f"centres that are off by {balls[0]:.0f} and {balls[1]:.0f} µm, as each scan has its own direction. In the "
         "model both are found.",

@@ -18,31 +18,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+import study_scenes  # noqa: E402
+
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
-STUDY = """kind = "compliance"
-title = "killed"
-seed = 3
-do = ["simulate"]
-part = 2
-[scene]
-robot = "abb_irb120"
-samples = 20
-sigma_mm = 0.02
-[[scene.effect]]
-effect = "joint-compliance"
-where = "joint-2"
-values = { compliance = 3e-5 }
-[vary]
-method = "sobol"
-runs = 60
-[[vary.parameter]]
-name = "c2"
-path = "scene.effect.1.values.compliance"
-low = 1e-5
-high = 1e-4
-[test]
-samples = 10
-"""
 SCENE = 'robot = "abb_irb120"\nmeasures = "external-pose"\nsamples = 3000\nsigma_mm = 0.02\n'
 PATIENCE_S = 20
 
@@ -78,7 +57,9 @@ def main() -> int:
 
 def kill_runs(home: Path, kills: int, seed: int, commands=COMMANDS) -> list[str]:
     """What went wrong, one sentence each."""
-    (home / "study.toml").write_text(STUDY, encoding="utf-8")
+    study_scenes.write_study(
+        home / "study.toml", ("runs = 40", "runs = 60"), ("part = 3", "part = 2")
+    )
     (home / "scene.toml").write_text(SCENE, encoding="utf-8")
     rng, faults = random.Random(seed), []
     for turn in range(0, kills, 4):

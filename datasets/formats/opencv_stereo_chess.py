@@ -1,6 +1,6 @@
 """OpenCV's sample stereo pairs: 13 + 13 images of a chessboard of 9 x 6 inner corners, 25 mm squares.
 
-Two cameras, one variant each; a placement of one name shows the same instant.
+Two cameras, one variant each; one value of `placement` shows the same instant.
 """
 
 from pathlib import Path

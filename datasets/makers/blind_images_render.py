@@ -177,7 +177,7 @@ class Scene:
         if not depth:
             return np.exp(-0.5 * (light.away(points, angle) / light.width) ** 2)
         # what has diffused falls off with the depth below the surface, however it came in; a pixel sees the glow
-        # of every depth that its ray goes through, in the sheet's light there
+        # of every depth that its ray goes through, in the light plane's light there
         further = rays / np.maximum(-(rays * normals).sum(0), 0.1)
         total = np.zeros(points.shape[1])
         for way, share in zip(_DEPTHS, _SHARES):

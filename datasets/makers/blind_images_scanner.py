@@ -28,18 +28,24 @@ class Lens:
         x, y = flat
         k1, k2, p1, p2 = self.brown
         r2 = x * x + y * y
-        round_ = 1 + k1 * r2 + k2 * r2 * r2
-        seen_x = x * round_ + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-        seen_y = y * round_ + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-        u, v = self.focal[0] * seen_x + self.centre[0], self.focal[1] * seen_y + self.centre[1]
-        a, b = (np.array(u) - WIDTH / 2) / (WIDTH / 2), (np.array(v) - HEIGHT / 2) / (WIDTH / 2)
+        radial = 1 + k1 * r2 + k2 * r2 * r2
+        seen_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        seen_y = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        u = self.focal[0] * seen_x + self.centre[0]
+        v = self.focal[1] * seen_y + self.centre[1]
+        shift_u, shift_v = self._glass_shift(np.array(u), np.array(v))
+        return np.stack([u + shift_u, v + shift_v])
+
+    def _glass_shift(self, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Shift in px by the glass before the lens: polynomials of the place in the image."""
+        a = (u - WIDTH / 2) / (WIDTH / 2)
+        b = (v - HEIGHT / 2) / (WIDTH / 2)
         g = self.glass
-        return np.stack(
-            [
-                u + g[0] * a**3 + g[1] * a * b * b + g[4] * (a * a - b * b) + g[5] * 2 * a * b,
-                v + g[2] * b**3 + g[3] * b * a * a - g[4] * 2 * a * b + g[5] * (a * a - b * b),
-            ]
-        )
+        hyperbola = a * a - b * b
+        saddle = 2 * a * b
+        shift_u = g[0] * a**3 + g[1] * a * b * b + g[4] * hyperbola + g[5] * saddle
+        shift_v = g[2] * b**3 + g[3] * b * a * a - g[4] * saddle + g[5] * hyperbola
+        return shift_u, shift_v
 
     def rays(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """(3, V, U) unit rays through every pair of columns u (U,) and rows v (V,) px, both ascending."""
@@ -91,10 +97,15 @@ class Light:
         """Source and normal of the fan as the mirror shows them at its true angle."""
         lean, step, turns, phase = self.nod
         wave = np.cos(turns * angle + phase)
-        face = self.face * np.cos(angle) + np.cross(self.axis, self.face) * np.sin(angle)
+        # the face is rotated about the axis, then leans towards it with the wave
+        across = np.cross(self.axis, self.face)
+        face = self.face * np.cos(angle) + across * np.sin(angle)
         face = face * np.cos(lean * wave) + self.axis * np.sin(lean * wave)
+        # mirror images of a point and of a direction
         behind = face @ (self.source - self.pivot) - self.offset - step * wave
-        return self.source - 2 * behind * face, self.normal - 2 * (self.normal @ face) * face
+        source = self.source - 2 * behind * face
+        normal = self.normal - 2 * (self.normal @ face) * face
+        return source, normal
 
     def away(self, points: np.ndarray, angle: float) -> np.ndarray:
         """(n,) mm from points (3, n) to the light."""

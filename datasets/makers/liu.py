@@ -64,10 +64,14 @@ def middles_on_sphere(positions: int) -> np.ndarray:
     """(M, 3) mm, evenly over the cap that faces the arm's shoulder (golden spiral)."""
     centre, radius = sphere()
     k = np.arange(positions) + 0.5
-    z, turn = 1 - (1 - np.cos(_CAP)) * k / positions, k * np.pi * (3 - np.sqrt(5))
-    rays = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], 1)
-    to_arm = np.array([0, 0, _NOMINAL[0][2]]) - centre
-    return centre + radius * Rotation.align_vectors(to_arm, [0, 0, 1])[0].apply(rays)
+    height = 1 - (1 - np.cos(_CAP)) * k / positions
+    golden_angle = np.pi * (3 - np.sqrt(5))
+    turn = k * golden_angle
+    around = np.sqrt(1 - height**2)
+    rays = np.stack([around * np.cos(turn), around * np.sin(turn), height], 1)
+    shoulder = np.array([0, 0, _NOMINAL[0][2]])
+    towards_arm, _ = Rotation.align_vectors(shoulder - centre, [0, 0, 1])
+    return centre + radius * towards_arm.apply(rays)
 
 
 def irb120(beams: int = 6, positions: int = 7, sigma_mm: float = 0.0, seed: int = 1) -> folder.Made:

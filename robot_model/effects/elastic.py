@@ -401,7 +401,7 @@ class MountTorsion(Effect):
 
 
 def joint_unit(chain, number: int) -> str:
-    """Unit of a joint's compliance: a slide yields in mm to a force, and typically by as much."""
+    """Unit of a joint's compliance: a slide deflects in mm under a force, and typically by as much."""
     return "mm/N" if chain.robot.prismatic[number - 1] else "rad/(N m)"
 
 

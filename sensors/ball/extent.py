@@ -9,17 +9,34 @@ _ENOUGH = 20_000
 
 def seen_extent(normal, view):
     """Half angle (rad) of the cone about the mean direction with 99 % of the points, and the share seen all round."""
-    axis = normal.mean(1) if view is None else -view.mean(1)
-    mean, axis = (one / max(np.linalg.norm(one), 1e-300) for one in (normal.mean(1), axis))
+    mean = _unit(normal.mean(1))
+    axis = mean if view is None else _unit(-view.mean(1))
     some = normal[:, :: normal.shape[1] // _ENOUGH + 1]
-    cap = float(np.quantile(np.arccos(np.clip(mean @ some, -1, 1)), 0.99))
-    angle = np.arccos(np.clip(axis @ some, -1, 1))
-    across = np.linalg.svd(axis[None])[2][1:] @ some
-    turn = np.arctan2(across[1], across[0]) if len(some) == 3 else np.pi * (across[0] < 0)
-    sectors = _SECTORS if len(some) == 3 else 2
+    from_mean = np.arccos(np.clip(mean @ some, -1, 1))
+    half_angle = float(np.quantile(from_mean, 0.99))
+    # the farthest point from the axis in every sector about it
+    from_axis = np.arccos(np.clip(axis @ some, -1, 1))
+    sectors, sector = _sectors_about(axis, some)
     reach = np.zeros(sectors)
-    np.maximum.at(reach, (turn / (2 * np.pi) % 1 * sectors).astype(int) % sectors, angle)
-    return cap, float((reach > 0.7 * np.quantile(reach, 0.8)).mean())
+    np.maximum.at(reach, sector, from_axis)
+    is_seen = reach > 0.7 * np.quantile(reach, 0.8)
+    return half_angle, float(is_seen.mean())
+
+
+def _unit(direction):
+    """The vector with length 1."""
+    return direction / max(np.linalg.norm(direction), 1e-300)
+
+
+def _sectors_about(axis, directions):
+    """Number of sectors about an axis, and the sector (n,) of each direction; in a plane the two sides."""
+    across = np.linalg.svd(axis[None])[2][1:] @ directions
+    if len(directions) == 3:
+        sectors, turn = _SECTORS, np.arctan2(across[1], across[0])
+    else:
+        sectors, turn = 2, np.pi * (across[0] < 0)
+    share = turn / (2 * np.pi) % 1
+    return sectors, (share * sectors).astype(int) % sectors
 
 
 def shell(residual: np.ndarray, share: float) -> float:

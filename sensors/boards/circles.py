@@ -67,11 +67,14 @@ def _once(rows: np.ndarray) -> np.ndarray:
 
 def _of_one_family(rows: np.ndarray) -> np.ndarray:
     """Only discs that have two or more of about their size within eight radii: a grid, and little else."""
-    radius = np.sqrt(rows[2] / np.pi)
-    apart = np.hypot(*(rows[:2, :, None] - rows[:2, None]))
-    alike = np.abs(np.log(rows[2][:, None] / rows[2])) < np.log(2)
-    near = (apart < 8 * radius[:, None]) & (apart > 1.5 * radius[:, None])
-    return rows[:, (alike & near).sum(1) >= 2]
+    places, area = rows[:2], rows[2]
+    radius = np.sqrt(area / np.pi)[:, None]
+    distance = np.hypot(*(places[:, :, None] - places[:, None]))
+    is_near = (distance > 1.5 * radius) & (distance < 8 * radius)
+    ratio = area[:, None] / area
+    is_alike = np.abs(np.log(ratio)) < np.log(2)
+    neighbours = (is_alike & is_near).sum(1)
+    return rows[:, neighbours >= 2]
 
 
 def grid_among(found: np.ndarray, columns: int, rows: int, asymmetric: bool) -> np.ndarray | None:
@@ -178,13 +181,18 @@ def lens_shift(camera, points: np.ndarray, normals: np.ndarray, radius: float) -
     D(c) + sum_k (D''(d_k, d_k) / 8 + J d_k (d_k . grad ln det J) / 4). A circle that is fitted to the disc's edge
     moves by the same.
     """
-    flat = points[:2] / points[2]
-    middle, total = camera.distort(flat), np.zeros_like(flat)
+    flat, depth = points[:2] / points[2], points[2]
+    middle = camera.distort(flat)
+    total = np.zeros_like(flat)
     for axis in _tangents(normals):
-        half = radius / points[2] * (axis[:2] - flat * axis[2])
-        (above, one), (below, other) = _bent(camera, flat + half), _bent(camera, flat - half)
-        total += (above + below - 2 * middle) / 8 + (above - below) * np.log(one / other) / 16
-    return np.array([[camera.fx], [camera.fy]]) * total
+        half = radius / depth * (axis[:2] - flat * axis[2])
+        above, area_above = _bent(camera, flat + half)
+        below, area_below = _bent(camera, flat - half)
+        curvature = (above + below - 2 * middle) / 8
+        growth = (above - below) * np.log(area_above / area_below) / 16
+        total += curvature + growth
+    focal = np.array([[camera.fx], [camera.fy]])
+    return focal * total
 
 
 def _tangents(normals):

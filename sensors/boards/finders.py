@@ -151,12 +151,19 @@ def _chess_turns(image: np.ndarray, corners: np.ndarray, board: "Board") -> list
 
 
 def _first_is_dark(image: np.ndarray, grid: np.ndarray) -> bool:
-    """Mean over all squares of one colour against the other: a reflection on one square decides nothing."""
-    middle = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
+    """Whether squares of the first one's colour are the darker ones.
+
+    All squares of one colour are compared with all of the other, so that a reflection on one square decides nothing.
+    """
+    upper, lower = grid[:-1], grid[1:]
+    middle = (upper[:, :-1] + lower[:, :-1] + upper[:, 1:] + lower[:, 1:]) / 4
     u, v = np.rint(middle).astype(int).reshape(-1, 2).T
-    grey = image[np.clip(v, 0, image.shape[0] - 1), np.clip(u, 0, image.shape[1] - 1)].astype(float)
-    even = np.add.outer(np.arange(middle.shape[0]), np.arange(middle.shape[1])).ravel() % 2 == 0
-    return np.median(grey[even]) < np.median(grey[~even])
+    height, width = image.shape
+    inside = np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)
+    grey = image[inside].astype(float)
+    row, column = np.indices(middle.shape[:2])
+    same_colour = (row + column).ravel() % 2 == 0
+    return np.median(grey[same_colour]) < np.median(grey[~same_colour])
 
 
 def _larger_chessboard(image: np.ndarray, grid: np.ndarray) -> tuple[int, int]:

@@ -257,11 +257,17 @@ def _disc(p: np.ndarray, spots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _fit(model: Model, start, spots, grey, weight) -> Fit:
     """All patches, in groups of a size that memory bears; the last of `values` is the noise of a patch."""
-    at_once = max(1, CHUNK // (spots.shape[2] * start.shape[1]))
-    rows = [slice(k, k + at_once) for k in range(0, len(start), at_once)]
-    found = [_levenberg(model, start[r], spots[:, r], grey[r], weight[r]) for r in rows]
-    values, sigma = np.concatenate([f[0] for f in found]), np.concatenate([f[1] for f in found])
-    return Fit(values[:, :2].T, sigma, values, np.isfinite(sigma))
+    values_an_evaluation = spots.shape[2] * start.shape[1]
+    at_once = max(1, CHUNK // values_an_evaluation)
+    values, sigma = [], []
+    for first in range(0, len(start), at_once):
+        group = slice(first, first + at_once)
+        found = _levenberg(model, start[group], spots[:, group], grey[group], weight[group])
+        values.append(found[0])
+        sigma.append(found[1])
+    values, sigma = np.concatenate(values), np.concatenate(sigma)
+    place = values[:, :2].T
+    return Fit(place, sigma, values, np.isfinite(sigma))
 
 
 def _levenberg(model, p, spots, grey, weight):
@@ -332,10 +338,17 @@ def _with_sigma(model, p, spots, grey, weight, normal, cost):
     """
     freedom = np.maximum(weight.sum(1) - p.shape[1], 1)
     noise = np.sqrt(cost / freedom)
-    left = weight * (grey - model(p, spots)[0])
-    adjacent = (weight[:, 1:] * weight[:, :-1]) * (spots[1, :, 1:] == spots[1, :, :-1])
-    together = (left[:, 1:] * left[:, :-1] * adjacent).sum(1) / np.maximum(adjacent.sum(1), 1)
-    r = np.clip(together / np.maximum(noise**2, 1e-30), 0, 0.8)
-    place = np.linalg.inv(normal + 1e-9 * _diagonal(normal))[:, :2, :2]
-    sigma = noise * (1 + r) / (1 - r) * np.sqrt(np.abs(np.einsum("nii->n", place)) / 2)
-    return np.column_stack([p, noise]), np.where(np.isfinite(cost), np.hypot(sigma, FINEST), np.inf)
+    residual = weight * (grey - model(p, spots)[0])
+    # pixels that follow one another in one row of the image, both of them used
+    row = spots[1]
+    in_one_row = row[:, 1:] == row[:, :-1]
+    neighbours = weight[:, 1:] * weight[:, :-1] * in_one_row
+    products = (residual[:, 1:] * residual[:, :-1] * neighbours).sum(1)
+    covariance = products / np.maximum(neighbours.sum(1), 1)
+    r = np.clip(covariance / np.maximum(noise**2, 1e-30), 0, 0.8)
+    # RMS over both coordinates of the standard deviation for noise 1, then for the noise found
+    inverse = np.linalg.inv(normal + 1e-9 * _diagonal(normal))
+    variance = np.abs(inverse[:, 0, 0] + inverse[:, 1, 1]) / 2
+    sigma = noise * (1 + r) / (1 - r) * np.sqrt(variance)
+    whole_sigma = np.where(np.isfinite(cost), np.hypot(sigma, FINEST), np.inf)
+    return np.column_stack([p, noise]), whole_sigma

@@ -22,7 +22,7 @@ from sensors.camera.start import (
     thinned,
     usual_focal,
 )
-from sensors.camera.turns import quarter_turned, tell_apart, turn
+from sensors.camera.turns import distinguishes_rotations, quarter_turned, turn
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 from workbench.core.least_squares.bundle import CHI_SQUARE_MEDIAN, BundleFit
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from sensors.boards.detection import Rejected, View
 
 FEWEST = 3
-"""Placements: fewer do not determine a camera's focal lengths, principal point and distortion."""
+"""Board poses: fewer do not determine a camera's focal lengths, principal point and distortion."""
 LEAST = 4
-"""Corners, not on one line, that a placement's pose needs."""
+"""Corners, not on one line, that a board pose needs."""
 PARALLEL = np.deg2rad(10)
 """Boards that are tilted against each other by less tell little of a focal length."""
 # As long as the camera is not known: corners that no pose and no smooth warp of the board explain to this share of
@@ -69,14 +69,14 @@ def adjusted(
     effects: Sequence[Effect],
     loss: str,
 ) -> Adjusted:
-    """Start, bundle, and bundle again without the blunders. InputError where three placements do not remain."""
+    """Start, bundle, and bundle again without the blunders. InputError where three board poses do not remain."""
     _enough(views, (), board)
     check_views(views, board, size)
     usable, few = _usable(views, board)
     usable, few = _once(usable, few)
     _enough(usable, few, board)
     chain, kept, wrong = _started(usable, few, board, size, model)
-    if tell_apart(board, effects):
+    if distinguishes_rotations(board, effects):
         chain, kept = _turned(chain, kept, board, model, effects, loss)
     rejected, left_out = [*few, *wrong], dict.fromkeys((view.image for view in kept), 0)
     while True:
@@ -112,12 +112,12 @@ def _enough(views, rejected, board):
         return
     if len(rejected) > found:
         raise InputError(
-            f"camera: expected images of a {board.title}, each placement with one pose of it, found "
+            f"camera: expected images of a {board.title}, in one pose for each value of `placement`, found "
             f"{len(rejected)} of {len(rejected) + len(views)} that are none ({rejected[0]}); correct the "
-            "board's columns and rows, or the placements"
+            "board's columns and rows, or the board poses"
         )
     raise InputError(
-        f"camera: expected the board at {FEWEST} or more placements, found {found}; take 15 to 20 "
+        f"camera: expected the board in {FEWEST} or more board poses, found {found}; take 15 to 20 "
         "images, the board tilted by 20 to 45 degrees, out to every corner"
     )
 
@@ -192,7 +192,7 @@ def _misfit(chain):
 
 
 def _turned(chain, kept, board, model, effects, loss):
-    """Chain, near its solution, and views with each placement's board the way round that its bow tells."""
+    """Chain, near its solution, and views with the board of each pose rotated so that it fits its bow."""
     for _ in range(_TURNINGS):
         solved, fit = _best(chain, effects, loss)
         other = quarter_turned(solved, fit, effects)
@@ -234,7 +234,7 @@ def _best(chain, effects, loss):
 
 
 def tilts(poses: np.ndarray) -> float:
-    """rad, the largest angle between the boards of two placements."""
+    """rad, the largest angle between two board poses."""
     normals = rotation_matrix(poses[:, 3:])[:, :, 2]
     return float(np.arccos(np.clip(normals @ normals.T, -1, 1)).max())
 
@@ -244,7 +244,7 @@ def adjust(
 ) -> tuple[Corners, BundleFit]:
     """Bundle over camera, effects and poses from the chain's start; the chain at the solution, and the fit.
 
-    A first fit, to a few corners of each placement where they are many, weighs all corners alike. What
+    A first fit, to a few corners of each board pose where they are many, weighs all corners alike. What
     its residuals exceed the corners' stated sigmas by (print, blur, lens) is the same for all corners
     and is added to their variances for the last fit: a corner of high contrast is not to be believed
     to a hundredth of a pixel because noise alone would allow it.

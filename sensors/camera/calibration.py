@@ -55,10 +55,10 @@ class Bow:
 class CameraCalibration:
     """A camera and what is known of it.
 
-    `fit` of the bundle and the `chain` of corners (sorted by placement) at its solution; `views` that
+    `fit` of the bundle and the `chain` of corners (sorted by board pose) at its solution; `views` that
     were used, `rejected` those that were not, `left_out` how many corners of a image, by its name;
     `undetermined` and `remarks` sentences; `printed` errors of the board's corners, `lens` what the
-    model leaves of it, `curved` where sigmas do not hold; the checks, None where there are too few placements. RMS are
+    model leaves of it, `curved` where sigmas do not hold; the checks, None where there are too few board poses. RMS are
     of the residuals of all corners used, none weighted down.
     """
 
@@ -110,7 +110,7 @@ class CameraCalibration:
 
     @property
     def poses(self) -> np.ndarray:
-        """(G, 6) T_camera_board of each placement: x y z (mm), rotation vector (rad)."""
+        """(G, 6) T_camera_board of each board pose: x y z (mm), rotation vector (rad)."""
         return self.fit.values["placement"]
 
     @property
@@ -192,7 +192,7 @@ def calibrate_camera(
     model: "brown" (k1 k2 p1 p2 k3) or "rational" (with k4 k5 k6). bow: fit the board's warp. effects:
     further ones of the sensor to be fitted. folds: of the held-out images, 0 for none of the
     checks. progress: called with one line a step. InputError where there are fewer than three
-    usable placements, where the views do not fit the board or one another.
+    usable board poses, where the views do not fit the board or one another.
     """
     if model not in MODELS:
         raise InputError(
@@ -254,7 +254,7 @@ def _undetermined(made: CameraCalibration) -> list[str]:
     known = "is confounded with its distance" if weak else f"is known to {sigma} only"
     return [
         f"the board was parallel to itself within {np.rad2deg(spread):.1f} degrees at all {len(made.poses)} "
-        f"placements: the focal length, which shows where it is tilted, {known}; tilt it by 20 to 45 degrees "
+        f"board poses: the focal length, which shows where it is tilted, {known}; tilt it by 20 to 45 degrees "
         "both ways",
         *said,
     ]
@@ -281,7 +281,7 @@ def _remarks(made: CameraCalibration, folds: int) -> list[str]:
     ]
     if folds and made.held_out is None:
         said.append(
-            f"no image could be left out as a check: {len(made.poses)} placements are too few; take more"
+            f"no image could be left out as a check: {len(made.poses)} board poses are too few; take more"
         )
     if made.halves is not None and made.halves.p_value < UNLIKELY:
         said.append(

@@ -15,13 +15,13 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 
 _ENOUGH = 3
-"""Placements that a camera needs."""
+"""Board poses that a camera needs."""
 _MAP = (21, 17)
 _CELLS = (8, 6)
 
 
 def group_subset(chain: Corners, groups: np.ndarray) -> Corners:
-    """The chain with some of its placements only (sorted indices), renumbered."""
+    """The chain with some of its board poses only (sorted indices), renumbered."""
     chosen = chain.at(np.isin(chain.labels["placement"], groups))
     renamed = np.searchsorted(groups, chosen.labels["placement"])
     return replace(
@@ -53,7 +53,7 @@ def posed(chain: Corners, effects: Sequence[Effect], known: Parameters) -> Corne
 
 @dataclass(frozen=True)
 class HeldOut:
-    """RMS (px, as OpenCV counts) on images left out, each fold's camera made from all other placements.
+    """RMS (px, as OpenCV counts) on images left out, each fold's camera made from all other board poses.
 
     `rms_px`: after the six numbers of each left-out pose were fitted to its own corners;
     `halved_rms_px`: the pose fitted to every second corner, the error on the others, both ways; the
@@ -78,7 +78,7 @@ class HeldOut:
 def held_out(
     chain: Corners, effects: Sequence[Effect], known: Parameters, loss: str, folds: int
 ) -> HeldOut | None:
-    """Cross-validation over placements; None where they are too few to leave any out."""
+    """Cross-validation over board poses; None where they are too few to leave any out."""
     folds = min(folds, len(chain.poses))
     if folds < 2 or len(chain.poses) - -(-len(chain.poses) // folds) < _ENOUGH:
         return None
@@ -95,7 +95,7 @@ def held_out(
 
 
 def _halves(chain):
-    """Masks (n,) of every second corner of each placement, and of the others."""
+    """Masks (n,) of every second corner of each board pose, and of the others."""
     start = np.searchsorted(chain.labels["placement"], np.arange(len(chain.poses)))
     rank = np.arange(chain.pixels.shape[1]) - start[chain.labels["placement"]]
     return rank % 2 == 0, rank % 2 == 1
@@ -214,7 +214,7 @@ def _without(rows, motion, good):
 
 @dataclass(frozen=True)
 class Halves:
-    """Two cameras, each from every second placement.
+    """Two cameras, each from every second board pose.
 
     `difference`: px by which they project points at the working distance differently, after the best
     rigid motion; `sigma`: 1 sigma of it, from both covariances; `chi_square` of the `numbers` of the
@@ -240,7 +240,7 @@ class Halves:
     def sentence(self) -> str:
         middle, worst = np.nanmedian(self.difference.value), np.nanmax(self.difference.value)
         return (
-            f"cameras from two halves of the placements project {middle:.3f} px apart in the median of the image "
+            f"cameras from two halves of the board poses project {middle:.3f} px apart in the median of the image "
             f"and {worst:.3f} px at most, {self.ratio:.2f} times what their sigmas say"
         )
 
@@ -248,7 +248,7 @@ class Halves:
 def compare_halves(
     chain: Corners, effects, known: Parameters, loss: str, distance: float
 ) -> Halves | None:
-    """Cross-validation between halves; None where a half would have too few placements."""
+    """Cross-validation between halves; None where a half would have too few board poses."""
     every = np.arange(len(chain.poses))
     if len(every) < 2 * _ENOUGH:
         return None

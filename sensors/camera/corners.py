@@ -263,7 +263,7 @@ class Evaluation:
         return np.zeros((len(slots), 2, n))
 
     def family_rows(self, name: str) -> np.ndarray:
-        """(6, 2, n) by the numbers of the pose of each sample's own placement."""
+        """(6, 2, n) by the numbers of each sample's own board pose."""
         made = np.empty((6, *self.residual.shape))
         made[:3] = self._by_point
         moment = _cross(self._board.turned, self._by_point)

@@ -24,8 +24,8 @@ _FLAT = 1e-3  # of the board's extent along its corners: they lie on a line wher
 _WITHIN = 0.05
 _OVER = 3  # corners more than a warp has numbers: fewer are no test of it
 _ORDER = 5
-_NEIGHBOURS = 40  # corners of a placement below which a warp of that order across the board would follow single ones
-_MANY = 3  # placements that are off smoothly from which on the lens is the cause
+_NEIGHBOURS = 40  # corners of a board pose below which a warp of that order across the board would follow single ones
+_MANY = 3  # board poses that are off smoothly from which on the lens is the cause
 
 
 def on_a_line(views: Sequence["View"], board) -> np.ndarray:
@@ -96,12 +96,16 @@ def _far_off(scaled):
 
 
 def _rough(chain, residual):
-    """(2, n) residuals less a smooth warp across the board of each placement."""
+    """(2, n) residuals less a smooth warp across the board of each pose."""
     x, y = chain.place
-    rows = np.stack([x**i * y**j for i in range(_ORDER + 1) for j in range(_ORDER + 1 - i)])
+    powers = [(i, j) for i in range(_ORDER + 1) for j in range(_ORDER + 1 - i)]
+    rows = np.stack([x**i * y**j for i, j in powers])
+    # corners of one pose stand together: one sum a pose, from each start to the next
     start = np.flatnonzero(np.diff(chain.labels["placement"], prepend=-1))
+    count = np.diff(start, append=residual.shape[1])
     gram = np.add.reduceat(rows[:, None] * rows, start, axis=2).transpose(2, 0, 1)
-    pull = np.add.reduceat(rows[:, None] * residual, start, axis=2).transpose(2, 0, 1)
-    warp = solve_positive(gram + 1e-9 * len(rows) * np.eye(len(rows)), pull)
-    which = np.repeat(np.arange(len(start)), np.diff(start, append=residual.shape[1]))
-    return residual - np.einsum("kn,nkc->cn", rows, warp[which])
+    right = np.add.reduceat(rows[:, None] * residual, start, axis=2).transpose(2, 0, 1)
+    small = 1e-9 * len(rows) * np.eye(len(rows))
+    warp = solve_positive(gram + small, right)
+    of_corner = np.repeat(np.arange(len(start)), count)
+    return residual - np.einsum("kn,nkc->cn", rows, warp[of_corner])

@@ -23,7 +23,7 @@ from workbench.core.model import Model
 UNLIKELY = 0.01
 """Probability below which a difference is not put down to chance: one good calibration in a hundred is remarked on."""
 _SOME = (
-    8  # placements that tell well enough how many numbers the unknowns take of the corners' means
+    8  # board poses that tell well enough how many numbers the unknowns take of the corners' means
 )
 _CELLS = (8, 6)
 _FEW = 4  # corners of a cell that make a mean
@@ -31,7 +31,7 @@ _FEW = 4  # corners of a cell that make a mean
 
 @dataclass(frozen=True)
 class PrintErrors:
-    """In-plane places of the board's corners, off by the same at all placements.
+    """In-plane places of the board's corners, off by the same at all board poses.
 
     `sigma_mm` of one coordinate, 0 where noise explains the corners' means; `p_value` of these means
     under noise alone; `covariance` (D, D) of the bundle's dense unknowns with these errors in it,
@@ -124,7 +124,7 @@ class _Share:
 
 
 def _share(chain, fit, effects, some: int) -> _Share:
-    """From `some` placements where they are more: they are much alike."""
+    """From `some` board poses where they are more: they are much alike."""
     count = len(chain.poses)
     groups = np.unique(np.linspace(0, count - 1, some).astype(int))
     chosen, weights = chain, fit.weights[0]

@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 MODELS = {"brown": BROWN, "rational": RATIONAL}
 FEW = 16
-"""Corners of a placement that a start needs: its homography takes four."""
+"""Corners of a board pose that a start needs: its homography takes four."""
 _CAMERA_GROUPS = 20
 _WIDEST, _NARROWEST = 0.2, 50.0  # focal lengths over the image's width: 136 and 1 degrees of view
 
 
 def placement_groups(views: Sequence["View"]) -> tuple[np.ndarray, list[str]]:
-    """(V,) group of each view, in order of appearance, and the groups' names: placements, else images."""
+    """(V,) group of each view, in order of appearance, and the groups' names: board poses, else images."""
     names = [view.placement or view.image for view in views]
     order = {name: k for k, name in enumerate(dict.fromkeys(names))}
     return np.array([order[name] for name in names], int), list(order)
@@ -32,7 +32,7 @@ def placement_groups(views: Sequence["View"]) -> tuple[np.ndarray, list[str]]:
 def corner_chain(
     views: Sequence["View"], board: "Board", size: tuple[int, int], model: str = "brown"
 ) -> Corners:
-    """All corners of the views, sorted by placement, before a camera and poses are known (zeros)."""
+    """All corners of the views, sorted by board pose, before a camera and poses are known (zeros)."""
     group, names = placement_groups(views)
     order = np.argsort(group, kind="stable")
     counts = np.array([len(views[k].index) for k in order])
@@ -93,13 +93,13 @@ def _covariates(views, order, counts):
 
 
 def thinned(chain: Corners) -> np.ndarray:
-    """(t,) indices of at most `FEW` corners of each placement."""
+    """(t,) indices of at most `FEW` corners of each board pose."""
     chosen, new = spread(chain)
     return chosen[new]
 
 
 def spread(chain: Corners) -> tuple[np.ndarray, np.ndarray]:
-    """(G, FEW) corners of each placement, spread over it and not in step with its columns, and which are no repeats."""
+    """(G, FEW) corners of each board pose, spread over it and out of step with its columns; which are no repeats."""
     bounds = np.searchsorted(chain.labels["placement"], np.arange(len(chain.poses) + 1))
     share = (np.arange(FEW) + np.random.default_rng(0).random(FEW)) / FEW
     chosen = bounds[:-1, None] + (share * np.diff(bounds)[:, None]).astype(int)
@@ -107,7 +107,7 @@ def spread(chain: Corners) -> tuple[np.ndarray, np.ndarray]:
 
 
 def started(chain: Corners) -> Corners:
-    """The chain at a first camera without distortion and first poses; four corners or more of every placement.
+    """The chain at a first camera without distortion and first poses; four corners or more of every board pose.
 
     Camera: cv2.initCameraMatrix2D, the linear solution of Zhang, PAMI 22 (2000) 1330, with the principal
     point in the middle. A focal length that the boards do not tell is started as a usual lens's, 1.2
@@ -151,18 +151,27 @@ def homographies(chain: Corners, chosen: np.ndarray, new: np.ndarray) -> np.ndar
     ed., alg. 4.2), with the last number 1 there: the middle of a board's corners is never at infinity.
     """
     weight = new.astype(float)
-    (x, y), board = _normalised(chain.points[:2, chosen], weight)
-    (u, v), image = _normalised(chain.pixels[:, chosen], weight)
-    rows = np.zeros((2, 9, *x.shape))
-    rows[0, 0], rows[0, 1], rows[0, 2] = rows[1, 3], rows[1, 4], rows[1, 5] = x, y, np.ones_like(x)
-    for row, seen in zip(rows, (u, v)):
-        row[6], row[7], row[8] = -seen * x, -seen * y, seen
-    rows = np.moveaxis(rows * weight, 2, 0).transpose(0, 2, 1, 3).reshape(len(chosen), 9, -1)
-    normal = rows @ rows.transpose(0, 2, 1)
-    small = 1e-12 * np.trace(normal[:, :8, :8], axis1=1, axis2=2)[:, None, None] * np.eye(8)
-    made = solve_positive(normal[:, :8, :8] + small, normal[:, :8, 8:])[..., 0]
-    made = np.concatenate([made, np.ones((len(made), 1))], axis=1).reshape(-1, 3, 3)
-    return np.linalg.solve(image, made @ board)
+    places, board = _normalised(chain.points[:2, chosen], weight)
+    pixels, image = _normalised(chain.pixels[:, chosen], weight)
+    normal = _transform_normal(places, pixels, weight)
+    gram, right = normal[:, :8, :8], normal[:, :8, 8:]
+    small = 1e-12 * np.trace(gram, axis1=1, axis2=2)
+    found = solve_positive(gram + small[:, None, None] * np.eye(8), right)[..., 0]
+    with_last = np.concatenate([found, np.ones((len(found), 1))], axis=1)
+    normalised = with_last.reshape(-1, 3, 3)
+    return np.linalg.solve(image, normalised @ board)
+
+
+def _transform_normal(places, pixels, weight):
+    """(G, 9, 9) normal matrices of the direct linear transform, from (2, G, k) places and pixels, weights (G, k)."""
+    (x, y), (u, v) = places, pixels
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    along_u = np.stack([x, y, one, zero, zero, zero, -u * x, -u * y, u])
+    along_v = np.stack([zero, zero, zero, x, y, one, -v * x, -v * y, v])
+    # (2, 9, G, k) -> (G, 9, 2 k): both equations of all corners of a board
+    both = np.stack([along_u, along_v]) * weight
+    rows = np.moveaxis(both, 2, 0).transpose(0, 2, 1, 3).reshape(len(weight), 9, -1)
+    return rows @ rows.transpose(0, 2, 1)
 
 
 def _normalised(places, weight):

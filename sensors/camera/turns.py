@@ -22,22 +22,22 @@ if TYPE_CHECKING:
 
 _BOW = tuple(f"artefact.{BoardBow.effect}.{name}" for name in ("xx", "yy", "xy"))
 _SIGNIFICANT = (
-    9.0  # chi-square between the two ways round that half of the placements must exceed: 3 sigmas
+    9.0  # chi-square between the two ways round that half of the board poses must exceed: 3 sigmas
 )
 _ROUNDS = 20
 
 
-def tell_apart(board: "Board", effects: Sequence[Effect]) -> bool:
-    """Whether the bow tells turns of this board apart: a half turn leaves a quadratic bow as it is."""
+def distinguishes_rotations(board: "Board", effects: Sequence[Effect]) -> bool:
+    """Whether the bow distinguishes rotations of this board: a half turn leaves a quadratic bow as it is."""
     return board.turns == 4 and any(isinstance(effect, BoardBow) for effect in effects)
 
 
 def quarter_turned(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> np.ndarray:
-    """(G,) True for placements whose corners fit a common bow better after a quarter turn of the board.
+    """(G,) True for board poses whose corners fit a common bow better after a quarter turn of the board.
 
     A quarter turn of the board changes the sign of the two numbers of its bow that are not round. Of
-    each placement they are found by themselves, camera held; their common size and each one's sign are
-    then chosen in turn until nothing changes. All False where the bow is too small to tell.
+    each board pose they are found by themselves, camera held; their common size and each one's sign are
+    then chosen in turn until nothing changes. All False where the bow is too small to decide.
     """
     own, known = _own_bows(chain, fit, effects)
     sign = np.sign(own @ symmetric_eigen(np.einsum("gi,gj->ij", own, own))[1][:, -1])
@@ -53,23 +53,27 @@ def quarter_turned(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) ->
 
 
 def _own_bows(chain, fit, effects):
-    """((xx - yy) / 2, xy) mm of each placement (G, 2), and what is known of them (G, 2, 2), pose free."""
+    """((xx - yy) / 2, xy) mm of each board pose (G, 2), and their information (G, 2, 2), pose free."""
     evaluation = Model(chain, tuple(effects)).evaluate(fit.parameters)
     x, y = chain.place
-    bow = np.stack([x * x - y * y, x * y])[:, None] * evaluation.rows("target", np.array([2]))
-    rows = np.concatenate([evaluation.family_rows("placement"), bow, evaluation.residual[None]])
+    shapes = np.stack([x * x - y * y, x * y])
+    bow = shapes[:, None] * evaluation.rows("target", np.array([2]))
+    pose = evaluation.family_rows("placement")
+    rows = np.concatenate([pose, bow, evaluation.residual[None]])
     rows = rows * (np.sqrt(fit.weights[0]) / chain.sigma)
+    # normal matrix of six of the pose, two of the bow and the residual, one for each board pose
     start = np.flatnonzero(np.diff(chain.labels["placement"], prepend=-1))
     gram = np.add.reduceat(np.einsum("amn,bmn->nab", rows, rows), start, axis=0)
-    mix = solve_positive(gram[:, :6, :6], gram[:, :6, 6:])
-    left = gram[:, 6:, 6:] - gram[:, 6:, :6] @ mix
-    known = left[:, :2, :2]
+    poses, mixed = gram[:, :6, :6], gram[:, :6, 6:]
+    left = gram[:, 6:, 6:] - gram[:, 6:, :6] @ solve_positive(poses, mixed)
+    information, gradient = left[:, :2, :2], left[:, :2, 2:]
+    change = solve_positive(information, gradient)[..., 0]
     xx, yy, xy = (fit.parameters[key] for key in _BOW)
-    return np.array([(xx - yy) / 2, xy]) - solve_positive(known, left[:, :2, 2:])[..., 0], known
+    return np.array([(xx - yy) / 2, xy]) - change, information
 
 
 def turn(chain: Corners, views: Sequence["View"], board: "Board", turned: np.ndarray, model: str):
-    """Chain and views with the board of the placements `turned` (G,) laid on itself by a quarter turn."""
+    """Chain and views with the board in the poses `turned` (G,) laid on itself by a quarter turn."""
     group = placement_groups(views)[0]
     views = [relabelled(view, board, 1) if turned[k] else view for view, k in zip(views, group)]
     back, middle = _quarter(board).T, board.middle

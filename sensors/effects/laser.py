@@ -1,4 +1,4 @@
-"""Effects on the light: the shape of the sheet, and the mirror that turns it."""
+"""Effects on the light: the shape of the light plane, and the mirror that turns it."""
 
 from typing import Annotated
 
@@ -13,10 +13,10 @@ _LOW_ORDERS, _HIGHEST_ORDER = range(1, 9), 400
 
 
 class PlaneBow(Effect):
-    """The light sheet is no plane: it bends along the stripe.
+    """The light plane is not flat: it bends along the stripe.
 
     Without `apex_mm` by one curvature everywhere. With it, the place in the camera frame that the
-    light fans out from, the sheet is a shallow cone whose curvature falls with the distance from
+    light fans out from, the light plane is a shallow cone whose curvature falls with the distance from
     there; the parameter is then the angle by which the cone misses the plane.
     """
 
@@ -46,7 +46,7 @@ class PlaneBow(Effect):
 
     def table(self, chain):
         if self.apex is None:
-            return (self.parameter("curvature", "1/mm", 5e-5, "the light sheet's curvature"),)
+            return (self.parameter("curvature", "1/mm", 5e-5, "the light plane's curvature"),)
         return (self.parameter("angle", "rad", 0.01, "the light cone's angle"),)
 
     def basis(self, state):

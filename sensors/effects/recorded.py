@@ -20,7 +20,7 @@ _KNOWN = ("time_s", "sweep", "mirror_speed_deg_s")
 class LaserDrift(Effect):
     """The laser's direction drifts while it warms up: linearly with time, or exponentially with a time constant.
 
-    The light sheet turns before the mirror, which moves every light plane as a turn of the mirror does.
+    The light plane turns before the mirror, which moves every light plane as a turn of the mirror does.
     """
 
     effect = "laser-drift"

@@ -62,7 +62,7 @@ class Evaluation:
 
 
 def pose_table(where: str, what: str) -> list[Parameter]:
-    """Six parameters of the placement of `what`: mm, and a rotation vector in rad."""
+    """Six parameters of the pose of `what`: mm, and a rotation vector in rad."""
     return [
         Parameter(f"{where}.{name}", unit, 0.0, PLACE if unit == "mm" else TURN, f"{what}: {words}")
         for (name, unit), words in zip(_TURNS.items(), _WORDS)

@@ -22,8 +22,8 @@ _FEWEST = 10
 @dataclass(frozen=True)
 class Circles:
     """One circle a profile: `centre` (2, P) x and z mm, `radius` (P,) mm, `rms` (P,) mm of its
-    points' distances; `used` (n,) True where a point lies on the ball; `why` sentences on what was
-    left out."""
+    points' distances; `used` (n,) True where a point lies on the ball; `why` sentences on points
+    without use."""
 
     centre: np.ndarray
     radius: np.ndarray
@@ -147,12 +147,16 @@ def _consensus(flat, noise, largest, k):
 
 def _through(a, b, c):
     """Centres (2, m) and radii (m,) of circles through three points each; inf where they are in line."""
-    b, c = b - a, c - a
+    bx, by = b - a
+    cx, cy = c - a
+    b_square = bx**2 + by**2
+    c_square = cx**2 + cy**2
     with np.errstate(divide="ignore", invalid="ignore"):
-        twice = 2 * (b[0] * c[1] - b[1] * c[0])
-        bb, cc = (b**2).sum(0), (c**2).sum(0)
-        out = np.stack([c[1] * bb - b[1] * cc, b[0] * cc - c[0] * bb]) / twice
-    return a + out, np.hypot(*out)
+        twice_area = 2 * (bx * cy - by * cx)
+        from_a = (
+            np.stack([cy * b_square - by * c_square, bx * c_square - cx * b_square]) / twice_area
+        )
+    return a + from_a, np.hypot(*from_a)
 
 
 def _within(gap, label, used, count):

@@ -151,7 +151,7 @@ def review_views(
 def camera_prior(
     camera: Camera, focal: float = 0.002, centre: float = 0.005, distortion: float = 0.02
 ) -> np.ndarray:
-    """(V, V) covariance of a camera of which only values are known, as maker's sheets state them.
+    """(V, V) covariance of a camera of which only values are known, as data sheets state them.
 
     focal: of fx and fy, as a share; centre: of cx and cy, as a share of the focal length;
     distortion: of every coefficient, times 10 for each further power of the radius squared.

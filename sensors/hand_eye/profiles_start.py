@@ -108,13 +108,17 @@ def _linear(circles, flange, radius):
 
 def _residual(values, circles, flange, radius):
     """(S, 3, P) mm at values (S, 10): place of the circle in the plane, and distance from the ball's surface."""
-    back = np.swapaxes(flange[:, :3, :3], 1, 2)
-    away = values[:, None, 6:9] - flange[:, :3, 3]
-    local = np.einsum("pij,spj->spi", back, away) - values[:, None, :3]
-    centre = np.einsum("spi,sij->spj", local, rotation_matrix(values[:, 3:6]))
+    sensor_place, sensor_turn = values[:, None, :3], values[:, 3:6]
+    ball = values[:, None, 6:9]
+    flange_inverse = np.swapaxes(flange[:, :3, :3], 1, 2)
+    from_flange = ball - flange[:, :3, 3]
+    in_flange = np.einsum("pij,spj->spi", flange_inverse, from_flange)
+    from_sensor = in_flange - sensor_place
+    centre = np.einsum("spi,sij->spj", from_sensor, rotation_matrix(sensor_turn))
+    x, y, z = np.moveaxis(centre, -1, 0)
     size = values[:, 9:] if radius is None else radius
-    over = (centre[..., 1] ** 2 + circles[2] ** 2 - size**2) / (2 * size)
-    return np.stack([centre[..., 0] - circles[0], centre[..., 2] - circles[1], over], 1)
+    off_surface = (y**2 + circles[2] ** 2 - size**2) / (2 * size)
+    return np.stack([x - circles[0], z - circles[1], off_surface], 1)
 
 
 def _descend(values, circles, flange, radius, steps):
@@ -139,16 +143,23 @@ def _descend(values, circles, flange, radius, steps):
 
 def _slope(values, circles, flange, radius):
     """(3, P, 10) derivative of `_residual` at values (10,)."""
-    turn, back = rotation_matrix(values[3:6]), np.swapaxes(flange[:, :3, :3], 1, 2)
-    local = (back @ (values[6:9] - flange[:, :3, 3])[..., None])[..., 0] - values[:3]
-    centre = local @ turn
+    sensor_place, sensor_turn, ball = values[:3], values[3:6], values[6:9]
+    turn = rotation_matrix(sensor_turn)
+    flange_inverse = np.swapaxes(flange[:, :3, :3], 1, 2)
+    from_flange = ball - flange[:, :3, 3]
+    in_flange = (flange_inverse @ from_flange[..., None])[..., 0]
+    centre = (in_flange - sensor_place) @ turn
     made = np.zeros((len(flange), 3, 10))
-    made[:, :, :3], made[:, :, 6:9] = -turn.T, turn.T @ back
-    made[:, :, 3:6] = skew(centre) @ left_jacobian(-values[3:6])
+    made[:, :, :3] = -turn.T
+    made[:, :, 3:6] = skew(centre) @ left_jacobian(-sensor_turn)
+    made[:, :, 6:9] = turn.T @ flange_inverse
+    # y, out of the profile's plane, enters by the radius of the circle that the plane cuts
     size = values[9] if radius is None else radius
-    made[:, 1] *= (centre[:, 1] / size)[:, None]
-    made[:, 1, 9] = -(centre[:, 1] ** 2 + circles[2] ** 2 + size**2) / (2 * size**2)
-    return made[:, [0, 2, 1]].transpose(1, 0, 2)
+    y = centre[:, 1]
+    made[:, 1] *= (y / size)[:, None]
+    made[:, 1, 9] = -(y**2 + circles[2] ** 2 + size**2) / (2 * size**2)
+    in_order = made[:, [0, 2, 1]]
+    return in_order.transpose(1, 0, 2)
 
 
 def _elsewhere(values, top):

@@ -89,7 +89,7 @@ def placement(values: np.ndarray) -> np.ndarray:
 
 
 def of_block(adjusted, known: Known, where: str) -> np.ndarray:
-    """(6, 6) or (3, 3) covariance of the placement at `where`: mm, and a small turn about the outer axes."""
+    """(6, 6) or (3, 3) covariance of the pose at `where`: mm, and a small turn about the outer axes."""
     names = [
         key
         for key in known.keys

@@ -12,14 +12,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from sensors.camera import corners
-from sensors.camera.corners import camera_parameters
 from sensors.camera.model import Camera
-from sensors.light.mirror import mirror_parameters
-from sensors.light.sight import Sight
+from sensors.light.sight import Sight, StripeChain
 from sensors.state import SensorState, stripe_direction
 from workbench.core.least_squares.bundle import Family
-from workbench.core.parameters import Parameters
 
 _MM = ("mm",) * 3
 
@@ -30,7 +26,7 @@ def centres_family(centres: np.ndarray) -> Family:
 
 
 @dataclass(frozen=True)
-class Balls:
+class Balls(StripeChain):
     """n points of stripes on balls.
 
     `pixels` (2, n) measured; `labels`: `ball` (n,) row of `centres` (B, 3) mm and `step` (n,) column of
@@ -53,51 +49,22 @@ class Balls:
     change: np.ndarray | None = None
     covariates: Mapping[str, np.ndarray] = field(default_factory=dict)
     _start: "Balls | None" = field(default=None, repr=False, compare=False)
-
-    @cached_property
-    def parameters(self) -> Parameters:
-        """The camera's, and with a mirror the mirror's."""
-        own = camera_parameters(self.camera)
-        return (
-            own
-            if self.mirror is None
-            else Parameters.of([*own.table, *mirror_parameters().table]).take_over(own)
-        )
-
-    @property
-    def n(self) -> int:
-        return self.pixels.shape[1]
-
-    @cached_property
-    def start(self) -> "Evaluation":
-        """The chain where it starts, with one mm as the unit of its residual."""
-        return (
-            Evaluation(self, self.parameters.values, {}, 1.0)
-            if self._start is None
-            else self._start.start
-        )
-
-    @cached_property
-    def gain(self) -> np.ndarray:
-        """(n,) mm along the ball's normal that a pixel along the scan line moves a point, at the start."""
-        if self._start is not None:
-            return self._start.gain
-        return np.abs((self.start.by_pixel * self.scan).sum(0))
+    family = "ball"
+    surfaces = "centres"
 
     @cached_property
     def state(self) -> SensorState:
         """At the start's camera, balls and planes."""
         if self._start is not None:
             return self._start.state
-        here, step = self.start, self.labels["step"]
-        angles = np.full(self.planes.shape[1], np.nan) if self.angles is None else self.angles
+        here = self.at_start
         nowhere = np.full((3, self.n), np.nan)
         return SensorState(
             self.camera,
             self.pixels,
             here.hits,
-            self.planes[:, step],
-            angles[step],
+            self.planes[:, self.labels["step"]],
+            self.commanded_angles,
             nowhere[:2],
             here.normal,
             np.maximum(self.number[self.labels["ball"]], 1),
@@ -116,42 +83,13 @@ class Balls:
             _start=None if self._start is None else self._start.at(samples),
         )
 
-    def with_families(self, values: Mapping[str, np.ndarray]) -> "Balls":
-        """The same with other centres and changes of planes; the state stays that of the start."""
-        start = self if self._start is None else self._start
-        return replace(
-            self,
-            centres=values.get("ball", self.centres),
-            change=values.get("step", self.change),
-            _start=start,
-        )
-
-    def moved(
-        self, camera: Camera, centres: np.ndarray, planes: np.ndarray, mirror=None
-    ) -> "Balls":
-        """The same measurements started elsewhere."""
-        return replace(
-            self,
-            camera=camera,
-            centres=centres,
-            planes=planes,
-            mirror=mirror,
-            change=None,
-            _start=None,
-        )
-
-    def slots(self, port: str, where: str, components: tuple[int, ...]) -> tuple[int, ...]:
-        return corners.slots(port, where, components)
-
     def numbers(self, place: str) -> tuple[int, ...]:
+        """Numbers of the balls on their certificate."""
         return tuple(sorted({int(k) for k in self.number if k})) if place == "ball" else ()
 
-    def slides(self, joint: int) -> bool:
-        return False
-
-    def evaluate(self, values: np.ndarray, deltas: Mapping) -> "Evaluation":
-        """Residual (1, n) px at the camera's and the mirror's values and changes of the ports."""
-        return Evaluation(self, values, deltas, self.gain)
+    @property
+    def evaluation(self) -> type["Evaluation"]:
+        return Evaluation
 
 
 class Evaluation(Sight):
@@ -167,7 +105,7 @@ class Evaluation(Sight):
         self.residual = ((distance - chain.radii[ball]) / gain)[None]
 
     def _hit(self):
-        """Where the rays of the pixels meet the sheets; a curved one by one step of Newton's from the flat one."""
+        """Intersect rays with light planes; two Newton steps lead from a flat plane to a curved one."""
         chain, change = self.chain, self._delta("plane")
         plane = self._planes() + change[:4]
         depth = -plane[3] / (plane[:3] * self.ray).sum(0)
@@ -182,18 +120,18 @@ class Evaluation(Sight):
         self.across = (along * self.hits).sum(0)
 
     @cached_property
-    def by_sheet(self) -> np.ndarray:
-        """(n,) mm along the normal per mm that the sheet's function rises."""
+    def by_plane(self) -> np.ndarray:
+        """(n,) mm along the normal per mm that the light plane's function rises."""
         return -(self.normal * self.ray).sum(0) / (self.slope * self.ray).sum(0)
 
     @cached_property
     def by_ray(self) -> np.ndarray:
         """(3, n) mm per unit of the ray (x/z, y/z, 1)."""
-        return self.depth * (self.normal + self.by_sheet * self.slope)
+        return self.depth * (self.normal + self.by_plane * self.slope)
 
     def _by_planes(self, rows):
         """(P, n) mm from changes of planes (P, 4, n)."""
-        return self.by_sheet * (np.einsum("pin,in->pn", rows[:, :3], self.hits) + rows[:, 3])
+        return self.by_plane * (np.einsum("pin,in->pn", rows[:, :3], self.hits) + rows[:, 3])
 
     def family_rows(self, name: str) -> np.ndarray:
         """(3, 1, n) for the ball's centre, or for the step's plane."""
@@ -205,7 +143,7 @@ class Evaluation(Sight):
             "ray": lambda here: here.by_ray * here.length,
             "mirror": Sight.mirror_rows,
             "plane": lambda here: (
-                here.by_sheet * np.stack([*here.hits, np.ones(here.chain.n), here.across**2])
+                here.by_plane * np.stack([*here.hits, np.ones(here.chain.n), here.across**2])
             ),
             "point": lambda here: -here.normal,
             "target": lambda here: -here.normal,

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sensors.boards.board import Board
+from sensors.light.board_chain import BoardStripeChain, Evaluation
 from sensors.light.grouping import centred, groups
-from sensors.light.sheets import Evaluation, Sheets
 from workbench.core.errors import InputError
 
-_FAR = 5.0  # robust sigmas from its own stripe's course beyond which a point is wrong
+_FAR = 5.0  # robust sigmas from the centreline of its own stripe beyond which a point is wrong
 _ROUNDS = 6
 _RELATED = 0.05  # correlation below which noise of points along a stripe counts as independent
 _FARTHEST = 100  # points
@@ -138,8 +138,8 @@ def on_the_board(board: Board, points: np.ndarray) -> np.ndarray:
     return ((points[:2] >= low[:, None]) & (points[:2] <= high[:, None])).all(0)
 
 
-def wrong_points(chain: Sheets, here: Evaluation) -> np.ndarray:
-    """(n,) True where a point is far from the course of its own stripe.
+def wrong_points(chain: BoardStripeChain, here: Evaluation) -> np.ndarray:
+    """(n,) True where a point is far from the centreline of its own stripe.
 
     The residual of a good stripe against any nearly right plane is smooth along the stripe: a
     parabola, fitted with Cauchy's weights to each stripe by itself. Wrong is what lies farther
@@ -152,8 +152,8 @@ def wrong_points(chain: Sheets, here: Evaluation) -> np.ndarray:
     residual, sigma = here.residual[0], np.broadcast_to(chain.sigma, (1, chain.n))[0]
     away, weights = residual, np.ones(chain.n)
     for _ in range(_ROUNDS):
-        course = _fitted(shape, residual, weights / sigma**2, group, count)
-        away = np.abs(residual - course) / sigma
+        centreline = _fitted(shape, residual, weights / sigma**2, group, count)
+        away = np.abs(residual - centreline) / sigma
         spread = max(1.4826 * np.median(away), 1e-12)
         weights = 1 / (1 + (away / (2 * spread)) ** 2)
     return away > _FAR * spread
@@ -175,7 +175,7 @@ def _fitted(shape, values, weights, group, count):
     return (shape * found.T[:, group]).sum(0)
 
 
-def thinned(chain: Sheets, most: int = 60_000) -> tuple[Sheets, np.ndarray]:
+def thinned(chain: BoardStripeChain, most: int = 60_000) -> tuple[BoardStripeChain, np.ndarray]:
     """At most about `most` points that say what all of them say, and the block (n,) that each point went into.
 
     Neighbours along one stripe become one point: their weighted mean, with the sigma of that mean,
@@ -200,11 +200,11 @@ def thinned(chain: Sheets, most: int = 60_000) -> tuple[Sheets, np.ndarray]:
     return _averaged(chain, block, int(blocks.sum())), block
 
 
-def _independent(chain: Sheets) -> int:
+def _independent(chain: BoardStripeChain) -> int:
     """Points along a stripe whose mean hardly depends on the next mean: four times the memory of the noise.
 
     Memory: 1 + 2 times the sum of the autocorrelations up to the first that is less than a twentieth
-    (after Geyer, Statistical Science 7 (1992)), of the residuals against each stripe's own course.
+    (after Geyer, Statistical Science 7 (1992)), of the residuals against each stripe's own centreline.
     """
     group, count = groups(chain.labels["placement"], chain.labels["step"])
     along = chain.pixels[1] * chain.scan[0] + chain.pixels[0] * chain.scan[1]
@@ -223,7 +223,7 @@ def _independent(chain: Sheets) -> int:
     return int(np.ceil(4 * memory)) if memory > 1 else 1
 
 
-def _averaged(chain: Sheets, block: np.ndarray, count: int) -> Sheets:
+def _averaged(chain: BoardStripeChain, block: np.ndarray, count: int) -> BoardStripeChain:
     """The chain of `count` weighted means over the points with one number in `block` (n,)."""
     weights = 1 / np.broadcast_to(chain.sigma, (1, chain.n))[0] ** 2
     total = np.bincount(block, weights, count)

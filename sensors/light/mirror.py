@@ -8,7 +8,7 @@ from workbench.core.parameters import Parameter, Parameters
 from workbench.core.rigid import left_jacobian, rotation_matrix
 
 # What may be changed about a mirror. The first seven, with the angles known, make every family of
-# planes that a face through its own axis makes: the sheet, turned about a line. The rest shows
+# planes that a face through its own axis makes: the light plane, turned about a line. The rest shows
 # hardly or not at all, see `mirror_parameters`.
 _TABLE = (
     ("tilt_face", "rad", 0.01, "the mirror axis' tilt about the face's normal"),
@@ -32,7 +32,7 @@ class Mirror:
 
     The face turns about the line through `point` (3,) along the unit vector `axis` (3,); at angle 0
     its unit normal is `face` (3,), across the axis; it stands `offset` from the axis. The laser's
-    sheet before the mirror is the plane `beam` (4,): unit normal and offset, n.X + b = 0.
+    light plane before the mirror is the plane `beam` (4,): unit normal and offset, n.X + b = 0.
     """
 
     axis: np.ndarray
@@ -67,11 +67,14 @@ class Mirror:
     def by_normal(self, angles: np.ndarray, turn: np.ndarray) -> np.ndarray:
         """(..., 4, n) change of the planes for a change `turn` (..., 3, n) of the face's normals."""
         normals, beam = self.normals(angles), self.beam[:3, None]
-        share, reach = (beam * normals).sum(0), self.point @ normals + self.offset
+        cosine = (beam * normals).sum(0)
+        reach = self.point @ normals + self.offset
+        # changes of the cosine and of the reach
         tilt = (beam * turn).sum(-2)
+        shift = (self.point[:, None] * turn).sum(-2)
         made = np.empty((*turn.shape[:-2], 4, len(angles)))
-        made[..., :3, :] = -2 * (tilt[..., None, :] * normals + share * turn)
-        made[..., 3, :] = 2 * (tilt * reach + share * (self.point[:, None] * turn).sum(-2))
+        made[..., :3, :] = -2 * (tilt[..., None, :] * normals + cosine * turn)
+        made[..., 3, :] = 2 * (tilt * reach + cosine * shift)
         return made
 
     def by_angle(self, angles: np.ndarray) -> np.ndarray:
@@ -181,7 +184,7 @@ def start_mirror(
 
     Axis: the direction that all normals hold one angle with, the shortest singular vector of their
     differences. Turn about it: twice the angle. Place: b_i = c - n_i.a, linear in a and c. The
-    face's turn at angle zero is not seen; it is set so that the sheet meets the face at `incidence`
+    face's turn at angle zero is not seen; it is set so that the light plane meets the face at `incidence`
     (rad) in mid-sweep. Gain: turn of the mirror per commanded one; its sign is that of the axis.
     """
     normals = planes[:3]

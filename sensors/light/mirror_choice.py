@@ -93,29 +93,29 @@ def try_mirror(
     commanded: (S,) rad, or numbers of the steps where by_step; at least `FEWEST`. effects: also those of the mirror.
     """
     known = _well_known(free, volume)
-    start, gain = start_mirror(free.sheets.planes[:, known], commanded[known], by_step)
+    start, gain = start_mirror(free.board_stripes.planes[:, known], commanded[known], by_step)
     said = _odd_gain(gain, by_step)
     if said:  # what was commanded is no angle of the mirror: only its steps count
         by_step, (start, gain) = (
             True,
-            start_mirror(free.sheets.planes[:, known], commanded[known], True),
+            start_mirror(free.board_stripes.planes[:, known], commanded[known], True),
         )
     angles = commanded * gain if by_step else commanded
-    sheets = fresh_start(free, start.planes(angles), start, angles)
+    board_stripes = fresh_start(free, start.planes(angles), start, angles)
     names = (*_FIRST, "gain") if by_step else _FIRST
     progress("one mirror for all planes")
-    made = solve_once(free.corners, sheets, effects, free.parameters, names)
+    made = solve_once(free.corners, board_stripes, effects, free.parameters, names)
     names, tied = _determined(made, by_step)
     if len(names) > len(made.free):
-        made = solve_once(free.corners, made.sheets, effects, made.parameters, names)
+        made = solve_once(free.corners, made.board_stripes, effects, made.parameters, names)
     if by_step:
-        gain = gain * made.sheets.angles[-1] / angles[-1] if angles[-1] else gain
+        gain = gain * made.board_stripes.angles[-1] / angles[-1] if angles[-1] else gain
     return made, _compared(free, made, gain, volume, (*said, *tied))
 
 
 def _well_known(free: Adjustment, volume) -> np.ndarray:
     """(k,) steps whose planes are known nearly as well as most: at the sweep's ends few boards are in the light."""
-    planes = free.sheets.planes
+    planes = free.board_stripes.planes
     points, step = field_points(free.camera, planes, *volume)
     variance = plane_variance(planes, points, step, free.apart(volume).planes)
     count = np.bincount(step, minlength=planes.shape[1])
@@ -129,7 +129,7 @@ def _well_known(free: Adjustment, volume) -> np.ndarray:
 def _determined(made: Adjustment, by_step):
     """Names of the parameters that the data determine better than was known before, and sentences on the others."""
     every = tuple(name for name in NAMES if by_step or name != "gain")
-    whole = solve_once(made.corners, made.sheets, made.effects, made.parameters, every)
+    whole = solve_once(made.corners, made.board_stripes, made.effects, made.parameters, every)
     _, tied = independent(whole.fit.normal, whole.fit.table, _STRICT * whole.fit.sigma_scale)
     left_out = {key.removeprefix("mirror.") for key in tied if key.startswith("mirror.")} | {
         "face_zero"
@@ -162,7 +162,7 @@ def _compared(free, made, gain, volume, said):
     more = len(made.fit.parameters.pack()) - len(
         free.fit.parameters.pack()
     )  # the mirror's and its effects'
-    degrees = max(3 * free.sheets.planes.shape[1] - more, 1)
+    degrees = max(3 * free.board_stripes.planes.shape[1] - more, 1)
     excess = max(made.chi2 - free.chi2, 0.0)
     probability = float(
         fdtrc(degrees, free.fit.degrees, excess / degrees / free.fit.sigma_scale**2)
@@ -174,8 +174,8 @@ def _compared(free, made, gain, volume, said):
         if (free_std := made.fit.std.get(f"mirror.{name}")) is not None
     }
     return MirrorCheck(
-        made.sheets.mirror,
-        made.sheets.angles,
+        made.board_stripes.mirror,
+        made.board_stripes.angles,
         made.free,
         std,
         float(gain),
@@ -195,9 +195,9 @@ def plane_differences(free: Adjustment, made: Adjustment, volume: tuple[float, f
     One laid over the other, see `scanner_errors.laid_over`. The covariance of the difference is the
     difference of the covariances (Hausman, Econometrica 46 (1978)).
     """
-    planes = free.sheets.planes
+    planes = free.board_stripes.planes
     points, step, distance, _ = laid_over(
-        free.camera, planes, made.camera, made.sheets.planes, volume
+        free.camera, planes, made.camera, made.board_stripes.planes, volume
     )
     count = np.maximum(np.bincount(step, minlength=planes.shape[1]), 1)
     each = np.sqrt(np.bincount(step, distance**2, planes.shape[1]) / count)

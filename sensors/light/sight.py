@@ -1,19 +1,114 @@
-"""What the stripe chain and the ball chain share: rays of pixels through the lens, and the light planes of their steps.
+"""What the chains of stripes on boards and on balls share: rays through the lens, and the light planes of their steps.
 
-A chain's evaluation goes on from here to where its rays meet a surface; it says what a change of a ray, and one of a
-plane, moves its residual by.
+`StripeChain` is the common base of the chains, `Sight` that of their evaluations. An evaluation of a chain intersects
+the rays with its surface and states the derivatives of its residual by a ray and by a light plane.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
+from typing import ClassVar, Self
 
 import numpy as np
 
 from sensors.camera import corners
+from sensors.camera.corners import camera_parameters
 from sensors.camera.model import Camera
-from sensors.light.mirror import MovedMirror
+from sensors.light.mirror import MovedMirror, mirror_parameters
 from sensors.light.planes import moved, moved_rows
 from workbench.core.errors import InputError
+from workbench.core.parameters import Parameters
+
+
+class StripeChain:
+    """Base of `BoardStripeChain` and `Balls`, which are frozen dataclasses of n points of stripes.
+
+    A chain has the fields `camera`, `pixels` (2, n), `labels`, `planes` (4, S), `scan`, `mirror` and `angles`, and
+    `_start`: the chain at its first linearisation, None where it is that itself. Everything that belongs to the start
+    (`at_start`, `gain`) is taken from there, so that a solve cannot change it. `evaluation` is its
+    subclass of `Sight`. `surfaces` names the field with the poses or centres of the bodies that the light falls on,
+    `family` their family in a bundle.
+    """
+
+    family: ClassVar[str]
+    surfaces: ClassVar[str]
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """Parameters of the camera and, where there is a mirror, of the mirror."""
+        own = camera_parameters(self.camera)
+        if self.mirror is None:
+            return own
+        return Parameters.of([*own.table, *mirror_parameters().table]).take_over(own)
+
+    @property
+    def n(self) -> int:
+        """Number of points."""
+        return self.pixels.shape[1]
+
+    @cached_property
+    def at_start(self) -> "Sight":
+        """Evaluation at the start, with one mm as the unit of the residual."""
+        if self._start is not None:
+            return self._start.at_start
+        return self.in_millimetres()
+
+    @cached_property
+    def gain(self) -> np.ndarray:
+        """(n,) mm that one pixel along the scan line moves a point away from its surface, at the start.
+
+        It belongs to the measurement, like a sigma: a solve must not lower its cost by raising it.
+        """
+        if self._start is not None:
+            return self._start.gain
+        return np.abs((self.at_start.by_pixel * self.scan).sum(0))
+
+    @property
+    def commanded_angles(self) -> np.ndarray:
+        """(n,) rad, angle of the mirror as commanded at each point; nan where it is unknown."""
+        every = np.full(self.planes.shape[1], np.nan) if self.angles is None else self.angles
+        return every[self.labels["step"]]
+
+    def with_families(self, values: Mapping[str, np.ndarray]) -> Self:
+        """The chain with other surfaces and changes of planes; the state stays that of the start."""
+        return replace(
+            self,
+            **{self.surfaces: values.get(self.family, getattr(self, self.surfaces))},
+            change=values.get("step", self.change),
+            _start=self if self._start is None else self._start,
+        )
+
+    def moved(self, camera: Camera, surfaces: np.ndarray, planes: np.ndarray, mirror=None) -> Self:
+        """The same measurements with another start: camera, poses or centres, planes (4, S) and mirror."""
+        return replace(
+            self,
+            **{self.surfaces: surfaces},
+            camera=camera,
+            planes=planes,
+            mirror=mirror,
+            change=None,
+            _start=None,
+        )
+
+    def slots(self, port: str, where: str, components: tuple[int, ...]) -> tuple[int, ...]:
+        """Rows of a port that `components` name, all for (); InputError where there is no such port."""
+        return corners.slots(port, where, components)
+
+    def numbers(self, place: str) -> tuple[int, ...]:
+        """Numbers of the bodies of a kind that an effect may name; none but on balls."""
+        return ()
+
+    def slides(self, joint: int) -> bool:
+        """Whether a joint is prismatic: a scanner has no joints."""
+        return False
+
+    def in_millimetres(self) -> "Sight":
+        """Evaluation at the values of the chain, with distances in mm as residual."""
+        return self.evaluation(self, self.parameters.values, {}, 1.0)
+
+    def evaluate(self, values: np.ndarray, deltas: Mapping) -> "Sight":
+        """Evaluation with residual (1, n) px at values of the camera and the mirror, and changes of the ports."""
+        return self.evaluation(self, values, deltas, self.gain)
 
 
 class Sight:

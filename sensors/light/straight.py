@@ -1,7 +1,7 @@
 """Stripes on tilted boards are not symmetric: what pulls their centres is taken off before planes are fitted to them.
 
 A tilted board is seen larger where it is nearer, and lit more where it is nearer to the light: `sensors.stripe.bend`
-says what that does to the centre. It is some thousandths of a pixel, the same for all stripes of a placement: planes
+says what that does to the centre. It is some thousandths of a pixel, the same for all stripes of a board pose: planes
 from many stripes are known better than that.
 """
 
@@ -9,13 +9,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from sensors.light.sheets import Sheets
+from sensors.light.board_chain import BoardStripeChain
 from sensors.stripe.bend import Bend, bend_on_boards
 from workbench.core.rigid import rotation_matrix
 
 
-def straightened(chain: Sheets, shape: np.ndarray | None) -> tuple[Sheets, float]:
-    """The chain without the pull of perspective, and the light sheet's 1 sigma, mm, 0 where its lines do not tell it.
+def straightened(
+    chain: BoardStripeChain, shape: np.ndarray | None
+) -> tuple[BoardStripeChain, float]:
+    """The chain without the pull of perspective, and the light plane's 1 sigma, mm, 0 where its lines do not tell it.
 
     shape (2, n): width of the line in px, and photon variance at its peak over that next to it; None where unknown.
     """
@@ -23,18 +25,18 @@ def straightened(chain: Sheets, shape: np.ndarray | None) -> tuple[Sheets, float
         return chain, 0.0
     bend = _bend(chain, None)
     line = bend.line_shape(shape[0])
-    return _without(chain, bend.pull(line, *shape)), line.sheet_mm
+    return _without(chain, bend.pull(line, *shape)), line.plane_width_mm
 
 
-def unshaded(chain: Sheets, sheet: float, light: np.ndarray) -> Sheets:
-    """The chain without the pull of light that comes from the point `light` (3,) mm, a `sheet` of that 1 sigma (mm).
+def unshaded(chain: BoardStripeChain, plane_width: float, light: np.ndarray) -> BoardStripeChain:
+    """The chain without the pull of light from the point `light` (3,) mm; `plane_width` 1 sigma, mm.
 
     How fast the light itself fans out is not known: where its source stands behind the mirror, no board tells.
     """
-    if not sheet:
+    if not plane_width:
         return chain
     bend = _bend(chain, light)
-    return _without(chain, (sheet / bend.slope) ** 2 * bend.shade)
+    return _without(chain, (plane_width / bend.slope) ** 2 * bend.shade)
 
 
 def _bend(chain, light) -> Bend:

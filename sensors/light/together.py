@@ -1,8 +1,8 @@
 """What the points of one stripe err by together: errors that no number of points along a stripe averages out.
 
 A printed edge under the light, light that falls unevenly on a tilted board, blur that changes with
-depth: each moves many points of a stripe, or all stripes of a placement, alike. They are random
-effects: a shift of each stripe, a tilt of it along itself, and a shift of each placement, each with
+depth: each moves many points of a stripe, or all stripes of a board pose, alike. They are random
+effects: a shift of each stripe, a tilt of it along itself, and a shift of each board pose, each with
 one variance for all, and stand in the covariance of the measurements as blocks.
 """
 
@@ -17,7 +17,7 @@ NAMES = ("stripe", "tilt", "placement")
 WORDS = (
     "shift of a whole stripe",
     "tilt of a stripe, at its ends",
-    "shift of all stripes of a placement",
+    "shift of all stripes of a board pose",
 )
 
 
@@ -60,7 +60,7 @@ class Together:
         )
 
     def too_much(self, centre_px: float) -> list[str]:
-        """A sentence where placements err by more than a single centre, of 1 sigma `centre_px`, does.
+        """A sentence where board poses err by more than a single centre, of 1 sigma `centre_px`, does.
 
         Uneven light and blur pull a centre by parts of what speckle does to it, and not all stripes alike.
         """
@@ -68,9 +68,9 @@ class Together:
         if not sigma - 2 * std > centre_px:
             return []
         return [
-            f"all stripes of a placement are off together by {sigma:.2g} +- {std:.1g} px (1 sigma), a single "
-            f"centre by {centre_px:.2g} px: no light on a board does that; something that changed from placement "
-            "to placement is missing, as the direction or speed of the mirror's sweep, or temperature: see "
+            f"all stripes of a board pose are off together by {sigma:.2g} +- {std:.1g} px (1 sigma), a single "
+            f"centre by {centre_px:.2g} px: no light on a board does that; something that changed from board pose "
+            "to board pose is missing, as the direction or speed of the mirror's sweep, or temperature: see "
             "`workbench diagnose`"
         ]
 
@@ -115,7 +115,7 @@ class Together:
     def steps_apart(self, sigma: np.ndarray) -> tuple[list["Step"], list["Step"]]:
         """The factors of V^-1/2 but for the division by sigma (n,) px, in their order, of the kinds that err.
 
-        First those within stripes, then that of placements. Of independent errors and one shared by a
+        First those within stripes, then that of board poses. Of independent errors and one shared by a
         group with the shape b, V = D^2 + t^2 b b', that
         factor is r - c b (b'w r) / (b'w b), w = 1 / sigma^2 and c = 1 - 1 / sqrt(1 + t^2 b'w b): what
         is done to panels with random effects (Fuller & Battese, J. Econometrics 2 (1974)). Further

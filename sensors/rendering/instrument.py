@@ -63,7 +63,7 @@ class Laser:
 
     `peak` (share of the full well) of a white surface square to the light, at the distance
     `reach_mm` from where the light fans out; it falls with the distance from there. `source` (3,)
-    mm, that place before the mirror, camera frame (for a fixed sheet: the place itself), None for
+    mm, that place before the mirror, camera frame (for a fixed light plane: the place itself), None for
     light from so far that it casts no shadow. Speckle: a multiplying field with mean 1, standard deviation
     `contrast` and Gaussian grains of 1 sigma `grain_px`.
     """
@@ -124,13 +124,13 @@ class Instrument:
         """(S,) rad, 0 where there is no mirror."""
         return np.zeros(len(self.steps)) if self.angles is None else self.angles
 
-    def sheets(self, state, moment: Moment) -> np.ndarray:
-        """(5, n) normal, offset and curvature of the sheet at each observation of `state`."""
+    def light_planes(self, state, moment: Moment) -> np.ndarray:
+        """(5, n) normal, offset and curvature of the light plane at each observation of `state`."""
         causes, planes = moment.causes, state.planes
         if self.mirror is not None and causes.on("mirror"):
             planes = self.mirror.planes(state.mirror + causes.delta("mirror", state)[0])
-        sheets = np.vstack([planes, np.zeros(state.n)])
-        return sheets + causes.delta("plane", state) if causes.on("plane") else sheets
+        planes_here = np.vstack([planes, np.zeros(state.n)])
+        return planes_here + causes.delta("plane", state) if causes.on("plane") else planes_here
 
     def light(self, index: int) -> np.ndarray | None:
         """(3,) mm where the light of a step seems to come from: the source's image in the mirror."""

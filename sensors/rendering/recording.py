@@ -35,7 +35,7 @@ class Stations:
 
     `poses` (n, 4, 4) T_artefact_sensor as they truly were; `columns` of samples.csv, each (n,), with
     `sample`; `robot` the keys of robot.toml; `section` of recording.toml's [robot], its file if empty.
-    `boards` (g, 4, 4) T_camera_board of placements that the arm held, taken at the samples `board_samples` (g,).
+    `boards` (g, 4, 4) T_camera_board of board poses that the arm held, taken at the samples `board_samples` (g,).
     `rows` (n) and `board_rows` (g): cells of images.csv of each station and each board, instead of these numbers:
     several stations of one `scan` make a joined scan.
     """

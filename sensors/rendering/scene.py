@@ -81,7 +81,7 @@ class LampKeys(_Table):
 
 
 class LaserKeys(_Table):
-    """`source_mm` where the light of a fixed sheet comes from, camera frame; a mirror has its own."""
+    """`source_mm` where the light of a fixed light plane comes from, camera frame; a mirror has its own."""
 
     width_mm: Above = 0.06
     peak: Above = 0.7

@@ -11,7 +11,7 @@ from sensors.rendering.ports import Moment
 from sensors.rendering.surfaces import Surface
 from sensors.state import SensorState, stripe_direction
 
-_REACH = 4.5  # sigmas of the sheet beyond which there is no light
+_REACH = 4.5  # sigmas of the light plane beyond which there is no light
 _NARROW = 0.7  # px: pixels gather a Gaussian of this sigma to within 2e-5 px of where it is
 _PROBES = 400  # places at which is seen how far effects move the stripe
 
@@ -103,14 +103,16 @@ def _middles(instrument, surfaces, moment, canvas) -> np.ndarray:
 
 
 def _reached(instrument, rough, probes, index, moment) -> np.ndarray:
-    """Pixels of the canvas within reach of one step's sheet, wherever the effects move it.
+    """Pixels of the canvas within reach of one step's light plane, wherever the effects move it.
 
     Single precision is enough to choose, not to render.
     """
     nominal = instrument.nominal_planes()[:, index]
     if not probes.size:
         return np.empty(0, int)
-    moved = _sheet(instrument, index, probes, moment, {}) - (nominal[:3] @ probes + nominal[3])
+    moved = _plane_distance(instrument, index, probes, moment, {}) - (
+        nominal[:3] @ probes + nominal[3]
+    )
     pixel = np.nanmax(probes[2]) / instrument.camera.fx
     low, high = min(moved.min(), 0), max(moved.max(), 0)
     limit = _REACH * _widest(instrument, index, probes) + pixel + 0.2 * (high - low)
@@ -119,18 +121,18 @@ def _reached(instrument, rough, probes, index, moment) -> np.ndarray:
         return np.flatnonzero((distance > -limit - high) & (distance < limit - low))
 
 
-def _sheet(instrument, index, points, moment, known) -> np.ndarray:
-    """(n,) mm from the sheet of a step, with everything that acts, of surface points (3, n)."""
+def _plane_distance(instrument, index, points, moment, known) -> np.ndarray:
+    """(n,) mm from the light plane of a step, with everything that acts, of surface points (3, n)."""
     n, causes = points.shape[1], moment.causes
     nominal = instrument.nominal_planes()[:, index]
     if not any(causes.on(port) for port in ("mirror", "plane", "point")):
         return nominal[:3] @ points + nominal[3]
     state = _state(instrument, index, points, moment, np.tile(nominal[:, None], n), known)
-    sheet = instrument.sheets(state, moment)
+    light_plane = instrument.light_planes(state, moment)
     if causes.on("point"):
         points = points + causes.delta("point", state)
-    along = (stripe_direction(sheet[:4]) * points).sum(0)
-    return (sheet[:3] * points).sum(0) + sheet[3] + sheet[4] * along**2
+    along = (stripe_direction(light_plane[:4]) * points).sum(0)
+    return (light_plane[:3] * points).sum(0) + light_plane[3] + light_plane[4] * along**2
 
 
 def _state(instrument, index, points, moment, planes, known) -> SensorState:
@@ -158,8 +160,8 @@ def stripe(
 ) -> Stripe:
     """The stripe of step `index` in the parts of each pixel that it reaches.
 
-    Gaussian across the sheet; Lambert's cosine of the light's incidence; falls with the distance
-    from where the sheet fans out; dark where the light is on the other side or something is before it.
+    Gaussian across the light plane; Lambert's cosine of the light's incidence; falls with the distance
+    from where the light plane fans out; dark where the light is on the other side or something is before it.
     """
     rows = stage.chosen[index]
     points = stage.points[:, rows].reshape(3, -1)
@@ -173,7 +175,7 @@ def stripe(
     }
     if known["pixels"] is None:
         del known["pixels"]
-    distance = _sheet(instrument, index, points, moment, known)
+    distance = _plane_distance(instrument, index, points, moment, known)
     bright = _across(instrument, index, distance, points) * _along(instrument, index, points)
     lit = np.flatnonzero(bright > 1e-6)
     there = points[:, lit], normals[:, lit]
@@ -191,7 +193,7 @@ def stripe(
 
 
 def _thin(distance, light, parts, width) -> bool:
-    """Whether the sheet's 1 sigma is under `_NARROW` px somewhere where it is bright."""
+    """Whether the light plane's 1 sigma is under `_NARROW` px somewhere where it is bright."""
     if parts == 1 or not light.any():
         return False
     bright = distance[light.max(1) > 0.1 * light.max()]
@@ -200,7 +202,7 @@ def _thin(distance, light, parts, width) -> bool:
 
 
 def _profile(distance, width):
-    """(n,) of Gaussian light across the sheet; 0 where nothing is seen."""
+    """(n,) of Gaussian light across the light plane; 0 where nothing is seen."""
     return np.nan_to_num(np.exp(-0.5 * (distance / width) ** 2))
 
 
@@ -213,7 +215,7 @@ def _widest(instrument, index, points):
 
 
 def _across(instrument, index, distance, points):
-    """(n,) light across the sheet: its width grows away from the waist, and its peak falls with it."""
+    """(n,) light across the light plane: its width grows away from the waist, and its peak falls with it."""
     source, laser = instrument.light(index), instrument.laser
     if source is None or not np.isfinite(laser.rayleigh_mm):
         return _profile(distance, laser.width_mm)

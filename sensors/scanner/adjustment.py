@@ -1,4 +1,4 @@
-"""The joint adjustment of a scanner: corners and stripes of all placements, camera, bow, poses and light planes."""
+"""The joint adjustment of a scanner: corners and stripes of all board poses, camera, bow, poses and light planes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -7,9 +7,9 @@ import numpy as np
 
 from sensors.camera.corners import Corners, camera_parameters, placements
 from sensors.camera.model import Camera
+from sensors.light.board_chain import BoardStripeChain
 from sensors.light.mirror import NAMES, MovedMirror
 from sensors.light.planes import in_tilts, moved, steps_family
-from sensors.light.sheets import Sheets
 from sensors.scanner.errors import Apart, apart_from_frame
 from workbench.core.effect import Effect
 from workbench.core.least_squares.bundle import BundleFit, solve_bundle
@@ -26,20 +26,20 @@ ON_BOTH = ("pixel", "ray", "target", "noise")
 
 @dataclass(frozen=True)
 class Adjustment:
-    """A joint fit: `corners` and `sheets` at its solution with the noise that was found, and the fit itself.
+    """A joint fit: `corners` and `board_stripes` at its solution with the noise that was found, and the fit itself.
 
     `free` patterns of the mirror's parameters that were fitted, () with free planes.
     """
 
     corners: Corners
-    sheets: Sheets
+    board_stripes: BoardStripeChain
     effects: tuple[Effect, ...]
     fit: BundleFit
     free: tuple[str, ...] = ()
 
     @property
     def camera(self) -> Camera:
-        return self.sheets.camera
+        return self.board_stripes.camera
 
     @property
     def parameters(self) -> Parameters:
@@ -52,8 +52,8 @@ class Adjustment:
 
     def joint(self) -> np.ndarray:
         """(P + 3 S, D) factor of the covariance of the camera's values and the planes' tilts (rad) and offsets (mm)."""
-        table, own = self.fit.table, self.sheets.camera.values
-        rows = np.zeros((len(own) + 3 * self.sheets.planes.shape[1], len(table)))
+        table, own = self.fit.table, self.board_stripes.camera.values
+        rows = np.zeros((len(own) + 3 * self.board_stripes.planes.shape[1], len(table)))
         for k, key in enumerate(camera_parameters(self.camera).keys):
             if key in table.index:
                 rows[k, table.index[key]] = 1
@@ -63,17 +63,18 @@ class Adjustment:
 
     def apart(self, volume: tuple[float, float]) -> Apart:
         """What is known of the planes in the frame that fits best, and of that frame."""
-        return apart_from_frame(self.camera, self.sheets.planes, volume, self.joint())
+        return apart_from_frame(self.camera, self.board_stripes.planes, volume, self.joint())
 
     def _plane_rows(self):
-        sheets, table = self.sheets, self.fit.table
-        steps = sheets.planes.shape[1]
+        board_stripes, table = self.board_stripes, self.fit.table
+        steps = board_stripes.planes.shape[1]
         made = np.zeros((3 * steps, len(table)))
-        if sheets.mirror is None:
+        if board_stripes.mirror is None:
             made[:, -3 * steps :] = np.eye(3 * steps)
             return made
         by_mirror = in_tilts(
-            sheets.planes, MovedMirror(sheets.mirror, _unmoved()).rows(sheets.angles)
+            board_stripes.planes,
+            MovedMirror(board_stripes.mirror, _unmoved()).rows(board_stripes.angles),
         )
         for k, name in enumerate(NAMES):
             if (key := f"mirror.{name}") in table.index:
@@ -87,17 +88,19 @@ def _unmoved():
     return change
 
 
-def models(corners: Corners, sheets: Sheets, effects: Sequence[Effect]) -> tuple[Model, Model]:
+def models(
+    corners: Corners, board_stripes: BoardStripeChain, effects: Sequence[Effect]
+) -> tuple[Model, Model]:
     """The two models; effects of the light act on stripes alone."""
     both = tuple(effect for effect in effects if effect.port in ON_BOTH)
-    return Model(corners, both), Model(sheets, tuple(effects))
+    return Model(corners, both), Model(board_stripes, tuple(effects))
 
 
 def stripe_model(
-    sheets: Sheets, effects: Sequence[Effect], known: Parameters
+    board_stripes: BoardStripeChain, effects: Sequence[Effect], known: Parameters
 ) -> tuple[Model, Parameters]:
     """The model of stripes that start where they are, and its table with the effects' `known` values."""
-    model, own = Model(sheets, tuple(effects)), sheets.parameters
+    model, own = Model(board_stripes, tuple(effects)), board_stripes.parameters
     return model, model.parameters.take_over(known).update({key: own[key] for key in own.keys})
 
 
@@ -118,15 +121,15 @@ def shared(two: Sequence[Model], known: Parameters | None, free: Sequence[str]) 
 
 def solve_once(
     corners: Corners,
-    sheets: Sheets,
+    board_stripes: BoardStripeChain,
     effects: Sequence[Effect],
     known: Parameters | None = None,
     free: Sequence[str] = (),
     loss: str = "linear",
 ) -> Adjustment:
     """One bundle from where the chains stand, with the noise that they state."""
-    fit = _bundle(corners, sheets, effects, known, free, loss=loss)
-    return at_solution(Adjustment(corners, sheets, tuple(effects), fit, tuple(free)))
+    fit = _bundle(corners, board_stripes, effects, known, free, loss=loss)
+    return at_solution(Adjustment(corners, board_stripes, tuple(effects), fit, tuple(free)))
 
 
 def linearised(made: Adjustment) -> Adjustment:
@@ -134,39 +137,45 @@ def linearised(made: Adjustment) -> Adjustment:
     derivative, and its chains then start again."""
     return replace(
         made,
-        fit=_bundle(made.corners, made.sheets, made.effects, made.parameters, made.free, steps=0),
+        fit=_bundle(
+            made.corners, made.board_stripes, made.effects, made.parameters, made.free, steps=0
+        ),
     )
 
 
-def _bundle(corners, sheets, effects, known, free, **options) -> BundleFit:
-    two = models(corners, sheets, effects)
-    families = {"placement": placements(sheets.poses)}
-    if sheets.mirror is None:
-        families["step"] = steps_family(sheets.planes)
+def _bundle(corners, board_stripes, effects, known, free, **options) -> BundleFit:
+    two = models(corners, board_stripes, effects)
+    families = {"placement": placements(board_stripes.poses)}
+    if board_stripes.mirror is None:
+        families["step"] = steps_family(board_stripes.planes)
     return solve_bundle(two, shared(two, known, free), families, **options)
 
 
 def at_solution(made: Adjustment) -> Adjustment:
     """The chains moved to where the fit ended."""
-    fit, sheets = made.fit, made.sheets
-    camera = Camera.of(fit.parameters.values[: len(sheets.camera.values)], sheets.camera.size)
+    fit, board_stripes = made.fit, made.board_stripes
+    camera = Camera.of(
+        fit.parameters.values[: len(board_stripes.camera.values)], board_stripes.camera.size
+    )
     poses, mirror = fit.values["placement"], None
-    if sheets.mirror is None:
-        planes = moved(sheets.planes, fit.values["step"])
+    if board_stripes.mirror is None:
+        planes = moved(board_stripes.planes, fit.values["step"])
     else:
         change = MovedMirror(
-            sheets.mirror, np.array([fit.parameters[f"mirror.{name}"] for name in NAMES])
+            board_stripes.mirror, np.array([fit.parameters[f"mirror.{name}"] for name in NAMES])
         )
-        sheets = replace(sheets, angles=sheets.angles * change.gain)
+        board_stripes = replace(board_stripes, angles=board_stripes.angles * change.gain)
         mirror = change.mirror
-        planes = mirror.planes(sheets.angles)
+        planes = mirror.planes(board_stripes.angles)
     corners = made.corners.moved(camera, poses)
-    return replace(made, corners=corners, sheets=sheets.moved(camera, poses, planes, mirror))
+    return replace(
+        made, corners=corners, board_stripes=board_stripes.moved(camera, poses, planes, mirror)
+    )
 
 
 def adjust(
     corners: Corners,
-    sheets: Sheets,
+    board_stripes: BoardStripeChain,
     effects: Sequence[Effect],
     known: Parameters | None = None,
     free: Sequence[str] = (),
@@ -179,20 +188,20 @@ def adjust(
     better together with the stripes, with effects that were not in the camera's model, but what they are worse by is
     where the stripes contradict them, and no noise.
     """
-    made = solve_once(corners, sheets, effects, known, free, "huber")
-    corners, sheets = (
+    made = solve_once(corners, board_stripes, effects, known, free, "huber")
+    corners, board_stripes = (
         _without_wrong(made.corners, made.fit, 0),
-        _without_wrong(made.sheets, made.fit, 1),
+        _without_wrong(made.board_stripes, made.fit, 1),
     )
-    progress(f"{sheets.n} points of stripes and {corners.pixels.shape[1]} corners are kept")
+    progress(f"{board_stripes.n} points of stripes and {corners.pixels.shape[1]} corners are kept")
     scales = made.fit.scales
     for _ in range(_ROUNDS):
         corners = replace(
             corners, sigma=corners.sigma * (scales[0] if scales[0] < 1 - _AGREES else 1)
         )
-        sheets = replace(sheets, sigma=sheets.sigma * scales[1])
-        made = solve_once(corners, sheets, effects, made.parameters, free)
-        corners, sheets, scales = made.corners, made.sheets, made.fit.scales
+        board_stripes = replace(board_stripes, sigma=board_stripes.sigma * scales[1])
+        made = solve_once(corners, board_stripes, effects, made.parameters, free)
+        corners, board_stripes, scales = made.corners, made.board_stripes, made.fit.scales
         if scales[0] > 1 - _AGREES and abs(scales[1] - 1) < _AGREES:
             break
     return made
@@ -205,8 +214,10 @@ def _without_wrong(chain, fit: BundleFit, which: int):
 
 def fresh_start(
     made: Adjustment, planes: np.ndarray | None = None, mirror=None, angles=None
-) -> Sheets:
+) -> BoardStripeChain:
     """The stripes of an adjustment, started at its solution with other planes or with a mirror."""
-    sheets = made.sheets if angles is None else replace(made.sheets, angles=angles)
-    planes = sheets.planes if planes is None else planes
-    return sheets.moved(made.camera, sheets.poses, planes, mirror)
+    board_stripes = (
+        made.board_stripes if angles is None else replace(made.board_stripes, angles=angles)
+    )
+    planes = board_stripes.planes if planes is None else planes
+    return board_stripes.moved(made.camera, board_stripes.poses, planes, mirror)

@@ -25,10 +25,10 @@ Calibrate = Callable[[Sequence[Effect]], ScannerCalibration]
 
 def misfit_of(calibration: ScannerCalibration) -> Misfit | None:
     """Lack of fit of the stripes on boards against the light planes; None where there are too few."""
-    sheets, good = calibration.stripes, ~calibration.wrong
-    labels = sheets.labels
+    board_stripes, good = calibration.stripes, ~calibration.wrong
+    labels = board_stripes.labels
     stripe = labels["placement"] * len(calibration.scanner.steps) + labels["step"]
-    return stripe_misfit(calibration.residual_px[good], stripe[good], sheets.along[good])
+    return stripe_misfit(calibration.residual_px[good], stripe[good], board_stripes.along[good])
 
 
 def calibrated_with_bow(calibrate: Calibrate) -> ScannerCalibration:
@@ -42,7 +42,7 @@ def calibrated_with_bow(calibrate: Calibrate) -> ScannerCalibration:
         return flat
     bow = PlaneBow("laser")
     bowed = calibrate((bow,))
-    key = bow.parameters(bowed.made.sheets)[0].key
+    key = bow.parameters(bowed.made.board_stripes)[0].key
     value, std = bowed.made.parameters[key], bowed.std[key]
     if not (abs(value) > _SIGNIFICANT * std and _is_better(flat, bowed, misfit)):
         return flat

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sensors.light.board_chain import BoardStripeChain
 from sensors.light.board_stripes import BoardStripes, on_the_board, thinned, wrong_points
 from sensors.light.mirror_choice import FEWEST, MirrorCheck, try_mirror
 from sensors.light.planes import plane_through, plane_variance
-from sensors.light.sheets import Sheets
 from sensors.light.straight import straightened, unshaded
 from sensors.light.together import Together
 from sensors.scanner.adjustment import Adjustment, adjust
@@ -29,9 +29,9 @@ Progress = Callable[[str], None]
 _FEWEST_POINTS = 20
 _FEWEST_PLACEMENTS = 2
 _FRAME_TAKES = 3  # planes below which six numbers of a frame make up for all of theirs
-_NO_BOARD = "no board: no usable image of the board at their placement"
+_NO_BOARD = "no board: no usable image of the board in their pose"
 _OFF_BOARD = "off the board"
-_NO_PLANE = "their step's plane is not determined: fewer than two placements, or one line"
+_NO_PLANE = "their step's plane is not determined: fewer than two board poses, or one line"
 _WRONG = "wrong: far from the course of their stripe or from its plane"
 _STILL = 1e-6  # rad, below which commanded angles say nothing of how the mirror turns
 _LINE = 0.02  # second over first spread of a step's points below which they lie on one line, and make no plane
@@ -47,10 +47,10 @@ class ScannerCalibration:
     result and `wrong` (n,) those left out; `rms_px`, `rms_mm` (S,) of each step's good points;
     `sigma_plane_mm` (S,) RMS over the working volume of each plane's 1 sigma in the camera's frame,
     most of which is that frame's own and moves nothing against anything else: `apart` says what is
-    left without it; what points of a stripe err by together (`made.sheets.together`) is in both; `dropped` numbers
-    of points, by reason; `volume` nearest and farthest depth, mm; `sentences` what was dropped, what is not
-    determined and what was refused; `commanded` (S,) rad mirror angles of the steps as images.csv states them, None
-    where it does not.
+    left without it; the errors that points of a stripe share (`made.board_stripes.together`) are in both;
+    `dropped` numbers of points, by reason; `volume` nearest and farthest depth, mm; `sentences` what was
+    dropped, what is not determined and what was refused; `commanded` (S,) rad mirror angles of the steps as
+    images.csv states them, None where it does not.
     """
 
     scanner: Scanner
@@ -60,7 +60,7 @@ class ScannerCalibration:
     mirror: MirrorCheck | None
     left_out: LeftOut | None
     placements: tuple[str, ...]
-    stripes: Sheets
+    stripes: BoardStripeChain
     residual_px: np.ndarray
     residual_mm: np.ndarray
     wrong: np.ndarray
@@ -81,7 +81,7 @@ class ScannerCalibration:
     @property
     def poses(self) -> np.ndarray:
         """(G, 6) T_camera_board of each of `placements`."""
-        return self.made.sheets.poses
+        return self.made.board_stripes.poses
 
     @property
     def sigma_apart_mm(self) -> np.ndarray:
@@ -126,13 +126,13 @@ def calibrate_scanner(
     provenance: Mapping | None = None,
     progress: Progress = lambda text: None,
 ) -> ScannerCalibration:
-    """One adjustment of corners and stripes of all placements, each residual in pixels.
+    """One adjustment of corners and stripes of all board poses, each residual in pixels.
 
     views: images of the board without laser; stripes: points of the laser's line on it, with the
-    placement and the mirror's step of each. camera: a calibration of these views, made here where not given.
+    board pose and the mirror's step of each. camera: a calibration of these views, made here where not given.
     effects: further ones of the sensor to be fitted (those of `camera` always are); those of the mirror
     act only where the mirror is tried: free planes hold them already. mirror: try the
-    physical mirror where there are five steps or more. check: leave placements out.
+    physical mirror where there are five steps or more. check: leave board poses out.
     InputError where no stripe is on a board, or no plane is determined.
     """
     if camera is None:
@@ -162,15 +162,21 @@ def calibrate_scanner(
 
 def _unshaded(found: "_Found", tried: Adjustment, light):
     """Stripes less what the light's slope on tilted boards pulls them by, where a mirror says where it comes from."""
-    there = replace(found.whole, poses=tried.sheets.poses)
-    shift = unshaded(there, found.sheet_mm, light).pixels
-    sheets = replace(tried.sheets, pixels=unshaded(tried.sheets, found.sheet_mm, light).pixels)
-    return replace(found, whole=replace(found.whole, pixels=shift)), replace(tried, sheets=sheets)
+    there = replace(found.whole, poses=tried.board_stripes.poses)
+    shift = unshaded(there, found.plane_width_mm, light).pixels
+    board_stripes = replace(
+        tried.board_stripes,
+        pixels=unshaded(tried.board_stripes, found.plane_width_mm, light).pixels,
+    )
+    return replace(found, whole=replace(found.whole, pixels=shift)), replace(
+        tried, board_stripes=board_stripes
+    )
 
 
 def _result(camera, found, free, made, checked, left, provenance) -> ScannerCalibration:
-    last = replace(found.whole, angles=made.sheets.angles)
-    last = last.moved(made.camera, made.sheets.poses, made.sheets.planes, made.sheets.mirror)
+    stripes = made.board_stripes
+    last = replace(found.whole, angles=stripes.angles)
+    last = last.moved(made.camera, stripes.poses, stripes.planes, stripes.mirror)
     pixels, millimetres = residuals(made, last)
     good = ~found.wrong & (np.abs(pixels) <= 5 * 1.4826 * np.median(np.abs(pixels[~found.wrong])))
     dropped = {**found.dropped, _WRONG: int((~good).sum())}
@@ -178,9 +184,9 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
     scanner = Scanner(
         made.camera,
         found.steps,
-        made.sheets.planes,
-        made.sheets.mirror,
-        None if made.sheets.mirror is None else made.sheets.angles,
+        stripes.planes,
+        stripes.mirror,
+        None if stripes.mirror is None else stripes.angles,
         _effects(made),
         centre,
         apart.planes,
@@ -188,15 +194,10 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
         last.scan[:, 0],
         dict(provenance or {}),
         apart.frame,
-        made.sheets.together.named,
+        stripes.together.named,
     )
-    said = (
-        *_on_dropped(dropped),
-        *camera.undetermined,
-        *_on_mirror(checked),
-        *_on_shared(made, centre),
-        *_on_fit(made),
-    )
+    about_fit = *_on_mirror(checked), *_on_shared(made, centre), *_on_fit(made)
+    sentences = *_on_dropped(dropped), *camera.undetermined, *about_fit
     step = last.labels["step"]
     return ScannerCalibration(
         scanner,
@@ -216,19 +217,21 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
         apart,
         dropped,
         found.volume,
-        said,
+        sentences,
         found.commanded,
     )
 
 
 def _on_shared(made, centre):
-    together = made.sheets.together
+    together = made.board_stripes.together
     return [together.sentence, *together.too_much(centre)]
 
 
-def _centre_noise(sheets, residual):
+def _centre_noise(board_stripes, residual):
     """px, 1 sigma of single centres of stripes, without what they share; of all where there are too few to tell."""
-    variance = own_noise(residual, np.ones(sheets.n), Together.of(sheets.labels, sheets.along))
+    variance = own_noise(
+        residual, np.ones(board_stripes.n), Together.of(board_stripes.labels, board_stripes.along)
+    )
     return float(np.sqrt(variance if np.isfinite(variance) else (residual**2).mean()))
 
 
@@ -241,14 +244,14 @@ def _rms(values, step, good, count):
 @dataclass(frozen=True)
 class _Found:
     """Stripe points on boards, sorted out: the chain at its start, its steps (S,) and their commanded angles, and
-    `sheet_mm` as of `straightened`."""
+    `plane_width_mm` as of `straightened`."""
 
-    whole: Sheets
+    whole: BoardStripeChain
     wrong: np.ndarray
     steps: np.ndarray
     commanded: np.ndarray | None
     dropped: dict[str, int]
-    sheet_mm: float
+    plane_width_mm: float
 
     @property
     def volume(self) -> tuple[float, float]:
@@ -258,7 +261,7 @@ class _Found:
 
 
 def _prepared(camera, stripes: BoardStripes, board) -> _Found:
-    """Points whose placement has a pose, that lie on the board, at steps whose plane they determine."""
+    """Points whose board pose is known, that lie on the board, at steps whose plane they determine."""
     dropped: dict[str, int] = {}
     names = np.array(camera.placements)
     kept = _less(stripes, np.isin(stripes.placement, names), dropped, _NO_BOARD)
@@ -271,7 +274,7 @@ def _prepared(camera, stripes: BoardStripes, board) -> _Found:
         kept,
         "points of the laser's line on a board that was seen",
         dropped,
-        "see that placements of board and board-laser images agree",
+        "see that `placement` of board and board-laser images agree",
     )
     steps, step = np.unique(kept.step, return_inverse=True)
     planes, fine = _start_planes(hits, group, step, len(steps))
@@ -279,15 +282,15 @@ def _prepared(camera, stripes: BoardStripes, board) -> _Found:
     kept, group = _less(kept, on, dropped, _NO_PLANE), group[on]
     _some(
         kept,
-        f"a step seen at {_FEWEST_PLACEMENTS} placements with the board at different depths",
+        f"a step seen in {_FEWEST_PLACEMENTS} board poses at different depths",
         dropped,
         "move the board and take more images",
     )
     steps = steps[fine]
     whole = _chain(camera, kept, board, group, np.searchsorted(steps, kept.step), planes[:, fine])
-    whole, sheet = straightened(whole, kept.shape)
+    whole, plane_width = straightened(whole, kept.shape)
     return _Found(
-        whole, wrong_points(whole, whole.at_start), steps, kept.angles(steps), dropped, sheet
+        whole, wrong_points(whole, whole.at_start), steps, kept.angles(steps), dropped, plane_width
     )
 
 
@@ -306,11 +309,11 @@ def _less(stripes, keep, dropped, why):
     return stripes.at(keep)
 
 
-def _chain(camera, stripes, board, group, step=None, planes=None) -> Sheets:
+def _chain(camera, stripes, board, group, step=None, planes=None) -> BoardStripeChain:
     """The stripe chain; without planes it only knows where rays meet boards."""
     step = np.zeros(stripes.n, int) if step is None else step
     planes = np.zeros((4, 1)) if planes is None else planes
-    return Sheets(
+    return BoardStripeChain(
         camera.camera,
         stripes.pixels,
         {"placement": group, "step": step},
@@ -343,7 +346,7 @@ def _effects(made: Adjustment):
         if effect.port in ("target", "noise"):
             continue
         start = f"{effect.where}.{effect.effect}."
-        names = [p.key for p in effect.parameters(made.sheets)]
+        names = [p.key for p in effect.parameters(made.board_stripes)]
         kept.append(
             (effect, np.array([made.parameters[name] for name in names if name.startswith(start)]))
         )
@@ -358,7 +361,7 @@ def _sigma_planes(made: Adjustment, volume) -> np.ndarray:
 
 def _over_volume(made, covariance, volume):
     """(S,) mm, RMS over the working volume, of planes with a covariance (3 S, 3 S)."""
-    planes = made.sheets.planes
+    planes = made.board_stripes.planes
     points, step = field_points(made.camera, planes, *volume)
     variance = plane_variance(planes, points, step, covariance)
     count = np.bincount(step, minlength=planes.shape[1])

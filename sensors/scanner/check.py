@@ -1,25 +1,25 @@
-"""A scanner judged by placements that its light planes were not made from."""
+"""A scanner judged by board poses that its light planes were not made from."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sensors.light.sheets import Sheets
+from sensors.light.board_chain import BoardStripeChain
 from sensors.scanner.adjustment import Adjustment, solve_once, stripe_model
 
 _FOLDS = 20
 _INLIER = 3.0  # robust sigmas
-_LEAST = 2  # placements that a free plane needs
+_LEAST = 2  # board poses that a free plane needs
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Stripes of placements whose stripes were left out: how far they lie from the planes that the others make.
+    """Stripes of board poses that were left out: how far they lie from the planes that the others make.
 
     `residual_px` (n,) along the scan line and `residual_mm` (n,) from the plane, nan where too few
-    placements were left for a plane; robust `rms` of the inliers, those within three robust sigmas,
-    and their share; `placement_rms_mm` (G,) of all points of each. The pose of a left-out placement
+    board poses were left for a plane; robust `rms` of the inliers, those within three robust sigmas,
+    and their share; `placement_rms_mm` (G,) of all points of each. The pose of a left-out board pose
     comes from its corners alone.
     """
 
@@ -53,7 +53,7 @@ class LeftOut:
     @property
     def sentence(self) -> str:
         return (
-            f"stripes of placements left out, in {self.folds} folds: {self.rms_mm:.4f} mm from the light plane "
+            f"stripes of board poses left out, in {self.folds} folds: {self.rms_mm:.4f} mm from the light plane "
             f"({self.rms_px:.3f} px along the scan line), {100 * self.share:.1f} % within three robust sigmas; "
             f"{self.rms_all_mm:.4f} mm with all points"
         )
@@ -64,19 +64,19 @@ def _rms(values):
 
 
 def leave_out(
-    made: Adjustment, whole: Sheets, progress: Callable[[str], None] = lambda text: None
+    made: Adjustment, whole: BoardStripeChain, progress: Callable[[str], None] = lambda text: None
 ) -> LeftOut | None:
-    """Each placement's stripes left out of the adjustment; in folds where there are more than twenty.
+    """Each board pose's stripes left out of the adjustment; in folds where there are more than twenty.
 
-    whole: all stripe points on the board, wrong ones too. None with fewer than three placements.
+    whole: all stripe points on the board, wrong ones too. None with fewer than three board poses.
     """
-    present = np.unique(made.sheets.labels["placement"])
+    present = np.unique(made.board_stripes.labels["placement"])
     folds = min(_FOLDS, len(present))
     if len(present) < 3:
         return None
     pixels, millimetres = np.full(whole.n, np.nan), np.full(whole.n, np.nan)
     for fold in range(folds):
-        progress(f"placements left out, {fold + 1} of {folds}")
+        progress(f"board poses left out, {fold + 1} of {folds}")
         out = np.isin(whole.labels["placement"], present[fold::folds])
         pixels[out], millimetres[out] = _one(made, whole, present[fold::folds], out)
     return _judged(folds, pixels, millimetres, whole)
@@ -94,28 +94,34 @@ def _judged(folds, pixels, millimetres, whole):
 
 
 def _one(made, whole, placements, out):
-    """Residuals in px and mm of the points `out` of some placements, against planes made without them."""
-    sheets = made.sheets
-    keep = ~np.isin(sheets.labels["placement"], placements)
-    left = solve_once(made.corners, sheets.at(keep), made.effects, made.parameters, made.free)
-    held = replace(whole.at(out), angles=left.sheets.angles)
-    held = held.moved(left.camera, left.sheets.poses, left.sheets.planes, left.sheets.mirror)
+    """Residuals in px and mm of the points `out` of some board poses, against planes made without them."""
+    board_stripes = made.board_stripes
+    keep = ~np.isin(board_stripes.labels["placement"], placements)
+    left = solve_once(
+        made.corners, board_stripes.at(keep), made.effects, made.parameters, made.free
+    )
+    held = replace(whole.at(out), angles=left.board_stripes.angles)
+    held = held.moved(
+        left.camera, left.board_stripes.poses, left.board_stripes.planes, left.board_stripes.mirror
+    )
     pixels, millimetres = residuals(left, held)
-    if sheets.mirror is None:
-        known = _placements_of(sheets.at(keep)) >= _LEAST
+    if board_stripes.mirror is None:
+        known = _placements_of(board_stripes.at(keep)) >= _LEAST
         unknown = ~known[held.labels["step"]]
         pixels[unknown] = millimetres[unknown] = np.nan
     return pixels, millimetres
 
 
-def _placements_of(sheets: Sheets) -> np.ndarray:
-    """(S,) how many placements each step's plane is seen at."""
-    pairs = np.unique(np.stack([sheets.labels["step"], sheets.labels["placement"]]), axis=1)
-    return np.bincount(pairs[0], minlength=sheets.planes.shape[1])
+def _placements_of(board_stripes: BoardStripeChain) -> np.ndarray:
+    """(S,) how many board poses each step's plane is seen at."""
+    pairs = np.unique(
+        np.stack([board_stripes.labels["step"], board_stripes.labels["placement"]]), axis=1
+    )
+    return np.bincount(pairs[0], minlength=board_stripes.planes.shape[1])
 
 
-def residuals(made: Adjustment, sheets: Sheets) -> tuple[np.ndarray, np.ndarray]:
+def residuals(made: Adjustment, board_stripes: BoardStripeChain) -> tuple[np.ndarray, np.ndarray]:
     """(n,) px along the scan line and (n,) mm from the plane, of stripe points at an adjustment's solution."""
-    model, table = stripe_model(sheets, made.effects, made.parameters)
+    model, table = stripe_model(board_stripes, made.effects, made.parameters)
     pixels = model.residual(table)[0]
-    return pixels, pixels * sheets.gain
+    return pixels, pixels * board_stripes.gain

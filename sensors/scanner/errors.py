@@ -51,12 +51,17 @@ def _inverse_slope(camera, points):
 
 def by_camera(camera: Camera, points: np.ndarray, planes: np.ndarray) -> np.ndarray:
     """(P, 3, n) mm per unit of the camera's values, the pixel kept."""
-    bent, _, by_coefficient = camera.distort_rows(points[:2] / points[2])
+    flat = points[:2] / points[2]
+    bent, _, by_coefficient = camera.distort_rows(flat)
+    # change of the distorted point (x, y) by fx, fy, cx, cy and the coefficients, for a given pixel
     rows = np.zeros((len(camera.values), 2, points.shape[1]))
-    rows[0, 0], rows[1, 1] = -bent[0] / camera.fx, -bent[1] / camera.fy
-    rows[2, 0], rows[3, 1] = -1 / camera.fx, -1 / camera.fy
+    rows[0, 0] = -bent[0] / camera.fx
+    rows[1, 1] = -bent[1] / camera.fy
+    rows[2, 0] = -1 / camera.fx
+    rows[3, 1] = -1 / camera.fy
     rows[4:] = -by_coefficient
-    per_bent = np.einsum("cjn,jin->cin", _inverse_slope(camera, points), by_flat(points, planes))
+    slope = _inverse_slope(camera, points)
+    per_bent = np.einsum("cjn,jin->cin", slope, by_flat(points, planes))
     return np.einsum("pcn,cin->pin", rows, per_bent)
 
 

@@ -15,7 +15,7 @@ _FEWEST_POINTS = 12
 _FEWEST_STRIPES = 3
 _LEVEL = 1e-3
 # Share of the noise of a single centre from which lack of fit matters. Below it, uneven reflectance and perspective
-# explain it, and the random effects of stripes and placements in the covariance hold it.
+# explain it, and the random effects of stripes and board poses in the covariance hold it.
 _RELEVANT = 0.5
 _FARTHEST = 60  # points
 _SOME = 30  # stripes that the autocovariance of noise is taken from

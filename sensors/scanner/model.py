@@ -137,7 +137,7 @@ class Scanner:
         plane = self._turned(place, change["mirror"]) + change["plane"][:4]
         along = (stripe_direction(self.planes)[:, place] * ray).sum(0)
         facing = (plane[:3] * ray).sum(0)
-        # root of k s^2 d^2 + n.r d + b = 0 that becomes -b / n.r for a flat sheet
+        # root of k s^2 d^2 + n.r d + b = 0 that becomes -b / n.r for a flat light plane
         under = facing**2 - 4 * change["plane"][4] * along**2 * plane[3]
         with np.errstate(invalid="ignore", divide="ignore"):
             depth = -2 * plane[3] / (facing + np.sign(facing) * np.sqrt(under))

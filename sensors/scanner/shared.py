@@ -1,4 +1,4 @@
-"""How much points of one stripe, and stripes of one placement, err together: variances from the adjustment itself."""
+"""How much points of one stripe, and stripes of one board pose, err together: variances from the adjustment itself."""
 
 from dataclasses import dataclass, replace
 
@@ -21,13 +21,15 @@ def with_shared_errors(made: Adjustment) -> Adjustment:
     Boards first stand where their corners alone put them. From where stripes had pushed them, before it was known
     what these share, no line leads to the likelihood of that: the push would be read as noise of the corners.
     """
-    if made.sheets.together is None:
+    if made.board_stripes.together is None:
         made = _held_by_corners(made)
     for _ in range(_ROUNDS):
-        before = made.sheets.together
+        before = made.board_stripes.together
         together, noise = shared_errors(made)
-        sheets = replace(made.sheets, together=together, sigma=made.sheets.sigma * noise)
-        made = solve_once(made.corners, sheets, made.effects, made.parameters, made.free)
+        board_stripes = replace(
+            made.board_stripes, together=together, sigma=made.board_stripes.sigma * noise
+        )
+        made = solve_once(made.corners, board_stripes, made.effects, made.parameters, made.free)
         if _settled(before, together) and abs(noise - 1) < _AGREES and not _turned(made):
             break
     return made
@@ -35,12 +37,12 @@ def with_shared_errors(made: Adjustment) -> Adjustment:
 
 def _held_by_corners(made: Adjustment) -> Adjustment:
     """Poses by the corners alone and planes by the stripes there; as a first guess of what these share, what they
-    miss their planes by: the root of the mean square of the means of placements, and of stripes relative to these."""
-    sheets = replace(made.sheets, sigma=made.sheets.sigma * _LIGHT)
-    held = solve_once(made.corners, sheets, made.effects, made.parameters, made.free)
-    sheets = replace(held.sheets, sigma=held.sheets.sigma / _LIGHT)
+    miss their planes by: the root of the mean square of the means of board poses, and of stripes relative to these."""
+    board_stripes = replace(made.board_stripes, sigma=made.board_stripes.sigma * _LIGHT)
+    held = solve_once(made.corners, board_stripes, made.effects, made.parameters, made.free)
+    board_stripes = replace(held.board_stripes, sigma=held.board_stripes.sigma / _LIGHT)
     together, left, sigma = (
-        Together.of(sheets.labels, sheets.along),
+        Together.of(board_stripes.labels, board_stripes.along),
         held.fit.residual[1][0],
         np.zeros(len(NAMES)),
     )
@@ -48,7 +50,9 @@ def _held_by_corners(made: Adjustment) -> Adjustment:
         label = together.labels[kind]
         means = np.bincount(label, left) / np.bincount(label)
         left, sigma[kind] = left - means[label], np.sqrt((means**2).mean())
-    return replace(held, sheets=replace(sheets, together=replace(together, sigma=sigma)))
+    return replace(
+        held, board_stripes=replace(board_stripes, together=replace(together, sigma=sigma))
+    )
 
 
 def _settled(before: Together, now: Together) -> bool:
@@ -75,17 +79,19 @@ def shared_errors(made: Adjustment) -> tuple[Together, float]:
 
     Restricted maximum likelihood (`sensors.components`) on the adjustment's linear model there, with its
     unknowns, so that what planes and poses take of a stripe's error is not counted as none. A kind that
-    another one is by construction (one stripe a placement) stays 0. Where there are more than
+    another one is by construction (one stripe a board pose) stays 0. Where there are more than
     `_MOST` stripes, those of steps spread evenly count: the others reach them only through the
     few numbers that all share.
     """
-    sheets = made.sheets
-    together = Together.of(sheets.labels, sheets.along)
-    effects = _effects(sheets, together)
+    board_stripes = made.board_stripes
+    together = Together.of(board_stripes.labels, board_stripes.along)
+    effects = _effects(board_stripes, together)
     if not len(effects.kind):
         return together, 1.0
     noise = own_noise(
-        made.fit.residual[1][0], np.broadcast_to(sheets.sigma, (1, sheets.n))[0] ** -2.0, together
+        made.fit.residual[1][0],
+        np.broadcast_to(board_stripes.sigma, (1, board_stripes.n))[0] ** -2.0,
+        together,
     )
     noise = noise if np.isfinite(noise) else 1.0
     own, pull, kind = _apart_from_all(*_left(made, effects), effects.kind)
@@ -122,10 +128,10 @@ def own_noise(residual: np.ndarray, weight: np.ndarray, together: Together) -> f
 
 
 def _apart_from_all(own, pull, kind):
-    """R, g and kinds with contrasts of the placements' shifts in place of these.
+    """R, g and kinds with contrasts of the board poses' shifts in place of these.
 
-    What all placements are off by alike is the scanner's and no placement's: planes and principal point take it up but
-    for next to nothing, and that remnant would answer for whatever else is wrong.
+    An error that all board poses share belongs to the scanner: planes and principal point absorb nearly all of it, and
+    the small remainder would take the blame for other errors.
     """
     from scipy.linalg import block_diag, helmert
 
@@ -146,11 +152,14 @@ class _Effects:
     norm: object
 
 
-def _effects(sheets, together) -> _Effects:
+def _effects(board_stripes, together) -> _Effects:
     from scipy.sparse import csr_array, vstack
 
-    weight, n = np.broadcast_to(sheets.sigma, (1, sheets.n))[0] ** -2.0, sheets.n
-    place, step = sheets.labels["placement"], sheets.labels["step"]
+    weight, n = (
+        np.broadcast_to(board_stripes.sigma, (1, board_stripes.n))[0] ** -2.0,
+        board_stripes.n,
+    )
+    place, step = board_stripes.labels["placement"], board_stripes.labels["step"]
     parts, plain, kinds, where = [], [], [], []
     for kind, (label, shape) in enumerate(zip(together.labels, together.shapes)):
         count = int(label.max(initial=-1)) + 1
@@ -184,9 +193,9 @@ def _left(made: Adjustment, effects: _Effects):
     a pose's own inverse, together those of all unknowns. R and g are those of points that share nothing, of the
     linear model where the adjustment stands: if that was solved for points that do, the unknowns would still move.
     """
-    # of what is left of a placement's shift, nearly all the pose's, a derivative from one step before would make less
+    # of what is left of a board pose's shift, nearly all the pose's, a derivative from one step before would make less
     # than nothing
-    apart = linearised(replace(made, sheets=replace(made.sheets, together=None)))
+    apart = linearised(replace(made, board_stripes=replace(made.board_stripes, together=None)))
     fit, where, residual = apart.fit, effects.placement, apart.fit.residual[1][0]
     rows, pose = _rows(apart)
     by_pose = effects.sums @ pose.T
@@ -202,7 +211,9 @@ def _left(made: Adjustment, effects: _Effects):
     )
     moves, own_moves = fit.next
     residual = (
-        residual + rows @ moves + (pose * own_moves[made.sheets.labels["placement"]].T).sum(0)
+        residual
+        + rows @ moves
+        + (pose * own_moves[made.board_stripes.labels["placement"]].T).sum(0)
     )
     return own, effects.sums @ residual
 
@@ -211,20 +222,20 @@ def _rows(made: Adjustment):
     """Derivatives, sparse (n, D) by the dense unknowns and (6, n) by the pose."""
     from scipy.sparse import csr_array, hstack
 
-    model, table = stripe_model(made.sheets, made.effects, made.parameters)
+    model, table = stripe_model(made.board_stripes, made.effects, made.parameters)
     columns = [made.fit.table.index.get(key) for key in table.keys]
     free = np.array([column is not None for column in columns])
     table = table.only(free)
     evaluation = model.evaluate(table)
-    rows = model.fill_rows(evaluation, table, np.empty((free.sum(), 1, made.sheets.n)))[:, 0]
-    steps = 0 if made.sheets.mirror is not None else 3 * made.sheets.planes.shape[1]
-    whole = np.zeros((len(made.fit.table) - steps, made.sheets.n))
+    rows = model.fill_rows(evaluation, table, np.empty((free.sum(), 1, made.board_stripes.n)))[:, 0]
+    steps = 0 if made.board_stripes.mirror is not None else 3 * made.board_stripes.planes.shape[1]
+    whole = np.zeros((len(made.fit.table) - steps, made.board_stripes.n))
     whole[[column for column in columns if column is not None]] = rows
-    pose, n = evaluation.family_rows("placement")[:, 0], made.sheets.n
+    pose, n = evaluation.family_rows("placement")[:, 0], made.board_stripes.n
     if not steps:
         return csr_array(whole.T), pose
     own = evaluation.family_rows("step")[:, 0]
-    place = 3 * made.sheets.labels["step"][:, None] + np.arange(3)
+    place = 3 * made.board_stripes.labels["step"][:, None] + np.arange(3)
     by_step = csr_array(
         (own.T.ravel(), (np.repeat(np.arange(n), 3), place.ravel())), shape=(n, steps)
     )

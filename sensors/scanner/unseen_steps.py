@@ -33,8 +33,8 @@ def with_unseen_steps(
         return scanner, ()
     every = np.append(scanner.angles, list(kept.values()))
     planes = scanner.mirror.planes(every)
-    sheets = replace(calibration.made.sheets, angles=every, planes=planes)
-    apart = replace(calibration.made, sheets=sheets).apart(calibration.volume)
+    board_stripes = replace(calibration.made.board_stripes, angles=every, planes=planes)
+    apart = replace(calibration.made, board_stripes=board_stripes).apart(calibration.volume)
     made = replace(
         scanner,
         steps=np.append(scanner.steps, list(kept)),

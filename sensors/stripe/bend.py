@@ -1,7 +1,7 @@
 """What a surface does to the line's centre: on a ball or a tilted board the stripe is not symmetric, its fit is pulled.
 
-Across the stripe the light is exp(-f^2 / (2 s^2)) cos(incidence), f the distance from the sheet's
-middle, s the sheet's 1 sigma. Along the scan line, v px from where f = 0,
+Across the stripe the light is exp(-f^2 / (2 s^2)) cos(incidence), f the distance from the light plane's
+middle, s the light plane's 1 sigma. Along the scan line, v px from where f = 0,
 
     f = f1 v + f2 v^2,   ln cos(incidence) = const + l v,
 
@@ -42,8 +42,8 @@ _NO_WIDER = 0.01  # relative deviation of width^2 below which all lines count al
 class Bend:
     """A surface's part in each of n stripe points: `slope` f1 (n,) mm/px, `bend` f2 (n,) mm/px^2, `shade` l (n,) 1/px;
     `lit` (n,) cosine of the light's incidence, 1 where it is unknown where the light comes from; `away` (n,) mm from
-    the sheet's middle. Along the line: `tilt` c' (n,), `curve` c'' (n,) 1/px, `widening` (n,) 1/px derivative of ln a
-    and `brightening` (n,) 1/px of the logarithm of that cosine.
+    the middle of the light plane. Along the line: `tilt` c' (n,), `curve` c'' (n,) 1/px, `widening` (n,) 1/px
+    derivative of ln a and `brightening` (n,) 1/px of the logarithm of that cosine.
     """
 
     slope: np.ndarray
@@ -61,7 +61,7 @@ class Bend:
 
         ratio (n,): photon variance at the peak over that next to the line.
         """
-        square, fitted = (line.sheet_mm / self.slope) ** 2, weighting(ratio)
+        square, fitted = (line.plane_width_mm / self.slope) ** 2, weighting(ratio)
         counted = fitted * np.minimum(square / width**2, 1.0)
         across = square * (self.shade - self.bend / self.slope * (3 - counted))
         return across + self._along(line.blur_px**2, square, fitted / width**2)
@@ -73,7 +73,9 @@ class Bend:
         return mean - counted * blur * moment / 2
 
     def line_shape(self, width: np.ndarray) -> "LineShape":
-        """Sheet and blur from widths (n,) px of the lines: width^2 = (sheet / slope)^2 + blur^2 (1 + tilt^2).
+        """Width of the light plane and blur from widths (n,) px of the lines.
+
+        width^2 = (plane width / slope)^2 + blur^2 (1 + tilt^2).
 
         Least absolute deviations of width^2 relative to itself, by reweighting. Of nothing where widths say nothing.
         """
@@ -92,9 +94,9 @@ class Bend:
 
 @dataclass(frozen=True)
 class LineShape:
-    """Of the laser's line: 1 sigma of the light plane `sheet_mm`, and of the blur `blur_px`, with the pixel's own."""
+    """Laser line: `plane_width_mm` 1 sigma of the light plane; `blur_px` 1 sigma of the blur, pixel included."""
 
-    sheet_mm: float
+    plane_width_mm: float
     blur_px: float
 
 
@@ -115,7 +117,7 @@ def bend_on_ball(
     scan: np.ndarray,
     light: np.ndarray | None = None,
 ) -> Bend:
-    """How the sheet and its light change along the scan line at pixels (2, n) on a ball.
+    """How the light plane and its light change along the scan line at pixels (2, n) on a ball.
 
     centre (3,) and radius mm in the camera frame; planes (4, n) of the points; scan (2,) unit vector;
     light (3,) mm where the light comes from, None where that is unknown: then `shade` is 0. nan off the ball.
@@ -179,7 +181,7 @@ def _bend(camera, surface, pixels, planes, scan, light):
 
 
 def _seen(surface, rays, planes, light):
-    """(2, n): distance from the sheet, and logarithm of the cosine of the light's incidence, of what rays see."""
+    """(2, n): distance from the light plane, and logarithm of the cosine of the light's incidence, of what rays see."""
     points, normals = surface(rays)
     away = (planes[:3] * points).sum(0) + planes[3]
     if light is None:

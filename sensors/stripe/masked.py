@@ -4,7 +4,7 @@ import numpy as np
 
 _STEPS, _CHUNK = 12, 4096
 _PRIOR = 0.4
-"""1 sigma of ln(width) around the stack's width: where the top is clipped, flanks tell it from the amplitude badly."""
+"""1 sigma of ln(width) around the stack's width: flanks of a clipped line hardly separate width and amplitude."""
 
 
 def fit_masked(rows, fits, setting):

@@ -48,16 +48,22 @@ def centre_bound(
     """Cramer-Rao bound, px (1 sigma), of one row's centre; amplitude, background, centre and width unknown.
 
     Fisher information J' V^-1 J of the four unknowns over the pixels within 6 widths, V the
-    diagonal of `noise` (normal approximation; what the variance itself tells is left aside).
+    diagonal of `noise` (normal approximation; the information in the variance itself is not counted).
     For pure read noise sigma it is sigma / amplitude * sqrt(2 width / sqrt(pi)): centre and width
     do not correlate, so that knowing the width does not improve it.
     """
     half = int(np.ceil(6 * width)) + 1
-    u = (np.arange(-half, half + 1) - phase) / width
+    pixel = np.arange(-half, half + 1)
+    u = (pixel - phase) / width
     g = np.exp(-u * u / 2)
-    rows = np.stack([np.ones_like(u), g, amplitude * g * u / width, amplitude * g * u * u / width])
-    information = rows / noise.variance(background + amplitude * g) @ rows.T
-    return float(np.sqrt(inverse_positive(information)[2, 2]))
+    by_background, by_amplitude = np.ones_like(u), g
+    by_centre = amplitude * g * u / width
+    by_width = amplitude * g * u * u / width
+    rows = np.stack([by_background, by_amplitude, by_centre, by_width])
+    variance = noise.variance(background + amplitude * g)
+    information = rows / variance @ rows.T
+    covariance = inverse_positive(information)
+    return float(np.sqrt(covariance[2, 2]))
 
 
 def speckle_floor(width: np.ndarray, contrast: float, grain: float | None = None) -> np.ndarray:

@@ -147,16 +147,23 @@ def _crossing(d, square: float) -> np.ndarray:
     tangent through t n the row is crossed at t / nx. On a Gaussian of variance `square` (px^2) the
     quadratic Taylor polynomial overshoots: t = d / (1 - d^2 / square), solved for d.
     """
-    turn = 0.5 * np.arctan2(2 * d[1, 1], d[2, 0] - d[0, 2])
-    nx, ny = np.cos(turn), np.sin(turn)
-    bent = d[2, 0] * nx * nx + 2 * d[1, 1] * nx * ny + d[0, 2] * ny * ny
-    other = d[2, 0] + d[0, 2] - bent
-    nx, ny = np.where(bent <= other, nx, -ny), np.where(bent <= other, ny, nx)
-    bent = np.minimum(bent, other)
-    steep = np.where(np.abs(nx) > 0.3, nx, np.inf)
+    slope_x, slope_y = d[1, 0], d[0, 1]
+    xx, xy, yy = d[2, 0], d[1, 1], d[0, 2]
+    # curvature along one eigenvector of the Hessian; that along the other is the rest of its trace
+    turn = 0.5 * np.arctan2(2 * xy, xx - yy)
+    cosine, sine = np.cos(turn), np.sin(turn)
+    first = xx * cosine * cosine + 2 * xy * cosine * sine + yy * sine * sine
+    second = xx + yy - first
+    is_first = first <= second
+    nx = np.where(is_first, cosine, -sine)
+    ny = np.where(is_first, sine, cosine)
+    strongest = np.minimum(first, second)
     with np.errstate(divide="ignore", invalid="ignore"):
-        along = np.nan_to_num(-(d[1, 0] * nx + d[0, 1] * ny) / bent)
-    return np.clip(2 * along / (1 + np.sqrt(1 + 4 * along**2 / square)) / steep, -3, 3)
+        along = np.nan_to_num(-(slope_x * nx + slope_y * ny) / strongest)
+    distance = 2 * along / (1 + np.sqrt(1 + 4 * along**2 / square))
+    # a ridge nearly along its row crosses it nowhere near: the shift is 0 there
+    steep = np.where(np.abs(nx) > 0.3, nx, np.inf)
+    return np.clip(distance / steep, -3, 3)
 
 
 def _profile(fits, d, piece, kernels):

@@ -12,7 +12,7 @@ from workbench.explanation.result import Proof, Term
 _LEVEL = 1e-3
 _RELEVANT = 1.0  # of the noise of a stripe's averaged point, from which a displacement of whole stripes matters
 _FEWEST_STRIPES = 20
-_KINDS = {"corners": "corners", "sheets": "stripes on boards", "balls": "stripes on balls"}
+_KINDS = {"corners": "corners", "board_stripes": "stripes on boards", "balls": "stripes on balls"}
 
 
 def errors_by_kind(bench, proof: Proof, usual: np.ndarray) -> list[dict]:
@@ -72,15 +72,15 @@ def random_image_error(bench, terms: Sequence[Term]) -> str:
     The means of single stripes scatter by more than their own noise (chi-square test), and depend neither on the step
     nor on the board pose nor on the order of the images: no law of a recorded covariate predicts that.
     """
-    sheets = bench.chains.sheets
-    if sheets is None:
+    board_stripes = bench.chains.board_stripes
+    if board_stripes is None:
         return ""
     chains, fit = bench.solve([e for term in terms for e in term.finding.effects])
-    residual = fit.residual[list(chains.parts).index("sheets")][0]
-    labels = sheets.labels
-    code = labels["placement"] * sheets.planes.shape[1] + labels["step"]
+    residual = fit.residual[list(chains.parts).index("board_stripes")][0]
+    labels = board_stripes.labels
+    code = labels["placement"] * board_stripes.planes.shape[1] + labels["step"]
     _, first, stripe = np.unique(code, return_index=True, return_inverse=True)
-    weight = np.broadcast_to(sheets.sigma, (1, sheets.n))[0] ** -2.0
+    weight = np.broadcast_to(board_stripes.sigma, (1, board_stripes.n))[0] ** -2.0
     total = np.bincount(stripe, weight)
     means = np.bincount(stripe, weight * residual) / total
     size = _scatter(means, total)
@@ -101,7 +101,7 @@ def random_image_error(bench, terms: Sequence[Term]) -> str:
 def _of(bench) -> slice:
     """Where the stripes on boards stand among the samples of a bench."""
     first = bench.chains.counts[0]
-    return slice(first, first + bench.chains.sheets.n)
+    return slice(first, first + bench.chains.board_stripes.n)
 
 
 def _scatter(means: np.ndarray, weight: np.ndarray) -> float:

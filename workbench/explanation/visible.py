@@ -121,10 +121,13 @@ class _Table:
 
     def _made_by(self, k):
         """(C, D) squared length of the part of each candidate's directions that candidate k makes at a likely size."""
-        low, high = self.first[k], self.first[k + 1]
-        values, vectors = symmetric_eigen(self.gram[low:high, low:high])
-        half = (vectors / np.sqrt(np.maximum(values, 0) + _BROAD**-2)).T @ self.gram[low:high]
-        parts = np.add.reduceat(half[:, :, None] * self.draws, self.first[:-1], axis=1)
+        own = slice(self.first[k], self.first[k + 1])
+        values, vectors = symmetric_eigen(self.gram[own, own])
+        length = np.sqrt(np.maximum(values, 0) + _BROAD**-2)
+        orthonormal = (vectors / length).T
+        shared = orthonormal @ self.gram[own]
+        drawn = shared[:, :, None] * self.draws
+        parts = np.add.reduceat(drawn, self.first[:-1], axis=1)
         return (parts**2).sum(0)
 
 

@@ -138,12 +138,17 @@ def _placed(said: str, where: str) -> str:
 
 def measured(value: float, std: float | None, unit: str) -> str:
     """'0.130 ± 0.010 mrad': value and its sigma with two digits of the sigma, in a unit that leaves no row of zeros."""
-    shown, factor = _unit(unit, abs(value) or (std or 0.0))
-    value, std = value * factor, None if std is None else std * factor
-    if std is None or not std > 0 or not math.isfinite(std):
-        return _signed(f"{value:.3g}") + (f" {shown}" if shown else "")
-    decimals = min(max(1 - math.floor(math.log10(std)), 0), 9)
-    return _signed(f"{value:z.{decimals}f} ± {std:.{decimals}f}") + (f" {shown}" if shown else "")
+    size = abs(value) or (std or 0.0)
+    name, factor = _unit(unit, size)
+    ending = f" {name}" if name else ""
+    scaled = value * factor
+    scaled_std = 0.0 if std is None else std * factor
+    has_std = scaled_std > 0 and math.isfinite(scaled_std)
+    if not has_std:
+        return _signed(f"{scaled:.3g}") + ending
+    first_digit = math.floor(math.log10(scaled_std))
+    decimals = min(max(1 - first_digit, 0), 9)
+    return _signed(f"{scaled:z.{decimals}f} ± {scaled_std:.{decimals}f}") + ending
 
 
 def _signed(text: str) -> str:

@@ -77,11 +77,13 @@ def read_robot_program(path: Path) -> list[RawTable]:
 
 
 def _table(path, rows, names, convention: tuple[str, str] | None = None) -> RawTable:
-    values = np.array([row[2][: len(names)] for row in rows])
-    columns: dict[str, np.ndarray] = {"position name": np.array([row[0] for row in rows])}
-    columns |= {name: values[:, k] for k, name in enumerate(names)}
-    lines = np.array([row[1] for row in rows])
-    return RawTable(path.name, columns, lines, conventions=dict([convention] if convention else []))
+    """The positions of a program; rows of (name, line, values), of which those with `names` are taken."""
+    position_names, lines, values = zip(*rows)
+    columns: dict[str, np.ndarray] = {"position name": np.array(position_names)}
+    for k, name in enumerate(names):
+        columns[name] = np.array([row[k] for row in values])
+    conventions = dict([convention]) if convention else {}
+    return RawTable(path.name, columns, np.array(lines), conventions=conventions)
 
 
 def _kuka(text: str, path: Path) -> Iterator[tuple[str, str, int, list[float]]]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datasets.makers.blind import data, outside, suites, surviving, workplace
+from datasets.makers.blind import baseline_span, data, outside, suites, workplace
 from datasets.makers.blind.planted import Sized, sized
 from datasets.makers.blind.scatter import Scatter
 from datasets.makers.blind.world import Push, World
@@ -55,7 +55,7 @@ def draw(suite: str, index: int, seed: int) -> Case:
 
 def _planted(rng, world: World, question) -> list[Sized] | None:
     """The effects of a question at their sizes; None if one of them is not possible."""
-    base = surviving.basis(world)
+    base = baseline_span.basis(world)
     found = []
     for name, wanted in zip(question.names, question.sizes):
         one = question.law(name)(rng, world)
@@ -76,8 +76,8 @@ def _hidden(world: World, one: Sized) -> float:
     """Residual effect in the samples outside the part after a fit to them, relative to the size of the effect."""
     shown = world.only(~world.part)
     change = world.measured(one.push) - world.clean
-    remaining = surviving.left(surviving.basis(shown), change[~world.part])
-    return surviving.rms(remaining) / surviving.rms(change)
+    remaining = baseline_span.left(baseline_span.basis(shown), change[~world.part])
+    return baseline_span.rms(remaining) / baseline_span.rms(change)
 
 
 def _case(rng, suite, index, world: World, question, found) -> Case:

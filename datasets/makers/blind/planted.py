@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from datasets.makers.blind import surviving
+from datasets.makers.blind import baseline_span
 from datasets.makers.blind.world import Push, World
 
 
@@ -85,9 +85,9 @@ def sized(
 def _at(world, base, one, size) -> Sized:
     push = one.act(size)
     change = world.measured(push) - world.clean
-    whole = surviving.rms(change)
+    whole = baseline_span.rms(change)
     if np.any(push.spread):  # an effect on the noise does not change the mean
         return Sized(one, size, push, float(np.std(push.spread)), 1.0)
-    remaining = surviving.rms(surviving.left(base, change))
+    remaining = baseline_span.rms(baseline_span.left(base, change))
     share = remaining / whole if whole > 0 else 0.0
     return Sized(one, size, push, remaining / world.sigma, share)

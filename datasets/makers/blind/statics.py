@@ -25,7 +25,7 @@ def torques(arm: Arm, angles: np.ndarray, payload: np.ndarray) -> tuple[np.ndarr
 def stand(arm: Arm, angles: np.ndarray, payload: np.ndarray, push) -> np.ndarray:
     """(n, 4, 4) mm of the flange under a `world.Push`; angles (n, J) rad without the theta of the rows."""
     n, joints = angles.shape
-    arm = yielding(arm, push)
+    arm = with_compliances(arm, push)
     moved = angles + np.broadcast_to(push.joint, (n, joints))
     bend = np.broadcast_to(push.bend, (n, joints, 2))
     growth = np.broadcast_to(push.growth, (n, joints))
@@ -37,7 +37,7 @@ def stand(arm: Arm, angles: np.ndarray, payload: np.ndarray, push) -> np.ndarray
     return _carried(np.broadcast_to(push.base, (n, 6)).copy(), flange)
 
 
-def yielding(arm: Arm, push) -> Arm:
+def with_compliances(arm: Arm, push) -> Arm:
     """The arm with the push's compliances and tilt of gravity added to its own."""
     every = np.ones(arm.joints)
     return replace(

@@ -65,12 +65,12 @@ def _library(rng, index) -> Question:
     name = _drawn(rng, library.ROWS)
     row = library.ROWS[name]
     wish = replace(
-        row.wish, elastic=row.wish.elastic or (name not in _YIELDING and rng.random() < 0.15)
+        row.wish, elastic=row.wish.elastic or (name not in _ELASTIC_LAWS and rng.random() < 0.15)
     )
     return Question((name,), (_size(rng, index),), wish)
 
 
-_YIELDING = {"joint-compliance", "link-self-weight"}
+_ELASTIC_LAWS = {"joint-compliance", "link-self-weight"}
 
 
 def _size(rng, index: int) -> float:

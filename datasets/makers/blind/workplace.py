@@ -80,7 +80,7 @@ def _recorded(rng, wish, drawn: _World) -> World:
     arm = _built(rng, drawn.nominal)
     if wish.elastic:
         payload = columns.get("payload_kg", np.zeros(len(readings)))
-        arm = _yielding(rng, arm, np.deg2rad(readings) @ arm.mixing.T, payload)
+        arm = _with_compliant_joints(rng, arm, np.deg2rad(readings) @ arm.mixing.T, payload)
     sigma = float(np.round(np.exp(rng.uniform(*np.log([0.005, 0.05]))), 4))
     return World(
         drawn.robot,
@@ -98,7 +98,7 @@ def _recorded(rng, wish, drawn: _World) -> World:
     )
 
 
-def _yielding(rng, arm, angles, payload):
+def _with_compliant_joints(rng, arm, angles, payload):
     """The arm with joints that deflect by 0.1 to 0.6 mrad under their largest torque here."""
     greatest = np.abs(statics.torques(arm, angles, payload)[0]).max(axis=0)
     return replace(

@@ -35,7 +35,7 @@ class Overlay:
 
 
 def image_rows(recording) -> list[dict]:
-    """Index, name, role, placement and scan of every image, for lists."""
+    """Index, name, role, board pose and scan of every image, for lists."""
     rows = []
     for k, row in enumerate(recording.images):
         tags = [

@@ -89,7 +89,9 @@ def planes(opened: Opened) -> go.Figure:
     if scanner is None:
         return made
     near, far = scanner.volume if scanner.volume is not None else (100.0, 200.0)
-    space.sheets(made, space.patches(scanner.planes, scanner.camera, near, far), "light planes")
+    space.light_planes(
+        made, space.patches(scanner.planes, scanner.camera, near, far), "light planes"
+    )
     space.lines(made, space.pyramid(scanner.camera, near)[None], "camera", style.INK, 3)
     if scanner.mirror is not None:
         axis, point = np.asarray(scanner.mirror.axis), np.asarray(scanner.mirror.point)

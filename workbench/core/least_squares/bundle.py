@@ -284,12 +284,15 @@ class _Problem:
 
     def reduced(self, damping):
         """Schur complement (D, D) of the damped normal matrix, and own^-1 [cross, gradient] (G, L, D + 1)."""
+        cross = self.data.cross
         own = self.data.own + np.diag(self.own_trust * self.own_scale**2 + damping)
-        right = np.concatenate([self.data.cross, self.own_gradient[..., None]], -1)
-        mix = solve_positive(own, right)
+        shared = self.data.dense + np.diag(self.trust * self.scale**2 + damping)
+        right = np.concatenate([cross, self.own_gradient[..., None]], -1)
+        solved = solve_positive(own, right)
+        # all groups' own unknowns one below the other: (G L, D)
         shape = own.shape[0] * own.shape[1], len(self.scale)
-        schur = self.data.dense + np.diag(self.trust * self.scale**2 + damping)
-        return schur - self.data.cross.reshape(shape).T @ mix[..., :-1].reshape(shape), mix
+        flat_cross, flat_solved = cross.reshape(shape), solved[..., :-1].reshape(shape)
+        return shared - flat_cross.T @ flat_solved, solved
 
     def newton(self, damping):
         """Moves of the dense (D,) and the eliminated unknowns (G, L), in typical sizes."""

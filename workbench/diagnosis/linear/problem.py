@@ -29,7 +29,7 @@ _FIXED = 1e12  # precision of a prior beyond which a coefficient is 0
 class Candidate:
     """One library effect at one place, as columns in addition to the baseline's.
 
-    `effect`, `where`: words of the vocabulary. `label`: tells variants apart ("order 2", "seated by
+    `effect`, `where`: words of the vocabulary. `label`: distinguishes variants ("order 2", "seated by
     gravity", "from joint 5", ""). `effects`: what would join the model. `columns` (N, P): whitened
     derivative of the residual at the null. `typical` (P,): what size each parameter would have
     before measuring, in its own unit; the prior's scale. `family`: candidates that differ only in

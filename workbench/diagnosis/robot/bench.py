@@ -121,8 +121,9 @@ def covariates_of(chain: RobotChain, pose: np.ndarray) -> dict[str, np.ndarray]:
 class _Part:
     """Some of the samples: their chain, and what is made once for them however often they are solved.
 
-    `bases`: of effects, as a model keeps them; `known`: the library by whether something yields; `made`: functions of
-    its covariates; `solved`: fits by their effects; `last`: values and sigmas of the last fit, where the next starts.
+    `bases`: of effects, as a model keeps them; `known`: the library by whether something is compliant; `made`:
+    functions of its covariates; `solved`: fits by their effects; `last`: values and sigmas of the last fit, where the
+    next starts.
     """
 
     def __init__(self, chain: RobotChain, baseline: tuple[Effect, ...]):

@@ -10,7 +10,7 @@ import numpy as np
 
 from workbench.core.effect import Effect, Grid, Recorded, Variant
 from workbench.core.vocabulary import Place
-from workbench.diagnosis.linear.problem import Scan
+from workbench.diagnosis.linear.problem import Candidate, Scan
 
 Catalogue = Mapping[str, type[Effect]]
 _JOINTED = ("joint", "link")
@@ -47,6 +47,27 @@ def grids(catalogue: Catalogue, chain: Recorded, elastic: bool = True) -> list[G
         if elastic or not kind.needs_compliance:
             found += kind.grids(chain)
     return sorted(found, key=_grid_order)
+
+
+def candidate_of(
+    variant: Variant, columns: np.ndarray, typical: np.ndarray, load: float = 0.0
+) -> Candidate:
+    """A variant with the columns (N, P) and the typical sizes (P,) of its parameters; `load` as of `Candidate`."""
+    effect = variant.effect
+    return Candidate(
+        effect.effect,
+        effect.where,
+        variant.label,
+        (effect,),
+        columns,
+        typical,
+        variant.family,
+        variant.mass,
+        variant.missing,
+        effect.coexists,
+        effect.nonnegative,
+        load,
+    )
 
 
 def scan_of(grid: Grid, rows: np.ndarray, covariate: np.ndarray) -> Scan:

@@ -11,6 +11,7 @@ from workbench.core.least_squares.solver import Fit
 from workbench.core.model import NOISE, STATE_PORTS, Model
 from workbench.diagnosis.linear.problem import Candidate, Problem, seen_basis
 from workbench.diagnosis.robot.derived import linear_values
+from workbench.diagnosis.robot.library import candidate_of
 from workbench.diagnosis.robot.places import lengths, scans, sites
 
 _PLAUSIBLE = {"mm": 1.0, "rad": 0.01}
@@ -147,23 +148,8 @@ def _candidates(model: Model, fit: Fit, rows: _Rows, white, library) -> tuple[Ca
         effect = option.effect
         columns = _columns(model, fit, rows, white, effect)
         typical = np.array([p.typical for p in effect.parameters(model.chain)])
-        kind = effect.coexists, effect.nonnegative
         load = _load(model, effect) if effect.elastic and effect.nonnegative else 0.0
-        made.append(
-            Candidate(
-                effect.effect,
-                effect.where,
-                option.label,
-                (effect,),
-                columns,
-                typical,
-                option.family,
-                option.mass,
-                option.missing,
-                *kind,
-                load,
-            )
-        )
+        made.append(candidate_of(option, columns, typical, load))
     return tuple(made)
 
 

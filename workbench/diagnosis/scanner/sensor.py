@@ -1,7 +1,7 @@
 """The bench of a sensor: solves camera, mirror and effects with all poses, and makes the problem of a diagnosis there.
 
 Baseline: Brown's camera, a flat board, one mirror (axis, offset, beam) or free light planes, a ball of
-its certified radius. Placements of the board and centres of the balls belong to the baseline too:
+its certified radius. Board poses and centres of the balls belong to the baseline too:
 their columns stand in the basis, so that what any pose can make of an effect is projected out.
 Coordinates: u of all corners, v of all corners, stripes on boards, stripes on balls, in pixels.
 """
@@ -46,7 +46,7 @@ def bench_of(recording: Recording, progress: Progress = lambda text: None) -> "S
 class SensorBench:
     """Implements `workbench.diagnosis.linear.problem.Bench` for corners, stripes on boards and stripes on balls.
 
-    A sample is a corner or a block of a stripe; `pose` (n,): the placement, or the scan's ball after them; `sigma`
+    A sample is a corner or a block of a stripe; `pose` (n,): the board pose, or the scan's ball after them; `sigma`
     (n,) px its noise.
     """
 
@@ -54,11 +54,11 @@ class SensorBench:
     baseline: tuple[Effect, ...] = ()
     chain = None
     warnings: tuple[str, ...] = ()
-    whole = True  # a third of the placements would show a third as much, and other balls
+    whole = True  # a third of the board poses would show a third as much, and other balls
 
     def __init__(self, chains: Chains):
         self.kind = _kind(chains)
-        middle = 0.0 if not self.kind.mirror else float(np.mean(chains.sheets.angles))
+        middle = 0.0 if not self.kind.mirror else float(np.mean(chains.board_stripes.angles))
         parts = chains.parts
         own = {
             name: described(measured_chains.noiseless(chain), name, middle)
@@ -135,14 +135,18 @@ class SensorBench:
 
     def _held_by_corners(self, chains: Chains, effects, known: Parameters) -> np.ndarray:
         """(n,) px: errors with everything `known` but board poses, from corners, and centres of balls."""
-        without = replace(chains, sheets=None)
+        without = replace(chains, board_stripes=None)
         posed = self._posed(without, effects, known)
         lengths = dict(zip(without.parts, (_lengths([part]) for part in posed.residual)))
-        if chains.sheets is not None:
-            sheets = chains.sheets.with_families({"placement": posed.values["placement"]})
-            alone = dict(zip(chains.parts, models(replace(chains, sheets=sheets), effects)))
-            model = alone["sheets"]
-            lengths["sheets"] = _lengths(
+        if chains.board_stripes is not None:
+            board_stripes = chains.board_stripes.with_families(
+                {"placement": posed.values["placement"]}
+            )
+            alone = dict(
+                zip(chains.parts, models(replace(chains, board_stripes=board_stripes), effects))
+            )
+            model = alone["board_stripes"]
+            lengths["board_stripes"] = _lengths(
                 [model.evaluate(model.parameters.take_over(known)).residual]
             )
         return np.concatenate([lengths[name] for name in chains.parts])
@@ -226,13 +230,13 @@ def _kind(chains: Chains) -> Kind:
             if name != "corners" or column not in ("sweep", "mirror_speed_deg_s"):
                 columns.setdefault(column, []).append(values)
     varies = {c for c, parts in columns.items() if np.ptp(np.concatenate(parts)) > 0}
-    mirror = chains.sheets is not None and chains.sheets.mirror is not None
-    light = tuple(chains.sheets.mirror.point.tolist()) if mirror else None
+    mirror = chains.board_stripes is not None and chains.board_stripes.mirror is not None
+    light = tuple(chains.board_stripes.mirror.point.tolist()) if mirror else None
     balls = () if chains.balls is None else tuple(sorted(set(chains.balls.number.tolist())))
-    times = () if chains.sheets is None else _laser_column(chains, "time_s")
+    times = () if chains.board_stripes is None else _laser_column(chains, "time_s")
     lines = tuple(tuple(np.unique(np.round(row, 6)).tolist()) for row in chains.corners.points[:2])
     return Kind(
-        chains.sheets is not None,
+        chains.board_stripes is not None,
         mirror,
         balls,
         frozenset(varies),
@@ -245,7 +249,7 @@ def _kind(chains: Chains) -> Kind:
 
 def _laser_column(chains: Chains, name: str) -> np.ndarray:
     """(n,) a recorded column of all stripes; empty where some have none."""
-    parts = [chain for chain in (chains.sheets, chains.balls) if chain is not None]
+    parts = [chain for chain in (chains.board_stripes, chains.balls) if chain is not None]
     if not all(name in part.covariates for part in parts):
         return np.empty(0)
     return np.concatenate([part.covariates[name] for part in parts])
@@ -253,7 +257,7 @@ def _laser_column(chains: Chains, name: str) -> np.ndarray:
 
 def _spreads(chains: Chains, varies) -> tuple[tuple[str, float], ...]:
     """Standard deviation of each recorded column that varies among the stripes."""
-    if chains.sheets is None:
+    if chains.board_stripes is None:
         return ()
     spreads = {name: _laser_column(chains, name) for name in sorted(varies)}
     return tuple((name, float(v.std())) for name, v in spreads.items() if v.size and v.std() > 0)

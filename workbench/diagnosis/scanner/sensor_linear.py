@@ -17,7 +17,7 @@ from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues
 from workbench.core.model import Model
 from workbench.diagnosis.linear.problem import Candidate, Problem, Scan, Site, seen_basis
 from workbench.diagnosis.noise.outliers import robust_weights
-from workbench.diagnosis.robot.library import grids, scan_of, variants
+from workbench.diagnosis.robot.library import candidate_of, grids, scan_of, variants
 from workbench.diagnosis.scanner.sensor_library import places
 from workbench.jobs.sensor import chains as measured_chains
 from workbench.jobs.sensor.chains import Chains
@@ -56,8 +56,8 @@ def families_of(chains: Chains) -> dict[str, Family]:
     made = {"placement": placements(chains.corners.poses)}
     if chains.balls is not None:
         made["ball"] = centres_family(chains.balls.centres)
-    if chains.sheets is not None and chains.sheets.mirror is None:
-        made["step"] = steps_family(chains.sheets.planes)
+    if chains.board_stripes is not None and chains.board_stripes.mirror is None:
+        made["step"] = steps_family(chains.board_stripes.planes)
     return made
 
 
@@ -192,21 +192,7 @@ class Linear:
                 continue
             columns, typical = self.columns(effect)
             typical = typical * self.widened(columns * typical)
-            made.append(
-                Candidate(
-                    effect.effect,
-                    effect.where,
-                    option.label,
-                    (effect,),
-                    columns,
-                    typical,
-                    option.family,
-                    option.mass,
-                    option.missing,
-                    effect.coexists,
-                    effect.nonnegative,
-                )
-            )
+            made.append(candidate_of(option, columns, typical))
         return tuple(made)
 
     def added(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
@@ -249,14 +235,14 @@ class Linear:
 
     def scans(self) -> tuple[Scan, ...]:
         """Effects with one option on a fine grid, as far as the steps of the mirror can show it."""
-        if not self.bench.kind.mirror or self.chains.sheets is None:
+        if not self.bench.kind.mirror or self.chains.board_stripes is None:
             return ()
-        angles = tuple(np.unique(self.chains.sheets.angles).tolist())
+        angles = tuple(np.unique(self.chains.board_stripes.angles).tolist())
         every = slice(None) if self.samples is None else self.samples
         made = []
         for grid in grids(CATALOGUE, replace(self.bench.kind, mirror_angles=angles)):
             effect = grid.make(grid.values[0])
-            slots = effect.slots(self.chains.sheets)
+            slots = effect.slots(self.chains.board_stripes)
             rows = self.flat(self.port(effect.port, slots, effect.where))
             made.append(scan_of(grid, rows, self.bench.covariates[grid.covariate][every]))
         return tuple(made)
@@ -291,7 +277,9 @@ class _At:
 def _has(part: str, family: str) -> bool:
     return (
         family
-        in {"corners": ("placement",), "sheets": ("placement", "step"), "balls": ("ball", "step")}[
-            part
-        ]
+        in {
+            "corners": ("placement",),
+            "board_stripes": ("placement", "step"),
+            "balls": ("ball", "step"),
+        }[part]
     )

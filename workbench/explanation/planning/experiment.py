@@ -1,4 +1,4 @@
-"""The recording that would tell two explanations apart, worked out before anybody measures it.
+"""The recording that would distinguish two explanations, predicted before anybody measures it.
 
 How far a finding stands from its best imitation by something else (and by the whole baseline), in sigmas, follows
 from the normal matrix of both together. Normal matrices add, so that every further pose has its worth: of each kind of
@@ -31,7 +31,7 @@ _LIKELY, _ALIKE = (
     0.9,
 )  # probability, or share of the signature, from which on an alternative is plausible
 _BROAD = 10.0  # typical sizes: what is known of the sizes of the two before measuring
-NOTHING = "Nothing that was found is in doubt, so that no further recording is needed to tell it from anything else."
+NOTHING = "No finding is in doubt, so that no further recording is needed to distinguish it from anything else."
 FEW = (
     "Measure more poses, spread over the workspace: from {poses} a law that fits some of them does not carry to the "
     "others."
@@ -121,7 +121,7 @@ def _by_word(term: Term) -> str:
         or "what it depends on"
     )
     aim = (
-        f"tell {_called(term)} from {listed(others, 'or')}"
+        f"distinguish {_called(term)} from {listed(others, 'or')}"
         if others
         else f"learn what makes {_called(term)}"
     )
@@ -244,18 +244,18 @@ def describe_comparison(doubt: Doubt, rows: Sequence[tuple[Mapping, Plan]]) -> s
     best, plan = rows[0]
     if best["samples_needed"] == 0:
         return (
-            f"These poses tell {doubt.name} from {doubt.other} already: at this size they stand "
+            f"These poses distinguish {doubt.name} from {doubt.other} already: at this size they stand "
             f"{best['apart_now_sigma']:.1f} σ apart ({separable_length():.1f} σ are needed to be 95 % sure)."
         )
     if best["samples_needed"] > _HOPELESS * best["samples"]:
         return (
-            f"No recording of the kinds that were compared tells {doubt.name} from {doubt.other}: they move the "
-            f"measured point alike, {best['apart_now_sigma']:.1f} σ apart now and {best['apart_then_sigma']:.1f} σ "
+            f"No recording of the kinds that were compared distinguishes {doubt.name} from {doubt.other}: they move "
+            f"the measured point alike, {best['apart_now_sigma']:.1f} σ apart now and {best['apart_then_sigma']:.1f} σ "
             f"with {best['samples']} more samples, {plan.name}. Either corrects for both."
         )
     first = (
-        f"To tell {doubt.name} from {doubt.other}: {plan.words.format(poses=len(best['poses']))}. They would then "
-        f"stand {best['apart_then_sigma']:.1f} σ apart instead of {best['apart_now_sigma']:.1f} σ "
+        f"To distinguish {doubt.name} from {doubt.other}: {plan.words.format(poses=len(best['poses']))}. They would "
+        f"then stand {best['apart_then_sigma']:.1f} σ apart instead of {best['apart_now_sigma']:.1f} σ "
         f"({separable_length():.1f} σ are needed to be 95 % sure)."
     )
     if len(rows) > 1:

@@ -87,8 +87,8 @@ def scanner_verdict(
 
 def _scanner_verdict(calibration, tolerances, misfit) -> Verdict:
     good = ~calibration.wrong
-    sheets, left = calibration.stripes, calibration.left_out
-    sigma = np.broadcast_to(sheets.sigma, (1, sheets.n))[0][good]
+    board_stripes, left = calibration.stripes, calibration.left_out
+    sigma = np.broadcast_to(board_stripes.sigma, (1, board_stripes.n))[0][good]
     significant, source = None, _CENTRES
     if misfit is not None:
         sigma = sigma * (misfit.noise_px / _rms(sigma))
@@ -102,7 +102,7 @@ def _scanner_verdict(calibration, tolerances, misfit) -> Verdict:
         [
             judge(
                 Residual(millimetres, "mm", label, degrees, significant),
-                Noise(_rms(sigma * sheets.gain[good]), source),
+                Noise(_rms(sigma * board_stripes.gain[good]), source),
                 tolerances,
                 _MODEL,
             ),

@@ -10,7 +10,7 @@ from sensors.ball.fit import fit_ball
 from sensors.ball.search import find_balls
 from sensors.images import stacks
 from sensors.light.ball_stripes import Balls
-from sensors.light.sheets import Sheets
+from sensors.light.board_chain import BoardStripeChain
 from sensors.scanner.calibration import ScannerCalibration
 from sensors.scanner.model import Scanner
 from sensors.stripe.bend import bend_on_ball
@@ -42,19 +42,20 @@ class _Arc:
 def balls_of(
     recording: Recording,
     made: ScannerCalibration,
-    sheets: Sheets,
+    board_stripes: BoardStripeChain,
     size: int,
     progress: Callable[[str], None],
 ) -> tuple[Balls | None, tuple[str, ...]]:
     """Blocks of `size` points of the balls in all scans, and the scans' names; None where no ball is certified or seen.
 
-    They are found with the calibrated scanner `made`, of free planes; the chain starts with the planes of `sheets`.
+    They are found with the calibrated scanner `made`, of free planes; the chain starts with the
+    planes of `board_stripes`.
     """
     if not recording.balls or not by_role(recording, "scan"):
         return None, ()
     groups = scans_of(recording)
     depth = full_scale(recording, by_role(recording, "scan"))
-    light = None if sheets.mirror is None else sheets.mirror.point
+    light = None if board_stripes.mirror is None else board_stripes.mirror.point
     arcs, scans = [], []
     for name, rows in groups.items():
         if is_joined(rows):
@@ -65,11 +66,11 @@ def balls_of(
         scans += [name] * len(found)
     if not arcs:
         return None, ()
-    return _blocks(_chain(arcs, made.scanner, sheets), size), tuple(scans)
+    return _blocks(_chain(arcs, made.scanner, board_stripes), size), tuple(scans)
 
 
 def _arcs(recording, scanner: Scanner, rows, depth, light) -> list[_Arc]:
-    """Balls of one scan; `light` (3,) mm where the sheet comes from, None where that is unknown."""
+    """Balls of one scan; `light` (3,) mm where the light plane comes from, None where that is unknown."""
     rows = [row for row in rows if int(row.get("step", 0)) in set(scanner.steps.tolist())]
     if not rows:
         return []
@@ -151,7 +152,7 @@ def _arc(scanner, seen, shape, points, fit, radius, number, light) -> _Arc | Non
     )
 
 
-def _chain(arcs, scanner: Scanner, sheets: Sheets) -> Balls:
+def _chain(arcs, scanner: Scanner, board_stripes: BoardStripeChain) -> Balls:
     names = set.intersection(*(set(arc.covariates) for arc in arcs))
     ball = np.repeat(np.arange(len(arcs)), [len(arc.step) for arc in arcs])
     step = np.concatenate([arc.step for arc in arcs])
@@ -162,11 +163,11 @@ def _chain(arcs, scanner: Scanner, sheets: Sheets) -> Balls:
         np.stack([arc.centre for arc in arcs]),
         np.array([arc.radius for arc in arcs]),
         np.array([arc.number for arc in arcs]),
-        sheets.planes,
-        sheets.scan,
+        board_stripes.planes,
+        board_stripes.scan,
         np.concatenate([arc.sigma for arc in arcs])[None],
-        sheets.mirror,
-        sheets.angles,
+        board_stripes.mirror,
+        board_stripes.angles,
         None,
         {name: np.concatenate([arc.covariates[name] for arc in arcs]) for name in sorted(names)},
     )
@@ -198,5 +199,5 @@ def _blocks(chain: Balls, size: int) -> Balls:
     )
     missing = mean(chain.evaluate(values, {}).residual[0] * chain.gain) / made.gain
     missing = missing - made.evaluate(values, {}).residual[0]
-    side = np.sign((made.start.by_pixel * made.scan).sum(0))
+    side = np.sign((made.at_start.by_pixel * made.scan).sum(0))
     return replace(made, pixels=made.pixels + made.scan * (missing * side))

@@ -16,12 +16,12 @@ from sensors.camera.calibration import calibrate_camera
 from sensors.camera.corners import Corners
 from sensors.camera.model import Camera
 from sensors.light.ball_stripes import Balls
+from sensors.light.board_chain import BoardStripeChain
 from sensors.light.board_stripes import thinned
 from sensors.light.grouping import groups
 from sensors.light.mirror import NAMES, MovedMirror, start_mirror
 from sensors.light.mirror_choice import FEWEST
 from sensors.light.planes import moved
-from sensors.light.sheets import Sheets
 from sensors.scanner.calibration import calibrate_scanner
 from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.model import Model
@@ -43,23 +43,23 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Chains:
-    """The measurements of a sensor, each chain started at a fit; `sheets`, `balls` None where there are none.
+    """The measurements of a sensor, each chain started at a fit; `board_stripes`, `balls` None where there are none.
 
     With a mirror where the angles were commanded, else with free planes; `gain_free`: what was
     commanded is no angle of the mirror, whose turn a command is then unknown. `placements`, `scans` names.
     """
 
     corners: Corners
-    sheets: Sheets | None = None
+    board_stripes: BoardStripeChain | None = None
     balls: Balls | None = None
     placements: tuple[str, ...] = ()
     scans: tuple[str, ...] = ()
     gain_free: bool = False
 
     @property
-    def parts(self) -> dict[str, Corners | Sheets | Balls]:
+    def parts(self) -> dict[str, Corners | BoardStripeChain | Balls]:
         """The chains that there are, in the order in which their coordinates stand in a problem."""
-        every = {"corners": self.corners, "sheets": self.sheets, "balls": self.balls}
+        every = {"corners": self.corners, "board_stripes": self.board_stripes, "balls": self.balls}
         return {name: chain for name, chain in every.items() if chain is not None}
 
     @property
@@ -92,11 +92,11 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
         check=False,
         progress=progress,
     )
-    sheets, _ = thinned(made.free.sheets, MOST_STRIPES)
-    size = max(1, round(made.stripes.n / max(sheets.n, 1)))
-    sheets, gain_free = with_mirror(sheets, _commanded(stripes, made.scanner.steps))
-    balls, scans = balls_of(recording, made, sheets, size, progress)
-    return noisy(Chains(made.free.corners, sheets, balls, made.placements, scans, gain_free))
+    board_stripes, _ = thinned(made.free.board_stripes, MOST_STRIPES)
+    size = max(1, round(made.stripes.n / max(board_stripes.n, 1)))
+    board_stripes, gain_free = with_mirror(board_stripes, _commanded(stripes, made.scanner.steps))
+    balls, scans = balls_of(recording, made, board_stripes, size, progress)
+    return noisy(Chains(made.free.corners, board_stripes, balls, made.placements, scans, gain_free))
 
 
 def _stripes(recording, camera, progress):
@@ -119,20 +119,24 @@ def _commanded(stripes, steps) -> np.ndarray | None:
     return None if angles is None or np.ptp(angles) < _STILL else angles
 
 
-def with_mirror(sheets: Sheets, commanded: np.ndarray | None) -> tuple[Sheets, bool]:
+def with_mirror(
+    board_stripes: BoardStripeChain, commanded: np.ndarray | None
+) -> tuple[BoardStripeChain, bool]:
     """The stripes on one mirror's planes, where angles (S,) rad were commanded, and whether its gain is unknown."""
-    if commanded is None or sheets.planes.shape[1] < FEWEST:
-        return sheets, False
-    count = np.bincount(sheets.labels["step"], minlength=sheets.planes.shape[1])
+    if commanded is None or board_stripes.planes.shape[1] < FEWEST:
+        return board_stripes, False
+    count = np.bincount(board_stripes.labels["step"], minlength=board_stripes.planes.shape[1])
     well = count >= np.median(count) / 2
     well = well if well.sum() >= FEWEST else np.ones_like(well)
-    mirror, gain = start_mirror(sheets.planes[:, well], commanded[well])
+    mirror, gain = start_mirror(board_stripes.planes[:, well], commanded[well])
     angles, odd = commanded, abs(gain - 1) > _ODD
     if odd:
-        mirror, gain = start_mirror(sheets.planes[:, well], commanded[well], True)
+        mirror, gain = start_mirror(board_stripes.planes[:, well], commanded[well], True)
         angles = commanded * gain
-    started = replace(sheets, angles=angles)
-    return started.moved(sheets.camera, sheets.poses, mirror.planes(angles), mirror), odd
+    started = replace(board_stripes, angles=angles)
+    return started.moved(
+        board_stripes.camera, board_stripes.poses, mirror.planes(angles), mirror
+    ), odd
 
 
 def at_solution(chains: Chains, fit: BundleFit) -> Chains:
@@ -141,25 +145,30 @@ def at_solution(chains: Chains, fit: BundleFit) -> Chains:
         fit.parameters.values[: len(chains.corners.camera.values)], chains.corners.camera.size
     )
     made: dict = {"corners": chains.corners.moved(camera, fit.values["placement"])}
-    sheets, mirror = chains.sheets, None
-    if sheets is None:
+    board_stripes, mirror = chains.board_stripes, None
+    if board_stripes is None:
         return replace(chains, **made)
-    if sheets.mirror is None:
-        planes = moved(sheets.planes, fit.values["step"])
+    if board_stripes.mirror is None:
+        planes = moved(board_stripes.planes, fit.values["step"])
     else:
         change = MovedMirror(
-            sheets.mirror, np.array([fit.parameters[f"mirror.{name}"] for name in NAMES])
+            board_stripes.mirror, np.array([fit.parameters[f"mirror.{name}"] for name in NAMES])
         )
-        sheets, mirror = replace(sheets, angles=sheets.angles * change.gain), change.mirror
-        planes = mirror.planes(sheets.angles)
-    made["sheets"] = sheets.moved(camera, fit.values["placement"], planes, mirror)
+        board_stripes, mirror = (
+            replace(board_stripes, angles=board_stripes.angles * change.gain),
+            change.mirror,
+        )
+        planes = mirror.planes(board_stripes.angles)
+    made["board_stripes"] = board_stripes.moved(camera, fit.values["placement"], planes, mirror)
     if chains.balls is not None:
-        balls = replace(chains.balls, angles=sheets.angles)
+        balls = replace(chains.balls, angles=board_stripes.angles)
         made["balls"] = balls.moved(camera, fit.values["ball"], planes, mirror)
     return replace(chains, **made)
 
 
-def measured(chain, effects, values: Mapping[str, float], noise) -> Corners | Sheets | Balls:
+def measured(
+    chain, effects, values: Mapping[str, float], noise
+) -> Corners | BoardStripeChain | Balls:
     """The chain with pixels for which its residual, with `effects` at `values` (by key), is `noise` (m, n) px."""
     table = Model(chain, effects).parameters
     table = table.update({key: value for key, value in values.items() if key in table.index})
@@ -178,7 +187,7 @@ def measured(chain, effects, values: Mapping[str, float], noise) -> Corners | Sh
     return replace(chain, _kept_state=None) if len(miss) == 2 else chain
 
 
-def noiseless(chain) -> Corners | Sheets | Balls:
+def noiseless(chain) -> Corners | BoardStripeChain | Balls:
     """The chain with the pixels that it predicts where it starts.
 
     What a function of the measured place does contains that measurement's own noise: where the
@@ -226,6 +235,6 @@ def _lines(chain, name):
         view = chain.labels.get("view", chain.labels["placement"])
         return groups(view, (row - row.min()).astype(int))[0], chain.points[0]
     along = chain.pixels[1] * chain.scan[0] + chain.pixels[0] * chain.scan[1]
-    return groups(chain.labels["placement" if name == "sheets" else "ball"], chain.labels["step"])[
-        0
-    ], along
+    return groups(
+        chain.labels["placement" if name == "board_stripes" else "ball"], chain.labels["step"]
+    )[0], along

@@ -34,14 +34,14 @@ _FRAMES = 16
 _BEYOND = 1.5  # steps of the grid that a board may reach beyond its outermost corners
 _OUTLINED = 12  # corners that place the rest of a board
 _FAR_PX = 30_000.0  # px beyond which an outline is cut
-_TRIED = 3  # placements from which the direction of the stripes is read
+_TRIED = 3  # board poses from which the direction of the stripes is read
 
 
 @dataclass(frozen=True)
 class ScannerRun:
     """A recording's scanner: the `camera` from its corners alone, and `calibration` of everything together.
 
-    `unusable`: placements with laser images whose stripes could not be used, and why; `rejected` every image under
+    `unusable`: board poses with laser images whose stripes could not be used, and why; `rejected` every image under
     the laser that was left out, these and those that are black or overexposed. `misfit`: lack of fit of the stripes,
     and `asymmetry` of the line's profile; None where there are too few stripes. `unseen`: the scanner with the planes
     of steps that scans use and no board saw, and these steps. `turntable`: from images that state `table_deg`.
@@ -84,13 +84,13 @@ def calibrate(
     )
     if not usable:
         raise InputError(
-            f"{recording.name}, images.csv: expected the board to be found at a placement with laser images, "
-            f"found it at none of {len(groups)} ({unusable[0]['why']}); take the board images again"
+            f"{recording.name}, images.csv: expected the board to be found in a board pose with laser images, "
+            f"found it in none of {len(groups)} ({unusable[0]['why']}); take the board images again"
         )
     rejected = [
         Rejected(
             row["image"],
-            f"the board was not found at its placement ({one['why']})",
+            f"the board was not found in its pose ({one['why']})",
             one["placement"],
         )
         for one in unusable
@@ -158,7 +158,7 @@ def _commanded(recording) -> dict[int, float | None]:
 
 def _why(camera, placement):
     reasons = [one.why for one in camera.rejected if one.placement == placement]
-    return reasons[0] if reasons else "no board image at this placement"
+    return reasons[0] if reasons else "no board image at this board pose"
 
 
 def board_stripes(
@@ -177,7 +177,7 @@ def board_stripes(
     along = _direction(recording, usable[:_TRIED], board, saturation)
     work = _Work(recording, board, along, saturation)
     parts = []
-    for stripes, unseen, shapes in streamed(usable, work, paced(progress, "laser on placement")):
+    for stripes, unseen, shapes in streamed(usable, work, paced(progress, "laser on board pose")):
         parts += stripes
         if rejected is not None:
             rejected += unseen
@@ -379,7 +379,7 @@ def _apart(calibration) -> list[float | None]:
 
 def shared_json(calibration: ScannerCalibration) -> dict:
     """1 sigma, px, by which points of stripes err together, by kind, with its own sigma (None: not known)."""
-    together = calibration.made.sheets.together
+    together = calibration.made.board_stripes.together
     return {
         name: {"sigma": sigma, "std": float(std) if np.isfinite(std) else None}
         for (name, sigma), std in zip(together.named.items(), together.std)
@@ -417,7 +417,7 @@ def mirror_json(calibration: ScannerCalibration) -> dict | None:
 
 
 def left_out_json(left) -> dict | None:
-    """Stripes of placements that were left out of the planes."""
+    """Stripes of board poses that were left out of the planes."""
     if left is None:
         return None
     return {

@@ -306,16 +306,43 @@ def reading_line(mapping: Mapping) -> str:
 def _compared(readings, views: BoardViews, kind: str) -> list[tuple[int, CandidateFit]]:
     """Index and fit of the readings, the most probable first."""
     measured = inverse(views.seen) if kind == "in-hand" else views.seen
-    turns = [poses[views.rows][:, :3, :3] for _, _, poses in readings]
-    kept = screened_turns(measured[:, :3, :3], turns, len(turns))
-    fits = [(k, _fit(readings[k][0], readings[k][2][views.rows], measured)) for k in kept]
+    poses_of = [poses[views.rows] for _, _, poses in readings]
+    turns = [poses[:, :3, :3] for poses in poses_of]
+    fits = []
+    for k in screened_turns(measured[:, :3, :3], turns, len(turns)):
+        title = readings[k][0]
+        fits.append((k, _fit(title, poses_of[k], measured)))
     return sorted(fits, key=lambda item: item[1].improbability)
 
 
 def _fit(title: str, poses: np.ndarray, measured: np.ndarray) -> CandidateFit:
     """One transform from flange to target, and one from base to camera or board, for all poses (k, 4, 4)."""
-    axes = tuple(np.ascontiguousarray(poses[:, :3, c].T) for c in range(3))
-    frames = Frames((), (), None, None, None, axes, np.ascontiguousarray(poses[:, :3, 3].T))
+    places = measured[:, :3, 3]
+    place, turn, lever_mm = _gaps(poses, measured)
+    both = np.hypot(place, turn)
+    # the best of them: a wrong board pose or two must not decide between the readings
+    best = np.argsort(both)[: int(np.ceil(_KEPT * len(both)))]
+    scale = _rms(both[best])
+    rms_mm = _rms(place[best])
+    rms_deg = float(np.rad2deg(_rms(turn[best]) / lever_mm))
+    spread = float(np.linalg.norm(np.ptp(places, axis=0)))
+    good_mm = max(_LEAST_GOOD_MM, _GOOD_SHARE * spread)
+    is_good = rms_mm <= good_mm and rms_deg <= _GOOD_DEG
+    degrees = max(6 * len(both) - 12, 6)
+    improbability = degrees * np.log(max(scale, 1e-3))
+    return CandidateFit(title, rms_mm, rms_deg, scale, improbability, is_good)
+
+
+def _rms(values: np.ndarray) -> float:
+    """Root mean square."""
+    return float(np.sqrt((values**2).mean()))
+
+
+def _gaps(poses: np.ndarray, measured: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Gaps (k,) mm of place and of rotation at the linear solution, and the lever of the latter in mm."""
+    columns = tuple(np.ascontiguousarray(poses[:, :3, c].T) for c in range(3))
+    origin = np.ascontiguousarray(poses[:, :3, 3].T)
+    frames = Frames((), (), None, None, None, columns, origin)
     pose = ExternalPose(np.ascontiguousarray(measured[:, :3, 3].T), measured[:, :3, :3])
     system = pose.system(frames)
     start = system.starts()[0]
@@ -323,16 +350,7 @@ def _fit(title: str, poses: np.ndarray, measured: np.ndarray) -> CandidateFit:
     gap = gap + system.translation_rows @ start.translations - system.right
     place = np.linalg.norm(gap[:, :3], axis=1) * MODEL_ERROR_MM
     turn = np.linalg.norm(gap[:, 3:], axis=1) * MODEL_ERROR_MM
-    both = np.hypot(place, turn)
-    best = np.argsort(both)[: int(np.ceil(_KEPT * len(both)))]
-    degrees = max(6 * len(both) - 12, 6)
-    scale = float(np.sqrt((both[best] ** 2).mean()))
-    rms_mm = float(np.sqrt((place[best] ** 2).mean()))
-    rms_deg = float(np.rad2deg(np.sqrt((turn[best] ** 2).mean()) / lever_arm(frames.end_origin)))
-    spread = float(np.sqrt(np.ptp(measured[:, :3, 3], axis=0) @ np.ptp(measured[:, :3, 3], axis=0)))
-    good_mm = max(_LEAST_GOOD_MM, _GOOD_SHARE * spread)
-    is_good = rms_mm <= good_mm and rms_deg <= _GOOD_DEG
-    return CandidateFit(title, rms_mm, rms_deg, scale, degrees * np.log(max(scale, 1e-3)), is_good)
+    return place, turn, lever_arm(frames.end_origin)
 
 
 def pose_columns(rows: RawTable, mapping: Mapping, keys) -> dict[str, np.ndarray]:

@@ -62,9 +62,10 @@ def lead(made: ScannerRun) -> list[str]:
         else "one light plane"
     )
     points, low, high = int((~calibration.wrong).sum()), *calibration.volume
+    board_poses = len(np.unique(calibration.made.board_stripes.labels["placement"]))
     first = (
         f"Distance of {points:,} points of the laser stripe, seen on the board at "
-        f"{counted(len(np.unique(calibration.made.sheets.labels['placement'])), 'board pose')}, from their light "
+        f"{counted(board_poses, 'board pose')}, from their light "
         "planes. "
         f"Camera, warp and poses of the board, and {kind} are adjusted jointly, with all residuals in pixels, at "
         f"{low:.0f} to {high:.0f} mm from the camera."
@@ -152,7 +153,9 @@ def scene(calibration) -> go.Figure:
     board = calibration.start.board
     rim = board.points[:, [0, board.columns - 1, -1, -board.columns, 0]].T
     space.lines(made, space.moved(_poses(calibration.poses), rim), "boards", style.GREY, 2)
-    space.sheets(made, space.patches(scanner.planes, scanner.camera, low, high), "light planes")
+    space.light_planes(
+        made, space.patches(scanner.planes, scanner.camera, low, high), "light planes"
+    )
     if scanner.mirror is not None:
         axis = scanner.mirror.point[:, None] + np.outer(
             scanner.mirror.axis, [-0.25 * high, 0.25 * high]
@@ -191,7 +194,7 @@ def _stripes(calibration):
     pixels, size = calibration.stripes.pixels[:, good], calibration.camera.size
     residual, step = calibration.residual_px[good], calibration.stripes.labels["step"][good]
     yield words(
-        "Stripe minus light plane, along the scan line. A pattern over the image indicates a curved light sheet or an "
+        "Stripe minus light plane, along the scan line. A pattern over the image indicates a curved light plane or an "
         "unmodelled lens effect; a deviating step indicates a mirror error."
     )
     steps = calibration.scanner.steps

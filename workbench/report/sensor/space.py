@@ -129,7 +129,7 @@ def patches(planes: np.ndarray, camera, near: float, far: float) -> np.ndarray:
     return corners
 
 
-def sheets(made: go.Figure, corners: np.ndarray, name: str) -> None:
+def light_planes(made: go.Figure, corners: np.ndarray, name: str) -> None:
     """Add at most a few of the quadrilaterals (k, 4, 3) mm as translucent surfaces."""
     shown = np.unique(np.linspace(0, len(corners) - 1, min(len(corners), _MOST_PLANES)).astype(int))
     label = name if len(shown) == len(corners) else f"{name}, {len(shown)} of {len(corners)} drawn"

@@ -91,7 +91,7 @@ def scanner(run) -> tuple[Panel, ...]:
     def spread(axes):
         _ecdf(axes, np.abs(made.residual_mm[~made.wrong]), "fit", style.GREEN)
         if made.left_out is not None:
-            _ecdf(axes, np.abs(made.left_out.residual_mm), "placement left out", style.BLUE)
+            _ecdf(axes, np.abs(made.left_out.residual_mm), "board pose left out", style.BLUE)
         axes.set(xlabel="distance from the plane (mm)", title="cumulative share of stripe points")
         style.legend_above(axes)
 

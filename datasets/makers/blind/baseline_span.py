@@ -21,7 +21,7 @@ def basis(world: World) -> np.ndarray:
     start = world.arm.geometry
     still = _at(world, start)
     columns = [(_at(world, *moved) - still).ravel() for moved in _moves(world, start)]
-    columns += list(_yields(world, still)) if world.elastic else []
+    columns += list(_joint_compliances(world, still)) if world.elastic else []
     matrix = np.column_stack(columns)
     size = np.linalg.norm(matrix, axis=0)
     u, s, _ = np.linalg.svd(matrix[:, size > 0] / size[size > 0], full_matrices=False)
@@ -78,7 +78,7 @@ def _twists() -> Iterator[np.ndarray]:
         yield twist
 
 
-def _yields(world, still) -> Iterator[np.ndarray]:
+def _joint_compliances(world, still) -> Iterator[np.ndarray]:
     """Joint compliance of every joint, which is part of the baseline if the arm is elastic."""
     for k in range(world.joints):
         geometry, angles = world.arm.geometry, world.angles.copy()

@@ -13,19 +13,15 @@ from types import MappingProxyType
 
 import numpy as np
 
-from sensors.camera import corners
-from sensors.camera.corners import camera_parameters
 from sensors.camera.model import Camera
-from sensors.light.mirror import mirror_parameters
-from sensors.light.sight import Sight
+from sensors.light.sight import Sight, StripeChain
 from sensors.light.together import Together, decorrelated
 from sensors.state import SensorState, stripe_direction
-from workbench.core.parameters import Parameters
 from workbench.core.rigid import left_jacobian, rotation_matrix
 
 
 @dataclass(frozen=True)
-class Sheets:
+class BoardStripeChain(StripeChain):
     """n points of stripes on boards.
 
     `pixels` (2, n) measured; `labels`: `placement` (n,) row of `poses` (G, 6) and `step` (n,)
@@ -49,43 +45,14 @@ class Sheets:
     change: np.ndarray | None = None
     covariates: Mapping[str, np.ndarray] = field(default_factory=dict)
     together: Together | None = None
-    _start: "Sheets | None" = field(default=None, repr=False, compare=False)
-
-    @cached_property
-    def parameters(self) -> Parameters:
-        """The camera's, and with a mirror the mirror's."""
-        own = camera_parameters(self.camera)
-        return (
-            own
-            if self.mirror is None
-            else Parameters.of([*own.table, *mirror_parameters().table]).take_over(own)
-        )
-
-    @property
-    def n(self) -> int:
-        return self.pixels.shape[1]
+    _start: "BoardStripeChain | None" = field(default=None, repr=False, compare=False)
+    family = "placement"
+    surfaces = "poses"
 
     @property
     def along(self) -> np.ndarray:
         """(n,) px, places of points along their stripes."""
         return (self.pixels[::-1] * self.scan).sum(0)
-
-    @cached_property
-    def at_start(self) -> "Evaluation":
-        """The chain where it starts, with one mm as the unit of its residual."""
-        if self._start is not None:
-            return self._start.at_start
-        return self.in_millimetres()
-
-    @cached_property
-    def gain(self) -> np.ndarray:
-        """(n,) mm that a pixel along the scan line moves a point away from its plane, at the start.
-
-        It belongs to the measurement, like a sigma: a solve must not lower its cost by raising it.
-        """
-        if self._start is not None:
-            return self._start.gain
-        return np.abs((self.at_start.by_pixel * self.scan).sum(0))
 
     @cached_property
     def _apart(self):
@@ -96,7 +63,7 @@ class Sheets:
     def decorrelated(self, rows: np.ndarray, across: bool = True) -> np.ndarray:
         """(..., n) residuals or their derivatives without what points share: left is noise of `sigma` in each.
 
-        across: also what stripes of a placement share; only for what is not one step's own.
+        across: also what stripes of a board pose share; only for what is not one step's own.
         """
         if self.together is None:
             return rows
@@ -105,7 +72,7 @@ class Sheets:
 
     @property
     def across(self) -> tuple[np.ndarray, float] | None:
-        """Shape (n,), where what the points of a stripe share is taken off, and variance of a placement's error."""
+        """Shape (n,), where what the points of a stripe share is taken off, and variance of a board pose's error."""
         if self.together is None or not self.together.sigma[2]:
             return None
         return decorrelated(self._apart[0], self.together.shapes[2]), float(
@@ -117,15 +84,14 @@ class Sheets:
         """At the start's camera, poses and planes, which effects go on reading while a solve moves them."""
         if self._start is not None:
             return self._start.state
-        here, step = self.at_start, self.labels["step"]
+        here = self.at_start
         on_board = here.on_board
-        angles = np.full(self.planes.shape[1], np.nan) if self.angles is None else self.angles
         return SensorState(
             self.camera,
             self.pixels,
             here.hits,
-            self.planes[:, step],
-            angles[step],
+            self.planes[:, self.labels["step"]],
+            self.commanded_angles,
             (on_board[:2] - self.middle[:, None]) / self.half_diagonal,
             here.normal,
             np.zeros(self.n, int),
@@ -133,7 +99,7 @@ class Sheets:
             on_board,
         )
 
-    def at(self, samples: np.ndarray) -> "Sheets":
+    def at(self, samples: np.ndarray) -> "BoardStripeChain":
         """The same on some of the samples (indices or mask); poses and planes stay."""
         return replace(
             self,
@@ -146,44 +112,15 @@ class Sheets:
             _start=None if self._start is None else self._start.at(samples),
         )
 
-    def with_families(self, values: Mapping[str, np.ndarray]) -> "Sheets":
-        """The same with other poses and changes of planes; the state stays that of the start."""
-        start = self if self._start is None else self._start
-        return replace(
-            self,
-            poses=values.get("placement", self.poses),
-            change=values.get("step", self.change),
-            _start=start,
-        )
-
-    def moved(self, camera: Camera, poses: np.ndarray, planes: np.ndarray, mirror=None) -> "Sheets":
-        """The same measurements started elsewhere."""
-        return replace(
-            self, camera=camera, poses=poses, planes=planes, mirror=mirror, change=None, _start=None
-        )
-
-    def slots(self, port: str, where: str, components: tuple[int, ...]) -> tuple[int, ...]:
-        return corners.slots(port, where, components)
-
-    def numbers(self, place: str) -> tuple[int, ...]:
-        return ()
-
-    def slides(self, joint: int) -> bool:
-        return False
-
-    def in_millimetres(self) -> "Evaluation":
-        """The chain at its start, distances from the planes as residual."""
-        return Evaluation(self, self.parameters.values, {}, 1.0)
-
-    def evaluate(self, values: np.ndarray, deltas: Mapping) -> "Evaluation":
-        """Residual (1, n) px at the camera's and the mirror's values and changes of the ports."""
-        return Evaluation(self, values, deltas, self.gain)
+    @property
+    def evaluation(self) -> type["Evaluation"]:
+        return Evaluation
 
 
 class Evaluation(Sight):
     """The chain at one set of values; rows are derivatives of the residual, in px per unit."""
 
-    def __init__(self, chain: Sheets, values: np.ndarray, deltas: Mapping, gain):
+    def __init__(self, chain: BoardStripeChain, values: np.ndarray, deltas: Mapping, gain):
         super().__init__(chain, values, deltas, gain)
         self._hit()
         self._miss()
@@ -237,7 +174,7 @@ class Evaluation(Sight):
         return made
 
     def family_rows(self, name: str) -> np.ndarray:
-        """(6, 1, n) for the placement's pose, or (3, 1, n) for the step's plane."""
+        """(6, 1, n) for the board pose, or (3, 1, n) for the step's plane."""
         return (self._pose_rows() / self.gain)[:, None] if name == "placement" else self.step_rows()
 
     def _pose_rows(self):

@@ -1,0 +1,89 @@
+"""A URDF with calibrated numbers: read back, it is the calibrated arm, and nothing else in it changes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from export_scenes import GEOMETRY, arm_with, flanges, readings_of, write_urdf
+from robot_model import load_robot
+from workbench.core.errors import InputError
+from workbench.files.exports.mdh import calibrated_geometry
+from workbench.files.exports.urdf_patch import patched_urdf
+
+
+def test_a_patched_urdf_differs_in_numbers_alone_and_is_the_calibrated_arm(tmp_path):
+    import re
+
+    spec = write_urdf(tmp_path)
+    arm = arm_with(spec, [("joint-compliance", "joint-2", {})])
+    made = patched_urdf(arm, spec)
+    before = (tmp_path / "cell.urdf").read_bytes()
+    (tmp_path / "new.urdf").write_bytes(made.content)
+    again = load_robot({"urdf": str(tmp_path / "new.urdf"), "tip": "tool0"})
+    readings = readings_of(arm.robot)
+    wanted = flanges(arm.robot, readings, calibrated_geometry(arm))
+    np.testing.assert_allclose(flanges(again, readings), wanted, atol=1e-6)
+    # what is not a number, or the joint's missing origin that had to be written, is the same byte for byte
+    number = rb"-?\d+\.?\d*(e-?\d+)?"
+    stripped = [
+        re.sub(rb"(xyz|rpy)=(\"[^\"]*\"|'[^']*')", b"#", text) for text in (before, made.content)
+    ]
+    added = [line for line in stripped[1].split(b"\r\n") if line not in stripped[0].split(b"\r\n")]
+    assert all(re.sub(rb"<origin( #)*/>|( #)+", b"", line) for line in added)
+    skeleton = [re.sub(rb"<origin[^>]*>", b"", text) for text in stripped]
+    assert skeleton[0] == skeleton[1] and re.search(number, made.content)
+    assert b"our cell, do not edit by hand" in made.content and b"9 9 9" in made.content
+    assert b'<origin xyz="0.1 0.2 0.3" rpy="0 0 0.5"/>' in made.content  # the mount is as it was
+    assert "mount" not in made.changed and "tool_fixed" in made.changed
+    assert made.left_out == ("joint-compliance at joint-2",) and made.is_whole
+
+
+def test_a_nominal_arm_leaves_its_urdf_as_it_is(tmp_path):
+    spec = write_urdf(tmp_path)
+    arm = arm_with(spec, ())
+    nominal = {
+        f"joint-{k + 1}.{n}{k + 1}": arm.robot.geometry[k, c]
+        for k in range(6)
+        for c, n in enumerate(GEOMETRY)
+    }
+    made = patched_urdf(replace(arm, values=nominal), spec)
+    assert made.content == (tmp_path / "cell.urdf").read_bytes() and not made.changed
+
+
+def test_an_arm_of_another_description_patches_the_urdf_of_the_same_kinematics(tmp_path):
+    """An arm calibrated from a table of lengths and angles, and a URDF on a mount and with its own tool frame."""
+    spec = write_urdf(tmp_path)
+    own = load_robot(spec)
+    table = replace(own, base=np.eye(4), flange=np.eye(4), name="table")
+    arm = arm_with(table, ())
+    made = patched_urdf(arm, spec)
+    (tmp_path / "new.urdf").write_bytes(made.content)
+    again = load_robot({"urdf": str(tmp_path / "new.urdf"), "tip": "tool0"})
+    readings = readings_of(own)
+    wanted = own.base @ flanges(table, readings, calibrated_geometry(arm)) @ own.flange
+    np.testing.assert_allclose(flanges(again, readings), wanted, atol=1e-5)
+    with pytest.raises(InputError, match="nominal kinematics of FANUC"):
+        patched_urdf(arm_with({"builtin": "fanuc_lr_mate_200id"}, ()), spec)
+
+
+def test_a_flange_on_the_last_axis_is_said_to_miss_what_no_joint_can_hold(tmp_path):
+    spec = write_urdf(tmp_path) | {"tip": "end"}
+    made = patched_urdf(arm_with(spec, ()), spec)
+    assert not made.is_whole and "no fixed joint follows" in made.left_out[0]
+
+
+def test_pinocchio_reads_the_patched_urdf(tmp_path):
+    pinocchio = pytest.importorskip("pinocchio", reason="needs Pinocchio (pip install pin)")
+    spec = write_urdf(tmp_path)
+    arm = arm_with(spec, ())
+    text = patched_urdf(arm, spec).content.decode()
+    model = pinocchio.buildModelFromXML(text)
+    data = model.createData()
+    readings = readings_of(arm.robot, 5)
+    wanted = flanges(arm.robot, readings, calibrated_geometry(arm))
+    for reading, pose in zip(readings, wanted):
+        pinocchio.framesForwardKinematics(model, data, reading)
+        found = data.oMf[model.getFrameId("tool0")]
+        np.testing.assert_allclose(1e3 * found.translation, pose[:3, 3], atol=1e-6)
+        np.testing.assert_allclose(found.rotation, pose[:3, :3], atol=1e-9)
