@@ -37,7 +37,8 @@ def rescaled(model: Model, parameters: Parameters, only: np.ndarray | None = Non
     A family is all free parameters of one effect, in one unit, at all its places, or as `Effect.shrinkage_groups`
     divides them. Their prior (1 sigma, in
     typical sizes, about null) becomes s with s^2 = sum x^2 / sum (1 - C_kk / s^2), C the covariance under it:
-    the size of what is determined. Linearised at `parameters`. Never wider than the effect's own prior.
+    the size of what is determined. Linearised at `parameters`. Never wider than the effect's own prior, or the one
+    that `parameters` have.
     """
     family = _families(model, parameters)
     if only is not None:
@@ -50,7 +51,9 @@ def rescaled(model: Model, parameters: Parameters, only: np.ndarray | None = Non
     present, widest = (
         table.precision[parameters.mask] * size**2 for table in (parameters, model.parameters)
     )
-    precision = _scaled(normal, away, present, np.where(widest > 0, widest, _MOST**-2), family)
+    own = np.where(widest > 0, widest, _MOST**-2)
+    least = np.minimum(own, np.where(present > 0, present, own))
+    precision = _scaled(normal, away, present, least, family)
     return _with_priors(parameters, family, size / np.sqrt(np.maximum(precision, 1e-300)))
 
 

@@ -30,6 +30,7 @@ from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.cross_validation import cross_validate
 from workbench.fitting.plans import geometry, stage_mask
 from workbench.fitting.shrinkage import settled
+from workbench.fitting.wider_priors import widened
 
 _FAINT = 1e-4  # knows a parameter to a hundred typical sizes: its variance where the data do not determine it
 BASELINES = ("geometry", JointCompliance.effect)
@@ -243,8 +244,9 @@ class RobotBench:
         for _ in range(_NOISE_ROUNDS):
             fit = solve(model, start, "huber", _FEW_STEPS)
             model, before = replace(model, chain=noise_scaled(chain, fit)), model.chain.sigma
-            start = fit.parameters
-            if np.allclose(model.chain.sigma, before, rtol=_SAME_NOISE, atol=0):
+            start = widened(model, fit)
+            is_same = np.allclose(model.chain.sigma, before, rtol=_SAME_NOISE, atol=0)
+            if is_same and start is fit.parameters:
                 break
         fit = solve(model, start, "huber", _STEPS)
         if model.shrunk.any():  # each octave of a curve has the prior scale that the data give it

@@ -52,6 +52,7 @@ from workbench.fitting.stage_tests import is_retained
 from workbench.fitting.verdicts.fit_quality import noise_report
 from workbench.fitting.verdicts.noise_report import NoiseReport
 from workbench.fitting.verdicts.residual_structure import in_root
+from workbench.fitting.wider_priors import widened
 
 # times the robust spread: a blunder (a lost beam, a wrong ball), not what a model has yet to explain
 _OUTLIER = 15.0
@@ -301,11 +302,14 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     for _ in range(_NOISE_ROUNDS):
         model = replace(model, chain=_honest_sigma(model.chain, trial, split), _bases={})
         trial = solve(model.at(split.fit), start, stage.loss, stage.steps)
-        start, chain = trial.parameters, _honest_sigma(model.chain, trial, split)
-        if np.allclose(chain.sigma, model.chain.sigma, rtol=_SAME_NOISE, atol=0):
+        start = widened(model.at(split.fit), trial)
+        chain = _honest_sigma(model.chain, trial, split)
+        is_same = np.allclose(chain.sigma, model.chain.sigma, rtol=_SAME_NOISE, atol=0)
+        if is_same and start is trial.parameters:
             break
-    model = replace(model, chain=chain, _bases={})
-    free, tied = _canonical(model.at(split.fit), trial, wanted) if stage.canonical else (wanted, {})
+    model, free, tied = replace(model, chain=chain, _bases={}), trial.parameters, {}
+    if stage.canonical:
+        free, tied = _canonical(model.at(split.fit), trial, wanted)
     fit = solve(model.at(split.fit), free, stage.loss, stage.steps)
     if stage.canonical:
         fit = settled(model.at(split.fit), fit, stage.loss, stage.steps)
@@ -349,17 +353,15 @@ def _honest_sigma(chain, trial: Fit, split: Split):
     J. Res. NBS 87, 1982): a tracker's 3 um must not decide between poses while 70 um are
     unexplained. Where no sigma is known it is estimated altogether.
     """
-    stated, widened = (
-        (0 * chain.stated_sigma if chain.sigma_unknown else chain.stated_sigma),
-        chain.sigma.copy(),
-    )
+    stated = 0 * chain.stated_sigma if chain.sigma_unknown else chain.stated_sigma
+    sigma = chain.sigma.copy()
     spent = trial.residual.size / trial.degrees
     for rows in (slice(0, 3), slice(3, 6)):  # positions, and turns where they are measured
         squares = trial.residual[rows] ** 2 * spent
         if squares.size:
             extra = _extra_variance(squares, stated[rows][:, split.fit])
-            widened[rows] = np.sqrt(stated[rows] ** 2 + extra)
-    return replace(chain, sigma=widened)
+            sigma[rows] = np.sqrt(stated[rows] ** 2 + extra)
+    return replace(chain, sigma=sigma)
 
 
 def _extra_variance(squares, sigma):

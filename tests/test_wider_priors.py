@@ -1,0 +1,70 @@
+"""An effect far larger than usual is not held short of its size, and a usual one keeps its prior."""
+
+import numpy as np
+import pytest
+import tomli_w
+
+from robot_model.effects.transmission import TransmissionHarmonic
+from test_shrinkage import waved
+from workbench.core.least_squares.solver import solve
+from workbench.diagnosis.robot.bench import bench_of
+from workbench.fitting.wider_priors import widened
+from workbench.jobs.robot.simulate import simulate
+
+TYPICAL = 3e-4  # rad, of a transmission harmonic
+
+
+def priors_of(parameters):
+    return np.array([p.prior for p in parameters.table], float)[parameters.mask]
+
+
+def test_contradicted_priors_are_widened():
+    """Gears of all joints err by thirty times the typical size; the prior alone leaves a third of the error or more."""
+    model, free, truth = waved(30 * TYPICAL, 14)
+    first = fit = solve(model, free)
+    for _ in range(8):  # the next solution shows which others are held short
+        wider = widened(model, fit)
+        if wider is fit.parameters:
+            break
+        fit = solve(model, wider)
+    assert (priors_of(fit.parameters) >= priors_of(first.parameters)).all()
+    assert (priors_of(fit.parameters) > 3 * priors_of(first.parameters)).any()
+    away, left = (
+        np.square(found.parameters.pack() - truth.pack()).mean() for found in (first, fit)
+    )
+    assert left < 0.1 * away
+
+
+@pytest.mark.parametrize("size, n", [(0.0, 14), (TYPICAL, 14), (TYPICAL, 100), (2 * TYPICAL, 14)])
+def test_priors_that_hold_stay(size, n):
+    for seed in range(3):
+        model, free, _ = waved(size, n, seed)
+        fit = solve(model, free)
+        assert widened(model, fit) is fit.parameters
+
+
+def test_a_large_effect_of_the_diagnosis_has_its_size(tmp_path):
+    """A gear that errs by thirty times the typical size, measured coarsely."""
+    effect = {
+        "effect": "transmission-harmonic",
+        "where": "joint-3",
+        "order": 2,
+        "values": {"sin2": 30 * TYPICAL, "cos2": -20 * TYPICAL},
+    }
+    scene = {
+        "robot": "abb_irb120",
+        "measures": "external-point",
+        "samples": 50,
+        "seed": 7,
+        "sigma_mm": 1.0,
+        "reflectors": [[30.0, -40.0, 100.0]],
+        "effect": [effect],
+    }
+    path = tmp_path / "scene.toml"
+    path.write_text(tomli_w.dumps(scene), encoding="utf-8")
+    bench = bench_of(simulate(path))
+    bench.solve()
+    _, fit, _ = bench.solve((TransmissionHarmonic("joint-3", order=2),))
+    found = dict(zip(fit.parameters.keys, fit.parameters.values))
+    values = [found[key] for key in found if "transmission-harmonic" in key]
+    assert np.hypot(*values) == pytest.approx(np.hypot(30, 20) * TYPICAL, rel=0.08)
