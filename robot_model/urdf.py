@@ -79,16 +79,22 @@ def _denavit(
     tree: Tree, moving: list[Joint], tip: str
 ) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
     """Frames (J + 1 of (4, 4), root frame, zero pose), rows (J, 5) and Hayati flags (J,)."""
-    places = [tree.places[joint.child] for joint in moving]
-    lines = [(place[:3, 3], place[:3, :3] @ joint.axis) for place, joint in zip(places, moving)]
+    lines = []
+    for joint in moving:
+        place = tree.places[joint.child]
+        lines.append((place[:3, 3], place[:3, :3] @ joint.axis))
     end = tree.places[tip]
+    lines.append((end[:3, 3], end[:3, 2]))
     frames, rows, hayati = [_first_frame(*lines[0])], [], []
-    for point, axis in [*lines[1:], (end[:3, 3], end[:3, 2])]:
-        last, here = len(rows) == len(moving) - 1, frames[-1]
-        hint, inward = end[:3, 0] if last else here[:3, 0], here[:3, :3].T
-        row, parallel = link_row(inward @ (point - here[:3, 3]), inward @ axis, inward @ hint, last)
+    for point, axis in lines[1:]:
+        here = frames[-1]
+        inward = here[:3, :3].T
+        is_last = len(rows) == len(moving) - 1
+        hint = end[:3, 0] if is_last else here[:3, 0]
+        offset = inward @ (point - here[:3, 3])
+        row, is_parallel = link_row(offset, inward @ axis, inward @ hint, is_last)
         rows.append(row)
-        hayati.append(parallel and not last)
+        hayati.append(is_parallel and not is_last)
         frames.append(here @ _transform(row))
     return frames, np.array(rows), np.array(hayati)
 

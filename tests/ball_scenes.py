@@ -57,3 +57,20 @@ def post(centre, radius: float, length: float, lying: bool = False):
     if lying:
         made.rotate(np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]))
     return made.translate(centre)
+
+
+def pixel_error(
+    points: np.ndarray, planes: np.ndarray, focal: float, along: str = "rows"
+) -> np.ndarray:
+    """(3, n) mm by which points (3, n) in the camera frame move when the stripe's centre errs by 1 px.
+
+    `planes` (4, n) light plane of each point; `focal` px; `along` "rows" where centres are sought
+    along the rows of the image, "columns" else. The ray turns in the image and still ends in the light plane:
+    the error lies in the plane. Its direction is `direction` of `fit_ball`, its length times the
+    centre's sigma (px) is `sigma`.
+    """
+    depth, flat = points[2], points / points[2]
+    turned = np.zeros_like(points)
+    turned[0 if along == "rows" else 1] = 1 / focal
+    slope = (planes[:3] * turned).sum(0) / (planes[:3] * flat).sum(0)
+    return depth * (turned - slope * flat)

@@ -98,3 +98,16 @@ def profiles(seed, count=12, turns=None, radius=20.0, noise=0.01, shift=0.05, la
         np.repeat(np.arange(count), 150),
         flange,
     )
+
+
+def camera_prior(
+    camera: Camera, focal: float = 0.002, centre: float = 0.005, distortion: float = 0.02
+) -> np.ndarray:
+    """(V, V) covariance of a camera of which only values are known, as data sheets state them.
+
+    focal: of fx and fy, as a share; centre: of cx and cy, as a share of the focal length;
+    distortion: of every coefficient, times 10 for each further power of the radius squared.
+    """
+    steps = [1, 10, 0.1, 0.1, 100, 1, 10, 100][: len(camera.distortion)]
+    sigma = [focal * camera.fx, focal * camera.fy, centre * camera.fx, centre * camera.fy]
+    return np.diag(np.square([*sigma, *(distortion * step for step in steps)]))

@@ -5,11 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenes import model_of, observed, scene
+from scenes import ABB, CRAIG, model_of, observed, scene
 from workbench.core.errors import InputError
 from workbench.jobs.robot.calibrate import calibrate
 
 SIGMA = 0.02
+_MASSES = ("mass_kg", "com_mm")
+WITHOUT_MASSES = {key: value for key, value in CRAIG.items() if key != "payload"} | {
+    "joint": [{k: v for k, v in row.items() if k not in _MASSES} for row in CRAIG["joint"]]
+}
 
 
 def recorded(seed=0, n=160, change=lambda points: points, **truth):
@@ -47,6 +51,30 @@ def test_a_stage_that_another_replaces_is_taken_back(clean):
     gears = next(stage for stage in clean.stages if stage.name == "transmission")
     assert not gears.earned
     assert "left out" in gears.sentence
+
+
+@pytest.mark.parametrize(
+    ("masses", "payload", "warned"),
+    [(False, False, True), (True, False, False), (False, True, False)],
+)
+def test_a_compliance_without_any_mass_is_warned_of(masses, payload, warned, tmp_path):
+    """Torques of gravity need the mass of a link or of a load; without both the stage estimates nothing."""
+    robot = ABB if masses else WITHOUT_MASSES
+    recording = scene("external-point", n=40, arm=robot).recording
+    columns = {name: column for name, column in recording.columns.items() if name != "payload_kg"}
+    if payload:
+        columns["payload_kg"] = np.linspace(0, 3, 40)
+    recording = replace(recording, columns=columns)
+    plan = tmp_path / "elastic.toml"
+    plan.write_text(
+        'format = "plan/1"\n[[stage]]\nname = "compliance"\nwhy = "gravity"\n'
+        'effects = [{ effect = "joint-compliance", where = "joint-2" }]\nearn = false\n'
+    )
+    warnings = calibrate(recording, plan=str(plan)).warnings
+    found = [one for one in warnings if one.startswith("The robot has no masses")]
+    assert bool(found) is warned
+    if warned:
+        assert "Use gravity-compliance" in found[0] and "mass_kg" in found[0]
 
 
 def test_confounded_parameters_name_each_other_and_carry_no_std(clean):

@@ -83,7 +83,14 @@ def test_no_p_where_a_plan_chose_its_stages_on_the_folds(recording, plans):
 def test_no_p_from_too_few_folds_or_from_equal_plans(recording, plans, tmp_path):
     assert compare(recording, plans, folds=3).rows()[1]["test"] == FEW
     (tmp_path / "again.toml").write_text(PLAIN)
-    assert compare(recording, [plans[0], str(tmp_path / "again.toml")]).rows()[1]["test"] == SAME
+    equal = compare(recording, [plans[0], str(tmp_path / "again.toml")])
+    assert equal.rows()[1]["test"] == SAME
+    assert equal.as_json()["verdict"]["sentence"].startswith("No difference between the plans: ")
+
+
+def test_the_verdict_of_different_plans_names_the_best(recording, plans):
+    sentence = compare(recording, plans).as_json()["verdict"]["sentence"]
+    assert sentence.startswith("Best plan, ") and "wave" in sentence.partition(":")[0]
 
 
 def made_of(differences, apart):

@@ -1,5 +1,6 @@
 """What a diagnosis proves, says and proposes: held-out blocks, controls, smallest sizes, shares, sentences."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -407,9 +408,12 @@ def test_the_statement_names_effect_place_size_and_proof():
     said = words.statement(term(0.99), "the ball", "mm")
     assert said == (
         "Joint 3 stops short of its reading on the side that it came from: half gap 0.130 ± 0.010 mrad, "
-        "0.08 mm RMS at the ball. It takes 0.013 mm off the held-out error (t = 5.2), and the search found it "
-        "again in 9 of 9 folds."
+        "0.08 mm RMS at the ball. It takes 0.013 mm off the held-out error (t = 5.2), and it is reselected in "
+        "9 of 9 folds."
     )
+    both = replace(term(0.99), ways=(("blocks of time", 5), ("blocks of the workspace", 4)))
+    folds = "9 of 9 folds (5 blocks of time, 4 blocks of the workspace)."
+    assert words.statement(both, "the ball", "mm").endswith(folds)
     doubtful = words.statement(term(0.6, ("zero-shift", 0.4)), "the ball", "mm")
     assert "its name is not certain: this (0.60) or zero-shift at joint 3 (0.40)" in doubtful
 

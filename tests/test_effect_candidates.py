@@ -30,7 +30,7 @@ def chain_of(arm):
 @pytest.mark.parametrize("kind", [*ROBOT.values(), *SCANNER.values()])
 def test_members_have_the_types_that_readers_expect(kind):
     known = names([*ROBOT.values(), *SCANNER.values()])
-    assert set(kind.exclusive_with) | set(kind.subsumes) <= known
+    assert set(kind.subsumes) <= known
     assert isinstance(kind.nonnegative, int) and isinstance(kind.plant_weight, float)
     assert isinstance(kind.unrecorded, str) and isinstance(kind.stage, str)
     assert kind.candidates.__doc__ and kind.grids.__doc__

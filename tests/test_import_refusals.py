@@ -89,8 +89,12 @@ def test_a_stated_quaternion_order_that_is_wrong_is_refused(truth, tmp_path):
 def test_another_robot_is_refused(truth, tmp_path):
     header = [*(f"J{k}" for k in range(1, 7)), "X", "Y", "Z"]
     path = write_rows(tmp_path / "t.csv", header, np.column_stack([degrees(truth), truth.points]))
-    with pytest.raises(InputError):
+    with pytest.raises(InputError) as caught:
         import_recording([path], tmp_path / "out", ImportOptions(robot="staubli_tx60"))
+    sentence = str(caught.value)
+    assert "found that no reading fits (" in sentence
+    assert "check the robot" in sentence and "--map" in sentence
+    assert "about equally well" not in sentence
 
 
 def test_clocks_without_common_times_are_refused(truth, tmp_path):

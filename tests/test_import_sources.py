@@ -314,6 +314,37 @@ def test_folder_of_images_with_a_pose_table_in_inches(hand_eye, tmp_path):
     assert made.recording.measures == "board-images"
     assert len(made.recording.images) == len(truth.images)
     assert np.abs(made.recording.flange - flange).max() < 1e-5
+    assert made.unused == ()
+
+
+def test_only_columns_that_nothing_was_read_from_are_unused(truth, tmp_path):
+    """The column of times became time_s of the recording; the remark did not become anything."""
+    header = [
+        *(f"J{k} [deg]" for k in range(1, 7)),
+        "X [mm]",
+        "Y [mm]",
+        "Z [mm]",
+        "t [s]",
+        "remark",
+    ]
+    times = 10.0 * np.arange(truth.n)
+    numbers = np.column_stack([degrees(truth), truth.points, times])
+    rows = [(*row, f"point {k}") for k, row in enumerate(numbers)]
+    made = import_recording([write_rows(tmp_path / "t.csv", header, rows)], tmp_path / "out", UR10)
+    np.testing.assert_allclose(made.recording.columns["time_s"], times)
+    assert made.unused == ("remark",)
+
+
+def test_a_board_that_the_images_do_not_show_is_looked_for_in_the_option(hand_eye, tmp_path):
+    """The user typed --board; there is no recording.toml yet that the message could point to."""
+    folder, truth = hand_eye
+    rows = [(*pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_quat()) for pose in truth.flange]
+    path = write_rows(tmp_path / "p.csv", ["x", "y", "z", "qx", "qy", "qz", "qw"], rows)
+    board = {**truth.board, "columns": 14, "rows": 11}
+    with pytest.raises(InputError) as caught:
+        import_recording([folder / "images", path], tmp_path / "out", ImportOptions(board=board))
+    assert str(caught.value).startswith("--board: expected ")
+    assert "recording.toml" not in str(caught.value)
 
 
 @pytest.mark.slow

@@ -26,22 +26,43 @@ def test_the_made_recording_is_the_nominal_arm_but_for_what_was_planted():
 
 
 @pytest.mark.slow
-def test_a_recording_with_loads_is_attributed_and_its_export_predicts_unseen_poses():
-    """The load of a simulation in MJCF hangs at its body `load`, and not where the measured point is."""
+def test_attribution_over_a_fixed_population():
+    """Ten scenes, one of every combination, with seeds that were fixed before any of them was run.
+
+    The published table (docs/studies/differences.md) has 45 of 48 right: with that share, fewer than eight of ten
+    have a probability of 2 %.
+    """
     import study_differences
 
-    found = study_differences.scene(1006, (1, 2, False))
-    assert found.is_right, (found.wrong_names, found.missed)
-    assert found.prediction < 1.1 and found.found_factor == pytest.approx(1, abs=0.1)
+    combinations = study_differences.COMBINATIONS
+    found = [study_differences.scene(3000 + k, one) for k, one in enumerate(combinations)]
+    wrong = [(one.seed, one.wrong_names, one.missed) for one in found if not one.is_right]
+    assert len(wrong) <= 2, wrong
+    factors = [one.found_factor / one.factor for one in found]
+    assert factors == pytest.approx(np.ones(len(found)), abs=0.1)
+    predictions = [one.prediction for one in found]
+    assert sum(prediction < 1.1 for prediction in predictions) >= 9, predictions
 
 
 @pytest.mark.slow
-def test_the_true_arm_at_compensated_readings_errs_by_no_more_than_predicted():
-    """Two diagnosis runs: the true arm, solved by MuJoCo, is sent to the readings of `compensate`."""
+def test_compensation_over_the_first_half_of_the_published_population():
+    """Ten scenes of docs/studies/compensation.md, none left out: every target set improves, most as predicted.
+
+    The claim is a share, not all: a term that is missing or wrong is not in the predicted uncertainty.
+    """
     import study_compensation
 
-    scenes = [study_compensation.execute(4000, (2, 1, False))]
-    scenes += [study_compensation.execute(4003, (2, 0, False))]
-    pooled = np.sqrt(np.mean([scene.ratio**2 for scene in scenes]))
-    assert pooled < 1.2
-    assert all(scene.after < 0.05 * scene.before for scene in scenes)
+    rows = [study_compensation.scene(number) for number in range(10)]
+    ratios = {row.seed: round(row.ratio, 2) for row in rows}
+    assert all(row.after < 0.1 * row.before for row in rows), ratios
+    assert sum(row.is_within for row in rows) >= 8, ratios
+    assert 0.8 < np.median([row.ratio for row in rows]) < study_compensation.LIMIT, ratios
+
+
+def test_the_published_figures_of_compensation_follow_from_their_table():
+    """The page says how many scenes are within the limit, and names the others: it is made from all of the table."""
+    import study_compensation
+
+    rows = study_compensation.read(study_compensation.TABLE)
+    assert [row.seed for row in rows] == list(range(5000, 5000 + study_compensation.SCENES))
+    assert study_compensation.PAGE.read_text(encoding="utf-8") == study_compensation.page(rows)

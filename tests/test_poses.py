@@ -226,6 +226,14 @@ def test_a_pose_may_be_measured_again_where_asked(candidates, cell, tmp_path):
     assert choose_poses(candidates, 40, link_radius_mm=0).predicted() is None
 
 
+def test_poses_without_tasks_say_which_option_predicts_an_error():
+    from workbench.commands.robot.poses import _verdict
+
+    assert _verdict({"predicted": None}, ()).sentence == (
+        "No error is predicted; --criterion task --tasks predicts one."
+    )
+
+
 def test_candidates_that_are_alike_are_reported_as_such(cell):
     """All within the cell itself: which of them are taken matters little, and the bound says that no choice will do."""
     tasks, _ = cell

@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from ball_scenes import along_rays, ball, cap, ray_cast
+from ball_scenes import along_rays, ball, cap, pixel_error, ray_cast
 from sensors.ball.fit import fit_ball, fit_circle
-from sensors.ball.point_errors import pixel_error, plane_error
+from sensors.ball.point_errors import plane_error
 from sensors.ball.start import algebraic
 from sensors.light.planes import moved
 from workbench.core.errors import InputError

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hand_eye_scenes import CAMERA, NOISE, SHIFT, board, images, off, profiles
+from hand_eye_scenes import CAMERA, NOISE, SHIFT, board, camera_prior, images, off, profiles
 from sensors.boards.board import Board
 from sensors.boards.detection import View, detect, relabelled
 from sensors.camera.model import Camera
 from sensors.hand_eye.chain import BallChain, BoardChain
-from sensors.hand_eye.images import camera_prior, hand_eye_from_views
+from sensors.hand_eye.images import hand_eye_from_views
 from sensors.hand_eye.profiles import hand_eye_from_profiles
 from sensors.hand_eye.scatter import board_scatter, deviations, placed_boards
 from sensors.hand_eye.start import board_poses, closed_forms

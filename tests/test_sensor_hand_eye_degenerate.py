@@ -7,8 +7,19 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from conftest import mostly_slow
-from hand_eye_scenes import CAMERA, HAND_EYE, LOOKS, board, images, jolt, looks, off, profiles
-from sensors.hand_eye.images import camera_prior, hand_eye_from_views
+from hand_eye_scenes import (
+    CAMERA,
+    HAND_EYE,
+    LOOKS,
+    board,
+    camera_prior,
+    images,
+    jolt,
+    looks,
+    off,
+    profiles,
+)
+from sensors.hand_eye.images import hand_eye_from_views
 from sensors.hand_eye.motion import motion
 from sensors.hand_eye.profiles import hand_eye_from_profiles
 from sensors.hand_eye.start import align

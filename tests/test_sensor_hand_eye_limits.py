@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hand_eye_scenes import CAMERA, HAND_EYE, LOOKS, board, images, off, profiles
+from hand_eye_scenes import CAMERA, HAND_EYE, LOOKS, board, camera_prior, images, off, profiles
 from sensors.boards.board import Board
 from sensors.boards.detection import View
 from sensors.camera.calibration import calibrate_camera
-from sensors.hand_eye.images import camera_prior, hand_eye_from_views
+from sensors.hand_eye.images import hand_eye_from_views
 from sensors.hand_eye.known import _reduced_normal
 from sensors.hand_eye.motion import readings
 from sensors.hand_eye.profiles import hand_eye_from_profiles

@@ -92,7 +92,9 @@ def test_far_is_a_statement_with_degrees_of_freedom(ratio, degrees, far):
 def test_without_noise_the_sentence_says_so():
     verdict = judge(Residual(0.1))
     assert verdict.residual_over_noise is None
-    assert "no noise is stated" in verdict.sentence
+    assert verdict.sentence.endswith(
+        "no noise is stated and there are no repeats to estimate it from: 0.1 mm cannot be compared with it."
+    )
 
 
 def test_position_and_orientation_pass_only_together():

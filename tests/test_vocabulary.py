@@ -37,9 +37,8 @@ def test_a_covariate_is_read(name):
     assert Covariate.of(name) == COVARIATES[name]
 
 
-def test_clocks_signs_and_readings_are_known():
+def test_signs_and_readings_are_known():
     names = ("time_s", "row", "approach2", "sweep", "q1_deg", "q1", "temperature_c")
     found = [Covariate.of(name) for name in names]
-    assert [c.is_clock for c in found] == [True, True, False, False, False, False, False]
     assert [c.is_signed for c in found] == [False, False, True, True, False, False, False]
     assert [c.is_reading for c in found] == [False, False, False, False, True, False, False]

@@ -46,7 +46,6 @@ ERRORS = (
     (0, 0, 0, 0),
 )
 _LIMITS = ((-165, 165), (-110, 110), (-110, 70), (-160, 160), (-120, 120), (-400, 400))
-BEAM = np.array([1.0, 0, 0])
 _CAP = np.deg2rad(75)  # of the sphere, from its pole
 _CONE = np.deg2rad(40)  # how far a beam may lean from the line shoulder - detector
 _FROM, _TO = 120.0, 260.0  # mm between flange and detector

@@ -131,7 +131,7 @@ def fit_ball(points: np.ndarray, sigma=None, radius: float | None = None, **opti
     `sigma` 1-sigma mm of a point, one or (n,); `radius` mm where it is known and not fitted.
     Options, all by name:
     `covariance` (3, 3) or (3, 3, n) mm^2 of a point, instead of sigma;
-    `direction` (3,) or (3, n): the errors act along these lines with `sigma` (see `pixel_error`);
+    `direction` (3,) or (3, n): the errors act along these lines with `sigma`;
     `view` (3,) or (3, n): direction in which the sensor looks (the points themselves in the
     camera's frame): what faces away from it cannot have been seen, and is left out;
     `incidence` rad, points of more are left out, and `edge` mm, points nearer to the silhouette; both need `view`;

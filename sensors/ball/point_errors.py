@@ -1,26 +1,9 @@
-"""How a scanner's points err: along a line in their light plane, and together with their whole plane."""
+"""How a scanner's points err together: with their light plane, and with their stripe."""
 
 import numpy as np
 
 from sensors.ball.shared import Shared
 from sensors.light.planes import tilt_directions
-
-
-def pixel_error(
-    points: np.ndarray, planes: np.ndarray, focal: float, along: str = "rows"
-) -> np.ndarray:
-    """(3, n) mm by which points (3, n) in the camera frame move when the stripe's centre errs by 1 px.
-
-    `planes` (4, n) light plane of each point; `focal` px; `along` "rows" where centres are sought
-    along the rows of the image, "columns" else. The ray turns in the image and still ends in the light plane:
-    the error lies in the plane. Its direction is `direction` of `fit_ball`, its length times the
-    centre's sigma (px) is `sigma`.
-    """
-    depth, flat = points[2], points / points[2]
-    turned = np.zeros_like(points)
-    turned[0 if along == "rows" else 1] = 1 / focal
-    slope = (planes[:3] * turned).sum(0) / (planes[:3] * flat).sum(0)
-    return depth * (turned - slope * flat)
 
 
 def plane_error(
@@ -45,8 +28,8 @@ def plane_error(
 def stripe_error(error: np.ndarray, steps: np.ndarray, along: np.ndarray) -> np.ndarray:
     """(2, 3, n) mm by which a stripe's points move when it is shifted, and tilted along itself, by 1 px at its ends.
 
-    `error` (3, n) mm for 1 px of a centre, see `pixel_error`; `steps` (n,) int of the stripes, `along` (n,) px places
-    along them.
+    `error` (3, n) mm for 1 px of a centre, along its line in the light plane; `steps` (n,) int of the
+    stripes, `along` (n,) px places along them.
     """
     steps = np.unique(steps, return_inverse=True)[1]
     low, high = (

@@ -66,12 +66,15 @@ def _through(points, random):
 
 def _sensible(spheres, points, radius):
     """Those no larger than a ball can be; with a known radius, moved along the line from centre to points."""
-    spheres = spheres[:, np.isfinite(spheres).all(0) & (spheres[-1] > 0)]
+    is_sphere = np.isfinite(spheres).all(0) & (spheres[-1] > 0)
+    centres, radii = spheres[:-1, is_sphere], spheres[-1, is_sphere]
     if radius is None:
-        return spheres[:, spheres[-1] < _LARGEST * np.abs(points).max()]
-    inward = spheres[:-1] - np.median(points, axis=1)[:, None]
+        is_small = radii < _LARGEST * np.abs(points).max()
+        return np.concatenate([centres, radii[None]])[:, is_small]
+    inward = centres - np.median(points, axis=1)[:, None]
     inward /= np.maximum(np.linalg.norm(inward, axis=0), 1e-300)
-    apex = spheres[:-1] - spheres[-1] * inward
+    # the point of the surface nearest to the points stays; the ball lies on either side of it
+    apex = centres - radii * inward
     moved = np.concatenate([apex + radius * inward, apex - radius * inward], axis=1)
     return np.concatenate([moved, np.full((1, moved.shape[1]), radius)])
 

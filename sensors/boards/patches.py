@@ -149,15 +149,19 @@ def _patches(image, centres, reach, inside=None):
     side = np.arange(-half, half + 1)
     offsets = np.stack([a.ravel() for a in np.meshgrid(side, side)])
     middle = np.rint(centres).astype(int)
-    away = np.hypot(*(offsets[:, None] + (middle - centres)[:, :, None]))
-    used = away <= reach[:, None] + 1
-    used &= True if inside is None else away >= inside[:, None] - 1
+    from_centre = offsets[:, None] + (middle - centres)[:, :, None]
+    distance = np.hypot(*from_centre)
+    used = distance <= reach[:, None] + 1
+    if inside is not None:
+        used &= distance >= inside[:, None] - 1
+    # used pixels first, as many columns as the largest patch needs
     order = np.argsort(~used, axis=1, kind="stable")[:, : used.sum(1).max()]
     spots = middle[:, :, None] + offsets[:, order]
+    u, v = spots
     height, width = image.shape
-    held = (spots[0] >= 0) & (spots[0] < width) & (spots[1] >= 0) & (spots[1] < height)
-    weight = np.take_along_axis(used, order, 1) & held
-    grey = image[np.clip(spots[1], 0, height - 1), np.clip(spots[0], 0, width - 1)]
+    is_in_image = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    weight = np.take_along_axis(used, order, 1) & is_in_image
+    grey = image[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)]
     return spots.astype(float), grey.astype(float), weight.astype(float)
 
 

@@ -233,12 +233,14 @@ def calibrate_camera(
 def _height(board, values, covariance):
     """Highest over lowest point of the bowed board from its best plane, and 1 sigma of it, mm."""
     x, y = (board.points - board.middle[:, None])[:2] / board.half_diagonal
-    rows = np.stack([x * x, y * y, x * y])
+    shapes = np.stack([x * x, y * y, x * y])
     plane = np.stack([np.ones_like(x), x, y])
-    rows = rows - rows @ np.linalg.pinv(plane) @ plane
-    height = values @ rows
-    apart = rows[:, np.argmax(height)] - rows[:, np.argmin(height)]
-    return float(np.ptp(height)), float(np.sqrt(apart @ covariance @ apart))
+    on_plane = shapes @ np.linalg.pinv(plane) @ plane
+    from_plane = shapes - on_plane
+    height = values @ from_plane
+    difference = from_plane[:, np.argmax(height)] - from_plane[:, np.argmin(height)]
+    variance = difference @ covariance @ difference
+    return float(np.ptp(height)), float(np.sqrt(variance))
 
 
 def _undetermined(made: CameraCalibration) -> list[str]:

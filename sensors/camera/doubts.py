@@ -31,13 +31,19 @@ _MANY = 3  # board poses that are off smoothly from which on the lens is the cau
 def on_a_line(views: Sequence["View"], board) -> np.ndarray:
     """(V,) True for views whose corners lie on one line of the board."""
     count = np.array([len(view.index) for view in views])
-    view = np.repeat(np.arange(len(views)), count)
-    places = board.points[:2, np.concatenate([view.index for view in views])]
-    middle = np.stack([np.bincount(view, row, len(views)) for row in places]) / np.maximum(count, 1)
-    x, y = places - middle[:, view]
-    xx, yy, xy = (np.bincount(view, row, len(views)) for row in (x * x, y * y, x * y))
-    # the product of the two variances along and across the corners, over the square of the first, which is the larger
-    return xx * yy - xy * xy < _FLAT**2 * (xx + yy) ** 2
+    of_view = np.repeat(np.arange(len(views)), count)
+    corners = np.concatenate([view.index for view in views])
+    places = board.points[:2, corners]
+
+    def sums(values):
+        return np.bincount(of_view, values, len(views))
+
+    middle = np.stack([sums(row) for row in places]) / np.maximum(count, 1)
+    x, y = places - middle[:, of_view]
+    xx, yy, xy = sums(x * x), sums(y * y), sums(x * y)
+    # the product of the variances along and across the corners, over the square of the larger one, which is the first
+    product = xx * yy - xy * xy
+    return product < _FLAT**2 * (xx + yy) ** 2
 
 
 def repeated(views: Sequence["View"]) -> list[int | None]:
@@ -51,19 +57,22 @@ def unsmooth(chain: Corners) -> np.ndarray:
     """(G,) RMS that a quadratic warp of the board leaves of some corners, over the extent of its image.
 
     Of a board through any lens hardly anything, of corners in a wrong order most of it. inf where
-    there are too few corners to tell.
+    there are too few corners to decide.
     """
     chosen, new = spread(chain)
+    is_used = new[..., None]
     x, y = chain.place[:, chosen]
-    rows = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1) * new[..., None]
-    seen = np.moveaxis(chain.pixels[:, chosen], 0, -1) * new[..., None]
+    rows = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1) * is_used
+    seen = np.moveaxis(chain.pixels[:, chosen], 0, -1) * is_used
+    residual = seen - rows @ (np.linalg.pinv(rows) @ seen)
     count = new.sum(1)
-    middle = (seen.sum(1) / count[:, None])[:, None] * new[..., None]
-    left = seen - rows @ (np.linalg.pinv(rows) @ seen)
-    share = np.sqrt((left**2).sum((1, 2)) / np.maximum(((seen - middle) ** 2).sum((1, 2)), 1e-300))
-    spare = count - rows.shape[-1]
+    middle = seen.sum(1) / count[:, None]
+    extent = ((seen - middle[:, None] * is_used) ** 2).sum((1, 2))
+    share = np.sqrt((residual**2).sum((1, 2)) / np.maximum(extent, 1e-300))
     # residuals are smaller than errors: the warp has numbers of its own
-    return np.where(spare < _OVER, np.inf, share * np.sqrt(count / np.maximum(spare, 1)))
+    spare = count - rows.shape[-1]
+    error = share * np.sqrt(count / np.maximum(spare, 1))
+    return np.where(spare < _OVER, np.inf, error)
 
 
 def from_behind(poses: np.ndarray) -> np.ndarray:

@@ -228,24 +228,29 @@ def solve_equal(made, parameters: Parameters, noise: float, sigma: np.ndarray) -
     best = solve_linear(made, parameters, noise, sigma)
     gram, free = made[0], parameters.mask
     size, typical = int(free.sum()), parameters.typical[free]
-    plain, cross = gram[:, :size, :size], gram[:, :size, size:-1]
+    # blocks of the parameters, of these with the errors of the groups, and with the residual
+    plain, cross, right = gram[:, :size, :size], gram[:, :size, size:-1], gram[:, :size, -1]
     total = plain.sum(0)
-    worth = max(float(np.diag(best.normal) @ typical**2), 1e-300) / max(
-        float(np.diag(total) @ typical**2), 1e-300
-    )
-    held = parameters.precision[free] + _FLOOR / typical**2
+    likelihood = float(np.diag(best.normal) @ typical**2)
+    equal = float(np.diag(total) @ typical**2)
+    worth = max(likelihood, 1e-300) / max(equal, 1e-300)
+    prior = parameters.precision[free]
+    held = prior + _FLOOR / typical**2
     inverse = _scaled_covariance(total * worth, held, typical)
-    pull = worth * gram[:, :size, -1].sum(0)
-    change = -inverse @ (
-        pull + parameters.precision[free] * (parameters.pack() - parameters.nulls[free])
-    )
-    middle = worth**2 * (
-        noise**2 * total + ((cross * sigma**2) @ cross.transpose(0, 2, 1)).sum(0)
-    ) + np.diag(held)
-    own = gram[:, size:-1] / noise**2
-    said = own[:, :, -1] + own[:, :, :size] @ change
-    errors = -solve_positive(own[:, :, size:-1] + np.diag(sigma**-2), said[..., None])[..., 0]
+    from_null = parameters.pack() - parameters.nulls[free]
+    change = -inverse @ (worth * right.sum(0) + prior * from_null)
+    by_groups = ((cross * sigma**2) @ cross.transpose(0, 2, 1)).sum(0)
+    middle = worth**2 * (noise**2 * total + by_groups) + np.diag(held)
+    errors = _group_errors(gram[:, size:-1] / noise**2, size, sigma, change)
     return replace(best, change=change, covariance=inverse @ middle @ inverse, errors=errors)
+
+
+def _group_errors(own, size: int, sigma, change):
+    """Errors of the groups at a change (P,) of the parameters; own: their rows of the weighted normal matrix."""
+    by_parameters, by_errors, right = own[:, :, :size], own[:, :, size:-1], own[:, :, -1]
+    left = right + by_parameters @ change
+    normal = by_errors + np.diag(sigma**-2)
+    return -solve_positive(normal, left[..., None])[..., 0]
 
 
 def _scaled_covariance(normal, held, typical):

@@ -167,24 +167,29 @@ def _within(gap, label, used, count):
 
 def _ragged_ends(flat, label, used, centre, gap, count):
     """(n,) True at the ends of arcs where the noise is twice that of the middle."""
-    angle = np.arctan2(*(flat - centre[:, label])[::-1])
-    middle = np.arctan2(
-        *(np.bincount(label[used], f[used], count) for f in (np.sin(angle), np.cos(angle)))
-    )
+    cells = 4 * _BINS
+    cell = _cells_of_arc(flat - centre[:, label], label, used, count, cells)
+    whole = cell + cells * label
+    number = np.bincount(whole[used], minlength=cells * count)
+    power = np.bincount(whole[used], gap[used] ** 2, cells * count)
+    rms = np.sqrt(power / np.maximum(number, 1)).reshape(count, cells)
+    is_filled = (number >= 4).reshape(count, cells)
+    usual = np.array([np.median(r[f]) if f.any() else np.inf for r, f in zip(rms, is_filled)])
+    is_calm = is_filled & (rms < _NOISY * usual[:, None])
+    first = is_calm.argmax(1)
+    last = cells - 1 - is_calm[:, ::-1].argmax(1)
+    return (cell < first[label]) | (cell > last[label])
+
+
+def _cells_of_arc(from_centre, label, used, count, cells):
+    """(n,) number of the cell, of so many round the circle, with the middle of the used arc in the middle cell."""
+    angle = np.arctan2(from_centre[1], from_centre[0])
+    sine = np.bincount(label[used], np.sin(angle[used]), count)
+    cosine = np.bincount(label[used], np.cos(angle[used]), count)
+    middle = np.arctan2(sine, cosine)
     turn = np.angle(np.exp(1j * (angle - middle[label])))
-    cell = (
-        np.clip(((turn / np.pi + 1) / 2 * 4 * _BINS).astype(int), 0, 4 * _BINS - 1)
-        + 4 * _BINS * label
-    )
-    number = np.bincount(cell[used], minlength=4 * _BINS * count)
-    power = np.bincount(cell[used], gap[used] ** 2, 4 * _BINS * count)
-    rms = np.sqrt(power / np.maximum(number, 1)).reshape(count, -1)
-    filled = (number >= 4).reshape(count, -1)
-    usual = np.array([np.median(r[f]) if f.any() else np.inf for r, f in zip(rms, filled)])
-    calm = filled & (rms < _NOISY * usual[:, None])
-    first, last = calm.argmax(1), calm.shape[1] - 1 - calm[:, ::-1].argmax(1)
-    own = cell - 4 * _BINS * label
-    return (own < first[label]) | (own > last[label])
+    share = (turn / np.pi + 1) / 2
+    return np.clip((share * cells).astype(int), 0, cells - 1)
 
 
 def _words(label, used, count):

@@ -64,13 +64,6 @@ class HandEye:
     range_scale: float = 0.0
     notes: tuple[str, ...] = field(default=())
 
-    @property
-    def T_flange_sensor(self) -> np.ndarray:
-        """(4, 4), for the sensor on the flange; a sensor next to the robot has none."""
-        if self.kind == "to-hand":
-            raise AttributeError("the sensor stands next to the robot: `sensor` is T_base_sensor")
-        return self.sensor
-
     @cached_property
     def centre(self) -> np.ndarray:
         """(3,) mm, origin of the board, or centre of the ball."""

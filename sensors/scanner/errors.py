@@ -175,13 +175,22 @@ def laid_over(
     Where it finds next to none, nothing is moved.
     """
     points, step = field_points(camera, planes, *volume)
-    found = cut(other_camera.normalised(camera.project(points)), other[:, step])
-    met = np.isfinite(found).all(0)
-    if met.sum() < _FEWEST or not np.isfinite(other).all():
-        return points, step, (other[:3, step] * points).sum(0) + other[3, step], found - points
-    middle, there = points[:, met].mean(1, keepdims=True), found[:, met].mean(1, keepdims=True)
-    turn = nearest_rotation((points[:, met] - middle) @ (found[:, met] - there).T)
-    normals = turn @ other[:3]
-    offsets = other[3] + (other[:3] * there).sum(0) - (normals * middle).sum(0)
-    error = turn @ (found - there) + middle - points
-    return points, step, (normals[:, step] * points).sum(0) + offsets[step], error
+    rays = other_camera.normalised(camera.project(points))
+    found = cut(rays, other[:, step])
+    is_met = np.isfinite(found).all(0)
+    normals, offsets = other[:3], other[3]
+    if is_met.sum() < _FEWEST or not np.isfinite(other).all():
+        return points, step, _distances(normals, offsets, step, points), found - points
+    # the rigid motion from the other frame into this one, about the middles of both sets of points
+    middle = points[:, is_met].mean(1, keepdims=True)
+    other_middle = found[:, is_met].mean(1, keepdims=True)
+    turn = nearest_rotation((points[:, is_met] - middle) @ (found[:, is_met] - other_middle).T)
+    turned = turn @ normals
+    moved_offsets = offsets + (normals * other_middle).sum(0) - (turned * middle).sum(0)
+    moved = turn @ (found - other_middle) + middle
+    return points, step, _distances(turned, moved_offsets, step, points), moved - points
+
+
+def _distances(normals, offsets, step, points):
+    """(n,) mm of points (3, n) from the planes (3, S), (S,) of their steps."""
+    return (normals[:, step] * points).sum(0) + offsets[step]

@@ -86,10 +86,14 @@ def speckle_contrast(centre, sigma, width, height, lag: int = 8) -> float:
     6 (sigma^2 + floor^2), `stripe_profile.speckle_floor`. 0 where there is no excess.
     """
     c, s, w = (np.reshape(v, (-1, height)) for v in (centre, sigma, width))
-    rough = (c[:, 2 * lag :] - 2 * c[:, lag:-lag] + c[:, : -2 * lag]) ** 2 / 6
-    here = slice(lag, -lag)
-    seen = np.isfinite(rough)
+    above, here, below = c[:, : -2 * lag], c[:, lag:-lag], c[:, 2 * lag :]
+    variance = (below - 2 * here + above) ** 2 / 6
+    seen = np.isfinite(variance)
     if seen.sum() < 50:
         return 0.0
-    excess = np.median(rough[seen]) / 0.455 - np.mean(s[:, here][seen] ** 2)
-    return float(np.sqrt(max(excess, 0) / np.mean(speckle_floor(w[:, here][seen], 1.0) ** 2)))
+    # the median of chi-square with one degree of freedom is 0.455
+    found = np.median(variance[seen]) / 0.455
+    stated = np.mean(s[:, lag:-lag][seen] ** 2)
+    excess = max(found - stated, 0)
+    floor = speckle_floor(w[:, lag:-lag][seen], 1.0)
+    return float(np.sqrt(excess / np.mean(floor**2)))

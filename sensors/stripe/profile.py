@@ -133,22 +133,37 @@ def bank(width: int, ratio: int) -> Bank:
     w = binned_width(width)
     half = int(np.ceil(3 * w)) + 1
     phases = np.arange(PHASES + 1) / PHASES - 0.5
-    u = (np.arange(-half, half + 1) - phases[:, None]) / w
+    pixel = np.arange(-half, half + 1)
+    u = (pixel - phases[:, None]) / w
     g = np.exp(-u * u / 2)
     weight = 1 / (1 + RATIOS[ratio] * g)
-    basis = np.stack([np.ones_like(g), g, g * u, g * u * u], -1)
     root = np.sqrt(weight)
+    # background, amplitude, centre and width: an orthonormal basis of their weighted columns, of positive diagonal
+    basis = np.stack([np.ones_like(g), g, g * u, g * u * u], -1)
     q, r = np.linalg.qr(root[..., None] * basis)
-    sign = np.sign(np.einsum("pii->pi", r))
-    q, back = q * sign[:, None], np.linalg.inv(r) * sign[:, None]
-    solution = np.einsum("pij,pwj,pw->ipw", back, q, root)[1:]
-    spread = {"detect": np.sqrt((q[..., 1] ** 2 * weight).sum(1))}
-    for name, row in (("across", solution[1]), ("wide", solution[2])):
-        spread[name], spread[name + "_lit"] = (row**2).sum(-1), (row**2 * g).sum(-1)
-    table = (q * root[..., None]).transpose(1, 0, 2).reshape(2 * half + 1, -1)
-    single = [
-        np.ascontiguousarray(a.astype(np.float32))
-        for a in (table, back.reshape(-1, 16).T, weight.T)
-    ]
-    spread = {name: values.astype(np.float32) for name, values in spread.items()}
-    return Bank(w, RATIOS[ratio], half, *single, spread, (q**2).sum(-1))
+    sign = np.sign(np.einsum("pii->pi", r))[:, None]
+    q, back = q * sign, np.linalg.inv(r) * sign
+    weighted = q * root[..., None]
+    table = weighted.transpose(1, 0, 2).reshape(len(pixel), -1)
+    single = [_contiguous(part) for part in (table, back.reshape(-1, 16).T, weight.T)]
+    leverage = (q**2).sum(-1)
+    return Bank(w, RATIOS[ratio], half, *single, _spread(q, back, root, g), leverage)
+
+
+def _contiguous(values: np.ndarray) -> np.ndarray:
+    """In single precision, row after row."""
+    return np.ascontiguousarray(values.astype(np.float32))
+
+
+def _spread(q, back, root, g) -> dict[str, np.ndarray]:
+    """By name, (phases,) how noise of the pixels reaches the detection, the centre and the width of a line.
+
+    The entries `..._lit` hold the part that grows with the light of the line.
+    """
+    detect = (q[..., 1] ** 2 * root**2).sum(1)
+    spread = {"detect": np.sqrt(detect)}
+    solution = np.einsum("pij,pwj,pw->ipw", back, q, root)
+    for name, row in (("across", solution[2]), ("wide", solution[3])):
+        spread[name] = (row**2).sum(-1)
+        spread[name + "_lit"] = (row**2 * g).sum(-1)
+    return {name: values.astype(np.float32) for name, values in spread.items()}

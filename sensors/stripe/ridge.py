@@ -180,21 +180,21 @@ def _profile(fits, d, piece, kernels):
 
 def _uncertain(fits, kernels: Kernels, setting: Setting, rows: Rows):
     """Noise of the first derivative over the curvature; photons add where the line is bright."""
-    x = np.arange(len(kernels.across[0])) - len(kernels.across[0]) // 2
+    taps = len(kernels.across[0])
+    x = np.arange(taps) - taps // 2
     lit = np.exp(-0.5 * (x / fits.width[:, None]) ** 2)
-    ambient = 2 * rows.ambient(
-        fits.row, np.clip(np.rint(fits.centre), 0, rows.width - 1).astype(np.intp)
-    )
-    variance = setting.noise.variance(fits.background + ambient)[:, None]
-    variance = variance + setting.noise.gain * fits.peak[:, None] * lit
+    middle = np.rint(fits.centre)
+    inside = np.clip(middle, 0, rows.width - 1).astype(np.intp)
+    ambient = 2 * rows.ambient(fits.row, inside)
+    dark = setting.noise.variance(fits.background + ambient)[:, None]
+    variance = dark + setting.noise.gain * fits.peak[:, None] * lit
     slope = (variance * kernels.across[1] ** 2).sum(1) * (kernels.along[0] ** 2).sum()
     total = fits.width**2 + kernels.sigma[0] ** 2
     fits.sigma = (np.sqrt(slope) * total**1.5 / (fits.peak * fits.width)).astype(np.float32)
     fits.wide = 2 * fits.sigma / fits.width
     fits.misfit = np.ones(len(fits.row), np.float32)
-    around = np.clip(
-        np.rint(fits.centre)[:, None] + np.array([-1, 0, 1]), 0, rows.width - 1
-    ).astype(np.intp)
+    neighbours = middle[:, None] + np.array([-1, 0, 1])
+    around = np.clip(neighbours, 0, rows.width - 1).astype(np.intp)
     fits.saturated = (rows.pixels[fits.row[:, None], around] >= setting.saturation).any(1)
 
 

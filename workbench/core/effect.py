@@ -93,7 +93,6 @@ class Effect:
     - `nonnegative`: how many of its first parameters cannot be negative (a compliance).
     - `family`: name of the family of variants that it belongs to; its own name where empty.
     - `coexists`: whether several variants may act at one place (orders of a harmonic).
-    - `exclusive_with`: names of other effects that cannot act at the same place.
     - `subsumes`: names of effects that are special cases of this one.
     - `mass_dependent`: whether its signature depends on masses, which may be uncertain.
     - `compliance_prior`: of a compliance, the prior probability that it is of a size worth
@@ -126,7 +125,6 @@ class Effect:
     nonnegative = 0
     family = ""
     coexists = False
-    exclusive_with: tuple[str, ...] = ()
     subsumes: tuple[str, ...] = ()
     mass_dependent = False
     compliance_prior: tuple[float, float] | None = None

@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from workbench.core.errors import InputError
-from workbench.core.text.structured_text import ContentError, parse_toml
 
 
 @dataclass(frozen=True)
@@ -87,9 +86,8 @@ class Parameters:
         for pattern in patterns:
             hits = np.array([fnmatchcase(key, pattern) for key in self.keys], bool)
             if not hits.any():
-                raise InputError(
-                    f"no parameter matches '{pattern}': the model has {_some(self.keys)}"
-                )
+                first = ", ".join(self.keys[:6]) + (", ..." if len(self.keys) > 6 else "")
+                raise InputError(f"no parameter matches '{pattern}': the model has {first}")
             chosen |= hits
         return chosen
 
@@ -146,49 +144,3 @@ class Parameters:
             f'"{p.key}" = {{ value = {value!r}, unit = "{p.unit}", free = {str(free).lower()} }}\n'
             for p, value, free in rows
         )
-
-    def from_toml(self, text: str) -> "Parameters":
-        """Values and free marks of `text` written over these; units must agree."""
-        read = _parameter_rows(text)
-        values, mask = self.values.copy(), self.mask.copy()
-        for key, row in read.items():
-            if key not in self.index:
-                raise InputError(
-                    f"parameter '{key}' is not in this model, which has {_some(self.keys)}"
-                )
-            k = self.index[key]
-            if row["unit"] != self.table[k].unit:
-                raise InputError(
-                    f"parameter '{key}' is in {self.table[k].unit}, not in {row['unit']}"
-                )
-            values[k], mask[k] = row["value"], row["free"]
-        return replace(self, values=values, mask=mask)
-
-
-def _parameter_rows(text: str) -> dict:
-    """key -> row of a parameter file; InputError where it is no such file."""
-    try:
-        rows = parse_toml(text).get("parameters")
-    except ContentError as problem:
-        raise InputError(
-            f"the parameters file is not TOML ({problem}); write one table line a parameter"
-        ) from None
-    if not isinstance(rows, dict):
-        raise InputError(
-            "the parameters file has no table [parameters]; write one line a parameter under it"
-        )
-    for key, row in rows.items():
-        kinds = (
-            [type(row.get(name)) for name in ("value", "unit", "free")]
-            if isinstance(row, dict)
-            else []
-        )
-        if kinds not in ([float, str, bool], [int, str, bool]):
-            raise InputError(
-                f"parameter '{key}': expected value, unit and free, found {row!r}; correct it"
-            )
-    return rows
-
-
-def _some(keys: tuple[str, ...]) -> str:
-    return ", ".join(keys[:6]) + (", ..." if len(keys) > 6 else "")

@@ -49,7 +49,7 @@ class Place:
 class Covariate:
     """What a covariate is: its `kind`, the `place` that it belongs to, and its `unit`.
 
-    `component`: axis of a vector ("x"); "" of a scalar. `is_clock`: it orders the samples.
+    `component`: axis of a vector ("x"); "" of a scalar.
     `is_signed`: a direction of motion, of which only the sign counts. `unit` "" where the name has none.
     """
 
@@ -62,10 +62,6 @@ class Covariate:
     def of(cls, name: str) -> "Covariate":
         """Of its name; one that is not known is a kind of its own."""
         return _read(name)
-
-    @property
-    def is_clock(self) -> bool:
-        return self.kind in CLOCKS
 
     @property
     def is_signed(self) -> bool:

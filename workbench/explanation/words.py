@@ -338,7 +338,7 @@ def _proved(term: Term, unit: str) -> str:
         return ""
     parts = ", ".join(f"{count} {name}" for name, count in term.ways) if len(term.ways) > 1 else ""
     again = (
-        f", and the search found it again in {term.again} of {term.chances} folds{parts and f' ({parts})'}"
+        f", and it is reselected in {term.again} of {term.chances} folds{parts and f' ({parts})'}"
         if term.chances
         else ""
     )

@@ -11,7 +11,6 @@ import hashlib
 import re
 from collections import Counter
 from collections.abc import Iterable
-from urllib.parse import unquote
 
 LONGEST = 150
 """Characters of a name without its extension: with a folder before it, it stays below the 255 bytes of a file name."""
@@ -38,13 +37,6 @@ def file_name(identifier: str, encode_capitals: bool = False) -> str:
         encoded[0] = _escape(identifier[0])
     name = "".join(encoded)
     return name if len(name) <= LONGEST else _shorten(name, identifier)
-
-
-def identifier_of(name: str) -> str | None:
-    """The identifier of a file name without extension; None where the name was cut to `LONGEST` characters."""
-    if name == _EMPTY:
-        return ""
-    return None if "~" in name else unquote(name, errors="surrogatepass")
 
 
 def differ_in_case_only(identifiers: Iterable[str]) -> frozenset[str]:

@@ -219,8 +219,8 @@ def _against_noise(
     if not residual.has_noise:
         return ""
     if noise is None or ratio is None:
-        left = f"{residual.value:.3g} {residual.unit}"
-        return f"no noise is stated and there are no repeats to estimate it from; {left} is what is left"
+        size = f"{residual.value:.3g} {residual.unit}"
+        return f"no noise is stated and there are no repeats to estimate it from: {size} cannot be compared with it"
     stated = f"the noise of {noise.value:.3g} {residual.unit} ({noise.source})"
     far = residual.is_significant
     if far is None:

@@ -41,13 +41,11 @@ _TABLE = transform(_turn(-128.0, 4.0, 0.0), np.array([1.0, 6.0, 128.0]))
 
 @dataclass(frozen=True)
 class Example:
-    """A recording and its truth: `balls` number -> (3,) mm in the frame of its scans, `hand_eye` (4, 4), None without;
-    `step_error_deg`: first-order harmonic of the turntable, 0 without."""
+    """A recording and its truth: `balls` number -> (3,) mm in the frame of its scans, `hand_eye` (4, 4) or None."""
 
     recording: Recording
     balls: Mapping[int, np.ndarray]
     hand_eye: np.ndarray | None
-    step_error_deg: float = 0.0
 
 
 def example(kind: str, folder: Path, progress: Callable[[str], None], seed: int = 1) -> Example:
