@@ -119,7 +119,7 @@ _ACT = """([action, expected]) => new Promise((done) => {
     const range = (a, b, c, d) => ({range: {x: [a, b], y: [c, d]}});
     if (action === 'click') plot('arrows').emit('plotly_click', {points: [{customdata: 7}]});
     if (action === 'brush') plot('chart').emit('plotly_selected', range(-20, 20, 0.1, 0.2));
-    if (action === 'bar') plot('histogram').emit('plotly_click', {points: [{customdata: [0.1, 0.12]}]});
+    if (action === 'bar') plot('histogram').emit('plotly_click', {points: [{customdata: [0.1, 0.12, 'held_out']}]});
     if (action === 'clear')
         Array.from(document.querySelectorAll('button')).find((b) => b.innerText === 'Clear selection').click();
 })"""

@@ -179,14 +179,14 @@ def histogram_figure(work: Workspace, threshold: float | None = None) -> go.Figu
     kinds = [kind for kind in (FIT, HELD_OUT, "before", "after") if kind in residuals.lengths]
     counted = work.counts(kinds)
     middle = (counted.edges[:-1] + counted.edges[1:]) / 2
-    ends = np.stack([counted.edges[:-1], counted.edges[1:]], 1)
+    ends = list(zip(counted.edges[:-1].tolist(), counted.edges[1:].tolist()))
     for kind, counts in counted.counts.items():
         made.add_bar(
             x=middle,
             y=counts,
             width=np.diff(counted.edges),
             name=_NAMES[kind],
-            customdata=ends,
+            customdata=[[low, high, kind] for low, high in ends],
             marker_color=_COLOURS[kind],
             opacity=0.55,
             hovertemplate="%{customdata[0]:.4f} to %{customdata[1]:.4f} mm: %{y}<extra></extra>",

@@ -58,6 +58,15 @@ class Page:
         """Show a message; kind: info, success or error."""
         self.state.message, self.state.message_kind = text, kind
 
+    def go_to_tab(self, name: str) -> None:
+        """Show another tab.
+
+        It is sent even where the server knows it as the shown one: a tab that a person has just chosen reaches the
+        server only after the request in progress, and the page would stay there.
+        """
+        self.state.tab = name
+        self.server.force_state_push("tab")
+
     def show(self) -> None:
         """Draw the chosen tab; called once the browser has painted the bar, so that figures do not delay it."""
         self.state.shown = True
@@ -86,12 +95,18 @@ class Page:
             tab.refresh()
 
     def handler(self, method: Callable) -> Callable:
-        """A method as an event handler: what it refuses is shown as a message, then the tab is drawn."""
+        """A method as an event handler: what it refuses is shown as a message, then the tab is drawn.
+
+        An error message disappears with the next action that succeeds.
+        """
 
         @functools.wraps(method)
         def handle(*values, **named):
+            before = self.state.message
             try:
                 method(*values, **named)
+                if self.state.message == before and self.state.message_kind == "error":
+                    self.say("")
                 self.refresh()
             except InputError as problem:
                 self.say(str(problem), "error")
@@ -168,16 +183,22 @@ class Tab:
         )
 
 
-def points_of(event: str = "$event") -> str:
-    """Expression for the browser: what was clicked, as a list of custom data (numbers, texts or lists)."""
+def points_of(*names: str) -> str:
+    """Arguments of a click, for the browser: the custom data of the marks, then the values of the fields `names`.
+
+    While a request is in progress, trame sends a click at once and the fields later. An event therefore carries the
+    fields that it depends on.
+    """
     plain = "typeof value === 'object' && value ? Array.from(value) : value"
-    points = f"({event} && {event}.points ? {event}.points : [])"
-    return f"[{points}.map((point) => point.customdata).map((value) => {plain})]"
+    points = "($event && $event.points ? $event.points : [])"
+    marks = f"{points}.map((point) => point.customdata).map((value) => {plain})"
+    return f"[{', '.join([marks, *names])}]"
 
 
-def range_of(event: str = "$event") -> str:
-    """Expression for the browser: the rectangle that was brushed, or null."""
-    return f"[{event} && {event}.range ? {event}.range : null]"
+def range_of(*names: str) -> str:
+    """Arguments of a brush, for the browser: the rectangle or null, then the values of the fields `names`."""
+    box = "$event && $event.range ? $event.range : null"
+    return f"[{', '.join([box, *names])}]"
 
 
 def whole_number(value: object, low: int, high: int, name: str) -> int:

@@ -90,10 +90,13 @@ class DiagnosisTab(Tab):
                 density="compact",
                 hide_details=True,
             )
-        self.button("Add ticked terms to the plan", self.apply, disabled=("!ticked.length",))
+        self.button(
+            "Add ticked terms to the plan", self.apply, "[ticked]", disabled=("!ticked.length",)
+        )
         self.button(
             "Add and calibrate",
             self.apply_and_run,
+            "[ticked]",
             disabled=("!ticked.length || job_running",),
             color="primary",
         )
@@ -158,9 +161,9 @@ class DiagnosisTab(Tab):
             if name in self.state.places:
                 self.state.place = name
 
-    def apply(self) -> None:
+    def apply(self, ticked) -> None:
         """Add the ticked terms to the plan, and write them as plan.toml next to session.toml."""
-        ticked = [whole_number(k, 0, 10**6, "term") for k in self.state.ticked]
+        ticked = [whole_number(k, 0, 10**6, "term") for k in ticked or ()]
         rows, problems = data.plan_effects(self.work.diagnosis.answer, ticked)
         self.work.add_effects(rows, "ticked in the diagnosis")
         path = self.work.path.with_name(PLAN)
@@ -172,11 +175,11 @@ class DiagnosisTab(Tab):
             )
         )
 
-    def apply_and_run(self) -> None:
+    def apply_and_run(self, ticked) -> None:
         """Add the ticked terms and calibrate with them."""
-        self.apply()
+        self.apply(ticked)
         self.page.tabs["edit"].start(CALIBRATE)
-        self.state.tab = "edit"
+        self.page.go_to_tab("edit")
 
 
 def _verdict(answer) -> str:

@@ -79,7 +79,7 @@ class EditTab(Tab):
             "{{ threshold_text }}",
             **raw(data_text="threshold", role="status"),
         )
-        self.button("Exclude samples above", self.exclude_above)
+        self.button("Exclude samples above", self.exclude_above, "[threshold]")
         self.figure("threshold", "Histogram of the residuals with the threshold", "34vh")
 
     def _history(self) -> None:
@@ -181,9 +181,9 @@ class EditTab(Tab):
         """Include or exclude an effect."""
         self.work.set_items(EFFECTS, [str(name)], bool(on))
 
-    def exclude_above(self) -> None:
-        """Exclude the samples above the threshold."""
-        count = self.work.exclude_above(number_of(self.state.threshold, "threshold"))
+    def exclude_above(self, threshold) -> None:
+        """Exclude the samples whose residual is longer than a threshold, mm."""
+        count = self.work.exclude_above(number_of(threshold, "threshold"))
         self.page.say(f"{count:,} samples are excluded; rerun to see the effect.")
 
     def undo(self) -> None:
@@ -204,13 +204,19 @@ class EditTab(Tab):
     def cancel(self) -> None:
         """Stop the run; nothing of it is kept."""
         if self.work.job is not None:
-            self.work.job.cancel()
+            self.state.job_text = "Cancelling ..."
+            asynchronous.create_task(self._cancel(self.work.job))
+
+    async def _cancel(self, job) -> None:
+        """Stop a job in the background: its end takes up to some seconds, in which the page stays in use."""
+        await asyncio.get_running_loop().run_in_executor(None, job.cancel)
 
     async def _watch(self, job) -> None:
         """Show the progress of a job until it ends, then what it made."""
         while job.state == RUNNING:
-            with self.state:
-                self.state.job_text = f"{job.seconds:.0f} s: {job.last_line}"
+            if not job.is_cancelled:
+                with self.state:
+                    self.state.job_text = f"{job.seconds:.0f} s: {job.last_line}"
             await asyncio.sleep(_POLL_S)
         with self.state:
             self.page.handler(self._ended)(job)

@@ -43,8 +43,8 @@ class RecordingTab(Tab):
                 click=(self.page.handler(self.on_click), points_of()),
             )
         with html.Div(classes="d-flex align-center"):
-            self.button("Previous", self.step, "[-1]", aria_label="Previous sample")
-            self.button("Next", self.step, "[1]", aria_label="Next sample")
+            self.button("Previous", self.step, "[row, -1]", aria_label="Previous sample")
+            self.button("Next", self.step, "[row, 1]", aria_label="Next sample")
             v3.VSlider(
                 v_model=("row",),
                 min=0,
@@ -75,8 +75,8 @@ class RecordingTab(Tab):
     def _images(self) -> None:
         html.H2("Images", classes="text-subtitle-1 font-weight-bold mt-4")
         with html.Div(classes="d-flex align-center", style="max-width: 900px"):
-            self.button("Previous image", self.step_image, "[-1]")
-            self.button("Next image", self.step_image, "[1]")
+            self.button("Previous image", self.step_image, "[image, -1]")
+            self.button("Next image", self.step_image, "[image, 1]")
             v3.VAutocomplete(
                 v_model=("image",),
                 items=("images",),
@@ -87,12 +87,14 @@ class RecordingTab(Tab):
             v3.VCheckbox(
                 label="Use in the calibration",
                 model_value=("image_on",),
-                update_modelValue=(self.page.handler(self.use_image), "[$event]"),
+                update_modelValue=(self.page.handler(self.use_image), "[image, $event]"),
                 hide_details=True,
                 classes="ml-4",
             )
-            self.button("Select its sample", self.select_sample, disabled=("image_row < 0",))
-        self.panel.build("70vh", self.on_image_click)
+            self.button(
+                "Select its sample", self.select_sample, "[image]", disabled=("image_row < 0",)
+            )
+        self.panel.build("70vh", self.on_image_click, "image")
 
     def refresh(self) -> None:
         self.state.has_arm = has_arm(self.work.opened)
@@ -125,7 +127,7 @@ class RecordingTab(Tab):
         )
 
     def _show_image(self) -> None:
-        index = min(max(int(self.state.image or 0), 0), len(self.state.images) - 1)
+        index = self._image_place(self.state.image)
         name = self.work.opened.recording.images[index]["image"]
         self.state.image_on = name not in self.work.session.excluded("images")
         row = self.work.row_of_image(index)
@@ -144,30 +146,34 @@ class RecordingTab(Tab):
         """Show one sample."""
         self.work.go_to(whole_number(row, 0, max(self.work.count - 1, 0), "sample"))
 
-    def step(self, by) -> None:
-        """Show the next or the previous sample."""
+    def step(self, row, by) -> None:
+        """Show the sample after or before the one at `row`."""
+        self.go_to(row)
         self.work.go_to(self.work.current + whole_number(by, -1, 1, "step"))
 
-    def step_image(self, by) -> None:
-        """Show the next or the previous image."""
-        last = len(self.work.opened.recording.images) - 1
-        self.state.image = min(
-            max(int(self.state.image or 0) + whole_number(by, -1, 1, "step"), 0), last
-        )
+    def step_image(self, image, by) -> None:
+        """Show the image after or before the one at the place `image`."""
+        place = self._image_place(image) + whole_number(by, -1, 1, "step")
+        self.state.image = self._image_place(place)
 
-    def use_image(self, on) -> None:
-        """Include or exclude the shown image."""
-        self.work.set_image(int(self.state.image), bool(on))
+    def use_image(self, image, on) -> None:
+        """Include or exclude the image at a place of images.csv."""
+        self.work.set_image(self._image_place(image), bool(on))
 
-    def select_sample(self) -> None:
-        """Select the sample of the shown image, and show its pose and row."""
-        row = self.work.row_of_image(int(self.state.image or 0))
+    def select_sample(self, image) -> None:
+        """Select the sample of an image, and show its pose and row."""
+        row = self.work.row_of_image(self._image_place(image))
         if row is not None:
             self.work.select([row])
 
-    def on_image_click(self, _points) -> None:
+    def on_image_click(self, _points, image) -> None:
         """Select the sample of the image that was clicked."""
-        self.select_sample()
+        self.select_sample(image)
+
+    def _image_place(self, image) -> int:
+        """A place of images.csv that came from the browser; the nearest one that exists."""
+        place = whole_number(image or 0, -1, 2**31, "image")
+        return min(max(place, 0), len(self.work.opened.recording.images) - 1)
 
     def on_click(self, rows) -> None:
         """Go to the sample that was clicked."""

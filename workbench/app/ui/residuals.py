@@ -40,7 +40,7 @@ class ResidualsTab(Tab):
                     "arrows",
                     "Residuals as arrows in space",
                     "64vh",
-                    click=(self.page.handler(self.on_click), points_of()),
+                    click=(self.page.handler(self.on_click), points_of("select_mode")),
                 )
             with v3.VCol(cols=12, lg=6):
                 self._charts()
@@ -79,15 +79,15 @@ class ResidualsTab(Tab):
             "chart",
             "Residual of each sample over the chosen quantity",
             "32vh",
-            click=(handler(self.on_click), points_of()),
-            selected=(handler(self.on_brush), range_of()),
+            click=(handler(self.on_click), points_of("select_mode")),
+            selected=(handler(self.on_brush), range_of("select_mode", "quantity", "kind")),
         )
         self.figure(
             "histogram",
             "Histogram of the residuals of the fit and held out",
             "30vh",
-            click=(handler(self.on_bar), points_of()),
-            selected=(handler(self.on_brush_lengths), range_of()),
+            click=(handler(self.on_bar), points_of("select_mode")),
+            selected=(handler(self.on_brush_lengths), range_of("select_mode")),
         )
 
     def _selection(self) -> None:
@@ -104,7 +104,9 @@ class ResidualsTab(Tab):
                     style="flex: 0 0 190px",
                     classes="mr-2",
                 )
-            self.button("Select lengths", self.select_lengths)
+            self.button(
+                "Select lengths", self.select_lengths, "[length_from, length_to, select_mode]"
+            )
             v3.VTextField(
                 v_model=("wanted_sample",),
                 label="Sample number",
@@ -113,7 +115,7 @@ class ResidualsTab(Tab):
                 style="flex: 0 0 190px",
                 classes="mr-2",
             )
-            self.button("Select sample", self.select_sample)
+            self.button("Select sample", self.select_sample, "[wanted_sample, select_mode]")
             self.button("Clear selection", self.clear)
             self.button("Exclude selected samples", self.exclude, color="primary", variant="flat")
             self.button("Exclude their poses", self.exclude_poses)
@@ -213,46 +215,41 @@ class ResidualsTab(Tab):
     def _draw_chart(self) -> None:
         self.draw("chart", residuals.chart(self.work, self.state.quantity, self.state.kind))
 
-    @property
-    def _mode(self) -> str:
-        mode = self.state.select_mode
-        return mode if mode in (REPLACE, EXTEND, REMOVE) else REPLACE
-
-    def on_click(self, rows) -> None:
+    def on_click(self, rows, mode=REPLACE) -> None:
         """Select the sample of a mark or an arrow."""
         rows = [row for row in rows if isinstance(row, int)]
         if rows:
-            self.work.select(rows[:1], self._mode)
+            self.work.select(rows[:1], _checked_mode(mode))
 
-    def on_bar(self, bins) -> None:
-        """Select the samples of a bar of the histogram."""
-        ends = [pair for pair in bins if isinstance(pair, list | tuple) and len(pair) == 2]
-        if ends:
-            self.work.select_lengths(
-                number_of(ends[0][0], "bin"), number_of(ends[0][1], "bin"), mode=self._mode
-            )
+    def on_bar(self, bins, mode=REPLACE) -> None:
+        """Select the samples of a bar of the histogram: (low mm, high mm, kind of residual)."""
+        found = [one for one in bins if isinstance(one, list | tuple) and len(one) == 3]
+        if found:
+            low, high = (number_of(end, "bin") for end in found[0][:2])
+            self.work.select_lengths(low, high, str(found[0][2]), _checked_mode(mode))
 
-    def on_brush(self, box) -> None:
-        """Select the samples in a rectangle of the chart."""
-        if box:
+    def on_brush(self, box, mode=REPLACE, quantity="", kind="") -> None:
+        """Select the samples in a rectangle of the chart of the residual `kind` over `quantity`."""
+        if box and quantity in self.work.quantities:
             x, y = ([number_of(end, "brush") for end in box[axis]] for axis in ("x", "y"))
-            self.work.select_box(self.state.quantity, x, y, self.state.kind, self._mode)
+            self.work.select_box(quantity, x, y, str(kind or ""), _checked_mode(mode))
 
-    def on_brush_lengths(self, box) -> None:
+    def on_brush_lengths(self, box, mode=REPLACE) -> None:
         """Select the samples in a range of the histogram."""
         if box:
             low, high = sorted(number_of(end, "brush") for end in box["x"])
-            self.work.select_lengths(low, high, mode=self._mode)
+            self.work.select_lengths(low, high, mode=_checked_mode(mode))
 
-    def select_lengths(self) -> None:
-        """Select by the two fields."""
-        low = number_of(self.state.length_from or 0, "Residual from")
-        self.work.select_lengths(low, number_of(self.state.length_to or 1e9, "to"), mode=self._mode)
+    def select_lengths(self, low, high, mode=REPLACE) -> None:
+        """Select by the two fields; an empty one sets no limit."""
+        low = number_of(low or 0, "Residual from")
+        high = number_of(high or 1e9, "to")
+        self.work.select_lengths(low, high, mode=_checked_mode(mode))
 
-    def select_sample(self) -> None:
+    def select_sample(self, number, mode=REPLACE) -> None:
         """Select a sample by its number."""
-        number = whole_number(self.state.wanted_sample, -(2**53), 2**53, "Sample number")
-        self.work.select_sample(number, self._mode)
+        number = whole_number(number, -(2**53), 2**53, "Sample number")
+        self.work.select_sample(number, _checked_mode(mode))
 
     def clear(self) -> None:
         """Select nothing."""
@@ -281,4 +278,9 @@ class ResidualsTab(Tab):
             index = self.work.image_index_of(int(self.work.opened.edit_ids[rows[0]]))
             if index is not None:
                 self.state.image = index
-        self.state.tab = "recording"
+        self.page.go_to_tab("recording")
+
+
+def _checked_mode(mode: object) -> str:
+    """What a click does to the selection; replacing it where the browser sent something else."""
+    return mode if mode in (REPLACE, EXTEND, REMOVE) else REPLACE
