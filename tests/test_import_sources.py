@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from import_tables import nearly_one_orientation
 from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.model import read_mapping
 from datasets.importers.sources import read_sources
 from datasets.importers.sources.text_tables import read_text_table
+from import_tables import nearly_one_orientation
 from workbench.commands.cli import run
 from workbench.core.errors import InputError
 from workbench.jobs.robot.simulate import simulate

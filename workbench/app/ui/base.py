@@ -1,7 +1,9 @@
 """What the tabs share: the page's state, messages, and figures that are sent when their tab is shown."""
 
 import functools
+import importlib
 import logging
+import threading
 from collections.abc import Callable
 from html import escape as html_escape
 from pathlib import Path
@@ -33,6 +35,7 @@ class Page:
     def __init__(self, server, work: Workspace | None):
         self.server, self.state, self.work = server, server.state, work
         self.tabs: dict[str, Tab] = {}
+        self._is_warm = False
 
     @property
     def folder(self) -> Path | None:
@@ -71,6 +74,9 @@ class Page:
         """Draw the chosen tab; called once the browser has painted the bar, so that figures do not delay it."""
         self.state.shown = True
         self.handler(lambda: None)()
+        if self.work is not None and not self._is_warm:
+            self._is_warm = True
+            threading.Thread(target=warm_up, args=(self.work.opened,), daemon=True).start()
 
     def show_tab(self) -> None:
         """Draw the tab that was chosen."""
@@ -181,6 +187,16 @@ class Tab:
             **(raw(aria_label=label) if label else {}),
             **options,
         )
+
+
+def warm_up(opened) -> None:
+    """Import what the tabs of a sensor need: at the first click it would take more than a second."""
+    from workbench.app.data.sensor import scans_of
+
+    modules = ["sensors.boards.detection", "sensors.stripe.find"] if opened.recording.images else []
+    modules += ["pyvista", "workbench.jobs.sensor.scanner"] if scans_of(opened) else []
+    for name in modules:
+        importlib.import_module(name)
 
 
 def points_of(*names: str) -> str:

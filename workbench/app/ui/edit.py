@@ -79,7 +79,7 @@ class EditTab(Tab):
             "{{ threshold_text }}",
             **raw(data_text="threshold", role="status"),
         )
-        self.button("Exclude samples above", self.exclude_above, "[threshold]")
+        self.button("Exclude samples above the threshold", self.exclude_above, "[threshold]")
         self.figure("threshold", "Histogram of the residuals with the threshold", "34vh")
 
     def _history(self) -> None:
@@ -132,6 +132,10 @@ class EditTab(Tab):
             with html.Tbody(), html.Tr(v_for="one in comparison", key="one.name"):
                 for key in ("name", "before", "after"):
                     html.Td("{{ one." + key + " }}")
+        html.H2(
+            "Cumulative distribution of the residuals",
+            classes="text-subtitle-1 font-weight-bold mt-2",
+        )
         self.figure("comparison", "Share of samples by residual, before and after", "38vh")
 
     def refresh(self) -> None:

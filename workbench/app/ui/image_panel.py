@@ -24,7 +24,7 @@ class ImagePanel:
         self._turn = asyncio.Lock()
 
     def build(self, height: str, click=None, *names: str) -> None:
-        """Make the widgets. click: method of the tab for clicks into the image; names: fields that it is called with."""
+        """Make the widgets. click: method of the tab for clicks into the image, called with the fields `names`."""
         self.tab.state[f"{self.name}_text"] = ""
         html.Div(
             "{{ " + self.name + "_text }}",

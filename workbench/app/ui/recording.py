@@ -18,6 +18,7 @@ class RecordingTab(Tab):
     def __init__(self, page):
         super().__init__(page)
         self.panel = ImagePanel(self, "image")
+        self._covered: object = None
 
     def build(self) -> None:
         state = self.state
@@ -61,6 +62,11 @@ class RecordingTab(Tab):
 
     def _details(self) -> None:
         html.H2("Coverage", classes="text-subtitle-1 font-weight-bold")
+        html.P(
+            "Number of samples by joint reading; orange lines are the joint limits. The last charts show the flange "
+            "in the robot's base frame.",
+            classes="text-caption",
+        )
         self.figure(
             "coverage", "Readings of each joint between its limits, and the workspace", "52vh"
         )
@@ -74,7 +80,7 @@ class RecordingTab(Tab):
 
     def _images(self) -> None:
         html.H2("Images", classes="text-subtitle-1 font-weight-bold mt-4")
-        with html.Div(classes="d-flex align-center", style="max-width: 900px"):
+        with html.Div(classes="d-flex flex-wrap align-center"):
             self.button("Previous image", self.step_image, "[image, -1]")
             self.button("Next image", self.step_image, "[image, 1]")
             v3.VAutocomplete(
@@ -83,13 +89,15 @@ class RecordingTab(Tab):
                 label="Image",
                 hide_details=True,
                 density="compact",
+                classes="mb-2",
+                style="flex: 0 1 420px; min-width: 260px",
             )
             v3.VCheckbox(
                 label="Use in the calibration",
                 model_value=("image_on",),
                 update_modelValue=(self.page.handler(self.use_image), "[image, $event]"),
                 hide_details=True,
-                classes="ml-4",
+                classes="mx-4",
             )
             self.button(
                 "Select its sample", self.select_sample, "[image]", disabled=("image_row < 0",)
@@ -104,7 +112,9 @@ class RecordingTab(Tab):
         ]
         if self.state.has_arm:
             self.draw("scene", robot.scene(self.work))
-        self.draw("coverage", robot.coverage(self.work))
+        if self._covered is not self.work.opened:  # it takes longer than an interaction may
+            self._covered = self.work.opened
+            self.draw("coverage", robot.coverage(self.work))
         self._describe()
         if self.state.images:
             self._show_image()

@@ -9,6 +9,12 @@ from workbench.app.ui.image_panel import ImagePanel
 from workbench.app.ui.recording import row_table
 from workbench.app.workspace import EXTEND, REMOVE, REPLACE
 
+_MODES = [
+    {"title": "replace", "value": REPLACE},
+    {"title": "add", "value": EXTEND},
+    {"title": "remove", "value": REMOVE},
+]
+
 
 class ResidualsTab(Tab):
     """Where the residuals are large, and which samples they belong to."""
@@ -24,8 +30,10 @@ class ResidualsTab(Tab):
         state.quantity, state.quantities = "", []
         state.kind, state.kinds = "", []
         state.select_mode, state.selection_text, state.selected_table = REPLACE, "", []
+        state.select_modes = _MODES
         state.length_from, state.length_to, state.wanted_sample = "", "", ""
-        state.no_residuals = ""
+        state.no_residuals, state.no_arrows = "", ""
+        state.selected_count = 0
         state.picked_title, state.picked_image, state.picked_row = "", -1, []
         v3.VAlert(
             "{{ no_residuals }}",
@@ -36,12 +44,14 @@ class ResidualsTab(Tab):
         )
         with v3.VRow():
             with v3.VCol(cols=12, lg=6):
-                self.figure(
-                    "arrows",
-                    "Residuals as arrows in space",
-                    "64vh",
-                    click=(self.page.handler(self.on_click), points_of("select_mode")),
-                )
+                html.Div("{{ no_arrows }}", v_if="no_arrows", **raw(data_text="no-arrows"))
+                with html.Div(v_if="!no_arrows"):
+                    self.figure(
+                        "arrows",
+                        "Residuals as arrows in space",
+                        "64vh",
+                        click=(self.page.handler(self.on_click), points_of("select_mode")),
+                    )
             with v3.VCol(cols=12, lg=6):
                 self._charts()
         self._selection()
@@ -54,7 +64,7 @@ class ResidualsTab(Tab):
             v3.VSelect(
                 v_model=("quantity",),
                 items=("quantities",),
-                label="Over",
+                label="Horizontal axis",
                 density="compact",
                 hide_details=True,
             )
@@ -68,8 +78,8 @@ class ResidualsTab(Tab):
             )
             v3.VSelect(
                 v_model=("select_mode",),
-                items=("['replace', 'extend', 'remove']",),
-                label="Clicks and brushes",
+                items=("select_modes",),
+                label="Selection mode",
                 density="compact",
                 hide_details=True,
                 classes="ml-2",
@@ -95,32 +105,21 @@ class ResidualsTab(Tab):
             "{{ selection_text }}", **raw(data_text="selection", role="status"), classes="mb-2"
         )
         with html.Div(classes="d-flex flex-wrap align-center"):
-            for key, label in (("length_from", "Residual from (mm)"), ("length_to", "to (mm)")):
-                v3.VTextField(
-                    v_model=(key,),
-                    label=label,
-                    density="compact",
-                    hide_details=True,
-                    style="flex: 0 0 190px",
-                    classes="mr-2",
-                )
+            self._field("length_from", "Residual from (mm)")
+            self._field("length_to", "to (mm)")
             self.button(
-                "Select lengths", self.select_lengths, "[length_from, length_to, select_mode]"
+                "Select by length", self.select_lengths, "[length_from, length_to, select_mode]"
             )
-            v3.VTextField(
-                v_model=("wanted_sample",),
-                label="Sample number",
-                density="compact",
-                hide_details=True,
-                style="flex: 0 0 190px",
-                classes="mr-2",
-            )
+            self._field("wanted_sample", "Sample number")
             self.button("Select sample", self.select_sample, "[wanted_sample, select_mode]")
-            self.button("Clear selection", self.clear)
-            self.button("Exclude selected samples", self.exclude, color="primary", variant="flat")
-            self.button("Exclude their poses", self.exclude_poses)
-            self.button("Include selected samples", self.include)
-            self.button("Show in recording", self.show_in_recording)
+        with html.Div(classes="d-flex flex-wrap align-center"):
+            some = {"disabled": ("!selected_count",)}
+            main = {"color": "primary", "variant": "flat"}
+            self.button("Clear selection", self.clear, **some)
+            self.button("Exclude selected samples", self.exclude, **main, **some)
+            self.button("Exclude their poses", self.exclude_poses, **some)
+            self.button("Include selected samples", self.include, **some)
+            self.button("Show in recording", self.show_in_recording, **some)
         with v3.VTable(
             density="compact",
             v_if="selected_table.length",
@@ -132,6 +131,16 @@ class ResidualsTab(Tab):
             with html.Tbody(), html.Tr(v_for="one in selected_table", key="one.row"):
                 for key in ("sample", "pose", "length", "held_out", "image"):
                     html.Td("{{ one." + key + " }}")
+
+    def _field(self, key: str, label: str) -> None:
+        v3.VTextField(
+            v_model=(key,),
+            label=label,
+            density="compact",
+            hide_details=True,
+            style="flex: 0 0 190px",
+            classes="mr-2 mb-2",
+        )
 
     def _picked(self) -> None:
         """Image, pose and row of the sample that was selected last."""
@@ -158,10 +167,12 @@ class ResidualsTab(Tab):
         state.quantities = list(work.quantities)
         if state.quantity not in work.quantities:
             state.quantity = next(iter(work.quantities), "")
-        state.kinds = [{"title": "shown", "value": ""}] + [
-            {"title": kind.replace("_", " "), "value": kind}
-            for kind in (work.opened.residuals.vectors if has else ())
-        ]
+        state.kinds = _kind_items(work.opened.residuals)
+        state.no_arrows = (
+            "This run does not hold the positions of its residuals; a run of calibrate does."
+            if has and work.opened.residuals.points is None
+            else ""
+        )
         self.draw("arrows", residuals.arrows(work))
         self._draw_chart()
         self.draw("histogram", residuals.histogram_figure(work))
@@ -170,6 +181,7 @@ class ResidualsTab(Tab):
     def _describe(self) -> None:
         work = self.work
         rows = work.selected_rows
+        self.state.selected_count = len(rows)
         self.state.selection_text = (
             f"{len(rows):,} of {work.count:,} samples selected; {(~work.kept).sum():,} excluded"
         )
@@ -284,3 +296,13 @@ class ResidualsTab(Tab):
 def _checked_mode(mode: object) -> str:
     """What a click does to the selection; replacing it where the browser sent something else."""
     return mode if mode in (REPLACE, EXTEND, REMOVE) else REPLACE
+
+
+def _kind_items(found) -> list[dict]:
+    """Kinds of residual to choose from, the shown one first."""
+    if found is None:
+        return []
+    shown = residuals.kind_label(found, "")
+    others = [(residuals.kind_label(found, kind), kind) for kind in found.vectors]
+    items = [(shown, ""), *(item for item in others if item[0] != shown)]
+    return [{"title": title, "value": kind} for title, kind in items]
