@@ -175,12 +175,15 @@ class Tab:
         """Send a figure."""
         self.figures[name].update(made)
 
-    def button(self, text: str, method: Callable, arguments: str = "[]", **options) -> None:
-        """A button that calls a method; what the method refuses is shown as a message."""
+    def button(self, text: str, action: Callable | str, arguments: str = "[]", **options) -> None:
+        """A button that calls a method, or runs an expression of the browser.
+
+        What the method refuses is shown as a message.
+        """
         label = options.pop("aria_label", "")
         v3.VBtn(
             text,
-            click=(self.page.handler(method), arguments),
+            click=action if isinstance(action, str) else (self.page.handler(action), arguments),
             variant=options.pop("variant", "outlined"),
             density="comfortable",
             classes="mr-2 mb-2 text-none",

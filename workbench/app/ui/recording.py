@@ -44,8 +44,9 @@ class RecordingTab(Tab):
                 click=(self.page.handler(self.on_click), points_of()),
             )
         with html.Div(classes="d-flex align-center"):
-            self.button("Previous", self.step, "[row, -1]", aria_label="Previous sample")
-            self.button("Next", self.step, "[row, 1]", aria_label="Next sample")
+            previous, following = _steps("row", "last_row")
+            self.button("Previous", previous, aria_label="Previous sample")
+            self.button("Next", following, aria_label="Next sample")
             v3.VSlider(
                 v_model=("row",),
                 min=0,
@@ -81,8 +82,9 @@ class RecordingTab(Tab):
     def _images(self) -> None:
         html.H2("Images", classes="text-subtitle-1 font-weight-bold mt-4")
         with html.Div(classes="d-flex flex-wrap align-center"):
-            self.button("Previous image", self.step_image, "[image, -1]")
-            self.button("Next image", self.step_image, "[image, 1]")
+            previous, following = _steps("image", "images.length - 1")
+            self.button("Previous image", previous)
+            self.button("Next image", following)
             v3.VAutocomplete(
                 v_model=("image",),
                 items=("images",),
@@ -156,16 +158,6 @@ class RecordingTab(Tab):
         """Show one sample."""
         self.work.go_to(whole_number(row, 0, max(self.work.count - 1, 0), "sample"))
 
-    def step(self, row, by) -> None:
-        """Show the sample after or before the one at `row`."""
-        self.go_to(row)
-        self.work.go_to(self.work.current + whole_number(by, -1, 1, "step"))
-
-    def step_image(self, image, by) -> None:
-        """Show the image after or before the one at the place `image`."""
-        place = self._image_place(image) + whole_number(by, -1, 1, "step")
-        self.state.image = self._image_place(place)
-
     def use_image(self, image, on) -> None:
         """Include or exclude the image at a place of images.csv."""
         self.work.set_image(self._image_place(image), bool(on))
@@ -190,6 +182,15 @@ class RecordingTab(Tab):
         rows = [row for row in rows if isinstance(row, int)]
         if rows:
             self.go_to(rows[0])
+
+
+def _steps(name: str, last: str) -> tuple[str, str]:
+    """Expressions of the browser that move a field back and on by one.
+
+    The browser counts by itself, so that clicks in quick succession each count while the server is busy.
+    """
+    back = f"{name} = Math.max(({name} || 0) - 1, 0)"
+    return back, f"{name} = Math.min(({name} || 0) + 1, {last})"
 
 
 def row_table(work) -> list[dict]:
