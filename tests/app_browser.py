@@ -164,7 +164,7 @@ def follow_problems(page) -> list[str]:
 def click_row(page, row: int, samples: int) -> None:
     """Select a sample by a click on its arrow."""
     emit(page, "arrows", "plotly_click", {"points": [{"customdata": row}]})
-    wait_for_text(page, "selection", f"1 of {samples} samples selected")
+    wait_for_text(page, "selection", f"1 of {samples:,} samples selected")
 
 
 def brush_chart(page) -> None:

@@ -67,7 +67,7 @@ def test_a_rerun_shows_before_and_after_and_the_command_line_repeats_it(page, se
 def test_a_run_can_be_cancelled_and_leaves_nothing(page, served, command):
     before = set(served.folder.iterdir())
     cancel_run(page, command)
-    assert set(served.folder.iterdir()) == before
+    assert set(served.folder.iterdir()) == {*before, served.session}
 
 
 def test_the_progress_of_a_diagnosis_is_shown_and_no_other_run_starts(page):

@@ -19,6 +19,8 @@ from workbench.app.figures import style
 from workbench.app.workspace import Workspace
 
 _ACROSS = 3
+_MOST_AROUND = 800
+"""More points hide the arm among them."""
 
 
 def scene(work: Workspace) -> go.Figure:
@@ -26,7 +28,7 @@ def scene(work: Workspace) -> go.Figure:
     made = style.space("recording")
     if not has_arm(work.opened):
         return made
-    drawn = thinned(work.count, MOST_POINTS)
+    drawn = thinned(work.count, _MOST_AROUND)
     _add_places(made, work, drawn)
     add_arm(made, work)
     return style.framed(made, *reach(work.opened, True))
@@ -55,7 +57,7 @@ def _add_places(made: go.Figure, work: Workspace, rows: np.ndarray) -> None:
         name="measured points" if has_points(work) else "flange of all samples",
         customdata=rows,
         text=work.opened.edit_ids[rows],
-        marker=dict(size=2.5, color=style.BLUE, opacity=0.6),
+        marker=dict(size=2, color=style.BLUE, opacity=0.35),
         hovertemplate="sample %{text}<br>(%{x:.1f}, %{y:.1f}, %{z:.1f}) mm<extra></extra>",
     )
 

@@ -52,7 +52,7 @@ def space(view: str) -> go.Figure:
     )
 
 
-_IN_VIEW = 1.35
+_IN_VIEW = 1.25
 """Length of the diagonal of a scene that the default view holds, in plotly's units."""
 
 

@@ -73,6 +73,7 @@ class EditTab(Tab):
             step=("threshold_top / 200",),
             hide_details=True,
             color="primary",
+            classes="mx-2",
             **raw(aria_label="Outlier threshold in mm"),
         )
         html.Div(
