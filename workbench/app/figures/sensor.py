@@ -15,8 +15,9 @@ from workbench.report.sensor import space
 _NEAR_MM = 1.0
 _SIGNED = [[0, style.BLUE], [0.5, "#c3c7cd"], [1, "#b3261e"]]
 """Colours from negative to positive deviations; zero is grey, so that it stands out on white."""
-_FROM_SENSOR = dict(eye=dict(x=0.7, y=-0.5, z=-1.6), up=dict(x=0, y=-1, z=0))
+_FROM_SENSOR = dict(eye=dict(x=0.85, y=-0.6, z=-1.9), up=dict(x=0, y=-1, z=0))
 """The view from the sensor, whose z axis points to the object."""
+_WHOLE = dict(eye=dict(x=1.6, y=-1.7, z=0.7), center=dict(x=0, y=0, z=0))
 
 
 def image(shown: Overlay, residual: np.ndarray | None = None) -> go.Figure:
@@ -87,6 +88,7 @@ def _reprojection(made, corners: np.ndarray, residual: np.ndarray) -> None:
 def planes(opened: Opened) -> go.Figure:
     """Light planes within the camera's field, the camera as a pyramid, and the mirror's axis."""
     made = style.space("planes")
+    made.update_layout(scene_camera=_WHOLE)
     scanner = scanner_of(opened)
     if scanner is None:
         return made

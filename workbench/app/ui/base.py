@@ -1,5 +1,6 @@
 """What the tabs share: the page's state, messages, and figures that are sent when their tab is shown."""
 
+import asyncio
 import functools
 import importlib
 import logging
@@ -8,6 +9,7 @@ from collections.abc import Callable
 from html import escape as html_escape
 from pathlib import Path
 
+from trame.app import asynchronous
 from trame.widgets import html, plotly
 from trame.widgets import vuetify3 as v3
 
@@ -15,6 +17,7 @@ from workbench.app.workspace import Workspace
 from workbench.core.errors import InputError
 
 _log = logging.getLogger(__name__)
+_TURN_S = 0.005
 
 
 def raw(**attributes: object) -> dict:
@@ -109,20 +112,29 @@ class Page:
         @functools.wraps(method)
         def handle(*values, **named):
             before = self.state.message
-            try:
+
+            def act():
                 method(*values, **named)
                 if self.state.message == before and self.state.message_kind == "error":
                     self.say("")
                 self.refresh()
-            except InputError as problem:
-                self.say(str(problem), "error")
-            except Exception:
-                _log.exception("the app failed in %s", method.__name__)
-                self.say(
-                    f"This is a bug of the app (in {method.__name__}); see the terminal", "error"
-                )
+
+            self.attempt(act, method.__name__)
 
         return handle
+
+    def attempt(self, action: Callable, name: str = "a figure") -> None:
+        """Do something; what it refuses, and any other failure, is shown as a message.
+
+        name: what a failure is reported of.
+        """
+        try:
+            action()
+        except InputError as problem:
+            self.say(str(problem), "error")
+        except Exception:
+            _log.exception("the app failed in %s", name)
+            self.say(f"This is a bug of the app (in {name}); see the terminal", "error")
 
 
 class Tab:
@@ -138,6 +150,8 @@ class Tab:
     def __init__(self, page: Page):
         self.page, self.state = page, page.state
         self.figures: dict[str, plotly.Figure] = {}
+        self._wanted: dict[str, Callable] = {}
+        self._is_drawing = False
 
     @property
     def work(self) -> Workspace:
@@ -174,6 +188,29 @@ class Tab:
     def draw(self, name: str, made) -> None:
         """Send a figure."""
         self.figures[name].update(made)
+
+    def draw_in_turn(self, **makers: Callable) -> None:
+        """Make and send figures one after another in the background, in the order given.
+
+        Texts and tables reach the browser first, and clicks are answered between two figures. Of a figure that is
+        asked for again before its turn only the newest is made.
+
+        makers: name of the figure -> function that makes it.
+        """
+        self._wanted.update(makers)
+        if not self._is_drawing:
+            self._is_drawing = True
+            asynchronous.create_task(self._draw_wanted())
+
+    async def _draw_wanted(self) -> None:
+        await asyncio.sleep(_TURN_S)
+        while self._wanted:
+            name = next(iter(self._wanted))
+            make = self._wanted.pop(name)
+            with self.state:
+                self.page.attempt(lambda name=name, make=make: self.draw(name, make()))
+            await asyncio.sleep(_TURN_S)
+        self._is_drawing = False
 
     def button(self, text: str, action: Callable | str, arguments: str = "[]", **options) -> None:
         """A button that calls a method, or runs an expression of the browser.

@@ -158,9 +158,9 @@ class EditTab(Tab):
         if not 0 < float(state.threshold) <= state.threshold_top:
             state.threshold = state.threshold_top
         self._show_threshold()
-        self.draw("comparison", residuals.comparison(work))
+        self.draw_in_turn(comparison=lambda: residuals.comparison(self.work))
         if state.comparison:
-            self.draw("side_by_side", residuals.side_by_side(work))
+            self.draw_in_turn(side_by_side=lambda: residuals.side_by_side(self.work))
 
     def show_changes(self) -> None:
         """Send the list of changes; also called while another tab is shown, so that it never lags behind."""
@@ -172,7 +172,7 @@ class EditTab(Tab):
         value = number_of(self.state.threshold, "threshold")
         above = int((self.work.kept & (self.work.lengths() > value)).sum())
         self.state.threshold_text = f"{above:,} samples have a residual above {value:.4g} mm"
-        self.draw("threshold", residuals.histogram_figure(self.work, value))
+        self.draw_in_turn(threshold=lambda: residuals.histogram_figure(self.work, value))
 
     def _on_threshold(self, **_) -> None:
         if self.is_shown:

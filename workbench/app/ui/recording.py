@@ -112,12 +112,12 @@ class RecordingTab(Tab):
             {"title": f"{row['name']} ({row['role']})", "value": row["index"]}
             for row in image_rows(self.work.opened.recording)
         ]
-        if self.state.has_arm:
-            self.draw("scene", robot.scene(self.work))
-        if self._covered is not self.work.opened:  # it takes longer than an interaction may
-            self._covered = self.work.opened
-            self.draw("coverage", robot.coverage(self.work))
         self._describe()
+        if self.state.has_arm:
+            self.draw_in_turn(scene=lambda: robot.scene(self.work))
+        if self._covered is not self.work.opened:  # no edit changes it
+            self._covered = self.work.opened
+            self.draw_in_turn(coverage=lambda: robot.coverage(self.work))
         if self.state.images:
             self._show_image()
 

@@ -173,10 +173,12 @@ class ResidualsTab(Tab):
             if has and work.opened.residuals.points is None
             else ""
         )
-        self.draw("arrows", residuals.arrows(work))
-        self._draw_chart()
-        self.draw("histogram", residuals.histogram_figure(work))
         self._describe()
+        self.draw_in_turn(
+            histogram=lambda: residuals.histogram_figure(self.work),  # needs no WebGL: soonest drawn
+            chart=self._chart,
+            arrows=lambda: residuals.arrows(self.work),
+        )
 
     def _describe(self) -> None:
         work = self.work
@@ -222,10 +224,10 @@ class ResidualsTab(Tab):
 
     def _on_choice(self, **_) -> None:
         if self.is_shown:
-            self.page.handler(self._draw_chart)()
+            self.draw_in_turn(chart=self._chart)
 
-    def _draw_chart(self) -> None:
-        self.draw("chart", residuals.chart(self.work, self.state.quantity, self.state.kind))
+    def _chart(self):
+        return residuals.chart(self.work, self.state.quantity, self.state.kind)
 
     def on_click(self, rows, mode=REPLACE) -> None:
         """Select the sample of a mark or an arrow."""
