@@ -6,7 +6,15 @@ import os
 import numpy as np
 import pytest
 
-from app_browser import chromium, serve_nothing, stop, text_of, trace, wait_for_text
+from app_browser import (
+    WAIT_MS,
+    follow_problems,
+    serve_nothing,
+    stop,
+    text_of,
+    trace,
+    wait_for_text,
+)
 from import_tables import nearly_one_orientation
 from workbench.app.wizard.draft import Draft, folder_of, positive
 from workbench.app.wizard.files import Dropped, safe_name
@@ -229,17 +237,14 @@ def served(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def page(served):
-    started, browser = chromium()
+def page(browser, served):
     page = browser.new_page(viewport={"width": 1400, "height": 1000})
-    page.set_default_timeout(20_000)
-    page.problems = []
-    page.on("pageerror", lambda error: page.problems.append(str(error)))
+    page.set_default_timeout(WAIT_MS)
+    page.problems = follow_problems(page)
     page.goto(served.address)
     page.locator("[data-tab=import]").wait_for()
     yield page
-    browser.close()
-    started.stop()
+    page.close()
 
 
 DROP = """async ([selector, files]) => {

@@ -175,7 +175,9 @@ class ResidualsTab(Tab):
         )
         self._describe()
         self.draw_in_turn(
-            histogram=lambda: residuals.histogram_figure(self.work),  # needs no WebGL: soonest drawn
+            histogram=lambda: residuals.histogram_figure(
+                self.work
+            ),  # needs no WebGL: soonest drawn
             chart=self._chart,
             arrows=lambda: residuals.arrows(self.work),
         )
