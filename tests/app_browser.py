@@ -1,6 +1,5 @@
 """What the browser tests of the app share: a server in a process of its own, and Debian's Chromium."""
 
-import json
 import os
 import shutil
 import subprocess
@@ -26,6 +25,16 @@ name = "compliance"
 why = "joints deflect under gravity"
 effects = [{ effect = "joint-compliance", where = "joint-2" }, { effect = "joint-compliance", where = "joint-3" }]
 """
+
+
+FRAMES = """
+[[stage]]
+name = "frames"
+why = "base and hand-eye"
+free = ["base.*", "sensor.*"]
+earn = false
+"""
+TABS = ["Recording", "Residuals", "Edit and rerun", "Sensor", "Diagnosis", "Import"]
 
 
 @dataclass
@@ -64,6 +73,22 @@ def run_workbench(*words, cwd: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stderr
+
+
+def calibrate_arm(recording: str, folder: Path, plan: str = PLAN) -> Path:
+    """Run folder of a calibration of an arm in few seconds."""
+    (folder / "plan.toml").write_text(plan, encoding="utf-8")
+    words = ["calibrate", recording, "--plan", folder / "plan.toml", "--folds", 3]
+    run_workbench(*words, "--out", folder / "run", cwd=folder)
+    return folder / "run"
+
+
+def calibrate_scanner(folder: Path) -> Path:
+    """Run folder of a calibration of a scanner and its arm from rendered images, which lie next to it."""
+    from workbench.commands.data.demo import scene
+
+    run_workbench("render", scene(), "--out", folder / "recording", cwd=folder)
+    return calibrate_arm(str(folder / "recording"), folder, FRAMES)
 
 
 def serve(subject, folder: Path) -> Served:
@@ -129,6 +154,52 @@ def show_tab(page, tab: str) -> None:
     page.locator(f"[data-tab={name}]").wait_for()
 
 
+def follow_problems(page) -> list[str]:
+    """A list that collects the script errors of a page from now on."""
+    problems: list[str] = []
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    return problems
+
+
+def click_row(page, row: int, samples: int) -> None:
+    """Select a sample by a click on its arrow."""
+    emit(page, "arrows", "plotly_click", {"points": [{"customdata": row}]})
+    wait_for_text(page, "selection", f"1 of {samples:,} samples selected")
+
+
+def brush_chart(page) -> None:
+    """Drag a rectangle over the whole chart of the residuals."""
+    box = plot(page, "chart").locator(".nsewdrag").first.bounding_box()
+    page.mouse.move(box["x"] + 2, box["y"] + 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] - 2, box["y"] + box["height"] - 2, steps=6)
+    page.mouse.up()
+
+
+def cancel_run(page, command: str) -> None:
+    """Start a run of the tab Edit and rerun, and cancel it."""
+    show_tab(page, "Edit and rerun")
+    page.get_by_role("button", name=command).click()
+    page.get_by_role("progressbar", name="Run in progress").wait_for()
+    page.get_by_role("button", name="Cancel").click()
+    wait_for_text(page, "job", "Cancelled")
+
+
+def scrub_by_key(page, name: str) -> None:
+    """Move to the next sample by an arrow key, and wait until a trace of the scene has moved."""
+    show_tab(page, "Recording")
+    before = trace(page, "scene", name)["x"]
+    page.get_by_role("slider", name="Sample in the order of the recording").press("ArrowRight")
+    page.wait_for_function(
+        """([name, old]) => {
+            const place = document.querySelector('[data-figure=scene] .js-plotly-plot');
+            const found = place._fullData.find((one) => one.name === name);
+            return JSON.stringify(Array.from(found.x)) !== JSON.stringify(old);
+        }""",
+        arg=[name, before],
+    )
+
+
 def plot(page, figure: str):
     """The plotly element of a figure, once it is drawn."""
     place = page.locator(f"[data-figure={figure}] .js-plotly-plot")
@@ -167,91 +238,3 @@ def wait_for_text(page, name: str, part: str, timeout: float = WAIT_MS) -> str:
     """The status line once it holds `part`."""
     page.locator(f"[data-text={name}]", has_text=part).wait_for(timeout=timeout)
     return text_of(page, name)
-
-
-_SHARED = {
-    "variant": "",
-    "depends_on": [],
-    "options": {},
-    "alarms": [],
-    "alternatives": [],
-    "parameters": [],
-    "controls": [],
-    "found_again": {"folds": 9, "of": 9},
-}
-_LINK = {
-    "effect": "link-compliance",
-    "where": "link-1",
-    "variant": "",
-    "why": "it makes 87 % of the same signature",
-    "probability": 0.01,
-    "alike": 0.87,
-    "not_recorded": "",
-}
-_KEPT = {
-    **_SHARED,
-    "effect": "joint-compliance",
-    "where": "joint-2",
-    "p_value": 3e-31,
-    "probability": 0.99,
-    "alternatives": [_LINK],
-    "parameters": [{"name": "compliance", "value": 2e-5, "std": 4e-7, "unit": "rad/(N m)"}],
-    "controls": [{"control": "permuted", "p_value": 0.005, "passed": True, "why": ""}],
-    "size_mm": 0.36,
-    "t": 7.7,
-    "held_out_gain_mm": 0.08,
-    "statement": "Joint 2 deflects under the gravity torque.",
-}
-_REFUSED = {
-    **_SHARED,
-    "effect": "backlash",
-    "where": "joint-5",
-    "p_value": 2e-3,
-    "probability": 0.6,
-    "size_mm": 0.01,
-    "t": 1.1,
-    "held_out_gain_mm": 0.0,
-    "statement": "Joint 5 stops short.",
-    "reason": "the held-out error does not fall",
-}
-
-
-def diagnosis_answer() -> dict:
-    """A diagnosis of the bundled arm as `workbench diagnose` writes it, with one term kept and one refused."""
-    places = (("joint-2", 0.59, 1e-99), ("link-1", 0.5, 1e-80), ("joint-5", 0.1, 0.4))
-    located = [{"where": w, "share_of_mismatch": share, "p_value": p} for w, share, p in places]
-    return {
-        "command": "diagnose",
-        "recording": "elastic-arm",
-        "input": "elastic-arm",
-        "samples": 300,
-        "verdict": "explained",
-        "unit": "mm",
-        "effects": [dict(_KEPT)],
-        "refused": [dict(_REFUSED)],
-        "located": located,
-        "next_experiment": "Measure 2 poses more.",
-        "held_out": {"before_mm": 0.117, "after_mm": 0.039, "noise_mm": 0.035, "folds": 4},
-    }
-
-
-def write_diagnosis(folder: Path) -> Path:
-    """A run folder of a diagnosis, with residuals of all samples and the poses of a next experiment."""
-    import numpy as np
-
-    import datasets
-
-    folder.mkdir(parents=True)
-    (folder / "answer.json").write_text(json.dumps(diagnosis_answer()), encoding="utf-8")
-    ids = datasets.read("elastic-arm").sample_ids
-    vectors = np.random.default_rng(5).normal(0, 0.03, (len(ids), 6))
-    head = "sample," + ",".join(
-        f"{when}_{axis}_mm" for when in ("before", "after") for axis in "xyz"
-    )
-    table = np.column_stack([ids, vectors])
-    np.savetxt(folder / "residuals.csv", table, fmt="%.6g", delimiter=",", header=head, comments="")
-    poses = (
-        "joint 1,joint 2,joint 3,joint 4,joint 5,joint 6\n10,20,-10,5,-60,0\n-30,10,-20,15,-70,40\n"
-    )
-    (folder / "next-experiment-poses.csv").write_text(poses, encoding="utf-8")
-    return folder

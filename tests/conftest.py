@@ -139,3 +139,30 @@ def workbench(tmp_path, tmp_path_factory, command_server):
         return subprocess.CompletedProcess(words, status, *texts)
 
     return call
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """Playwright's browser for the tests of the app; they are skipped where it is absent."""
+    import app_browser
+
+    started, browser = app_browser.chromium()
+    yield browser
+    browser.close()
+    started.stop()
+
+
+@pytest.fixture(scope="session")
+def arm_run(tmp_path_factory):
+    """A run of `workbench calibrate` on the bundled arm."""
+    import app_browser
+
+    return app_browser.calibrate_arm("elastic-arm", tmp_path_factory.mktemp("arm"))
+
+
+@pytest.fixture(scope="session")
+def scanner_run(tmp_path_factory):
+    """A run of `workbench calibrate` on a rendered recording of a line scanner on an arm."""
+    import app_browser
+
+    return app_browser.calibrate_scanner(tmp_path_factory.mktemp("scanner"))

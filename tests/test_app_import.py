@@ -6,7 +6,16 @@ import os
 import numpy as np
 import pytest
 
-from app_browser import chromium, serve_nothing, stop, text_of, trace, wait_for_text
+from app_browser import (
+    WAIT_MS,
+    follow_problems,
+    serve_nothing,
+    stop,
+    text_of,
+    trace,
+    wait_for_text,
+)
+from import_tables import nearly_one_orientation
 from workbench.app.wizard.draft import Draft, folder_of, positive
 from workbench.app.wizard.files import Dropped, safe_name
 from workbench.app.wizard.form import form_rows, other_rows, with_cell
@@ -32,6 +41,20 @@ def tables(tmp_path_factory):
     _write(folder / "joints.csv", ["Nr", *JOINTS], np.deg2rad(joints))
     _write(folder / "tracker.csv", ["Nr", *POINTS, "Ziel"], np.hstack([points / 25.4, target]))
     return folder, joints, points
+
+
+POSES = "poses.csv"
+
+
+@pytest.fixture(scope="module")
+def poses(tmp_path_factory):
+    """Folder of a table of poses whose orientations hardly change, so that their convention stays open."""
+    folder = tmp_path_factory.mktemp("poses")
+    joints, points, turns = nearly_one_orientation(0.1)
+    head = [*(f"J{k} [deg]" for k in range(1, 7)), "X [mm]", "Y [mm]", "Z [mm]", "E1", "E2", "E3"]
+    angles = turns.as_euler("ZXZ", degrees=True)
+    _write(folder / POSES, ["Nr", *head], np.hstack([joints, points, angles]))
+    return folder
 
 
 def _write(path, head, values):
@@ -145,15 +168,26 @@ def test_a_quantity_that_does_not_exist_is_refused(draft):
         with_cell(draft.keys, "soul", "columns", ["a"])
 
 
-def test_an_open_question_is_answered_with_a_click(draft):
-    """Points of several reflectors as if they were one: no reading fits clearly best, and the trial asks."""
-    draft.edit("columns", "Ziel", "")
+def test_an_open_question_is_answered_with_a_click(poses):
+    """Orientations that hardly change fit under several conventions, and the trial asks for the right one."""
+    draft = Draft()
+    draft.add(files_of(poses, POSES))
+    draft.choose("robot", "ur10")
     with pytest.raises(InputError, match="no such answer"):
         draft.answer(0)
     draft.trial = draft.test()
-    assert len(draft.trial.question.options) >= 2, draft.trial.problem
-    draft.answer(0)
-    assert draft.test().question is None
+    options = draft.trial.question.options
+    assert len(options) >= 2, draft.trial.problem
+    draft.answer(1)
+    answered = draft.test()
+    assert answered.result is not None, answered.problem
+    assert answered.result.mapping.rotation.convention in options[1]
+
+
+def test_points_of_several_reflectors_as_one_fit_under_no_reading(draft):
+    draft.edit("columns", "Ziel", "")
+    trial = draft.test()
+    assert trial.result is None and "no reading fits" in trial.problem
 
 
 @pytest.mark.parametrize("name", ["", "../x", "/etc/x", "a/b", ".", "x\\y", "a" * 90])
@@ -203,17 +237,14 @@ def served(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def page(served):
-    started, browser = chromium()
+def page(browser, served):
     page = browser.new_page(viewport={"width": 1400, "height": 1000})
-    page.set_default_timeout(20_000)
-    page.problems = []
-    page.on("pageerror", lambda error: page.problems.append(str(error)))
+    page.set_default_timeout(WAIT_MS)
+    page.problems = follow_problems(page)
     page.goto(served.address)
     page.locator("[data-tab=import]").wait_for()
     yield page
-    browser.close()
-    started.stop()
+    page.close()
 
 
 DROP = """async ([selector, files]) => {
@@ -231,6 +262,18 @@ def drop(page, folder, *names):
     page.evaluate(DROP, ["[data-drop] label", files])
 
 
+def _drop_tables(page, tables) -> None:
+    """Drop joint log and tracker table, name robot and reflector, and wait until the import is ready."""
+    drop(page, tables[0], "joints.csv", "tracker.csv")
+    wait_for_text(page, "import-files", "joints.csv, tracker.csv")
+    page.get_by_role("combobox", name="Robot").press("Enter")
+    page.get_by_role("option", name="ur10", exact=True).click()
+    target = page.get_by_label("Ziel is recorded as")
+    target.fill("reflector")
+    target.press("Tab")
+    wait_for_text(page, "import", "Ready: external-point, 36 samples")
+
+
 @pages
 def test_without_any_run_the_app_starts_with_the_import(page):
     assert "Nothing is open yet" in page.inner_text("header")
@@ -240,14 +283,7 @@ def test_without_any_run_the_app_starts_with_the_import(page):
 
 @pages
 def test_dropped_tables_are_read_and_their_units_found(page, tables):
-    drop(page, tables[0], "joints.csv", "tracker.csv")
-    wait_for_text(page, "import-files", "joints.csv, tracker.csv")
-    page.get_by_role("combobox", name="Robot").press("Enter")
-    page.get_by_role("option", name="ur10", exact=True).click()
-    target = page.get_by_label("Ziel is recorded as")
-    target.fill("reflector")
-    target.press("Tab")
-    assert "Ready: external-point, 36 samples" in wait_for_text(page, "import", "Ready", 120_000)
+    _drop_tables(page, tables)
     fits = page.get_by_role("group", name="Fit to the robot").locator("tbody tr").first
     assert "joints in radians, point in inches" in fits.inner_text()
     first = page.get_by_role("group", name="First samples of the recording").inner_text()
@@ -259,11 +295,27 @@ def test_a_changed_unit_is_tested_at_once(page):
     unit = page.get_by_role("combobox", name="Unit of measured point")
     unit.press("Enter")
     page.get_by_role("option", name="mm", exact=True).click()
-    page.get_by_role("group", name="Open question").wait_for(timeout=120_000)
+    wait_for_text(page, "import", "no reading fits")
     assert page.get_by_role("button", name="Import and open").is_disabled()
     unit.press("Enter")
     page.get_by_role("option", name="tested on the robot").click()
-    wait_for_text(page, "import", "Ready", 120_000)
+    wait_for_text(page, "import", "Ready")
+
+
+@pages
+def test_a_question_is_answered_by_a_button_of_the_page(page, poses, tables):
+    page.get_by_role("button", name="Remove all files").click()
+    wait_for_text(page, "import-files", "No files yet.")
+    drop(page, poses, POSES)
+    page.get_by_role("combobox", name="Robot").press("Enter")
+    page.get_by_role("option", name="ur10", exact=True).click()
+    question = page.get_by_role("group", name="Open question")
+    question.get_by_role("button").nth(1).click()
+    wait_for_text(page, "import", "Ready: external-pose, 30 samples")
+    assert question.count() == 0
+    page.get_by_role("button", name="Remove all files").click()
+    wait_for_text(page, "import-files", "No files yet.")
+    _drop_tables(page, tables)
 
 
 @pages
@@ -277,7 +329,7 @@ def test_columns_are_mapped_by_keyboard(page):
         page.keyboard.press("ArrowDown")
         page.keyboard.press("Enter")
         page.keyboard.press("Escape")
-        wait_for_text(page, "import", text, 120_000)
+        wait_for_text(page, "import", text)
 
 
 @pages

@@ -1,60 +1,22 @@
-"""The app where something is unusual: two pages, a reload, an end during a rerun, small and read-only data."""
+"""The app where something is unusual: two pages, small and read-only data."""
 
 import json
 import os
-import signal
-import time
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from app_browser import (
-    PLAN,
-    chromium,
-    open_page,
-    run_workbench,
-    serve,
-    show_tab,
-    stop,
-    text_of,
-    trace,
-    wait_for_text,
-)
+from app_browser import open_page, serve, show_tab, stop, text_of, wait_for_text
 
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module")
-def browser():
-    started, browser = chromium()
-    yield browser
-    browser.close()
-    started.stop()
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """A run of the bundled arm whose plan takes some seconds."""
-    folder = tmp_path_factory.mktemp("robust")
-    (folder / "plan.toml").write_text(PLAN, encoding="utf-8")
-    words = [
-        "calibrate",
-        "elastic-arm",
-        "--plan",
-        folder / "plan.toml",
-        "--folds",
-        3,
-        "--no-report",
-    ]
-    run_workbench(*words, "--out", folder / "run", cwd=folder)
-    return folder / "run"
-
-
 @pytest.fixture
-def served(run, tmp_path):
-    made = serve(run, tmp_path / "session")
+def served(arm_run, tmp_path):
+    made = serve(arm_run, tmp_path / "session")
     yield made
     stop(made)
 
@@ -67,69 +29,6 @@ def test_two_pages_show_the_same_edits(browser, served):
     first.get_by_text("No changes yet.").wait_for()
     first.close()
     second.close()
-
-
-def test_a_reload_during_a_rerun_shows_its_progress_and_its_end(browser, served):
-    page = open_page(browser, served, "Edit and rerun")
-    page.get_by_role("button", name="Calibrate").click()
-    page.get_by_role("progressbar", name="Run in progress").wait_for()
-    page.reload()
-    page.locator("[data-tab=edit]").wait_for()
-    wait_for_text(page, "job", "Finished after", 300_000)
-    page.get_by_role("group", name="Before and after").wait_for()
-    assert trace(page, "side_by_side", "after")
-    page.close()
-
-
-def test_a_diagnosis_is_started_with_progress_and_cancelled(browser, served):
-    page = open_page(browser, served, "Edit and rerun")
-    page.get_by_role("button", name="Diagnose").click()
-    page.get_by_role("progressbar", name="Run in progress").wait_for()
-    assert page.get_by_role("button", name="Calibrate").is_disabled()
-    page.wait_for_function(
-        "() => /\\d+ s: \\S/.test(document.querySelector('[data-text=job]').innerText)",
-        timeout=120_000,
-    )
-    page.get_by_role("button", name="Cancel").click()
-    wait_for_text(page, "job", "Cancelled", 60_000)
-    assert not list(served.folder.glob("diagnose-*"))
-    page.close()
-
-
-def test_the_end_of_the_app_ends_the_rerun(browser, run, tmp_path):
-    made = serve(run, tmp_path / "session")
-    page = open_page(browser, made, "Edit and rerun")
-    page.get_by_role("button", name="Diagnose").click()
-    page.get_by_role("progressbar", name="Run in progress").wait_for()
-    children = _children(made.process.pid)
-    assert children
-    made.process.send_signal(signal.SIGTERM)
-    made.process.wait(30)
-    page.close()
-    until = time.monotonic() + 30
-    while any(map(_is_alive, children)) and time.monotonic() < until:
-        time.sleep(0.2)
-    assert [pid for pid in children if _is_alive(pid)] == []
-    assert not list(made.folder.glob("diagnose-*"))
-
-
-def _children(pid: int) -> list[int]:
-    """Processes that a process started, on Linux."""
-    place = Path(f"/proc/{pid}/task/{pid}/children")
-    if not place.exists():
-        pytest.skip("no /proc on this system")
-    found: list[int] = []
-    for task in place.parent.parent.iterdir():
-        found += [int(word) for word in (task / "children").read_text().split()]
-    return found
-
-
-def _is_alive(pid: int) -> bool:
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-    except OSError:
-        return False
-    return state != "Z"
 
 
 def _elastic(folder: Path, **changes) -> Path:
@@ -179,12 +78,10 @@ def test_missing_images_are_named_and_the_rest_works(browser, tmp_path):
     stop(made)
 
 
-def test_a_renamed_recording_is_named_and_can_be_given_again(tmp_path, workbench, run):
-    import shutil
-
+def test_a_renamed_recording_is_named_and_can_be_given_again(tmp_path, workbench, arm_run):
     folder = _elastic(tmp_path / "recording")
     copy = tmp_path / "run"
-    shutil.copytree(run, copy)
+    shutil.copytree(arm_run, copy)
     answer = json.loads((copy / "answer.json").read_text())
     (copy / "answer.json").write_text(json.dumps({**answer, "input": str(folder)}))
     folder.rename(tmp_path / "renamed")
@@ -193,8 +90,8 @@ def test_a_renamed_recording_is_named_and_can_be_given_again(tmp_path, workbench
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_folder_that_cannot_be_written_refuses_edits(browser, run, tmp_path):
-    made = serve(run, tmp_path / "session")
+def test_a_folder_that_cannot_be_written_refuses_edits(browser, arm_run, tmp_path):
+    made = serve(arm_run, tmp_path / "session")
     made.folder.chmod(0o500)
     page = open_page(browser, made, "Edit and rerun")
     page.get_by_role("checkbox", name="joint-compliance at joint-3").click()
@@ -205,13 +102,13 @@ def test_a_folder_that_cannot_be_written_refuses_edits(browser, run, tmp_path):
     stop(made)
 
 
-def test_an_edit_that_cannot_be_saved_changes_nothing(run, tmp_path, monkeypatch):
+def test_an_edit_that_cannot_be_saved_changes_nothing(arm_run, tmp_path, monkeypatch):
     from workbench.app.data.opened import open_subject
     from workbench.app.workspace import Workspace
     from workbench.core.errors import InputError
 
     (tmp_path / "file").write_text("no folder")
-    work = Workspace(open_subject(str(run)), tmp_path / "file" / "session.toml")
+    work = Workspace(open_subject(str(arm_run)), tmp_path / "file" / "session.toml")
     work.select([1])
     with pytest.raises(InputError, match="can be written"):
         work.exclude_selected()

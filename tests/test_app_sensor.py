@@ -3,11 +3,15 @@
 import pytest
 
 from app_browser import (
-    chromium,
+    brush_chart,
+    cancel_run,
+    click_row,
     emit,
+    follow_problems,
     open_page,
     plot,
     run_workbench,
+    scrub_by_key,
     serve,
     show_tab,
     stop,
@@ -15,42 +19,23 @@ from app_browser import (
     trace,
     wait_for_text,
 )
-from workbench.commands.data.demo import scene
 
 pytestmark = pytest.mark.slow
-PLAN = '[[stage]]\nname = "frames"\nwhy = "base and hand-eye"\nfree = ["base.*", "sensor.*"]\nearn = false\n'
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("sensor")
-    (folder / "plan.toml").write_text(PLAN, encoding="utf-8")
-    run_workbench("render", scene(), "--out", folder / "recording", cwd=folder)
-    words = [
-        "calibrate",
-        folder / "recording",
-        "--plan",
-        folder / "plan.toml",
-        "--folds",
-        2,
-        "--out",
-        folder / "run",
-    ]
-    run_workbench(*words, cwd=folder)
-    made = serve(folder / "run", folder / "session")
+def served(scanner_run, tmp_path_factory):
+    made = serve(scanner_run, tmp_path_factory.mktemp("session"))
     yield made
     stop(made)
 
 
 @pytest.fixture(scope="module")
-def page(served):
-    started, browser = chromium()
+def page(browser, served):
     page = open_page(browser, served, "Recording")
-    page.problems = []
-    page.on("pageerror", lambda error: page.problems.append(str(error)))
+    page.problems = follow_problems(page)
     yield page
-    browser.close()
-    started.stop()
+    page.close()
 
 
 def _choose_image(page, name: str) -> str:
@@ -147,15 +132,8 @@ def test_the_map_of_a_ball_shows_the_points_of_the_cloud(page):
 
 
 def test_scrubbing_moves_arm_and_sensor(page):
-    show_tab(page, "Recording")
-    before = trace(page, "scene", "field of the sensor")["x"]
-    page.get_by_role("slider", name="Sample in the order of the recording").press("ArrowRight")
+    scrub_by_key(page, "field of the sensor")
     wait_for_text(page, "row", "(2 of 30)")
-    page.wait_for_function(
-        """(old) => JSON.stringify(Array.from(document.querySelector('[data-figure=scene] .js-plotly-plot')._fullData
-            .find((one) => one.name === 'field of the sensor').x)) !== JSON.stringify(old)""",
-        arg=before,
-    )
 
 
 def test_coverage_shows_every_joint(page):
@@ -176,8 +154,7 @@ def test_a_click_on_an_image_selects_its_sample(page):
 
 def test_a_click_on_an_arrow_shows_image_with_overlay_pose_and_row(page):
     show_tab(page, "Residuals")
-    emit(page, "arrows", "plotly_click", {"points": [{"customdata": 5}]})
-    wait_for_text(page, "selection", "1 of 30 samples selected")
+    click_row(page, 5, 30)
     page.get_by_role("heading", name="Sample 5, pose").wait_for()
     wait_for_text(page, "picked", "images/scan-006-")
     plot(page, "picked")
@@ -191,19 +168,14 @@ def test_a_bar_and_a_brush_select(page):
     value = {"points": [{"customdata": bars["customdata"][place]}]}
     emit(page, "histogram", "plotly_click", value)
     wait_for_text(page, "selection", f"{bars['y'][place]} of 30 samples selected")
-    box = plot(page, "chart").locator(".nsewdrag").first.bounding_box()
-    page.mouse.move(box["x"] + 2, box["y"] + 2)
-    page.mouse.down()
-    page.mouse.move(box["x"] + box["width"] - 2, box["y"] + box["height"] - 2, steps=6)
-    page.mouse.up()
+    brush_chart(page)
     wait_for_text(page, "selection", "30 of 30 samples selected")
     page.get_by_role("button", name="Clear selection").click()
 
 
 def test_excluded_samples_are_included_again(page, served):
     show_tab(page, "Residuals")
-    emit(page, "arrows", "plotly_click", {"points": [{"customdata": 5}]})
-    wait_for_text(page, "selection", "1 of 30 samples selected")
+    click_row(page, 5, 30)
     page.get_by_role("button", name="Exclude their poses").click()
     wait_for_text(page, "selection", "1 excluded")
     page.get_by_label("Sample number").fill("5")
@@ -227,10 +199,10 @@ def test_a_residual_leads_to_its_image(page):
     show_tab(page, "Residuals")
     page.get_by_label("Sample number").fill("3")
     page.get_by_role("button", name="Select sample").click()
-    table = page.get_by_role("group", name="Selected samples")
-    table.wait_for()
-    image = table.locator("tbody tr td").last.inner_text()
-    assert image.startswith("images/")
+    cells = page.get_by_role("group", name="Selected samples").locator("tbody tr td")
+    cells.first.get_by_text("3", exact=True).wait_for()
+    image = cells.last.inner_text()
+    assert image.startswith("images/scan-004-")
     page.get_by_role("button", name="Show in recording").click()
     wait_for_text(page, "image", image)
 
@@ -282,11 +254,28 @@ def test_a_rerun_of_the_scanner_shows_before_and_after_and_is_repeated(page, ser
 
 
 def test_a_diagnosis_of_the_scanner_is_cancelled(page, served):
-    show_tab(page, "Edit and rerun")
-    page.get_by_role("button", name="Diagnose").click()
-    page.get_by_role("button", name="Cancel").click()
-    wait_for_text(page, "job", "Cancelled", 60_000)
+    cancel_run(page, "Diagnose")
     assert not list(served.folder.glob("diagnose-*"))
+
+
+def test_passing_many_images_ends_with_the_last_one(page):
+    _choose_image(page, "board-001.png")
+    following = page.get_by_role("button", name="Next image")
+    for _ in range(6):
+        following.click()
+    wait_for_text(page, "image", "board-001-step-005.png")
+    source = plot(page, "image").evaluate("(one) => one.layout.uirevision")
+    assert source == "image-images/board-001-step-005.png"
+
+
+def test_every_one_of_many_quick_clicks_counts(page):
+    show_tab(page, "Recording")
+    page.get_by_role("slider", name="Sample in the order of the recording").press("Home")
+    wait_for_text(page, "row", "(1 of 30)")
+    following = page.get_by_role("button", name="Next sample")
+    for _ in range(8):
+        following.click()
+    wait_for_text(page, "row", "(9 of 30)")
 
 
 def test_no_script_error_occurred(page):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import datasets
-from app_browser import diagnosis_answer, write_diagnosis
+from app_diagnosis import diagnosis_answer, image_diagnosis_answer, write_diagnosis
 from workbench.app.data import decimate, diagnosis
 from workbench.app.data.arm import arm_pose, joint_coverage
 from workbench.app.data.opened import open_subject
@@ -266,28 +266,29 @@ def test_places_of_a_diagnosis_carry_share_and_findings():
     ]
     assert diagnosis.candidates(found["joint-5"])[0]["why"] == "the held-out error does not fall"
     values = dict(diagnosis.evidence(found["joint-2"].found[0]))
-    assert values["p-value"] == "< 1e-6" and values["control: permuted"] == "passed, p 0.0050"
+    assert (
+        values["p-value"] == "< 1e-6" and values["permutation control"] == "passed (p-value 0.0050)"
+    )
 
 
 def test_ticked_terms_become_effects_of_a_plan_that_calibrate_reads(tmp_path):
     from workbench.fitting.plans import read_plan
 
-    rows, problems = diagnosis.plan_effects(diagnosis_answer(), [0, 1, 1, 99])
+    rows = diagnosis.plan_effects(diagnosis_answer(), [0, 1, 1, 99])
     assert rows == [
         {"effect": "joint-compliance", "where": "joint-2"},
         {"effect": "backlash", "where": "joint-5"},
     ]
-    assert problems == []
     diagnosis.write_plan(rows, tmp_path / "plan.toml")
     stages = read_plan(tmp_path / "plan.toml")
     assert stages[-1].effects == (("joint-compliance", "joint-2", {}), ("backlash", "joint-5", {}))
 
 
 def test_terms_that_no_plan_can_hold_are_named():
-    answer = diagnosis_answer()
-    answer["effects"][0]["effect"] = "unknown"
-    rows, problems = diagnosis.plan_effects(answer, [0])
-    assert rows == [] and "unknown at joint-2" in problems[0]
+    answer = image_diagnosis_answer(Path("recording"))
+    assert "effects of the arm only" in diagnosis.plan_problem(answer["effects"][0])
+    assert diagnosis.plan_effects(answer, [0]) == []
+    assert diagnosis.plan_problem(diagnosis_answer()["effects"][0]) == ""
 
 
 def test_a_diagnosis_run_is_opened_with_its_views(tmp_path):

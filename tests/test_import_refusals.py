@@ -4,11 +4,11 @@ import os
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from datasets.importers.mapping.model import read_mapping
 from datasets.importers.sources.text_tables import read_text_table
 from import_scenes import SCENE, UR10, degrees, simulated, tracker, write_rows
+from import_tables import nearly_one_orientation
 from workbench.commands.cli import run
 from workbench.core.errors import InputError
 from workbench.recordings.importing import ImportOptions, import_recording
@@ -17,27 +17,6 @@ from workbench.recordings.importing import ImportOptions, import_recording
 @pytest.fixture(scope="module")
 def truth(tmp_path_factory):
     return simulated(tmp_path_factory.mktemp("scene"), SCENE)
-
-
-def nearly_one_orientation(noise_deg: float) -> tuple[np.ndarray, np.ndarray, Rotation]:
-    """Readings (n, 6) in deg, points (n, 3) mm and rotations of a target that turns by 0.1 deg only."""
-    from robot_model import load_robot
-    from workbench.recordings.templates.contact import TrueArm
-
-    rng = np.random.default_rng(5)
-    arm = TrueArm.of(load_robot("ur10"), rng)
-    fixed = Rotation.from_euler("xyz", [170, 20, 40], degrees=True).as_matrix()
-
-    def gap(turn, origin):
-        return 300 * Rotation.from_matrix(turn @ fixed.T).as_rotvec().T
-
-    readings = arm.poses_with(30, rng, gap, sigma_mm=0.5)
-    turn, origin = arm.flange(readings)
-    base = Rotation.from_euler("xyz", [3, -4, 60], degrees=True)
-    points = base.apply(origin + turn @ np.array([20.0, 10.0, 120.0])) + [2000.0, 300.0, 100.0]
-    tool = Rotation.from_euler("xyz", [20, 40, 70], degrees=True)
-    noise = Rotation.from_rotvec(np.deg2rad(noise_deg) * rng.normal(size=(30, 3)))
-    return np.rad2deg(readings), points, base * Rotation.from_matrix(turn) * tool * noise
 
 
 def test_orientations_that_hardly_change_lead_to_a_question(tmp_path):

@@ -341,6 +341,15 @@ def test_arrows_are_the_residual_times_the_stated_scale():
     assert mantissa in (1.0, 2.0, 5.0)
 
 
+def test_arrows_have_the_colours_of_their_points():
+    made = fake()
+    errors = spread.errors_of(made)
+    arrows, points = scene.figure(scene.scene_of(made), errors).data[:2]
+    assert np.array_equal(np.asarray(arrows.line.color)[::3], np.asarray(points.marker.color))
+    assert (arrows.line.cmin, arrows.line.cmax) == (points.marker.cmin, points.marker.cmax)
+    assert arrows.line.colorscale == points.marker.colorscale
+
+
 def test_arm_of_the_scene_has_the_nominal_reach():
     lengths = np.linalg.norm(np.diff(scene.scene_of(fake()).links, axis=1), axis=0)
     assert lengths[0] == pytest.approx(290) and lengths[1] == pytest.approx(270)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import datasets
-from app_browser import chromium
 from workbench.core.solution import Stage
 from workbench.report import style
 from workbench.report.calibration import summary_image
@@ -157,19 +156,39 @@ def test_an_image_that_is_gone_is_left_out(camera_run):
     assert overlays(camera_run)[0][0] == ""
 
 
+@pytest.fixture
+def narrow_page(browser, calibration, tmp_path):
+    """The report of an arm in a window of 800 px, all groups of its tables unfolded."""
+    page = browser.new_page(viewport={"width": 800, "height": 900})
+    page.goto(write_report(calibration, tmp_path).as_uri())
+    page.evaluate(
+        "() => document.querySelectorAll('details').forEach((one) => { one.open = true; })"
+    )
+    assert page.locator("table").count() > 3
+    yield page
+    page.close()
+
+
 @pytest.mark.slow
-def test_no_table_is_clipped_at_800_px(calibration, tmp_path):
-    path = write_report(calibration, tmp_path)
-    started, browser = chromium()
-    try:
-        page = browser.new_page(viewport={"width": 800, "height": 900})
-        page.goto(path.as_uri())
-        clipped = page.evaluate(
-            "() => [...document.querySelectorAll('details')].map((one) => { one.open = true; }) &&"
-            " [...document.querySelectorAll('.wide')].filter((one) => one.scrollWidth > one.clientWidth + 1)"
-            ".map((one) => one.innerText.slice(0, 60))"
-        )
-        assert page.locator("table").count() > 3 and clipped == []
-    finally:
-        browser.close()
-        started.stop()
+def test_no_table_is_clipped_at_800_px(narrow_page):
+    clipped = narrow_page.evaluate(
+        "() => [...document.querySelectorAll('.wide')].filter((one) => one.scrollWidth > one.clientWidth + 1)"
+        ".map((one) => one.innerText.slice(0, 60))"
+    )
+    assert clipped == []
+
+
+@pytest.mark.slow
+def test_no_name_in_a_table_is_broken_within_a_word_at_800_px(narrow_page):
+    """The lines of a name are no more than its words; a word may break behind a hyphen."""
+    broken = narrow_page.evaluate(
+        """() => [...document.querySelectorAll('.stages th, .plain th, .grid th')].filter((cell) => {
+            const name = cell.firstChild, words = (name?.textContent ?? '').trim().split(/[\\s-]+/);
+            if (name?.nodeType !== Node.TEXT_NODE) return false;
+            const range = document.createRange();
+            range.selectNodeContents(name);
+            const lines = new Set([...range.getClientRects()].map((one) => Math.round(one.top)));
+            return lines.size > words.length;
+        }).map((cell) => cell.innerText)"""
+    )
+    assert broken == []

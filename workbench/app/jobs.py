@@ -20,14 +20,14 @@ class Job:
     """One running command.
 
     words: the command line after `workbench`; out: the run folder that it writes, which is new or empty.
-    The process runs in `folder`. Its last lines are in `lines`.
+    The process runs in `folder`. Its last lines are in `lines`. `is_cancelled`: someone asked it to stop.
     """
 
     def __init__(self, words: list[str], out: Path, folder: Path):
         self.out = out
         self.lines: deque[str] = deque(maxlen=_KEPT)
         self.started = time.monotonic()
-        self._cancelled = False
+        self.is_cancelled = False
         self._process = subprocess.Popen(
             [sys.executable, "-m", "workbench", *words, "--out", str(out)],
             cwd=folder,
@@ -48,7 +48,7 @@ class Job:
         """ "running", "done" (the run folder is complete), "failed" or "cancelled"."""
         if self._process.poll() is None:
             return RUNNING
-        if self._cancelled:
+        if self.is_cancelled:
             return CANCELLED
         return DONE if (self.out / "answer.json").is_file() else FAILED
 
@@ -66,7 +66,7 @@ class Job:
         """Interrupt the command, which then removes what it has written so far; kill it if it does not end."""
         if self._process.poll() is not None:
             return
-        self._cancelled = True
+        self.is_cancelled = True
         self._signal(signal.SIGINT)
         try:
             self._process.wait(_PATIENCE_S)

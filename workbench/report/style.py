@@ -8,6 +8,8 @@ import plotly.graph_objects as go
 BLUE, ORANGE, GREEN, VIOLET, GREY = "#1f83c4", "#d9730d", "#12957a", "#b8649f", "#8c8c8c"
 COMPONENTS = {"x": BLUE, "y": ORANGE, "z": GREEN}
 DISTANCE = VIOLET
+LENGTHS = [[0, "#7fb2dd"], [0.4, BLUE], [0.7, ORANGE], [1, "#c0392b"]]
+"""Colours of small to large residuals; the largest stand out on white and on near-black."""
 MOST_POINTS = 5000
 _SMALLEST_LOG = (
     1e-100  # ends of a logarithmic axis beyond this and its reciprocal count as zero and infinity

@@ -102,16 +102,17 @@ def _outer_outline(opened: Opened, frame: np.ndarray) -> np.ndarray:
 
 
 def joint_coverage(opened: Opened) -> list[dict]:
-    """One row a joint: `label`, `low` and `high` reading, `limits` (nan where unknown) and `counts` over the limits.
+    """One row a joint: `label`, `unit`, `low` and `high` reading, `limits` (nan where unknown), `edges`, `counts`.
 
-    Readings in degrees (mm of a slide); counts over 36 bins from the lower to the higher limit.
+    Readings in deg (mm of a slide); counts over 36 bins from the lower to the higher limit.
     """
     from datasets.columns import joint_columns
 
     rows = []
     for k, name in enumerate(joint_columns(opened.samples.columns)):
         values = opened.samples.columns[name]
-        scale = 1.0 if name.endswith("_mm") else 180 / np.pi
+        unit = "mm" if name.endswith("_mm") else "deg"
+        scale = 1.0 if unit == "mm" else 180 / np.pi
         limits = opened.robot.limits[k] * scale if opened.robot is not None else np.full(2, np.nan)
         low, high = float(values.min()), float(values.max())
         ends = [
@@ -124,6 +125,7 @@ def joint_coverage(opened: Opened) -> list[dict]:
         rows.append(
             {
                 "label": label,
+                "unit": unit,
                 "low": low,
                 "high": high,
                 "limits": limits,

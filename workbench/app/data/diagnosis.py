@@ -5,9 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from workbench.report.text import p_value
 
 _OUTSIDE = ("time", "noise", "samples")
+_SENSOR = ("artefact", "camera", "laser", "mirror", "sensor")
+PIXELS = "px"
+_CONTROLS = {"permuted": "permutation control", "circular shift": "circular-shift control"}
 
 
 @dataclass(frozen=True)
@@ -24,14 +29,19 @@ class Place:
 
 
 def places(answer: Mapping, joints: int) -> list[Place]:
-    """The chain from base to target in order, then places that are no part of it."""
-    order = ["base"]
-    for k in range(1, joints + 1):
-        order += [f"joint-{k}", f"link-{k}"]
-    order += ["flange", "tool", "sensor", "artefact", "external"]
+    """The chain from base to target in order, then places that are no part of it.
+
+    A diagnosis of images has the chain of the sensor, which holds no part of the arm.
+    """
     rows = [*answer["effects"], *answer["refused"], *answer["located"]]
     named = {row["where"] for row in rows}
-    chain = [name for name in order if name in named or name.startswith(("base", "joint", "link"))]
+    if answer.get("unit") == PIXELS:
+        arm, order = [], list(_SENSOR)
+    else:
+        pairs = [(f"joint-{k}", f"link-{k}") for k in range(1, joints + 1)]
+        arm = ["base", *(name for pair in pairs for name in pair)]
+        order = [*arm, "flange", "tool", "sensor", "artefact", "external"]
+    chain = [name for name in order if name in named or name in arm]
     rest = sorted(named - set(order), key=lambda name: (name in _OUTSIDE, name))
     return [_place(answer, name) for name in [*chain, *rest]]
 
@@ -96,7 +106,6 @@ def evidence(term: Mapping) -> list[tuple[str, str]]:
     gain = term.get(f"held_out_gain_{unit}")
     again = term.get("found_again") or term.get("reselected") or {}
     rows = [
-        ("statement", term.get("statement", "")),
         ("p-value", p_value(term.get("p_value"))),
         ("reduction of the held-out RMS error", "–" if gain is None else f"{gain:.3g} {unit}"),
         ("t over poses", _rounded(term.get("t"), 1)),
@@ -104,38 +113,74 @@ def evidence(term: Mapping) -> list[tuple[str, str]]:
     ]
     for one in term.get("controls", ()):
         passed = {True: "passed", False: "failed", None: "cannot decide"}[one["passed"]]
-        rows.append((f"control: {one['control']}", f"{passed}, p {p_value(one['p_value'])}"))
+        name = _CONTROLS.get(one["control"], f"{one['control']} control")
+        rows.append((name, f"{passed} (p-value {p_value(one['p_value'])})"))
     for row in term.get("parameters", ()):
         std = "" if row.get("std") is None else f" ± {row['std']:.2g}"
         rows.append((row.get("label") or row["name"], f"{row['value']:.4g}{std} {row['unit']}"))
     return [(name, value) for name, value in rows if value]
 
 
-def plan_effects(answer: Mapping, ticked: Sequence[int]) -> tuple[list[dict], list[str]]:
-    """Terms of the answer as effects for a plan, and sentences on those that cannot be planned.
+def term_label(term: Mapping) -> str:
+    """Effect, its variant and its place."""
+    return f"{_name(term)} at {term['where']}"
+
+
+def plan_row(term: Mapping) -> dict:
+    """A term of a diagnosis as an effect of a plan. Raises InputError for an effect that no plan can hold."""
+    from robot_model.effects import CATALOGUE
+    from workbench.core.effect import make_effects
+
+    options = {k: value for k, value in term.get("options", {}).items() if k != "masses_found"}
+    make_effects(CATALOGUE, [(term["effect"], term["where"], options)])
+    return {"effect": term["effect"], "where": term["where"], **options}
+
+
+def plan_problem(term: Mapping) -> str:
+    """Why a term cannot join the plan of `workbench calibrate`, "" where it can."""
+    from robot_model.effects import CATALOGUE
+    from workbench.core.errors import InputError
+
+    if term["effect"] not in CATALOGUE:
+        return "the plan of a calibration holds effects of the arm only"
+    try:
+        plan_row(term)
+    except InputError as problem:
+        return str(problem)
+    return ""
+
+
+def plan_effects(answer: Mapping, ticked: Sequence[int]) -> list[dict]:
+    """Ticked terms of the answer as effects for a plan, each once; terms that no plan can hold are left out.
 
     ticked: places in the list of `effects` followed by `refused`.
     """
-    from robot_model.effects import CATALOGUE
-    from workbench.core.effect import make_effects
-    from workbench.core.errors import InputError
-
     terms = [*answer["effects"], *answer["refused"]]
-    rows, problems = [], []
-    for k in (k for k in ticked if 0 <= k < len(terms)):
-        term = terms[k]
-        options = {
-            key: value for key, value in term.get("options", {}).items() if key != "masses_found"
-        }
-        try:
-            make_effects(CATALOGUE, [(term["effect"], term["where"], options)])
-        except InputError as problem:
-            problems.append(f"{term['effect']} at {term['where']} cannot join a plan: {problem}")
-            continue
-        row = {"effect": term["effect"], "where": term["where"], **options}
-        if row not in rows:
+    rows: list[dict] = []
+    for term in (terms[k] for k in ticked if 0 <= k < len(terms)):
+        row = {} if plan_problem(term) else plan_row(term)
+        if row and row not in rows:
             rows.append(row)
-    return rows, problems
+    return rows
+
+
+def pixel_residuals(folder: Path) -> dict[str, np.ndarray]:
+    """Kind ("before", "after") -> (m,) px, length of the residuals of a diagnosis of images; {} where there are none.
+
+    A residual of a stripe has one coordinate. Rows without any finite coordinate are left out.
+    """
+    from workbench.app.data.residuals import TABLE, read_columns
+
+    path = folder / TABLE
+    columns = read_columns(path) if path.is_file() else {}
+    found = {}
+    for kind in ("before", "after"):
+        names = [f"{kind}_{axis}_px" for axis in "uv"]
+        if all(name in columns for name in names):
+            values = np.stack([columns[name] for name in names])
+            values = values[:, np.isfinite(values).any(0)]
+            found[kind] = np.sqrt(np.nansum(values**2, axis=0))
+    return found
 
 
 def write_plan(rows: Sequence[Mapping], path: Path) -> None:

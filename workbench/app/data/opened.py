@@ -169,8 +169,9 @@ def summary(opened: Opened) -> str:
     parts = [opened.recording.measures, f"{len(opened.rows):,} samples"]
     answer = opened.answer or {}
     held_out = answer.get("held_out") or {}
-    for key in ("rms_mm", "after_mm"):
+    for key in ("rms_mm", "after_mm", "after_px"):
         if isinstance(held_out, dict) and held_out.get(key) is not None:
-            parts.append(f"held-out RMS {held_out[key]:.4g} mm")
+            unit = key.rpartition("_")[2]
+            parts.append(f"held-out RMS {held_out[key]:.4g} {unit}")
     parts.append(f"run of {opened.command}" if opened.command else "no run yet")
     return " · ".join(parts)

@@ -48,7 +48,7 @@ def read_residuals(folder: Path) -> Residuals | None:
     path = folder / TABLE
     if not path.is_file():
         return None
-    columns = _read_csv(path)
+    columns = read_columns(path)
     names = [name.removesuffix("_x_mm") for name in columns if name.endswith("_x_mm")]
     vectors = {name: np.stack([columns[f"{name}_{axis}_mm"] for axis in "xyz"]) for name in names}
     if not vectors or "sample" not in columns:
@@ -57,7 +57,8 @@ def read_residuals(folder: Path) -> Residuals | None:
     return Residuals(sample, vectors, *_read_arrows(folder / ARROWS, sample))
 
 
-def _read_csv(path: Path) -> dict[str, np.ndarray]:
+def read_columns(path: Path) -> dict[str, np.ndarray]:
+    """Columns of a residuals.csv by name. Raises InputError for a file that cannot be read."""
     import pyarrow as pa
     import pyarrow.csv as table
 

@@ -1,12 +1,12 @@
 """The measuring chain as a row of places, residuals before and after, and the next experiment's poses in space."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import plotly.graph_objects as go
 
 from robot_model.chain import forward
-from workbench.app.data.decimate import MOST_POINTS, bin_means, thinned
+from workbench.app.data.decimate import MOST_POINTS, bin_means, histogram, thinned
 from workbench.app.data.diagnosis import Place
 from workbench.app.data.opened import Opened
 from workbench.app.figures import style
@@ -91,6 +91,18 @@ def before_after(opened: Opened, name: str) -> go.Figure:
         made.add_scatter(
             x=centres, y=means, mode="lines", name=f"mean {kind}", line=dict(color=colour, width=3)
         )
+    return made
+
+
+def pixel_histogram(lengths: Mapping[str, np.ndarray]) -> go.Figure:
+    """Counts of the residuals of images, with the baseline and with what was found."""
+    made = style.plane("residual in the image (px)", "residuals", "before-after-px")
+    made.update_layout(barmode="overlay", bargap=0.02)
+    counted = histogram(dict(lengths))
+    middle = (counted.edges[:-1] + counted.edges[1:]) / 2
+    for kind, counts in counted.counts.items():
+        colour = style.GREY if kind == "before" else style.BLUE
+        made.add_bar(x=middle, y=counts, name=kind, marker_color=colour, opacity=0.55)
     return made
 
 

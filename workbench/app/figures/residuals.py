@@ -5,15 +5,14 @@ import plotly.graph_objects as go
 
 from workbench.app.data.arm import has_arm, reach
 from workbench.app.data.decimate import MOST_ARROWS, MOST_POINTS, thinned
-from workbench.app.data.residuals import FIT, HELD_OUT, NOMINAL
+from workbench.app.data.residuals import FIT, HELD_OUT, NOMINAL, Residuals
 from workbench.app.figures import robot, style
 from workbench.app.workspace import Workspace
 
 _NAMES = {
-    "": "held out or fit",
     FIT: "fit",
     HELD_OUT: "held out",
-    NOMINAL: "nominal",
+    NOMINAL: "nominal model",
     "before": "before",
     "after": "after",
 }
@@ -40,13 +39,17 @@ def arrows(work: Workspace) -> go.Figure:
     drawn = drawn[work.kept[drawn]]
     places, vectors = residuals.points[:, drawn], residuals.arrows[:, drawn]
     scale = arrow_scale(places, vectors) if drawn.size else 1.0
+    numbers = work.opened.edit_ids[drawn]
     _add_arrows(made, places, scale * vectors, drawn, lengths[drawn])
-    _add_marks(made, places, drawn, lengths[drawn])
+    _add_marks(made, places, drawn, lengths[drawn], numbers)
     _add_selected(made, work)
     if has_arm(work.opened):
         robot.add_arm(made, work, with_outer=False)
         style.framed(made, *reach(work.opened, False))
-    text = f"arrows enlarged {scale:,.0f} times; {len(drawn):,} of {work.count:,} samples drawn"
+    text = (
+        f"measured to predicted position, enlarged {scale:,.0f} times; "
+        f"{len(drawn):,} of {work.count:,} samples drawn"
+    )
     made.update_layout(title=dict(text=text, x=0.01, y=0.99, yanchor="top", font_size=13))
     return made
 
@@ -63,7 +66,9 @@ def _add_arrows(made, places, vectors, rows, lengths) -> None:
         mode="lines",
         name="residual",
         connectgaps=False,
+        showlegend=False,
         customdata=np.repeat(rows, 3),
+        hoverinfo="none",
         line=dict(
             color=np.repeat(lengths, 3),
             colorscale=style.LENGTHS,
@@ -71,11 +76,10 @@ def _add_arrows(made, places, vectors, rows, lengths) -> None:
             cmax=_top(lengths),
             width=3,
         ),
-        hovertemplate="row %{customdata}<extra></extra>",
     )
 
 
-def _add_marks(made, places, rows, lengths) -> None:
+def _add_marks(made, places, rows, lengths, numbers) -> None:
     x, y, z = np.round(places, 2)
     bar = dict(title=dict(text="residual (mm)", side="right"), thickness=14, len=0.7)
     made.add_scatter3d(
@@ -85,7 +89,7 @@ def _add_marks(made, places, rows, lengths) -> None:
         mode="markers",
         name="measured points",
         customdata=rows,
-        text=[f"{value:.4f} mm" for value in lengths],
+        text=[f"sample {n}: {value:.4f} mm" for n, value in zip(numbers, lengths)],
         marker=dict(
             size=3,
             color=lengths,
@@ -94,7 +98,7 @@ def _add_marks(made, places, rows, lengths) -> None:
             cmax=_top(lengths),
             colorbar=bar,
         ),
-        hovertemplate="row %{customdata}: %{text}<extra></extra>",
+        hovertemplate="%{text}<extra></extra>",
     )
 
 
@@ -112,16 +116,16 @@ def _add_selected(made, work: Workspace) -> None:
         mode="markers",
         name=f"selected ({work.selected.sum():,})",
         customdata=rows,
+        text=work.opened.edit_ids[rows],
         marker=dict(size=6, color=style.ORANGE, symbol="circle-open"),
-        hovertemplate="row %{customdata}<extra></extra>",
+        hovertemplate="sample %{text}<extra></extra>",
     )
 
 
 def chart(work: Workspace, name: str, kind: str) -> go.Figure:
     """Length of the residual over one quantity, with means of bins of equal count over all samples."""
-    made = style.plane(
-        style.plain(name), f"residual, {_NAMES.get(kind or '', kind)} (mm)", f"chart-{name}-{kind}"
-    )
+    label = kind_label(work.opened.residuals, kind)
+    made = style.plane(style.plain(name), f"residual, {label} (mm)", f"chart-{name}-{kind}")
     made.update_layout(dragmode="select", selectionrevision=name, clickmode="event")
     if name not in work.quantities:
         return made
@@ -140,10 +144,11 @@ def chart(work: Workspace, name: str, kind: str) -> go.Figure:
             mode="markers",
             name=label,
             customdata=rows,
+            text=work.opened.edit_ids[rows],
             marker=dict(
                 size=5 if label == "samples" else 8, color=colour, symbol=symbol, opacity=0.7
             ),
-            hovertemplate="row %{customdata}: %{y:.4f} mm<extra></extra>",
+            hovertemplate="sample %{text}: %{y:.4f} mm<extra></extra>",
         )
     centres, means = work.means(name, kind or "")
     made.add_scattergl(
@@ -155,6 +160,16 @@ def chart(work: Workspace, name: str, kind: str) -> go.Figure:
         hoverinfo="skip",
     )
     return made
+
+
+def kind_label(residuals: Residuals | None, kind: str) -> str:
+    """Words for a kind of residual; "" is the kind that is shown where none is chosen."""
+    if kind or residuals is None:
+        return _NAMES.get(kind, kind)
+    if HELD_OUT not in residuals.lengths:
+        return _NAMES[FIT if FIT in residuals.lengths else "after"]
+    is_complete = bool(np.isfinite(residuals.lengths[HELD_OUT]).all())
+    return _NAMES[HELD_OUT] if is_complete else "held out, else fit"
 
 
 def _name_groups(made: go.Figure, work: Workspace, name: str) -> None:
@@ -179,14 +194,14 @@ def histogram_figure(work: Workspace, threshold: float | None = None) -> go.Figu
     kinds = [kind for kind in (FIT, HELD_OUT, "before", "after") if kind in residuals.lengths]
     counted = work.counts(kinds)
     middle = (counted.edges[:-1] + counted.edges[1:]) / 2
-    ends = np.stack([counted.edges[:-1], counted.edges[1:]], 1)
+    ends = list(zip(counted.edges[:-1].tolist(), counted.edges[1:].tolist()))
     for kind, counts in counted.counts.items():
         made.add_bar(
             x=middle,
             y=counts,
             width=np.diff(counted.edges),
             name=_NAMES[kind],
-            customdata=ends,
+            customdata=[[low, high, kind] for low, high in ends],
             marker_color=_COLOURS[kind],
             opacity=0.55,
             hovertemplate="%{customdata[0]:.4f} to %{customdata[1]:.4f} mm: %{y}<extra></extra>",
@@ -197,6 +212,7 @@ def histogram_figure(work: Workspace, threshold: float | None = None) -> go.Figu
             line_color=style.ORANGE,
             line_width=3,
             annotation_text=f"threshold {threshold:.4g} mm",
+            annotation_position="top left",
         )
     return made
 
@@ -255,8 +271,9 @@ def _add_pair(made, found, drawn, scale: float, top: float, place: int) -> None:
 
 
 def comparison(work: Workspace) -> go.Figure:
-    """Share of samples whose held-out residual is shorter, of the newest run and the one before."""
-    made = style.plane("held-out residual (mm)", "share of samples", "comparison")
+    """Share of samples whose residual is shorter, of the newest run and the one before."""
+    label = kind_label(work.opened.residuals, "")
+    made = style.plane(f"residual, {label} (mm)", "share of samples", "comparison")
     for run, name, colour in (
         (work.previous, "before", style.GREY),
         (work.opened, "after", style.BLUE),

@@ -19,6 +19,8 @@ from workbench.app.figures import style
 from workbench.app.workspace import Workspace
 
 _ACROSS = 3
+_MOST_AROUND = 800
+"""More points hide the arm among them."""
 
 
 def scene(work: Workspace) -> go.Figure:
@@ -26,13 +28,8 @@ def scene(work: Workspace) -> go.Figure:
     made = style.space("recording")
     if not has_arm(work.opened):
         return made
-    drawn = thinned(work.count, MOST_POINTS)
-    add_places(
-        made,
-        places_of(work, drawn),
-        drawn,
-        "measured points" if has_points(work) else "flange of all samples",
-    )
+    drawn = thinned(work.count, _MOST_AROUND)
+    _add_places(made, work, drawn)
     add_arm(made, work)
     return style.framed(made, *reach(work.opened, True))
 
@@ -49,18 +46,19 @@ def places_of(work: Workspace, rows: np.ndarray) -> np.ndarray:
     return flange_points(work.opened, work.opened.rows[rows])
 
 
-def add_places(made: go.Figure, places: np.ndarray, rows: np.ndarray, name: str) -> None:
+def _add_places(made: go.Figure, work: Workspace, rows: np.ndarray) -> None:
     """Points that a click identifies by their row."""
-    x, y, z = np.round(places, 2)
+    x, y, z = np.round(places_of(work, rows), 2)
     made.add_scatter3d(
         x=x,
         y=y,
         z=z,
         mode="markers",
-        name=name,
+        name="measured points" if has_points(work) else "flange of all samples",
         customdata=rows,
-        marker=dict(size=2.5, color=style.BLUE, opacity=0.6),
-        hovertemplate="row %{customdata}<br>(%{x:.1f}, %{y:.1f}, %{z:.1f}) mm<extra></extra>",
+        text=work.opened.edit_ids[rows],
+        marker=dict(size=2, color=style.BLUE, opacity=0.35),
+        hovertemplate="sample %{text}<br>(%{x:.1f}, %{y:.1f}, %{z:.1f}) mm<extra></extra>",
     )
 
 
@@ -161,38 +159,66 @@ def _outer(made: go.Figure, opened, frame: np.ndarray) -> None:
 
 
 def coverage(work: Workspace) -> go.Figure:
-    """Readings of every joint between its limits, and two projections of the workspace."""
+    """Readings of every joint between its limits, and two projections of the flange."""
     joints = joint_coverage(work.opened)
-    rows = -(-(len(joints) + 2) // _ACROSS)
-    titles = [f"{one['label']}: {one['low']:.0f} to {one['high']:.0f}" for one in joints]
-    titles += ["from above (x, y)", "from the side (x, z)"] if has_arm(work.opened) else []
+    views = [("x", "y"), ("x", "z")] if has_arm(work.opened) else []
+    titles = [_range_title(one) for one in joints]
+    titles += [f"flange: {b} over {a} (mm)" for a, b in views]
+    rows = max(-(-len(titles) // _ACROSS), 1)
     made = make_subplots(
-        rows, _ACROSS, subplot_titles=titles, vertical_spacing=0.16, horizontal_spacing=0.07
+        rows, _ACROSS, subplot_titles=titles, vertical_spacing=0.16, horizontal_spacing=0.08
     )
     for k, one in enumerate(joints):
-        at = dict(row=k // _ACROSS + 1, col=k % _ACROSS + 1)
         middle = (one["edges"][:-1] + one["edges"][1:]) / 2
-        made.add_bar(x=middle, y=one["counts"], marker_color=style.BLUE, showlegend=False, **at)
-        for limit in one["limits"][np.isfinite(one["limits"])]:
-            made.add_vline(x=limit, line_color=style.ORANGE, line_width=2, **at)
-    if has_arm(work.opened):
-        _workspace(made, work, len(joints))
-    made.update_layout(
+        bars = dict(x=middle, y=one["counts"], marker_color=style.BLUE, showlegend=False)
+        made.add_bar(**bars, row=k // _ACROSS + 1, col=k % _ACROSS + 1)
+    limits = [_limit(k, limit) for k, one in enumerate(joints) for limit in _finite(one["limits"])]
+    if views:
+        _workspace(made, work, len(joints), views)
+    made.update_xaxes(nticks=4, tickangle=0)
+    made.update_yaxes(nticks=4)
+    made.update_annotations(font_size=12)
+    return made.update_layout(
         template="plotly_white",
+        shapes=limits,
         font=dict(family="Roboto, Arial, sans-serif", size=12, color=style.INK),
         margin=dict(l=44, r=12, t=30, b=30),
         bargap=0,
         uirevision="coverage",
     )
-    return made
 
 
-def _workspace(made: go.Figure, work: Workspace, first: int) -> None:
-    places = places_of(work, thinned(work.count, MOST_POINTS))
-    for k, (a, b) in enumerate(((0, 1), (0, 2)), start=first):
+def _range_title(one: dict) -> str:
+    return f"{one['label']}: {one['low']:.0f} to {one['high']:.0f} {one['unit']}"
+
+
+def _finite(values: np.ndarray) -> np.ndarray:
+    return values[np.isfinite(values)]
+
+
+def _limit(place: int, value: float) -> dict:
+    """A vertical line over the whole height of the subplot at `place`."""
+    number = "" if place == 0 else str(place + 1)
+    return dict(
+        type="line",
+        x0=value,
+        x1=value,
+        y0=0,
+        y1=1,
+        xref=f"x{number}",
+        yref=f"y{number} domain",
+        line=dict(color=style.ORANGE, width=2),
+    )
+
+
+def _workspace(made: go.Figure, work: Workspace, first: int, views) -> None:
+    """Positions of the flange as points, one subplot a view."""
+    drawn = thinned(work.count, MOST_POINTS)
+    places = dict(zip("xyz", flange_points(work.opened, work.opened.rows[drawn]).round(1)))
+    for k, (a, b) in enumerate(views, start=first):
         made.add_scattergl(
-            x=np.round(places[a], 1),
-            y=np.round(places[b], 1),
+            x=places[a],
+            y=places[b],
             mode="markers",
             marker=dict(size=3, color=style.BLUE, opacity=0.4),
             showlegend=False,

@@ -13,8 +13,11 @@ from workbench.report.calibration.scene import arrow_step
 from workbench.report.sensor import space
 
 _NEAR_MM = 1.0
-_FROM_SENSOR = dict(eye=dict(x=0.7, y=-0.5, z=-1.6), up=dict(x=0, y=-1, z=0))
+_SIGNED = [[0, style.BLUE], [0.5, "#c3c7cd"], [1, "#b3261e"]]
+"""Colours from negative to positive deviations; zero is grey, so that it stands out on white."""
+_FROM_SENSOR = dict(eye=dict(x=0.85, y=-0.6, z=-1.9), up=dict(x=0, y=-1, z=0))
 """The view from the sensor, whose z axis points to the object."""
+_WHOLE = dict(eye=dict(x=1.6, y=-1.7, z=0.7), center=dict(x=0, y=0, z=0))
 
 
 def image(shown: Overlay, residual: np.ndarray | None = None) -> go.Figure:
@@ -85,6 +88,7 @@ def _reprojection(made, corners: np.ndarray, residual: np.ndarray) -> None:
 def planes(opened: Opened) -> go.Figure:
     """Light planes within the camera's field, the camera as a pyramid, and the mirror's axis."""
     made = style.space("planes")
+    made.update_layout(scene_camera=_WHOLE)
     scanner = scanner_of(opened)
     if scanner is None:
         return made
@@ -121,7 +125,7 @@ def cloud(opened: Opened, place: int) -> go.Figure:
 def _deviations(made, points: np.ndarray, deviation: np.ndarray) -> None:
     top = _colour_range(deviation)
     x, y, z = np.round(points, 3)
-    bar = dict(title=dict(text="from the fitted ball (um)", side="right"), thickness=14, len=0.7)
+    bar = dict(title=dict(text="from the fitted ball (µm)", side="right"), thickness=14, len=0.7)
     made.add_scatter3d(
         x=x,
         y=y,
@@ -129,10 +133,10 @@ def _deviations(made, points: np.ndarray, deviation: np.ndarray) -> None:
         mode="markers",
         name="points on balls",
         marker=dict(
-            size=2.6, color=deviation, colorscale="RdBu", cmin=-top, cmax=top, colorbar=bar
+            size=2.6, color=deviation, colorscale=_SIGNED, cmin=-top, cmax=top, colorbar=bar
         ),
         customdata=np.round(deviation, 2),
-        hovertemplate="%{customdata} um<extra></extra>",
+        hovertemplate="%{customdata} µm<extra></extra>",
     )
 
 
@@ -156,14 +160,14 @@ def ball_map(opened: Opened, place: int) -> go.Figure:
             mode="markers",
             name=ball_name(ball),
             customdata=np.round(deviation[near], 2),
-            hovertemplate="%{customdata} um<extra></extra>",
+            hovertemplate="%{customdata} µm<extra></extra>",
             marker=dict(
                 size=6,
                 color=deviation[near],
-                colorscale="RdBu",
+                colorscale=_SIGNED,
                 cmin=-top,
                 cmax=top,
-                colorbar=dict(title=dict(text="from the ball (um)", side="right"), thickness=14),
+                colorbar=dict(title=dict(text="from the ball (µm)", side="right"), thickness=14),
             ),
         )
     return made.update_yaxes(scaleanchor="x")
@@ -189,4 +193,4 @@ def _colour_range(deviation: np.ndarray) -> float:
 def ball_name(ball: Mapping) -> str:
     """Number and RMS of a fitted ball."""
     number = "ball" if ball.get("ball") is None else f"ball {ball['ball']}"
-    return f"{number}, RMS {1000 * ball['rms_mm']:.1f} um"
+    return f"{number}, RMS {1000 * ball['rms_mm']:.1f} µm"

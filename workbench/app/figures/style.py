@@ -42,17 +42,15 @@ def space(view: str) -> go.Figure:
         layout=dict(
             template="plotly_white",
             font=_FONT,
-            margin=dict(l=0, r=0, t=0, b=0),
+            margin=dict(l=0, r=0, t=0, b=64),  # three lines of the legend
             scene=scene,
             uirevision=view,
-            legend=dict(
-                orientation="h", x=0, y=0, yanchor="bottom", bgcolor="rgba(255,255,255,0.8)"
-            ),
+            legend=dict(orientation="h", x=0, y=0, yanchor="top"),
         )
     )
 
 
-_IN_VIEW = 1.35
+_IN_VIEW = 1.25
 """Length of the diagonal of a scene that the default view holds, in plotly's units."""
 
 

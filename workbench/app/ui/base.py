@@ -1,11 +1,15 @@
 """What the tabs share: the page's state, messages, and figures that are sent when their tab is shown."""
 
+import asyncio
 import functools
+import importlib
 import logging
+import threading
 from collections.abc import Callable
 from html import escape as html_escape
 from pathlib import Path
 
+from trame.app import asynchronous
 from trame.widgets import html, plotly
 from trame.widgets import vuetify3 as v3
 
@@ -13,6 +17,7 @@ from workbench.app.workspace import Workspace
 from workbench.core.errors import InputError
 
 _log = logging.getLogger(__name__)
+_TURN_S = 0.005
 
 
 def raw(**attributes: object) -> dict:
@@ -33,6 +38,7 @@ class Page:
     def __init__(self, server, work: Workspace | None):
         self.server, self.state, self.work = server, server.state, work
         self.tabs: dict[str, Tab] = {}
+        self._is_warm = False
 
     @property
     def folder(self) -> Path | None:
@@ -58,10 +64,22 @@ class Page:
         """Show a message; kind: info, success or error."""
         self.state.message, self.state.message_kind = text, kind
 
+    def go_to_tab(self, name: str) -> None:
+        """Show another tab.
+
+        It is sent even where the server knows it as the shown one: a tab that a person has just chosen reaches the
+        server only after the request in progress, and the page would stay there.
+        """
+        self.state.tab = name
+        self.server.force_state_push("tab")
+
     def show(self) -> None:
         """Draw the chosen tab; called once the browser has painted the bar, so that figures do not delay it."""
         self.state.shown = True
         self.handler(lambda: None)()
+        if self.work is not None and not self._is_warm:
+            self._is_warm = True
+            threading.Thread(target=warm_up, args=(self.work.opened,), daemon=True).start()
 
     def show_tab(self) -> None:
         """Draw the tab that was chosen."""
@@ -86,22 +104,37 @@ class Page:
             tab.refresh()
 
     def handler(self, method: Callable) -> Callable:
-        """A method as an event handler: what it refuses is shown as a message, then the tab is drawn."""
+        """A method as an event handler: what it refuses is shown as a message, then the tab is drawn.
+
+        An error message disappears with the next action that succeeds.
+        """
 
         @functools.wraps(method)
         def handle(*values, **named):
-            try:
+            before = self.state.message
+
+            def act():
                 method(*values, **named)
+                if self.state.message == before and self.state.message_kind == "error":
+                    self.say("")
                 self.refresh()
-            except InputError as problem:
-                self.say(str(problem), "error")
-            except Exception:
-                _log.exception("the app failed in %s", method.__name__)
-                self.say(
-                    f"This is a bug of the app (in {method.__name__}); see the terminal", "error"
-                )
+
+            self.attempt(act, method.__name__)
 
         return handle
+
+    def attempt(self, action: Callable, name: str = "a figure") -> None:
+        """Do something; what it refuses, and any other failure, is shown as a message.
+
+        name: what a failure is reported of.
+        """
+        try:
+            action()
+        except InputError as problem:
+            self.say(str(problem), "error")
+        except Exception:
+            _log.exception("the app failed in %s", name)
+            self.say(f"This is a bug of the app (in {name}); see the terminal", "error")
 
 
 class Tab:
@@ -117,6 +150,8 @@ class Tab:
     def __init__(self, page: Page):
         self.page, self.state = page, page.state
         self.figures: dict[str, plotly.Figure] = {}
+        self._wanted: dict[str, Callable] = {}
+        self._is_drawing = False
 
     @property
     def work(self) -> Workspace:
@@ -154,12 +189,38 @@ class Tab:
         """Send a figure."""
         self.figures[name].update(made)
 
-    def button(self, text: str, method: Callable, arguments: str = "[]", **options) -> None:
-        """A button that calls a method; what the method refuses is shown as a message."""
+    def draw_in_turn(self, **makers: Callable) -> None:
+        """Make and send figures one after another in the background, in the order given.
+
+        Texts and tables reach the browser first, and clicks are answered between two figures. Of a figure that is
+        asked for again before its turn only the newest is made.
+
+        makers: name of the figure -> function that makes it.
+        """
+        self._wanted.update(makers)
+        if not self._is_drawing:
+            self._is_drawing = True
+            asynchronous.create_task(self._draw_wanted())
+
+    async def _draw_wanted(self) -> None:
+        await asyncio.sleep(_TURN_S)
+        while self._wanted:
+            name = next(iter(self._wanted))
+            make = self._wanted.pop(name)
+            with self.state:
+                self.page.attempt(lambda name=name, make=make: self.draw(name, make()))
+            await asyncio.sleep(_TURN_S)
+        self._is_drawing = False
+
+    def button(self, text: str, action: Callable | str, arguments: str = "[]", **options) -> None:
+        """A button that calls a method, or runs an expression of the browser.
+
+        What the method refuses is shown as a message.
+        """
         label = options.pop("aria_label", "")
         v3.VBtn(
             text,
-            click=(self.page.handler(method), arguments),
+            click=action if isinstance(action, str) else (self.page.handler(action), arguments),
             variant=options.pop("variant", "outlined"),
             density="comfortable",
             classes="mr-2 mb-2 text-none",
@@ -168,16 +229,32 @@ class Tab:
         )
 
 
-def points_of(event: str = "$event") -> str:
-    """Expression for the browser: what was clicked, as a list of custom data (numbers, texts or lists)."""
+def warm_up(opened) -> None:
+    """Import what the tabs of a sensor need: at the first click it would take more than a second."""
+    from workbench.app.data.sensor import scans_of
+
+    modules = ["sensors.boards.detection", "sensors.stripe.find"] if opened.recording.images else []
+    modules += ["pyvista", "workbench.jobs.sensor.scanner"] if scans_of(opened) else []
+    for name in modules:
+        importlib.import_module(name)
+
+
+def points_of(*names: str) -> str:
+    """Arguments of a click, for the browser: the custom data of the marks, then the values of the fields `names`.
+
+    While a request is in progress, trame sends a click at once and the fields later. An event therefore carries the
+    fields that it depends on.
+    """
     plain = "typeof value === 'object' && value ? Array.from(value) : value"
-    points = f"({event} && {event}.points ? {event}.points : [])"
-    return f"[{points}.map((point) => point.customdata).map((value) => {plain})]"
+    points = "($event && $event.points ? $event.points : [])"
+    marks = f"{points}.map((point) => point.customdata).map((value) => {plain})"
+    return f"[{', '.join([marks, *names])}]"
 
 
-def range_of(event: str = "$event") -> str:
-    """Expression for the browser: the rectangle that was brushed, or null."""
-    return f"[{event} && {event}.range ? {event}.range : null]"
+def range_of(*names: str) -> str:
+    """Arguments of a brush, for the browser: the rectangle or null, then the values of the fields `names`."""
+    box = "$event && $event.range ? $event.range : null"
+    return f"[{', '.join([box, *names])}]"
 
 
 def whole_number(value: object, low: int, high: int, name: str) -> int:

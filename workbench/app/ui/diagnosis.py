@@ -7,8 +7,11 @@ from workbench.app.data import diagnosis as data
 from workbench.app.figures import diagnosis
 from workbench.app.ui.base import Tab, points_of, raw, whole_number
 from workbench.app.workspace import CALIBRATE, quantities_of
+from workbench.report.text import counted
 
 PLAN = "plan.toml"
+_HEADING = "text-subtitle-1 font-weight-bold mt-3"
+_HEADS = {"where": "Place", "size": "RMS size", "why": "Reason"}
 
 
 class DiagnosisTab(Tab):
@@ -22,6 +25,7 @@ class DiagnosisTab(Tab):
         state.place, state.places, state.place_text = "", [], ""
         state.candidates, state.evidence, state.terms, state.ticked = [], [], [], []
         state.over, state.overs, state.next_text, state.has_next = "", [], "", False
+        state.no_before_after = ""
         v3.VAlert(
             "{{ no_diagnosis }}",
             v_if="no_diagnosis",
@@ -62,12 +66,15 @@ class DiagnosisTab(Tab):
             "candidates",
             ("effect", "where", "probability", "size", "decision", "why"),
         )
-        with v3.VTable(
-            density="compact", v_if="evidence.length", **raw(role="group", aria_label="Evidence")
-        ):
-            with html.Tbody(), html.Tr(v_for="one, k in evidence", key="k"):
-                html.Td("{{ one.name }}", style="white-space: nowrap")
-                html.Td("{{ one.value }}")
+        html.H2("Evidence", v_if="evidence.length", classes=_HEADING)
+        with html.Div(**raw(role="group", aria_label="Evidence")):
+            with html.Div(v_for="term, k in evidence", key="k", classes="mb-4"):
+                html.H3("{{ term.name }}", classes="text-subtitle-2 font-weight-bold")
+                html.P("{{ term.statement }}")
+                with v3.VTable(density="compact"):
+                    with html.Tbody(), html.Tr(v_for="one, j in term.rows", key="j"):
+                        html.Td("{{ one.name }}")
+                        html.Td("{{ one.value }}")
 
     def _table(self, label: str, items: str, keys) -> None:
         with v3.VTable(
@@ -75,34 +82,48 @@ class DiagnosisTab(Tab):
         ):
             with html.Thead(), html.Tr():
                 for key in keys:
-                    html.Th(key, **raw(scope="col"))
+                    html.Th(_HEADS.get(key, key.capitalize()), **raw(scope="col"))
             with html.Tbody(), html.Tr(v_for=f"one, k in {items}", key="k"):
                 for key in keys:
                     html.Td("{{ one." + key + " }}")
 
     def _terms(self) -> None:
-        html.H2("Terms for the plan", classes="text-subtitle-1 font-weight-bold mt-3")
+        html.H2("Terms for the plan", classes=_HEADING)
+        html.Div("The diagnosis has no terms.", v_if="!terms.length")
         with html.Div(v_for="one, k in terms", key="k"):
             v3.VCheckbox(
+                v_if="!one.problem",
                 v_model=("ticked",),
                 value=("k",),
-                label=("one",),
+                label=("one.label",),
                 density="compact",
                 hide_details=True,
             )
-        self.button("Add ticked terms to the plan", self.apply, disabled=("!ticked.length",))
+            html.Div("{{ one.label }}: {{ one.problem }}.", v_if="one.problem")
+        self.button(
+            "Add ticked terms to the plan", self.apply, "[ticked]", disabled=("!ticked.length",)
+        )
         self.button(
             "Add and calibrate",
             self.apply_and_run,
+            "[ticked]",
             disabled=("!ticked.length || job_running",),
             color="primary",
         )
 
     def _views(self) -> None:
+        html.H2("Residuals before and after", classes="text-subtitle-1 font-weight-bold")
         v3.VSelect(
-            v_model=("over",), items=("overs",), label="Over", density="compact", hide_details=True
+            v_if="overs.length",
+            v_model=("over",),
+            items=("overs",),
+            label="Horizontal axis",
+            density="compact",
+            hide_details=True,
         )
-        self.figure("before_after", "Residual before and after the diagnosis", "38vh")
+        html.Div("{{ no_before_after }}", v_if="no_before_after")
+        with html.Div(v_if="!no_before_after"):
+            self.figure("before_after", "Residual before and after the diagnosis", "38vh")
         html.H2("Next experiment", classes="text-subtitle-1 font-weight-bold mt-2")
         html.Div("{{ next_text }}", **raw(data_text="next"))
         with html.Div(v_if="has_next"):
@@ -127,26 +148,39 @@ class DiagnosisTab(Tab):
             state.place = max(found, key=lambda place: (bool(place.found), place.share)).name
         state.verdict_text = _verdict(answer)
         terms = [*answer["effects"], *answer["refused"]]
-        state.terms = [
-            _term_label(term, k < len(answer["effects"])) for k, term in enumerate(terms)
-        ]
-        state.overs = list(quantities_of(made))
-        if state.over not in state.overs:
-            state.over = next(iter(state.overs), "")
+        state.terms = [_term_row(term, k < len(answer["effects"])) for k, term in enumerate(terms)]
         self._show_place(found)
         self.draw("chain", diagnosis.chain(found, state.place))
-        self.draw("before_after", diagnosis.before_after(made, state.over))
+        self._show_before_after(made)
         readings = data.next_poses(made.folder)
         state.next_text, state.has_next = answer.get("next_experiment", ""), bool(readings)
         if readings:
             self.draw("next", diagnosis.next_poses(made, readings))
 
+    def _show_before_after(self, made) -> None:
+        """Residuals of an arm over a quantity, or a histogram of those of images."""
+        state = self.state
+        state.no_before_after = ""
+        is_arm = made.residuals is not None and "before" in made.residuals.lengths
+        state.overs = list(quantities_of(made)) if is_arm else []
+        if state.over not in state.overs:
+            state.over = next(iter(state.overs), "")
+        pixels = {} if is_arm else data.pixel_residuals(made.folder)
+        if is_arm:
+            self.draw("before_after", diagnosis.before_after(made, state.over))
+        elif pixels:
+            self.draw("before_after", diagnosis.pixel_histogram(pixels))
+        else:
+            state.no_before_after = "This run has no table of residuals."
+
     def _show_place(self, found) -> None:
         place = next(one for one in found if one.name == self.state.place)
-        self.state.place_text = f"{place.name}: {100 * place.share:.0f} % of the mismatch acts here"
+        self.state.place_text = (
+            f"{place.name}: {100 * place.share:.0f} % of the mismatch can be explained by an effect here; "
+            "the shares of several places overlap."
+        )
         self.state.candidates = data.candidates(place)
-        rows = [pair for term in place.found for pair in data.evidence(term)]
-        self.state.evidence = [{"name": name, "value": value} for name, value in rows]
+        self.state.evidence = [_evidence_of(term) for term in place.found]
 
     def _on_choice(self, **_) -> None:
         if self.is_shown and self.work.diagnosis is not None:
@@ -158,34 +192,36 @@ class DiagnosisTab(Tab):
             if name in self.state.places:
                 self.state.place = name
 
-    def apply(self) -> None:
+    def apply(self, ticked) -> None:
         """Add the ticked terms to the plan, and write them as plan.toml next to session.toml."""
-        ticked = [whole_number(k, 0, 10**6, "term") for k in self.state.ticked]
-        rows, problems = data.plan_effects(self.work.diagnosis.answer, ticked)
+        ticked = [whole_number(k, 0, 10**6, "term") for k in ticked or ()]
+        rows = data.plan_effects(self.work.diagnosis.answer, ticked)
         self.work.add_effects(rows, "ticked in the diagnosis")
         path = self.work.path.with_name(PLAN)
         data.write_plan(rows, path)
         self.state.ticked = []
-        self.page.say(
-            " ".join(
-                [f"{len(rows)} effects were added to the plan and written to {path}.", *problems]
-            )
-        )
+        self.page.say(f"Added to the plan and written to {path}: {counted(len(rows), 'effect')}.")
 
-    def apply_and_run(self) -> None:
+    def apply_and_run(self, ticked) -> None:
         """Add the ticked terms and calibrate with them."""
-        self.apply()
+        self.apply(ticked)
         self.page.tabs["edit"].start(CALIBRATE)
-        self.state.tab = "edit"
+        self.page.go_to_tab("edit")
 
 
 def _verdict(answer) -> str:
     held_out = answer["held_out"]
     unit = "mm" if "before_mm" in held_out else "px"
     before, after = held_out[f"before_{unit}"], held_out[f"after_{unit}"]
-    return f"{answer['verdict']}: held-out RMS error {before:.4g} {unit} before, {after:.4g} {unit} after"
+    return f"{answer['verdict'].capitalize()}: held-out RMS error {before:.4g} {unit} before, {after:.4g} {unit} after"
 
 
-def _term_label(term, kept: bool) -> str:
-    variant = f" ({term['variant']})" if term.get("variant") else ""
-    return f"{term['effect']}{variant} at {term['where']}" + ("" if kept else " (not kept)")
+def _term_row(term, kept: bool) -> dict:
+    label = data.term_label(term) + ("" if kept else " (not kept)")
+    return {"label": label, "problem": data.plan_problem(term).rstrip(".")}
+
+
+def _evidence_of(term) -> dict:
+    """Heading, statement and rows of a term that was kept."""
+    rows = [{"name": name, "value": value} for name, value in data.evidence(term)]
+    return {"name": data.term_label(term), "statement": term.get("statement", ""), "rows": rows}

@@ -73,13 +73,14 @@ class EditTab(Tab):
             step=("threshold_top / 200",),
             hide_details=True,
             color="primary",
+            classes="mx-2",
             **raw(aria_label="Outlier threshold in mm"),
         )
         html.Div(
             "{{ threshold_text }}",
             **raw(data_text="threshold", role="status"),
         )
-        self.button("Exclude samples above", self.exclude_above)
+        self.button("Exclude samples above the threshold", self.exclude_above, "[threshold]")
         self.figure("threshold", "Histogram of the residuals with the threshold", "34vh")
 
     def _history(self) -> None:
@@ -132,6 +133,10 @@ class EditTab(Tab):
             with html.Tbody(), html.Tr(v_for="one in comparison", key="one.name"):
                 for key in ("name", "before", "after"):
                     html.Td("{{ one." + key + " }}")
+        html.H2(
+            "Cumulative distribution of the residuals",
+            classes="text-subtitle-1 font-weight-bold mt-2",
+        )
         self.figure("comparison", "Share of samples by residual, before and after", "38vh")
 
     def refresh(self) -> None:
@@ -153,9 +158,9 @@ class EditTab(Tab):
         if not 0 < float(state.threshold) <= state.threshold_top:
             state.threshold = state.threshold_top
         self._show_threshold()
-        self.draw("comparison", residuals.comparison(work))
+        self.draw_in_turn(comparison=lambda: residuals.comparison(self.work))
         if state.comparison:
-            self.draw("side_by_side", residuals.side_by_side(work))
+            self.draw_in_turn(side_by_side=lambda: residuals.side_by_side(self.work))
 
     def show_changes(self) -> None:
         """Send the list of changes; also called while another tab is shown, so that it never lags behind."""
@@ -167,7 +172,7 @@ class EditTab(Tab):
         value = number_of(self.state.threshold, "threshold")
         above = int((self.work.kept & (self.work.lengths() > value)).sum())
         self.state.threshold_text = f"{above:,} samples have a residual above {value:.4g} mm"
-        self.draw("threshold", residuals.histogram_figure(self.work, value))
+        self.draw_in_turn(threshold=lambda: residuals.histogram_figure(self.work, value))
 
     def _on_threshold(self, **_) -> None:
         if self.is_shown:
@@ -181,9 +186,9 @@ class EditTab(Tab):
         """Include or exclude an effect."""
         self.work.set_items(EFFECTS, [str(name)], bool(on))
 
-    def exclude_above(self) -> None:
-        """Exclude the samples above the threshold."""
-        count = self.work.exclude_above(number_of(self.state.threshold, "threshold"))
+    def exclude_above(self, threshold) -> None:
+        """Exclude the samples whose residual is longer than a threshold, mm."""
+        count = self.work.exclude_above(number_of(threshold, "threshold"))
         self.page.say(f"{count:,} samples are excluded; rerun to see the effect.")
 
     def undo(self) -> None:
@@ -204,13 +209,19 @@ class EditTab(Tab):
     def cancel(self) -> None:
         """Stop the run; nothing of it is kept."""
         if self.work.job is not None:
-            self.work.job.cancel()
+            self.state.job_text = "Cancelling ..."
+            asynchronous.create_task(self._cancel(self.work.job))
+
+    async def _cancel(self, job) -> None:
+        """Stop a job in the background: its end takes up to some seconds, in which the page stays in use."""
+        await asyncio.get_running_loop().run_in_executor(None, job.cancel)
 
     async def _watch(self, job) -> None:
         """Show the progress of a job until it ends, then what it made."""
         while job.state == RUNNING:
-            with self.state:
-                self.state.job_text = f"{job.seconds:.0f} s: {job.last_line}"
+            if not job.is_cancelled:
+                with self.state:
+                    self.state.job_text = f"{job.seconds:.0f} s: {job.last_line}"
             await asyncio.sleep(_POLL_S)
         with self.state:
             self.page.handler(self._ended)(job)

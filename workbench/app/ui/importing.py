@@ -225,6 +225,7 @@ class ImportTab(Tab):
         self.button(
             "Import and open",
             self.finish,
+            "[import_folder]",
             color="primary",
             variant="flat",
             disabled=("!import_ready || import_busy",),
@@ -360,14 +361,14 @@ class ImportTab(Tab):
         """Answer the open question."""
         self.draft.answer(whole_number(choice, 0, 10**3, "answer"))
 
-    def finish(self) -> None:
-        """Write the recording and open it."""
+    def finish(self, name) -> None:
+        """Write the recording to a new folder and open it."""
         if self.draft.trial is None:
             raise InputError("The mapping is not tested yet; wait a moment")
-        folder = folder_of(self.state.import_folder, Path.cwd())
+        folder = folder_of(name, Path.cwd())
         self.page.check_idle()
         self.draft.trial.keep(folder)
         self.page.open(str(folder))
         self.draft.clear()
         self.page.say(f"The recording is in {folder}.", "success")
-        self.state.tab = "recording"
+        self.page.go_to_tab("recording")

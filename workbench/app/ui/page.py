@@ -69,32 +69,40 @@ def build(server, opened: Opened | None, session: Path | None) -> Page:
     return page
 
 
+def _bar(tabs) -> None:
+    """Title and report link, and the tabs in a row of their own, so that both fit a narrow window."""
+    with v3.VAppBar(density="comfortable", flat=True, border=True, extension_height=40):
+        with html.Div(classes="px-4 flex-grow-1", style="min-width: 0"):
+            html.H1("{{ heading }}", classes="text-subtitle-1 font-weight-bold text-truncate")
+            html.Div("{{ summary }}", classes="text-caption text-truncate", style="color: #3f4650")
+        html.A(
+            "Report page",
+            href="files/report.html",
+            target="_blank",
+            rel="noopener",
+            v_if="has_report",
+            classes="mx-4",
+            style="color: #1565a8; white-space: nowrap",
+        )
+        with v3.Template(v_slot_extension=True):
+            with v3.VTabs(
+                v_model=("tab",),
+                color="primary",
+                height=40,
+                show_arrows=True,
+                **raw(aria_label="Views"),
+            ):
+                for tab in tabs:
+                    closed = {"disabled": ("!is_open",)} if tab.needs_work else {}
+                    v3.VTab(tab.title, value=tab.name, classes="text-none", **closed)
+
+
 def _layout(server, page: Page, tabs) -> None:
     with VAppLayout(server, vuetify_config=_THEME) as layout:
         layout.root.style = "background: white"
         client.Style(_STYLE)
         client.ClientTriggers(mounted=page.show)
-        with v3.VAppBar(density="comfortable", flat=True, border=True):
-            with html.Div(classes="px-4", style="max-width: 45%; overflow: hidden"):
-                html.H1("{{ heading }}", classes="text-subtitle-1 font-weight-bold text-truncate")
-                html.Div(
-                    "{{ summary }}", classes="text-caption text-truncate", style="color: #3f4650"
-                )
-            with v3.VTabs(
-                v_model=("tab",), color="primary", **raw(aria_label="Views"), classes="ml-auto"
-            ):
-                for tab in tabs:
-                    closed = {"disabled": ("!is_open",)} if tab.needs_work else {}
-                    v3.VTab(tab.title, value=tab.name, classes="text-none", **closed)
-            html.A(
-                "Report page",
-                href="files/report.html",
-                target="_blank",
-                rel="noopener",
-                v_if="has_report",
-                classes="mx-4",
-                style="color: #1565a8",
-            )
+        _bar(tabs)
         with v3.VMain():
             v3.VAlert(
                 "{{ message }}",

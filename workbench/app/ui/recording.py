@@ -18,6 +18,7 @@ class RecordingTab(Tab):
     def __init__(self, page):
         super().__init__(page)
         self.panel = ImagePanel(self, "image")
+        self._covered: object = None
 
     def build(self) -> None:
         state = self.state
@@ -43,8 +44,9 @@ class RecordingTab(Tab):
                 click=(self.page.handler(self.on_click), points_of()),
             )
         with html.Div(classes="d-flex align-center"):
-            self.button("Previous", self.step, "[-1]", aria_label="Previous sample")
-            self.button("Next", self.step, "[1]", aria_label="Next sample")
+            previous, following = _steps("row", "last_row")
+            self.button("Previous", previous, aria_label="Previous sample")
+            self.button("Next", following, aria_label="Next sample")
             v3.VSlider(
                 v_model=("row",),
                 min=0,
@@ -61,6 +63,11 @@ class RecordingTab(Tab):
 
     def _details(self) -> None:
         html.H2("Coverage", classes="text-subtitle-1 font-weight-bold")
+        html.P(
+            "Number of samples by joint reading; orange lines are the joint limits. The last charts show the flange "
+            "in the robot's base frame.",
+            classes="text-caption",
+        )
         self.figure(
             "coverage", "Readings of each joint between its limits, and the workspace", "52vh"
         )
@@ -74,25 +81,30 @@ class RecordingTab(Tab):
 
     def _images(self) -> None:
         html.H2("Images", classes="text-subtitle-1 font-weight-bold mt-4")
-        with html.Div(classes="d-flex align-center", style="max-width: 900px"):
-            self.button("Previous image", self.step_image, "[-1]")
-            self.button("Next image", self.step_image, "[1]")
+        with html.Div(classes="d-flex flex-wrap align-center"):
+            previous, following = _steps("image", "images.length - 1")
+            self.button("Previous image", previous)
+            self.button("Next image", following)
             v3.VAutocomplete(
                 v_model=("image",),
                 items=("images",),
                 label="Image",
                 hide_details=True,
                 density="compact",
+                classes="mb-2",
+                style="flex: 0 1 420px; min-width: 260px",
             )
             v3.VCheckbox(
                 label="Use in the calibration",
                 model_value=("image_on",),
-                update_modelValue=(self.page.handler(self.use_image), "[$event]"),
+                update_modelValue=(self.page.handler(self.use_image), "[image, $event]"),
                 hide_details=True,
-                classes="ml-4",
+                classes="mx-4",
             )
-            self.button("Select its sample", self.select_sample, disabled=("image_row < 0",))
-        self.panel.build("70vh", self.on_image_click)
+            self.button(
+                "Select its sample", self.select_sample, "[image]", disabled=("image_row < 0",)
+            )
+        self.panel.build("70vh", self.on_image_click, "image")
 
     def refresh(self) -> None:
         self.state.has_arm = has_arm(self.work.opened)
@@ -100,10 +112,12 @@ class RecordingTab(Tab):
             {"title": f"{row['name']} ({row['role']})", "value": row["index"]}
             for row in image_rows(self.work.opened.recording)
         ]
-        if self.state.has_arm:
-            self.draw("scene", robot.scene(self.work))
-        self.draw("coverage", robot.coverage(self.work))
         self._describe()
+        if self.state.has_arm:
+            self.draw_in_turn(scene=lambda: robot.scene(self.work))
+        if self._covered is not self.work.opened:  # no edit changes it
+            self._covered = self.work.opened
+            self.draw_in_turn(coverage=lambda: robot.coverage(self.work))
         if self.state.images:
             self._show_image()
 
@@ -125,7 +139,7 @@ class RecordingTab(Tab):
         )
 
     def _show_image(self) -> None:
-        index = min(max(int(self.state.image or 0), 0), len(self.state.images) - 1)
+        index = self._image_place(self.state.image)
         name = self.work.opened.recording.images[index]["image"]
         self.state.image_on = name not in self.work.session.excluded("images")
         row = self.work.row_of_image(index)
@@ -144,36 +158,39 @@ class RecordingTab(Tab):
         """Show one sample."""
         self.work.go_to(whole_number(row, 0, max(self.work.count - 1, 0), "sample"))
 
-    def step(self, by) -> None:
-        """Show the next or the previous sample."""
-        self.work.go_to(self.work.current + whole_number(by, -1, 1, "step"))
+    def use_image(self, image, on) -> None:
+        """Include or exclude the image at a place of images.csv."""
+        self.work.set_image(self._image_place(image), bool(on))
 
-    def step_image(self, by) -> None:
-        """Show the next or the previous image."""
-        last = len(self.work.opened.recording.images) - 1
-        self.state.image = min(
-            max(int(self.state.image or 0) + whole_number(by, -1, 1, "step"), 0), last
-        )
-
-    def use_image(self, on) -> None:
-        """Include or exclude the shown image."""
-        self.work.set_image(int(self.state.image), bool(on))
-
-    def select_sample(self) -> None:
-        """Select the sample of the shown image, and show its pose and row."""
-        row = self.work.row_of_image(int(self.state.image or 0))
+    def select_sample(self, image) -> None:
+        """Select the sample of an image, and show its pose and row."""
+        row = self.work.row_of_image(self._image_place(image))
         if row is not None:
             self.work.select([row])
 
-    def on_image_click(self, _points) -> None:
+    def on_image_click(self, _points, image) -> None:
         """Select the sample of the image that was clicked."""
-        self.select_sample()
+        self.select_sample(image)
+
+    def _image_place(self, image) -> int:
+        """A place of images.csv that came from the browser; the nearest one that exists."""
+        place = whole_number(image or 0, -1, 2**31, "image")
+        return min(max(place, 0), len(self.work.opened.recording.images) - 1)
 
     def on_click(self, rows) -> None:
         """Go to the sample that was clicked."""
         rows = [row for row in rows if isinstance(row, int)]
         if rows:
             self.go_to(rows[0])
+
+
+def _steps(name: str, last: str) -> tuple[str, str]:
+    """Expressions of the browser that move a field back and on by one.
+
+    The browser counts by itself, so that clicks in quick succession each count while the server is busy.
+    """
+    back = f"{name} = Math.max(({name} || 0) - 1, 0)"
+    return back, f"{name} = Math.min(({name} || 0) + 1, {last})"
 
 
 def row_table(work) -> list[dict]:

@@ -9,6 +9,12 @@ from workbench.app.ui.image_panel import ImagePanel
 from workbench.app.ui.recording import row_table
 from workbench.app.workspace import EXTEND, REMOVE, REPLACE
 
+_MODES = [
+    {"title": "replace", "value": REPLACE},
+    {"title": "add", "value": EXTEND},
+    {"title": "remove", "value": REMOVE},
+]
+
 
 class ResidualsTab(Tab):
     """Where the residuals are large, and which samples they belong to."""
@@ -24,8 +30,10 @@ class ResidualsTab(Tab):
         state.quantity, state.quantities = "", []
         state.kind, state.kinds = "", []
         state.select_mode, state.selection_text, state.selected_table = REPLACE, "", []
+        state.select_modes = _MODES
         state.length_from, state.length_to, state.wanted_sample = "", "", ""
-        state.no_residuals = ""
+        state.no_residuals, state.no_arrows = "", ""
+        state.selected_count = 0
         state.picked_title, state.picked_image, state.picked_row = "", -1, []
         v3.VAlert(
             "{{ no_residuals }}",
@@ -36,12 +44,14 @@ class ResidualsTab(Tab):
         )
         with v3.VRow():
             with v3.VCol(cols=12, lg=6):
-                self.figure(
-                    "arrows",
-                    "Residuals as arrows in space",
-                    "64vh",
-                    click=(self.page.handler(self.on_click), points_of()),
-                )
+                html.Div("{{ no_arrows }}", v_if="no_arrows", **raw(data_text="no-arrows"))
+                with html.Div(v_if="!no_arrows"):
+                    self.figure(
+                        "arrows",
+                        "Residuals as arrows in space",
+                        "64vh",
+                        click=(self.page.handler(self.on_click), points_of("select_mode")),
+                    )
             with v3.VCol(cols=12, lg=6):
                 self._charts()
         self._selection()
@@ -54,7 +64,7 @@ class ResidualsTab(Tab):
             v3.VSelect(
                 v_model=("quantity",),
                 items=("quantities",),
-                label="Over",
+                label="Horizontal axis",
                 density="compact",
                 hide_details=True,
             )
@@ -68,8 +78,8 @@ class ResidualsTab(Tab):
             )
             v3.VSelect(
                 v_model=("select_mode",),
-                items=("['replace', 'extend', 'remove']",),
-                label="Clicks and brushes",
+                items=("select_modes",),
+                label="Selection mode",
                 density="compact",
                 hide_details=True,
                 classes="ml-2",
@@ -79,15 +89,15 @@ class ResidualsTab(Tab):
             "chart",
             "Residual of each sample over the chosen quantity",
             "32vh",
-            click=(handler(self.on_click), points_of()),
-            selected=(handler(self.on_brush), range_of()),
+            click=(handler(self.on_click), points_of("select_mode")),
+            selected=(handler(self.on_brush), range_of("select_mode", "quantity", "kind")),
         )
         self.figure(
             "histogram",
             "Histogram of the residuals of the fit and held out",
             "30vh",
-            click=(handler(self.on_bar), points_of()),
-            selected=(handler(self.on_brush_lengths), range_of()),
+            click=(handler(self.on_bar), points_of("select_mode")),
+            selected=(handler(self.on_brush_lengths), range_of("select_mode")),
         )
 
     def _selection(self) -> None:
@@ -95,30 +105,21 @@ class ResidualsTab(Tab):
             "{{ selection_text }}", **raw(data_text="selection", role="status"), classes="mb-2"
         )
         with html.Div(classes="d-flex flex-wrap align-center"):
-            for key, label in (("length_from", "Residual from (mm)"), ("length_to", "to (mm)")):
-                v3.VTextField(
-                    v_model=(key,),
-                    label=label,
-                    density="compact",
-                    hide_details=True,
-                    style="flex: 0 0 190px",
-                    classes="mr-2",
-                )
-            self.button("Select lengths", self.select_lengths)
-            v3.VTextField(
-                v_model=("wanted_sample",),
-                label="Sample number",
-                density="compact",
-                hide_details=True,
-                style="flex: 0 0 190px",
-                classes="mr-2",
+            self._field("length_from", "Residual from (mm)")
+            self._field("length_to", "to (mm)")
+            self.button(
+                "Select by length", self.select_lengths, "[length_from, length_to, select_mode]"
             )
-            self.button("Select sample", self.select_sample)
-            self.button("Clear selection", self.clear)
-            self.button("Exclude selected samples", self.exclude, color="primary", variant="flat")
-            self.button("Exclude their poses", self.exclude_poses)
-            self.button("Include selected samples", self.include)
-            self.button("Show in recording", self.show_in_recording)
+            self._field("wanted_sample", "Sample number")
+            self.button("Select sample", self.select_sample, "[wanted_sample, select_mode]")
+        with html.Div(classes="d-flex flex-wrap align-center"):
+            some = {"disabled": ("!selected_count",)}
+            main = {"color": "primary", "variant": "flat"}
+            self.button("Clear selection", self.clear, **some)
+            self.button("Exclude selected samples", self.exclude, **main, **some)
+            self.button("Exclude their poses", self.exclude_poses, **some)
+            self.button("Include selected samples", self.include, **some)
+            self.button("Show in recording", self.show_in_recording, **some)
         with v3.VTable(
             density="compact",
             v_if="selected_table.length",
@@ -130,6 +131,16 @@ class ResidualsTab(Tab):
             with html.Tbody(), html.Tr(v_for="one in selected_table", key="one.row"):
                 for key in ("sample", "pose", "length", "held_out", "image"):
                     html.Td("{{ one." + key + " }}")
+
+    def _field(self, key: str, label: str) -> None:
+        v3.VTextField(
+            v_model=(key,),
+            label=label,
+            density="compact",
+            hide_details=True,
+            style="flex: 0 0 190px",
+            classes="mr-2 mb-2",
+        )
 
     def _picked(self) -> None:
         """Image, pose and row of the sample that was selected last."""
@@ -156,18 +167,25 @@ class ResidualsTab(Tab):
         state.quantities = list(work.quantities)
         if state.quantity not in work.quantities:
             state.quantity = next(iter(work.quantities), "")
-        state.kinds = [{"title": "shown", "value": ""}] + [
-            {"title": kind.replace("_", " "), "value": kind}
-            for kind in (work.opened.residuals.vectors if has else ())
-        ]
-        self.draw("arrows", residuals.arrows(work))
-        self._draw_chart()
-        self.draw("histogram", residuals.histogram_figure(work))
+        state.kinds = _kind_items(work.opened.residuals)
+        state.no_arrows = (
+            "This run does not hold the positions of its residuals; a run of calibrate does."
+            if has and work.opened.residuals.points is None
+            else ""
+        )
         self._describe()
+        self.draw_in_turn(
+            histogram=lambda: residuals.histogram_figure(
+                self.work
+            ),  # needs no WebGL: soonest drawn
+            chart=self._chart,
+            arrows=lambda: residuals.arrows(self.work),
+        )
 
     def _describe(self) -> None:
         work = self.work
         rows = work.selected_rows
+        self.state.selected_count = len(rows)
         self.state.selection_text = (
             f"{len(rows):,} of {work.count:,} samples selected; {(~work.kept).sum():,} excluded"
         )
@@ -208,51 +226,46 @@ class ResidualsTab(Tab):
 
     def _on_choice(self, **_) -> None:
         if self.is_shown:
-            self.page.handler(self._draw_chart)()
+            self.draw_in_turn(chart=self._chart)
 
-    def _draw_chart(self) -> None:
-        self.draw("chart", residuals.chart(self.work, self.state.quantity, self.state.kind))
+    def _chart(self):
+        return residuals.chart(self.work, self.state.quantity, self.state.kind)
 
-    @property
-    def _mode(self) -> str:
-        mode = self.state.select_mode
-        return mode if mode in (REPLACE, EXTEND, REMOVE) else REPLACE
-
-    def on_click(self, rows) -> None:
+    def on_click(self, rows, mode=REPLACE) -> None:
         """Select the sample of a mark or an arrow."""
         rows = [row for row in rows if isinstance(row, int)]
         if rows:
-            self.work.select(rows[:1], self._mode)
+            self.work.select(rows[:1], _checked_mode(mode))
 
-    def on_bar(self, bins) -> None:
-        """Select the samples of a bar of the histogram."""
-        ends = [pair for pair in bins if isinstance(pair, list | tuple) and len(pair) == 2]
-        if ends:
-            self.work.select_lengths(
-                number_of(ends[0][0], "bin"), number_of(ends[0][1], "bin"), mode=self._mode
-            )
+    def on_bar(self, bins, mode=REPLACE) -> None:
+        """Select the samples of a bar of the histogram: (low mm, high mm, kind of residual)."""
+        found = [one for one in bins if isinstance(one, list | tuple) and len(one) == 3]
+        if found:
+            low, high = (number_of(end, "bin") for end in found[0][:2])
+            self.work.select_lengths(low, high, str(found[0][2]), _checked_mode(mode))
 
-    def on_brush(self, box) -> None:
-        """Select the samples in a rectangle of the chart."""
-        if box:
+    def on_brush(self, box, mode=REPLACE, quantity="", kind="") -> None:
+        """Select the samples in a rectangle of the chart of the residual `kind` over `quantity`."""
+        if box and quantity in self.work.quantities:
             x, y = ([number_of(end, "brush") for end in box[axis]] for axis in ("x", "y"))
-            self.work.select_box(self.state.quantity, x, y, self.state.kind, self._mode)
+            self.work.select_box(quantity, x, y, str(kind or ""), _checked_mode(mode))
 
-    def on_brush_lengths(self, box) -> None:
+    def on_brush_lengths(self, box, mode=REPLACE) -> None:
         """Select the samples in a range of the histogram."""
         if box:
             low, high = sorted(number_of(end, "brush") for end in box["x"])
-            self.work.select_lengths(low, high, mode=self._mode)
+            self.work.select_lengths(low, high, mode=_checked_mode(mode))
 
-    def select_lengths(self) -> None:
-        """Select by the two fields."""
-        low = number_of(self.state.length_from or 0, "Residual from")
-        self.work.select_lengths(low, number_of(self.state.length_to or 1e9, "to"), mode=self._mode)
+    def select_lengths(self, low, high, mode=REPLACE) -> None:
+        """Select by the two fields; an empty one sets no limit."""
+        low = number_of(low or 0, "Residual from")
+        high = number_of(high or 1e9, "to")
+        self.work.select_lengths(low, high, mode=_checked_mode(mode))
 
-    def select_sample(self) -> None:
+    def select_sample(self, number, mode=REPLACE) -> None:
         """Select a sample by its number."""
-        number = whole_number(self.state.wanted_sample, -(2**53), 2**53, "Sample number")
-        self.work.select_sample(number, self._mode)
+        number = whole_number(number, -(2**53), 2**53, "Sample number")
+        self.work.select_sample(number, _checked_mode(mode))
 
     def clear(self) -> None:
         """Select nothing."""
@@ -281,4 +294,19 @@ class ResidualsTab(Tab):
             index = self.work.image_index_of(int(self.work.opened.edit_ids[rows[0]]))
             if index is not None:
                 self.state.image = index
-        self.state.tab = "recording"
+        self.page.go_to_tab("recording")
+
+
+def _checked_mode(mode: object) -> str:
+    """What a click does to the selection; replacing it where the browser sent something else."""
+    return mode if mode in (REPLACE, EXTEND, REMOVE) else REPLACE
+
+
+def _kind_items(found) -> list[dict]:
+    """Kinds of residual to choose from, the shown one first."""
+    if found is None:
+        return []
+    shown = residuals.kind_label(found, "")
+    others = [(residuals.kind_label(found, kind), kind) for kind in found.vectors]
+    items = [(shown, ""), *(item for item in others if item[0] != shown)]
+    return [{"title": title, "value": kind} for title, kind in items]

@@ -10,6 +10,15 @@ from workbench.app.ui.base import Tab, raw
 from workbench.app.ui.image_panel import ImagePanel
 from workbench.report.text import counted
 
+_CAMERA = {
+    "fx": "focal length fx",
+    "fy": "focal length fy",
+    "cx": "principal point cx",
+    "cy": "principal point cy",
+}
+_LENS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+"""Coefficients in the order of OpenCV."""
+
 
 class SensorTab(Tab):
     """What the run says of the sensor."""
@@ -35,16 +44,19 @@ class SensorTab(Tab):
                 self.figure("planes", "Light planes and mirror axis in space", "58vh")
             with v3.VCol(cols=12, lg=6, v_if="scans.length"):
                 self._clouds()
-        with v3.VTable(
-            density="compact", v_if="camera_table.length", **raw(role="group", aria_label="Camera")
-        ):
-            with html.Tbody(), html.Tr(v_for="one in camera_table", key="one.name"):
-                html.Td("{{ one.name }}")
-                html.Td("{{ one.value }}", classes="text-right")
+        self._camera()
         with html.Div(v_if="sensor_images.length"):
             self._images()
         state.change("scan")(self._on_scan)
         state.change("sensor_image")(self._on_image)
+
+    def _camera(self) -> None:
+        with html.Div(v_if="camera_table.length", style="max-width: 640px"):
+            html.H2("Camera", classes="text-subtitle-1 font-weight-bold mt-3")
+            with v3.VTable(density="compact", **raw(role="group", aria_label="Camera")):
+                with html.Tbody(), html.Tr(v_for="one in camera_table", key="one.name"):
+                    html.Td("{{ one.name }}")
+                    html.Td("{{ one.value }}", classes="text-right")
 
     def _images(self) -> None:
         html.H2(
@@ -75,10 +87,15 @@ class SensorTab(Tab):
             "Cloud of the chosen scan, coloured by the distance from the fitted ball",
             "52vh",
         )
+        html.P(
+            "Distance of the points from the fitted ball, by their direction from its centre; 0 deg is towards the "
+            "sensor.",
+            classes="text-caption",
+        )
         self.figure("ball_map", "Map of the distances from the fitted balls by direction", "44vh")
         with v3.VTable(density="compact", **raw(role="group", aria_label="Balls of the scan")):
             with html.Thead(), html.Tr():
-                for head in ("Ball", "x (mm)", "y (mm)", "z (mm)", "Radius (mm)", "Form RMS (um)"):
+                for head in ("Ball", "x (mm)", "y (mm)", "z (mm)", "Radius (mm)", "Form RMS (µm)"):
                     html.Th(head, **raw(scope="col"))
             with html.Tbody(), html.Tr(v_for="one, k in ball_table", key="k"):
                 for key in ("ball", "x", "y", "z", "radius", "rms"):
@@ -95,7 +112,8 @@ class SensorTab(Tab):
             ""
             if camera is not None or state.scans or opened.recording.images
             else (
-                "This run holds no sensor. Runs of camera, scanner, scan and of calibrate from images do."
+                "This run has no camera and no scanner. Open a run of workbench camera, scanner or scan, or of "
+                "calibrate from images."
             )
         )
         state.sensor_images = [
@@ -106,7 +124,7 @@ class SensorTab(Tab):
             self._show_image()
         state.camera_table = [] if camera is None else _camera_rows(camera)
         if scanner is not None:
-            self.draw("planes", sensor.planes(opened))
+            self.draw_in_turn(planes=lambda: sensor.planes(self.work.opened))
         if state.scans:
             self._show_scan()
 
@@ -114,8 +132,10 @@ class SensorTab(Tab):
         opened = self.work.opened
         place = min(max(int(self.state.scan or 0), 0), len(self.state.scans) - 1)
         row = scans_of(opened)[place]
-        self.draw("cloud", sensor.cloud(opened, place))
-        self.draw("ball_map", sensor.ball_map(opened, place))
+        self.draw_in_turn(
+            cloud=lambda: sensor.cloud(self.work.opened, place),
+            ball_map=lambda: sensor.ball_map(self.work.opened, place),
+        )
         self.state.ball_table = [_ball_row(ball) for ball in row["balls"]]
         self.state.scan_text = f"Scan {row['scan']}: {row['points']} points. {row['outcome']}"
 
@@ -149,7 +169,9 @@ def _ball_row(ball) -> dict:
 
 
 def _camera_rows(camera) -> list[dict]:
-    rows = [(name, f"{getattr(camera, name):.3f} px") for name in ("fx", "fy", "cx", "cy")]
-    rows.append(("distortion", ", ".join(f"{value:.5f}" for value in camera.distortion)))
+    rows = [(label, f"{getattr(camera, name):.3f} px") for name, label in _CAMERA.items()]
+    rows += [
+        (f"distortion {name}", f"{value:.5f}") for name, value in zip(_LENS, camera.distortion)
+    ]
     rows.append(("image size", f"{camera.size[0]} × {camera.size[1]} px"))
     return [{"name": name, "value": value} for name, value in rows]

@@ -97,14 +97,14 @@ def figure(scene: Scene, errors: Errors) -> go.Figure:
             legend=dict(orientation="h", x=0, y=0, yanchor="top"),
         )
     )
-    _add_arrows(made, feet, tips, scene.scale)
+    _add_arrows(made, feet, tips, distance)
     _add_points(made, feet, distance)
     _add_arm(made, scene)
     return made
 
 
-def _add_arrows(made, feet, tips, scale):
-    """One trace with gaps: three places per arrow (foot, tip, gap)."""
+def _add_arrows(made, feet, tips, distance):
+    """One trace with gaps: three places and three colours per arrow (foot, tip, gap)."""
     path = np.stack([feet, tips, np.full_like(feet, np.nan)], axis=2).reshape(3, -1)
     x, y, z = np.round(path, 3)
     made.add_scatter3d(
@@ -112,16 +112,21 @@ def _add_arrows(made, feet, tips, scale):
         y=y,
         z=z,
         mode="lines",
-        name=f"residual, enlarged {scale:,.0f} times",
+        name="residual",
+        showlegend=False,  # the legend shows one colour only
         hoverinfo="skip",
-        line=dict(color=style.ORANGE, width=2),
+        line=dict(color=np.repeat(np.round(distance, 5), 3), width=3, **_colours(distance)),
         connectgaps=False,
     )
 
 
+def _colours(distance) -> dict:
+    """The same colours for arrows and points, clipped at the 98th percentile."""
+    return dict(colorscale=style.LENGTHS, cmin=0, cmax=float(np.percentile(distance, 98)))
+
+
 def _add_points(made, feet, distance):
     x, y, z = np.round(feet, 3)
-    top = float(np.percentile(distance, 98))
     bar = dict(
         title=dict(text="residual (mm)", side="right"),
         thickness=12,
@@ -140,10 +145,8 @@ def _add_points(made, feet, distance):
             size=2.2,
             opacity=0.75,
             color=np.round(distance, 5),
-            colorscale="Viridis",
-            cmin=0,
-            cmax=top,
             colorbar=bar,
+            **_colours(distance),
         ),
         hovertemplate="residual %{customdata:.4f} mm<br>(%{x:.1f}, %{y:.1f}, %{z:.1f}) mm<extra></extra>",
     )

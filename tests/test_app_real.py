@@ -1,0 +1,96 @@
+"""The app in a browser on a real arm that a laser tracker measured (irb120_faro); skipped where it is absent."""
+
+import pytest
+
+from app_browser import (
+    brush_chart,
+    calibrate_arm,
+    click_row,
+    emit,
+    follow_problems,
+    open_page,
+    run_workbench,
+    scrub_by_key,
+    serve,
+    show_tab,
+    stop,
+    text_of,
+    trace,
+    wait_for_text,
+)
+
+pytestmark = pytest.mark.slow
+NAME = "irb120_faro"
+PLAN = """
+[[stage]]
+name = "geometry"
+why = "base, reflectors, and lengths and angles of the arm"
+free = ["base.*", "tool.*", "joint-*.theta*", "joint-*.a*"]
+earn = false
+"""
+
+
+@pytest.fixture(scope="module")
+def served(real, tmp_path_factory):
+    real(NAME)
+    run = calibrate_arm(NAME, tmp_path_factory.mktemp("real"), PLAN)
+    made = serve(run, tmp_path_factory.mktemp("session"))
+    yield made
+    stop(made)
+
+
+@pytest.fixture(scope="module")
+def page(browser, served):
+    page = open_page(browser, served)
+    page.problems = follow_problems(page)
+    yield page
+    page.close()
+
+
+def count_of(page) -> int:
+    """Number of samples that the status line of the selection names."""
+    return int(text_of(page, "selection").partition(" of ")[2].split()[0].replace(",", ""))
+
+
+def test_arrows_clicks_and_brushes_select_samples(page):
+    show_tab(page, "Residuals")
+    wait_for_text(page, "selection", "0 of")
+    samples = count_of(page)
+    drawn = trace(page, "arrows", "measured points")["customdata"]
+    assert 1000 < len(drawn) <= min(samples, 2500) and len(set(drawn)) == len(drawn)
+    click_row(page, 7, samples)
+    brush_chart(page)
+    wait_for_text(page, "selection", f"{samples:,} of {samples:,} samples selected")
+    bars = trace(page, "histogram", "held out")
+    emit(page, "histogram", "plotly_click", {"points": [{"customdata": bars["customdata"][-1]}]})
+    wait_for_text(page, "selection", f"{bars['y'][-1]:,} of {samples:,} samples selected")
+
+
+def test_arm_reflectors_and_instrument_are_drawn_and_move(page):
+    show_tab(page, "Recording")
+    for name in ("arm at the current sample", "reflectors", "frame of the instrument"):
+        assert trace(page, "scene", name), name
+    scrub_by_key(page, "current sample")  # the first samples share one pose
+
+
+def test_a_session_is_repeated_from_the_command_line(page, served, tmp_path):
+    show_tab(page, "Residuals")
+    page.get_by_label("Sample number").fill("1")
+    page.get_by_role("button", name="Select sample").click()
+    wait_for_text(page, "selection", "1 of")
+    page.get_by_role("button", name="Exclude selected samples").click()
+    wait_for_text(page, "selection", "1 excluded")
+    show_tab(page, "Edit and rerun")
+    page.get_by_role("button", name="Calibrate").click()
+    wait_for_text(page, "job", "Finished after", 300_000)
+    table = page.get_by_role("group", name="Before and after").inner_text()
+    assert "held-out RMS (mm)" in table
+    words = ["--session", served.session, "--out", tmp_path / "again", "--no-report"]
+    run_workbench("calibrate", *words, cwd=tmp_path)
+    (newest,) = served.folder.glob("calibrate-*")
+    for name in ("residuals.csv", "parameters.toml", "residual-arrows.parquet"):
+        assert (newest / name).read_bytes() == (tmp_path / "again" / name).read_bytes(), name
+
+
+def test_no_script_error_occurred(page):
+    assert page.problems == []
