@@ -80,8 +80,8 @@ def decide_robot(
             fits.append((place, replace(best, title=f"robot {name}, {best.title}")))
     if not fits:
         raise InputError(
-            f"{where}: expected a built-in robot ({', '.join(names)}) that fits, found none; add --robot with a "
-            "robot.toml or a URDF."
+            f"{where}: expected one of the robots ({'; '.join(names)}) to fit, found none; check units, order and "
+            "signs of the joint columns, or add --robot with a robot.toml, a URDF or a Denavit-Hartenberg table."
         )
     lines = [f'robot = "{name}"' for name in names]
     ordered = sorted(fits, key=lambda item: item[1].improbability)
