@@ -1,7 +1,8 @@
 """Commands as Python functions, made from the commands' own signatures.
 
 A function takes the arguments and options of its command under the same names, runs it in a
-temporary run folder (or in `out`), and returns a `Result`. Nothing is written to standard output.
+temporary run folder (or in `out`), and returns a `Result`. Nothing is written to standard output. Linear algebra uses
+one thread meanwhile, unless the environment (OPENBLAS_NUM_THREADS, ...) says otherwise: the matrices are small.
 """
 
 import contextlib
@@ -21,6 +22,7 @@ from workbench.api.inputs import as_argument, sample_list
 from workbench.api.results import Result
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_json
+from workbench.machine.processes import limited_blas_threads
 
 COMMANDS = {
     "calibrate": "robot.calibrate",
@@ -86,7 +88,7 @@ def run(command: Callable, arguments: dict) -> Result:
     if "json" in accepted:
         given["json"] = str(answer_file)
     text, status = io.StringIO(), 0
-    with contextlib.redirect_stdout(text):
+    with contextlib.redirect_stdout(text), limited_blas_threads():
         try:
             command(**given)
         except typer.Exit as end:
