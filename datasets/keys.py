@@ -92,7 +92,9 @@ SECTIONS = {
     "images": {"file": Key(_is_text, "a file name in quotes", True)},
     "board": {
         "kind": Key(
-            _one_of("chessboard", "charuco", "circles"), "one of chessboard, charuco, circles", True
+            _one_of("chessboard", "charuco", "circles", "aprilgrid"),
+            "one of chessboard, charuco, circles, aprilgrid",
+            True,
         ),
         "columns": Key(_is_count, "a number of columns, 1 or more", True),
         "rows": Key(_is_count, "a number of rows, 1 or more", True),

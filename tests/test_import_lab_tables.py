@@ -5,6 +5,7 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
+from datasets.importers.sources import read_sources
 from datasets.importers.sources.dh_tables import read_dh_table
 from datasets.importers.sources.text_tables import is_unit_row, with_group_names
 from robot_model import load_robot
@@ -173,6 +174,51 @@ def test_clocks_of_two_time_zones(hours, truth, tmp_path):
     made = import_recording(files, tmp_path / "out", IRB120)
     check(made.recording, truth)
     assert any(f"differ by {-hours:g} h" in said for said in made.warnings)
+
+
+# ---- reports with a line for each axis ----
+
+
+def pcdmis(points) -> str:
+    """A dimension report: nominal values are other numbers, and a line of tolerances stands between."""
+    lines = ["PART NAME : cell 3", ""]
+    for k, point in enumerate(points):
+        lines += [
+            f"DIM LOC{k + 1}= LOCATION OF POINT P{k:03d}  UNITS=IN",
+            "AX    NOMINAL       +TOL       -TOL       MEAS        DEV     OUTTOL",
+        ]
+        for axis, value in zip("XYZ", point / 25.4):
+            lines.append(
+                f"{axis}  {round(value):9.4f}  0.0100  0.0100  {value:.7f}  0.0130  0.0030 ---#"
+            )
+        lines += ["END OF DIMENSION", ""]
+    return "\n".join(lines)
+
+
+def cam2(points) -> str:
+    lines = ["CAM2 Measure", "Units: Millimeters", ""]
+    for k, point in enumerate(points):
+        lines.append(f"Point P{k:03d}")
+        lines += [f"    {axis} {value:.5f}" for axis, value in zip("XYZ", point)]
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("report", [pcdmis, cam2])
+def test_reports_of_pcdmis_and_cam2(report, truth, tmp_path):
+    (tmp_path / "report.txt").write_text(report(truth.points[::-1]))
+    names = [f"P{k:03d}" for k in range(truth.n)]
+    rows = [(name, *q) for name, q in zip(names[::-1], degrees(truth))]
+    joints = write_table(tmp_path / "robot.csv", ["Point", *JOINTS], *rows)
+    made = import_recording([joints, tmp_path / "report.txt"], tmp_path / "out", IRB120)
+    assert made.mapping.join.by == "key"
+    check(made.recording, truth)
+
+
+def test_a_report_whose_measured_column_is_not_named_is_refused(tmp_path):
+    block = "Point P1\nX 1.0 2.0\nY 1.0 2.0\nZ 1.0 2.0\n"
+    (tmp_path / "r.txt").write_text(3 * block)
+    with pytest.raises(InputError, match="r.txt, row 2: expected one number for each axis"):
+        read_sources([tmp_path / "r.txt"], tmp_path)
 
 
 # ---- never silently wrong ----

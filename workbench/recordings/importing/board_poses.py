@@ -314,7 +314,9 @@ def _compared(readings, views: BoardViews, kind: str) -> list[tuple[int, Candida
     turns = [poses[views.rows][:, :3, :3] for _, _, poses in readings]
     kept = screened_turns(measured[:, :3, :3], turns, len(turns))
     if turn_misfits(measured[:, :3, :3], [turns[kept[0]]])[0] > _HOPELESS_RAD:
-        kept = kept[:_SHOWN]  # no transform can explain other angles between the poses; fits are for the message
+        kept = kept[
+            :_SHOWN
+        ]  # no transform can explain other angles between the poses; fits are for the message
     fits = [(k, _fit(readings[k][0], readings[k][2][views.rows], measured)) for k in kept]
     return sorted(fits, key=lambda item: item[1].improbability)
 
