@@ -134,6 +134,9 @@ def test_linear_algebra_uses_one_thread_in_a_function_and_the_former_number_afte
 import numpy, scipy.linalg
 from threadpoolctl import threadpool_info, threadpool_limits
 from workbench.api.functions import run
+from workbench.machine.processes import one_blas_thread
+
+one_blas_thread()  # what a command line in the same process leaves in the environment states nothing
 
 def threads():
     return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
@@ -143,7 +146,7 @@ inside = []
 run(lambda: inside.append(threads()), {})
 print(inside[0], threads())
 """
-    environment = {name: value for name, value in os.environ.items() if "NUM_THREADS" not in name}
+    environment = {name: value for name, value in os.environ.items() if "THREADS" not in name}
     command = [sys.executable, "-c", code]
     done = subprocess.run(
         command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True

@@ -15,6 +15,8 @@ _BLAS_THREADS = (
     *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"),
     "VECLIB_MAXIMUM_THREADS",
 )
+_IS_STATED = any(name in os.environ for name in _BLAS_THREADS)
+"""Whether the user states a number of threads; later the functions below write into the environment themselves."""
 
 
 def one_blas_thread() -> None:
@@ -32,7 +34,7 @@ def limited_blas_threads() -> Iterator[None]:
 
     Numbers that the environment states are kept. Libraries are found by threadpoolctl.
     """
-    if any(name in os.environ for name in _BLAS_THREADS):
+    if _IS_STATED:
         yield
         return
     import numpy  # noqa: F401
