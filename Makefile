@@ -61,6 +61,7 @@ language: $(VENV)/.test
 docs: $(VENV)/.docs
 	$(BIN)/typer workbench.commands.cli utils docs --name workbench --output docs/reference/commands.md
 	$(BIN)/python tools/api_page.py
+	$(BIN)/python tools/schema_page.py
 	$(BIN)/mkdocs build --strict --quiet
 	@echo site/index.html
 

@@ -17,6 +17,13 @@ class Key:
     expected: str
     required: bool = False
 
+    @property
+    def schema(self) -> dict:
+        """The test as JSON Schema (draft 2020-12)."""
+        words = getattr(self.passes, "words", None)
+        rule = {"enum": list(words)} if words else dict(_SCHEMAS[self.passes])
+        return {**rule, "description": self.expected}
+
 
 def is_number(value) -> bool:
     """A finite int or float that is no bool and small enough to be a measurement."""
@@ -30,7 +37,19 @@ def _numbers(count: int) -> Callable[[object], bool]:
 
 
 def _one_of(*words) -> Callable[[object], bool]:
-    return lambda v: isinstance(v, str) and v in words
+    def passes(value) -> bool:
+        return isinstance(value, str) and value in words
+
+    passes.words = words
+    return passes
+
+
+def _is_flag(value) -> bool:
+    return isinstance(value, bool)
+
+
+def _are_names(value) -> bool:
+    return isinstance(value, list) and all(map(_is_text, value))
 
 
 def _is_text(value) -> bool:
@@ -53,6 +72,15 @@ def _above_zero(value) -> bool:
     return is_number(value) and value > 0
 
 
+_SCHEMAS = {
+    _is_text: {"type": "string"},
+    _is_table: {"type": "object"},
+    _is_flag: {"type": "boolean"},
+    _are_names: {"type": "array", "items": {"type": "string"}},
+    _is_unit: {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3},
+    _is_count: {"type": "integer", "minimum": 1, "exclusiveMaximum": 10**6},
+    _above_zero: {"type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1e12},
+}
 TEXT = Key(_is_text, "text in quotes")
 TABLE = Key(_is_table, "a table in square brackets")
 WORDS = ", ".join(KINDS)
@@ -86,19 +114,21 @@ RECORDING = {
 SECTIONS = {
     "samples": {
         "file": Key(_is_text, "a file name in quotes", True),
-        "small_range": Key(lambda v: isinstance(v, bool), "true or false"),
+        "small_range": Key(_is_flag, "true or false"),
     },
     "artefact": {"file": Key(_is_text, "a file name in quotes", True)},
     "images": {"file": Key(_is_text, "a file name in quotes", True)},
     "board": {
         "kind": Key(
-            _one_of("chessboard", "charuco", "circles"), "one of chessboard, charuco, circles", True
+            _one_of("chessboard", "charuco", "circles", "aprilgrid"),
+            "one of chessboard, charuco, circles, aprilgrid",
+            True,
         ),
         "columns": Key(_is_count, "a number of columns, 1 or more", True),
         "rows": Key(_is_count, "a number of rows, 1 or more", True),
         "square_mm": Key(_above_zero, "a length above 0 in mm", True),
-        "asymmetric": Key(lambda v: isinstance(v, bool), "true or false"),
-        "legacy": Key(lambda v: isinstance(v, bool), "true or false"),
+        "asymmetric": Key(_is_flag, "true or false"),
+        "legacy": Key(_is_flag, "true or false"),
         "flatness_mm": Key(_above_zero, "a length above 0 in mm"),
         "marker_mm": Key(_above_zero, "a length above 0 in mm"),
         "dictionary": Key(_one_of(*DICTIONARIES), "one of OpenCV's, such as DICT_5X5_250"),
@@ -110,9 +140,7 @@ SECTIONS = {
         "tip": TEXT,
         "mimic": TABLE,
         "gravity": Key(_is_unit, "three numbers, a unit vector"),
-        "joints": Key(
-            lambda v: isinstance(v, list) and all(map(_is_text, v)), "a list of joint names"
-        ),
+        "joints": Key(_are_names, "a list of joint names"),
     },
     "guess": {},
 }

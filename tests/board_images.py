@@ -60,9 +60,8 @@ def render(
 
 def pattern(board, radius=0.3, background=0.9):
     """A function of x, y (mm): 1 where the board is bright."""
-    return {"chessboard": _chess, "charuco": _charuco}.get(board.kind, _circles)(
-        board, radius, background
-    )
+    patterns = {"chessboard": _chess, "charuco": _charuco, "aprilgrid": aprilgrid_pattern}
+    return patterns.get(board.kind, _circles)(board, radius, background)
 
 
 def _chess(board, radius, background):
@@ -112,6 +111,37 @@ def _charuco(board, radius, background):
     return bright
 
 
+def aprilgrid_pattern(board, radius=0.3, background=0.9, bits=2, turn=2):
+    """As Kalibr draws it: tag 0 at the bottom left; bits: of the dark border; turn: quarters of the codes."""
+    columns, rows = board.columns // 2, board.rows // 2
+    gap = board.square_mm - board.marker_mm
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    side = 6 + 2 * bits
+    tags = []
+    for number in range(columns * rows):
+        drawn = cv2.aruco.generateImageMarker(dictionary, number, side, borderBits=bits)
+        tags.append(np.rot90(drawn, turn) > 127)
+    tags = np.array(tags)
+
+    def bright(x, y):
+        i, j = np.floor((x + gap) / board.square_mm), np.floor((y + gap) / board.square_mm)
+        u, v = x - i * board.square_mm, y - j * board.square_mm  # in the gap below 0
+        on = (i >= 0) & (i <= columns) & (j >= 0) & (j <= rows)
+        in_tag = on & (u >= 0) & (v >= 0) & (i < columns) & (j < rows)
+        number = ((rows - 1 - j) * columns + i).astype(int)
+        cell = [
+            np.clip(np.floor(w / board.marker_mm * side), 0, side - 1).astype(int) for w in (v, u)
+        ]
+        code = tags[np.clip(number, 0, len(tags) - 1), cell[0], cell[1]]
+        corner = on & (u < 0) & (v < 0)
+        return np.where(in_tag, code, np.where(corner, 0, background))
+
+    return bright
+
+
+APRILGRID = Board.of(
+    {"kind": "aprilgrid", "columns": 4, "rows": 3, "square_mm": 13.0, "marker_mm": 10.0}
+)
 CHESS = Board("chessboard", 9, 6, 10.0)
 CIRCLES = Board("circles", 8, 6, 10.0)
 ASYMMETRIC = Board("asymmetric-circles", 4, 11, 10.0)

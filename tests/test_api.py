@@ -1,6 +1,7 @@
 """The Python API: every command is a function, and results can be looked at, kept and used."""
 
 import inspect
+import os
 import pkgutil
 import subprocess
 import sys
@@ -126,6 +127,31 @@ def test_a_recording_from_arrays_is_that_of_the_file(recording):
     np.testing.assert_allclose(made.covariates["time_s"], np.arange(100.0))
     with pytest.raises(wb.InputError, match=r"points_mm \(n, 3\)"):
         wb.Recording.from_arrays("ur10", joints, points.T)
+
+
+def test_linear_algebra_uses_one_thread_in_a_function_and_the_former_number_after_it():
+    code = """
+import numpy, scipy.linalg
+from threadpoolctl import threadpool_info, threadpool_limits
+from workbench.api.functions import run
+from workbench.machine.processes import one_blas_thread
+
+one_blas_thread()  # what a command line in the same process leaves in the environment states nothing
+
+def threads():
+    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+threadpool_limits(3, user_api="blas")
+inside = []
+run(lambda: inside.append(threads()), {})
+print(inside[0], threads())
+"""
+    environment = {name: value for name, value in os.environ.items() if "THREADS" not in name}
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "{1} {3}\n"
 
 
 def test_a_wrong_call_raises_the_sentence(tmp_path):

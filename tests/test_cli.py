@@ -367,8 +367,10 @@ def test_samples_named_for_the_fit_and_the_test_are_used(workbench, tmp_path):
     assert not list(Path(found["run"]).glob("*.html"))
 
 
-def test_what_a_bundled_recording_determines_is_said(workbench):
-    done = workbench("identifiability", "elastic-arm", "--json", "-")
+def test_what_a_bundled_recording_determines_is_said(workbench, tmp_path):
+    done = workbench(
+        "identifiability", "elastic-arm", "--json", "-", "--out", str(tmp_path / "run")
+    )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert (

@@ -13,6 +13,7 @@ from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, tra
 from workbench.commands.cli import run
 from workbench.core.errors import InputError
 from workbench.recordings.importing import ImportOptions, import_recording
+from workbench.recordings.importing.notation import board_keys
 
 
 @pytest.fixture(scope="module")
@@ -187,6 +188,43 @@ def test_matlab_file_with_joints_in_rad_and_poses_in_m(truth, tmp_path):
     assert_same_rows(made.recording, truth)
 
 
+def write_matlab_73(path, variables):
+    """As MATLAB writes version 7.3: HDF5 behind a head of 512 bytes, arrays with their axes in reverse order."""
+    import h5py
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, value in variables.items():
+            made = file.create_dataset(name, data=np.asarray(value).T)
+            kind = b"char" if made.dtype.kind == "u" else b"double"
+            made.attrs["MATLAB_class"] = np.bytes_(kind)
+        file.create_dataset("#refs#/a", data=np.arange(36.0))
+    with path.open("r+b") as file:
+        head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Mon May 13 14:03:00 2024 HDF5 schema 1.00 ."
+        file.write(head.ljust(116) + bytes(8) + b"\x00\x02IM")
+
+
+def test_matlab_file_of_version_73_with_a_structure(truth, tmp_path):
+    poses = poses_of(truth)
+    poses[:, :3, 3] /= 1000
+    variables = {
+        "robot/q": truth.joints,
+        "T_tracker": poses.transpose(1, 2, 0),
+        "note": np.frombuffer(b"a long note with more than 36 letters in it", np.uint8)[None],
+    }
+    write_matlab_73(tmp_path / "d.mat", variables)
+    made = import_recording([tmp_path / "d.mat"], tmp_path / "out", UR10)
+    assert made.recording.measures == "external-pose"
+    assert_same_rows(made.recording, truth)
+
+
+def test_a_damaged_matlab_file_of_version_73_is_refused(truth, tmp_path):
+    path = tmp_path / "d.mat"
+    write_matlab_73(path, {"q": truth.joints})
+    path.write_bytes(path.read_bytes()[:700])
+    with pytest.raises(InputError, match="d.mat: expected a MATLAB file, found a damaged one"):
+        import_recording([path], tmp_path / "out", UR10)
+
+
 def test_opencv_storage_with_joints_and_points(truth, tmp_path):
     import cv2
 
@@ -216,9 +254,34 @@ def test_kalibr_target_becomes_a_board(tmp_path):
     assert board == {"kind": "chessboard", "columns": 6, "rows": 7, "square_mm": 60.0}
 
 
-def test_april_grid_is_refused_with_a_sentence(tmp_path):
-    (tmp_path / "target.yaml").write_text("target_type: 'aprilgrid'\ntagCols: 6\ntagRows: 6\n")
-    with pytest.raises(InputError, match="aprilgrid"):
+def test_kalibr_aprilgrid_becomes_a_board(tmp_path):
+    """The spacing of Kalibr is a share of the side of a tag."""
+    path = tmp_path / "target.yaml"
+    path.write_text(
+        "target_type: 'aprilgrid'\ntagCols: 6\ntagRows: 5\ntagSize: 0.055\ntagSpacing: 0.3\n"
+    )
+    (tmp_path / "a.csv").write_text("x,y\n1,2\n3,4\n")
+    board = read_sources([path, tmp_path / "a.csv"], tmp_path).board
+    assert board == {
+        "kind": "aprilgrid",
+        "columns": 6,
+        "rows": 5,
+        "square_mm": 71.5,
+        "marker_mm": 55.0,
+    }
+    assert board == board_keys("aprilgrid 6x5 71.5mm 55mm")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("target_type: 'aprilgrid'\ntagCols: 6\ntagRows: 6\n", "key 'tagSize'"),
+        ("target_type: 'arucogrid'\ntagCols: 6\n", "checkerboard, circlegrid or aprilgrid"),
+    ],
+)
+def test_a_target_that_is_incomplete_or_unknown_is_refused(text, words, tmp_path):
+    (tmp_path / "target.yaml").write_text(text)
+    with pytest.raises(InputError, match=words):
         read_sources([tmp_path / "target.yaml"], tmp_path)
 
 

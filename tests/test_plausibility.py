@@ -5,6 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import datasets
@@ -321,6 +322,28 @@ def test_poses_of_nearly_one_orientation_get_no_advice(spread, seed):
     robot, recording = nearly_one_orientation(spread, seed)
     assert not any(found.certain for found in check_plausibility(robot, recording))
     assert {found.cause for found in suspicions(robot, recording)} <= set()
+
+
+def nearly_one_orientation(spread, seed):
+    """An arm that reaches points with a nearly constant flange, by inverse kinematics from random starts."""
+    made = scene("external-pose", n=40, seed=30 + seed)
+    robot, rng = made.robot, np.random.default_rng(seed)
+    middle = np.array([0.1, 0.2, 0.1, 0.2, 0.9, 0.3])
+    home = frames_of(robot, middle)[-1]
+    readings = []
+    while len(readings) < 40:
+        goal = home.copy()
+        goal[:3, 3] += rng.uniform(-120, 120, 3)
+        goal[:3, :3] = (
+            Rotation.from_rotvec(np.deg2rad(spread) * rng.normal(size=3) / 1.7).as_matrix()
+            @ home[:3, :3]
+        )
+        found = least_squares(lambda q, goal=goal: pose_gap(robot, q, goal), middle, xtol=1e-12)
+        if found.cost < 1e-6:
+            readings.append(found.x)
+    columns = {f"q{k + 1}_deg": np.rad2deg(row) for k, row in enumerate(np.array(readings).T)}
+    moved = replace(made, recording=changed(made.recording, **columns))
+    return robot, observed_with_tool(moved, made.tool)
 
 
 def pose_gap(robot, q, goal):

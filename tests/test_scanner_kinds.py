@@ -4,6 +4,7 @@ Fast tests use simulated stripes and the Cramer-Rao bound; slow ones run the who
 """
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,9 +22,12 @@ from sensors.scanner.turntable_calibration import calibrate_turntable
 from workbench.commands import cli
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_matrix, transform
+from workbench.explanation import turntable as diagnosed_turntable
+from workbench.explanation.result import CONSISTENT, Diagnosis, Experiment
 from workbench.jobs.sensor import hand_eye
 from workbench.jobs.sensor.joined_scans import KnownHandEye, moved_by_robot
 from workbench.recordings.templates.scanner_kinds import HAND_EYE, KINDS, example
+from workbench.report.diagnosis.turntable import section
 
 RADIUS = 8.0
 
@@ -161,6 +165,53 @@ def test_turntable_axis_and_its_periodic_error_are_found():
     assert any("turntable-step-error" in sentence for sentence in made.sentences)
 
 
+def _bare_diagnosis() -> Diagnosis:
+    """A diagnosis of images in which nothing was found; parts that these tests do not read are None."""
+    empty = ((), (), (), ())
+    return Diagnosis(
+        "r",
+        "r",
+        "scan-images",
+        1,
+        "camera",
+        "px",
+        CONSISTENT,
+        *empty,
+        None,
+        (),
+        Experiment("none"),
+        None,
+    )
+
+
+@pytest.mark.parametrize(("size_deg", "verdict"), [(0.05, "explained"), (0.0, "consistent")])
+def test_diagnosis_holds_the_angle_law_of_the_turntable(size_deg, verdict, monkeypatch):
+    rng, angles = np.random.default_rng(16), np.deg2rad(np.arange(0.0, 360.0, 15.0))
+    views, board, poses, *_ = _board_views(
+        _table_camera(), angles, lambda a: np.deg2rad(size_deg) * np.cos(a + 1.0), rng
+    )
+    found = calibrate_turntable(views, board, _table_camera(), poses, angles)
+    monkeypatch.setattr(diagnosed_turntable, "turntable_of_images", lambda *_: found)
+    made = diagnosed_turntable.with_turntable(_bare_diagnosis(), None, lambda text: None)
+    assert made.verdict == verdict
+    answer = made._turntable()
+    assert any(term["retained"] for term in answer["terms"]) == (size_deg > 0)
+    assert answer["statements"] == list(found.sentences)
+    assert (made.experiment.sentence != "none") == (size_deg > 0)
+    blocks = section(found).blocks
+    assert {block["kind"] for block in blocks} >= {"figure", "note", "table"}
+
+
+def test_recordings_without_a_turntable_calibrate_no_camera():
+    rows = (
+        {"image": "a.png", "role": "board"},
+        {"image": "b.png", "role": "scan", "table_deg": 5.0},
+    )
+    recording = SimpleNamespace(images=rows)
+    made = _bare_diagnosis()
+    assert diagnosed_turntable.with_turntable(made, recording, lambda text: None) is made
+
+
 def test_turntable_without_errors_has_no_step_error():
     angles = np.deg2rad(np.arange(0.0, 360.0, 15.0))
     found = []
@@ -268,6 +319,12 @@ def test_rendered_example_through_the_whole_chain(kind, tmp_path):
     assert [len(scan["balls"]) for scan in again["scans"]] == [3] * len(again["scans"])
     if kind == "turntable":
         assert "[turntable]" in scanner.read_text()
+        out = tmp_path / "diagnosis"
+        assert cli.run(["diagnose", str(tmp_path / "r"), "--out", str(out)]) == 0
+        answer = json.loads((out / "answer.json").read_text())
+        assert answer["verdict"] == "explained"
+        assert [term["order"] for term in answer["turntable"]["terms"] if term["retained"]] == [1]
+        assert "Angles of the turntable" in (out / "report.html").read_text(encoding="utf-8")
         return
     out = tmp_path / "hand-eye"
     assert cli.run(["handeye", str(tmp_path / "r"), "--out", str(out), "--no-report"]) == 0

@@ -6,7 +6,18 @@ import cv2
 import numpy as np
 import pytest
 
-from board_images import ASYMMETRIC, CHARUCO, CHESS, CIRCLES, SIZE, homography, project, render
+from board_images import (
+    APRILGRID,
+    ASYMMETRIC,
+    CHARUCO,
+    CHESS,
+    CIRCLES,
+    SIZE,
+    aprilgrid_pattern,
+    homography,
+    project,
+    render,
+)
 from datasets.recording import Recording
 from sensors.boards import circles
 from sensors.boards import finders as board_finders
@@ -45,6 +56,44 @@ def test_places_and_their_sigma(board, blur, noise):
     assert np.sqrt(np.mean(error**2)) < 0.006 * noise
     assert 0.4 < np.sqrt(np.mean((error / view.sigma) ** 2)) < 1.5
     assert view.size == SIZE
+
+
+@pytest.mark.parametrize("bits", [1, 2])
+@pytest.mark.parametrize("turn", [0, 2])
+def test_places_on_an_aprilgrid(bits, turn):
+    """Tags with a border of one or two modules, their codes either way up: the same corners, and an honest σ."""
+    h = homography(APRILGRID, tilt=(0.3, -0.25), turn=2.8, size=(800, 600))
+    ink = aprilgrid_pattern(APRILGRID, bits=bits, turn=turn)
+    view = detect(render(APRILGRID, h, size=(800, 600), noise=2.0, ink=ink), APRILGRID)
+    assert isinstance(view, View) and len(view.index) == APRILGRID.count == 48
+    error = view.pixels - truth(APRILGRID, h, view)
+    assert np.sqrt(np.mean(error**2)) < 0.03
+    assert 0.4 < np.sqrt(np.mean((error / view.sigma) ** 2)) < 1.5
+
+
+def test_an_aprilgrid_that_is_partly_covered():
+    h = homography(APRILGRID, size=(800, 600))
+    image = render(APRILGRID, h, size=(800, 600), noise=1.0)
+    left, right = np.rint(project(h, APRILGRID.points[:, [8, 11]])[0]).astype(int)
+    image[:, left - 6 : right + 20] = 120
+    view = detect(image, APRILGRID)
+    assert isinstance(view, View) and 12 <= len(view.index) < 48
+    assert np.abs(view.pixels - truth(APRILGRID, h, view)).max() < 0.2
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"columns": 3, "rows": 4}, "tags of a board with 4 columns and 4 rows or more found"),
+        ({"columns": 5, "rows": 3}, "with 4 columns"),
+        ({"square_mm": 19.0}, "correct square_mm and marker_mm"),
+    ],
+)
+def test_an_aprilgrid_of_another_size_is_named(changed, words):
+    keys = {"kind": "aprilgrid", "columns": 4, "rows": 3, "square_mm": 13.0, "marker_mm": 10.0}
+    image = render(APRILGRID, homography(APRILGRID, size=(800, 600)), size=(800, 600), noise=1.0)
+    found = detect(image, Board.of(keys | changed))
+    assert isinstance(found, Rejected) and words in found.why
 
 
 @BOARDS

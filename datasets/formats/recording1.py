@@ -138,13 +138,20 @@ def _check_board(board: Mapping, where: str) -> None:
                     "none",
                     'add it, such as marker_mm = 7.5 and dictionary = "DICT_5X5_250"',
                 )
-        if board["marker_mm"] >= board["square_mm"]:
-            raise complaint(
-                f"{where}, key marker_mm",
-                f"a marker smaller than its square of {board['square_mm']:g} mm",
-                f"{board['marker_mm']:g} mm",
-                "measure both again",
-            )
+    if board["kind"] == "aprilgrid" and "marker_mm" not in board:
+        raise complaint(
+            f"{where}, key marker_mm",
+            "the side of a tag of the AprilGrid",
+            "none",
+            "add it; square_mm is the distance between the same corners of neighbouring tags",
+        )
+    if board.get("marker_mm", 0.0) >= board["square_mm"]:
+        raise complaint(
+            f"{where}, key marker_mm",
+            f"a marker smaller than its square of {board['square_mm']:g} mm",
+            f"{board['marker_mm']:g} mm",
+            "measure both again",
+        )
     if board.get("asymmetric") and board["kind"] != "circles":
         raise complaint(
             f"{where}, key asymmetric",

@@ -6,9 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
+from sensors.boards.aprilgrid import grid_points
 from workbench.core.errors import InputError
 
-KINDS = ("chessboard", "charuco", "circles", "asymmetric-circles")
+KINDS = ("chessboard", "charuco", "circles", "aprilgrid", "asymmetric-circles")
 LEAST = 6
 """Corners below which a image says nothing about a camera: its pose alone takes three."""
 
@@ -19,7 +20,8 @@ class Board:
 
     `flatness_mm`: certified height of the highest over the lowest point, None where it is not known.
     The square between corners 0, 1, columns and columns + 1 is dark. Asymmetric circles are OpenCV's: `columns`
-    in each of `rows` rows, every second row shifted by one step, circles of a row two steps apart.
+    in each of `rows` rows, every second row shifted by one step, circles of a row two steps apart. An AprilGrid has two
+    columns and two rows of corners for each tag, `square_mm` from tag to tag, and tags of side `marker_mm`.
     """
 
     kind: str
@@ -37,11 +39,18 @@ class Board:
         kind = "asymmetric-circles" if keys.get("asymmetric") else keys.get("kind")
         if kind not in KINDS:
             raise InputError(
-                f"[board], key kind: expected one of {', '.join(KINDS[:3])}, found {kind!r}; correct it"
+                f"[board], key kind: expected one of {', '.join(KINDS[:4])}, found {kind!r}; correct it"
             )
         optional = ("marker_mm", "dictionary", "legacy", "flatness_mm")
         more = {name: keys[name] for name in optional if name in keys}
-        board = cls(kind, int(keys["columns"]), int(keys["rows"]), float(keys["square_mm"]), **more)
+        size = [int(keys["columns"]), int(keys["rows"])]
+        if kind == "aprilgrid":
+            if not more.get("marker_mm"):
+                raise InputError(
+                    "[board], key marker_mm: expected the side of a tag of the AprilGrid, found none; add it"
+                )
+            size = [2 * size[0], 2 * size[1]]
+        board = cls(kind, *size, float(keys["square_mm"]), **more)
         if min(board.columns, board.rows) < 2 or board.count < LEAST:
             raise InputError(
                 f"[board], keys columns and rows: expected 2 or more of each and {LEAST} in all, found "
@@ -62,6 +71,10 @@ class Board:
     @cached_property
     def points(self) -> np.ndarray:
         """(3, N) mm, z = 0: x along a row, y down the columns, row after row from corner 0."""
+        if self.kind == "aprilgrid":
+            tags = self.columns // 2, self.rows // 2
+            flat = grid_points(*tags, self.marker_mm, self.square_mm)
+            return np.vstack([flat, np.zeros(self.count)])
         row, column = np.divmod(np.arange(self.count), self.columns)
         across = 2 * column + row % 2 if self.kind == "asymmetric-circles" else column
         return self.square_mm * np.stack([across, row, np.zeros_like(row)]).astype(float)
@@ -94,4 +107,7 @@ class Board:
 
     @property
     def title(self) -> str:
+        """Size and kind in words; the size of an AprilGrid is that in tags."""
+        if self.kind == "aprilgrid":
+            return f"{self.columns // 2} x {self.rows // 2} aprilgrid"
         return f"{self.columns} x {self.rows} {self.kind}"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sensors.boards import circles
+from sensors.boards import aprilgrid, circles
 from sensors.boards.patches import Fit, fit_saddles
 
 if TYPE_CHECKING:
@@ -36,8 +36,8 @@ class Found:
 
 def find(image: np.ndarray, board: "Board") -> Found:
     """The board in a image (H, W) uint8."""
-    finder = {"chessboard": _chessboard, "charuco": _charuco}.get(board.kind, _circles)
-    return finder(image, board)
+    finders = {"chessboard": _chessboard, "charuco": _charuco, "aprilgrid": _aprilgrid}
+    return finders.get(board.kind, _circles)(image, board)
 
 
 def refine(image: np.ndarray, board: "Board", found: Found) -> tuple[np.ndarray, Fit, float]:
@@ -50,9 +50,19 @@ def refine(image: np.ndarray, board: "Board", found: Found) -> tuple[np.ndarray,
             fit,
             circles.radius_mm(fit, board.points[:2, found.index]) if enough else 0.0,
         )
-    along, down = _steps(board.points[:2, found.index], found.pixels, board.square_mm)
-    rim = 1.0 if board.kind == "chessboard" else (1 - board.marker_mm / board.square_mm) / 2
+    step, rim = _saddle_size(board)
+    along, down = _steps(board.points[:2, found.index], found.pixels, step)
     return found.index, fit_saddles(image, found.pixels, along, down, rim), 0.0
+
+
+def _saddle_size(board: "Board") -> tuple[float, float]:
+    """Size (mm) of the squares that meet in a corner, and the share of them next to the edges that is plain."""
+    if board.kind == "aprilgrid":  # a dark square in the gap, against the border of the tag
+        step = 2 * (board.square_mm - board.marker_mm)
+        return step, aprilgrid.NARROWEST_BORDER * board.marker_mm / step
+    if board.kind == "charuco":
+        return board.square_mm, (1 - board.marker_mm / board.square_mm) / 2
+    return board.square_mm, 1.0
 
 
 def _steps(points: np.ndarray, pixels: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
@@ -407,6 +417,36 @@ def _detector(columns, rows, square, marker, dictionary, legacy):
     made = cv2.aruco.CharucoBoard((columns + 1, rows + 1), square, marker, kind)
     made.setLegacyPattern(legacy)
     return cv2.aruco.CharucoDetector(made)
+
+
+# AprilGrid
+
+
+def _aprilgrid(image: np.ndarray, board: "Board") -> Found:
+    """Corners of the tags that are seen: a board may be cut or partly covered."""
+    tags = aprilgrid.tags_in(image)
+    if not aprilgrid.is_enough(tags):
+        seen = len(tags.numbers)
+        if seen != len(set(tags.numbers.tolist())):
+            return Found(why=_two(board))
+        return Found(why=f"{seen} tags of {aprilgrid.DICTIONARY} found: show more of the board")
+    columns, rows = board.columns // 2, board.rows // 2
+    if tags.numbers.max() < columns * rows:
+        index = aprilgrid.corner_indices(tags.numbers, columns, rows)
+        corners, misfit = aprilgrid.ordered_corners(tags, board.points[:2], index)
+        if aprilgrid.is_flat(misfit, board.marker_mm):
+            order = np.argsort(index.ravel())
+            return Found(index.ravel()[order], corners.reshape(-1, 2)[order].T)
+    other = aprilgrid.other_columns(tags, board.marker_mm, board.square_mm, rows)
+    if other is None:
+        return Found(
+            why="the tags do not lie as on a flat AprilGrid: correct square_mm and marker_mm"
+        )
+    needed = max(rows, int(tags.numbers.max()) // other + 1)
+    seen = f"tags of a board with {other} columns and {needed} rows or more found"
+    return Found(
+        why=f"{seen}, {columns} x {rows} expected: correct columns and rows", size=(other, needed)
+    )
 
 
 # Which way a grid lies

@@ -57,6 +57,15 @@ class TurntableCalibration:
     after: float
 
     @property
+    def has_step_error(self) -> bool:
+        """Whether the angle law has a term, or the random error of a position exceeds what its noise explains."""
+        return any(term.retained for term in self.terms) or self._is_random
+
+    @property
+    def _is_random(self) -> bool:
+        return self.table.sigma > 2 * self.sigma_std
+
+    @property
     def sentences(self) -> tuple[str, ...]:
         """What was found, in words."""
         said = [
@@ -70,7 +79,7 @@ class TurntableCalibration:
                     f"turntable-step-error: {term.name} (F-test p = {term.probability:.2g})"
                 )
         noise = float(np.sqrt(np.mean(self.sigma**2)))
-        if self.table.sigma > 2 * self.sigma_std:
+        if self._is_random:
             said.append(
                 f"turntable-step-error: random error of a position {np.rad2deg(self.table.sigma):.4f} deg, 1 sigma; "
                 f"the corners alone explain {np.rad2deg(noise):.4f} deg"

@@ -1,7 +1,8 @@
 """Commands as Python functions, made from the commands' own signatures.
 
 A function takes the arguments and options of its command under the same names, runs it in a
-temporary run folder (or in `out`), and returns a `Result`. Nothing is written to standard output.
+temporary run folder (or in `out`), and returns a `Result`. Nothing is written to standard output. Linear algebra uses
+one thread meanwhile, unless the environment (OPENBLAS_NUM_THREADS, ...) says otherwise: the matrices are small.
 """
 
 import contextlib
@@ -17,10 +18,12 @@ from pathlib import Path
 
 import typer
 
+from workbench.api.examples import example
 from workbench.api.inputs import as_argument, sample_list
 from workbench.api.results import Result
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_json
+from workbench.machine.processes import limited_blas_threads
 
 COMMANDS = {
     "calibrate": "robot.calibrate",
@@ -66,7 +69,7 @@ def function(name: str) -> Callable[..., Result]:
     call.__signature__ = signature
     call.__name__ = call.__qualname__ = name
     call.__module__ = "workbench"
-    call.__doc__ = _docstring(command, parameters)
+    call.__doc__ = _docstring(command, parameters, name)
     return call
 
 
@@ -74,8 +77,11 @@ def run(command: Callable, arguments: dict) -> Result:
     """Run a command in this process; its answer, its text and its folder. Raises InputError."""
     owner = tempfile.TemporaryDirectory(prefix="workbench-", ignore_cleanup_errors=True)
     folder = Path(owner.name)
-    given = {name: _argument(name, value, folder) for name, value in arguments.items()}
     accepted = inspect.signature(command).parameters
+    given = {
+        name: _as_path(_argument(name, value, folder), accepted[name])
+        for name, value in arguments.items()
+    }
     if "out" in accepted and given.get("out") is None and accepted["out"].default is None:
         given["out"] = folder / "run"
     if "jobs" in accepted and "jobs" not in given:
@@ -86,7 +92,7 @@ def run(command: Callable, arguments: dict) -> Result:
     if "json" in accepted:
         given["json"] = str(answer_file)
     text, status = io.StringIO(), 0
-    with contextlib.redirect_stdout(text):
+    with contextlib.redirect_stdout(text), limited_blas_threads():
         try:
             command(**given)
         except typer.Exit as end:
@@ -132,6 +138,17 @@ def _argument(name: str, value, folder: Path):
     return as_argument(value, name, folder)
 
 
+def _as_path(value, parameter: inspect.Parameter):
+    """Text as a path, where the command takes a path or a list of them."""
+    wanted = _without_typer(parameter).annotation
+    kinds = {wanted, *typing.get_args(wanted)}
+    if isinstance(value, str) and Path in kinds and str not in kinds:
+        return Path(value)
+    if isinstance(value, list | tuple) and any(typing.get_args(kind) == (Path,) for kind in kinds):
+        return [Path(item) for item in value]
+    return value
+
+
 def _without_typer(parameter: inspect.Parameter) -> inspect.Parameter:
     """The parameter with its plain type; required ones stay positional."""
     annotation = parameter.annotation
@@ -140,13 +157,14 @@ def _without_typer(parameter: inspect.Parameter) -> inspect.Parameter:
     return parameter.replace(annotation=annotation)
 
 
-def _docstring(command: Callable, parameters) -> str:
-    """The description of the command and one line for each parameter."""
+def _docstring(command: Callable, parameters, name: str) -> str:
+    """The description of the command, one line for each parameter, and an example."""
     lines = [inspect.cleandoc(command.__doc__ or ""), "", "Args:"]
     for parameter in parameters:
         lines.append(f"    {parameter.name}: {_help(parameter)}")
     lines += ["", "Returns:", "    The answer as a `Result`.", "", "Raises:"]
     lines.append("    InputError: the input or the call is wrong; the sentence says what to do.")
+    lines += example(name)
     return "\n".join(lines)
 
 

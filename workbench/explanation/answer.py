@@ -36,6 +36,7 @@ from workbench.explanation.sensor_errors import (
     errors_by_kind,
     random_image_error,
 )
+from workbench.explanation.turntable import with_turntable
 from workbench.explanation.visible import smallest
 from workbench.files.provenance import provenance
 
@@ -98,7 +99,8 @@ def _of_sensor(recording, reference, say: "_Reporter") -> Diagnosis:
             "leave the option out."
         )
     bench = sensor.bench_of(recording, say)
-    return _whole(recording, bench, "camera, mirror and poses", None, say)
+    made = _whole(recording, bench, "camera, mirror and poses", None, say)
+    return with_turntable(made, recording, say)
 
 
 def _against(bench: RobotBench, reference: references.Reference, recording):

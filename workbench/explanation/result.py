@@ -9,6 +9,7 @@ from workbench.diagnosis.linear.problem import Found, Located
 from workbench.diagnosis.validation.terms import Control, Proof, Term
 from workbench.explanation.reference import Shares
 from workbench.explanation.visible import Visible
+from workbench.jobs.sensor.turntables import turntable_json
 
 CONSISTENT, EXPLAINED, AMBIGUOUS, UNEXPLAINED = (
     "consistent",
@@ -99,6 +100,7 @@ class Diagnosis:
     differences: object = None  # differences.Differences, where a simulation or solution was named
     given: tuple = ()  # effects that the baseline holds
     robot_keys: Mapping | None = None  # of the reference's robot; None: that of the recording
+    turntable: object = None  # TurntableCalibration, where a board stood on a turntable
 
     def as_json(self) -> dict:
         """The object of the JSON contract, with more keys."""
@@ -115,6 +117,7 @@ class Diagnosis:
             "held_out": _held_out(self.proof, self.unit)
             | ({"by_kind": [dict(row) for row in self.by_kind]} if self.by_kind else {}),
             "ball_centres": None if self.balls is None else dict(self.balls),
+            "turntable": self._turntable(),
             "smallest_visible": [_visible(one, self.unit) for one in self.visible],
             "next_experiment": self.experiment.sentence,
             "experiments": [dict(row) for row in self.experiment.rows],
@@ -132,6 +135,10 @@ class Diagnosis:
             "warnings": list(self.warnings),
             "provenance": dict(self.provenance),
         }
+
+    def _turntable(self) -> dict | None:
+        made = turntable_json(self.turntable)
+        return made and made | {"statements": list(self.turntable.sentences)}
 
     def _differences(self) -> dict | None:
         if self.differences is None:

@@ -132,6 +132,29 @@ _KEYS = {
 }
 
 
+_JSON_TYPES = {str: "string", list: "array", bool: "boolean", int: "integer", dict: "object"}
+
+
+def plan_schema() -> dict:
+    """JSON Schema of a plan file, from the keys that its reader takes."""
+    stage = {
+        "type": "object",
+        "properties": {key: {"type": _JSON_TYPES[kind]} for key, kind in _KEYS.items()},
+        "required": ["name", "why"],
+        "additionalProperties": False,
+    }
+    stage["properties"]["loss"] = {"enum": list(LOSSES)}
+    stage["properties"]["steps"] = {"type": "integer", "minimum": 1}
+    stage["properties"]["hold"] = {"type": "object", "additionalProperties": {"type": "number"}}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "plan of a calibration",
+        "type": "object",
+        "properties": {"stage": {"type": "array", "items": stage, "minItems": 1}},
+        "required": ["stage"],
+    }
+
+
 def _stage(path, number, row) -> Stage:
     where = f"plan {path}, stage {number}"
     for key, value in row.items():

@@ -59,6 +59,7 @@ OPTIONAL = {
     ),
     "openpyxl": Extra("openpyxl", "import", "`workbench import` of Excel workbooks"),
     "rosbags": Extra("rosbags", "import", "`workbench import` of ROS bags"),
+    "h5py": Extra("h5py", "import", "`workbench import` of MATLAB files of version 7.3"),
     "trame": Extra("trame", "app", "`workbench open`, for the local app"),
     "trame_vuetify": Extra("trame-vuetify", "app", "`workbench open`, for the local app"),
     "trame_plotly": Extra("trame-plotly", "app", "`workbench open`, for the local app"),

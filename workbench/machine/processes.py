@@ -12,14 +12,38 @@ THREADS = (
     *("VECLIB_MAXIMUM_THREADS", "OPENCV_FOR_THREADS_NUM"),
 )
 
+_BLAS_THREADS = (
+    *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"),
+    "VECLIB_MAXIMUM_THREADS",
+)
+_IS_STATED = any(name in os.environ for name in _BLAS_THREADS)
+"""Whether the user states a number of threads; later the functions below write into the environment themselves."""
+
 
 def one_blas_thread() -> None:
     """Let linear algebra use one thread, unless the environment says otherwise; call it before numpy is loaded.
 
     The matrices of a fit are small: threads that wait for one another take many times longer on a busy machine.
     """
-    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
+    for name in _BLAS_THREADS[1:]:
         os.environ.setdefault(name, "1")
+
+
+@contextmanager
+def limited_blas_threads() -> Iterator[None]:
+    """One thread of linear algebra inside the block, also where numpy is loaded already; the old number after it.
+
+    Numbers that the environment states are kept. Libraries are found by threadpoolctl.
+    """
+    if _IS_STATED:
+        yield
+        return
+    import numpy  # noqa: F401
+    import scipy.linalg  # noqa: F401  # has a library of its own, which has to be loaded to be limited
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1, user_api="blas"):
+        yield
 
 
 def one_thread() -> None:

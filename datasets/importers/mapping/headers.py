@@ -23,7 +23,7 @@ NOMINAL_WORDS = frozenset(
     "soll sollwert nominal nom cmd commanded command setpoint ref reference desired theo programmed".split()
 )
 DEVIATION_WORDS = frozenset(
-    "dev deviation abweichung delta diff difference error fehler residual std stdev sigma rms min max speed velocity "
+    "d dev deviation abweichung delta diff difference error fehler residual std stdev sigma rms min max speed velocity "
     "vel qd qdd acceleration current strom moment torque force effort geschwindigkeit".split()
 )
 
@@ -31,6 +31,7 @@ _SUFFIX_UNITS = frozenset(
     "mm cm um m in inch inches zoll deg degree degrees grad rad radian radians gon mrad s ms us ns kg".split()
 )
 _BRACKETS = re.compile(r"^(.*?)[\[({<]\s*([^\])}>]*)\s*[\])}>]\s*$")
+_REPEATED = re.compile(r"(.+) (\(\d+\))")
 _UR_JOINTS = {
     "shoulderpan": 1,
     "shoulderlift": 2,
@@ -149,8 +150,9 @@ class Header:
 
 def read_header(name: str, unit: str | None = None) -> Header:
     """The parts of a header; unit: what a row of units or the format states for the column."""
-    text, found = _split_unit(_plain(name))
-    words = _words(text)
+    repeated = _REPEATED.fullmatch(name)
+    text, found = _split_unit(_plain(repeated[1] if repeated else name))
+    words = [repeated[2], *_words(text)] if repeated else _words(text)
     if found is None and len(words) > 1 and words[-1] in _SUFFIX_UNITS:
         found = unit_named(words[-1])
         words = words[:-1]

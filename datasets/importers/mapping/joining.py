@@ -32,6 +32,7 @@ _FORMATS = (
 _EPOCH_UNITS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
 _GAP = 5.0
 _LEAST_GAP_S = 0.5
+_QUARTER_S = 900.0
 
 
 def join_tables(tables: Sequence[RawTable], join: Join) -> tuple[RawTable, Join, tuple[str, ...]]:
@@ -100,11 +101,14 @@ def _shared_keys(few: RawTable, many: RawTable):
 
 
 def _match_share(first: np.ndarray, second: np.ndarray) -> float:
-    """Share of the rows of the first column that the second holds; 0 where values repeat."""
+    """Share of the values of the shorter list that the other holds; 0 where values repeat in both.
+
+    A point that an instrument measured twice repeats in its table, and still belongs to one row of the joint table.
+    """
     mine, its = _as_text(first), _as_text(second)
-    if len(set(mine)) < len(mine) or len(set(its)) < len(its):
+    if len(set(mine)) < len(mine) and len(set(its)) < len(its):
         return 0.0
-    return len(set(mine) & set(its)) / len(mine)
+    return len(set(mine) & set(its)) / min(len(set(mine)), len(set(its)))
 
 
 def _as_text(cells: np.ndarray) -> list[str]:
@@ -153,13 +157,15 @@ def _by_key(few: RawTable, many: RawTable, join: Join):
     mine, its = max(
         pairs, key=lambda pair: _match_share(few.columns[pair[0]], many.columns[pair[1]])
     )
-    place = {value: row for row, value in enumerate(_as_text(many.columns[its]))}
-    keys = _as_text(few.columns[mine])
-    if len(set(keys)) < len(keys) or len(place) < many.n:
+    keys, others = _as_text(few.columns[mine]), _as_text(many.columns[its])
+    if len(set(others)) < len(others):  # the rows of `few` are looked up below
+        few, many, mine, its, keys, others = many, few, its, mine, others, keys
+    place = {value: row for row, value in enumerate(others)}
+    if len(place) < many.n:
         raise complaint(
             f"{few.file} and {many.file}, columns {mine} and {its}",
-            "every value once",
-            "values that repeat",
+            "every value once in one of the tables",
+            "values that repeat in both",
             "number the rows or join by index or time",
         )
     rows = [row for row, value in enumerate(keys) if value in place]
@@ -171,12 +177,12 @@ def _by_key(few: RawTable, many: RawTable, join: Join):
             "correct it",
         )
     other = many.take(np.array([place[keys[row]] for row in rows]))
-    lost = few.n - len(rows)
-    said = (
-        [f"{few.file}: {lost} of {few.n} rows have no row in {many.file} and are left out."]
-        if lost
-        else []
-    )
+    said = []
+    for table, used in ((few, len(rows)), (many, len({place[keys[row]] for row in rows}))):
+        partner = many if table is few else few
+        if used < table.n:
+            lost = f"{table.n - used} of {table.n} rows"
+            said.append(f"{table.file}: {lost} have no row in {partner.file} and are left out.")
     return _side_by_side(few.take(np.array(rows)), other), said
 
 
@@ -193,10 +199,15 @@ def _by_time(few: RawTable, many: RawTable, join: Join):
     wanted = mine + join.time_offset_s
     order = np.argsort(its, kind="stable")
     times = its[order]
-    inside = (wanted >= times[0]) & (wanted <= times[-1])
-    after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
-    gap = times[after] - times[after - 1]
-    inside &= gap <= max(_GAP * float(np.median(np.diff(times))), _LEAST_GAP_S)
+    inside = _covered(wanted, times)
+    said = []
+    zone = 0.0 if inside.any() or join.time_offset_s else _time_zone(wanted, times)
+    if zone:
+        wanted = wanted + zone
+        inside = _covered(wanted, times)
+        said.append(
+            f"The clocks of {few.file} and {many.file} differ by {zone / 3600:g} h, which is taken for a time zone."
+        )
     if inside.mean() < 0.5:
         raise complaint(
             f"{few.file} and {many.file}",
@@ -207,10 +218,29 @@ def _by_time(few: RawTable, many: RawTable, join: Join):
     rows = np.flatnonzero(inside)
     other = _interpolated(many, order, times, wanted[rows])
     lost = few.n - len(rows)
-    said = [
-        f"{few.file}: {lost} of {few.n} rows lie outside the times of {many.file} and are left out."
-    ]
-    return _side_by_side(few.take(rows), other), said if lost else []
+    if lost:
+        said.append(
+            f"{few.file}: {lost} of {few.n} rows lie outside the times of {many.file} and are left out."
+        )
+    return _side_by_side(few.take(rows), other), said
+
+
+def _covered(wanted: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """(n,) whether a time lies inside the log, and in no gap of it. times: of the log, ascending, s."""
+    inside = (wanted >= times[0]) & (wanted <= times[-1])
+    after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
+    gap = times[after] - times[after - 1]
+    return inside & (gap <= max(_GAP * float(np.median(np.diff(times))), _LEAST_GAP_S))
+
+
+def _time_zone(wanted: np.ndarray, times: np.ndarray) -> float:
+    """s between clocks of two time zones: the only multiple of 15 minutes by which the log covers all times.
+
+    0 where no multiple or several do. No time zone differs by more than 26 hours from another.
+    """
+    shifts = _QUARTER_S * np.arange(-104, 105)
+    fitting = [shift for shift in shifts if _covered(wanted + shift, times).mean() >= _OVERLAP]
+    return float(fitting[0]) if len(fitting) == 1 else 0.0
 
 
 def _interpolated(

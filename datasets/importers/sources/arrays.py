@@ -14,24 +14,20 @@ from datasets.importers.source import RawTable
 
 _MOST_COLUMNS = 24
 _FEWEST_ROWS = 3
+_HDF5_NOT_NUMBERS = (b"char", b"cell", b"logical", b"struct")
 
 
 def read_matlab(path: Path) -> list[RawTable]:
-    """Tables of the arrays of a MATLAB file of version 7 or older, structures included.
+    """Tables of the arrays of a MATLAB file, structures included; version 7.3 is HDF5 and needs h5py.
 
-    Raises InputError for HDF5 files (version 7.3) and for files without arrays of one row per sample.
+    Raises InputError for files without arrays of one row per sample, ModuleNotFoundError without h5py.
     """
     from scipy.io import loadmat
 
     try:
         found = loadmat(path, squeeze_me=False, simplify_cells=False)
-    except NotImplementedError:
-        raise complaint(
-            path.name,
-            "a MATLAB file of version 7 or older",
-            "version 7.3",
-            "save it with save(file, ..., '-v7')",
-        ) from None
+    except NotImplementedError:  # scipy reads versions 4 to 7.2
+        return tables_of_arrays(path, _hdf5_arrays(path))
     except Exception as problem:  # scipy raises many kinds for damaged files
         raise complaint(
             path.name, "a MATLAB file", f"a damaged one ({problem})", "save it again"
@@ -51,6 +47,33 @@ def _collect(name: str, value, arrays: dict[str, np.ndarray]) -> None:
             _collect(f"{name} {field}", value.ravel()[0][field], arrays)
     elif value.dtype.kind in "fiu":
         arrays[name] = value.astype(float)
+
+
+def _hdf5_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Numeric arrays of a MATLAB file of version 7.3 by name; fields of a structure have its name in front.
+
+    MATLAB stores arrays column by column and HDF5 row by row, so that the axes are in reverse order in the file.
+    """
+    import h5py
+
+    arrays: dict[str, np.ndarray] = {}
+
+    def collect(name: str, node) -> None:
+        parts = name.split("/")
+        is_number = isinstance(node, h5py.Dataset) and node.dtype.kind in "fiu"
+        if parts[0].startswith("#") or not is_number or "MATLAB_empty" in node.attrs:
+            return
+        if node.attrs.get("MATLAB_class", b"double") not in _HDF5_NOT_NUMBERS:
+            arrays[" ".join(parts)] = np.asarray(node[()], float).T
+
+    try:
+        with h5py.File(path, "r") as file:
+            file.visititems(collect)
+    except Exception as problem:  # the library raises many kinds for damaged files
+        raise complaint(
+            path.name, "a MATLAB file", f"a damaged one ({problem})", "save it again"
+        ) from None
+    return arrays
 
 
 def read_numpy(path: Path) -> list[RawTable]:

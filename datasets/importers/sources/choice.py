@@ -8,6 +8,7 @@ from datasets.errors import complaint
 from datasets.importers.source import ImageFile, Source
 from datasets.importers.sources import (
     arrays,
+    axis_reports,
     clouds,
     excel,
     robot_programs,
@@ -67,6 +68,8 @@ def _read(path: Path, scratch: Path) -> Source:
     if suffix in _PROGRAMS | _TEXT:
         if robot_programs.is_robot_program(path):
             return Source(tables=tuple(robot_programs.read_robot_program(path)))
+        if axis_reports.is_axis_report(path):
+            return Source(tables=tuple(axis_reports.read_axis_report(path)))
         return Source(tables=(text_tables.read_text_table(path),))
     raise complaint(
         path.name,

@@ -32,27 +32,13 @@ def read_storage(path: Path) -> Source:
 
 
 def read_kalibr_target(path: Path) -> Source:
-    """[board] of a Kalibr target (checkerboard, circlegrid). Lengths of Kalibr are metres.
+    """[board] of a Kalibr target (checkerboard, circlegrid, aprilgrid). Lengths of Kalibr are metres.
 
-    Raises InputError for AprilGrids, which no command detects, and for missing keys.
+    Raises InputError for another target and for missing keys.
     """
     try:
         keys = read_yaml(path)
-        kind = keys["target_type"]
-        if kind == "aprilgrid":
-            raise complaint(
-                f"{path.name}, key target_type",
-                "checkerboard or circlegrid",
-                "aprilgrid, whose tags no command detects",
-                "use a chessboard, a ChArUco board or a circle grid",
-            )
-        spacing = keys["rowSpacingMeters"] if kind == "checkerboard" else keys["spacingMeters"]
-        board = {
-            "kind": "chessboard" if kind == "checkerboard" else "circles",
-            "columns": int(keys["targetCols"]),
-            "rows": int(keys["targetRows"]),
-            "square_mm": round(1000 * float(spacing), 9),
-        }
+        board = _kalibr_board(keys, path)
     except KeyError as missing:
         raise complaint(
             f"{path.name}, key {missing}", "this key of a Kalibr target", "none", "add it"
@@ -64,6 +50,35 @@ def read_kalibr_target(path: Path) -> Source:
     if keys.get("asymmetricGrid"):
         board["asymmetric"] = True
     return Source(board=board)
+
+
+def _kalibr_board(keys: dict, path: Path) -> dict:
+    """[board] of the keys of a target. Raises KeyError, TypeError and ValueError for keys that cannot be right."""
+    kind = keys["target_type"]
+    if kind == "aprilgrid":
+        side = float(keys["tagSize"])
+        pitch = side * (1 + float(keys["tagSpacing"]))  # the spacing is a share of the tag
+        return {
+            "kind": "aprilgrid",
+            "columns": int(keys["tagCols"]),
+            "rows": int(keys["tagRows"]),
+            "square_mm": round(1000 * pitch, 9),
+            "marker_mm": round(1000 * side, 9),
+        }
+    if kind not in ("checkerboard", "circlegrid"):
+        raise complaint(
+            f"{path.name}, key target_type",
+            "checkerboard, circlegrid or aprilgrid",
+            repr(kind),
+            "name the file of another target",
+        )
+    spacing = keys["rowSpacingMeters"] if kind == "checkerboard" else keys["spacingMeters"]
+    return {
+        "kind": "chessboard" if kind == "checkerboard" else "circles",
+        "columns": int(keys["targetCols"]),
+        "rows": int(keys["targetRows"]),
+        "square_mm": round(1000 * float(spacing), 9),
+    }
 
 
 def read_opencv(path: Path) -> Source:

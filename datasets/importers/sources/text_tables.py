@@ -29,6 +29,8 @@ _COMMA = re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?")
 _GROUPED_POINT = re.compile(r"[+-]?\d{1,3}(,\d{3})+\.\d+")
 _GROUPED_COMMA = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+")
 _EMPTY = {"", "-", "--", "nan", "na", "n/a", "null", "none"}
+_BRACKETED = re.compile(r"\[[^\]]*\]|\([^)]*\)|<[^>]*>")
+_TIME_FORMAT = re.compile(r"[dtmyhs]{1,4}([.:/ -]+[dtmyhs]{1,4})+(\.[sf0]+)?", re.IGNORECASE)
 _FEWEST_COLUMNS = 2
 
 
@@ -170,39 +172,70 @@ def is_number_text(cell: str) -> bool:
 def find_header(lines: Sequence[str], layout: Layout) -> tuple[list[str] | None, list[str]]:
     """Names of the columns, None without a header, and the unit of each ("" where none is stated).
 
-    The header is the last line before the data that has as many cells; a line of units may stand below it.
+    The header is the last line before the data that has as many cells; a line of units may stand below it, and a
+    line with the names of groups of columns above it.
     """
     units = [""] * layout.width
-    for line in reversed(lines):
-        cells = _header_cells(line, layout)
+    for number in range(len(lines) - 1, -1, -1):
+        cells = _divided(lines[number], layout)
         if cells is None:
             continue
-        if _is_unit_row(cells) and not any(units):
-            units = [cell.strip("[]() ") for cell in cells]
+        if is_unit_row(cells) and not any(units):
+            units = [cell.strip("[]()<> ") for cell in cells]
+            continue
+        above = _divided(lines[number - 1], layout) if number else None
+        grouped = with_group_names(cells, above)
+        if sum(map(bool, grouped)) < max(1, layout.width - 1):
             continue
         if all(is_number_text(cell) for cell in cells if cell):
             continue
-        return _unique(cells), units
+        return _unique(grouped), units
     return None, units
 
 
-def _header_cells(line: str, layout: Layout) -> list[str] | None:
-    """The cells of a line that may be a header, a comment sign removed; None where their number is another."""
+def _divided(line: str, layout: Layout) -> list[str] | None:
+    """The cells of a line above the data, a comment sign removed; None where their number is another."""
     text = _COMMENT.sub("", line, count=1) if _COMMENT.match(line) else line
     for separator in dict.fromkeys((layout.separator, *_SEPARATORS)):
-        cells = split_cells(text.strip(), separator)
+        cells = split_cells(text.strip(" \r\n"), separator)
         while len(cells) > layout.width and not cells[-1]:
             cells.pop()
         if len(cells) == layout.width - 1 and separator != " ":
             cells.append("")  # a separator at the end of the rows, but not of the header
-        if len(cells) == layout.width and sum(map(bool, cells)) >= max(1, layout.width - 1):
+        if len(cells) == layout.width and any(cells):
             return cells
     return None
 
 
-def _is_unit_row(cells: Sequence[str]) -> bool:
-    filled = [cell for cell in cells if cell.strip("[]() -")]
-    return bool(filled) and all(is_unit(cell.strip("[]() ")) for cell in filled)
+def is_unit_row(cells: Sequence[str]) -> bool:
+    """Whether a row holds units: every filled cell is a unit, a time format, or stands in brackets."""
+    filled = [cell for cell in cells if cell.strip("[]()<> -")]
+    has_unit = any(is_unit(cell.strip("[]()<> ")) for cell in filled)
+    return has_unit and all(
+        is_unit(cell.strip("[]()<> ")) or _BRACKETED.fullmatch(cell) or _TIME_FORMAT.fullmatch(cell)
+        for cell in filled
+    )
+
+
+def with_group_names(cells: Sequence[str], above: Sequence[str] | None) -> list[str]:
+    """The header with the names of groups of columns, such as merged cells of a spreadsheet, in front of its cells.
+
+    above: the row over the header, None for none. A group reaches to the next filled cell. The row counts as one of
+    groups only if the header needs it (empty cells, or names that stand twice) and at least two groups have names.
+    """
+    names = list(cells)
+    filled = [cell for cell in names if cell]
+    needs_groups = len(filled) < len(names) or len(set(filled)) < len(filled)
+    labels = [cell for cell in above or () if cell]
+    if not needs_groups or len(labels) < 2 or any(map(is_number_text, labels)):
+        return names
+    group = ""
+    for k, (label, cell) in enumerate(zip(above, names)):
+        group = label or group
+        names[k] = f"{group} {cell}".strip()
+        if label and not cell:  # a cell that reaches over both rows names its own column only
+            group = ""
+    return names
 
 
 def _unique(cells: Sequence[str]) -> list[str]:

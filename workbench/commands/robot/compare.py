@@ -28,6 +28,7 @@ def command(
     json: answer.JsonTarget = None,
     tolerance: answer.Tolerance = None,
     trust_data: answer.TrustData = False,
+    no_report: answer.NoReport = False,
 ) -> None:
     """Calibrate by several plans on the same splits and compare each plan with the first."""
     answer.check_target(json)
@@ -45,11 +46,20 @@ def command(
             comparison = compare(found, plan, fit, test, folds, say, trust_data)
             save(comparison, run.partial)
             result = {**comparison.as_json(tolerances), "run": run.path}
+            if not no_report:
+                _write_page(comparison, result, run.partial)
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
     console = answer.console(json)
     _show(console, result)
     answer.conclude(console, result, run.path)
+
+
+def _write_page(comparison, result, folder) -> None:
+    from workbench.report.page import write_sheet
+    from workbench.report.planning import compare as sheet
+
+    write_sheet(sheet.page(comparison, result), folder)
 
 
 def _show(console, result) -> None:

@@ -180,6 +180,8 @@ def show(console, result) -> None:
     console.print()
     for found in result["effects"]:
         console.print(f"- {found['statement']}", markup=False)
+    for sentence in (result.get("turntable") or {}).get("statements", ()):
+        console.print(f"- {sentence}", markup=False)
     for found in result["refused"]:
         console.print(f"- not retained: {found['statement']}", markup=False, style="dim")
     console.print()

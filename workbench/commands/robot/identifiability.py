@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.commands.shared import answer, tables
+from workbench.commands.shared import answer, flow, tables
 from workbench.fitting.verdicts.verdict import no_verdict
 
 _NO_RESIDUAL = "Nothing is fitted, so there is no residual to judge; run `workbench calibrate`."
@@ -23,22 +23,26 @@ Plan = Annotated[
 def command(
     recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
     plan: Plan = None,
+    out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
     trust_data: answer.TrustData = False,
+    no_report: answer.NoReport = False,
 ) -> None:
     """State which parameters a recording identifies, and which are confounded."""
-    answer.check_target(json)
-    with answer.progress(f"reading {recording}") as say:
+
+    def work(run, say) -> dict:
         import datasets
         from workbench.jobs.robot.identify import identifiability
 
         found = datasets.read(recording, trust_data)
         say("analysing the poses")
-        result = {
-            "command": "identifiability",
-            "recording": recording,
-            **identifiability(found, plan, trust_data),
-        }
-        result["verdict"] = no_verdict(_NO_RESIDUAL).as_json()
-    answer.deliver(result, json)
-    tables.identifiability(answer.console(json), result)
+        result = {"recording": recording, **identifiability(found, plan, trust_data)}
+        if not no_report:
+            from workbench.report.page import write_sheet
+            from workbench.report.planning import identifiability as sheet
+
+            say("writing the report")
+            write_sheet(sheet.page(found, result), run.partial)
+        return {**result, "verdict": no_verdict(_NO_RESIDUAL).as_json()}
+
+    flow.run("identifiability", recording, out, json, work, tables.identifiability)

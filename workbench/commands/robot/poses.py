@@ -57,6 +57,7 @@ def command(
     json: answer.JsonTarget = None,
     tolerance: answer.Tolerance = None,
     trust_data: answer.TrustData = False,
+    no_report: answer.NoReport = False,
 ) -> None:
     """Choose the most informative poses, and state which parameters they do not identify."""
     answer.check_target(json)
@@ -89,11 +90,20 @@ def command(
             design["recording"] = design["recording"] or candidates
             design["verdict"] = _verdict(design, tolerances).as_json()
             result = {**design, "run": run.path, "file": run.path / "poses.csv"}
+            if not no_report:
+                _write_page(chosen, design, run.partial)
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
     console = answer.console(json)
     _show(console, result)
     answer.conclude(console, result, run.path)
+
+
+def _write_page(chosen, design, folder) -> None:
+    from workbench.report.page import write_sheet
+    from workbench.report.planning import poses as sheet
+
+    write_sheet(sheet.page(chosen, design), folder)
 
 
 def _tolerances(values, criterion: str):

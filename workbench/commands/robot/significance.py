@@ -27,6 +27,7 @@ def command(
     ] = 0.1,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
+    no_report: answer.NoReport = False,
 ) -> None:
     """State how an error of each parameter changes position and axes of the end effector."""
     answer.check_target(json)
@@ -39,6 +40,11 @@ def command(
         say("drawing")
         with runs.opened("significance", robot, out) as run:
             save(found, run.partial)
+            if not no_report:
+                from workbench.report.page import write_sheet
+                from workbench.report.planning import significance as sheet
+
+                write_sheet(sheet.page(found), run.partial)
             result = {
                 **found.as_json(),
                 "verdict": no_verdict(_NO_RESIDUAL).as_json(),
@@ -63,4 +69,4 @@ def _show(console, result) -> None:
             console.print(
                 f"The {part} axis alone is not sensitive to {', '.join(angles)}.", markup=False
             )
-    console.print(str(result["run"]), soft_wrap=True, markup=False)
+    answer.last_line(console, result["run"])

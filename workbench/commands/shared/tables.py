@@ -60,7 +60,6 @@ def identifiability(console, answer: Mapping) -> None:
 
     answer: the object of `identifiability --json`.
     """
-    warnings(console, answer)
     head = ["stage", "free", "identified", "O1", "O2", "O3", "O4", "O5"]
     rows = [
         [s["name"], s["free"], s["identifiable"], *(number(s[f"O{k}"], 3) for k in range(1, 6))]

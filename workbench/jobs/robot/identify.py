@@ -73,5 +73,22 @@ def _judged(stage, model, parameters, scale, robot=None) -> dict:
         "free": len(known.keys),
         "identifiable": known.rank,
         "undetermined": whole.sentences(),
+        "parameters": _predicted(known),
         **known.observability(model.chain.sigma.shape[1]),
     }
+
+
+def _predicted(known) -> list[dict]:
+    """Predicted standard deviation of each free parameter in its own unit; `typical`: its typical size."""
+    std = np.sqrt(np.maximum(np.diag(known.covariance), 0.0))
+    rows = zip(known.keys, known.units, known.typical, std, known.determined)
+    return [
+        {
+            "key": key,
+            "unit": unit,
+            "typical": float(size),
+            "std": float(own),
+            "identifiable": bool(alone),
+        }
+        for key, unit, size, own, alone in rows
+    ]

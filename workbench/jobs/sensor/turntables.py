@@ -2,12 +2,14 @@
 
 import numpy as np
 
+from sensors.hand_eye.start import board_poses
 from sensors.scanner.calibration import ScannerCalibration
 from sensors.scanner.turntable_calibration import (
     TurntableCalibration,
     calibrate_turntable,
     pose_matrices,
 )
+from workbench.jobs.sensor import camera as cameras
 
 
 def turntable_of(camera, calibration: ScannerCalibration, progress) -> TurntableCalibration | None:
@@ -23,6 +25,34 @@ def turntable_of(camera, calibration: ScannerCalibration, progress) -> Turntable
     size = len(known.values)
     covariance = camera.covariance[:size, :size]
     return calibrate_turntable(views, camera.board.points, known, poses, angles, covariance)
+
+
+def turntable_of_images(recording, progress) -> TurntableCalibration | None:
+    """The turntable of a recording from its camera calibration alone; None where no board stood on a turntable.
+
+    Raises InputError as `workbench.jobs.sensor.camera.calibrate` and `calibrate_turntable`.
+    """
+    rows = [row for row in recording.images if row["role"] == "board"]
+    if not any(row.get("table_deg") is not None for row in rows):
+        return None
+    progress("the turntable")
+    made = cameras.calibrate(recording, "brown", progress).calibration
+    views = [view for view in made.views if "table_deg" in view.row]
+    poses = [
+        board_poses(
+            made.board.points[:, view.index],
+            view.pixels,
+            np.zeros(len(view.index), int),
+            made.camera,
+        )[0]
+        for view in views
+    ]
+    angles = np.deg2rad([view.row["table_deg"] for view in views])
+    size = len(made.camera.values)
+    covariance = made.covariance[:size, :size]
+    return calibrate_turntable(
+        views, made.board.points, made.camera, np.array(poses), angles, covariance
+    )
 
 
 def turntable_json(made: TurntableCalibration | None) -> dict | None:

@@ -30,7 +30,7 @@ from robot_model.measurements.external_pose import ExternalPose
 from robot_model.measurements.multistart import MODEL_ERROR_MM, lever_arm
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, transform
-from workbench.recordings.importing.decisions import BOARD_ADVICE, choose_reading, screened_turns
+from workbench.recordings.importing.decisions import choose_reading, screened_turns, turn_misfits
 from workbench.recordings.importing.fits import CandidateFit
 from workbench.recordings.importing.robots import robot_keys
 
@@ -39,6 +39,11 @@ _FEWEST = 4
 _KEPT = 0.9
 _GOOD_SHARE, _LEAST_GOOD_MM, _GOOD_DEG = 0.05, 3.0, 3.0
 _IMAGE_GAP_S = 0.2
+_HOPELESS_RAD, _SHOWN = np.deg2rad(10.0), 8
+_REMEDY = (
+    "check that each row belongs to its image (a column image with the file names connects them), the size of the "
+    "board, and the columns of the mapping"
+)
 
 
 @dataclass(frozen=True)
@@ -264,7 +269,7 @@ def _decide(readings, views: BoardViews, kind: str, file: str, options):
     if not (fits and fits[0][1].is_good):
         _refuse_other_kind(readings, views, kind, fits, file)
     lines = [reading_line(mapping) for _, mapping, _ in readings]
-    chosen = choose_reading(lines, fits, f"{file}, flange poses", options.ask, BOARD_ADVICE)
+    chosen = choose_reading(lines, fits, f"{file}, flange poses", options.ask, _REMEDY)
     best = dict(fits)[chosen]
     if not best.is_good and not options.trust_data:
         raise InputError(
@@ -306,12 +311,13 @@ def reading_line(mapping: Mapping) -> str:
 def _compared(readings, views: BoardViews, kind: str) -> list[tuple[int, CandidateFit]]:
     """Index and fit of the readings, the most probable first."""
     measured = inverse(views.seen) if kind == "in-hand" else views.seen
-    poses_of = [poses[views.rows] for _, _, poses in readings]
-    turns = [poses[:, :3, :3] for poses in poses_of]
-    fits = []
-    for k in screened_turns(measured[:, :3, :3], turns, len(turns)):
-        title = readings[k][0]
-        fits.append((k, _fit(title, poses_of[k], measured)))
+    turns = [poses[views.rows][:, :3, :3] for _, _, poses in readings]
+    kept = screened_turns(measured[:, :3, :3], turns, len(turns))
+    if turn_misfits(measured[:, :3, :3], [turns[kept[0]]])[0] > _HOPELESS_RAD:
+        kept = kept[
+            :_SHOWN
+        ]  # no transform can explain other angles between the poses; fits are for the message
+    fits = [(k, _fit(readings[k][0], readings[k][2][views.rows], measured)) for k in kept]
     return sorted(fits, key=lambda item: item[1].improbability)
 
 

@@ -35,7 +35,7 @@ from workbench.recordings.importing.board_poses import image_column, import_imag
 from workbench.recordings.importing.final_check import check_fit
 from workbench.recordings.importing.fits import CandidateFit
 from workbench.recordings.importing.questions import Ask
-from workbench.recordings.importing.robots import read_artefact, robot_keys
+from workbench.recordings.importing.robots import read_artefact, robot_candidates, robot_keys
 from workbench.recordings.importing.surface_scans import import_scans, is_scan
 
 MAPPING_FILE = "import.toml"
@@ -226,7 +226,8 @@ def _import_table(found: Found, options: ImportOptions, progress):
         progress("comparing the built-in robots")
         named = _robot_that_fits(table, mapping, options)
         said = (*said, f"No robot was named; of the built-in ones {named} fits.")
-    keys = robot_keys(named, table.file)
+    keys, decided = _robot_of(named, table, mapping, options)
+    said = (*said, *decided)
     robot = load_robot(keys, f"--robot {named}")
     _check_count(robot, mapping, table)
     builder = Builder(table, keys, robot, options)
@@ -245,6 +246,22 @@ def _import_table(found: Found, options: ImportOptions, progress):
     recording = builder.complete(decision.mapping)
     said = (*said, *check_fit(robot, recording, fits, options.trust_data))
     return recording, decision.mapping, fits, said
+
+
+def _robot_of(named: str, table: RawTable, mapping: Mapping, options: ImportOptions):
+    """Keys of the named robot, and a sentence where the data decided the convention of its table."""
+    candidates = robot_candidates(named, table.file)
+    if len(candidates) == 1:
+        return next(iter(candidates.values())), ()
+    for title, keys in candidates.items():
+        _check_count(load_robot(keys, title), mapping, table)
+
+    def build_with(title: str):
+        robot = load_robot(candidates[title], title)
+        return robot, Builder(table, candidates[title], robot, options).positions
+
+    chosen = decisions.decide_robot(mapping, build_with, list(candidates), table.file, options.ask)
+    return candidates[chosen], (f"The convention of the table was open; of both {chosen} fits.",)
 
 
 def _refuse_other_kind(robot, mapping: Mapping, builder: "Builder", found: CandidateFit) -> None:

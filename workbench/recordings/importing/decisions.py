@@ -33,6 +33,11 @@ _UNIT_WORDS = {
 }
 _ANGLE_WORDS = {"deg": "degrees", "rad": "radians", "gon": "gon", "mrad": "milliradians"}
 
+_REMEDY = (
+    "check the robot, the order and the units of the joint columns, the unit of the measured points, and that the rows "
+    "belong together, or state all units in a mapping file and name it with --map"
+)
+
 Build = Callable[[Mapping], Recording]
 """The recording of a mapping whose units and conventions are complete."""
 
@@ -80,8 +85,8 @@ def decide_robot(
             fits.append((place, replace(best, title=f"robot {name}, {best.title}")))
     if not fits:
         raise InputError(
-            f"{where}: expected a built-in robot ({', '.join(names)}) that fits, found none; add --robot with a "
-            "robot.toml or a URDF."
+            f"{where}: expected one of the robots ({'; '.join(names)}) to fit, found none; check units, order and "
+            "signs of the joint columns, or add --robot with a robot.toml, a URDF or a Denavit-Hartenberg table."
         )
     lines = [f'robot = "{name}"' for name in names]
     ordered = sorted(fits, key=lambda item: item[1].improbability)
@@ -142,32 +147,17 @@ def _decided(readings, fits, where: str, ask: Ask | None, line) -> Decision:
     return Decision(readings[chosen][1], tuple(fit for _, fit in ordered))
 
 
-_ROBOT_ADVICE = (
-    "a reading that fits the robot",
-    "check the robot, the order and the units of the joint columns and the unit of the measured points",
-)
-SCAN_ADVICE = (
-    "flange poses that keep the ball in its place",
-    "check that each file belongs to the pose of its row, --ball-radius and the unit of the scans",
-)
-BOARD_ADVICE = (
-    "flange poses that explain the board in the images",
-    "check that each image belongs to the pose of its row and the size of the board",
-)
-
-
 def choose_reading(
     lines: Sequence[str],
     fits: Sequence[tuple[int, CandidateFit]],
     where: str,
     ask: Ask | None,
-    advice: tuple[str, str] = _ROBOT_ADVICE,
+    remedy: str = _REMEDY,
 ) -> int:
     """Index of the reading that fits clearly best; where several fit about equally well, the answer to a question.
 
-    lines: of the mapping file, for every reading. fits: index and fit, the most probable first. advice: what was
-    expected and what to check where no reading fits. Raises InputError where no reading can be fitted or nobody
-    can be asked.
+    lines: of the mapping file, for every reading. fits: index and fit, the most probable first. remedy: what to do
+    where no reading fits. Raises InputError where no reading can be fitted or nobody can be asked.
     """
     if not fits:
         raise InputError(
@@ -183,10 +173,8 @@ def choose_reading(
     words = "; ".join(fit.words for _, fit in close)
     more = "; ..." if len(alternatives) + 1 > len(close) else ""
     if not any(fit.is_good for _, fit in fits):
-        expected, check = advice
         raise InputError(
-            f"{where}: expected {expected}, found that no reading fits ({words}{more}); {check}, or state all units "
-            "in a mapping file and name it with --map."
+            f"{where}: expected a reading that fits, found that no reading fits ({words}{more}); {remedy}."
         )
     question = Question(
         f"{where}: expected one reading that fits clearly best, found {len(alternatives) + 1} that fit about equally "
@@ -257,17 +245,22 @@ def screened_turns(
     flange (n, 3, 3); candidates (n, 3, 3) each. The angle of R_i^T R_j depends neither on the base nor on the tool,
     so that no fit is needed.
     """
+    misfits = turn_misfits(flange, candidates)
+    limit = _SCREEN_FACTOR * misfits.min() + _SCREEN_RAD
+    order = np.argsort(misfits, kind="stable")
+    return [int(k) for k in order[:most] if misfits[k] <= limit]
+
+
+def turn_misfits(flange: np.ndarray, candidates: Sequence[np.ndarray]) -> np.ndarray:
+    """(k,) rad: RMS difference of the angles between pairs of rows, of each candidate (n, 3, 3) to the flange."""
     count = len(flange)
     rng = np.random.default_rng(0)
     first = rng.integers(0, count, _PAIRS)
     second = rng.integers(0, count, _PAIRS)
     wanted = _angles(flange[first], flange[second])
-    misfits = np.array(
+    return np.array(
         [np.sqrt(np.mean((_angles(c[first], c[second]) - wanted) ** 2)) for c in candidates]
     )
-    limit = _SCREEN_FACTOR * misfits.min() + _SCREEN_RAD
-    order = np.argsort(misfits, kind="stable")
-    return [int(k) for k in order[:most] if misfits[k] <= limit]
 
 
 def _angles(first: np.ndarray, second: np.ndarray) -> np.ndarray:

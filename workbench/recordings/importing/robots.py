@@ -5,6 +5,7 @@ from pathlib import Path
 
 from datasets.arms import check_robot
 from datasets.errors import complaint
+from datasets.importers.sources.dh_tables import is_dh_table, read_dh_table
 from datasets.importers.sources.text_tables import read_text_table
 from robot_model import builtin_robots
 from workbench.core.errors import InputError
@@ -12,15 +13,39 @@ from workbench.core.text.structured_text import ContentError, read_toml
 
 
 def robot_keys(name: str | None, file: str) -> Mapping:
-    """What `Recording.robot` holds, for a built-in name, a robot.toml or a URDF.
+    """What `Recording.robot` holds, for a built-in name, a robot.toml, a URDF or a table of one convention.
 
     Raises InputError where nothing is named or the file cannot be right.
     """
+    candidates = robot_candidates(name, file)
+    if len(candidates) > 1:
+        raise complaint(
+            f"--robot {name}",
+            "a Denavit-Hartenberg table whose convention is stated",
+            "none",
+            'write "modified" (Craig) or "standard" into the name of the file, or name a robot.toml',
+        )
+    return next(iter(candidates.values()))
+
+
+def robot_candidates(name: str | None, file: str) -> dict[str, Mapping]:
+    """Title and keys of every robot that a name may mean: several for a table whose convention is open.
+
+    Raises InputError as `robot_keys`.
+    """
+    if name is not None and is_dh_table(Path(name)):
+        _check_there(Path(name))
+        tables = read_dh_table(Path(name))
+        return {f"{name}, convention {keys['convention']}": keys for keys in tables}
+    return {name or "": _plain_keys(name, file)}
+
+
+def _plain_keys(name: str | None, file: str) -> Mapping:
     known = ", ".join(builtin_robots())
     if name is None:
         raise InputError(
             f"{file}: expected the robot whose joints were read, found none named; add --robot with a built-in name "
-            f"({known}), a robot.toml or a URDF."
+            f"({known}), a robot.toml, a URDF or a Denavit-Hartenberg table (CSV)."
         )
     path = Path(name)
     if path.suffix.lower() == ".urdf":
@@ -39,7 +64,7 @@ def robot_keys(name: str | None, file: str) -> Mapping:
     if name not in builtin_robots():
         raise complaint(
             f"--robot {name}",
-            f"a robot.toml, a URDF or one of {known}",
+            f"a robot.toml, a URDF, a Denavit-Hartenberg table (.csv, .xlsx) or one of {known}",
             "another name",
             "correct it",
         )

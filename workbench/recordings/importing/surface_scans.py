@@ -19,7 +19,7 @@ from sensors.hand_eye.profiles_start import find_start
 from workbench.core.errors import InputError
 from workbench.recordings.importing.ball_clouds import cloud_unit, matched_clouds
 from workbench.recordings.importing.board_poses import flange_readings, pose_columns, reading_line
-from workbench.recordings.importing.decisions import SCAN_ADVICE, choose_reading
+from workbench.recordings.importing.decisions import choose_reading
 from workbench.recordings.importing.fits import CandidateFit
 
 _FEWEST = 5
@@ -30,6 +30,7 @@ _LARGEST_CIRCLE = 1.1  # over the ball's radius
 _SMALLEST_CIRCLE = 0.15
 _VALLEYS, _STEPS = 4, 40
 _ROTATIONS, _SPARE = 4, 3
+_REMEDY = "check that rows and files belong together, --ball-radius and the mapping"
 
 
 def is_scan(found) -> bool:
@@ -65,13 +66,12 @@ def import_scans(found, options, progress):
     progress(f"testing {len(readings)} readings of the flange poses")
     fits = _compared(readings, points, radius, is_profile)
     lines = [reading_line(made) for _, made, _ in readings]
-    chosen = choose_reading(lines, fits, f"{rows.file}, flange poses", options.ask, SCAN_ADVICE)
+    chosen = choose_reading(lines, fits, f"{rows.file}, flange poses", options.ask, _REMEDY)
     best = dict(fits)[chosen]
     if not best.is_good and not options.trust_data:
         raise InputError(
             f"{rows.file}: expected flange poses that keep the ball in its place, found none under any reading (best "
-            f"{best.words}); check that rows and files belong together, --ball-radius and the mapping, or repeat with "
-            "--trust-data."
+            f"{best.words}); {_REMEDY}, or repeat with --trust-data."
         )
     mapping = readings[chosen][1]
     recording = _recording(rows, mapping, points, radius, options)

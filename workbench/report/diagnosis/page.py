@@ -13,6 +13,7 @@ from workbench.explanation.result import (
     Term,
 )
 from workbench.report.diagnosis import figures as figures
+from workbench.report.diagnosis import turntable
 from workbench.report.diagnosis.chain import chain
 from workbench.report.diagnosis.terms import before_and_after
 from workbench.report.sections import Page, Section, facts, figure, note, pair, table, words
@@ -46,6 +47,7 @@ def page(made: Diagnosis) -> Page:
             if made.shares
             else []
         ),
+        *([turntable.section(made.turntable)] if made.turntable else []),
         Section("proof", "Validation", tuple(_validation(made))),
         *_term_by_term(made),
         Section("residuals", "Residuals before and after", tuple(_residuals(made))),

@@ -1,0 +1,212 @@
+"""A Denavit-Hartenberg table as text or spreadsheet: the nominal kinematics of a robot that has no robot.toml.
+
+One row per joint with theta (offset), d, a and alpha, in any order and with any usual header. Units come from the
+headers, else from the numbers. The convention (`distal`, or `craig`, the modified one) follows from headers such as
+"alpha i-1", else both are returned, and the measurements decide.
+"""
+
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from datasets.arms import check_robot
+from datasets.errors import complaint
+from datasets.importers.mapping.headers import Header, read_header
+from datasets.importers.source import RawTable
+from datasets.importers.sources.excel import read_excel
+from datasets.importers.sources.text_tables import read_text_table
+from datasets.importers.units import ANGLES, LENGTHS
+
+EXTENSIONS = (".csv", ".tsv", ".txt", ".xlsx")
+CONVENTIONS = ("distal", "craig")
+
+_INDEX = r"(?:i|k|j|n)?(?:m?1)?"
+_COLUMNS = {
+    "theta": rf"(?:theta|th|q|offset|thetaoffset|offsettheta|qoffset|winkel|gelenkwinkel){_INDEX}(?:offset|0)?",
+    "d": rf"(?:d|linkoffset|versatz){_INDEX}",
+    "a": rf"(?:a|r|linklength|laenge){_INDEX}",
+    "alpha": rf"(?:alpha|al|twist|linktwist|verdrehung){_INDEX}",
+}
+_KIND = r"(?:type|typ|kind|art|sigma)"
+_SIGN = r"(?:sign|vorzeichen|direction|richtung)"
+_PREVIOUS = re.compile(r"(?:i|k|j|n)\s*[-−_ ]\s*1")
+_MODIFIED, _STANDARD = ("modified", "craig", "mdh", "proximal"), ("standard", "classic", "distal")
+_PI = re.compile(r"([+-]?\d*\.?\d*)\*?(?:pi|π)(?:/(\d+\.?\d*))?")
+_VARIABLE = re.compile(r"(?:q|θ|theta|th|t)_?\d*\*?")
+_MOST_MM_IN_METRES = (
+    20.0  # no arm has a link of 20 m, and hardly one all of whose links are below 20 mm
+)
+_ROUNDED_DEG = 5e-4  # of a right angle written as 1.5708
+_MOST_JOINTS = 20
+_ANGLES = ("theta", "alpha")
+
+
+def is_dh_table(path: Path) -> bool:
+    """Whether a file name has the extension of a table."""
+    return path.suffix.lower() in EXTENSIONS
+
+
+def read_dh_table(path: Path) -> list[dict]:
+    """Keys of a robot.toml for every convention that the table may have, `distal` before `craig`.
+
+    Raises InputError where a column is missing, a cell is no number, or the unit of the angles is open.
+    """
+    table = _table(path)
+    columns = _named_columns(table)
+    if table.n > _MOST_JOINTS:
+        raise complaint(
+            path.name, f"one row per joint, {_MOST_JOINTS} at most", f"{table.n} rows", "correct it"
+        )
+    values = {name: _cells(table, header) for name, header in columns.items()}
+    factors = _factors(table, columns, values)
+    joints = []
+    for k in range(table.n):
+        joint = {
+            f"{name}_{'deg' if name in _ANGLES else 'mm'}": float(
+                values[name][0][k] * factors[name]
+            )
+            for name in ("theta", "d", "a", "alpha")
+        }
+        joints.append(
+            {key: _tidy(key, value) for key, value in joint.items()} | _optional(table, k)
+        )
+    return [_robot(path, joints, convention) for convention in _conventions(path, columns)]
+
+
+def _table(path: Path) -> RawTable:
+    if path.suffix.lower() == ".xlsx":
+        return read_excel(path)[0]
+    return read_text_table(path)
+
+
+def _named_columns(table: RawTable) -> dict[str, Header]:
+    """The header of each of theta, d, a and alpha. Raises InputError for a missing one."""
+    headers = [read_header(name, table.units.get(name)) for name in table.columns]
+    found = {}
+    for wanted, pattern in _COLUMNS.items():
+        matching = [header for header in headers if re.fullmatch(pattern, _plain(header))]
+        if not matching:
+            raise complaint(
+                f"{table.file}",
+                "a Denavit-Hartenberg table with the columns theta, d, a and alpha",
+                f"no column {wanted} among {', '.join(table.columns)}",
+                "name the columns so",
+            )
+        found[wanted] = matching[0]
+    return found
+
+
+def _plain(header: Header) -> str:
+    return "".join((*header.words, header.core)) if header.kind else "".join(header.words)
+
+
+def _cells(table: RawTable, header: Header) -> tuple[np.ndarray, bool]:
+    """(J,) numbers, in radians where a cell contains pi, and whether one does. Raises InputError for other text."""
+    cells = table.columns[header.name]
+    if cells.dtype.kind == "f":
+        return np.nan_to_num(cells), False
+    has_pi = any("pi" in cell.lower() or "π" in cell for cell in cells)
+    values = []
+    for row, cell in enumerate(cells):
+        value = _evaluated(str(cell))
+        if value is None:
+            raise complaint(
+                f"{table.file}, row {table.lines[row]}, column {header.name}",
+                "a number, or a number of pi such as -pi/2, after the joint variable",
+                repr(str(cell)),
+                "correct the cell",
+            )
+        values.append(value)
+    return np.array(values), has_pi
+
+
+def _evaluated(text: str) -> float | None:
+    """The constant of a cell such as "q2 - 90°", "theta1" or "-pi/2"; None for other text."""
+    plain = text.lower().replace("°", "").replace("−", "-").replace(" ", "")
+    plain = _VARIABLE.sub("", plain, count=1) if _VARIABLE.match(plain) else plain
+    if plain in ("", "+"):
+        return 0.0
+    match = _PI.fullmatch(plain)
+    if match:
+        sign = match[1] + "1" if match[1] in ("", "+", "-") else match[1]
+        return float(sign) * math.pi / float(match[2] or 1)
+    try:
+        return float(plain.replace(",", "."))
+    except ValueError:
+        return None
+
+
+def _factors(table: RawTable, columns: Mapping[str, Header], values: Mapping) -> dict[str, float]:
+    """Degrees or mm of one unit of each column. Raises InputError where the unit of an angle is open."""
+    stated = [columns[name].unit for name in _ANGLES] + [table.default_units.get("angle")]
+    common = next((unit for unit in stated if unit in ANGLES), None)
+    largest = max(np.abs(values[name][0]).max() for name in ("d", "a"))
+    metres = 1000.0 if largest < _MOST_MM_IN_METRES else 1.0
+    factors = {name: LENGTHS.get(columns[name].unit, metres) for name in ("d", "a")}
+    return factors | {
+        name: _angle_factor(table, columns[name], values[name], common) for name in _ANGLES
+    }
+
+
+def _angle_factor(table: RawTable, header: Header, values, common: str | None) -> float:
+    """Degrees of one unit of an angle: stated, or from the numbers, which are quarter turns in most arms."""
+    cells, has_pi = values
+    if has_pi:
+        return ANGLES["rad"]
+    if header.unit in ANGLES or common is not None:
+        return ANGLES.get(header.unit, ANGLES[common or "deg"])
+    largest = np.abs(cells).max()
+    if 0 < largest < 2 * math.pi and _are_quarter_turns(cells, math.pi / 2):
+        return ANGLES["rad"]
+    if largest == 0 or largest > 2 * math.pi:
+        return 1.0
+    raise complaint(
+        f"{table.file}, column {header.name}",
+        "angles whose unit is clear",
+        f"numbers up to {largest:.4g} without a unit",
+        'write the unit into the header, such as "alpha [deg]"',
+    )
+
+
+def _are_quarter_turns(values: np.ndarray, quarter: float) -> bool:
+    return bool(np.abs(values / quarter - np.round(values / quarter)).max() < 1e-3)
+
+
+def _tidy(key: str, value: float) -> float:
+    """A number without the rounding of its conversion; what is a quarter turn within that becomes one."""
+    quarter = 90.0 * round(value / 90.0)
+    if key.endswith("_deg") and abs(value - quarter) < _ROUNDED_DEG:
+        return quarter
+    return round(value, 9)
+
+
+def _optional(table: RawTable, row: int) -> dict:
+    """Kind and sign of a joint, where the table has such columns."""
+    keys: dict = {}
+    for name, cells in table.columns.items():
+        plain = _plain(read_header(name))
+        text = str(cells[row]).strip().lower()
+        if re.fullmatch(_KIND, plain) and text[:1] in ("p", "1"):
+            keys["kind"] = "prismatic"
+        elif re.fullmatch(_SIGN, plain) and text.startswith("-"):
+            keys["sign"] = -1
+    return keys
+
+
+def _conventions(path: Path, columns: Mapping[str, Header]) -> tuple[str, ...]:
+    """The convention that header or file name state, else both."""
+    stated = path.stem.lower()
+    is_previous = any(_PREVIOUS.search(columns[name].name.lower()) for name in ("a", "alpha"))
+    if is_previous or any(word in stated for word in _MODIFIED):
+        return ("craig",)
+    return ("distal",) if any(word in stated for word in _STANDARD) else CONVENTIONS
+
+
+def _robot(path: Path, joints: list[dict], convention: str) -> dict:
+    source = f"Denavit-Hartenberg table {path.name}"
+    keys = {"name": path.stem, "convention": convention, "source": source, "joint": joints}
+    check_robot(keys, path.name)
+    return keys
