@@ -58,7 +58,7 @@ def _at_hand(search: Search, thorough: bool) -> tuple[list[Hypothesis], tuple[in
 
     thorough: also the likeliest in the place of each.
     """
-    alone, own = search.table(()), {name_of(h) for h in search.accepted}
+    alone, own = search.whole_table(()), {name_of(h) for h in search.accepted}
     chosen = {name_of(h): h for h in alone if name_of(h) in own}
     order = [name_of(h) for h in search.accepted if name_of(h) in chosen]
     chosen = {name: chosen[name] for name in order}
