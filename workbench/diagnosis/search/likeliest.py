@@ -1,13 +1,15 @@
 """The likeliest set of missing terms: searched in the linearised problem, solved, searched again about the solution."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from workbench.core.model import STATE_PORTS
 from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.hypotheses import Hypothesis
-from workbench.diagnosis.search.objective import LogPosterior, Members
+from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members
 from workbench.diagnosis.search.state import Search, name_of
 from workbench.diagnosis.search.stepwise import Stepwise
 
@@ -30,7 +32,8 @@ def accept_likeliest(search: Search) -> None:
     for _ in range(_ROUNDS):
         terms, present = _at_hand(search, thorough)
         remainder = Projected(search.problem.keeping()).y
-        objective = LogPosterior.of(search.problem.keeping(()), terms, remainder, len(present))
+        solved = as_solved(search, terms[: len(present)])
+        objective = LogPosterior.of(search.problem.keeping(()), terms, remainder, solved)
         members = Stepwise(objective).likeliest(present)
         chosen = [terms[i] for i in members]
         names = {name_of(h) for h in chosen}
@@ -44,6 +47,20 @@ def accept_likeliest(search: Search) -> None:
         search.say("; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in chosen))
         search.solve()
     _order(search)
+
+
+def as_solved(search: Search, terms: Sequence[Hypothesis]) -> Accepted:
+    """The accepted ones that come first among the terms of an objective, their loads with the columns of the solution.
+
+    These hold for the compliances of the solution and do not stand in for them, see `linearised.solution`.
+    """
+    numbers = {name_of(h): i for i, h in enumerate(search.accepted)}
+    loads = {}
+    for place, h in enumerate(terms):
+        own = numbers.get(name_of(h))
+        if own is not None and any(effect.port in STATE_PORTS for effect in h.effects):
+            loads[place] = search.problem.added[own] * h.typical
+    return Accepted(len(terms), loads)
 
 
 def _hardly_likelier(objective: LogPosterior, members: Members, present: Members) -> bool:
