@@ -9,6 +9,7 @@ import numpy as np
 from workbench.core.model import STATE_PORTS
 from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.hypotheses import Hypothesis
+from workbench.diagnosis.linear.problem import Candidate
 from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members
 from workbench.diagnosis.search.state import Search, name_of
 from workbench.diagnosis.search.stepwise import Stepwise
@@ -50,15 +51,16 @@ def accept_likeliest(search: Search) -> None:
 
 
 def as_solved(search: Search, terms: Sequence[Hypothesis]) -> Accepted:
-    """The accepted ones that come first among the terms of an objective, their loads with the columns of the solution.
+    """The accepted ones that come first among the terms of an objective; changes of load with the solution's columns.
 
-    These hold for the compliances of the solution and do not stand in for them, see `linearised.solution`.
+    These hold for the compliances of the solution and do not stand in for them, see `linearised.solution`. A load that
+    acts all the time is less distinguishable from compliances: it counts for what all of these together do not make.
     """
     numbers = {name_of(h): i for i, h in enumerate(search.accepted)}
     loads = {}
     for place, h in enumerate(terms):
-        own = numbers.get(name_of(h))
-        if own is not None and any(effect.port in STATE_PORTS for effect in h.effects):
+        own, is_load = numbers.get(name_of(h)), any(e.port in STATE_PORTS for e in h.effects)
+        if own is not None and is_load and not isinstance(h.source, Candidate):
             loads[place] = search.problem.added[own] * h.typical
     return Accepted(len(terms), loads)
 
