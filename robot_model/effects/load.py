@@ -37,9 +37,14 @@ class Payload(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """A constant load, where masses are known, so that the load is distinguishable from them."""
+        """A constant load, where masses are known, so that the load is distinguishable from them.
+
+        It cannot weigh less than nothing: only a recorded load may be too heavy.
+        """
         if chain.robot.mass.any():
-            yield Variant(cls("tool"), "constant")
+            load = cls("tool")
+            load.nonnegative = 0 if chain.state.payload.any() else 1
+            yield Variant(load, "constant")
 
     @classmethod
     def grids(cls, chain):

@@ -76,6 +76,12 @@ class Hypothesis:
         """Whether others act through it, see `Effect`."""
         return any(effect.carries_load for effect in self.effects)
 
+    @property
+    def typical(self) -> np.ndarray:
+        """(P,) typical sizes of the parameters of a named effect."""
+        source = self.source if isinstance(self.source, Candidate) else self.source[0]
+        return source.typical
+
     def columns(self, problem: Problem) -> np.ndarray:
         """(N, P) whitened columns in typical sizes."""
         return columns_of(self.source, problem)

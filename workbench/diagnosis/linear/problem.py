@@ -321,7 +321,7 @@ class Added:
         clear = np.where(length > ROUNDING, clear / np.maximum(length, 1e-300), 0.0)
         start = np.concatenate([[0], np.cumsum([part.shape[1] for part in problem.added])])
         held = problem.precisions or tuple(np.zeros(part.shape[1]) for part in problem.added)
-        precision = np.concatenate(held) / np.maximum((whole * length) ** 2, 1e-300)
+        precision = np.concatenate(held) / np.maximum((whole * length) ** 2, 1e-200)
         return cls(clear, start, clear.T @ clear, y, clear.T @ y, precision)
 
     def kept(self, effects: Sequence[int]) -> "Beyond":

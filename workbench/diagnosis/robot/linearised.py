@@ -7,8 +7,10 @@ import numpy as np
 
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect
+from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.core.least_squares.solver import Fit
 from workbench.core.model import NOISE, STATE_PORTS, Model
+from workbench.diagnosis.levels import ROUNDING
 from workbench.diagnosis.linear.problem import Candidate, Problem, seen_basis
 from workbench.diagnosis.robot.derived import linear_values
 from workbench.diagnosis.robot.library import candidate_of
@@ -29,9 +31,15 @@ def solution(model: Model, fit: Fit, weights, pose, effects) -> Problem:
     bare = replace(model, effects=model.effects[:first])
     spans, state = model.spans[first:], model.chain.state
     added = tuple(_derivative(model, fit, white, span) for span in spans)
+    basis = _baseline(bare, fit, white)
+    values = tuple(
+        linear_values(effect, fit.parameters.values[span], columns, state, rows, model.chain)
+        for effect, span, columns in zip(model.effects[first:], spans, added)
+    )
+    added, values = _beyond_carriers(model, fit, white, effects, added, values, basis)
     return Problem(
         residual=(residual * white).ravel(),
-        basis=_baseline(bare, fit, white),
+        basis=basis,
         sample=np.tile(np.arange(model.chain.n), len(sigma)),
         weights=weights,
         sigma=sigma.ravel().copy(),
@@ -43,12 +51,41 @@ def solution(model: Model, fit: Fit, weights, pose, effects) -> Problem:
         effects=effects,
         widened=float(np.median(sigma / model.chain.stated_sigma)),
         added=added,
-        values=tuple(
-            linear_values(effect, fit.parameters.values[span], columns, state, rows, model.chain)
-            for effect, span, columns in zip(model.effects[first:], spans, added)
-        ),
+        values=values,
         precisions=tuple(fit.parameters.precision[span] for span in spans),
     )
+
+
+def _beyond_carriers(model: Model, fit: Fit, white, effects, added, values, basis):
+    """Columns (N, P) and values (P,) of all effects, those of loads less what resembles the compliances' own columns.
+
+    A load acts through every compliance. What it makes by way of one is mostly that one's own column, next to which the
+    compliance has no gain of its own. This part is taken out of the load's columns and added to the compliance's
+    values: together the effects make what they made. A compliance that carries nothing takes up nothing.
+    """
+    carriers = [i for i, effect in enumerate(effects) if effect.carries_load]
+    loads = [i for i, effect in enumerate(effects) if effect.port in STATE_PORTS]
+    first = len(model.effects) - len(effects)
+    plain, added, values = added, list(added), list(values)
+
+    def clear(columns):
+        return columns - basis @ (basis.T @ columns)
+
+    for load in loads:
+        for carrier in carriers:
+            others = _columns_without(model, fit, white, first + load, first + carrier)
+            carried = clear(plain[load] - others)
+            mixing = least_squares(clear(plain[carrier]), carried, ROUNDING)
+            added[load] = added[load] - plain[carrier] @ mixing
+            values[carrier] = values[carrier] + mixing @ values[load]
+    return tuple(added), tuple(values)
+
+
+def _columns_without(model: Model, fit: Fit, white, number: int, left_out: int) -> np.ndarray:
+    """(N, P) whitened derivative by the parameters of one effect in a model without another; numbers from 0."""
+    effects = tuple(e for i, e in enumerate(model.effects) if i != left_out)
+    smaller = replace(model, effects=effects)
+    return _derivative(smaller, fit, white, smaller.spans[number - (number > left_out)])
 
 
 def with_hypotheses(problem: Problem, model: Model, fit: Fit, library, variants) -> Problem:

@@ -1,13 +1,16 @@
 """The likeliest set of missing terms: searched in the linearised problem, solved, searched again about the solution."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from workbench.core.model import STATE_PORTS
 from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.hypotheses import Hypothesis
-from workbench.diagnosis.search.objective import LogPosterior, Members
+from workbench.diagnosis.linear.problem import Candidate
+from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members
 from workbench.diagnosis.search.state import Search, name_of
 from workbench.diagnosis.search.stepwise import Stepwise
 
@@ -30,7 +33,8 @@ def accept_likeliest(search: Search) -> None:
     for _ in range(_ROUNDS):
         terms, present = _at_hand(search, thorough)
         remainder = Projected(search.problem.keeping()).y
-        objective = LogPosterior.of(search.problem.keeping(()), terms, remainder, len(present))
+        solved = as_solved(search, terms[: len(present)])
+        objective = LogPosterior.of(search.problem.keeping(()), terms, remainder, solved)
         members = Stepwise(objective).likeliest(present)
         chosen = [terms[i] for i in members]
         names = {name_of(h) for h in chosen}
@@ -46,6 +50,21 @@ def accept_likeliest(search: Search) -> None:
     _order(search)
 
 
+def as_solved(search: Search, terms: Sequence[Hypothesis]) -> Accepted:
+    """The accepted ones that come first among the terms of an objective; changes of load with the solution's columns.
+
+    These hold for the compliances of the solution and do not stand in for them, see `linearised.solution`. A load that
+    acts all the time is less distinguishable from compliances: it counts for what all of these together do not make.
+    """
+    numbers = {name_of(h): i for i, h in enumerate(search.accepted)}
+    loads = {}
+    for place, h in enumerate(terms):
+        own, is_load = numbers.get(name_of(h)), any(e.port in STATE_PORTS for e in h.effects)
+        if own is not None and is_load and not isinstance(h.source, Candidate):
+            loads[place] = search.problem.added[own] * h.typical
+    return Accepted(len(terms), loads)
+
+
 def _hardly_likelier(objective: LogPosterior, members: Members, present: Members) -> bool:
     """Whether a set is likelier than the accepted one, but by less than is worth another solution."""
     if not present:
@@ -58,7 +77,7 @@ def _at_hand(search: Search, thorough: bool) -> tuple[list[Hypothesis], tuple[in
 
     thorough: also the likeliest in the place of each.
     """
-    alone, own = search.table(()), {name_of(h) for h in search.accepted}
+    alone, own = search.whole_table(()), {name_of(h) for h in search.accepted}
     chosen = {name_of(h): h for h in alone if name_of(h) in own}
     order = [name_of(h) for h in search.accepted if name_of(h) in chosen]
     chosen = {name: chosen[name] for name in order}

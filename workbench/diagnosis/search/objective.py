@@ -17,7 +17,7 @@ X' S^-1 [X, y] of all candidate terms, S = I + G G': no move of the search touch
 Zellner, An Introduction to Bayesian Inference in Econometrics (1971), ch. 3; George & McCulloch, Stat. Sinica 7 (1997).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -34,6 +34,14 @@ from workbench.diagnosis.search.subset_algebra import ConditionalSolution, Left,
 
 Members = tuple[int, ...]
 _ANY_LARGE_NUMBER = 1e300  # of a corner of a Cholesky factor that nobody reads
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """How many of the first terms are accepted, and number -> columns (N, P) of the loads among them, as solved."""
+
+    count: int = 0
+    loads: Mapping[int, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -60,17 +68,18 @@ class LogPosterior:
         problem: Problem,
         terms: Sequence[Hypothesis],
         remainder: np.ndarray | None = None,
-        accepted: int = 0,
+        accepted: Accepted | None = None,
     ) -> "LogPosterior":
         """Of some terms, their columns taken at a problem that keeps none of them.
 
         remainder (N,): what is left with the terms accepted so far. Repeats of a pose err together by what these
         explain, so that only the remainder says how many independent numbers the samples are worth.
-        accepted: how many of the first terms are accepted. What acts through their compliances (a load) counts for
-        what these do not explain.
+        accepted: of the first terms. Other terms that act through their compliances (loads) count for what these do not
+        explain.
         """
         projected = Projected(problem, remainder)
-        parts = [h.columns(problem) for h in terms]
+        accepted = accepted or Accepted()
+        parts = [accepted.loads.get(i, h.columns(problem)) for i, h in enumerate(terms)]
         start = np.concatenate([[0], np.cumsum([c.shape[1] for c in parts])]).astype(int)
         clear = problem.clear(np.concatenate(parts, 1))
         _condition_on_compliances(clear, start, terms, accepted)
@@ -226,16 +235,17 @@ class LogPosterior:
 
 
 def _condition_on_compliances(
-    clear: np.ndarray, start: np.ndarray, terms: Sequence[Hypothesis], accepted: int
+    clear: np.ndarray, start: np.ndarray, terms: Sequence[Hypothesis], accepted: Accepted
 ) -> None:
-    """Take out of the columns (N, T) of terms that need a compliance, in place, what the accepted compliances make."""
+    """Take out of the columns (N, T) of loads, in place, what the accepted compliances make."""
     widths = np.diff(start)
-    carriers = [i < accepted and h.carries_load for i, h in enumerate(terms)]
-    carried = np.repeat([h.needs_compliance for h in terms], widths).astype(bool)
+    carriers = [i < accepted.count and h.carries_load for i, h in enumerate(terms)]
+    loads = [h.needs_compliance and i not in accepted.loads for i, h in enumerate(terms)]
+    carried = np.repeat(loads, widths).astype(bool)
     base = clear[:, np.repeat(carriers, widths).astype(bool)]
     if carried.any() and base.shape[1]:
         orthonormal = np.linalg.qr(base)[0]
         clear[:, carried] -= orthonormal @ (orthonormal.T @ clear[:, carried])
 
 
-__all__ = ["LogPosterior", "Members"]
+__all__ = ["Accepted", "LogPosterior", "Members"]

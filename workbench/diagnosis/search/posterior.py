@@ -14,6 +14,7 @@ from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.core.least_squares.linear_algebra import pseudo_inverse
 from workbench.diagnosis.levels import NOTABLE, SHOWN
 from workbench.diagnosis.robot.loose import LABEL
+from workbench.diagnosis.search.likeliest import as_solved
 from workbench.diagnosis.search.objective import LogPosterior, Members
 from workbench.diagnosis.search.prior import DEFLECTS
 
@@ -129,7 +130,8 @@ def probabilities_of_names(search) -> dict[Key, Name]:
             plain.setdefault(h.key, h)
     held = {h.key for h in accepted}
     terms = [*accepted, *(h for key, h in plain.items() if key not in held)]
-    objective = LogPosterior.of(search.problem.keeping(()), terms)
+    solved = as_solved(search, accepted)
+    objective = LogPosterior.of(search.problem.keeping(()), terms, accepted=solved)
     best = tuple(range(len(accepted)))
     open_ = [i for i, h in enumerate(terms) if _is_elastic(h)]
     window = Window.around(objective, best, open_)

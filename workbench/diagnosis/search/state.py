@@ -59,7 +59,16 @@ class Search:
         }
 
     def table(self, kept: tuple[int, ...]) -> list[Hypothesis]:
-        """Everything that has room next to those accepted whose numbers are kept, judged there."""
+        """Everything that has room next to those accepted whose numbers are kept, judged there.
+
+        Without what acts through an accepted compliance that is not kept: its columns would stand in for that.
+        """
+        carriers = {i for i in self.everyone if self.accepted[i].carries_load}
+        table = self.whole_table(kept)
+        return table if carriers <= set(kept) else [h for h in table if not h.needs_compliance]
+
+    def whole_table(self, kept: tuple[int, ...]) -> list[Hypothesis]:
+        """As `table`, with all that acts through compliances."""
         if kept not in self.tables:
             wanted = [(h.family, h.label) for h in self.accepted]
             table, held = (
@@ -67,20 +76,9 @@ class Search:
                 [self.accepted[i] for i in kept],
             )
             self.tables[kept] = [
-                h
-                for h in table
-                if h.unnamed or self._is_linear_at(h, kept) and all(compatible(h, o) for o in held)
+                h for h in table if h.unnamed or all(compatible(h, other) for other in held)
             ]
         return self.tables[kept]
-
-    def _is_linear_at(self, h: Hypothesis, kept: tuple[int, ...]) -> bool:
-        """Whether the columns of a hypothesis hold for a model with the effects kept.
-
-        Those of a load hold for the compliances that are accepted: without one of them it would stand in for that.
-        """
-        accepted = {name_of(own) for own in self.accepted}
-        needed = {i for i in self.everyone if self.accepted[i].carries_load}
-        return not h.needs_compliance or needed <= set(kept) or name_of(h) in accepted
 
     @property
     def everyone(self) -> tuple[int, ...]:
@@ -88,15 +86,8 @@ class Search:
         return tuple(range(len(self.accepted)))
 
     def others(self, i: int) -> tuple[int, ...]:
-        """Numbers of all accepted but one, and of a compliance without what acts through it: marginality.
-
-        A compliance is tested without the interactions that contain it, as a load's columns contain all that carry
-        it: Nelder, J. R. Stat. Soc. A 140 (1977) 48.
-        """
-        left = tuple(j for j in self.everyone if j != i)
-        if not self.accepted[i].carries_load:
-            return left
-        return tuple(j for j in left if not self.accepted[j].needs_compliance)
+        """Numbers of all accepted but one."""
+        return tuple(j for j in self.everyone if j != i)
 
     def own(self, i: int) -> Hypothesis:
         """An accepted hypothesis as the table conditional on the others judges it."""

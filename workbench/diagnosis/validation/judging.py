@@ -16,7 +16,7 @@ import numpy as np
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.diagnosis.levels import REAL
-from workbench.diagnosis.linear.problem import Finding, Problem
+from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.validation.controls import of_order
 from workbench.diagnosis.validation.folds import TIME, Scheme
 from workbench.diagnosis.validation.terms import Term
@@ -94,29 +94,13 @@ def extrapolated_share(problem: Problem, numbers: Sequence[int], fold: np.ndarra
     return lost / total
 
 
-def without_loads(findings: Sequence[Finding], tested: Finding) -> list[Finding]:
-    """The findings next to which one of them is tested: of a compliance, those that do not act through compliances.
-
-    What a load makes contains the deflection of every joint that carries it, and would stand in for each. A main effect
-    is tested without its interactions (marginality: Nelder, J. R. Stat. Soc. A 140 (1977) 48).
-    """
-    if not any(effect.carries_load for effect in tested.effects):
-        return list(findings)
-    return [f for f in findings if f is tested or not needs_compliance(f)]
-
-
-def needs_compliance(finding: Finding) -> bool:
-    """Whether a finding acts through the compliances of the model."""
-    return any(effect.needs_compliance for effect in finding.effects)
-
-
 def with_carriers(bench, terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
     """The terms, and refused those that need a compliance where neither baseline nor terms hold one."""
     effects = [effect for term in terms for effect in term.finding.effects]
     if any(effect.carries_load for effect in (*getattr(bench, "baseline", ()), *effects)):
         return list(terms), []
     reason = "it acts through compliances, of which none is retained"
-    orphans = [t for t in terms if needs_compliance(t.finding)]
+    orphans = [t for t in terms if any(effect.needs_compliance for effect in t.finding.effects)]
     kept = [t for t in terms if not any(t is orphan for orphan in orphans)]
     return kept, [replace(t, kept=False, reason=reason) for t in orphans]
 
@@ -160,5 +144,4 @@ __all__ = [
     "judging_schemes",
     "not_supported",
     "with_carriers",
-    "without_loads",
 ]

@@ -33,7 +33,6 @@ from workbench.diagnosis.validation.judging import (
     judging_schemes,
     not_supported,
     with_carriers,
-    without_loads,
 )
 from workbench.diagnosis.validation.parallel import searches
 from workbench.diagnosis.validation.terms import Proof, Term
@@ -278,11 +277,10 @@ def _earned(
     sigma = sigma_of(bench, samples)
 
     def judged(left: Sequence[Term]) -> list[Term]:
-        made, every = [], [term.finding for term in left]
-        for term in left:
-            kept = [i for f in without_loads(every, term.finding) for i in numbers[id(f)]]
-            made.append(_judged(bench, problem, kept, term, numbers[id(term.finding)], sigma))
-        return made
+        kept = [i for term in left for i in numbers[id(term.finding)]]
+        return [
+            _judged(bench, problem, kept, term, numbers[id(term.finding)], sigma) for term in left
+        ]
 
     left, gone = _without_unreal(judged, [Term(f) for f in findings])
     for _ in findings:
@@ -366,7 +364,7 @@ def _stable(errors: Errors, terms, whole: _Whole, usual) -> tuple[list[Term], li
             return [], [replace(term, kept=False, t_nested=t, reason=_luck(t)) for term in terms]
     kept, lost = [], []
     folds = [_solved(bench, a) for a in whole.nested] if terms else []
-    with_all: dict[tuple[int, bool], np.ndarray] = {}
+    with_all = [_linear(s, rows) for s, rows in zip(whole.schemes, folds)]
     findings = [term.finding for term in terms]
     problem, numbers = (
         (bench.problem(_effects(findings), hypotheses=False), _numbered(findings))
@@ -380,11 +378,8 @@ def _stable(errors: Errors, terms, whole: _Whole, usual) -> tuple[list[Term], li
         t = []
         for scheme in judging_schemes(bench, term.finding.effects, whole.schemes, problem, mine):
             at = next(i for i, one in enumerate(whole.schemes) if one is scheme)
-            key = at, any(effect.carries_load for effect in term.finding.effects)
-            if key not in with_all:
-                with_all[key] = _linear(scheme, folds[at], term.finding)
-            less = _linear(scheme, folds[at], term.finding, moved)
-            t.append(paired(bench.pose, less, with_all[key], usual, sigma_of(bench)))
+            less = _linear(scheme, folds[at], (term.finding, moved))
+            t.append(paired(bench.pose, less, with_all[at], usual, sigma_of(bench)))
         again = sum(_alike(moved, others) for others in made)
         nested = min(t) if min(t) < -REAL else max(t)
         term = replace(term, again=again, chances=len(made), t_nested=nested, ways=ways)
@@ -426,21 +421,19 @@ def _alike(moved: np.ndarray, others: list[np.ndarray]) -> bool:
     return bool(((moved - like) ** 2).sum() < (1 - _MOST) * (moved**2).sum())
 
 
-def _linear(scheme: Scheme, folds: dict, tested: Finding | None = None, without=None) -> np.ndarray:
+def _linear(scheme: Scheme, folds: dict, without=None) -> np.ndarray:
     """(n,) errors where every fold is predicted with what was found without it, to first order.
 
-    folds: as of `_solved`. tested: a finding next to which only those of `without_loads` stay. without: what it makes,
-    as of `_made`, where it is left out.
+    folds: as of `_solved`. without: a finding that is left out, and what it makes, as of `_made`.
     """
     out = np.empty(len(scheme.fold))
     for k, (findings, problem) in folds.items():
         numbers = _numbered(findings)
-        held = findings if tested is None else without_loads(findings, tested)
+        kept = [i for own in numbers for i in own]
         if without is not None:
-            made = zip(findings, _made(problem, findings))
-            same = [f for f, m in made if _same(f, m, tested, without)]
-            held = [f for f in held if not any(f is one for one in same)]
-        kept = [i for f, own in zip(findings, numbers) if any(f is h for h in held) for i in own]
+            made = _made(problem, findings)
+            same = [_same(f, m, *without) for f, m in zip(findings, made)]
+            kept = [i for own, is_same in zip(numbers, same) if not is_same for i in own]
         mine = scheme.fold == k
         out[mine] = left_out(problem.keeping(kept), np.where(mine, 0, -1), only=0)[mine]
     return out
