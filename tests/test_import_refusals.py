@@ -160,7 +160,7 @@ def test_two_built_in_robots_that_are_nearly_equal_lead_to_a_question(truth, tmp
 def test_no_built_in_robot_is_forced_on_another_arm(truth, tmp_path):
     rows = np.column_stack([degrees(truth) * 0.7 + 11, truth.points])
     path = write_rows(tmp_path / "t.csv", [*(f"J{k}" for k in range(1, 7)), "X", "Y", "Z"], rows)
-    with pytest.raises(InputError, match="robot.toml or a URDF"):
+    with pytest.raises(InputError, match="robot.toml, a URDF"):
         import_recording([path], tmp_path / "out", ImportOptions())
 
 
