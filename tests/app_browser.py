@@ -235,6 +235,12 @@ def text_of(page, name: str) -> str:
 
 
 def wait_for_text(page, name: str, part: str, timeout: float = WAIT_MS) -> str:
-    """The status line once it holds `part`."""
-    page.locator(f"[data-text={name}]", has_text=part).wait_for(timeout=timeout)
+    """The status line once it holds `part`; a failure names what it holds, and the message of the page."""
+    from playwright.sync_api import TimeoutError as Late
+
+    try:
+        page.locator(f"[data-text={name}]", has_text=part).wait_for(timeout=timeout)
+    except Late:
+        lines = [one.inner_text() for one in page.locator("[data-text], .v-alert").all()]
+        raise AssertionError(f"{name}: expected {part!r}, the page shows {lines}") from None
     return text_of(page, name)

@@ -1,6 +1,7 @@
 """The app in a browser: what is clicked, brushed, edited and run again on the bundled arm."""
 
 import re
+from contextlib import contextmanager
 
 import pytest
 
@@ -134,19 +135,27 @@ def test_the_histogram_overlays_fit_and_held_out(page):
     assert sum(fit["y"]) == sum(held_out["y"]) == 300
 
 
+def choose_mode(page, mode: str) -> None:
+    """Choose what a click does to the selection, and wait until the list is closed."""
+    page.get_by_role("combobox", name="Selection mode").press("Enter")
+    page.get_by_role("option", name=mode).click()
+    page.get_by_role("listbox", name="Selection mode").wait_for(state="hidden")
+
+
 def test_adding_to_and_removing_from_a_selection(page):
     for mode, row, count in (("replace", 3, 1), ("add", 5, 2), ("remove", 3, 1)):
-        page.get_by_label("Selection mode").press("Enter")
-        page.get_by_role("option", name=mode).click()
+        choose_mode(page, mode)
         emit(page, "arrows", "plotly_click", {"points": [{"customdata": row}]})
         wait_for_text(page, "selection", f"{count} of 300 samples selected")
-    page.get_by_label("Selection mode").press("Enter")
-    page.get_by_role("option", name="replace").click()
+    choose_mode(page, "replace")
 
 
-def hold_fields_back(page, held: bool) -> None:
-    """Make the page busy as a request in progress does: trame then keeps fields back, but sends clicks at once."""
-    page.evaluate("(held) => held ? trame.client.beginBusy() : trame.client.endBusy()", held)
+@contextmanager
+def fields_held_back(page):
+    """The page busy as with a request in progress: trame then keeps fields back, but sends clicks at once."""
+    page.evaluate("() => trame.client.beginBusy()")
+    yield
+    page.evaluate("() => trame.client.endBusy()")
 
 
 def test_a_click_carries_the_fields_that_it_depends_on(page):
@@ -154,22 +163,20 @@ def test_a_click_carries_the_fields_that_it_depends_on(page):
     page.get_by_role("button", name="Select sample").click()
     first = page.get_by_role("group", name="Selected samples").locator("tbody td").first
     first.get_by_text("17", exact=True).wait_for()
-    hold_fields_back(page, True)
-    page.get_by_label("Sample number").fill("42")
-    page.get_by_role("button", name="Select sample").click()
-    first.get_by_text("42", exact=True).wait_for()
-    hold_fields_back(page, False)
+    with fields_held_back(page):
+        page.get_by_label("Sample number").fill("42")
+        page.get_by_role("button", name="Select sample").click()
+        first.get_by_text("42", exact=True).wait_for()
 
 
 def test_a_tab_opened_by_a_button_stays_open_after_a_quick_change_of_tabs(page):
     click_row(page, 100, 300)
     show_tab(page, "Recording")
     wait_for_text(page, "row", "Sample 101 ")
-    hold_fields_back(page, True)
-    page.get_by_role("tab", name="Residuals", exact=True).click()
-    page.get_by_role("button", name="Show in recording").click()
-    page.locator("[data-tab=recording]").wait_for()
-    hold_fields_back(page, False)
+    with fields_held_back(page):
+        page.get_by_role("tab", name="Residuals", exact=True).click()
+        page.get_by_role("button", name="Show in recording").click()
+        page.locator("[data-tab=recording]").wait_for()
     page.wait_for_timeout(1000)
     assert page.locator("[data-tab=recording]").is_visible()
 
