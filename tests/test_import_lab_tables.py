@@ -364,6 +364,8 @@ def test_cells_with_joint_variables_and_fractions_of_pi(tmp_path):
         (["joint", "d", "a", "alpha"], ["1", "290", "0", "90"], "no column theta"),
         (["theta", "d", "a", "alpha"], ["0", "290", "0", "0.3"], "without a unit"),
         (["theta", "d", "a", "alpha"], ["zero", "290", "0", "90"], "row 2, column theta"),
+        (["theta", "d", "a", "alpha"], ["0", "290", "", "90"], "no column a|row 2, column a"),
+        (["theta", "d", "a", "alpha"], ["0", "290", "1e999", "90"], "row 2, column a"),
     ],
 )
 def test_tables_that_cannot_be_an_arm_are_refused(header, row, words, tmp_path):

@@ -60,6 +60,7 @@ def read_dh_table(path: Path) -> list[dict]:
         raise complaint(
             path.name, f"one row per joint, {_MOST_JOINTS} at most", f"{table.n} rows", "correct it"
         )
+    _check_filled(table, [columns[name] for name in ("d", "a", "alpha")])
     values = {name: _cells(table, header) for name, header in columns.items()}
     factors = _factors(table, columns, values)
     joints = []
@@ -101,6 +102,22 @@ def _named_columns(table: RawTable) -> dict[str, Header]:
 
 def _plain(header: Header) -> str:
     return "".join((*header.words, header.core)) if header.kind else "".join(header.words)
+
+
+def _check_filled(table: RawTable, headers: list[Header]) -> None:
+    """Raise InputError for an empty or infinite cell: a missing number is not taken for zero."""
+    for header in headers:
+        cells = table.columns[header.name]
+        is_number = cells.dtype.kind == "f"
+        missing = ~np.isfinite(cells) if is_number else np.array([not cell for cell in cells])
+        if missing.any():
+            row = int(np.argmax(missing))
+            raise complaint(
+                f"{table.file}, row {table.lines[row]}, column {header.name}",
+                "a number",
+                str(cells[row]) or "an empty cell",
+                "write 0 where nothing is meant",
+            )
 
 
 def _cells(table: RawTable, header: Header) -> tuple[np.ndarray, bool]:

@@ -339,7 +339,8 @@ class _Column:
 
 
 def _shortest(value: float) -> str:
-    return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(value)
+    is_whole = abs(value) < 1e15 and value == int(value)
+    return str(int(value)) if is_whole else repr(value)
 
 
 def _used_columns(columns: Sequence[_Column]) -> list[int]:
