@@ -1,5 +1,6 @@
 """The seed corpus of the fuzzing tests: a valid example for every reader and command, and the call that reads it."""
 
+import json
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -42,6 +43,16 @@ changes = [
   { action = "exclude", kind = "samples", items = [3, 7], why = "large" },
 ]
 """
+APRILGRID = "target_type: 'aprilgrid'\ntagCols: 6\ntagRows: 6\ntagSize: 0.055\ntagSpacing: 0.3\n"
+REPORT = """DIM LOC1= LOCATION OF POINT P1  UNITS=MM
+AX    NOMINAL   MEAS    DEV
+X     10.0000   10.013  0.013
+Y     20.0000   20.001  0.001
+Z     -5.0000   -5.002  -0.002
+"""
+DH_TABLE = (
+    "joint,theta,d [mm],a [mm],alpha [deg]\n1,q1,290,0,-90\n2,q2-90,0,270,0\n3,q3 + pi/2,0,70,-90\n"
+)
 MAPPING = """format = "import/1"
 measures = "external-point"
 robot = "abb_irb120"
@@ -201,6 +212,7 @@ def _import_targets(home: Path) -> Iterator[Target]:
     from datasets.importers.mapping.model import read_mapping
     from datasets.importers.sources.choice import read_sources
     from datasets.importers.sources.clouds import read_cloud
+    from datasets.importers.sources.dh_tables import read_dh_table
     from datasets.importers.sources.storage import read_storage
     from sensors.images import read as read_image
 
@@ -223,6 +235,15 @@ def _import_targets(home: Path) -> Iterator[Target]:
     yield _one(home, "krl", "points.dat", KRL, sources)
     yield _one(home, "fanuc", "points.ls", FANUC, sources)
     yield _one(home, "rapid", "points.mod", RAPID, sources)
+    yield _one(home, "aprilgrid", "grid.yaml", APRILGRID, read_storage)
+    yield _one(home, "report", "report.txt", 3 * REPORT, sources)
+    yield _one(home, "dh-table", "arm.csv", DH_TABLE, read_dh_table)
+    records = [
+        {"joints": row[:6].tolist(), "p": row[6:].tolist()} for row in rng.normal(size=(4, 9))
+    ]
+    yield _one(home, "records", "data.json", json.dumps(records), sources)
+    yield _one(home, "parquet", "data.parquet", _parquet(home, rng), sources)
+    yield _one(home, "matlab-7.3", "new.mat", _matlab_73(home, rng), sources)
     yield _one(
         home, "numpy", "data.npy", _bytes_of(home, np.save, rng.normal(size=(4, 9))), sources
     )
@@ -240,6 +261,24 @@ def _bytes_of(home: Path, write, value) -> bytes:
     path = home / "value.npy"
     write(path, value)
     return path.read_bytes()
+
+
+def _parquet(home: Path, rng) -> bytes:
+    import pandas
+
+    pandas.DataFrame(rng.normal(size=(4, 9)), columns=list("abcdefxyz")).to_parquet(
+        home / "v.parquet"
+    )
+    return (home / "v.parquet").read_bytes()
+
+
+def _matlab_73(home: Path, rng) -> bytes:
+    import h5py
+
+    with h5py.File(home / "new-value.mat", "w", userblock_size=512) as file:
+        file["q"], file["xyz"] = rng.normal(size=(6, 4)), rng.normal(size=(3, 4))
+    head = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
+    return head + (home / "new-value.mat").read_bytes()[128:]
 
 
 def _matlab(home: Path, rng) -> bytes:

@@ -19,6 +19,7 @@ FORMER_FAILURES = {
     "prove-sums": b"abc",
     "rapid": b'"' + b"1," * 100_000,
     "plan": b"a = " + b"[" * 4000,
+    "dh-table": b"1e5,q2-90,0,270,1e999\n3,q3}x,0,5,0x10\n",
 }
 
 

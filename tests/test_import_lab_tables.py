@@ -1,5 +1,6 @@
 """Import of tables as laboratories keep them: grouped headers, repeated points, time zones, a robot as a DH table."""
 
+import json
 from datetime import datetime, timedelta
 
 import numpy as np
@@ -234,6 +235,74 @@ def test_points_that_the_controller_calculated_are_refused(truth, tmp_path):
     assert any("equal the nominal kinematics" in said for said in made.warnings)
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ((1, 1, -1, 1, 1, 1, 1, 1, 1), "column q3_deg has the opposite sign"),
+        ((1, 1, 1, 1, 1, 1, 1, -1, 1), "left-handed"),
+    ],
+)
+def test_a_mistake_that_explains_a_misfit_is_named(change, words, truth, tmp_path):
+    rows = np.column_stack([degrees(truth), truth.points]) * change
+    path = write_table(tmp_path / "t.csv", [*JOINTS, "X", "Y", "Z"], *rows)
+    with pytest.raises(InputError, match=words):
+        import_recording([path], tmp_path / "out", IRB120)
+
+
+def test_placeholders_and_error_cells_are_missing_measurements(truth, tmp_path):
+    cells = [[f"{v:.9g}" for v in row] for row in np.column_stack([degrees(truth), truth.points])]
+    cells[3][6:] = ["-9999"] * 3
+    cells[8][6:] = ["0", "0", "0"]
+    cells[11][7] = "#N/A"
+    cells[17][2] = "#NV"
+    path = write_table(tmp_path / "t.csv", [*JOINTS, "X", "Y", "Z"], *cells)
+    made = import_recording([path], tmp_path / "out", IRB120)
+    kept = np.setdiff1d(np.arange(truth.n), [3, 8, 11, 17])
+    check(made.recording, truth.select(kept))
+    assert any("4 rows" in said and "rows 5, 10, 13, 19" in said for said in made.warnings)
+
+
+# ---- other containers ----
+
+
+def test_units_inside_the_cells(truth, tmp_path):
+    def cell(value, unit):
+        return f"{value:.7f}".replace(".", ",") + unit
+
+    rows = [
+        [*(cell(v, "°") for v in q), *(cell(v, " mm") for v in p)]
+        for q, p in zip(degrees(truth), truth.points)
+    ]
+    path = write_table(tmp_path / "t.csv", [*JOINTS, "X", "Y", "Z"], *rows)
+    check(import_recording([path], tmp_path / "out", IRB120).recording, truth)
+
+
+@pytest.mark.parametrize("form", ["records", "arrays", "parquet"])
+def test_json_and_parquet(form, truth, tmp_path):
+    import pandas
+
+    path = tmp_path / ("t.parquet" if form == "parquet" else "t.json")
+    if form == "records":
+        rows = zip(truth.joints.tolist(), truth.points.tolist())
+        path.write_text(json.dumps([{"id": "a", "joints": q, "point_mm": p} for q, p in rows]))
+    elif form == "arrays":
+        content = {"q": truth.joints.tolist(), "p": truth.points.tolist(), "operator": "N.N."}
+        path.write_text(json.dumps(content))
+    else:
+        table = np.column_stack([truth.joints, truth.points])
+        pandas.DataFrame(table, columns=[*JOINTS, "x", "y", "z"]).to_parquet(path)
+    check(import_recording([path], tmp_path / "out", IRB120).recording, truth)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"), [("t.json", "[{"), ("t.json", '[1, "a"]'), ("t.parquet", "no parquet")]
+)
+def test_broken_containers_are_refused(name, text, tmp_path):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=name):
+        read_sources([tmp_path / name], tmp_path)
+
+
 # ---- a robot as a Denavit-Hartenberg table ----
 
 
@@ -295,6 +364,8 @@ def test_cells_with_joint_variables_and_fractions_of_pi(tmp_path):
         (["joint", "d", "a", "alpha"], ["1", "290", "0", "90"], "no column theta"),
         (["theta", "d", "a", "alpha"], ["0", "290", "0", "0.3"], "without a unit"),
         (["theta", "d", "a", "alpha"], ["zero", "290", "0", "90"], "row 2, column theta"),
+        (["theta", "d", "a", "alpha"], ["0", "290", "", "90"], "no column a|row 2, column a"),
+        (["theta", "d", "a", "alpha"], ["0", "290", "1e999", "90"], "row 2, column a"),
     ],
 )
 def test_tables_that_cannot_be_an_arm_are_refused(header, row, words, tmp_path):

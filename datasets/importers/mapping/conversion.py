@@ -19,7 +19,7 @@ def complete_rows(table: RawTable, mapping: Mapping) -> tuple[RawTable, tuple[st
 
     Raises InputError where a mapped column is missing or no row is complete.
     """
-    kept = np.ones(table.n, bool)
+    kept = ~_placeholders(table, mapping)
     for quantity in ("joints", "point", "rotation", "axis", "flange_point", "flange_rotation"):
         group = getattr(mapping, quantity)
         for name in () if group is None else group.columns:
@@ -35,9 +35,19 @@ def complete_rows(table: RawTable, mapping: Mapping) -> tuple[RawTable, tuple[st
     named = ", ".join(str(table.lines[row]) for row in lost[:5])
     more = ", ..." if len(lost) > 5 else ""
     sentence = (
-        f"{table.file}: {len(lost)} rows with an empty cell are left out (rows {named}{more})."
+        f"{table.file}: {len(lost)} rows with an empty cell, or with three equal coordinates, which stand for a "
+        f"missing measurement, are left out (rows {named}{more})."
     )
     return table.take(np.flatnonzero(kept)), (sentence,)
+
+
+def _placeholders(table: RawTable, mapping: Mapping) -> np.ndarray:
+    """(n,) bool: rows whose measured coordinates are one and the same number, such as 0 or -9999."""
+    group = mapping.point
+    if group is None or any(name not in table.columns for name in group.columns):
+        return np.zeros(table.n, bool)
+    points = np.stack([table.numbers(name) for name in group.columns])
+    return (points == points[0]).all(0)
 
 
 def check_column(table: RawTable, name: str, quantity: str) -> None:

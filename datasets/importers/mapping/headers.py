@@ -158,6 +158,8 @@ def read_header(name: str, unit: str | None = None) -> Header:
         words = words[:-1]
         if len(words) > 1 and words[-1] == "in":
             words = words[:-1]
+    if found is None and len(words) > 2 and words[-1].isdigit() and words[-2] in _SUFFIX_UNITS:
+        found = unit_named(words.pop(-2))  # "point_mm 1", the first column of an array
     stated = unit_named(unit) if unit else None
     for count in range(min(4, len(words)), 0, -1):
         core = "".join(words[-count:])

@@ -94,6 +94,53 @@ def read_numpy(path: Path) -> list[RawTable]:
     )
 
 
+def read_parquet(path: Path) -> list[RawTable]:
+    """The table of a Parquet or Feather file: numbers, and text of all other columns. Raises InputError."""
+    import pandas
+
+    try:
+        is_feather = path.suffix.lower() == ".feather"
+        frame = pandas.read_feather(path) if is_feather else pandas.read_parquet(path)
+    except Exception as problem:  # the libraries raise many kinds for damaged files
+        raise complaint(
+            path.name, "a Parquet table", f"a damaged file ({problem})", "write it again"
+        ) from None
+    columns = {}
+    for name in frame.columns:
+        cells = frame[name]
+        is_number = pandas.api.types.is_numeric_dtype(cells)
+        columns[str(name)] = cells.to_numpy(float) if is_number else cells.astype(str).to_numpy("U")
+    return [RawTable(path.name, columns, np.arange(1, len(frame) + 1))]
+
+
+def read_json_tables(path: Path, content) -> list[RawTable]:
+    """Tables of JSON: a list of records with numbers and lists in them, or arrays by name. Raises InputError."""
+    if isinstance(content, list) and all(isinstance(row, Mapping) for row in content):
+        names = dict.fromkeys(name for row in content for name in row)
+        content = {name: [row.get(name) for row in content] for name in names}
+    arrays, texts = {}, {}
+    for name, value in content.items() if isinstance(content, Mapping) else ():
+        if isinstance(value, list):
+            array = _number_array(value)
+            if array is not None:
+                arrays[name] = array
+            elif all(isinstance(cell, str) for cell in value):
+                texts[name] = np.array(value)
+    tables = tables_of_arrays(path, arrays)
+    for table in tables:
+        same = {name: cells for name, cells in texts.items() if len(cells) == table.n}
+        table.columns.update(same)
+    return tables
+
+
+def _number_array(value: list) -> np.ndarray | None:
+    """Numbers of a nested list, nan for null; None where it holds anything else."""
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        return None
+
+
 def tables_of_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> list[RawTable]:
     """One table for each length that arrays share. Raises InputError where no array has one row per sample."""
     by_length: dict[int, dict[str, np.ndarray]] = {}

@@ -59,6 +59,8 @@ def _read(path: Path, scratch: Path) -> Source:
         return Source(tables=tuple(excel.read_excel(path)))
     if suffix == ".mat":
         return Source(tables=tuple(arrays.read_matlab(path)))
+    if suffix in {".parquet", ".pq", ".feather"}:
+        return Source(tables=tuple(arrays.read_parquet(path)))
     if suffix in {".npy", ".npz"}:
         return Source(tables=tuple(arrays.read_numpy(path)))
     if suffix in _STORAGE:
@@ -73,7 +75,7 @@ def _read(path: Path, scratch: Path) -> Source:
         return Source(tables=(text_tables.read_text_table(path),))
     raise complaint(
         path.name,
-        "CSV, text, .xlsx, .mat, .npz, OpenCV or Kalibr YAML, a ROS bag, a robot program, images or clouds",
+        "CSV, text, .xlsx, .mat, .npz, Parquet, JSON, OpenCV or Kalibr YAML, a ROS bag, a robot program, images",
         f"a file of type {suffix}",
         "export it as CSV",
     )
@@ -103,7 +105,7 @@ def _read_folder(folder: Path, scratch: Path) -> Source:
             | _PROGRAMS
             | _STORAGE
             | clouds.EXTENSIONS
-            | {".xlsx", ".xlsm", ".mat", ".npz"}
+            | {".xlsx", ".xlsm", ".mat", ".npz", ".parquet", ".pq", ".feather"}
         )
         if (
             suffix not in known - {""}

@@ -60,6 +60,7 @@ def read_dh_table(path: Path) -> list[dict]:
         raise complaint(
             path.name, f"one row per joint, {_MOST_JOINTS} at most", f"{table.n} rows", "correct it"
         )
+    _check_filled(table, [columns[name] for name in ("d", "a", "alpha")])
     values = {name: _cells(table, header) for name, header in columns.items()}
     factors = _factors(table, columns, values)
     joints = []
@@ -103,11 +104,28 @@ def _plain(header: Header) -> str:
     return "".join((*header.words, header.core)) if header.kind else "".join(header.words)
 
 
+def _check_filled(table: RawTable, headers: list[Header]) -> None:
+    """Raise InputError for an empty or infinite cell: a missing number is not taken for zero."""
+    for header in headers:
+        cells = table.columns[header.name]
+        is_number = cells.dtype.kind == "f"
+        missing = ~np.isfinite(cells) if is_number else np.array([not cell for cell in cells])
+        if missing.any():
+            row = int(np.argmax(missing))
+            raise complaint(
+                f"{table.file}, row {table.lines[row]}, column {header.name}",
+                "a number",
+                str(cells[row]) or "an empty cell",
+                "write 0 where nothing is meant",
+            )
+
+
 def _cells(table: RawTable, header: Header) -> tuple[np.ndarray, bool]:
     """(J,) numbers, in radians where a cell contains pi, and whether one does. Raises InputError for other text."""
     cells = table.columns[header.name]
-    if cells.dtype.kind == "f":
-        return np.nan_to_num(cells), False
+    if cells.dtype.kind == "f" and not np.isinf(cells).any():
+        return np.where(np.isnan(cells), 0.0, cells), False
+    cells = cells.astype(str)
     has_pi = any("pi" in cell.lower() or "π" in cell for cell in cells)
     values = []
     for row, cell in enumerate(cells):
@@ -130,13 +148,15 @@ def _evaluated(text: str) -> float | None:
     if plain in ("", "+"):
         return 0.0
     match = _PI.fullmatch(plain)
-    if match:
-        sign = match[1] + "1" if match[1] in ("", "+", "-") else match[1]
-        return float(sign) * math.pi / float(match[2] or 1)
     try:
-        return float(plain.replace(",", "."))
-    except ValueError:
+        if match is None:
+            value = float(plain.replace(",", "."))
+        else:
+            factor = match[1] + "1" if match[1] in ("", "+", "-") else match[1]
+            value = float(factor) * math.pi / float(match[2] or 1)
+    except (ValueError, ZeroDivisionError):
         return None
+    return value if math.isfinite(value) else None
 
 
 def _factors(table: RawTable, columns: Mapping[str, Header], values: Mapping) -> dict[str, float]:

@@ -7,8 +7,8 @@ import numpy as np
 
 from datasets.errors import complaint
 from datasets.importers.source import Source
-from datasets.importers.sources.arrays import pose_columns, tables_of_arrays
-from workbench.core.text.structured_text import read_yaml
+from datasets.importers.sources.arrays import pose_columns, read_json_tables, tables_of_arrays
+from workbench.core.text.structured_text import ContentError, read_json, read_yaml
 
 _HEAD_BYTES = 4096
 
@@ -18,17 +18,24 @@ def read_storage(path: Path) -> Source:
     head = path.read_bytes()[:_HEAD_BYTES].decode("utf-8", errors="replace")
     if "target_type" in head:
         return read_kalibr_target(path)
-    if (
-        re.search(r"%YAML:1\.0|opencv_storage|opencv-matrix", head)
-        or path.suffix.lower() == ".json"
-    ):
+    if re.search(r"%YAML:1\.0|opencv_storage|opencv-matrix", head):
         return read_opencv(path)
+    if path.suffix.lower() == ".json":
+        return Source(tables=tuple(read_json_tables(path, _json(path))))
     raise complaint(
         path.name,
         "an OpenCV FileStorage or a Kalibr target",
         "neither %YAML:1.0 nor target_type",
         "name the file that holds the poses or the target",
     )
+
+
+def _json(path: Path):
+    """Raises InputError for text that is no JSON."""
+    try:
+        return read_json(path)
+    except (OSError, ContentError) as problem:
+        raise complaint(path.name, "JSON", f"a mistake ({problem})", "write it again") from None
 
 
 def read_kalibr_target(path: Path) -> Source:

@@ -28,7 +28,13 @@ _POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _COMMA = re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?")
 _GROUPED_POINT = re.compile(r"[+-]?\d{1,3}(,\d{3})+\.\d+")
 _GROUPED_COMMA = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+")
-_EMPTY = {"", "-", "--", "nan", "na", "n/a", "null", "none"}
+_EMPTY = {
+    *("", "-", "--", "---", "nan", "na", "n/a", "null", "none", "k.a."),
+    *("#n/a", "#nv", "#wert!", "#value!", "#div/0!", "#num!", "#zahl!", "#ref!", "#bezug!"),
+}
+_WITH_UNIT = re.compile(
+    r"([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(?:°|º|deg|grad|rad|gon|mm|cm|m|in|\"|s|ms)", re.IGNORECASE
+)
 _BRACKETED = re.compile(r"\[[^\]]*\]|\([^)]*\)|<[^>]*>")
 _TIME_FORMAT = re.compile(r"[dtmyhs]{1,4}([.:/ -]+[dtmyhs]{1,4})+(\.[sf0]+)?", re.IGNORECASE)
 _FEWEST_COLUMNS = 2
@@ -145,14 +151,22 @@ def split_cells(line: str, separator: str) -> list[str]:
     """Cells of a line, stripped; double quotes enclose cells with separators in them."""
     text = line.strip("\r\n")
     if separator == " ":
-        return _spaced(text)
+        return [_without_unit(cell) for cell in _spaced(text)]
     if '"' in text:
         try:
             cells = next(csv.reader([text], delimiter=separator, skipinitialspace=True))
         except csv.Error:  # a cell above the size that a cell can have: no table of measurements
             cells = text.split(separator)
-        return [cell.strip() for cell in cells]
-    return [cell.strip() for cell in text.split(separator)]
+        return [_without_unit(cell.strip()) for cell in cells]
+    return [_without_unit(cell.strip()) for cell in text.split(separator)]
+
+
+def _without_unit(cell: str) -> str:
+    """The number of a cell such as "12,5°"; the unit is tested on the robot like an unstated one."""
+    if not cell or cell[-1].isdigit() or not (cell[0].isdigit() or cell[0] in "+-.,"):
+        return cell
+    match = _WITH_UNIT.fullmatch(cell)
+    return match[1] if match else cell
 
 
 def _spaced(text: str) -> list[str]:
@@ -325,7 +339,8 @@ class _Column:
 
 
 def _shortest(value: float) -> str:
-    return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(value)
+    is_whole = abs(value) < 1e15 and value == int(value)
+    return str(int(value)) if is_whole else repr(value)
 
 
 def _used_columns(columns: Sequence[_Column]) -> list[int]:

@@ -17,10 +17,12 @@ from datasets.recording import Recording
 from robot_model.chain import forward
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
+from workbench.fitting.plausibility import check_plausibility
 from workbench.recordings.importing.fits import CandidateFit, compare_readings
 from workbench.recordings.importing.questions import Ask, Question, choose
 
 _SHOWN, _REFINED = 5, 8
+_ABOUT_AS_BAD = 1.5
 _SCREENED = 40
 _PAIRS = 400
 _SCREEN_FACTOR, _SCREEN_RAD = 3.0, np.deg2rad(1.0)
@@ -63,9 +65,26 @@ def decide_units(
     is_stated = len(readings) == 1
     if is_stated and not (fits and fits[0][1].is_good):
         return _contradicted_units(robot, mapping, build, called, fits)
+    if fits and not any(fit.is_good for _, fit in fits):
+        _refuse_mistake(robot, build(readings[_usual_of(fits)][1]), called)
     return _decided(
         readings, fits, f"{called}, units of the joint readings and the point", ask, _unit_lines
     )
+
+
+def _usual_of(fits: Sequence[tuple[int, CandidateFit]]) -> int:
+    """Index of the most usual reading among those that fit about as badly as the best one."""
+    least = min(fit.scale for _, fit in fits)
+    return min(place for place, fit in fits if fit.scale < _ABOUT_AS_BAD * least)
+
+
+def _refuse_mistake(robot: Robot, recording: Recording, called: str) -> None:
+    """Raise InputError where one mistake, such as a reversed joint or a left-handed frame, explains a bad fit."""
+    for suspicion in check_plausibility(robot, recording):
+        if suspicion.certain:
+            raise InputError(
+                suspicion.sentence.replace("samples.csv of recording 'import'", called)
+            )
 
 
 def decide_robot(
