@@ -67,11 +67,14 @@ class Payload(Effect):
             label, suffix = f"the load added after {self.after:g}", f"_after_{self.after:g}"
         moments = [
             self.parameter(
-                f"m{axis}{suffix}", "kg mm", mass * _CENTRE_MM, f"{label}'s first moment in {axis}"
+                f"m{axis}{suffix}",
+                "kg mm",
+                mass * _CENTRE_MM,
+                f"the first moment of {label} along {axis}",
             )
             for axis in "xyz"
         ]
-        return (self.parameter(f"mass{suffix}", "kg", mass, f"{label}'s mass"), *moments)
+        return (self.parameter(f"mass{suffix}", "kg", mass, f"the mass of {label}"), *moments)
 
     def basis(self, state):
         there = np.ones(state.n)

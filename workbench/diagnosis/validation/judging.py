@@ -105,6 +105,29 @@ def with_carriers(bench, terms: Sequence[Term]) -> tuple[list[Term], list[Term]]
     return kept, [replace(t, kept=False, reason=reason) for t in orphans]
 
 
+def with_possible_masses(bench, terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
+    """The terms, and refused the loads whose fitted mass is significantly below the least that is possible, zero."""
+    loads = [t for t in terms if any(_weighs(effect) for effect in t.finding.effects)]
+    if not loads:
+        return list(terms), []
+    rows = bench.parameters([effect for term in terms for effect in term.finding.effects])
+    refused = []
+    for term in loads:
+        keys = {e.parameters(bench.chain)[0].key for e in term.finding.effects if _weighs(e)}
+        mass = next(row for row in rows if row["key"] in keys)
+        if mass["value"] < -REAL * mass["std"]:
+            size = f"{mass['value']:.3g} ± {mass['std']:.2g} {mass['unit']}"
+            reason = f"its mass would be negative, {size}: what it explains is not a load"
+            refused.append(replace(term, kept=False, reason=reason))
+    lost = [one.finding for one in refused]
+    return [t for t in terms if not any(t.finding is finding for finding in lost)], refused
+
+
+def _weighs(effect: Effect) -> bool:
+    """Whether an effect is a load whose first parameter, its mass, cannot be negative."""
+    return effect.needs_compliance and effect.nonnegative > 0
+
+
 def combined_t(values: Sequence[float]) -> float:
     """One t over several schemes: their mean, but the worst where one of them says that the error rises."""
     return min(values) if min(values) < -REAL else float(np.mean(values))
@@ -144,4 +167,5 @@ __all__ = [
     "judging_schemes",
     "not_supported",
     "with_carriers",
+    "with_possible_masses",
 ]

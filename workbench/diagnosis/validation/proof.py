@@ -33,6 +33,7 @@ from workbench.diagnosis.validation.judging import (
     judging_schemes,
     not_supported,
     with_carriers,
+    with_possible_masses,
 )
 from workbench.diagnosis.validation.parallel import searches
 from workbench.diagnosis.validation.terms import Proof, Term
@@ -77,7 +78,8 @@ def prove(
     terms, lost = _stable(errors, terms, whole, usual)
     terms, more = _controlled(bench, terms, say)
     terms, orphans = with_carriers(bench, terms)
-    gone = [*refused, *lost, *more, *orphans]
+    terms, impossible = with_possible_masses(bench, terms)
+    gone = [*refused, *lost, *more, *orphans, *impossible]
     terms, worse, rows = _supported(errors, terms, gone, whole, usual)
     effects = _effects([term.finding for term in terms])
     fixed = [errors(effects, s.fold) for s in whole.schemes] if effects else whole.plain
