@@ -11,9 +11,10 @@ from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import found, recorded
 from test_real_arm_effects import without_masses
 from workbench.diagnosis.linear.evidence import Projected, scan_moments
-from workbench.diagnosis.linear.hypotheses import columns_of
+from workbench.diagnosis.linear.hypotheses import Hypothesis, columns_of
 from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.validation import proof
 from workbench.diagnosis.validation.judging import with_carriers, with_possible_masses
 from workbench.diagnosis.validation.terms import Term
@@ -117,8 +118,31 @@ def test_a_constant_load_that_would_weigh_less_than_nothing_is_refused(mass):
     chain = bench_of(replace(recording, robot=robot)).chain
     (variant,) = CATALOGUE["payload"].candidates(chain)
     row = {"key": "tool.payload.mass", "value": mass, "std": 0.5, "unit": "kg"}
-    bench = SimpleNamespace(chain=chain, parameters=lambda effects: (row,))
+    bench = SimpleNamespace(chain=chain, parameters=lambda effects, samples: (row,))
     terms = [Term(finding) for finding in of_effects(*soft(), variant.effect)]
     kept, refused = with_possible_masses(bench, terms)
     assert len(kept) == (3 if mass < -1.0 else 4) and len(kept) + len(refused) == 4
     assert all("negative, -2 ± 0.5 kg" in term.reason and not term.kept for term in refused)
+
+
+def test_a_search_goes_on_without_a_load_of_negative_mass():
+    """What a term explains counts again for others once its values are known to be impossible."""
+    recording = recorded(48, soft(), list(COMPLIANCES.values()), n=120)
+    robot = {key: value for key, value in recording.robot.items() if key != "payload"}
+    bench = bench_of(replace(recording, robot=robot))
+    search = Search(bench, None, 0.01, lambda text: None)
+    (variant,) = CATALOGUE["payload"].candidates(bench.chain)
+    search.accepted = (variant_of(soft()[0]), variant_of(variant.effect, "constant"))
+    row = {"key": "tool.payload.mass", "value": -2.0, "std": 0.5, "unit": "kg"}
+    bench.parameters = lambda effects, samples: (row,)
+    search.solve_possible()
+    assert [h.effect for h in search.accepted] == ["joint-compliance"]
+    table = search.table(search.everyone)
+    assert not any(h.effect == "payload" and h.label == "constant" for h in table)
+    assert any(h.effect == "payload" for h in table)
+
+
+def variant_of(effect, label=""):
+    """A hypothesis with no more than what the search needs to solve with it."""
+    named = (effect.effect, effect.where, label, effect.effect, (effect,), (), "", True, None)
+    return Hypothesis(*named, 0.0, 1.0, 0.0, 1.0, 0.0, 1)

@@ -1,5 +1,7 @@
 """Numbers that follow from the parameters of effects: the mass of a load, coefficients of a linearised law."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from robot_model.effects.curve import JointCurve, dominant_cycles
@@ -8,6 +10,7 @@ from robot_model.effects.load_mass import load_masses
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.core.model import NOISE, STATE_PORTS
+from workbench.diagnosis.levels import REAL
 
 
 def mass_rows(model, values: np.ndarray, covariance: np.ndarray) -> dict[int, dict]:
@@ -30,6 +33,16 @@ def mass_rows(model, values: np.ndarray, covariance: np.ndarray) -> dict[int, di
     return rows
 
 
+def negative_masses(bench, effects: Sequence[Effect], samples=None) -> list[tuple[Effect, dict]]:
+    """Loads that cannot weigh less than nothing, and their rows where the fitted mass is significantly negative."""
+    loads = [e for e in effects if e.needs_compliance and e.nonnegative > 0]
+    if not loads:
+        return []
+    rows = {row["key"]: row for row in bench.parameters(effects, samples)}
+    masses = [(load, rows[load.parameters(bench.chain)[0].key]) for load in loads]
+    return [(load, row) for load, row in masses if row["value"] < -REAL * row["std"]]
+
+
 def linear_values(
     effect: Effect, p: np.ndarray, columns: np.ndarray, state, rows, chain
 ) -> np.ndarray:
@@ -49,4 +62,4 @@ def spectrum(effect: JointCurve, coefficients: np.ndarray, chain) -> dict:
     return {"curve_rms": float(error.std()), "cycles": cycles}
 
 
-__all__ = ["linear_values", "mass_rows", "spectrum"]
+__all__ = ["linear_values", "mass_rows", "negative_masses", "spectrum"]

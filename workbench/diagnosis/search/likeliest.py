@@ -46,7 +46,7 @@ def accept_likeliest(search: Search) -> None:
         tried.append(names)
         search.accepted = tuple(_with_effect(search.bench, h) for h in chosen)
         search.say("; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in chosen))
-        search.solve()
+        search.solve_possible()
     _order(search)
 
 

@@ -10,6 +10,7 @@ from workbench.diagnosis.linear.hypotheses import Hypothesis, family_wise, judge
 from workbench.diagnosis.linear.problem import Bench, Problem
 from workbench.diagnosis.noise.data import evened_out
 from workbench.diagnosis.noise.scatter import Scatter, evened_by
+from workbench.diagnosis.robot.derived import negative_masses
 from workbench.diagnosis.search.compatible import compatible
 
 
@@ -19,6 +20,7 @@ class Search:
 
     `level`: chance of a false alarm on the whole search. `scatter`: a place with a random effect, `spread` (n,) how
     far each sample's noise is spread: all is judged conditional on them. `trail`: a line for each step.
+    `impossible`: names of hypotheses whose fitted values no machine has.
     """
 
     bench: Bench
@@ -32,6 +34,7 @@ class Search:
     tables: dict = field(default_factory=dict)
     scatter: Scatter | None = None
     spread: np.ndarray | None = None
+    impossible: set[tuple] = field(default_factory=set)
 
     def say(self, line: str):
         """A line for the trail and for whoever waits."""
@@ -46,6 +49,21 @@ class Search:
             problem = evened_out(problem, self.spread)
         self.problem = problem if self.scatter is None else evened_by(problem, self.scatter)
         self.tables = {}
+
+    def solve_possible(self):
+        """`solve`; a load whose mass comes out negative is no longer searched, and all is solved without it.
+
+        A constant load of negative mass is an error of the masses or laws of the compliances, not a load.
+        """
+        self.solve()
+        effects = [e for h in self.accepted for e in h.effects]
+        loads = [load for load, _ in negative_masses(self.bench, effects, self.samples)]
+        lost = [h for h in self.accepted if any(e is load for e in h.effects for load in loads)]
+        if lost:
+            self.impossible |= {name_of(h) for h in lost}
+            self.accepted = tuple(h for h in self.accepted if name_of(h) not in self.impossible)
+            self.say("; ".join(f"{h.effect} {h.label}: its mass is negative" for h in lost))
+            self.solve()
 
     def reorder(self, order: list[int]) -> None:
         """The accepted hypotheses in another order; the solution and the tables stay what they are."""
@@ -75,6 +93,7 @@ class Search:
                 judged(self.problem.keeping(kept), wanted=wanted),
                 [self.accepted[i] for i in kept],
             )
+            table = [h for h in table if name_of(h) not in self.impossible]
             self.tables[kept] = [
                 h for h in table if h.unnamed or all(compatible(h, other) for other in held)
             ]

@@ -17,6 +17,7 @@ from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.diagnosis.levels import REAL
 from workbench.diagnosis.linear.problem import Problem
+from workbench.diagnosis.robot.derived import negative_masses
 from workbench.diagnosis.validation.controls import of_order
 from workbench.diagnosis.validation.folds import TIME, Scheme
 from workbench.diagnosis.validation.terms import Term
@@ -107,25 +108,15 @@ def with_carriers(bench, terms: Sequence[Term]) -> tuple[list[Term], list[Term]]
 
 def with_possible_masses(bench, terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
     """The terms, and refused the loads whose fitted mass is significantly below the least that is possible, zero."""
-    loads = [t for t in terms if any(_weighs(effect) for effect in t.finding.effects)]
-    if not loads:
-        return list(terms), []
-    rows = bench.parameters([effect for term in terms for effect in term.finding.effects])
-    refused = []
-    for term in loads:
-        keys = {e.parameters(bench.chain)[0].key for e in term.finding.effects if _weighs(e)}
-        mass = next(row for row in rows if row["key"] in keys)
-        if mass["value"] < -REAL * mass["std"]:
-            size = f"{mass['value']:.3g} ± {mass['std']:.2g} {mass['unit']}"
-            reason = f"its mass would be negative, {size}: what it explains is not a load"
-            refused.append(replace(term, kept=False, reason=reason))
-    lost = [one.finding for one in refused]
-    return [t for t in terms if not any(t.finding is finding for finding in lost)], refused
-
-
-def _weighs(effect: Effect) -> bool:
-    """Whether an effect is a load whose first parameter, its mass, cannot be negative."""
-    return effect.needs_compliance and effect.nonnegative > 0
+    effects = [effect for term in terms for effect in term.finding.effects]
+    kept, refused = list(terms), []
+    for load, mass in negative_masses(bench, effects):
+        size = f"{mass['value']:.3g} ± {mass['std']:.2g} {mass['unit']}"
+        reason = f"its mass would be negative, {size}: what it explains is not a load"
+        lost = [t for t in kept if any(effect is load for effect in t.finding.effects)]
+        refused += [replace(term, kept=False, reason=reason) for term in lost]
+        kept = [t for t in kept if not any(t is one for one in lost)]
+    return kept, refused
 
 
 def combined_t(values: Sequence[float]) -> float:
