@@ -238,24 +238,24 @@ def frame_rows(
     """(len(slots), 3, n) motion of `point` per unit of twist; slot 6 place + 0..2 shift, 3..5 turn."""
     place, kind = np.divmod(slots, 6)
     rows = np.empty((len(slots), 3, point.shape[1]))
-    for i, (p, c) in enumerate(zip(place, kind)):
-        rows[i] = (
-            frames.link[p][c]
-            if c < 3
-            else cross(frame_turn(frames, p, c, twists), point - _moved_pivot(frames, p, twists))
-        )
+    for p in np.unique(place):
+        mine = place == p
+        shifts, turns = mine & (kind < 3), mine & (kind >= 3)
+        rows[shifts] = frames.link[p][kind[shifts]]
+        if turns.any():
+            lever = point - _moved_pivot(frames, p, twists)
+            rows[turns] = cross(_place_turns(frames, p, twists)[kind[turns] - 3], lever)
     return rows
 
 
 def frame_turns(frames: Frames, slots: np.ndarray, twists: dict[int, np.ndarray]) -> np.ndarray:
     """(len(slots), 3, n) rotation of the flange, world frame, per unit of twist (0 for shifts)."""
-    still = np.zeros_like(frames.end_origin)
-    return np.stack(
-        [
-            frame_turn(frames, p, c, twists) if c >= 3 else still
-            for p, c in zip(*np.divmod(slots, 6))
-        ]
-    )
+    place, kind = np.divmod(slots, 6)
+    rows = np.zeros((len(slots), *frames.end_origin.shape))
+    for p in np.unique(place[kind >= 3]):
+        mine = (place == p) & (kind >= 3)
+        rows[mine] = _place_turns(frames, p, twists)[kind[mine] - 3]
+    return rows
 
 
 def _moved_pivot(frames, place, twists):
@@ -266,14 +266,12 @@ def _moved_pivot(frames, place, twists):
     )
 
 
-def frame_turn(
-    frames: Frames, place: int, component: int, twists: dict[int, np.ndarray]
-) -> np.ndarray:
-    """(3, n) world rotation per unit of rotation-vector component: left Jacobian of SO(3)."""
-    axis = frames.link[place][component - 3]
+def _place_turns(frames: Frames, place: int, twists: dict[int, np.ndarray]) -> np.ndarray:
+    """(3, 3, n) world rotation per unit of each rotation-vector component: left Jacobian of SO(3)."""
+    axes = frames.link[place]
     if place not in twists:
-        return axis
-    vector = sum(e * w for e, w in zip(frames.link[place], twists[place][3:]))
-    once = cross(vector, axis)
+        return axes
+    vector = (axes * twists[place][3:, None]).sum(0)
+    once = cross(vector, axes)
     # the first terms of the series are exact to 1e-9 for the small twists of an arm (< 0.05 rad)
-    return axis + once / 2 + cross(vector, once) / 6
+    return axes + once / 2 + cross(vector, once) / 6

@@ -79,7 +79,8 @@ def test_blocks_left_out_of_a_linear_fit_are_predicted_as_by_fitting_again():
             40,
         )
         rotation = None
-        hat_basis, fitted_residual = q, y - q @ (q.T @ y)
+        fit_columns, hat_mixing, fitted_residual = (q,), np.eye(5), y - q @ (q.T @ y)
+        known = {}
 
     again = np.empty(40)
     for k in range(5):
@@ -232,8 +233,8 @@ def test_a_search_inside_a_fold_keeps_every_pose_where_these_are_few():
 
 def test_a_direction_that_one_block_alone_shows_stays_where_all_samples_have_it(bench):
     block = bench.chain.state.covariates["q5"] > 0.2
-    rows = bench.problem(()).keeping().basis[block[np.tile(np.arange(90), 3)]]
-    assert heldout._alone(rows).max() < 1 - heldout._HELD
+    problem = bench.problem(()).keeping()
+    assert heldout._block_shares(problem, block[problem.sample]).max() < 1 - heldout._HELD
     errors = heldout.Errors(bench).block((), block)
     assert errors.shape == (block.sum(),) and np.isfinite(errors).all() and errors.max() < 5
 

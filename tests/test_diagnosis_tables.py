@@ -8,30 +8,33 @@ import pytest
 from robot_model.chain import rotate
 from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded
+from workbench.core.model import NOISE, STATE_PORTS
 from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.hypotheses import judged
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search import select
+from workbench.diagnosis.search.objective import LogPosterior
 from workbench.diagnosis.search.subset_algebra import ConditionalSolution, Table
 
 
 def solved():
-    """A problem solved with two effects, with the clock and a slip in the recording."""
+    """A problem solved with three effects, with the clock and a slip in the recording."""
     effects = (
         CATALOGUE["joint-compliance"]("joint-3"),
         CATALOGUE["zero-shift"]("joint-1", after=2000.0),
+        CATALOGUE["joint-compliance"]("joint-2"),
     )
-    bench = bench_of(recorded(31, effects, [4e-6, 3e-4], n=120))
+    bench = bench_of(recorded(31, effects, [4e-6, 3e-4, 2e-6], n=120))
     return bench.problem(effects)
 
 
-@pytest.mark.parametrize("kept", [(), (0,), (1,), (0, 1)])
+@pytest.mark.parametrize("kept", [(), (0,), (1,), (0, 1), (1, 2), (0, 1, 2)])
 def test_table_conditional_on_kept_effects_equals_one_computed_again(kept):
     """What the baseline makes of every hypothesis is kept with the problem; all else is as without it."""
     problem = solved()
     judged(problem.keeping(()))
     shared = problem.keeping(kept)
-    fresh = replace(shared, known={}, made={}, bare=None, beyond=None)
+    fresh = replace(shared, basis=shared.whole_basis, known={}, made={}, beyond=None)
     found, expected = judged(shared), judged(fresh)
     own = {
         (h.effect, h.where, h.label): (h.evidence, h.gain, h.rank, np.log(h.p)) for h in expected
@@ -46,7 +49,51 @@ def test_what_a_spread_of_the_noise_changes_is_not_kept():
     problem = solved()
     judged(problem.keeping(()))
     through = problem.through(lambda rows: 2 * rows)
-    assert not through.known and through.bare is None
+    assert not through.known and through.beyond is None
+
+
+def test_terms_found_at_one_solution_have_their_columns_at_another():
+    """A likely term is not judged again about a new solution, but its columns are those there."""
+    problem = solved()
+    other = problem.through(lambda rows: 2 * rows)
+    for h in judged(problem.keeping(()))[:200]:
+        assert np.allclose(h.at(other).columns(other), 2 * h.columns(problem))
+    gone = replace(other, candidates=(), loose=(), scans=(), sites=())
+    assert h.at(gone) is None
+
+
+def test_a_part_of_the_samples_has_slices_of_the_bases_of_all():
+    bench = bench_of(recorded(31, n=120))
+    samples = np.arange(120) % 4 > 0
+    bench.problem((), samples)
+    part = bench._part(samples)
+    state = part.chain.state
+    linear = [o.effect for o in part.library(True) if o.effect.port not in (*STATE_PORTS, NOISE)]
+    assert len(linear) > 50
+    for effect in linear:
+        assert np.allclose(part.bases[effect, None], effect.basis(state), rtol=1e-9)
+
+
+def test_a_problem_takes_fewer_steps_than_a_complete_solve_and_is_the_same_to_first_order():
+    effects = CATALOGUE["joint-compliance"]("joint-2"), CATALOGUE["joint-compliance"]("joint-3")
+    bench = bench_of(recorded(35, effects, [2e-5, 2e-5], n=60))
+    early = bench.problem(effects).keeping()
+    bench.solve(effects)
+    late = bench.problem(effects).keeping()
+    y, z = (p.clear(p.residual) / np.sqrt(p.weights)[p.sample] * p.sigma for p in (early, late))
+    assert np.sqrt(((y - z) ** 2).mean()) < 0.01 * np.sqrt((z**2).mean())
+
+
+def test_an_objective_without_functions_weighs_laws_alike():
+    problem = solved().keeping(())
+    terms = [h for h in judged(problem) if h.evidence > 0]
+    objective = LogPosterior.of(problem, terms[:40])
+    rows = np.flatnonzero(~objective.unnamed)
+    alone = objective.among(rows)
+    for members in [(0,), (1, 3), (0, 2, 4)]:
+        every = tuple(int(rows[i]) for i in members)
+        assert alone.value(members) == pytest.approx(objective.value(every), rel=1e-9)
+        assert alone.gain(members) == pytest.approx(objective.gain(every), rel=1e-9)
 
 
 def test_a_set_less_a_member_is_the_smaller_set():

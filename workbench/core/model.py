@@ -174,7 +174,7 @@ class Model:
         total = np.zeros((span.stop - span.start, *evaluation.residual.shape))
         for effect, own in zip(self.effects, self.spans):
             if effect.elastic and effect.linear:
-                small = np.tensordot(self._by_load(effect, cause), values[own], (1, 0))
+                small = np.tensordot(self.basis(effect, cause), values[own], (1, 0))
             elif effect.elastic:
                 small = self._numeric_by_load(effect, own, span, values)
             else:
@@ -242,18 +242,17 @@ class Model:
         if not effect.elastic:
             return basis
         for cause, own in self._loads(values):
-            basis = basis + np.tensordot(values[own], self._by_load(effect, cause), 1)
+            basis = basis + np.tensordot(values[own], self.basis(effect, cause), 1)
         return basis
 
-    def basis(self, effect: Effect) -> np.ndarray:
-        """(P, k, n) the small factor of a linear effect, in the model or not, with gravity and masses as they stand."""
-        return self._kept(effect, None, lambda: effect.basis(self.chain.state))
+    def basis(self, effect: Effect, cause: Effect | None = None) -> np.ndarray:
+        """(P, k, n) the small factor of a linear effect, in the model or not, with gravity and masses as they stand.
 
-    def _by_load(self, effect, cause):
-        """(C, P, k, n) change of an elastic effect's basis per unit of each parameter of `cause`.
-
-        Torque is linear in masses and in gravity; their product is of second order and left out.
+        cause: an effect on gravity or masses with C parameters; then (C, P, k, n), the change of an elastic effect's
+        factor per unit of each. Torque is linear in both; their product is of second order and left out.
         """
+        if cause is None:
+            return self._kept(effect, None, lambda: effect.basis(self.chain.state))
         return self._kept(effect, cause, lambda: self._changes_of_basis(effect, cause))
 
     def _changes_of_basis(self, effect, cause):
@@ -266,9 +265,11 @@ class Model:
 
     def _kept(self, effect, cause, make):
         key = effect, cause  # effects are compared by identity
-        if key not in self._bases:
-            self._bases[key] = make()
-        return self._bases[key]
+        try:
+            return self._bases[key]
+        except KeyError:
+            made = self._bases[key] = make()
+            return made
 
 
 class _Once:

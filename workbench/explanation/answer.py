@@ -149,7 +149,7 @@ def _whole(
     proved, terms = _with_stated_noise(last, proved, terms, refused)
     verdict = _verdict(bench, found, terms, refused, proved)
     if verdict == UNEXPLAINED:
-        bare = last.after if terms else _with_hypotheses(bench, found)
+        bare = last.after if terms else found.before
         terms = (*terms, *_somewhere(found, terms, refused, bare))
     say("what these data could have shown")
     visible = _visible(bench, found)

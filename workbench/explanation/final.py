@@ -18,9 +18,7 @@ class Final:
         self.before = found.before
         effects = [e for term in terms for e in term.finding.effects] if terms is not None else None
         self.after = (
-            found.after
-            if effects is None
-            else bench.problem(effects).keeping().without_candidates()
+            found.after if effects is None else bench.problem(effects, hypotheses=False).keeping()
         )
 
     @property
@@ -147,7 +145,7 @@ def _plain(problem) -> dict:
 
 def _rank(problem) -> int:
     """Of the baseline, of which the position spends its share where orientation is measured, too."""
-    rank = problem.basis.shape[1]
+    rank = problem.rank
     return rank if problem.rotation is None else round(rank * float((~problem.rotation).mean()))
 
 

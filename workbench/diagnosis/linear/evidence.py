@@ -74,7 +74,6 @@ class Projected:
         self.yy = float(self.y @ self.y) / self.crowd
         self.degrees = max(problem.degrees, 1) / self.crowd
         self.known = problem.known
-        self._first = problem.basis[:, : problem.first]
         n, size = problem.n, len(problem.sample)
         self._sum = csr_array((np.ones(size), (problem.sample, np.arange(size))), shape=(n, size))
 
@@ -83,21 +82,37 @@ class Projected:
 
         def first():
             raw = np.einsum("cnp,cnq->cpq", columns, columns, optimize=True)
-            return _less(raw, _made(self._first, columns)), np.einsum("cpp->cp", raw).max(1)
+            return _less(raw, _made(self.problem.basis, columns)), np.einsum("cpp->cp", raw).max(1)
 
         def coupling():
             return np.einsum("cnp,n->cp", columns, self._y()), _made(self._columns(), columns)
 
         known = {} if name is None else self.known
         gram, largest = once(known, (name, "gram"), first)
-        return self._complement(gram, largest, *once(known, (name, "added"), coupling))
+        return self._complement(name, gram, largest, *once(known, (name, "added"), coupling))
 
-    def _complement(self, gram, largest, score, cross) -> Moments:
-        """Moments conditional on the kept effects; gram (C, P, P), score (C, P), cross (C, P, A) on the baseline."""
+    def _complement(self, name, gram, largest, score, cross) -> Moments:
+        """Moments conditional on the kept effects; gram (C, P, P), score (C, P), cross (C, P, A) on the baseline.
+
+        name: of the hypotheses, under which the same conditional on all added effects are kept; None: they are new.
+        Conditional on all but a few, the moments grow from those by what the few alone make.
+        """
         if self.beyond is None:
             return Moments(gram, score, largest)
-        made = cross @ self.beyond.mixing
-        return Moments(_less(gram, made), score - made @ self.beyond.score, largest)
+        lost = self.beyond.lost
+        if name is None or lost.shape[1] >= self.beyond.mixing.shape[1]:
+            made = cross @ self.beyond.mixing
+            return Moments(_less(gram, made), score - made @ self.beyond.score, largest)
+
+        def conditional_on_all():
+            made = cross @ self.beyond.added.whole.mixing
+            return _less(gram, made), score - made @ self.beyond.added.whole.score, made
+
+        gram, score, made = once(self.known, (name, "whole"), conditional_on_all)
+        if lost.shape[1]:
+            more = made @ lost
+            gram, score = gram + more @ more.swapaxes(1, 2), score + more @ self.beyond.lost_score
+        return Moments(gram, score, largest)
 
     def _y(self) -> np.ndarray:
         """(N,) the residual, orthogonal to the baseline alone."""
@@ -120,7 +135,7 @@ class Projected:
         return Slots(
             lambda: add @ (rows * self._y()).T,
             partial(self._with, rows, self._columns()),
-            partial(self._with, rows, self._first),
+            partial(self._with, rows, self.problem.basis),
             with_one_another,
             self,
             name,
@@ -210,7 +225,7 @@ class Slots:
         known = self.projected.known
         gram, largest = once(known, (self.name, option, "gram"), first)
         more = once(known, (self.name, option, "added"), coupling)
-        return self.projected._complement(gram, largest, *more)
+        return self.projected._complement((self.name, option), gram, largest, *more)
 
     def times(self, name: tuple, waves: np.ndarray, typical: np.ndarray, squares=None) -> Moments:
         """Moments of V functions (V, n) on every slot, as one hypothesis a group; waves (C, V, n).

@@ -86,6 +86,14 @@ class Hypothesis:
         """(N, P) whitened columns in typical sizes."""
         return columns_of(self.source, problem)
 
+    def at(self, problem: Problem) -> "Hypothesis | None":
+        """The same with its columns at another solution; its evidence stays. None where that does not compare it."""
+        first, *option = self.source if isinstance(self.source, tuple) else (self.source,)
+        found = problem.sources.get(first.key)
+        if found is None:
+            return None
+        return replace(self, source=(found, *option) if option else found)
+
 
 def columns_of(source, problem: Problem) -> np.ndarray:
     """(N, P) columns in typical sizes of what a hypothesis came from."""

@@ -12,17 +12,19 @@ the square root of the sample's robust weight.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from workbench.core.effect import Effect
-from workbench.core.least_squares.linear_algebra import symmetric_eigen, thin_svd
+from workbench.core.least_squares.linear_algebra import thin_svd
 from workbench.diagnosis.levels import ROUNDING, SEEN
+from workbench.diagnosis.linear.kept_effects import Added, Beyond
 
 _SINGULAR = 1e-11
 """Relative singular value below which a direction of a Jacobian is rounding: 1e-16 times 1e5 of its columns' scales."""
-_FIXED = 1e12  # precision of a prior beyond which a coefficient is 0
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,11 @@ class Candidate:
     positive: int = 0
     load: float = 0.0
 
+    @property
+    def key(self) -> tuple:
+        """What it is called at every solution."""
+        return "candidate", self.effect, self.where, self.label
+
 
 @dataclass(frozen=True)
 class Scan:
@@ -83,6 +90,11 @@ class Scan:
     together: bool = False
     centred: bool = False
 
+    @property
+    def key(self) -> tuple:
+        """What it is called at every solution."""
+        return "scan", self.effect, self.where, self.kind, self.family, self.word
+
 
 @dataclass(frozen=True)
 class Site:
@@ -109,13 +121,19 @@ class Site:
         """How finely a function may change here, see `smooth_alternatives.functions`."""
         return 2 if self.sharp else int(len(self.rows) == 1)
 
+    @property
+    def key(self) -> tuple:
+        """What it is called at every solution."""
+        return "site", self.where, self.port, self.sharp
+
 
 @dataclass(frozen=True)
 class Problem:
     """A fitted baseline, linearised. n samples, N coordinates, R the baseline's rank.
 
     `residual` (N,): whitened, predicted minus measured. `basis` (N, R): orthonormal basis of the
-    baseline's Jacobian (with the effects found so far). `sample` (N,): which sample each coordinate
+    baseline's Jacobian; `beyond`: of the effects that are kept, see `keeping`.
+    `sample` (N,): which sample each coordinate
     is of. `weights` (n,): robust weight of each sample, already in all columns; 0 is a sample left
     out as an outlier. `sigma` (N,): what one whitened unit is, in the coordinate's own unit (mm, rad,
     px); `widened`: by how much it exceeds the stated sigma. `pose` (n,): labels; repeats share one.
@@ -153,10 +171,9 @@ class Problem:
     made: dict = field(
         default_factory=dict, compare=False, repr=False
     )  # functions of the covariates, made once
-    # what is known of all that is compared with the first `bare` columns of the basis (None: all), made once
+    # what is known of all that is compared with the baseline, made once
     known: dict = field(default_factory=dict, compare=False, repr=False)
-    bare: int | None = None
-    beyond: "Beyond | None" = (
+    beyond: Beyond | None = (
         None  # of a problem that keeps some effects: what these make, see `keeping`
     )
     rotation: np.ndarray | None = (
@@ -169,29 +186,25 @@ class Problem:
         To first order, about the solution with all of them; so each can be questioned without a new solve.
         """
         if not self.added:
-            return replace(self, bare=self.first)
+            return self
         kept = range(len(self.added)) if kept is None else kept
         back = [self.added[i] @ self.values[i] for i in range(len(self.added)) if i not in kept]
-        if "added" not in self.known:
-            self.known["added"] = Added.of(self)
-        beyond = self.known["added"].kept(kept)
         return replace(
             self,
             residual=self.residual - sum(back) if back else self.residual,
-            basis=np.concatenate([self.basis, beyond.basis], 1),
             effects=tuple(self.effects[i] for i in kept),
             added=(),
             values=(),
             precisions=(),
-            bare=self.first,
-            beyond=beyond,
+            beyond=self.known_added.kept(kept),
         )
 
-    def without_candidates(self) -> "Problem":
-        """The problem without the columns of candidates, which of a large recording are most of it."""
-        return replace(
-            self, candidates=(), loose=(), mass_responses=(), made={}, known={}, beyond=self.beyond
-        )
+    @property
+    def known_added(self) -> Added:
+        """Inner products of all added effects, made once."""
+        if "added" not in self.known:
+            self.known["added"] = Added.of(self)
+        return self.known["added"]
 
     def reordered(self, order: Sequence[int]) -> "Problem":
         """The problem with its effects in another order; what is known of others than these stays."""
@@ -204,23 +217,39 @@ class Problem:
             self, effects=effects, added=added, values=values, precisions=precisions, known=known
         )
 
-    @property
-    def hat_basis(self) -> np.ndarray:
-        """(N, R) B with B B' y the fitted part of y in a fit whose added parameters have their priors.
+    @cached_property
+    def sources(self) -> dict[tuple, "Candidate | Scan | Site"]:
+        """All that is compared with the residual, by `key`."""
+        return {
+            one.key: one
+            for held in (self.candidates, self.loose, self.scans, self.sites)
+            for one in held
+        }
 
-        Without priors B is the orthonormal `basis`. A direction that the data hardly determine is shorter than 1.
+    @property
+    def fit_columns(self) -> tuple[np.ndarray, ...]:
+        """Baseline's basis (N, R) and, where effects are kept, the columns (N, A) of all that are added."""
+        if self.beyond is None:
+            return (self.basis,)
+        return self.basis, self.beyond.added.columns
+
+    @property
+    def hat_mixing(self) -> np.ndarray:
+        """(R + A, P) T: with B = `fit_columns` T, B B' y is the fitted part of y where parameters have their priors.
+
+        Without priors B is orthonormal. A direction that the data hardly determine is shorter than 1.
         """
         if self.beyond is None:
-            return self.basis
-        return np.concatenate([self.basis[:, : self.first], self.beyond.hat_basis], 1)
+            return np.eye(self.basis.shape[1])
+        return block_diag(np.eye(self.basis.shape[1]), self.beyond.hat_mixing)
 
     @property
     def fitted_residual(self) -> np.ndarray:
-        """(N,) y - B B' y, the residual of the fit whose hat matrix is that of `hat_basis`."""
+        """(N,) y - B B' y, the residual of the fit whose hat matrix is that of `hat_mixing`."""
         if self.beyond is None:
             return self.clear(self.residual)
-        basis, y = self.beyond.hat_basis, self.beyond.added.y
-        return y - basis @ (basis.T @ y)
+        added, mixing = self.beyond.added, self.beyond.hat_mixing
+        return added.y - added.columns @ (mixing @ (mixing.T @ added.score))
 
     def through(
         self, white: Callable[[np.ndarray], np.ndarray], weights: np.ndarray | None = None
@@ -242,7 +271,7 @@ class Problem:
         return replace(
             self,
             residual=white(self.residual),
-            basis=np.linalg.qr(columns(self.basis))[0],
+            basis=np.linalg.qr(columns(self.whole_basis))[0],
             weights=self.weights if weights is None else weights,
             added=tuple(map(columns, self.added)),
             sites=places(self.sites),
@@ -251,7 +280,6 @@ class Problem:
             candidates=candidates(self.candidates),
             loose=candidates(self.loose),
             known={},
-            bare=None,
             beyond=None,
             mass_responses=candidates(self.mass_responses),
         )
@@ -266,13 +294,23 @@ class Problem:
         return np.linalg.qr(self.clear(u[:, s > ROUNDING]))[0]
 
     def clear(self, columns: np.ndarray) -> np.ndarray:
-        """(N,) or (N, P) with all that the baseline can make of it taken out: M x = x - Q Q' x."""
-        return columns - self.basis @ (self.basis.T @ columns)
+        """(N,) or (N, P) with all that the baseline and the kept effects can make of it taken out: x - Q Q' x."""
+        left = columns - self.basis @ (self.basis.T @ columns)
+        if self.beyond is None:
+            return left
+        added, mixing = self.beyond.added.columns, self.beyond.mixing
+        return left - added @ (mixing @ (mixing.T @ (added.T @ columns)))
 
     @property
-    def first(self) -> int:
-        """How many columns of the basis are those of the baseline alone, for which `known` holds."""
-        return self.basis.shape[1] if self.bare is None else self.bare
+    def whole_basis(self) -> np.ndarray:
+        """(N, R) orthonormal basis of what the baseline and the kept effects can make."""
+        return self.basis if self.beyond is None else np.hstack([self.basis, self.beyond.basis])
+
+    @property
+    def rank(self) -> int:
+        """Number of directions that the baseline and the kept effects can make."""
+        kept = 0 if self.beyond is None else self.beyond.mixing.shape[1]
+        return self.basis.shape[1] + kept
 
     @property
     def n(self) -> int:
@@ -281,8 +319,8 @@ class Problem:
 
     @property
     def degrees(self) -> int:
-        """Degrees of freedom that the baseline has left: coordinates in use less its rank."""
-        return int((self.weights[self.sample] > 0).sum()) - self.basis.shape[1]
+        """Degrees of freedom that the fit has left: coordinates in use less its rank."""
+        return int((self.weights[self.sample] > 0).sum()) - self.rank
 
 
 def seen_basis(columns: np.ndarray) -> np.ndarray:
@@ -290,83 +328,6 @@ def seen_basis(columns: np.ndarray) -> np.ndarray:
     q, r = np.linalg.qr(columns)
     u, s, _ = thin_svd(r)
     return q @ u[:, s > max(SEEN, _SINGULAR * s[:1].max(initial=0.0))]
-
-
-@dataclass(frozen=True)
-class Added:
-    """Columns (N, A) of all added effects, orthogonal to the baseline, of unit length; `start` (E + 1,) of each.
-
-    `gram` (A, A) their inner products; `y` (N,) the residual without all of these effects, the baseline projected out;
-    `score` (A,) inner products of the two; `precision` (A,) of their coefficients' priors. What any of the
-    effects make follows from these without the samples.
-    """
-
-    columns: np.ndarray
-    start: np.ndarray
-    gram: np.ndarray
-    y: np.ndarray
-    score: np.ndarray
-    precision: np.ndarray
-
-    @classmethod
-    def of(cls, problem: Problem) -> "Added":
-        """Of a problem solved with effects."""
-        columns = np.concatenate(problem.added, 1)
-        made = columns @ np.concatenate(problem.values)
-        y = problem.clear(problem.residual - made)
-        whole = np.sqrt((columns**2).sum(0))
-        clear = problem.clear(columns / np.maximum(whole, 1e-300))
-        clear = problem.clear(clear)  # again: rounding of the first time is no direction
-        length = np.sqrt((clear**2).sum(0))
-        clear = np.where(length > ROUNDING, clear / np.maximum(length, 1e-300), 0.0)
-        start = np.concatenate([[0], np.cumsum([part.shape[1] for part in problem.added])])
-        held = problem.precisions or tuple(np.zeros(part.shape[1]) for part in problem.added)
-        precision = np.concatenate(held) / np.maximum((whole * length) ** 2, 1e-200)
-        return cls(clear, start, clear.T @ clear, y, clear.T @ y, precision)
-
-    def kept(self, effects: Sequence[int]) -> "Beyond":
-        """What some of the effects, by their numbers, make."""
-        parts = [np.arange(self.start[i], self.start[i + 1]) for i in effects]
-        held = np.concatenate([np.zeros(0, int), *parts])
-        values, vectors = symmetric_eigen(self.gram[np.ix_(held, held)])
-        seen = values > ROUNDING
-        mixing = np.zeros((len(self.score), int(seen.sum())))
-        mixing[held] = vectors[:, seen] / np.sqrt(values[seen])
-        return Beyond(self, mixing, self.columns @ mixing, held)
-
-
-@dataclass(frozen=True)
-class Beyond:
-    """What some of the added effects make: `basis` (N, R) orthonormal, columns of `added` times `mixing` (A, R).
-
-    `held`: numbers of the columns of these effects.
-    """
-
-    added: Added
-    mixing: np.ndarray
-    basis: np.ndarray
-    held: np.ndarray
-
-    @property
-    def hat_basis(self) -> np.ndarray:
-        """(N, P) B with B B' = X (X'X + L)^-1 X': X the columns of these effects, L the precisions of their priors."""
-        columns, precision = self.added.columns[:, self.held], self.added.precision[self.held]
-        scale = 1 / np.sqrt(1 + np.minimum(precision, _FIXED))
-        gram = self.added.gram[np.ix_(self.held, self.held)] * np.outer(scale, scale)
-        total = gram + np.diag(precision * scale**2)
-        values, vectors = symmetric_eigen(total)
-        seen = values > ROUNDING
-        return columns @ (scale[:, None] * vectors[:, seen] / np.sqrt(values[seen]))
-
-    @property
-    def y(self) -> np.ndarray:
-        """(N,) the residual with all that baseline and kept effects make projected out."""
-        return self.added.y - self.basis @ self.score
-
-    @property
-    def score(self) -> np.ndarray:
-        """(R,) inner products of the basis with the residual."""
-        return self.mixing.T @ self.added.score
 
 
 class Bench(Protocol):
@@ -393,8 +354,11 @@ class Bench(Protocol):
     ) -> Problem:
         """Baseline and effects solved non-linearly on `samples` (n,) bool (None: all), linearised there.
 
-        hypotheses: with everything that a search compares with it; a proof needs the solution alone.
+        hypotheses: with the columns of all candidates; a proof does without.
         """
+
+    def solve(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None) -> tuple:
+        """The fit of baseline and effects until it converges; a problem made after it is linear about it."""
 
     def held_out(self, effects: Sequence[Effect], folds: np.ndarray) -> np.ndarray:
         """(n,) error (mm or px, 3-D or 2-D distance) of each sample predicted from the other folds (n,) int."""

@@ -1,7 +1,7 @@
 """The bench of a robot with samples: solves baseline and effects, and makes the problem of a diagnosis there."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +15,7 @@ from workbench.core.covariates import clock
 from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import covariance_of
-from workbench.core.least_squares.solver import solve
+from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.diagnosis.linear.problem import Problem, Site
@@ -24,8 +24,9 @@ from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot import loose
 from workbench.diagnosis.robot.derived import mass_rows, spectrum
 from workbench.diagnosis.robot.library import compliances, names, variants
-from workbench.diagnosis.robot.linearised import solution, with_hypotheses
+from workbench.diagnosis.robot.linearised import solution, with_candidates, with_places
 from workbench.diagnosis.robot.noise_scale import noise_scaled
+from workbench.diagnosis.robot.sliced_bases import SlicedBases, describe
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.cross_validation import cross_validate
 from workbench.fitting.plans import geometry, stage_mask
@@ -37,10 +38,12 @@ BASELINES = ("geometry", JointCompliance.effect)
 _LOOSE_MASS = 0.5  # a variant with masses found is half as likely as one that trusts them
 _LEAST_POSES = 4
 """Distinct poses without which base and tool are not determined."""
-_FEW_STEPS, _STEPS = (
-    6,
-    50,
-)  # of a solve whose only purpose is a first estimate of the noise, and of the last one
+_FEW_STEPS, _STEPS = 6, 50
+"""Steps of a solve that estimates the noise or the point about which a problem is linear, and of a complete one.
+
+A problem needs no convergence: the baseline and the effects are projected out of its residual, which is the next step
+of Gauss and Newton.
+"""
 _NOISE_ROUNDS, _SAME_NOISE = 10, 0.02
 """Most estimates of the noise in one solution, and the relative change of sigma that ends them: a fiftieth is within
 the standard error of a noise of 1,000 samples."""
@@ -119,17 +122,27 @@ def covariates_of(chain: RobotChain, pose: np.ndarray) -> dict[str, np.ndarray]:
     return recorded | made
 
 
+@dataclass(frozen=True)
+class _Solution:
+    """A fitted model, robust weights (n,), and whether the fit is complete."""
+
+    model: Model
+    fit: Fit
+    weights: np.ndarray
+    is_complete: bool
+
+
 class _Part:
     """Some of the samples: their chain, and what is made once for them however often they are solved.
 
     `bases`: of effects, as a model keeps them; `known`: the library by whether something is compliant; `made`:
     functions of its covariates; `solved`: fits by their effects; `last`: values and sigmas of the last fit, where the
-    next starts.
+    next starts; `names`: as of `SlicedBases`.
     """
 
     def __init__(self, chain: RobotChain, baseline: tuple[Effect, ...]):
         self.chain, self.baseline, self.bases = chain, baseline, {}
-        self.known, self.made, self.solved = {}, {}, {}
+        self.known, self.made, self.solved, self.names = {}, {}, {}, {}
         self.last = None
 
     def library(self, elastic: bool) -> list[Variant]:
@@ -176,12 +189,13 @@ class RobotBench:
         hypotheses: bool = True,
     ) -> Problem:
         """Baseline and effects solved on `samples` (n,) bool (None: all), linearised there; see `Bench`."""
-        model, fit, weights = self.solve(effects, samples)
+        model, fit, weights = self.solve(effects, samples, is_complete=False)
         every = np.ones(self.chain.n, bool) if samples is None else samples
         part = self._part(samples)
         made = solution(model, fit, weights, self.pose[every], tuple(effects))
+        made = with_places(made, model, fit)
         if hypotheses:
-            made = with_hypotheses(made, model, fit, part.library, (self.loose, self.mass_laws))
+            made = with_candidates(made, model, fit, part.library, (self.loose, self.mass_laws))
             if made.n > _LARGE:
                 part.bases.clear()
         if samples is None and not effects:
@@ -197,6 +211,9 @@ class RobotBench:
         made = self._parts.pop(key, None)
         if made is None:
             made = _Part(self.chain if samples is None else self.chain.at(samples), self.baseline)
+            if samples is not None and self.chain.n <= min(_LARGE, 2 * samples.sum()):
+                whole = self._part(None)
+                made.bases = SlicedBases(whole.model(()), samples, whole.names)
         self._parts[key] = made
         if len(self._parts) > _KEPT:
             del self._parts[next(key for key in self._parts if key is not None)]
@@ -222,40 +239,58 @@ class RobotBench:
         known = [one for one in variants(CATALOGUE, self.chain) if one.effect.mass_dependent]
         return tuple(replace(o, effect=loose.MassResponse(o.effect.where, o.effect)) for o in known)
 
-    def solve(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None):
-        """Model on the samples with sigmas widened to what is left unexplained, fit, robust weights (n,)."""
-        key = tuple((type(e), e.where, *map(repr, e.options.values())) for e in effects)
-        solved = self._part(samples).solved
-        if key not in solved:
-            solved[key] = self._solve(effects, samples)
-        if len(solved) > _SOLUTIONS:
-            del solved[next(old for old in solved if old not in ((), key))]
-        return solved[key]
+    def solve(
+        self,
+        effects: Sequence[Effect] = (),
+        samples: np.ndarray | None = None,
+        is_complete: bool = True,
+    ):
+        """Model on the samples with sigmas widened to what is left unexplained, fit, robust weights (n,).
 
-    def _solve(self, effects, samples):
-        model = self._part(samples).model((*self.baseline, *effects))
-        chain = model.chain
+        is_complete: until it converges; else a few steps, enough to start another solve or to be linear about.
+        """
+        key = tuple(map(describe, effects))
         part = self._part(samples)
-        start = self.free(model)
-        if part.last is not None:  # the noise, too, may be nearly that of the last solution
-            start, sigma = start.take_over(part.last[0]), part.last[1]
-            model = replace(model, chain=replace(chain, sigma=sigma))
-        # a sigma that is still too large shrinks the effects towards zero, and what they leave keeps it large
-        for _ in range(_NOISE_ROUNDS):
-            fit = solve(model, start, "huber", _FEW_STEPS)
-            model, before = replace(model, chain=noise_scaled(chain, fit)), model.chain.sigma
-            start = widened(model, fit)
-            is_same = np.allclose(model.chain.sigma, before, rtol=_SAME_NOISE, atol=0)
-            if is_same and start is fit.parameters:
-                break
-        fit = solve(model, start, "huber", _STEPS)
+        found = part.solved.get(key)
+        if found is None or is_complete and not found.is_complete:
+            found = part.solved[key] = self._solve(effects, part, is_complete, found)
+        if len(part.solved) > _SOLUTIONS:
+            del part.solved[next(old for old in part.solved if old not in ((), key))]
+        return found.model, found.fit, found.weights
+
+    def _solve(self, effects, part: "_Part", is_complete: bool, known: "_Solution | None"):
+        """The solution, from a known one of the same effects that is not complete, or from the last one."""
+        if known is None:
+            model, start = self._with_noise(part, effects)
+        else:
+            model, start = known.model, known.fit.parameters
+        steps = _STEPS if is_complete else _FEW_STEPS
+        fit = solve(model, start, "huber", steps)
         if model.shrunk.any():  # each octave of a curve has the prior scale that the data give it
-            fit = settled(model, fit, "huber", _STEPS, only=model.shrunk)
+            fit = settled(model, fit, "huber", steps, only=model.shrunk)
         white = fit.residual / model.sigma(fit.parameters)
         if self._start is None:
             self._start = fit.parameters
         part.last = fit.parameters, model.chain.sigma
-        return model, fit, robust_weights(white)
+        return _Solution(model, fit, robust_weights(white), is_complete or fit.converged)
+
+    def _with_noise(self, part: "_Part", effects) -> tuple[Model, Parameters]:
+        """The model with the sigmas that its residuals have, and where its solve starts."""
+        model = part.model((*self.baseline, *effects))
+        start = self.free(model)
+        if part.last is not None:  # the noise, too, may be nearly that of the last solution
+            start, sigma = start.take_over(part.last[0]), part.last[1]
+            model = replace(model, chain=replace(model.chain, sigma=sigma))
+        # a sigma that is still too large shrinks the effects towards zero, and what they leave keeps it large
+        for _ in range(_NOISE_ROUNDS):
+            fit = solve(model, start, "huber", _FEW_STEPS)
+            before = model.chain.sigma
+            model = replace(model, chain=noise_scaled(model.chain, fit))
+            start = widened(model, fit)
+            is_same = np.allclose(model.chain.sigma, before, rtol=_SAME_NOISE, atol=0)
+            if is_same and start is fit.parameters:
+                break
+        return model, start
 
     def free(self, model: Model) -> Parameters:
         """Base, geometry, tool and all that the effects bring, free; from the last solution of the baseline."""

@@ -30,7 +30,7 @@ def solution(model: Model, fit: Fit, weights, pose, effects) -> Problem:
     first = len(model.effects) - len(effects)
     bare = replace(model, effects=model.effects[:first])
     spans, state = model.spans[first:], model.chain.state
-    added = tuple(_derivative(model, fit, white, span) for span in spans)
+    added = _derivatives(model, fit, white, spans)
     basis = _baseline(bare, fit, white)
     values = tuple(
         linear_values(effect, fit.parameters.values[span], columns, state, rows, model.chain)
@@ -85,15 +85,24 @@ def _columns_without(model: Model, fit: Fit, white, number: int, left_out: int) 
     """(N, P) whitened derivative by the parameters of one effect in a model without another; numbers from 0."""
     effects = tuple(e for i, e in enumerate(model.effects) if i != left_out)
     smaller = replace(model, effects=effects)
-    return _derivative(smaller, fit, white, smaller.spans[number - (number > left_out)])
+    return _derivatives(smaller, fit, white, [smaller.spans[number - (number > left_out)]])[0]
 
 
-def with_hypotheses(problem: Problem, model: Model, fit: Fit, library, variants) -> Problem:
-    """The problem with all that a search compares: library, its variants with masses, scans and places."""
-    white = np.sqrt(problem.weights) / np.broadcast_to(
-        model.sigma(fit.parameters), fit.residual.shape
+def with_places(problem: Problem, model: Model, fit: Fit) -> Problem:
+    """The problem with scans and places, of which a search compares functions with the residual."""
+    rows = _rows_at(problem, model, fit)
+    elastic = any(effect.elastic for effect in model.effects)
+    return replace(
+        problem,
+        sites=sites(model.chain, rows),
+        scans=scans(model.chain, rows, partial(_columns, model, fit, rows), elastic),
+        growing=lengths(model.chain, rows),
     )
-    rows = _Rows(model, model.evaluate(fit.parameters), white)
+
+
+def with_candidates(problem: Problem, model: Model, fit: Fit, library, variants) -> Problem:
+    """The problem with the columns of the library and of its variants with masses: most of a large recording."""
+    rows = _rows_at(problem, model, fit)
     first = len(model.effects) - len(problem.effects)
     bare = replace(model, effects=model.effects[:first])
     values = {
@@ -105,15 +114,17 @@ def with_hypotheses(problem: Problem, model: Model, fit: Fit, library, variants)
     loose, mass_laws = variants
     return replace(
         problem,
-        sites=sites(model.chain, rows),
-        candidates=_candidates(model, fit, rows, white, library(elastic)),
-        scans=scans(model.chain, rows, partial(_columns, model, fit, rows, white), elastic),
-        loose=_candidates(model, fit, rows, white, loose),
-        growing=lengths(model.chain, rows),
-        given=_given(bare, fit, white),
-        mass_responses=_candidates(model, fit, rows, white, mass_laws),
+        candidates=_candidates(model, fit, rows, library(elastic)),
+        loose=_candidates(model, fit, rows, loose),
+        given=_given(bare, fit, rows.white),
+        mass_responses=_candidates(model, fit, rows, mass_laws),
         given_values=values,
     )
+
+
+def _rows_at(problem: Problem, model: Model, fit: Fit) -> "_Rows":
+    sigma = np.broadcast_to(model.sigma(fit.parameters), fit.residual.shape)
+    return _Rows(model, model.evaluate(fit.parameters), np.sqrt(problem.weights) / sigma)
 
 
 def _baseline(model: Model, fit: Fit, white) -> np.ndarray:
@@ -138,16 +149,25 @@ def _given(bare: Model, fit: Fit, white) -> float:
     ]
     if not own:
         return 0.0
-    made = sum(_derivative(bare, fit, white, span) @ fit.parameters.values[span] for span in own)
+    made = sum(
+        columns @ fit.parameters.values[span]
+        for columns, span in zip(_derivatives(bare, fit, white, own), own)
+    )
     plain = _baseline(replace(bare, effects=()), fit, white)
     return float(((made - plain @ (plain.T @ made)) ** 2).sum())
 
 
-def _derivative(model, fit, white, span):
-    """(N, P) whitened derivative of the residual by the parameters of a span."""
-    own = np.isin(np.arange(len(model.parameters)), range(span.start, span.stop))
+def _derivatives(model, fit, white, spans) -> tuple[np.ndarray, ...]:
+    """(N, P) whitened derivative of the residual by the parameters of each of some spans, in ascending order."""
+    if not spans:
+        return ()
     start = model.parameters.take_over(fit.parameters)
-    return (model.linearise(start.only(own))[1] * white).reshape(own.sum(), -1).T
+    mask = np.zeros(len(start), bool)
+    for span in spans:
+        mask[span] = True
+    rows = model.linearise(start.only(mask))[1] * white
+    edges = np.cumsum([span.stop - span.start for span in spans])[:-1]
+    return tuple(part.reshape(len(part), -1).T for part in np.split(rows, edges))
 
 
 def _noise(model):
@@ -169,21 +189,21 @@ class _Rows:
             "target": 3,
             "sensor": 3,
         }
-        self._made, self._sizes, self._evaluation, self._white = {}, sizes, evaluation, white
+        self._made, self._sizes, self._evaluation, self.white = {}, sizes, evaluation, white
 
     def __call__(self, port, slots):
         """(k, m, n)."""
         if port not in self._made:
             made = self._evaluation.rows(port, np.arange(self._sizes[port]))
-            self._made[port] = made * self._white
+            self._made[port] = made * self.white
         return self._made[port][np.asarray(slots)]
 
 
-def _candidates(model: Model, fit: Fit, rows: _Rows, white, library) -> tuple[Candidate, ...]:
+def _candidates(model: Model, fit: Fit, rows: _Rows, library) -> tuple[Candidate, ...]:
     made = []
     for option in library:
         effect = option.effect
-        columns = _columns(model, fit, rows, white, effect)
+        columns = _columns(model, fit, rows, effect)
         typical = np.array([p.typical for p in effect.parameters(model.chain)])
         load = _load(model, effect) if effect.elastic and effect.nonnegative else 0.0
         made.append(candidate_of(option, columns, typical, load))
@@ -195,7 +215,7 @@ def _load(model: Model, effect: Effect) -> float:
     return float(np.sqrt((model.basis(effect)[0] ** 2).sum(0).mean()))
 
 
-def _columns(model, fit, rows, white, effect):
+def _columns(model, fit, rows, effect):
     """(N, P) whitened derivative of the residual by an effect's parameters at its null."""
     if effect.port in STATE_PORTS:
         present = tuple(
@@ -204,7 +224,7 @@ def _columns(model, fit, rows, white, effect):
         wider = replace(model, effects=(*present, effect))
         start = wider.parameters.take_over(fit.parameters)
         own = np.arange(len(start)) >= wider.spans[-1].start
-        derivative = wider.linearise(start.only(own))[1] * white
+        derivative = wider.linearise(start.only(own))[1] * rows.white
     else:
         basis = model.basis(effect)
         derivative = np.einsum("pkn,kmn->pmn", basis, rows(effect.port, effect.slots(model.chain)))

@@ -1,7 +1,7 @@
 """The likeliest set of missing terms: searched in the linearised problem, solved, searched again about the solution."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,10 +26,13 @@ _VARIANTS = 4
 """Variants of one effect at one place among these."""
 
 
-def accept_likeliest(search: Search) -> None:
-    """Replace what is accepted by the set with the highest posterior, in the order in which its terms explain most."""
+def accept_likeliest(search: Search, thorough: bool = True) -> None:
+    """Replace what is accepted by the set with the highest posterior, in the order in which its terms explain most.
+
+    thorough: what would stand in the place of each accepted term is searched, too. It takes a table for each of them,
+    so that it is left for the noise as it is finally known.
+    """
     tried: list[set] = []
-    thorough = False
     for _ in range(_ROUNDS):
         terms, present = _at_hand(search, thorough)
         remainder = Projected(search.problem.keeping()).y
@@ -39,10 +42,7 @@ def accept_likeliest(search: Search) -> None:
         chosen = [terms[i] for i in members]
         names = {name_of(h) for h in chosen}
         if names in tried or _hardly_likelier(objective, members, present):
-            if thorough:
-                break
-            thorough = True  # before it stays: what would stand in the place of each
-            continue
+            break
         tried.append(names)
         search.accepted = tuple(_with_effect(search.bench, h) for h in chosen)
         search.say("; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in chosen))
@@ -77,21 +77,30 @@ def _at_hand(search: Search, thorough: bool) -> tuple[list[Hypothesis], tuple[in
 
     thorough: also the likeliest in the place of each.
     """
-    alone, own = search.whole_table(()), {name_of(h) for h in search.accepted}
-    chosen = {name_of(h): h for h in alone if name_of(h) in own}
-    order = [name_of(h) for h in search.accepted if name_of(h) in chosen]
-    chosen = {name: chosen[name] for name in order}
-    pools = [(alone, _FIRST, _UNNAMED)]
+    if not search.alone:
+        search.alone = _likeliest(search.whole_table(()), _FIRST, _UNNAMED)
+    pools = [search.alone]
     if search.accepted:
-        pools.append((search.table(search.everyone), _CONDITIONAL, _UNNAMED))
+        pools.append(_likeliest(search.table(search.everyone), _CONDITIONAL, _UNNAMED))
     if thorough and len(search.accepted) <= _WIDE:
-        pools += [(search.table(search.others(i)), _INSTEAD, 0) for i in search.everyone]
-    for table, named, unnamed in pools:
-        laws = _varied([h for h in table if not h.unnamed], named)
-        functions = [h for h in table if h.unnamed][:unnamed]
-        for h in (*laws, *functions):
+        pools += [_likeliest(search.table(search.others(i)), _INSTEAD, 0) for i in search.everyone]
+    chosen = {name_of(h): h for h in _here(search, search.accepted)}
+    present = tuple(range(len(chosen)))
+    for pool in pools:
+        for h in _here(search, pool):
             chosen.setdefault(name_of(h), h)
-    return list(chosen.values()), tuple(range(len(order)))
+    return list(chosen.values()), present
+
+
+def _here(search: Search, terms: Iterable[Hypothesis]) -> list[Hypothesis]:
+    """The terms with their columns at the present solution."""
+    return [h for h in (one.at(search.problem) for one in terms) if h is not None]
+
+
+def _likeliest(table: list[Hypothesis], named: int, unnamed: int) -> list[Hypothesis]:
+    """The first so many laws and functions of a table."""
+    laws = _varied([h for h in table if not h.unnamed], named)
+    return [*laws, *[h for h in table if h.unnamed][:unnamed]]
 
 
 def _varied(terms: list[Hypothesis], count: int) -> list[Hypothesis]:
@@ -118,11 +127,10 @@ def _order(search: Search) -> None:
     left, kept = list(search.everyone), []
     if len(left) < 2:
         return
-    bare = search.problem.keeping(())
-    projected, columns = Projected(bare), search.problem.added
+    added = search.problem.known_added
     while left:
         able = _able(search, left)
-        falls = [projected.fall(np.concatenate([columns[j] for j in (*kept, i)], 1)) for i in able]
+        falls = [float((added.kept((*kept, i)).score ** 2).sum()) for i in able]
         kept.append(able[int(np.argmax(falls))])
         left.remove(kept[-1])
     search.reorder(kept)

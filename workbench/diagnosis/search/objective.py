@@ -33,6 +33,8 @@ from workbench.diagnosis.search.prior import Masses, Priors, elastic_prior
 from workbench.diagnosis.search.subset_algebra import ConditionalSolution, Left, Table
 
 Members = tuple[int, ...]
+_SMALL = 8
+"""Columns up to which what a group of terms costs is the call and not the numbers."""
 _ANY_LARGE_NUMBER = 1e300  # of a corner of a Cholesky factor that nobody reads
 
 
@@ -81,15 +83,30 @@ class LogPosterior:
         accepted = accepted or Accepted()
         parts = [accepted.loads.get(i, h.columns(problem)) for i, h in enumerate(terms)]
         start = np.concatenate([[0], np.cumsum([c.shape[1] for c in parts])]).astype(int)
-        clear = problem.clear(np.concatenate(parts, 1))
-        _condition_on_compliances(clear, start, terms, accepted)
+        columns = problem.clear(np.concatenate(parts, 1))
+        _condition_on_compliances(columns, start, terms, accepted)
         priors = elastic_prior(problem, projected, terms)
-        clear *= np.repeat(priors.scale, np.diff(start))
+        columns *= np.repeat(priors.scale, np.diff(start))
         masses = Masses.of(problem, projected, priors)
-        gram, score, yy = masses.marginalised(clear, projected.y)
+        gram, score, yy = masses.marginalised(columns, projected.y)
         crowd = projected.crowd
         yy = (yy + masses.inexact(priors.joints, projected.y)) / crowd
         return cls(tuple(terms), gram / crowd, score / crowd, start, yy, projected.degrees, priors)
+
+    def among(self, rows: np.ndarray) -> "LogPosterior":
+        """The objective of sets of some of the terms, by their numbers (k,); those that are not looked at cost most."""
+        if len(rows) == len(self.terms):
+            return self
+        held = self.index(rows)
+        return LogPosterior(
+            tuple(self.terms[i] for i in rows),
+            self.gram[np.ix_(held, held)],
+            self.score[held],
+            np.concatenate([[0], np.cumsum(np.diff(self.start)[rows])]),
+            self.yy,
+            self.degrees,
+            self.priors.among(rows),
+        )
 
     @cached_property
     def rooms(self) -> np.ndarray:
@@ -108,19 +125,28 @@ class LogPosterior:
 
     @cached_property
     def groups(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Numbers (C,) of the terms with equally many columns, and those columns (C, w)."""
+        """Numbers (C,) of terms with about as many columns, and those columns (C, w); few groups are quicker.
+
+        Small w are powers of two, larger ones at most a quarter more than a term has. What it lacks is filled with the
+        last column of the table, which is zero: one that explains nothing and spends nothing.
+        """
         widths = np.diff(self.start)
+        power = 2 ** np.ceil(np.log2(np.maximum(widths, 1))).astype(int)
+        step = np.where(power <= _SMALL, power, power // _SMALL)
+        padded = -(-widths // step) * step
         out = []
-        for width in np.unique(widths):
-            rows = np.flatnonzero(widths == width)
-            out.append((rows, self.start[rows][:, None] + np.arange(width)))
+        for width in np.unique(padded):
+            rows = np.flatnonzero(padded == width)
+            place = np.arange(width)
+            columns = self.start[rows][:, None] + place
+            out.append((rows, np.where(place < widths[rows][:, None], columns, len(self.score))))
         return out
 
     @cached_property
     def table(self) -> Table:
         """The inner products by groups of terms with equally many columns."""
         columns = tuple(columns for _, columns in self.groups)
-        return Table(self.gram, self.score, 1 / SIZES**2, columns)
+        return Table(np.pad(self.gram, (0, 1)), np.pad(self.score, (0, 1)), 1 / SIZES**2, columns)
 
     def index(self, members: Members) -> np.ndarray:
         """Columns of a set."""

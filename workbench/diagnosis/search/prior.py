@@ -73,6 +73,11 @@ class Priors:
         first = self.deflects if self.elastic[members].any() else 0.0
         return float(own.sum()) + first + (len(members) - 1) * SECOND
 
+    def among(self, rows: np.ndarray) -> "Priors":
+        """Of some of the terms, by their numbers (k,)."""
+        kept = ("log_prior", "log_odds", "elastic", "scale", "positive")
+        return replace(self, **{name: getattr(self, name)[rows] for name in kept})
+
     def conditional(self, members: Sequence[int]) -> np.ndarray:
         """(K,) log prior odds of each term conditional on a set."""
         first = 0.0 if self.elastic[list(members)].any() else self.deflects
@@ -151,9 +156,13 @@ def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Masses:
-    """What first moments of the links, each off by one standard deviation, change: columns (N, M), cleared."""
+    """What first moments of the links, each off by one standard deviation, change: columns (N, M), cleared.
+
+    `basis` (N, R): of the baseline.
+    """
 
     columns: np.ndarray
+    basis: np.ndarray
     crowd: float
 
     @classmethod
@@ -169,15 +178,19 @@ class Masses:
             made = responses[key].reshape(len(total), len(values), -1)
             own = np.einsum("npm,p->nm", made, values)
             total = own if total.shape[1] != own.shape[1] else total + own
-        return cls(problem.clear(total), projected.crowd)
+        return cls(problem.clear(total), problem.whole_basis, projected.crowd)
 
     def marginalised(
-        self, clear: np.ndarray, y: np.ndarray
+        self, columns: np.ndarray, y: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, float]:
-        """Inner products (T, T), scores (T,) and y'y of cleared columns (N, T), S^-1 between them (Woodbury)."""
-        made, own = self._half.T @ clear, self._half.T @ y
-        gram, score = clear.T @ clear - made.T @ made, clear.T @ y - made.T @ own
-        return gram, score, float(y @ y - own @ own)
+        """Inner products (T, T), scores (T,) and y'y of columns (N, T), S^-1 between them (Woodbury).
+
+        The baseline is projected out: of the columns by way of what it makes of them, as y (N,) is free of it.
+        """
+        made = np.concatenate([self._half.T @ columns, self.basis.T @ columns])
+        own = self._half.T @ y
+        gram = columns.T @ columns - made.T @ made
+        return gram, columns.T @ y - made[: len(own)].T @ own, float(y @ y - own @ own)
 
     def inexact(self, joints: np.ndarray | None, y: np.ndarray) -> float:
         """Sum of squares that errors of the elastic laws leave: a share of what all joints (N, J) explain."""

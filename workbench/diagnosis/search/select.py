@@ -37,6 +37,7 @@ from workbench.diagnosis.search.posterior import probabilities_of_names
 from workbench.diagnosis.search.prior import LAW_ERROR
 from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.search.stepwise import LAW
+from workbench.diagnosis.validation.folds import JUDGED, thinned
 
 _MANY = 1200  # samples beyond which a search takes only every so many poses
 
@@ -70,13 +71,13 @@ def found_terms(bench: Bench, samples: np.ndarray | None = None) -> list[Finding
 
 def _accept(search: Search) -> tuple[float, bool]:
     """Accept the likeliest set with the noise of the samples; the p-value of no term, and whether a place moves."""
-    first = _first(search)
+    first = _first(search, thorough=False)
     search.spread = unevenly(search.problem.keeping())
-    if (
-        search.spread is not None
-    ):  # noise that grows with a covariate also passes for a function of it
+    if search.spread is not None:  # noise that grows with a covariate passes for a function of it
         search.say("the noise is not the same everywhere")
         first = _again(search)
+    elif search.accepted:
+        accept_likeliest(search)
     moving = _elsewhere(search) or _explain_next_to_unknowns(search)
     if not moving:
         search.scatter, own = _moving(search) or search.scatter, search.scatter
@@ -97,7 +98,7 @@ def _found(search: Search) -> Found:
     each = [with_hidden(search, finding(search, i, names)) for i in search.everyone]
     findings = tuple(with_special_cases(each))
     rest = family_wise(search.table(search.everyone))
-    after = search.plain.keeping()
+    after = search.converged().keeping()
     outliers, data = of_data(after)
     if rest <= level or search.scatter:
         data = tuple(
@@ -140,11 +141,11 @@ def _again(search: Search) -> float:
     return _first(search)
 
 
-def _first(search: Search) -> float:
+def _first(search: Search, thorough: bool = True) -> float:
     """The chance that nothing is missing; where it is small, the likeliest set of terms is accepted."""
     first = family_wise(search.table(()), LAW_ERROR**2 * search.problem.given)
     if first <= search.level:
-        accept_likeliest(search)
+        accept_likeliest(search, thorough)
     elif search.accepted:
         search.accepted = ()
         search.solve()
@@ -218,7 +219,7 @@ def _explain_next_to_unknowns(search: Search) -> bool:
 
 
 def _confirmed(search: Search, samples) -> Found:
-    """The search on every so many poses, which is as valid and quicker; what is left is judged on all."""
+    """The search on every so many poses, which is as valid and quicker; what is left is judged on more of them."""
     whole = search.bench.problem((), samples, hypotheses=False)
     _, label = np.unique(whole.pose, return_inverse=True)
     part = label % -(-whole.n // _MANY) == 0
@@ -228,8 +229,11 @@ def _confirmed(search: Search, samples) -> Found:
     search.solve()
     found = _found(search)
     effects = [e for f in found.findings for e in f.effects]
-    after = search.bench.problem(effects, samples).keeping()
-    table = judged(after)
+    search.bench.solve(effects, samples)
+    after = search.bench.problem(effects, samples, hypotheses=False).keeping()
+    every = np.ones(len(search.bench.pose), bool) if samples is None else samples
+    rest = search.bench.problem(effects, thinned(search.bench.pose, every, JUDGED)).keeping()
+    table = judged(rest)
     outliers, spread = of_data(after)
     if any(
         f.effect == "unknown" for f in found.findings
@@ -239,9 +243,9 @@ def _confirmed(search: Search, samples) -> Found:
     return replace(
         found,
         before=whole,
-        after=after.without_candidates(),
+        after=after,
         p_rest=family_wise(table),
-        rest=located(after, table),
+        rest=located(rest, table),
         outliers=outliers,
         spread=spread,
     )

@@ -21,6 +21,8 @@ class Search:
     `level`: chance of a false alarm on the whole search. `scatter`: a place with a random effect, `spread` (n,) how
     far each sample's noise is spread: all is judged conditional on them. `trail`: a line for each step.
     `impossible`: names of hypotheses whose fitted values no machine has.
+    `alone`: what is likely with no other term, under this noise; judged at the first solution, as it hardly changes
+    after that. `judged_under`: spread, scatter and whether a compliance is accepted, for which it holds.
     """
 
     bench: Bench
@@ -35,6 +37,8 @@ class Search:
     scatter: Scatter | None = None
     spread: np.ndarray | None = None
     impossible: set[tuple] = field(default_factory=set)
+    alone: list[Hypothesis] = field(default_factory=list)
+    judged_under: tuple = (None, None, False)
 
     def say(self, line: str):
         """A line for the trail and for whoever waits."""
@@ -44,7 +48,13 @@ class Search:
     def solve(self):
         """Everything solved with what is accepted; tables of before are void."""
         effects = [e for h in self.accepted for e in h.effects]
-        problem = self.plain = self.bench.problem(effects, self.samples)
+        if not self._is_solved_with(effects):
+            self.plain = self.bench.problem(effects, self.samples)
+        # a compliance brings all that acts through it into the library
+        under = (self.spread, self.scatter, any(h.carries_load for h in self.accepted))
+        if not all(one is held for one, held in zip(under, self.judged_under)):
+            self.judged_under, self.alone = under, []
+        problem = self.plain
         if self.spread is not None:
             problem = evened_out(problem, self.spread)
         self.problem = problem if self.scatter is None else evened_by(problem, self.scatter)
@@ -64,6 +74,18 @@ class Search:
             self.accepted = tuple(h for h in self.accepted if name_of(h) not in self.impossible)
             self.say("; ".join(f"{h.effect} {h.label}: its mass is negative" for h in lost))
             self.solve()
+
+    def converged(self) -> Problem:
+        """The problem about a complete solution: the search itself needs none, but single samples are judged by it."""
+        effects = self.plain.effects
+        self.bench.solve(effects, self.samples)
+        return self.bench.problem(effects, self.samples, hypotheses=False)
+
+    def _is_solved_with(self, effects) -> bool:
+        """Whether `plain` is the problem solved with these very effects."""
+        if self.plain is None or len(effects) != len(self.plain.effects):
+            return False
+        return all(one is held for one, held in zip(effects, self.plain.effects))
 
     def reorder(self, order: list[int]) -> None:
         """The accepted hypotheses in another order; the solution and the tables stay what they are."""

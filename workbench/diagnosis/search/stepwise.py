@@ -33,18 +33,24 @@ class Stepwise:
         nothing: the simpler of the two is taken.
         """
         objective = self.objective
-        laws, every = ~objective.unnamed, np.ones(len(objective.terms), bool)
-        named = tuple(i for i in present if laws[i])
-        starts = [named, self._single(laws)] if named else self._starts(laws)
-        lawful = self._best(starts, laws)
+        lawful = self._lawful(present)
         if not objective.unnamed.any():
             return lawful
         starts = [present, lawful] if present else [lawful, *self._free_starts()]
-        free = self._best(starts, every)
+        free = self._best(starts, np.ones(len(objective.terms), bool))
         explained = objective.gain(lawful)
         if explained >= LAW * objective.gain(free):
             return max(lawful, free, key=lambda members: objective.value_at(members, explained))
         return free
+
+    def _lawful(self, present: Members) -> Members:
+        """The likeliest set of laws, searched without the many columns of functions."""
+        laws = np.flatnonzero(~self.objective.unnamed)
+        alone = Stepwise(self.objective.among(laws))
+        every = np.ones(len(laws), bool)
+        named = tuple(int(i) for i in np.flatnonzero(np.isin(laws, present)))
+        starts = [named, alone._single(every)] if named else alone._starts(every)
+        return tuple(int(laws[i]) for i in alone._best(starts, every))
 
     def _best(self, starts: list[Members], allowed: np.ndarray) -> Members:
         ends = [self._climb(start, allowed) for start in dict.fromkeys(starts)]

@@ -7,15 +7,16 @@ is taken off, and where it is nearly all, the control says that it cannot tell.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect
-from workbench.core.least_squares.linear_algebra import least_squares, symmetric_eigen, thin_svd
+from workbench.core.least_squares.linear_algebra import least_squares, symmetric_eigen
 from workbench.core.model import NOISE, STATE_PORTS
 from workbench.diagnosis.linear.problem import Bench
+from workbench.diagnosis.validation.folds import JUDGED, thinned
 from workbench.diagnosis.validation.heldout import name_of
 from workbench.diagnosis.validation.terms import Control
 
@@ -29,6 +30,8 @@ _MADE = 0.8
 """Share of the fitted effect that a permuted cause makes, from which on it cannot tell."""
 _SAME = 1e-3
 """Share of a column's length by which two that mean the same differ from rounding and refitting."""
+_ABSORBED = 1e-6
+"""Share of a column's length below which what the baseline leaves of it is rounding of inner products."""
 PERMUTED, ROTATED = "permuted", "circular shift"
 _CLOCKS = ("time_s", "time", "row", "order")
 
@@ -117,18 +120,24 @@ class _Trial:
     """
 
     def __init__(self, bench, others, own):
-        self.problem = bench.problem(others, hypotheses=False).keeping()
+        part = None
+        if bench.chain is not None and len(bench.pose) > JUDGED:
+            part = thinned(bench.pose, np.ones(len(bench.pose), bool), JUDGED)
+        self.problem = bench.problem(others, samples=part, hypotheses=False).keeping()
         self.y = self.problem.clear(self.problem.residual)
+        self._basis = self.problem.whole_basis
         self.noise = float(self.y @ self.y) / max(self.problem.degrees, 1)
-        self.chain, self.effects = bench.chain, tuple(own)
-        self.starts = _starts(self.problem.pose)
+        self.chain = bench.chain if part is None else bench.chain.at(part)
+        self.effects = tuple(own)
+        self.poses = _Poses.of(self.problem.pose)
         if self.chain is None:
             self.small, self.rows = _columns(bench, self.problem, others, own), None
         else:
-            self.small, self.rows = self.basis(self.chain.state), self._rows(bench, others)
+            self.small, self.rows = self.basis(self.chain.state), self._rows(bench, others, part)
         self.own = self.gain(self.small)
         columns = self.problem.clear(self.columns(self.small))
         self.coefficients = least_squares(columns, self.y)
+        self.fitted = columns @ self.coefficients
 
     def basis(self, state):
         """(P, K, n) the effects side by side, each on slots of its own."""
@@ -142,8 +151,8 @@ class _Trial:
             p, k = p + len(b), k + b.shape[1]
         return whole
 
-    def _rows(self, bench, others):
-        model, fit, _ = bench.solve(others)
+    def _rows(self, bench, others, part):
+        model, fit, _ = bench.solve(others, part, is_complete=False)
         here = model.evaluate(fit.parameters)
         rows = np.concatenate(
             [here.rows(e.port, np.asarray(e.slots(model.chain))) for e in self.effects]
@@ -162,14 +171,21 @@ class _Trial:
 
     def gain(self, small) -> float:
         """Fall of the whitened sum of squares."""
-        clear = self.problem.clear(self.columns(small))
-        length = np.sqrt((clear**2).sum(0))
-        seen = length > 1e-9 * length.max(initial=1e-300)
-        clear = clear[:, seen] / length[seen]
-        values, vectors = symmetric_eigen(clear.T @ clear)
+        return self._explained(small, self.y)
+
+    def _explained(self, small, y: np.ndarray) -> float:
+        """Sum of squares of what columns, the baseline projected out, explain of a y (N,) that is free of it."""
+        columns = self.columns(small)
+        made = self._basis.T @ columns
+        raw = columns.T @ columns
+        gram = raw - made.T @ made
+        length = np.sqrt(np.maximum(np.diagonal(gram), 0.0))
+        seen = length > _ABSORBED * np.sqrt(np.diagonal(raw))
+        unit = 1 / length[seen]
+        values, vectors = symmetric_eigen(gram[np.ix_(seen, seen)] * np.outer(unit, unit))
         kept = values > 1e-9
-        along = (vectors[:, kept].T @ (clear.T @ self.y)) / np.sqrt(values[kept])
-        return float(along @ along)
+        score = (columns.T @ y)[seen] * unit
+        return float(((vectors[:, kept].T @ score) ** 2 / values[kept]).sum())
 
     def beyond(self, gain: float) -> float:
         """A gain as a share of the effects' own, both beyond what as many columns gain by chance."""
@@ -183,32 +199,20 @@ class _Trial:
         """
         shares = []
         for _ in range(_TURNS):
-            made = self.problem.clear(self.columns(self.permuted(rng)))
-            signal = made @ self.coefficients
-            plane = _plane(self.problem.clear(self.columns(self.permuted(rng))))
-            length = float(signal @ signal)
-            shares.append(float(((plane.T @ signal) ** 2).sum()) / max(length, 1e-300))
+            made = self.problem.clear(self.columns(self.permuted(rng)) @ self.coefficients)
+            length = float(made @ made)
+            shares.append(self._explained(self.permuted(rng), made) / max(length, 1e-300))
         return min(float(np.median(shares)), _MOST_BY_CHANCE)
 
     def permuted(self, rng):
         """What the effects would do if every pose were another."""
         if self.chain is None:
             return self.small[:, :, rng.permutation(self.small.shape[2])]
-        return self.small[:, :, _other_poses(self.problem.pose, self.starts, rng)]
+        return self.small[:, :, self.poses.permuted(rng)]
 
     def made_by(self, small) -> float:
         """Share (0-1) of the fitted effect, but for what the baseline makes, that permuted causes make."""
-        here, there = (_plane(self.problem.clear(self.columns(s))) for s in (self.small, small))
-        fitted = here @ (here.T @ self.y)
-        return float(((there.T @ fitted) ** 2).sum() / max(fitted @ fitted, 1e-300))
-
-
-def _plane(columns: np.ndarray) -> np.ndarray:
-    """(N, R) orthonormal basis of columns (N, P), without those that the baseline makes."""
-    length = np.sqrt((columns**2).sum(0))
-    seen = length > 1e-9 * length.max(initial=1e-300)
-    u, s, _ = thin_svd(columns[:, seen] / length[seen])
-    return u[:, s > 1e-6]
+        return self._explained(small, self.fitted) / max(float(self.fitted @ self.fitted), 1e-300)
 
 
 def _columns(bench, problem, others, own):
@@ -219,16 +223,30 @@ def _columns(bench, problem, others, own):
     return np.concatenate(found, axis=1).T[:, None]
 
 
-def _starts(pose):
-    """Rows of each pose, in order."""
-    order = np.argsort(pose, kind="stable")
-    edges = np.flatnonzero(np.diff(pose[order])) + 1
-    return np.split(order, edges)
+@dataclass(frozen=True)
+class _Poses:
+    """Rows sorted by pose, `order` (n,), where each pose has its first place and its count, `start`, `count` (p,).
 
+    `group` (n,) the pose of each row, `rank` (n,) its place among the rows of its pose.
+    """
 
-def _other_poses(pose, rows, rng) -> np.ndarray:
-    """(n,) row that each row reads: the rows of one pose read those of one other, again and again if need be."""
-    out = np.empty(len(pose), int)
-    for mine, theirs in zip(rows, rng.permutation(len(rows))):
-        out[mine] = np.resize(rows[theirs], len(mine))
-    return out
+    order: np.ndarray
+    start: np.ndarray
+    count: np.ndarray
+    group: np.ndarray
+    rank: np.ndarray
+
+    @classmethod
+    def of(cls, pose: np.ndarray) -> "_Poses":
+        """Of labels (n,)."""
+        order = np.argsort(pose, kind="stable")
+        _, group, count = np.unique(pose, return_inverse=True, return_counts=True)
+        start = np.cumsum(count) - count
+        rank = np.empty(len(pose), int)
+        rank[order] = np.arange(len(pose)) - start[group[order]]
+        return cls(order, start, count, group, rank)
+
+    def permuted(self, rng) -> np.ndarray:
+        """(n,) row that each row reads: rows of one pose read those of one other, repeatedly if these are fewer."""
+        other = rng.permutation(len(self.count))[self.group]
+        return self.order[self.start[other] + self.rank % self.count[other]]

@@ -16,6 +16,9 @@ _FOLDS, _HALVINGS = 5, 2
 """Blocks of time, and halvings of the workspace: four fifths and three quarters of the poses determine the geometry."""
 _FEW = 50  # poses below which a fold leaves out half as many: a fifth of them would leave the geometry open
 _SEARCHED = 900  # samples that a search inside a fold sees at most; what it finds is fitted on all of the fold
+JUDGED = 3000
+"""Samples on which the terms of a fold, their controls and the remainder are tested at most: a large recording is no
+better known by a test on all of it, and each takes as much longer."""
 
 
 @dataclass(frozen=True)
@@ -80,12 +83,12 @@ def _halves(place, rows, times) -> np.ndarray:
     return out
 
 
-def thinned(pose: np.ndarray, samples: np.ndarray) -> np.ndarray:
-    """(n,) bool: fewer of the samples, so that there are not too many to search: every second, third ... pose.
+def thinned(pose: np.ndarray, samples: np.ndarray, most: int = _SEARCHED) -> np.ndarray:
+    """(n,) bool: at most so many of the samples (n,) bool: every second, third ... pose.
 
     Where the poses are few, as of a recording with many repeats, each keeps some of its rows instead.
     """
-    step = int(np.ceil(samples.sum() / _SEARCHED))
+    step = int(np.ceil(samples.sum() / most))
     chosen, place = np.unique(pose[samples], return_inverse=True)
     if step > 1 and len(chosen) < 2 * step * _FEW:
         mixed = np.random.default_rng(0).permutation(len(place))
@@ -99,4 +102,4 @@ def thinned(pose: np.ndarray, samples: np.ndarray) -> np.ndarray:
     return out
 
 
-__all__ = ["DEALT", "SPACE", "TIME", "Scheme", "schemes", "thinned"]
+__all__ = ["DEALT", "JUDGED", "SPACE", "TIME", "Scheme", "schemes", "thinned"]

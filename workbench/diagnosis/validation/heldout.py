@@ -8,6 +8,7 @@ from scipy.stats import t as student
 
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
+from workbench.diagnosis.linear.evidence import once
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.validation.folds import Scheme
 from workbench.fitting.cross_validation import hold_out
@@ -154,10 +155,10 @@ class Errors:
             distances = self.bench.held_out(effects, np.where(block, 0, -1))
             return np.stack([distances, np.full_like(distances, np.nan)])
         problem = self.bench.problem(effects, hypotheses=False).keeping()
-        if _alone(problem.hat_basis[block[problem.sample]]).max(initial=0.0) > 1 - _HELD:
+        if _block_shares(problem, block[problem.sample]).max(initial=0.0) > 1 - _HELD:
             # the others leave a direction open (all have the tool upright, say): it stays where all samples have it
             return _left_out_lengths(problem, np.where(block, 0, -1), only=0)
-        model, fit, _ = self.bench.solve(effects)
+        model, fit, _ = self.bench.solve(effects, is_complete=False)
         found = hold_out(model, fit.parameters, block, ~block, "huber")
         angles = (
             np.sqrt((found.rotation**2).sum(0))
@@ -178,9 +179,20 @@ def name_of(effect: Effect) -> str:
     return f"{type(effect).__qualname__} {effect.effect} {effect.where} {effect.options}"
 
 
-def _alone(rows: np.ndarray) -> np.ndarray:
-    """Shares (R,) of directions that the rows (k, R) of an orthonormal basis alone determine, ascending."""
-    return symmetric_eigenvalues(rows.T @ rows)
+def _block_shares(problem: Problem, rows: np.ndarray) -> np.ndarray:
+    """(P,) shares of the directions of a fit that the rows (N,) bool of a block alone determine, ascending."""
+    mixing = problem.hat_mixing
+    return symmetric_eigenvalues(mixing.T @ _block_gram(problem, rows) @ mixing)
+
+
+def _block_gram(problem: Problem, rows: np.ndarray) -> np.ndarray:
+    """(R + A, R + A) inner products of the columns of a fit over some rows (N,) bool; made once a solution."""
+
+    def make():
+        columns = np.concatenate([part[rows] for part in problem.fit_columns], 1)
+        return columns.T @ columns
+
+    return once(problem.known, ("block", len(problem.fit_columns), rows.tobytes()), make)
 
 
 def left_out(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
@@ -196,14 +208,16 @@ def left_out(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.
 
 def _left_out_lengths(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
     """(2, n) lengths of position (mm, px) and orientation (deg, nan where none is measured), as of `left_out`."""
-    basis, left = problem.hat_basis, problem.fitted_residual
+    mixing, left = problem.hat_mixing, problem.fitted_residual
     out, mine = np.full_like(left, np.nan), fold[problem.sample]
     for k in np.unique(fold) if only is None else (only,):
         rows = mine == k
-        block = basis[rows]
-        values, vectors = symmetric_eigen(block.T @ block)
-        along = vectors.T @ (block.T @ left[rows]) / np.maximum(1 - values, _HELD)
-        out[rows] = left[rows] + block @ (vectors @ along)
+        block = [part[rows] for part in problem.fit_columns]
+        inner = mixing.T @ _block_gram(problem, rows) @ mixing
+        score = mixing.T @ np.concatenate([part.T @ left[rows] for part in block])
+        change = mixing @ _without_block(inner, score)
+        edges = np.cumsum([part.shape[1] for part in block])[:-1]
+        out[rows] = left[rows] + sum(p @ c for p, c in zip(block, np.split(change, edges)))
     out *= problem.sigma / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
     if problem.rotation is None:
         lengths = np.sqrt(np.bincount(problem.sample, out**2, minlength=problem.n))
@@ -211,6 +225,17 @@ def _left_out_lengths(problem: Problem, fold: np.ndarray, only: int | None = Non
     kinds = [np.where(part, out, 0.0) for part in (~problem.rotation, problem.rotation)]
     lengths = [np.sqrt(np.bincount(problem.sample, kind**2, minlength=problem.n)) for kind in kinds]
     return np.stack([lengths[0], np.rad2deg(lengths[1])])
+
+
+def _without_block(inner: np.ndarray, score: np.ndarray) -> np.ndarray:
+    """(P,) (I - B_b'B_b)^-1 B_b'e, of inner products (P, P) and score (P,); directions of one block alone are held."""
+    identity = np.eye(len(inner))
+    try:
+        np.linalg.cholesky((1 - _HELD) * identity - inner)
+    except np.linalg.LinAlgError:
+        values, vectors = symmetric_eigen(inner)
+        return vectors @ (vectors.T @ score / np.maximum(1 - values, _HELD))
+    return np.linalg.solve(identity - inner, score)
 
 
 __all__ = ["Errors", "left_out", "name_of", "paired", "rms", "sigma_of"]

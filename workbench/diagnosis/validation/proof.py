@@ -19,10 +19,11 @@ import numpy as np
 from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
-from workbench.diagnosis.levels import ALIKE, OUTLIER
+from workbench.diagnosis.levels import ALIKE
 from workbench.diagnosis.linear.problem import Bench, Finding, Found, Problem
+from workbench.diagnosis.validation.conditional_gains import ConditionalGains
 from workbench.diagnosis.validation.controls import controls
-from workbench.diagnosis.validation.folds import Scheme, schemes, thinned
+from workbench.diagnosis.validation.folds import JUDGED, Scheme, schemes, thinned
 from workbench.diagnosis.validation.heldout import Errors, left_out, paired, rms, sigma_of
 from workbench.diagnosis.validation.judging import (
     REAL,
@@ -260,8 +261,10 @@ def earned_inside(bench: Bench, samples: np.ndarray, find: Find) -> list[Finding
 
     Fewer of them where the bench can do with fewer; a bench that is `whole` sees in a fold what it saw outside.
     """
-    found = find(bench, samples if bench.whole else thinned(bench.pose, samples))
-    return [term.finding for term in _earned(bench, found, samples)[0]]
+    searched = judged = samples
+    if not bench.whole:
+        searched, judged = thinned(bench.pose, samples), thinned(bench.pose, samples, JUDGED)
+    return [term.finding for term in _earned(bench, find(bench, searched), judged)[0]]
 
 
 def _earned(
@@ -276,13 +279,11 @@ def _earned(
         return [], []
     problem = bench.problem(_effects(findings), samples, hypotheses=False)
     numbers = dict(zip(map(id, findings), _numbered(findings)))
-    sigma = sigma_of(bench, samples)
+    trial = ConditionalGains(bench, problem, sigma_of(bench, samples))
 
     def judged(left: Sequence[Term]) -> list[Term]:
         kept = [i for term in left for i in numbers[id(term.finding)]]
-        return [
-            _judged(bench, problem, kept, term, numbers[id(term.finding)], sigma) for term in left
-        ]
+        return [trial.judged(term, numbers[id(term.finding)], kept) for term in left]
 
     left, gone = _without_unreal(judged, [Term(f) for f in findings])
     for _ in findings:
@@ -328,23 +329,6 @@ def _unreal(t: float) -> str:
     return f"its held-out gain conditional on the others is not significant (t = {t:.1f}; required: above {REAL:g})"
 
 
-def _judged(
-    bench, problem: Problem, kept: Sequence[int], term: Term, own: Sequence[int], sigma
-) -> Term:
-    """The term with t and gain of its presence next to the problem's others, over the schemes that may judge it."""
-    every, rest = problem.keeping(kept), problem.keeping([i for i in kept if i not in own])
-    usual, t, gain = problem.weights > OUTLIER, [], []
-    for scheme in judging_schemes(
-        bench, term.finding.effects, schemes(problem.pose, problem), problem, own
-    ):
-        with_it, without = left_out(every, scheme.fold), left_out(rest, scheme.fold)
-        t.append(paired(problem.pose, without, with_it, usual, sigma))
-        gain.append(rms(without, usual, sigma) - rms(with_it, usual, sigma))
-    worst = int(np.argmin(t))
-    known = combined_t(t)
-    return replace(term, t=known, gain=gain[0] if known > REAL else gain[worst])
-
-
 def _numbered(findings) -> list[list[int]]:
     """Numbers of each finding's effects among those of all, in order."""
     edges = np.cumsum([0, *(len(f.effects) for f in findings)])
@@ -374,7 +358,7 @@ def _stable(errors: Errors, terms, whole: _Whole, usual) -> tuple[list[Term], li
         else (None, [])
     )
     own = _made(problem, findings) if terms else []
-    made = [_made(solved, found) for rows in folds for found, solved in rows.values()]
+    made = [one.made for rows in folds for one in rows.values()]
     ways = tuple((scheme.name, len(rows)) for scheme, rows in zip(whole.schemes, folds))
     for term, moved, mine in zip(terms, own, numbers):
         t = []
@@ -393,11 +377,22 @@ def _stable(errors: Errors, terms, whole: _Whole, usual) -> tuple[list[Term], li
     return kept, lost
 
 
-def _solved(bench, nested: dict[int, list[Finding]]) -> dict[int, tuple[list[Finding], Problem]]:
+@dataclass(frozen=True)
+class _Solved:
+    """What a fold found, the problem of all samples solved with it, and what each finding makes, as of `_made`."""
+
+    findings: list[Finding]
+    problem: Problem
+    made: list[np.ndarray]
+
+
+def _solved(bench, nested: dict[int, list[Finding]]) -> dict[int, _Solved]:
     """What each fold found, with all samples solved with that."""
-    return {
-        k: (found, bench.problem(_effects(found), hypotheses=False)) for k, found in nested.items()
-    }
+    out = {}
+    for k, found in nested.items():
+        problem = bench.problem(_effects(found), hypotheses=False)
+        out[k] = _Solved(found, problem, _made(problem, found))
+    return out
 
 
 def _made(problem: Problem, findings: Sequence[Finding]) -> list[np.ndarray]:
@@ -423,21 +418,21 @@ def _alike(moved: np.ndarray, others: list[np.ndarray]) -> bool:
     return bool(((moved - like) ** 2).sum() < (1 - _MOST) * (moved**2).sum())
 
 
-def _linear(scheme: Scheme, folds: dict, without=None) -> np.ndarray:
+def _linear(scheme: Scheme, folds: dict[int, _Solved], without=None) -> np.ndarray:
     """(n,) errors where every fold is predicted with what was found without it, to first order.
 
-    folds: as of `_solved`. without: a finding that is left out, and what it makes, as of `_made`.
+    without: a finding that is left out, and what it makes, as of `_made`.
     """
     out = np.empty(len(scheme.fold))
-    for k, (findings, problem) in folds.items():
-        numbers = _numbered(findings)
+    for k, solved in folds.items():
+        numbers = _numbered(solved.findings)
         kept = [i for own in numbers for i in own]
         if without is not None:
-            made = _made(problem, findings)
-            same = [_same(f, m, *without) for f, m in zip(findings, made)]
+            same = [_same(f, m, *without) for f, m in zip(solved.findings, solved.made)]
             kept = [i for own, is_same in zip(numbers, same) if not is_same for i in own]
         mine = scheme.fold == k
-        out[mine] = left_out(problem.keeping(kept), np.where(mine, 0, -1), only=0)[mine]
+        problem = solved.problem.keeping(kept)
+        out[mine] = left_out(problem, np.where(mine, 0, -1), only=0)[mine]
     return out
 
 

@@ -1,0 +1,114 @@
+"""What effects that are in a solution make beyond the baseline, and what any subset of them makes: inner products."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from workbench.core.least_squares.linear_algebra import symmetric_eigen
+from workbench.diagnosis.levels import ROUNDING
+
+_FIXED = 1e12  # precision of a prior beyond which a coefficient is 0
+
+
+@dataclass(frozen=True)
+class Added:
+    """Columns (N, A) of all added effects, orthogonal to the baseline, of unit length; `start` (E + 1,) of each.
+
+    `gram` (A, A) their inner products; `y` (N,) the residual without all of these effects, the baseline projected out;
+    `score` (A,) inner products of the two; `precision` (A,) of their coefficients' priors. What any of the
+    effects make follows from these without the samples.
+    """
+
+    columns: np.ndarray
+    start: np.ndarray
+    gram: np.ndarray
+    y: np.ndarray
+    score: np.ndarray
+    precision: np.ndarray
+
+    @classmethod
+    def of(cls, problem) -> "Added":
+        """Of a `Problem` solved with effects."""
+        columns = np.concatenate(problem.added, 1)
+        made = columns @ np.concatenate(problem.values)
+        y = problem.clear(problem.residual - made)
+        whole = np.sqrt((columns**2).sum(0))
+        clear = problem.clear(columns / np.maximum(whole, 1e-300))
+        clear = problem.clear(clear)  # again: rounding of the first time is no direction
+        length = np.sqrt((clear**2).sum(0))
+        clear = np.where(length > ROUNDING, clear / np.maximum(length, 1e-300), 0.0)
+        start = np.concatenate([[0], np.cumsum([part.shape[1] for part in problem.added])])
+        held = problem.precisions or tuple(np.zeros(part.shape[1]) for part in problem.added)
+        precision = np.concatenate(held) / np.maximum((whole * length) ** 2, 1e-200)
+        return cls(clear, start, clear.T @ clear, y, clear.T @ y, precision)
+
+    @cached_property
+    def whole(self) -> "Beyond":
+        """What all of the effects make."""
+        return self.kept(range(len(self.start) - 1))
+
+    def kept(self, effects: Sequence[int]) -> "Beyond":
+        """What some of the effects, by their numbers, make."""
+        parts = [np.arange(self.start[i], self.start[i + 1]) for i in effects]
+        held = np.concatenate([np.zeros(0, int), *parts])
+        values, vectors = symmetric_eigen(self.gram[np.ix_(held, held)])
+        seen = values > ROUNDING
+        mixing = np.zeros((len(self.score), int(seen.sum())))
+        mixing[held] = vectors[:, seen] / np.sqrt(values[seen])
+        return Beyond(self, mixing, held)
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """What some of the added effects make: columns of `added` times `mixing` (A, R) are orthonormal.
+
+    `held`: numbers of the columns of these effects.
+    """
+
+    added: Added
+    mixing: np.ndarray
+    held: np.ndarray
+
+    @property
+    def basis(self) -> np.ndarray:
+        """(N, R) orthonormal basis."""
+        return self.added.columns @ self.mixing
+
+    @cached_property
+    def lost(self) -> np.ndarray:
+        """(R, L) orthonormal directions, in terms of those of all effects, that the kept effects do not make."""
+        whole = self.added.whole.mixing
+        kept = whole.T @ self.added.gram @ self.mixing
+        return np.linalg.qr(kept, mode="complete")[0][:, kept.shape[1] :]
+
+    @property
+    def lost_score(self) -> np.ndarray:
+        """(L,) inner products of these with the residual."""
+        return self.lost.T @ self.added.whole.score
+
+    @cached_property
+    def hat_mixing(self) -> np.ndarray:
+        """(A, P) with H H' the inverse of X'X + L: X the columns of these effects, L the precisions of their priors."""
+        precision = self.added.precision[self.held]
+        scale = 1 / np.sqrt(1 + np.minimum(precision, _FIXED))
+        gram = self.added.gram[np.ix_(self.held, self.held)] * np.outer(scale, scale)
+        values, vectors = symmetric_eigen(gram + np.diag(precision * scale**2))
+        seen = values > ROUNDING
+        mixing = np.zeros((len(self.added.score), int(seen.sum())))
+        mixing[self.held] = scale[:, None] * vectors[:, seen] / np.sqrt(values[seen])
+        return mixing
+
+    @property
+    def y(self) -> np.ndarray:
+        """(N,) the residual with all that baseline and kept effects make projected out."""
+        return self.added.y - self.added.columns @ (self.mixing @ self.score)
+
+    @property
+    def score(self) -> np.ndarray:
+        """(R,) inner products of the basis with the residual."""
+        return self.mixing.T @ self.added.score
+
+
+__all__ = ["Added", "Beyond"]

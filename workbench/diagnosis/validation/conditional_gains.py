@@ -1,0 +1,54 @@
+"""Held-out gains of terms conditional on one another, to first order about one solution with all of them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from workbench.diagnosis.levels import OUTLIER
+from workbench.diagnosis.linear.evidence import once
+from workbench.diagnosis.linear.problem import Problem
+from workbench.diagnosis.validation.folds import Scheme, schemes
+from workbench.diagnosis.validation.heldout import left_out, paired, rms
+from workbench.diagnosis.validation.judging import REAL, combined_t, judging_schemes
+from workbench.diagnosis.validation.terms import Term
+
+
+class ConditionalGains:
+    """The held-out gain of terms conditional on one another, to first order about one solution with all of them."""
+
+    def __init__(self, bench, problem: Problem, sigma):
+        self._bench, self._problem, self._sigma = bench, problem, sigma
+        self._schemes = schemes(problem.pose, problem)
+        self._judges: dict[tuple, list[Scheme]] = {}
+        self._errors: dict[tuple, np.ndarray] = {}
+
+    def judged(self, term: Term, own: Sequence[int], kept: Sequence[int]) -> Term:
+        """The term, with the effects `own`, with t and gain of its presence next to the other effects `kept`."""
+        usual, sigma, pose = self._problem.weights > OUTLIER, self._sigma, self._problem.pose
+        rest = [i for i in kept if i not in own]
+        t, gain = [], []
+        for scheme in self._judges_of(term, tuple(own)):
+            with_it, without = self._left_out(scheme, kept), self._left_out(scheme, rest)
+            t.append(paired(pose, without, with_it, usual, sigma))
+            gain.append(rms(without, usual, sigma) - rms(with_it, usual, sigma))
+        worst = int(np.argmin(t))
+        known = combined_t(t)
+        return replace(term, t=known, gain=gain[0] if known > REAL else gain[worst])
+
+    def _judges_of(self, term: Term, own: tuple[int, ...]) -> list[Scheme]:
+        def make():
+            return judging_schemes(
+                self._bench, term.finding.effects, self._schemes, self._problem, own
+            )
+
+        return once(self._judges, own, make)
+
+    def _left_out(self, scheme: Scheme, kept: Sequence[int]) -> np.ndarray:
+        def make():
+            return left_out(self._problem.keeping(kept), scheme.fold)
+
+        return once(self._errors, (scheme.name, *sorted(kept)), make)
+
+
+__all__ = ["ConditionalGains"]
