@@ -93,12 +93,17 @@ def forward(
 
 def _angles_and_shifts(robot, variables, geometry):
     """theta + q and d + q, (J, n) or broadcastable to it."""
-    column = (slice(None), THETA), (slice(None), D)
-    theta, d = (g[:, None] if g.ndim == 1 else g for g in (geometry[c] for c in column))
+    theta, d = geometry[:, THETA], geometry[:, D]
+    if geometry.ndim == 2:
+        theta, d = theta[:, None], d[:, None]
     if not robot.prismatic.any():
-        return variables + theta, np.broadcast_to(d, variables.shape) if d.shape[1] > 1 else d
+        varies = d.shape[1] > 1
+        shifts = np.broadcast_to(d, variables.shape) if varies else d
+        return variables + theta, shifts
     slides = robot.prismatic[:, None]
-    return np.where(slides, 0, variables) + theta, np.where(slides, variables, 0) + d
+    turned = np.where(slides, 0, variables)
+    shifted = np.where(slides, variables, 0)
+    return turned + theta, shifted + d
 
 
 class _Walk:

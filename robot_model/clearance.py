@@ -19,16 +19,16 @@ def segment_distance(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray)
     Ericson, Real-Time Collision Detection (2005), sec. 5.1.9.
     """
     u, v, w = b - a, d - c, a - c
-    uu, vv, uv = (
-        np.maximum((u * u).sum(0), 1e-12),
-        np.maximum((v * v).sum(0), 1e-12),
-        (u * v).sum(0),
-    )
+    uu = np.maximum((u * u).sum(0), 1e-12)
+    vv = np.maximum((v * v).sum(0), 1e-12)
+    uv = (u * v).sum(0)
     uw, vw = (u * w).sum(0), (v * w).sum(0)
-    flat = uu * vv - uv**2
-    s = np.clip(
-        np.where(flat > 1e-9 * uu * vv, (uv * vw - uw * vv) / np.where(flat == 0, 1, flat), 0), 0, 1
-    )
+    # the nearest point of the first line to the second one; parallel lines may start anywhere
+    determinant = uu * vv - uv**2
+    is_parallel = determinant <= 1e-9 * uu * vv
+    divisor = np.where(determinant == 0, 1, determinant)
+    s = np.clip(np.where(is_parallel, 0, (uv * vw - uw * vv) / divisor), 0, 1)
+    # then the nearest points of the segments to one another, each held within its ends
     t = np.clip((uv * s + vw) / vv, 0, 1)
     s = np.clip((uv * t - uw) / uu, 0, 1)
     return np.linalg.norm(w + s * u - t * v, axis=0)

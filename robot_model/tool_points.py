@@ -10,10 +10,16 @@ def calibrated_points(values) -> dict:
     found = {}
     for key in values:
         place, _, axis = key.partition(".")
-        name = axis[:-2] if axis.endswith("_x") else place if axis == "x" else ""
+        name = ""
+        if axis == "x":
+            name = place
+        elif axis.endswith("_x"):
+            name = axis[:-2]
         if place in ("tool", "sensor") and name and "." not in name:
-            found[name] = [values[key[:-1] + letter] for letter in "xyz"]
-    numbers = {
-        name: int(name.removeprefix("reflector") or 0) for name in found if name[-1:].isdigit()
-    }
-    return {name: found[name] for name in sorted(found, key=lambda name: numbers.get(name, 0))}
+            stem = key[:-1]
+            found[name] = [values[stem + letter] for letter in "xyz"]
+
+    def number(name):
+        return int(name.removeprefix("reflector") or 0) if name[-1:].isdigit() else 0
+
+    return {name: found[name] for name in sorted(found, key=number)}

@@ -399,11 +399,11 @@ def test_all_images_of_a_recording(tmp_path):
         "e.png": one.T.copy(),
         "f.png": np.dstack([two // 2] * 3),
     }
-    made, progress_calls = recording(tmp_path, named), []
+    made, calls = recording(tmp_path, named), []
     made = replace(
         made, images=(*made.images, made.images[1], {"image": "x.png", "role": "scan", "scan": "1"})
     )
-    found = detect_all(made, lambda *done: progress_calls.append(done))
+    found = detect_all(made, lambda *done: calls.append(done))
     assert [v.image for v in found.views] == ["a.png", "b.png", "f.png"] and found.size == SIZE
     assert {r.image: r.why.split(":")[0] for r in found.rejected} == {
         "b.png": "listed twice",
@@ -416,9 +416,7 @@ def test_all_images_of_a_recording(tmp_path):
         and found.views[0].row["time_s"] == 1.0
         and found.views[2].note == "three equal channels"
     )
-    assert progress_calls[-1] == (7, 7, "b.png") and [t[0] for t in progress_calls] == list(
-        range(1, 8)
-    )
+    assert calls[-1] == (7, 7, "b.png") and [t[0] for t in calls] == list(range(1, 8))
 
 
 def test_no_image_with_the_board_gets_one_sentence(tmp_path):
