@@ -73,7 +73,7 @@ class EditTab(Tab):
             step=("threshold_top / 200",),
             hide_details=True,
             color="primary",
-            classes="mx-2",
+            classes="mx-4",  # the halo of its thumb reaches beyond its end
             **raw(aria_label="Outlier threshold in mm"),
         )
         html.Div(

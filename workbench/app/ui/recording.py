@@ -53,6 +53,7 @@ class RecordingTab(Tab):
                 max=("last_row",),
                 step=1,
                 hide_details=True,
+                classes="mx-4",
                 **raw(aria_label="Sample in the order of the recording"),
                 color="primary",
             )
