@@ -271,11 +271,11 @@ def test_passing_many_images_ends_with_the_last_one(page):
 def test_every_one_of_many_quick_clicks_counts(page):
     show_tab(page, "Recording")
     page.get_by_role("slider", name="Sample in the order of the recording").press("Home")
-    wait_for_text(page, "row", "(1 of 30)")
+    wait_for_text(page, "row", "(1 of ")  # of those that tests before this one have left
     following = page.get_by_role("button", name="Next sample")
     for _ in range(8):
         following.click()
-    wait_for_text(page, "row", "(9 of 30)")
+    wait_for_text(page, "row", "(9 of ")
 
 
 def test_no_script_error_occurred(page):

@@ -272,7 +272,7 @@ SPOILT = {
         "columns",
     ),
     "broken image": ("camera", cut, "board-003.png"),
-    "two images": ("camera", few, "placement"),
+    "two images": ("camera", few, "board poses"),
     "no board": (
         "camera",
         lambda f: with_text(f / "images.csv", ",board,", ",board-laser,"),

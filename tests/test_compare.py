@@ -137,7 +137,7 @@ def test_what_is_wrong_is_said(recording, names, word):
 
 @pytest.mark.slow
 def test_the_command(workbench, tmp_path, plans):
-    """Table on standard output, the run folder last, JSON with the same numbers."""
+    """Table on standard output, the report page last, JSON with the same numbers."""
     done = workbench(
         "compare",
         "elastic-arm",
@@ -151,7 +151,7 @@ def test_the_command(workbench, tmp_path, plans):
         "a.json",
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.split()[-1].endswith("run") and "held out" in done.stdout
+    assert done.stdout.split()[-1].endswith("run/report.html") and "held out" in done.stdout
     answer = json.loads((tmp_path / "a.json").read_text())
     assert [row["plan"] for row in answer["plans"]] == ["ye-mdh", "ye-ntm"]
     assert {p.name for p in (tmp_path / "run").iterdir()} >= {

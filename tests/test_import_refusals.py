@@ -71,8 +71,8 @@ def test_another_robot_is_refused(truth, tmp_path):
     with pytest.raises(InputError) as caught:
         import_recording([path], tmp_path / "out", ImportOptions(robot="staubli_tx60"))
     sentence = str(caught.value)
-    assert "found that no reading fits (" in sentence
-    assert "check the robot" in sentence and "--map" in sentence
+    assert "does not describe this arm, which is a Universal Robots UR10" in sentence
+    assert "use the robot 'ur10'" in sentence
     assert "about equally well" not in sentence
 
 

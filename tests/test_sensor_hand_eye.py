@@ -175,7 +175,7 @@ def test_sigmas_of_profiles_cover_the_truth(weights):
 def test_profiles_find_the_truth_without_a_guess(radius):
     points, pose, flange = profiles(5)
     found = hand_eye_from_profiles(points, pose, flange, radius, range_scale=False)
-    assert np.abs(off(found.T_flange_sensor) / np.sqrt(np.diag(found.covariance))).max() < 4
+    assert np.abs(off(found.sensor) / np.sqrt(np.diag(found.covariance))).max() < 4
     assert found.noise == pytest.approx(0.01, rel=0.15)
     assert found.held_out["rms_mm"] > found.fit["rms_mm"] > 0.01
     assert not found.undetermined and not found.suspicions and not found.outliers

@@ -227,18 +227,15 @@ def _with_stated_noise(last: "Final", proved, terms, refused):
     """Proof and terms with a wrong noise statement, where there is one; the proof then uses the noise that was found.
 
     Where replicates confirm the stated noise and the residual is larger all the same, something differs from pose to
-    pose that no candidate and no smooth function makes.
+    pose that no candidate and no smooth function makes. A significant term that was refused is structure that the
+    residual of the final model still contains.
     """
     compared = last.stated_noise()
     if compared is None:
         return proved, terms
     unnamed = any(term.finding.effect == "unknown" for term in terms)
-    not_modelled = (
-        bool(refused)
-        and last.found.p_first <= MISSING
-        and not any(t.finding.effects for t in terms)
-    )
-    structure_left = last.found.p_rest <= MISSING or unnamed or not_modelled
+    is_significant = any(term.finding.p_value <= MISSING for term in refused)
+    structure_left = last.found.p_rest <= MISSING or unnamed or is_significant
     wrong = stated_noise.compare(compared, structure_left)
     if wrong is not None:
         noise = float(

@@ -28,6 +28,8 @@ _SHARE = 0.05
 """Share of the prior in what is known of a parameter, below which its width does not matter."""
 _RARE = 0.05
 """Chance below which the evidence of an effect's prior is computed at all."""
+_EXACT = 1e-6
+"""Residuals in units of sigma below which nothing is left that a prior could have held back."""
 _ROUNDS = 6  # of the noise and the parameters in turn, which converge within four
 _FLOOR = 1e-9  # precision, in typical sizes, of a parameter without a prior
 
@@ -38,6 +40,8 @@ def widened(model: Model, fit: Fit) -> Parameters:
     Linearised where the fit ended. The same object comes back where no prior is contradicted.
     """
     parameters = fit.parameters
+    if fit.sigma_scale < _EXACT:
+        return parameters
     size = parameters.typical[parameters.mask]
     precision = parameters.precision[parameters.mask] * size**2
     problem = _Linearised.of(fit, size, precision)
@@ -63,6 +67,8 @@ def _held_short(model, parameters, problem, precision) -> Sequence[np.ndarray]:
     values that would be rare under the prior: a test that costs little and passes too many.
     """
     every = _rows_of_effects(model, parameters)
+    if not every:
+        return every
     share = precision * np.diag(problem.covariance(precision, problem.noise))
     every = [rows for rows in every if (share[rows] > _SHARE).any()]
     if not every:

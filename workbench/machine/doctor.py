@@ -29,6 +29,7 @@ LIBRARIES = {
     "pyarrow": ("pyarrow",),
     "yaml": ("pyyaml",),
     "tomli_w": ("tomli-w",),
+    "threadpoolctl": ("threadpoolctl",),
 }
 PROJECT = "vision-sensor-workbench"
 

@@ -299,7 +299,9 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     size = size_of(model.chain, wanted) if stage.canonical else None
     asked, wanted = int(wanted.mask.sum()), wanted if size is None else wanted.fix(size)
     trial, start = step.fit, wanted
-    for _ in range(_NOISE_ROUNDS):
+    # without redundancy the fit interpolates, and its noise would become zero step by step
+    is_redundant = step.fit.residual.size > wanted.mask.sum()
+    for _ in range(_NOISE_ROUNDS if is_redundant else 2):
         model = replace(model, chain=_honest_sigma(model.chain, trial, split), _bases={})
         trial = solve(model.at(split.fit), start, stage.loss, stage.steps)
         start = widened(model.at(split.fit), trial)

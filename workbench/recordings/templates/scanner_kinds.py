@@ -197,7 +197,7 @@ def _turntable(folder: Path, progress, seed: int) -> Example:
         np.zeros(3),
     )
     centres = np.array(_TABLE_BALLS)[:, :3] @ start[:3, :3].T + start[:3, 3]
-    return Example(read_recording(folder), dict(enumerate(centres, 1)), None, step_error)
+    return Example(read_recording(folder), dict(enumerate(centres, 1)), None)
 
 
 _RADIUS = 15.0
