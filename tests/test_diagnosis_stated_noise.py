@@ -103,7 +103,7 @@ def test_the_noise_of_a_solution_is_that_of_its_own_residual(tmp_path):
     """After a large effect: with the noise of the baseline its prior would hold it short of its size."""
     from robot_model.effects.sensed import FieldBias
     from workbench.diagnosis.robot.bench import bench_of
-    from workbench.diagnosis.robot.noise_scale import noise_scaled
+    from workbench.fitting.noise_scale import noise_scaled
 
     effect = {"effect": "field-bias", "where": "sensor", "values": {"xy": 1.0, "yy": -1.0}}
     scene = {

@@ -1,4 +1,4 @@
-"""An effect far larger than usual is not held short of its size, and a usual one keeps its prior."""
+"""An effect far larger than usual is not shrunk towards zero, and a usual one keeps its prior."""
 
 import numpy as np
 import pytest
@@ -18,11 +18,11 @@ def priors_of(parameters):
     return np.array([p.prior for p in parameters.table], float)[parameters.mask]
 
 
-def test_contradicted_priors_are_widened():
+def test_priors_in_conflict_with_the_data_are_widened():
     """Gears of all joints err by thirty times the typical size; the prior alone leaves a third of the error or more."""
     model, free, truth = waved(30 * TYPICAL, 14)
     first = fit = solve(model, free)
-    for _ in range(8):  # the next solution shows which others are held short
+    for _ in range(8):  # the next solution shows which other effects are shrunk
         wider = widened(model, fit)
         if wider is fit.parameters:
             break

@@ -1,14 +1,13 @@
 """Wider priors for effects that are far larger than usual.
 
-The prior of an effect is what arms usually do. Where one does much more, the prior holds the effect short of its size,
-what is left over counts as noise, and the noise makes the prior weigh more: the fit stays there. Whether the prior is
-too narrow is a question of the evidence, in which the noise has no given size (MacKay, Neural Computation 4 (1992)
-415, sections 4 and 5).
+The prior of an effect states its usual size. Under a prior that is much too narrow a large effect is shrunk towards
+zero, the remainder counts as noise, and more noise gives the prior more weight: the fit stays at a wrong solution.
+Such a prior-data conflict (Evans & Moshonov, Bayesian Analysis 1 (2006) 893) is decided by the evidence with the noise
+estimated (MacKay, Neural Computation 4 (1992) 415, sections 4 and 5).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 
@@ -23,21 +22,21 @@ _WIDEST = 100.0
 _STEPS = np.sqrt(10.0) ** np.arange(1, 5)
 """Factors by which a prior is widened on trial; half a decade of width changes the evidence little."""
 _WORTHWHILE = float(np.log(1e3))
-"""Gain of log evidence that contradicts a prior."""
+"""Gain of log evidence from which a prior is widened."""
 _SHARE = 0.05
 """Share of the prior in what is known of a parameter, below which its width does not matter."""
-_RARE = 0.05
+_SUSPICIOUS = 0.05
 """Chance below which the evidence of an effect's prior is computed at all."""
 _EXACT = 1e-6
-"""Residuals in units of sigma below which nothing is left that a prior could have held back."""
+"""Residuals in units of sigma below which no effect can have been shrunk."""
 _ROUNDS = 6  # of the noise and the parameters in turn, which converge within four
 _FLOOR = 1e-9  # precision, in typical sizes, of a parameter without a prior
 
 
 def widened(model: Model, fit: Fit) -> Parameters:
-    """The fit's parameters, with wider priors for linear effects whose priors the data contradict; values stay.
+    """The fit's parameters, with wider priors for linear effects in prior-data conflict; values stay.
 
-    Linearised where the fit ended. The same object comes back where no prior is contradicted.
+    Linearised where the fit ended. The same object comes back where there is no conflict.
     """
     parameters = fit.parameters
     if fit.sigma_scale < _EXACT:
@@ -45,11 +44,14 @@ def widened(model: Model, fit: Fit) -> Parameters:
     size = parameters.typical[parameters.mask]
     precision = parameters.precision[parameters.mask] * size**2
     problem = _Linearised.of(fit, size, precision)
-    effects = _held_short(model, parameters, problem, precision)
+    effects = _in_conflict(model, parameters, problem, precision)
     if not effects:
         return parameters
+    groups = list(effects)
+    if len(effects) > 1:  # where none by itself explains enough, all of them together may
+        groups.append(np.concatenate(effects))
     wider = precision
-    for rows in chain(effects, [np.concatenate(effects)] if len(effects) > 1 else []):
+    for rows in groups:
         wider = _widest_worthwhile(problem, wider, rows)
     if wider is precision:
         return parameters
@@ -60,11 +62,11 @@ def widened(model: Model, fit: Fit) -> Parameters:
     return Parameters(tuple(table), parameters.values, parameters.mask)
 
 
-def _held_short(model, parameters, problem, precision) -> Sequence[np.ndarray]:
-    """Rows, among the free parameters, of each linear effect whose prior may hold it short.
+def _in_conflict(model, parameters, problem, precision) -> Sequence[np.ndarray]:
+    """Rows, among the free parameters, of each linear effect that may be in conflict with its prior.
 
-    The prior has a share in what is known of it, and a solution in which the priors of all effects are weak has
-    values that would be rare under the prior: a test that costs little and passes too many.
+    A screening test: the prior has a share in the posterior, and the estimates under weak priors of all effects are
+    improbable under the prior predictive distribution.
     """
     every = _rows_of_effects(model, parameters)
     if not every:
@@ -73,13 +75,11 @@ def _held_short(model, parameters, problem, precision) -> Sequence[np.ndarray]:
     every = [rows for rows in every if (share[rows] > _SHARE).any()]
     if not every:
         return every
-    weak = precision.copy()
-    rows = np.concatenate(every)
-    weak[rows] = np.minimum(weak[rows], _WIDEST**-2)
+    weak = _weakened(precision, np.concatenate(every))
     noise = problem.next_noise(weak, problem.noise)[0]
     _, _, values, covariance = problem.next_noise(weak, noise)
     prior = 1 / np.maximum(precision, 1e-300)
-    return [rows for rows in every if _is_rare(values, covariance, prior, rows)]
+    return [rows for rows in every if _is_conflict(values, covariance, prior, rows)]
 
 
 def _rows_of_effects(model, parameters) -> Sequence[np.ndarray]:
@@ -92,11 +92,18 @@ def _rows_of_effects(model, parameters) -> Sequence[np.ndarray]:
     return [rows for rows in linear if len(rows)]
 
 
-def _is_rare(values, covariance, prior, rows) -> bool:
-    """Whether values that the data give would be rare if the effect were as its prior (variances) says."""
+def _weakened(precision, rows) -> np.ndarray:
+    """Precisions with those of `rows` at the widest prior that is allowed."""
+    weak = precision.copy()
+    weak[rows] = np.minimum(weak[rows], _WIDEST**-2)
+    return weak
+
+
+def _is_conflict(values, covariance, prior, rows) -> bool:
+    """Whether the estimates are improbable under the prior predictive distribution; prior (F,): variances."""
     expected = covariance[np.ix_(rows, rows)] + np.diag(prior[rows])
     square = values[rows] @ solve_positive(expected, values[rows])
-    return bool(chi2.sf(square, len(rows)) < _RARE)
+    return bool(chi2.sf(square, len(rows)) < _SUSPICIOUS)
 
 
 def _widest_worthwhile(problem, precision, rows) -> np.ndarray:
@@ -147,8 +154,7 @@ class _Linearised:
 
     def evidence(self, precision: np.ndarray, rows: np.ndarray) -> float:
         """Log evidence of the priors of `rows`, largest over the variance of the noise; others' terms are left out."""
-        weak = precision.copy()
-        weak[rows] = _WIDEST**-2
+        weak = _weakened(precision, rows)
         starts = (self.noise, self.next_noise(weak, self.noise)[0])
         return max(self._evidence_from(noise, precision, rows) for noise in starts)
 

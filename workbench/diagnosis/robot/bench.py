@@ -25,10 +25,10 @@ from workbench.diagnosis.robot import loose
 from workbench.diagnosis.robot.derived import mass_rows, spectrum
 from workbench.diagnosis.robot.library import compliances, names, variants
 from workbench.diagnosis.robot.linearised import solution, with_candidates, with_places
-from workbench.diagnosis.robot.noise_scale import noise_scaled
 from workbench.diagnosis.robot.sliced_bases import SlicedBases, describe
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.cross_validation import cross_validate
+from workbench.fitting.noise_scale import NOISE_ROUNDS, is_settled, noise_scaled
 from workbench.fitting.plans import geometry, stage_mask
 from workbench.fitting.shrinkage import settled
 from workbench.fitting.wider_priors import widened
@@ -44,9 +44,6 @@ _FEW_STEPS, _STEPS = 6, 50
 A problem needs no convergence: the baseline and the effects are projected out of its residual, which is the next step
 of Gauss and Newton.
 """
-_NOISE_ROUNDS, _SAME_NOISE = 10, 0.02
-"""Most estimates of the noise in one solution, and the relative change of sigma that ends them: a fiftieth is within
-the standard error of a noise of 1,000 samples."""
 _LARGE = 5000  # samples from which on bases of all candidates are not kept: they take megabytes a thousand
 _KEPT = 2  # parts of the samples whose bases are kept: all, and those of the fold that is searched
 _SOLUTIONS = (
@@ -282,13 +279,11 @@ class RobotBench:
             start, sigma = start.take_over(part.last[0]), part.last[1]
             model = replace(model, chain=replace(model.chain, sigma=sigma))
         # a sigma that is still too large shrinks the effects towards zero, and what they leave keeps it large
-        for _ in range(_NOISE_ROUNDS):
+        for _ in range(NOISE_ROUNDS):
             fit = solve(model, start, "huber", _FEW_STEPS)
-            before = model.chain.sigma
-            model = replace(model, chain=noise_scaled(model.chain, fit))
+            before, model = model.chain, replace(model, chain=noise_scaled(model.chain, fit))
             start = widened(model, fit)
-            is_same = np.allclose(model.chain.sigma, before, rtol=_SAME_NOISE, atol=0)
-            if is_same and start is fit.parameters:
+            if is_settled(before, model.chain) and start is fit.parameters:
                 break
         return model, start
 

@@ -23,7 +23,6 @@ from workbench.core.least_squares.identifiability import (
     identifiability,
     independent,
 )
-from workbench.core.least_squares.linear_algebra import root_between
 from workbench.core.least_squares.single_parameters import SingleParameters
 from workbench.core.least_squares.solver import Fit, normal_matrix, pose_scores, solve
 from workbench.core.model import Model
@@ -45,6 +44,7 @@ from workbench.fitting.cross_validation import (
 )
 from workbench.fitting.gauge import non_negligible_lengths, resized, size_of
 from workbench.fitting.missing_masses import missing_mass_warnings
+from workbench.fitting.noise_scale import NOISE_ROUNDS, is_settled, noise_scaled
 from workbench.fitting.parallel_axes import parallelism_warnings
 from workbench.fitting.plans import default_plan, frames_of, held, read_plan, stage_mask
 from workbench.fitting.shrinkage import settled
@@ -59,9 +59,6 @@ _OUTLIER = 15.0
 _MEDIAN_CHI3 = 1.538  # of the length of a vector whose three components have sigma 1
 _ROUNDS = 2
 _LEAST_POSES = 4
-_NOISE_ROUNDS, _SAME_NOISE = 8, 0.02
-"""Most estimates of the noise in one stage, and the relative change of sigma that ends them."""
-_NANOMETRE = 1e-6  # mm: nothing is measured better
 
 
 @dataclass(frozen=True)
@@ -300,13 +297,12 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     trial, start = step.fit, wanted
     # without redundancy the fit interpolates, and its noise would become zero step by step
     is_redundant = step.fit.residual.size > wanted.mask.sum()
-    for _ in range(_NOISE_ROUNDS if is_redundant else 2):
-        model = replace(model, chain=_honest_sigma(model.chain, trial, split), _bases={})
+    for _ in range(NOISE_ROUNDS if is_redundant else 2):
+        model = replace(model, chain=_with_noise(model.chain, trial, split), _bases={})
         trial = solve(model.at(split.fit), start, stage.loss, stage.steps)
         start = widened(model.at(split.fit), trial)
-        chain = _honest_sigma(model.chain, trial, split)
-        is_same = np.allclose(chain.sigma, model.chain.sigma, rtol=_SAME_NOISE, atol=0)
-        if is_same and start is trial.parameters:
+        chain = _with_noise(model.chain, trial, split)
+        if is_settled(model.chain, chain) and start is trial.parameters:
             break
     model, free, tied = replace(model, chain=chain, _bases={}), trial.parameters, {}
     if stage.canonical:
@@ -347,37 +343,8 @@ def _canonical(model, trial: Fit, wanted: Parameters):
     return replace(free, values=np.where(free.mask, trial.parameters.values, wanted.values)), tied
 
 
-def _honest_sigma(chain, trial: Fit, split: Split):
-    """The chain with sigmas widened by what the model does not explain.
-
-    One variance is added to all samples so that the reduced chi-square becomes 1 (Paule & Mandel,
-    J. Res. NBS 87, 1982): a tracker's 3 um must not decide between poses while 70 um are
-    unexplained. Where no sigma is known it is estimated altogether.
-    """
-    stated = 0 * chain.stated_sigma if chain.sigma_unknown else chain.stated_sigma
-    sigma = chain.sigma.copy()
-    spent = trial.residual.size / trial.degrees
-    for rows in (slice(0, 3), slice(3, 6)):  # positions, and turns where they are measured
-        squares = trial.residual[rows] ** 2 * spent
-        if squares.size:
-            extra = _extra_variance(squares, stated[rows][:, split.fit])
-            sigma[rows] = np.sqrt(stated[rows] ** 2 + extra)
-    return replace(chain, sigma=sigma)
-
-
-def _extra_variance(squares, sigma):
-    """The variance v with mean(squares / (sigma^2 + v)) = 1, or 0."""
-
-    def excess(v):
-        return float((squares / np.maximum(sigma**2 + v, 1e-300)).mean() - 1)
-
-    high = 2 * float(squares.mean())  # twice: at the mean itself rounding may leave the sign open
-    least = max(1e-12 * high, _NANOMETRE**2)
-    return (
-        root_between(excess, least, high)
-        if high > least and excess(least) > 0
-        else least * (not sigma.any())
-    )
+def _with_noise(chain: RobotChain, trial: Fit, split: Split) -> RobotChain:
+    return noise_scaled(chain, trial, split.fit, may_shrink=False)
 
 
 def _held_out(model, fit, split, loss, steps, settle=False) -> HeldOut:
