@@ -14,6 +14,7 @@ from workbench.core.least_squares.linear_algebra import covariance_of
 from workbench.core.least_squares.solver import Fit, normal_matrix, solve
 from workbench.core.model import NOISE, Model
 from workbench.core.parameters import Parameters
+from workbench.fitting.linear_posterior import without_free
 
 _ROUNDS, _SAME = 100, 0.01
 _LEAST, _MOST = (
@@ -53,7 +54,10 @@ def rescaled(model: Model, parameters: Parameters, only: np.ndarray | None = Non
     )
     own = np.where(widest > 0, widest, _MOST**-2)
     least = np.minimum(own, np.where(present > 0, present, own))
-    precision = _scaled(normal, away, present, least, family)
+    kept = (present > 0) | (family >= 0)  # the others have no prior, whatever the scales
+    reduced, _ = without_free(normal, kept)
+    precision = present.copy()
+    precision[kept] = _scaled(reduced, away[kept], present[kept], least[kept], family[kept])
     return _with_priors(parameters, family, size / np.sqrt(np.maximum(precision, 1e-300)))
 
 
