@@ -138,10 +138,11 @@ class State:
         """
         gravity, moments = self.gravity.copy(), np.zeros((3 * self.robot.joints + 4, self.n))
         for port, slots, delta in changes:
-            if port == "gravity":
-                np.add.at(gravity, np.asarray(slots), delta[:, 0])
-            else:
-                np.add.at(moments, np.asarray(slots), delta)
+            for slot, change in zip(slots, delta):
+                if port == "gravity":
+                    gravity[slot] += change[0]
+                else:
+                    moments[slot] += change
         mass, moments = moments[-1], moments[:-1].reshape(-1, 3, self.n)
         of_link = (np.arange(self.robot.joints + 1) < self.robot.joints)[:, None, None]
         of_links = self._more(self.link_levers, np.where(of_link, moments, 0))
@@ -161,9 +162,12 @@ class State:
     @cached_property
     def unit_moments(self) -> "tuple[State, ...]":
         """(3 J + 3) states with one kg mm more of one first moment: of each link along x, y, z, then of the load."""
-        one = np.ones((1, self.n))
-        count = 3 * self.robot.joints + 3
-        return tuple(self.altered([("mass", (k,), one)]) for k in range(count))
+        return tuple(map(self.with_moments, np.eye(3 * self.robot.joints + 3)))
+
+    def with_moments(self, change: np.ndarray) -> "State":
+        """The same with first moments changed by `change` (3 J + 3,) kg mm: of each link along x, y, z, then the load."""
+        each = np.repeat(change[:, None], self.n, axis=1)
+        return self.altered([("mass", np.arange(len(change)), each)])
 
     def covariate(self, name: str) -> np.ndarray:
         """(n,) a recorded covariate; InputError where the recording does not hold it."""

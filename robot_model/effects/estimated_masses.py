@@ -98,10 +98,9 @@ class ComplianceWithMasses(Effect):
     def basis(self, state):
         """(P (1 + R), slots, n)."""
         own = self.inner.basis(state)
-        per_moment = moment_responses(self.inner, state)
         parts = [own]
         for mixture, share in zip(self.mixtures, self.shares):
-            made = np.tensordot(np.ravel(mixture), per_moment, 1)
+            made = self.inner.basis(state.with_moments(np.ravel(mixture))) - own
             parts.append(made - np.asarray(share)[:, None, None] * own)
         return np.concatenate(parts)
 
