@@ -165,7 +165,10 @@ class State:
         return tuple(map(self.with_moments, np.eye(3 * self.robot.joints + 3)))
 
     def with_moments(self, change: np.ndarray) -> "State":
-        """The same with first moments changed by `change` (3 J + 3,) kg mm: of each link along x, y, z, then the load."""
+        """The same with first moments changed by `change` (3 J + 3,) kg mm.
+
+        Those of each link along x, y and z, then those of the load.
+        """
         each = np.repeat(change[:, None], self.n, axis=1)
         return self.altered([("mass", np.arange(len(change)), each)])
 

@@ -91,7 +91,7 @@ def test_blocks_left_out_of_a_linear_fit_are_predicted_as_by_fitting_again():
 
 
 def test_folds_never_part_a_pose(bench):
-    problem = bench.problem(()).keeping()
+    problem = bench.problem(()).conditional_on()
     pose = np.arange(90) // 3
     for scheme in folds.schemes(pose, problem):
         assert all(len(np.unique(scheme.fold[pose == p])) == 1 for p in range(30))
@@ -233,7 +233,7 @@ def test_a_search_inside_a_fold_keeps_every_pose_where_these_are_few():
 
 def test_a_direction_that_one_block_alone_shows_stays_where_all_samples_have_it(bench):
     block = bench.chain.state.covariates["q5"] > 0.2
-    problem = bench.problem(()).keeping()
+    problem = bench.problem(()).conditional_on()
     assert heldout._block_shares(problem, block[problem.sample]).max() < 1 - heldout._HELD
     errors = heldout.Errors(bench).block((), block)
     assert errors.shape == (block.sum(),) and np.isfinite(errors).all() and errors.max() < 5
@@ -279,7 +279,7 @@ def test_what_reads_the_clock_is_known(bench):
 
 
 def test_the_smallest_visible_is_found_as_often_as_is_said(bench):
-    problem = bench.problem(()).keeping()
+    problem = bench.problem(()).conditional_on()
     rows = visible.smallest(
         problem,
         problem.sigma,
@@ -444,7 +444,7 @@ def test_options_are_listed_as_json_types(bench):
         "seat": "gravity",
         "width": 0.2,
     }
-    assert options_of((bench.loose[0].effect,)) == {"masses_found": True}
+    assert options_of((bench.with_masses[0].effect,)) == {"masses_found": True}
 
 
 def test_what_is_not_certain_is_never_said_to_need_nothing(bench):

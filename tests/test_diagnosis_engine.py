@@ -202,10 +202,10 @@ def test_keeping_an_effect_is_the_same_as_solving_with_it():
     slip = CATALOGUE["zero-shift"]("joint-4", after=1510.0)
     bench = bench_of(recorded(10, [slip], [1e-3]))
     there: Problem = bench.problem((slip,))
-    without, plain = there.keeping(()), bench.problem(())
+    without, plain = there.conditional_on(()), bench.problem(())
     a, b = (p.clear(p.residual) * p.sigma for p in (without, plain))
     assert np.corrcoef(a, b)[0, 1] > 0.999
-    assert there.keeping().rank == plain.rank + 1
+    assert there.conditional_on().rank == plain.rank + 1
 
 
 def worn(angle):

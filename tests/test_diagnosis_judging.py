@@ -91,7 +91,7 @@ def test_left_out_blocks_are_predicted_with_the_priors_of_the_effects():
         seen = both[fold != k]
         found = np.linalg.solve(seen.T @ seen + prior, seen.T @ y[fold != k])
         expected[fold == k] = y[fold == k] - both[fold == k] @ found
-    assert np.allclose(left_out(problem.keeping(), fold), np.abs(expected))
+    assert np.allclose(left_out(problem.conditional_on(), fold), np.abs(expected))
 
 
 def test_a_cause_with_many_numbers_passes_its_permutation_control_with_few_poses():
@@ -126,7 +126,7 @@ def test_a_term_that_was_removed_for_another_comes_back():
         }
         return [replace(one, t=t[names][one.finding.effect], gain=1.0) for one in left]
 
-    left, gone = proof._without_unreal(judged, [wrong, true, plain])
+    left, gone = proof._without_insignificant(judged, [wrong, true, plain])
     assert [term.finding.effect for term in left] == ["p"]
     again = proof._with_best(judged, left, gone)
     assert [term.finding.effect for term in again] == ["p", "t"]

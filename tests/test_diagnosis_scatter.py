@@ -10,12 +10,12 @@ from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded
 from workbench.diagnosis.linear.problem import Finding, Located
 from workbench.diagnosis.noise.data import far_off
-from workbench.diagnosis.noise.scatter import (
+from workbench.diagnosis.noise.random_effects import (
     _TRIED,
     LABEL,
     _constant,
     _turned,
-    scattered,
+    find_random_effect,
     unrecorded,
 )
 from workbench.diagnosis.robot.bench import bench_of
@@ -51,11 +51,11 @@ def test_place_that_moves_all_samples_nearly_one_way_is_distinguishable_from_suc
 
 def test_repeats_of_a_pose_that_err_together_are_no_movement_by_chance():
     rng, smallest = np.random.default_rng(5), []
-    plain = bench_of(recorded(14, n=240)).problem().keeping()
+    plain = bench_of(recorded(14, n=240)).problem().conditional_on()
     pose = np.arange(240) // 6
     for _ in range(12):
         shared = rng.normal(size=(3, 40))[:, pose] + 0.3 * rng.normal(size=(3, 240))
-        found = scattered(
+        found = find_random_effect(
             replace(plain, residual=plain.clear(shared.ravel()), weights=np.ones(240), pose=pose),
             1.0,
         )
@@ -72,7 +72,7 @@ def test_what_goes_with_time_asks_for_what_changes_with_time():
     assert not unrecorded(problem, Located("joint-3", "joint", ("q3",), 0.3, 1e-9))
 
 
-@pytest.mark.parametrize("kind", ["candidates", "loose"])
+@pytest.mark.parametrize("kind", ["candidates", "with_masses"])
 def test_what_the_baseline_holds_is_no_candidate(kind):
     recording = recorded(5, n=60)
     bare = {(c.effect, c.where) for c in getattr(bench_of(recording).problem(), kind)}
@@ -108,7 +108,9 @@ class Random(CATALOGUE["joint-coupling"]):
 
 @pytest.mark.parametrize(("moves", "places"), [(2e-4, ["joint-2"]), (0.0, [])])
 def test_random_effect_is_reported_next_to_a_rejected_term_if_it_persists(moves, places):
-    problem = bench_of(recorded(12, [Random("joint-2", joint=4)], [moves])).problem().keeping()
+    problem = (
+        bench_of(recorded(12, [Random("joint-2", joint=4)], [moves])).problem().conditional_on()
+    )
     spread = (
         Finding("unknown", "joint-2", LABEL, (), 1e-9, 1.0, 0.0, 0.0),
         Finding("noise-heteroscedastic", "noise", "with q1", (), 1e-9, 1.0, 0.0, 0.0, ("q1",)),

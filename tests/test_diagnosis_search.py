@@ -42,7 +42,9 @@ def objective(problem):
 def elastic_arm():
     """All candidates of an arm that deflects at several joints, and the numbers of those that deflect."""
     bench = bench_of(datasets.read("elastic-arm"))
-    problem = bench.problem(law("joint-compliance", "joint-2", "joint-3", "joint-5")).keeping(())
+    problem = bench.problem(
+        law("joint-compliance", "joint-2", "joint-3", "joint-5")
+    ).conditional_on(())
     deflects = [h for h in judged(problem) if h.effect.endswith("-compliance") and not h.label]
     return LogPosterior.of(problem, deflects)
 
@@ -134,7 +136,9 @@ def test_a_joint_is_preferred_to_a_link_that_would_be_as_soft(elastic_arm):
 def test_masses_that_are_nearly_known_make_a_name_less_certain(elastic_arm):
     """Without the responses to masses the same data speak more strongly for one set over another."""
     bench = bench_of(datasets.read("elastic-arm"))
-    problem = bench.problem(law("joint-compliance", "joint-2", "joint-3", "joint-5")).keeping(())
+    problem = bench.problem(
+        law("joint-compliance", "joint-2", "joint-3", "joint-5")
+    ).conditional_on(())
     known = LogPosterior.of(replace(problem, mass_responses=()), elastic_arm.terms)
     keys = [h.key for h in elastic_arm.terms]
     joint, link = (keys.index((name, "joint-3" if "joint" in name else "link-3")) for name in NAMES)

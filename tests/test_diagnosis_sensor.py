@@ -270,7 +270,7 @@ def test_large_law_that_is_likelier_is_an_alternative_to_a_function_at_its_place
         100.0,
         16,
     )
-    bare = SimpleNamespace(keeping=lambda: None)
+    bare = SimpleNamespace(conditional_on=lambda: None)
     monkeypatch.setattr(sensor_review, "judged", lambda problem: [law, own])
     monkeypatch.setattr(sensor_review, "large", lambda *about: size)
     finding = Finding(

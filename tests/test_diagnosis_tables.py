@@ -32,8 +32,8 @@ def solved():
 def test_table_conditional_on_kept_effects_equals_one_computed_again(kept):
     """What the baseline makes of every hypothesis is kept with the problem; all else is as without it."""
     problem = solved()
-    judged(problem.keeping(()))
-    shared = problem.keeping(kept)
+    judged(problem.conditional_on(()))
+    shared = problem.conditional_on(kept)
     fresh = replace(shared, basis=shared.whole_basis, known={}, made={}, beyond=None)
     found, expected = judged(shared), judged(fresh)
     own = {
@@ -47,7 +47,7 @@ def test_table_conditional_on_kept_effects_equals_one_computed_again(kept):
 
 def test_what_a_spread_of_the_noise_changes_is_not_kept():
     problem = solved()
-    judged(problem.keeping(()))
+    judged(problem.conditional_on(()))
     through = problem.through(lambda rows: 2 * rows)
     assert not through.known and through.beyond is None
 
@@ -56,9 +56,9 @@ def test_terms_found_at_one_solution_have_their_columns_at_another():
     """A likely term is not judged again about a new solution, but its columns are those there."""
     problem = solved()
     other = problem.through(lambda rows: 2 * rows)
-    for h in judged(problem.keeping(()))[:200]:
+    for h in judged(problem.conditional_on(()))[:200]:
         assert np.allclose(h.at(other).columns(other), 2 * h.columns(problem))
-    gone = replace(other, candidates=(), loose=(), scans=(), sites=())
+    gone = replace(other, candidates=(), with_masses=(), scans=(), sites=())
     assert h.at(gone) is None
 
 
@@ -77,15 +77,15 @@ def test_a_part_of_the_samples_has_slices_of_the_bases_of_all():
 def test_a_problem_takes_fewer_steps_than_a_complete_solve_and_is_the_same_to_first_order():
     effects = CATALOGUE["joint-compliance"]("joint-2"), CATALOGUE["joint-compliance"]("joint-3")
     bench = bench_of(recorded(35, effects, [2e-5, 2e-5], n=60))
-    early = bench.problem(effects).keeping()
+    early = bench.problem(effects).conditional_on()
     bench.solve(effects)
-    late = bench.problem(effects).keeping()
+    late = bench.problem(effects).conditional_on()
     y, z = (p.clear(p.residual) / np.sqrt(p.weights)[p.sample] * p.sigma for p in (early, late))
     assert np.sqrt(((y - z) ** 2).mean()) < 0.01 * np.sqrt((z**2).mean())
 
 
 def test_an_objective_without_functions_weighs_laws_alike():
-    problem = solved().keeping(())
+    problem = solved().conditional_on(())
     terms = [h for h in judged(problem) if h.evidence > 0]
     objective = LogPosterior.of(problem, terms[:40])
     rows = np.flatnonzero(~objective.unnamed)
@@ -118,7 +118,7 @@ def test_a_set_less_a_member_is_the_smaller_set():
 
 
 def test_what_moves_nothing_makes_nothing():
-    problem = solved().keeping(())
+    problem = solved().conditional_on(())
     seen = np.random.default_rng(8).normal(size=(len(problem.sample), 1))
     projected = Projected(problem)
     assert projected.fall(np.hstack([seen, 0 * seen])) == pytest.approx(projected.fall(seen))

@@ -73,7 +73,7 @@ def test_a_change_of_load_is_tested_only_next_to_a_compliance(masses):
 def test_the_evidence_of_a_change_without_masses_is_that_of_what_changes():
     """Near the first sample a load acts all the time: its centred columns are next to nothing."""
     bench = bench_of(without_masses(recorded(44, n=80)))
-    problem = bench.problem([CATALOGUE["gravity-compliance"]("joint-2")]).keeping()
+    problem = bench.problem([CATALOGUE["gravity-compliance"]("joint-2")]).conditional_on()
     scan = next(one for one in problem.scans if one.effect == "payload")
     middle, projected = len(scan.options) // 2, Projected(problem)
     moments = scan_moments(projected, scan)

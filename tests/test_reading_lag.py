@@ -6,7 +6,7 @@ import tomli_w
 
 from robot_model.effects import CATALOGUE
 from workbench.core.covariates import last_moves
-from workbench.diagnosis.noise.scatter import places, scattered
+from workbench.diagnosis.noise.random_effects import find_random_effect, places
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.select import find
 from workbench.jobs.robot.simulate import simulate
@@ -81,7 +81,7 @@ def test_a_lag_of_chance_size_scatters_along_the_last_moves(tmp_path):
     pushed = (
         plain.residual + 8e-4 * row * np.random.default_rng(2).normal(size=plain.n)[plain.sample]
     )
-    assert scattered(plain, 1e-4) is None
-    found = scattered(type(plain)(**{**plain.__dict__, "residual": pushed}), 1e-4)
+    assert find_random_effect(plain, 1e-4) is None
+    found = find_random_effect(type(plain)(**{**plain.__dict__, "residual": pushed}), 1e-4)
     assert found.site.where == "time"
     assert len(found.site.rows) == 1

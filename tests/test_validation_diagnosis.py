@@ -97,7 +97,7 @@ def test_the_base_of_irb120_drifts_as_its_own_reflectors_show(recording):
     bench = bench_of(measured)
     time = bench.chain.state.covariates["time"]
     drift = law("base-drift", "base", start=float(time.min()), end=float(time.max()))
-    soft = [o.effect for o in bench.loose if o.effect.effect == "joint-compliance"]
+    soft = [o.effect for o in bench.with_masses if o.effect.effect == "joint-compliance"]
     terms = [
         Term(Finding(e.effect, e.where, "", (e,), 0.0, 1.0, 0.0, 0.0)) for e in (*soft, *drift)
     ]

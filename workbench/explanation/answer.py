@@ -11,7 +11,7 @@ from workbench.core.common_effects import NoiseLaw
 from workbench.core.errors import InputError
 from workbench.diagnosis.levels import MISSING, MOVES
 from workbench.diagnosis.linear.problem import Bench, Finding, Found
-from workbench.diagnosis.noise.scatter import scattered, unrecorded
+from workbench.diagnosis.noise.random_effects import find_random_effect, unrecorded
 from workbench.diagnosis.robot.bench import RobotBench, bench_of
 from workbench.diagnosis.search.select import find, found_terms
 from workbench.diagnosis.validation import proof
@@ -167,7 +167,7 @@ def _whole(
         terms,
         refused,
         found.located,
-        found.rest,
+        found.remainder,
         replace(proved, lack=last.lack()),
         visible,
         experiment,
@@ -199,7 +199,7 @@ def _visible(bench: Bench, found: Found) -> tuple:
 
 def _verdict(bench, found: Found, terms, refused, proved) -> str:
     """The word of the contract for what was proved."""
-    left = much_left(proved, found.p_rest)
+    left = much_left(proved, found.p_remainder)
     return verdict_of(terms, found.p_first, left, is_placed=_is_placed(bench, found, refused))
 
 
@@ -235,7 +235,7 @@ def _with_stated_noise(last: "Final", proved, terms, refused):
         return proved, terms
     unnamed = any(term.finding.effect == "unknown" for term in terms)
     is_significant = any(term.finding.p_value <= MISSING for term in refused)
-    structure_left = last.found.p_rest <= MISSING or unnamed or is_significant
+    structure_left = last.found.p_remainder <= MISSING or unnamed or is_significant
     wrong = stated_noise.compare(compared, structure_left)
     if wrong is not None:
         noise = float(
@@ -307,7 +307,7 @@ def _with_noise(last: Final, terms, refused) -> tuple[Term, ...]:
     """The terms with findings on the data; the direction of noise only where no structure is left."""
     found, after = last.found, last.after
     terms = (*terms, *_of_noise(found, terms, refused, after))
-    if refused or found.p_rest <= MISSING:
+    if refused or found.p_remainder <= MISSING:
         return terms
     return with_angular_noise(terms, last.bench, residuals_of(after), ~found.outliers)
 
@@ -317,7 +317,7 @@ def _of_noise(found: Found, terms, refused, problem) -> tuple[Term, ...]:
     their proof. If a term of the mean was rejected, only outliers and a persisting random
     effect are kept.
     """
-    moves = scattered(problem, MOVES) if refused and found.spread else None
+    moves = find_random_effect(problem, MOVES) if refused and found.spread else None
     still = moves.site.where if moves else None
     kept = [f for f in found.spread if not refused or f.effect == "outliers" or f.where == still]
     if not terms and found.p_first <= MISSING and {f.effect for f in kept} <= {_UNEVEN, "outliers"}:
@@ -343,11 +343,11 @@ def _somewhere(found: Found, terms, refused, problem) -> tuple[Term, ...]:
         return ()
     places = [
         one
-        for one in (found.rest if terms else found.located)
+        for one in (found.remainder if terms else found.located)
         if one.depends_on and one.p_value < _PLACED and one.share > 0
     ]
     if not places:
-        return (Term(_of_refused(found, refused, bool(terms)), rest=bool(terms)),)
+        return (Term(_of_refused(found, refused, bool(terms)), remainder=bool(terms)),)
     at = places[0]
     label = "a smooth function of " + " and ".join(at.depends_on)
     unknown = Finding(
@@ -362,12 +362,12 @@ def _somewhere(found: Found, terms, refused, problem) -> tuple[Term, ...]:
         at.depends_on,
         unrecorded(problem, at),
     )
-    return (Term(unknown, share=at.share, rest=bool(terms)),)
+    return (Term(unknown, share=at.share, remainder=bool(terms)),)
 
 
-def _of_refused(found: Found, refused, rest: bool) -> Finding:
+def _of_refused(found: Found, refused, remainder: bool) -> Finding:
     """The unknown of structure that no smooth function locates: at the place of the strongest refused term."""
-    p = found.p_rest if rest else found.p_first
+    p = found.p_remainder if remainder else found.p_first
     named = [term.finding for term in refused if term.finding.p_value < _PLACED]
     where = max(named, key=lambda one: one.gain).where if named else "samples"
     return Finding("unknown", where, words.NOT_LOCATED, (), p, 0.0, 0.0, 0.0)

@@ -18,7 +18,9 @@ class Final:
         self.before = found.before
         effects = [e for term in terms for e in term.finding.effects] if terms is not None else None
         self.after = (
-            found.after if effects is None else bench.problem(effects, hypotheses=False).keeping()
+            found.after
+            if effects is None
+            else bench.problem(effects, hypotheses=False).conditional_on()
         )
 
     @property

@@ -83,7 +83,7 @@ class Diagnosis:
     terms: tuple[Term, ...]
     refused: tuple[Term, ...]
     located: tuple[Located, ...]
-    rest: tuple[Located, ...]
+    remainder: tuple[Located, ...]
     proof: Proof
     visible: tuple[Visible, ...]
     experiment: Experiment
@@ -124,9 +124,9 @@ class Diagnosis:
             "refused": [
                 _effect(term, self.unit) | {"reason": term.reason} for term in self.refused
             ],
-            "left": [_located(one, self.unit) for one in self.rest],
+            "left": [_located(one, self.unit) for one in self.remainder],
             "p_anything_missing": self.found.p_first,
-            "p_anything_left": self.found.p_rest,
+            "p_anything_left": self.found.p_remainder,
             "outliers": list(self.outliers),
             "not_recorded": list(self.not_recorded),
             "against": self.shares.as_json() if self.shares else None,
@@ -169,10 +169,10 @@ def verdict_of(
     return EXPLAINED if all(term.certain for term in terms) else AMBIGUOUS
 
 
-def much_left(proof: Proof, rest_p: float, level: float = 0.01) -> bool:
+def much_left(proof: Proof, p_remainder: float, level: float = 0.01) -> bool:
     """Whether structure is left, and more than a third of what was above the noise in the held-out error."""
     above = [max(error**2 - proof.noise**2, 0.0) for error in (proof.before, proof.after)]
-    return rest_p < level and above[1] > _REST * above[0]
+    return p_remainder < level and above[1] > _REST * above[0]
 
 
 def with_statements(diagnosis: Diagnosis, statements) -> Diagnosis:

@@ -16,7 +16,7 @@ from workbench.core.least_squares.adjustment_tests import p_text
 from workbench.core.vocabulary import Covariate, Place
 from workbench.diagnosis.levels import NOTABLE
 from workbench.diagnosis.linear.problem import Finding, Found
-from workbench.diagnosis.noise.scatter import ALONG
+from workbench.diagnosis.noise.random_effects import ALONG
 from workbench.explanation.result import Term
 
 TIPS = {"ball-centre": "the ball", "ball-surface": "the ball", "external-point": "the reflector"}
@@ -255,7 +255,7 @@ def _what(term: Term, tip: str, unit: str) -> str:
     size = f"{length(term.size, unit)} RMS {at}" if term.size is not None else ""
     if term.share is not None:
         depends = listed([covariate(name) for name in found.depends_on])
-        if term.rest:
+        if term.remainder:
             return (
                 f"Much is left that nothing in the catalogue makes: a function of {depends} at "
                 f"{place(found.where)} makes {100 * term.share:.0f} % of it."

@@ -69,10 +69,10 @@ class Projected:
         """remainder (N,): what is left where more effects are fitted than `problem` keeps; its design effect counts."""
         self.problem, self.beyond = problem, problem.beyond
         self.y = problem.clear(problem.residual) if self.beyond is None else self.beyond.y
-        self.crowd = design_effect(self.y if remainder is None else remainder, problem)
+        self.design_effect = design_effect(self.y if remainder is None else remainder, problem)
         # a set of effects may spend all numbers of a fold: the residual is then zero, and so is all evidence
-        self.yy = float(self.y @ self.y) / self.crowd
-        self.degrees = max(problem.degrees, 1) / self.crowd
+        self.yy = float(self.y @ self.y) / self.design_effect
+        self.degrees = max(problem.degrees, 1) / self.design_effect
         self.known = problem.known
         n, size = problem.n, len(problem.sample)
         self._sum = csr_array((np.ones(size), (problem.sample, np.arange(size))), shape=(n, size))
@@ -155,8 +155,10 @@ class Projected:
     def judge(self, moments: Moments) -> Scores:
         """Evidence, gain and p-value of each hypothesis, every coordinate counting for as much as it is worth."""
         parts = (moments.gram, moments.score, moments.raw)
-        scores = judge(Moments(*(part / self.crowd for part in parts)), self.yy, self.degrees)
-        return replace(scores, gain=scores.gain * self.crowd)
+        scores = judge(
+            Moments(*(part / self.design_effect for part in parts)), self.yy, self.degrees
+        )
+        return replace(scores, gain=scores.gain * self.design_effect)
 
 
 def design_effect(y: np.ndarray, problem: Problem) -> float:

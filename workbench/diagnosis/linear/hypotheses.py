@@ -149,7 +149,7 @@ def judged(
     wanted: (family, label) of options of scans that must be among them, however unlikely.
     """
     projected = projected or Projected(problem)
-    named = [*_candidates((*problem.candidates, *problem.loose), projected)]
+    named = [*_candidates((*problem.candidates, *problem.with_masses), projected)]
     named += [
         row for s in problem.scans if not s.unnamed for row in _scan(s, projected, set(wanted))
     ]
@@ -212,9 +212,9 @@ def _one_sided(chosen, moments: Moments, scores, projected: Projected) -> np.nda
     """(C,) log 2 Phi(z): what a single parameter that cannot be negative, z sigmas from 0, gains or loses."""
     only = np.array([c.positive and len(c.typical) == 1 for c in chosen])
     sigma = np.sqrt(
-        np.maximum(projected.yy - scores.gain / projected.crowd, 1e-300) / projected.degrees
+        np.maximum(projected.yy - scores.gain / projected.design_effect, 1e-300) / projected.degrees
     )
-    z = -np.sign(moments.score[:, 0]) * np.sqrt(scores.gain / projected.crowd) / sigma
+    z = -np.sign(moments.score[:, 0]) * np.sqrt(scores.gain / projected.design_effect) / sigma
     return np.where(only, np.log(2) + log_ndtr(z), 0.0)
 
 

@@ -132,15 +132,15 @@ class Problem:
     """A fitted baseline, linearised. n samples, N coordinates, R the baseline's rank.
 
     `residual` (N,): whitened, predicted minus measured. `basis` (N, R): orthonormal basis of the
-    baseline's Jacobian; `beyond`: of the effects that are kept, see `keeping`.
+    baseline's Jacobian; `beyond`: of the effects that are kept, see `conditional_on`.
     `sample` (N,): which sample each coordinate
     is of. `weights` (n,): robust weight of each sample, already in all columns; 0 is a sample left
     out as an outlier. `sigma` (N,): what one whitened unit is, in the coordinate's own unit (mm, rad,
     px); `widened`: by how much it exceeds the stated sigma. `pose` (n,): labels; repeats share one.
     `order` (n,): time or row. `covariates` name -> (n,). `effects`: those in the model in addition to the
     baseline's. `added`, `values`: columns (N, P) and fitted values
-    (P,) of each of them, where they are not in the basis yet; `keeping` puts them there, or back into the
-    residual. `loose`: variants of candidates with numbers more for what their law takes from a data sheet.
+    (P,) of each of them, where they are not in the basis yet; `conditional_on` puts them there, or back into the
+    residual. `with_masses`: variants of candidates with numbers more for what their law takes from a data sheet.
     `growing`: places that are looked at only for what moves from sample to sample (the length of a link).
     `given`: whitened sum of squares of what elastic laws of the baseline make beyond its geometry.
     `mass_responses`: of every elastic law, what first moments that are off by one sigma change in its columns;
@@ -162,7 +162,7 @@ class Problem:
     widened: float = 1.0
     added: tuple[np.ndarray, ...] = ()
     values: tuple[np.ndarray, ...] = ()
-    loose: tuple[Candidate, ...] = ()
+    with_masses: tuple[Candidate, ...] = ()
     growing: tuple[Site, ...] = ()
     given: float = 0.0
     mass_responses: tuple[Candidate, ...] = ()
@@ -174,13 +174,13 @@ class Problem:
     # what is known of all that is compared with the baseline, made once
     known: dict = field(default_factory=dict, compare=False, repr=False)
     beyond: Beyond | None = (
-        None  # of a problem that keeps some effects: what these make, see `keeping`
+        None  # of a problem that keeps some effects: what these make, see `conditional_on`
     )
     rotation: np.ndarray | None = (
         None  # (N,) True for coordinates of an orientation, in rad; None: there are none
     )
 
-    def keeping(self, kept: Sequence[int] | None = None) -> "Problem":
+    def conditional_on(self, kept: Sequence[int] | None = None) -> "Problem":
         """The problem with some of the effects (None: all) in the basis and the others back in the residual.
 
         To first order, about the solution with all of them; so each can be questioned without a new solve.
@@ -222,7 +222,7 @@ class Problem:
         """All that is compared with the residual, by `key`."""
         return {
             one.key: one
-            for held in (self.candidates, self.loose, self.scans, self.sites)
+            for held in (self.candidates, self.with_masses, self.scans, self.sites)
             for one in held
         }
 
@@ -278,7 +278,7 @@ class Problem:
             growing=places(self.growing),
             scans=places(self.scans),
             candidates=candidates(self.candidates),
-            loose=candidates(self.loose),
+            with_masses=candidates(self.with_masses),
             known={},
             beyond=None,
             mass_responses=candidates(self.mass_responses),
@@ -443,8 +443,8 @@ class Found:
     """What `select.find` returns, in the order found.
 
     `before`, `after`: the problems of the baseline and of the final model. `p_first`: family-wise
-    p-value that anything at all is missing; `p_rest` that anything is left at the end. `located`:
-    of the baseline's mismatch, and of what is left (`rest`). `outliers`: (n,) bool. `spread`:
+    p-value that anything at all is missing; `p_remainder` that anything is left at the end. `located`:
+    of the baseline's mismatch, and of what is left (`remainder`). `outliers`: (n,) bool. `spread`:
     findings on the variance. `trail`: lines that say what was tried and why.
     """
 
@@ -452,9 +452,9 @@ class Found:
     before: Problem
     after: Problem
     p_first: float
-    p_rest: float
+    p_remainder: float
     located: tuple[Located, ...]
-    rest: tuple[Located, ...]
+    remainder: tuple[Located, ...]
     outliers: np.ndarray
     spread: tuple[Finding, ...] = ()
     trail: tuple[str, ...] = field(default_factory=tuple)

@@ -4,7 +4,7 @@ import numpy as np
 
 from robot_model.effects.friction import ReadingLattice, lattice_step
 from workbench.diagnosis.linear.problem import Finding, Problem
-from workbench.diagnosis.noise.scatter import residual_scatter
+from workbench.diagnosis.noise.random_effects import residual_random_effect
 
 _LEAST_SHARE, _MOST_SHARE = 0.03, 1.5
 """Share of what is left that rounding makes: less does not matter, more contradicts the lattice."""
@@ -28,7 +28,7 @@ def rounded_readings(problem: Problem, level: float) -> tuple[Finding, ...]:
         squares = float((site.rows**2).sum()) * step**2 / 12
         if not _LEAST_SHARE < squares / max(left, 1e-300) < _MOST_SHARE:
             continue
-        moves = residual_scatter(problem, site.where, site.port, level)
+        moves = residual_random_effect(problem, site.where, site.port, level)
         if moves is not None:
             size = float(np.sqrt(squares / len(problem.residual)))
             p = moves.p_value

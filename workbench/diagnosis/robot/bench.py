@@ -21,7 +21,7 @@ from workbench.core.parameters import Parameters
 from workbench.diagnosis.linear.problem import Problem, Site
 from workbench.diagnosis.linear.smooth_alternatives import Smooth
 from workbench.diagnosis.noise.outliers import robust_weights
-from workbench.diagnosis.robot import loose
+from workbench.diagnosis.robot import mass_responses
 from workbench.diagnosis.robot.derived import mass_rows, spectrum
 from workbench.diagnosis.robot.library import compliances, names, variants
 from workbench.diagnosis.robot.linearised import solution, with_candidates, with_places
@@ -35,7 +35,7 @@ from workbench.fitting.wider_priors import widened
 
 _FAINT = 1e-4  # knows a parameter to a hundred typical sizes: its variance where the data do not determine it
 BASELINES = ("geometry", JointCompliance.effect)
-_LOOSE_MASS = 0.5  # a variant with masses found is half as likely as one that trusts them
+_PRIOR_WITH_MASSES = 0.5  # a variant with masses found is half as likely as one that trusts them
 _LEAST_POSES = 4
 """Distinct poses without which base and tool are not determined."""
 _FEW_STEPS, _STEPS = 6, 50
@@ -192,7 +192,9 @@ class RobotBench:
         made = solution(model, fit, weights, self.pose[every], tuple(effects))
         made = with_places(made, model, fit)
         if hypotheses:
-            made = with_candidates(made, model, fit, part.library, (self.loose, self.mass_laws))
+            made = with_candidates(
+                made, model, fit, part.library, (self.with_masses, self.mass_laws)
+            )
             if made.n > _LARGE:
                 part.bases.clear()
         if samples is None and not effects:
@@ -217,7 +219,7 @@ class RobotBench:
         return made
 
     @cached_property
-    def loose(self) -> tuple[Variant, ...]:
+    def with_masses(self) -> tuple[Variant, ...]:
         """Elastic laws that the baseline does not hold, with the masses of links as further unknowns."""
         wanted = names(compliances(CATALOGUE))
         known = [
@@ -225,16 +227,22 @@ class RobotBench:
             for one in variants(CATALOGUE, self.chain)
             if one.effect.effect in wanted and not _held(one, self.baseline)
         ]
-        laws = [(o, loose.loosened(o.effect, self.chain.state)) for o in known]
+        laws = [
+            (o, mass_responses.with_estimated_masses(o.effect, self.chain.state)) for o in known
+        ]
         return tuple(
-            replace(o, effect=law, label=loose.LABEL, mass=_LOOSE_MASS) for o, law in laws if law
+            replace(o, effect=law, label=mass_responses.LABEL, mass=_PRIOR_WITH_MASSES)
+            for o, law in laws
+            if law
         )
 
     @cached_property
     def mass_laws(self) -> tuple[Variant, ...]:
         """What first moments that are only nearly known change in each elastic law; none without masses."""
         known = [one for one in variants(CATALOGUE, self.chain) if one.effect.mass_dependent]
-        return tuple(replace(o, effect=loose.MassResponse(o.effect.where, o.effect)) for o in known)
+        return tuple(
+            replace(o, effect=mass_responses.MassResponse(o.effect.where, o.effect)) for o in known
+        )
 
     def solve(
         self,

@@ -111,11 +111,11 @@ def with_candidates(problem: Problem, model: Model, fit: Fit, library, variants)
         if e.elastic
     }
     elastic = any(effect.elastic for effect in model.effects)
-    loose, mass_laws = variants
+    with_masses, mass_laws = variants
     return replace(
         problem,
         candidates=_candidates(model, fit, rows, library(elastic)),
-        loose=_candidates(model, fit, rows, loose),
+        with_masses=_candidates(model, fit, rows, with_masses),
         given=_given(bare, fit, rows.white),
         mass_responses=_candidates(model, fit, rows, mass_laws),
         given_values=values,

@@ -26,7 +26,7 @@ def reviewed(bench: Bench, found: Found, samples: np.ndarray | None = None) -> F
         if finding.effects:
             others = [e for j, f in enumerate(findings) if j != i for e in f.effects]
             findings[i] = _with_alternatives(
-                bench, bench.problem(others, samples).keeping(), finding
+                bench, bench.problem(others, samples).conditional_on(), finding
             )
     return replace(found, findings=tuple(findings))
 

@@ -10,9 +10,9 @@ from robot_model.effects import CATALOGUE
 from workbench.diagnosis.levels import CERTAIN, SHOWN
 from workbench.diagnosis.linear.hypotheses import UNNAMED_SHARE, Hypothesis, family_wise
 from workbench.diagnosis.linear.problem import Alternative, Finding
-from workbench.diagnosis.noise.scatter import hidden, movement
+from workbench.diagnosis.noise.random_effects import hidden, movement
 from workbench.diagnosis.robot.library import compliances, names
-from workbench.diagnosis.robot.loose import LABEL
+from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.compatible import same_place
 from workbench.diagnosis.search.posterior import Name
 from workbench.diagnosis.search.prior import LAW_ERROR, SECOND
@@ -203,19 +203,19 @@ def _doubted(search: Search, own: Hypothesis, made: Finding) -> Finding:
 
 def tells(search: Search, own: Hypothesis) -> bool:
     """Whether the random effect at its place is what a law makes of a covariate that was not recorded."""
-    if search.scatter is None or search.scatter.site.where not in same_place(own):
+    if search.random_effect is None or search.random_effect.site.where not in same_place(own):
         return False
-    return any(a.effect == own.effect for a in hidden(search.scatter, search.problem))
+    return any(a.effect == own.effect for a in hidden(search.random_effect, search.problem))
 
 
 def with_hidden(search: Search, made: Finding) -> Finding:
     """The finding with the effects of covariates not recorded that may cause the random effect at its place."""
-    if search.scatter is None or search.scatter.site.where != made.where:
+    if search.random_effect is None or search.random_effect.site.where != made.where:
         return made
     known = {(a.effect, a.where, a.label) for a in made.alternatives}
     more = [
         a
-        for a in hidden(search.scatter, search.problem)
+        for a in hidden(search.random_effect, search.problem)
         if (a.effect, a.where, a.label) not in known
     ]
     if made.effect != "unknown":
@@ -236,9 +236,9 @@ def _unnamed_remainder(search: Search, own: Hypothesis) -> tuple[float, bool]:
     left += [
         search.own(i).gain for i, h in enumerate(search.accepted) if h.unnamed and h.where in places
     ]
-    moves = search.scatter is not None and search.scatter.site.where in places
+    moves = search.random_effect is not None and search.random_effect.site.where in places
     if moves:
-        left.append(movement(search.scatter))
+        left.append(movement(search.random_effect))
     return max(left, default=0.0), tells(search, own)
 
 

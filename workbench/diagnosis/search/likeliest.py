@@ -35,9 +35,9 @@ def accept_likeliest(search: Search, thorough: bool = True) -> None:
     tried: list[set] = []
     for _ in range(_ROUNDS):
         terms, present = _at_hand(search, thorough)
-        remainder = Projected(search.problem.keeping()).y
+        remainder = Projected(search.problem.conditional_on()).y
         solved = as_solved(search, terms[: len(present)])
-        objective = LogPosterior.of(search.problem.keeping(()), terms, remainder, solved)
+        objective = LogPosterior.of(search.problem.conditional_on(()), terms, remainder, solved)
         members = Stepwise(objective).likeliest(present)
         chosen = [terms[i] for i in members]
         names = {name_of(h) for h in chosen}

@@ -89,9 +89,17 @@ class LogPosterior:
         columns *= np.repeat(priors.scale, np.diff(start))
         masses = Masses.of(problem, projected, priors)
         gram, score, yy = masses.marginalised(columns, projected.y)
-        crowd = projected.crowd
-        yy = (yy + masses.inexact(priors.joints, projected.y)) / crowd
-        return cls(tuple(terms), gram / crowd, score / crowd, start, yy, projected.degrees, priors)
+        design_effect = projected.design_effect
+        yy = (yy + masses.inexact(priors.joints, projected.y)) / design_effect
+        return cls(
+            tuple(terms),
+            gram / design_effect,
+            score / design_effect,
+            start,
+            yy,
+            projected.degrees,
+            priors,
+        )
 
     def among(self, rows: np.ndarray) -> "LogPosterior":
         """The objective of sets of some of the terms, by their numbers (k,); those that are not looked at cost most."""

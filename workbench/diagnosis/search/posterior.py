@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.core.least_squares.linear_algebra import pseudo_inverse
 from workbench.diagnosis.levels import NOTABLE, SHOWN
-from workbench.diagnosis.robot.loose import LABEL
+from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.likeliest import as_solved
 from workbench.diagnosis.search.objective import LogPosterior, Members
 from workbench.diagnosis.search.prior import DEFLECTS
@@ -131,7 +131,7 @@ def probabilities_of_names(search) -> dict[Key, Name]:
     held = {h.key for h in accepted}
     terms = [*accepted, *(h for key, h in plain.items() if key not in held)]
     solved = as_solved(search, accepted)
-    objective = LogPosterior.of(search.problem.keeping(()), terms, accepted=solved)
+    objective = LogPosterior.of(search.problem.conditional_on(()), terms, accepted=solved)
     best = tuple(range(len(accepted)))
     open_ = [i for i, h in enumerate(terms) if _is_elastic(h)]
     window = Window.around(objective, best, open_)

@@ -126,9 +126,9 @@ class _RobotScale:
             return None
         sizes = np.array([c.load**_SIZE_BY_LOAD for c in joints])
         clear = problem.clear(np.concatenate([c.columns[:, :1] for c in joints], 1) * sizes)
-        values, vectors = symmetric_eigen(clear.T @ clear / projected.crowd)
+        values, vectors = symmetric_eigen(clear.T @ clear / projected.design_effect)
         values = np.maximum(values, 0.0)
-        along = vectors.T @ (clear.T @ projected.y) / projected.crowd
+        along = vectors.T @ (clear.T @ projected.y) / projected.design_effect
         spread = _SCALES[:, None] ** 2
         spent = np.log1p(spread * values).sum(1)
         gained = (along**2 * spread / (1 + spread * values)).sum(1)
@@ -163,7 +163,7 @@ class Masses:
 
     columns: np.ndarray
     basis: np.ndarray
-    crowd: float
+    design_effect: float
 
     @classmethod
     def of(cls, problem: Problem, projected: Projected, priors: Priors) -> "Masses":
@@ -178,7 +178,7 @@ class Masses:
             made = responses[key].reshape(len(total), len(values), -1)
             own = np.einsum("npm,p->nm", made, values)
             total = own if total.shape[1] != own.shape[1] else total + own
-        return cls(problem.clear(total), problem.whole_basis, projected.crowd)
+        return cls(problem.clear(total), problem.whole_basis, projected.design_effect)
 
     def marginalised(
         self, columns: np.ndarray, y: np.ndarray
@@ -202,9 +202,9 @@ class Masses:
     @cached_property
     def _half(self) -> np.ndarray:
         """(N, M) H with S^-1 = I - H H'."""
-        inner = self.columns.T @ self.columns / self.crowd
+        inner = self.columns.T @ self.columns / self.design_effect
         values, vectors = symmetric_eigen(inner)
-        scale = np.sqrt(self.crowd * (1 + np.maximum(values, 0.0)))
+        scale = np.sqrt(self.design_effect * (1 + np.maximum(values, 0.0)))
         return self.columns @ (vectors / scale)
 
 

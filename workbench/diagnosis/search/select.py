@@ -15,15 +15,15 @@ from workbench.diagnosis.linear.hypotheses import family_wise, judged
 from workbench.diagnosis.linear.locate import located
 from workbench.diagnosis.linear.problem import Bench, Finding, Found, Problem
 from workbench.diagnosis.noise.data import far_off, of_data, unevenly
-from workbench.diagnosis.noise.rounded_readings import rounded_readings
-from workbench.diagnosis.noise.scatter import (
+from workbench.diagnosis.noise.random_effects import (
     QUANTISATION,
-    Scatter,
+    RandomEffect,
+    find_random_effect,
     place_of,
-    residual_scatter,
-    scatter_finding,
-    scattered,
+    random_effect_finding,
+    residual_random_effect,
 )
+from workbench.diagnosis.noise.rounded_readings import rounded_readings
 from workbench.diagnosis.search.compatible import near
 from workbench.diagnosis.search.findings import (
     bare_finding,
@@ -72,7 +72,7 @@ def found_terms(bench: Bench, samples: np.ndarray | None = None) -> list[Finding
 def _accept(search: Search) -> tuple[float, bool]:
     """Accept the likeliest set with the noise of the samples; the p-value of no term, and whether a place moves."""
     first = _first(search, thorough=False)
-    search.spread = unevenly(search.problem.keeping())
+    search.spread = unevenly(search.problem.conditional_on())
     if search.spread is not None:  # noise that grows with a covariate passes for a function of it
         search.say("the noise is not the same everywhere")
         first = _again(search)
@@ -80,10 +80,10 @@ def _accept(search: Search) -> tuple[float, bool]:
         accept_likeliest(search)
     moving = _elsewhere(search) or _explain_next_to_unknowns(search)
     if not moving:
-        search.scatter, own = _moving(search) or search.scatter, search.scatter
-        moving = search.scatter is not own
+        search.random_effect, own = _moving(search) or search.random_effect, search.random_effect
+        moving = search.random_effect is not own
     if moving and search.accepted:  # movement by chance also passes for laws
-        search.say(f"{search.scatter.site.where} moves from sample to sample")
+        search.say(f"{search.random_effect.site.where} moves from sample to sample")
         search.level = MOVES  # how much it moves is only known nearly
         first = _again(search)
     return first, moving
@@ -97,22 +97,22 @@ def _found(search: Search) -> Found:
     names = probabilities_of_names(search)
     each = [with_hidden(search, finding(search, i, names)) for i in search.everyone]
     findings = tuple(with_special_cases(each))
-    rest = family_wise(search.table(search.everyone))
-    after = search.converged().keeping()
+    remainder = family_wise(search.table(search.everyone))
+    after = search.converged().conditional_on()
     outliers, data = of_data(after)
-    if rest <= level or search.scatter:
+    if remainder <= level or search.random_effect:
         data = tuple(
-            f for f in data if not search.scatter and f.p_value < rest
+            f for f in data if not search.random_effect and f.p_value < remainder
         )  # noise is judged where little is left
     if any(h.unnamed for h in search.accepted):
         outliers, data = _beyond_functions(search, after, outliers, data)
     if moving:
-        data, places = _with_scatter(search, before, data, places)
-        first = min(first, search.scatter.p_value)
+        data, places = _with_random_effect(search, before, data, places)
+        first = min(first, search.random_effect.p_value)
     data = _with_lattices(rounded_readings(after, level), data)
-    left = located(search.problem.keeping(), search.table(search.everyone))
+    left = located(search.problem.conditional_on(), search.table(search.everyone))
     return Found(
-        findings, before, after, first, rest, places, left, outliers, data, tuple(search.trail)
+        findings, before, after, first, remainder, places, left, outliers, data, tuple(search.trail)
     )
 
 
@@ -152,20 +152,20 @@ def _first(search: Search, thorough: bool = True) -> float:
     return first
 
 
-def _moving(search: Search) -> Scatter | None:
+def _moving(search: Search) -> RandomEffect | None:
     """The place with a random effect, unless what is left has a law, though not a known one."""
-    found = scattered(search.problem.keeping(), MOVES)
+    found = find_random_effect(search.problem.conditional_on(), MOVES)
     if found is None or found.p_value > family_wise(search.table(search.everyone)):
         return None
     return found
 
 
-def _with_scatter(search: Search, before: Problem, data, places):
+def _with_random_effect(search: Search, before: Problem, data, places):
     """Findings on the data and places with a random effect, unless a finding there says more of it."""
     if any(h.unnamed or tells(search, h) for h in search.accepted):
         return data, places
-    place = (place_of(search.scatter),)
-    return (scatter_finding(search.scatter, before), *data), (
+    place = (place_of(search.random_effect),)
+    return (random_effect_finding(search.random_effect, before), *data), (
         *places,
         *place,
     ) if search.accepted else (
@@ -178,14 +178,14 @@ def _elsewhere(search: Search) -> bool:
     """Whether a random effect, at a place without a smooth alternative, is likelier than all of these."""
     unknown = [h.where for h in search.accepted if h.unnamed]
     laws = tuple(i for i in search.everyone if not search.accepted[i].unnamed)
-    bare, kept = search.problem.keeping(laws), search.problem.keeping()
-    found = scattered(bare, MOVES) if unknown else None
+    bare, kept = search.problem.conditional_on(laws), search.problem.conditional_on()
+    found = find_random_effect(bare, MOVES) if unknown else None
     if found is None or any(near(found.site.where, where) for where in unknown):
         return False
     before, after = (float((p.clear(p.residual) ** 2).sum()) for p in (bare, kept))
     if found.gain < 0.5 * kept.degrees * np.log(before / after):
         return False
-    search.scatter = found
+    search.random_effect = found
     return True
 
 
@@ -202,20 +202,20 @@ def _explain_next_to_unknowns(search: Search) -> bool:
     if not unknown:
         return False
     site = max(unknown, key=lambda pair: pair[0])[1]
-    search.scatter = residual_scatter(
-        search.problem.keeping(), site.where, getattr(site, "port", "frame"), MOVES
+    search.random_effect = residual_random_effect(
+        search.problem.conditional_on(), site.where, getattr(site, "port", "frame"), MOVES
     )
-    if search.scatter is None:
+    if search.random_effect is None:
         return False
     search.say(f"what is left at {site.where} is taken for the unknown's own")
     search.solve()
     accept_likeliest(search)
     if any(h.unnamed and h.where == site.where for h in search.accepted):
         return False
-    search.scatter = None
+    search.random_effect = None
     search.solve()
-    search.scatter = scattered(search.problem.keeping(), MOVES)
-    return search.scatter is not None
+    search.random_effect = find_random_effect(search.problem.conditional_on(), MOVES)
+    return search.random_effect is not None
 
 
 def _confirmed(search: Search, samples) -> Found:
@@ -230,10 +230,12 @@ def _confirmed(search: Search, samples) -> Found:
     found = _found(search)
     effects = [e for f in found.findings for e in f.effects]
     search.bench.solve(effects, samples)
-    after = search.bench.problem(effects, samples, hypotheses=False).keeping()
+    after = search.bench.problem(effects, samples, hypotheses=False).conditional_on()
     every = np.ones(len(search.bench.pose), bool) if samples is None else samples
-    rest = search.bench.problem(effects, thinned(search.bench.pose, every, JUDGED)).keeping()
-    table = judged(rest)
+    remainder = search.bench.problem(
+        effects, thinned(search.bench.pose, every, JUDGED)
+    ).conditional_on()
+    table = judged(remainder)
     outliers, spread = of_data(after)
     if any(
         f.effect == "unknown" for f in found.findings
@@ -244,8 +246,8 @@ def _confirmed(search: Search, samples) -> Found:
         found,
         before=whole,
         after=after,
-        p_rest=family_wise(table),
-        rest=located(rest, table),
+        p_remainder=family_wise(table),
+        remainder=located(remainder, table),
         outliers=outliers,
         spread=spread,
     )

@@ -9,7 +9,7 @@ from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.hypotheses import Hypothesis, family_wise, judged
 from workbench.diagnosis.linear.problem import Bench, Problem
 from workbench.diagnosis.noise.data import evened_out
-from workbench.diagnosis.noise.scatter import Scatter, evened_by
+from workbench.diagnosis.noise.random_effects import RandomEffect, evened_by
 from workbench.diagnosis.robot.derived import negative_masses
 from workbench.diagnosis.search.compatible import compatible
 
@@ -18,11 +18,11 @@ from workbench.diagnosis.search.compatible import compatible
 class Search:
     """`accepted` hypotheses and the `problem` solved with them, on `samples` (n,) bool (None: all).
 
-    `level`: chance of a false alarm on the whole search. `scatter`: a place with a random effect, `spread` (n,) how
-    far each sample's noise is spread: all is judged conditional on them. `trail`: a line for each step.
+    `level`: chance of a false alarm on the whole search. `random_effect`: a place that moves at random, `spread` (n,)
+    how far each sample's noise is spread: all is judged conditional on them. `trail`: a line for each step.
     `impossible`: names of hypotheses whose fitted values no machine has.
     `alone`: what is likely with no other term, under this noise; judged at the first solution, as it hardly changes
-    after that. `judged_under`: spread, scatter and whether a compliance is accepted, for which it holds.
+    after that. `judged_under`: spread, random effect and whether a compliance is accepted, for which it holds.
     """
 
     bench: Bench
@@ -34,7 +34,7 @@ class Search:
     problem: Problem | None = None
     plain: Problem | None = None
     tables: dict = field(default_factory=dict)
-    scatter: Scatter | None = None
+    random_effect: RandomEffect | None = None
     spread: np.ndarray | None = None
     impossible: set[tuple] = field(default_factory=set)
     alone: list[Hypothesis] = field(default_factory=list)
@@ -51,13 +51,15 @@ class Search:
         if not self._is_solved_with(effects):
             self.plain = self.bench.problem(effects, self.samples)
         # a compliance brings all that acts through it into the library
-        under = (self.spread, self.scatter, any(h.carries_load for h in self.accepted))
+        under = (self.spread, self.random_effect, any(h.carries_load for h in self.accepted))
         if not all(one is held for one, held in zip(under, self.judged_under)):
             self.judged_under, self.alone = under, []
         problem = self.plain
         if self.spread is not None:
             problem = evened_out(problem, self.spread)
-        self.problem = problem if self.scatter is None else evened_by(problem, self.scatter)
+        self.problem = (
+            problem if self.random_effect is None else evened_by(problem, self.random_effect)
+        )
         self.tables = {}
 
     def solve_possible(self):
@@ -112,7 +114,7 @@ class Search:
         if kept not in self.tables:
             wanted = [(h.family, h.label) for h in self.accepted]
             table, held = (
-                judged(self.problem.keeping(kept), wanted=wanted),
+                judged(self.problem.conditional_on(kept), wanted=wanted),
                 [self.accepted[i] for i in kept],
             )
             table = [h for h in table if name_of(h) not in self.impossible]
@@ -154,19 +156,19 @@ class Search:
 
     def explained(self) -> float:
         """Fall of the sum of squares by all that is accepted."""
-        kept, bare = self.problem.keeping(), self.problem.keeping(())
+        kept, bare = self.problem.conditional_on(), self.problem.conditional_on(())
         return float(
             (bare.clear(bare.residual) ** 2).sum() - (kept.clear(kept.residual) ** 2).sum()
         )
 
     def variance(self) -> float:
         """Variance of a whitened coordinate that is left."""
-        kept = self.problem.keeping()
+        kept = self.problem.conditional_on()
         return float((kept.clear(kept.residual) ** 2).sum()) / max(kept.degrees, 1)
 
 
 def _asked(problem: Problem, i: int, others: tuple[int, ...]) -> tuple[float, float]:
-    columns, projected = problem.added[i], Projected(problem.keeping(others))
+    columns, projected = problem.added[i], Projected(problem.conditional_on(others))
     columns = columns / np.maximum(np.sqrt((columns**2).sum(0)), 1e-300)
     scores = projected.judge(projected.of_columns(columns[None]))
     return float(scores.gain[0]), float(scores.p[0])

@@ -46,7 +46,7 @@ class ConditionalGains:
 
     def _left_out(self, scheme: Scheme, kept: Sequence[int]) -> np.ndarray:
         def make():
-            return left_out(self._problem.keeping(kept), scheme.fold)
+            return left_out(self._problem.conditional_on(kept), scheme.fold)
 
         return once(self._errors, (scheme.name, *sorted(kept)), make)
 

@@ -123,7 +123,7 @@ class _Trial:
         part = None
         if bench.chain is not None and len(bench.pose) > JUDGED:
             part = thinned(bench.pose, np.ones(len(bench.pose), bool), JUDGED)
-        self.problem = bench.problem(others, samples=part, hypotheses=False).keeping()
+        self.problem = bench.problem(others, samples=part, hypotheses=False).conditional_on()
         self.y = self.problem.clear(self.problem.residual)
         self._basis = self.problem.whole_basis
         self.noise = float(self.y @ self.y) / max(self.problem.degrees, 1)

@@ -154,7 +154,7 @@ class Errors:
         if self.bench.chain is None:  # a sensor's bench fits what is in no fold
             distances = self.bench.held_out(effects, np.where(block, 0, -1))
             return np.stack([distances, np.full_like(distances, np.nan)])
-        problem = self.bench.problem(effects, hypotheses=False).keeping()
+        problem = self.bench.problem(effects, hypotheses=False).conditional_on()
         if _block_shares(problem, block[problem.sample]).max(initial=0.0) > 1 - _HELD:
             # the others leave a direction open (all have the tool upright, say): it stays where all samples have it
             return _left_out_lengths(problem, np.where(block, 0, -1), only=0)

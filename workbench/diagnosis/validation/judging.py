@@ -77,7 +77,7 @@ def extrapolated_share(problem: Problem, numbers: Sequence[int], fold: np.ndarra
     With the effects' columns orthogonal to the baseline, orthonormal basis Q, and Q_b its rows of block b, the
     eigenvalues of Q_b' Q_b say which share of the information on each direction lies in the block.
     """
-    bare = problem.keeping(())
+    bare = problem.conditional_on(())
     columns = np.concatenate([problem.added[i] for i in numbers], axis=1)
     basis = bare.orthogonal_basis(columns)
     made = bare.clear(sum(problem.added[i] @ problem.values[i] for i in numbers))

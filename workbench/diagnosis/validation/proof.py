@@ -182,7 +182,7 @@ def _inside(
     return kept, refused
 
 
-def _luck(t: float) -> str:
+def _whole_is_insignificant(t: float) -> str:
     return f"the whole search, made on parts of the samples, does not predict the others better (t = {t:.1f})"
 
 
@@ -285,12 +285,12 @@ def _earned(
         kept = [i for term in left for i in numbers[id(term.finding)]]
         return [trial.judged(term, numbers[id(term.finding)], kept) for term in left]
 
-    left, gone = _without_unreal(judged, [Term(f) for f in findings])
+    left, gone = _without_insignificant(judged, [Term(f) for f in findings])
     for _ in findings:
         again = _with_best(judged, left, gone)
         if again is None:
             break
-        left, lost = _without_unreal(judged, again)
+        left, lost = _without_insignificant(judged, again)
         gone = [term for term in gone if not any(term.finding is t.finding for t in left)]
         gone += [t for t in lost if not any(t.finding is term.finding for term in gone)]
     return left, gone
@@ -299,7 +299,7 @@ def _earned(
 Judge = Callable[[Sequence[Term]], list[Term]]
 
 
-def _without_unreal(judged: Judge, terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
+def _without_insignificant(judged: Judge, terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
     """Terms whose gain conditional on one another is real, and the others; the weakest goes first."""
     left, gone = list(terms), []
     while left:
@@ -307,7 +307,7 @@ def _without_unreal(judged: Judge, terms: Sequence[Term]) -> tuple[list[Term], l
         worst = min(left, key=lambda term: term.t)
         if worst.t > REAL and worst.gain > 0:
             break
-        gone.append(replace(worst, kept=False, reason=_unreal(worst.t)))
+        gone.append(replace(worst, kept=False, reason=_insignificant(worst.t)))
         left.remove(worst)
     return left, gone
 
@@ -325,7 +325,7 @@ def _with_best(judged: Judge, left: list[Term], gone: Sequence[Term]) -> list[Te
     return None if best is None else [*left, best]
 
 
-def _unreal(t: float) -> str:
+def _insignificant(t: float) -> str:
     return f"its held-out gain conditional on the others is not significant (t = {t:.1f}; required: above {REAL:g})"
 
 
@@ -347,7 +347,10 @@ def _stable(errors: Errors, terms, whole: _Whole, usual) -> tuple[list[Term], li
             [value for s, value in zip(whole.schemes, whole.t) if any(s is one for one in judges)]
         )
         if not t > REAL:
-            return [], [replace(term, kept=False, t_nested=t, reason=_luck(t)) for term in terms]
+            return [], [
+                replace(term, kept=False, t_nested=t, reason=_whole_is_insignificant(t))
+                for term in terms
+            ]
     kept, lost = [], []
     folds = [_solved(bench, a) for a in whole.nested] if terms else []
     with_all = [_linear(s, rows) for s, rows in zip(whole.schemes, folds)]
@@ -397,7 +400,7 @@ def _solved(bench, nested: dict[int, list[Finding]]) -> dict[int, _Solved]:
 
 def _made(problem: Problem, findings: Sequence[Finding]) -> list[np.ndarray]:
     """(N,) mm, px: what each finding makes, orthogonal to the baseline."""
-    bare = problem.keeping(())
+    bare = problem.conditional_on(())
     unit = problem.sigma / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
     return [
         unit * bare.clear(sum(problem.added[i] @ problem.values[i] for i in own))
@@ -431,7 +434,7 @@ def _linear(scheme: Scheme, folds: dict[int, _Solved], without=None) -> np.ndarr
             same = [_same(f, m, *without) for f, m in zip(solved.findings, solved.made)]
             kept = [i for own, is_same in zip(numbers, same) if not is_same for i in own]
         mine = scheme.fold == k
-        problem = solved.problem.keeping(kept)
+        problem = solved.problem.conditional_on(kept)
         out[mine] = left_out(problem, np.where(mine, 0, -1), only=0)[mine]
     return out
 

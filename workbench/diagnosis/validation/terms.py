@@ -36,7 +36,7 @@ class Term:
     `size` (mm, px) RMS displacement of the measured point; `kept` False where a
     proof failed, and `reason` then says which. `parameters`: rows of `Bench.parameters`. `share` of the mismatch, of
     what is located and not modelled,
-    or of what remains next to the other terms where `rest`.
+    or of what remains next to the other terms where `remainder`.
     """
 
     finding: Finding
@@ -53,7 +53,7 @@ class Term:
     reason: str = ""
     statement: str = ""
     share: float | None = None
-    rest: bool = False
+    remainder: bool = False
 
     @property
     def certain(self) -> bool:

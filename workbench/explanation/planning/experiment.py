@@ -56,7 +56,7 @@ def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: flo
     problem: of the model with the findings but those that are in doubt, or of the baseline. A bench that knows no
     robot, an unnamed alternative and a missing column get their sentence without a computation.
     """
-    if all(term.share is not None and not term.rest for term in terms):
+    if all(term.share is not None and not term.remainder for term in terms):
         few = FEW.format(poses=len(np.unique(problem.pose)))
         return Experiment(few if p_first < MISSING else CLEAN)
     doubtful = [term for term in terms if not term.certain or term.finding.effect == "unknown"]
@@ -146,7 +146,7 @@ def _doubt(bench, term: Term, problem: Problem) -> Doubt | None:
 
 def _effects_of(problem: Problem, one) -> tuple:
     """The effects of an alternative: the candidate, or the option of a scan, of that name and place."""
-    for c in (*problem.candidates, *problem.loose):
+    for c in (*problem.candidates, *problem.with_masses):
         if (c.effect, c.where, c.label) == (one.effect, one.where, one.label):
             return c.effects
     for scan in problem.scans:

@@ -190,7 +190,7 @@ def _place(made: Diagnosis):
             rows,
             left=3,
         )
-    remaining = [one for one in made.rest if one.p_value < 0.01]
+    remaining = [one for one in made.remainder if one.p_value < 0.01]
     if remaining and made.terms:
         first = remaining[0]
         covariates = said.listed([said.covariate(c) for c in first.depends_on])

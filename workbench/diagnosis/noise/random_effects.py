@@ -45,11 +45,14 @@ _COLUMNS = {
 
 
 @dataclass(frozen=True)
-class Scatter:
-    """`site` that scatters, `p_value` over all sites, `spread` of its slots in typical sizes and its `ratio` to
-    the noise left, `kurtosis` (excess) and
-    its standard error of what it does (joints alone; else nan), `rounds` the chance of so clear a sawtooth of its
-    reading (1 where there is none), `gain` its log likelihood beyond that of noise alone."""
+class RandomEffect:
+    """A place that moves at random from sample to sample.
+
+    `site`: the place, with `p_value` over all sites. `spread`: of its slots, in typical sizes; `ratio`: of it to the
+    noise that is left. `kurtosis`: excess kurtosis of its movement, with standard error `error` (joints alone, else
+    nan). `rounds`: p-value of a sawtooth of its reading, 1 where there is none. `gain`: log likelihood ratio to noise
+    alone.
+    """
 
     site: Site
     p_value: float
@@ -61,7 +64,7 @@ class Scatter:
     gain: float
 
 
-def scattered(problem: Problem, level: float) -> Scatter | None:
+def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
     """The place whose movement from sample to sample is clearest; None where none is beyond chance `level`.
 
     For each site the sum over samples of z' A z, A the site's covariance in typical sizes less its trace and less
@@ -101,7 +104,7 @@ def scattered(problem: Problem, level: float) -> Scatter | None:
     best = int(np.argmax([row[0] for row in likely]))
     own, (log, ratio, noise) = near[best], likely[best]
     spread = ratio * noise
-    return Scatter(
+    return RandomEffect(
         own,
         float(np.clip(p, 1e-300, 1.0)),
         spread,
@@ -296,16 +299,19 @@ def _along(d, z):
     return (d[0] * z).sum(0) ** 2 / np.maximum((d[0] ** 2).sum(0), 1e-300)
 
 
-def evened_by(problem: Problem, scatter: Scatter) -> Problem:
-    """The problem with residuals, and all that is compared with them, whitened by what a site scatters as well."""
+def evened_by(problem: Problem, random_effect: RandomEffect) -> Problem:
+    """The problem with residuals, and all that is compared with them, also whitened by a site's random effect."""
     m = len(problem.residual) // problem.n
-    mine = _which(scatter.site)
+    mine = _which(random_effect.site)
     site = next(s for s in places(problem) if _which(s) == mine)
     d = _directions(site, m)
-    covariance = np.eye(m)[:, :, None] + scatter.ratio**2 * np.einsum("kan,kbn->abn", d, d)
+    covariance = np.eye(m)[:, :, None] + random_effect.ratio**2 * np.einsum("kan,kbn->abn", d, d)
     values, vectors = symmetric_eigen(covariance.transpose(2, 0, 1))
     root = np.einsum(
-        "nab,nb,ncb->acn", vectors, scatter.ratio / scatter.spread / np.sqrt(values), vectors
+        "nab,nb,ncb->acn",
+        vectors,
+        random_effect.ratio / random_effect.spread / np.sqrt(values),
+        vectors,
     )
 
     def white(rows):
@@ -319,7 +325,9 @@ def _which(site: Site) -> tuple:
     return site.where, site.port, len(site.rows)
 
 
-def residual_scatter(problem: Problem, where: str, port: str, level: float) -> Scatter | None:
+def residual_random_effect(
+    problem: Problem, where: str, port: str, level: float
+) -> RandomEffect | None:
     """The random effect that a smooth nonparametric alternative leaves at its own place; None if there is none.
 
     By the likelihood ratio of the spread, on the border of what it can be (Self & Liang, JASA 82, 1987).
@@ -337,34 +345,44 @@ def residual_scatter(problem: Problem, where: str, port: str, level: float) -> S
     gain = best - _of_noise(z)
     p = 0.5 * float(chi2.sf(max(2 * gain, 0.0), 1))
     return (
-        Scatter(site, max(p, 1e-300), ratio * noise, ratio, np.nan, np.nan, 1.0, gain)
+        RandomEffect(site, max(p, 1e-300), ratio * noise, ratio, np.nan, np.nan, 1.0, gain)
         if p < level
         else None
     )
 
 
-def movement(scatter: Scatter) -> float:
+def movement(random_effect: RandomEffect) -> float:
     """Sum of squares of all that it moves, in sigmas."""
-    return float((scatter.spread**2 * _directions(scatter.site, 1) ** 2).sum())
+    return float((random_effect.spread**2 * _directions(random_effect.site, 1) ** 2).sum())
 
 
-def scatter_finding(scatter: Scatter, problem: Problem) -> Finding:
+def random_effect_finding(random_effect: RandomEffect, problem: Problem) -> Finding:
     """In words of the vocabulary: rounding where it follows the reading's counts, else an unknown and what may lack."""
-    size = float(np.sqrt(movement(scatter) / len(problem.residual)))
-    given = (scatter.p_value, 1.0 - scatter.p_value, size, size**2 * len(problem.residual))
-    if scatter.rounds < _CLEAR:
-        return Finding(QUANTISATION, scatter.site.where, "", (), *given)
-    label = ALONG if _which(scatter.site)[::2] == ("time", 1) else LABEL
+    size = float(np.sqrt(movement(random_effect) / len(problem.residual)))
+    given = (
+        random_effect.p_value,
+        1.0 - random_effect.p_value,
+        size,
+        size**2 * len(problem.residual),
+    )
+    if random_effect.rounds < _CLEAR:
+        return Finding(QUANTISATION, random_effect.site.where, "", (), *given)
+    label = ALONG if _which(random_effect.site)[::2] == ("time", 1) else LABEL
     return Finding(
-        "unknown", scatter.site.where, label, (), *given, alternatives=hidden(scatter, problem)
+        "unknown",
+        random_effect.site.where,
+        label,
+        (),
+        *given,
+        alternatives=hidden(random_effect, problem),
     )
 
 
-def hidden(scatter: Scatter, problem: Problem) -> tuple[Alternative, ...]:
+def hidden(random_effect: RandomEffect, problem: Problem) -> tuple[Alternative, ...]:
     """What could do it through a covariate that the recording does not hold, the likelier first."""
-    site, held = scatter.site, problem.covariates
-    two = abs(scatter.kurtosis + 2) < min(
-        2 * scatter.error, abs(scatter.kurtosis)
+    site, held = random_effect.site, problem.covariates
+    two = abs(random_effect.kurtosis + 2) < min(
+        2 * random_effect.error, abs(random_effect.kurtosis)
     )  # two values: a coin's kurtosis
     warm = _warm(site)
     if site.port == "joint" and site.where != "time":
@@ -385,7 +403,7 @@ def unrecorded(problem: Problem, place: Located) -> tuple[Alternative, ...]:
     Where the place moves from sample to sample besides, what `hidden` says of that; where it goes with time, what
     changes with time.
     """
-    found = scattered(problem, MOVES)
+    found = find_random_effect(problem, MOVES)
     if found is not None and found.site.where == place.where:
         return hidden(found, problem)
     if "time" not in place.depends_on:
@@ -421,19 +439,26 @@ def _lacking(rows, held) -> tuple[Alternative, ...]:
     )
 
 
-def place_of(scatter: Scatter) -> Located:
+def place_of(random_effect: RandomEffect) -> Located:
     """The place as the answer lists it: nothing goes with its movement, its size is the spread."""
-    return Located(scatter.site.where, scatter.site.port, (), 0.0, scatter.p_value, scatter.spread)
+    return Located(
+        random_effect.site.where,
+        random_effect.site.port,
+        (),
+        0.0,
+        random_effect.p_value,
+        random_effect.spread,
+    )
 
 
 __all__ = [
-    "Scatter",
-    "residual_scatter",
+    "RandomEffect",
+    "residual_random_effect",
     "evened_by",
     "hidden",
     "movement",
     "place_of",
-    "scattered",
-    "scatter_finding",
+    "find_random_effect",
+    "random_effect_finding",
     "unrecorded",
 ]

@@ -66,7 +66,7 @@ class MassResponse(Effect):
         return made.transpose(1, 0, 2, 3).reshape(-1, *made.shape[2:])
 
 
-def loosened(law: Effect, state) -> ComplianceWithMasses | None:
+def with_estimated_masses(law: Effect, state) -> ComplianceWithMasses | None:
     """The law with the mixtures of first moments that move it most in these poses; None where none does."""
     own, made = law.basis(state), responses(law, state) * _sizes(state)[:, None, None, None]
     length = (own**2).sum((1, 2))
@@ -103,4 +103,4 @@ def _sizes(state) -> np.ndarray:
     return (masses[:, None] * (_SHARE * np.abs(centres) + _CENTRE_MM)).ravel()
 
 
-__all__ = ["LABEL", "MassResponse", "loosened", "nearly_known"]
+__all__ = ["LABEL", "MassResponse", "with_estimated_masses", "nearly_known"]
