@@ -132,13 +132,16 @@ def calibrate(
 ) -> Calibration:
     """Calibrate the robot of a recording.
 
+    recording: a Recording, or its CheckedSamples where several plans are fitted to one recording.
     plan: stages, a TOML file of them, a function that makes them for the chain, or None for the default plan.
     fit_samples, test_samples: sample numbers; what is not named for testing is fitted, and without test samples
     the held-out error is that of `folds` blocks of consecutive poses. progress: called with one line a step.
     trust_data: calibrate also where the plausibility check says that the data cannot be right.
     Raises InputError for a recording that this cannot calibrate.
     """
-    checked = check_samples(recording, trust_data, fit_samples, test_samples)
+    checked = recording
+    if not isinstance(recording, CheckedSamples):
+        checked = check_samples(recording, trust_data, fit_samples, test_samples)
     moving, robot = checked.recording, checked.robot
     split = everyone = _split(moving, fit_samples, test_samples, folds)
     chain = bind(robot, moving, start_on=split.fit)
