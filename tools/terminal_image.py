@@ -44,11 +44,7 @@ SVG = """<svg viewBox="0 0 {terminal_width} {terminal_height}" xmlns="http://www
 
 def run(command: str, folder: Path) -> subprocess.CompletedProcess:
     """The command in a shell in which `workbench` is that of this checkout."""
-    tools = folder / ".bin"
-    if not tools.exists():
-        tools.mkdir()
-        _link(tools / "workbench", f'"{sys.executable}" -m workbench')
-        _link(tools / "python3", f'"{sys.executable}"')
+    tools = link_tools(folder / ".bin")
     environment = {
         **os.environ,
         "PATH": f"{tools}{os.pathsep}{os.environ['PATH']}",
@@ -57,6 +53,15 @@ def run(command: str, folder: Path) -> subprocess.CompletedProcess:
     }
     words = ["bash", "-c", command]
     return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True)
+
+
+def link_tools(folder: Path) -> Path:
+    """`folder`, with the commands `workbench` and `python3` of this checkout."""
+    if not folder.exists():
+        folder.mkdir()
+        _link(folder / "workbench", f'"{sys.executable}" -m workbench')
+        _link(folder / "python3", f'"{sys.executable}"')
+    return folder
 
 
 def _link(path: Path, program: str) -> None:
