@@ -59,7 +59,7 @@ language: $(VENV)/.test
 	$(BIN)/python tools/check_language.py
 
 docs: $(VENV)/.docs
-	$(BIN)/typer workbench.commands.cli utils docs --name workbench --output docs/reference/commands.md
+	$(BIN)/python tools/commands_page.py
 	$(BIN)/python tools/api_page.py
 	$(BIN)/python tools/schema_page.py
 	$(BIN)/mkdocs build --strict --quiet

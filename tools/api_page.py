@@ -12,6 +12,8 @@ import workbench
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "api.md"
 HEAD = """# Python API
 
+![A Python session: held-out error, parameters and residuals](../images/api.svg)
+
 ```python
 import workbench as wb
 

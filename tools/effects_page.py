@@ -16,6 +16,8 @@ One class an effect; this page is made from them by `python tools/effects_page.p
 effect by the first column. Where that is not the word of the vocabulary, the word stands in the second: it is a
 variant of that effect.
 
+![Effects of arm and scanner under the ports that they change](images/effects.png)
+
 ## Conventions
 
 - **Frames.** Frame 0 is the base frame of the robot (of a URDF: the frame on its first axis). Frame K follows the

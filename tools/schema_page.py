@@ -25,6 +25,8 @@ Each table is made from the checks of the reader itself, and so is the JSON Sche
 language server complete and check keys with it: write `#:schema <path or address of the schema>` into the first line of
 the file. A reader also checks what a schema cannot say, such as numbers that only go together.
 
+![Kinds of file and the number of their keys](../images/files.png)
+
 """
 
 

@@ -147,6 +147,8 @@ measured point over the RMS uncertainty that `compensate` predicts; 1 is expecte
 `python tools/study_compensation.py` writes this page; `compensation.csv` has a row a scene. The seeds
 ({first} to {last}) were fixed before the first run, and no scene is left out.
 
+![Error of the true arm before and after compensation against the predicted uncertainty](../images/compensation.png)
+
 | | measured |
 |---|---|
 | scenes with a ratio of at most {limit} | {within} of {count} |

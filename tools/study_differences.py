@@ -193,6 +193,8 @@ changes, noise of 0.02 or 0.05 mm. Each recording is diagnosed against the nomin
 that the recording does not have. `python tools/study_differences.py` writes this page; `differences.csv` has a row a
 scene.
 
+![Noise factor that was found against the planted one](../images/differences.png)
+
 Effects are joint compliance, backlash, a transmission harmonic and a shift of a joint's zero. Bending of links is not
 among them: MuJoCo's arm hangs the mass of a link beyond its flexure, the law of the workbench before it.
 

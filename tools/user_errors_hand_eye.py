@@ -19,6 +19,8 @@ camera or the board may have moved between two images. A cause is named only if 
 the recorded data cannot. A certain mistake refuses the recording (exit status 2); `--trust-data` turns the refusal into
 a warning.
 
+![Inverted flange poses are refused](images/user-errors-hand-eye.svg)
+
 The table comes from the bench in `tests/hand_eye_user_errors.py`. The recordings are rendered, with a known sensor
 pose, or real (`handeye_open3dv`, whose own result stands for the truth). This page is written by
 `python tools/user_errors_hand_eye.py`. For mistakes in recordings of robot arms see [user-errors.md](user-errors.md).

@@ -29,6 +29,8 @@ Each row is a mistake that users make, each column a recording that it was made 
 written by `python tools/user_errors_page.py`; `tests/test_user_errors.py` runs the same bench. The checks were
 developed on these recordings and mistakes: on others the share that is named may be lower.
 
+![A joint in radians is refused](images/user-errors.svg)
+
 - **stopped**: `calibrate` refuses, and its sentence names the cause.
 - **warned**: a warning names the cause.
 - other cause: stopped or warned, but the sentence names another cause.

@@ -23,6 +23,28 @@ def paced(say: Callable[[str], None], what: str, clock: Callable[[], float] = ti
     return tick
 
 
+def counted(
+    say: Callable[[str], None], total: int, clock: Callable[[], float] = time.monotonic
+) -> Callable[[str], None]:
+    """A function of a text that reports the next of `total` steps, its number, and the remaining time.
+
+    The remaining time assumes that the steps to come take as long as those that are finished.
+    """
+    start = clock()
+    finished = 0
+
+    def step(text: str) -> None:
+        nonlocal finished
+        spent = clock() - start
+        line = f"{finished + 1} of {total}"
+        if finished and spent > _BEFORE_A_GUESS_S:
+            line += f", about {duration(spent / finished * (total - finished))} left"
+        say(f"{text} ({line})")
+        finished += 1
+
+    return step
+
+
 def duration(seconds: float) -> str:
     """Rounded duration: '40 s', '3 min', '2 h'."""
     if seconds < 90:

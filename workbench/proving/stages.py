@@ -8,6 +8,7 @@ from pathlib import Path
 from workbench.core.errors import InputError
 from workbench.files.runs import replace_file
 from workbench.machine import processes
+from workbench.machine.progress import paced
 from workbench.proving import checks, protocol, scoring, tasks
 
 Say = Callable[[str], None]
@@ -18,8 +19,9 @@ def create_cases(folder: Path, plan: tasks.Plan, jobs: int, say: Say) -> None:
     """Create missing cases, and publish the hashes of all truths and the baseline of each case."""
     exam = protocol.BenchmarkRun(folder)
     missing = [t for t in plan.tasks if not exam.truth(t.name).exists()]
+    tick = paced(say, "creating case")
     for done, _ in enumerate(_spread(tasks.create_case, [(folder, t) for t in missing], jobs), 1):
-        say(f"creating case {done} of {len(missing)}")
+        tick(done, len(missing))
     publish(folder)
 
 
@@ -48,8 +50,9 @@ def run(
     questions = protocol.read_object(folder / QUESTIONS)
     missing = [name for name in names if not exam.answer(name).exists()]
     work = [(folder, name, questions[name], until) for name in missing]
+    tick = paced(say, "diagnosing case")
     for done, _ in enumerate(_spread(diagnose, work, jobs), 1):
-        say(f"diagnosing {done} of {len(missing)}")
+        tick(done, len(missing))
     protocol.check(exam, seals)
 
 
@@ -88,8 +91,9 @@ def open_all(folder: Path, names: Iterable[str], jobs: int, say: Say) -> list[di
     protocol.check(exam, seals)
     names = list(names)
     missing = [(folder, name) for name in names if not exam.weighed(name).exists()]
+    tick = paced(say, "scoring case")
     for done, _ in enumerate(_spread(oracle.weigh, missing, jobs), 1):
-        say(f"scoring {done} of {len(missing)}")
+        tick(done, len(missing))
     return [row_of(exam, name, seals) for name in names]
 
 

@@ -17,6 +17,7 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Stage
 from workbench.files.solution_file import CalibratedArm
+from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.plans import PLAN_FILES, frames_of, geometry, plan_names
 from workbench.jobs.robot.calibrate import Calibration, calibrate
 from workbench.jobs.robot.compensate import compensate
@@ -215,9 +216,10 @@ def check_models(study: Study, folder: Path) -> Study:
 
 
 def calibrations(study: Study, measured: Recording) -> dict[str, Calibration]:
-    """Calibrations of one recording, by model."""
+    """Calibrations of one recording, by model. Its samples are checked once."""
+    checked = check_samples(measured)
     return {
-        Path(name).stem: calibrate(measured, plan_of(name, measured), folds=study.folds)
+        Path(name).stem: calibrate(checked, plan_of(name, measured), folds=study.folds)
         for name in study.models
     }
 
@@ -226,8 +228,9 @@ def judged(made: dict[str, Calibration], tests: dict[str, Recording]) -> Row:
     """Held-out errors, and errors at the tests, of the nominal robot and of each model."""
     first = next(iter(made.values()))
     row: Row = {"nominal_held_out_mm": first.nominal["rms_mm"]}
+    frames = _with_frames(first.robot, first.recording) if tests else None
     for name, test in tests.items():
-        row |= _errors(f"nominal_{name}", nominal_residual(first, test))
+        row |= _errors(f"nominal_{name}", nominal_residual(first, test, frames))
     for name, one in made.items():
         row |= {
             f"{name}_fit_mm": one.fit["rms_mm"],
@@ -247,9 +250,14 @@ def residual_of(calibration: Calibration, test: Recording) -> np.ndarray:
     return model.residual(model.parameters.take_over(calibration.solution.parameters))[:3]
 
 
-def nominal_residual(calibration: Calibration, test: Recording) -> np.ndarray:
-    """(3, n) mm: residual of the nominal geometry, with base and tool fitted to the calibration samples."""
-    fitted = _with_frames(calibration.robot, calibration.recording)
+def nominal_residual(
+    calibration: Calibration, test: Recording, frames: Parameters | None = None
+) -> np.ndarray:
+    """(3, n) mm: residual of the nominal geometry, with base and tool fitted to the calibration samples.
+
+    frames: this fit, where it was made before.
+    """
+    fitted = frames or _with_frames(calibration.robot, calibration.recording)
     model = Model(bind(calibration.robot, test, calibration.model.chain.start))
     return model.residual(model.parameters.take_over(fitted))[:3]
 

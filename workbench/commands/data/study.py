@@ -73,18 +73,38 @@ def _deliver(finished, json: str | None) -> None:
     console = answer.console(json)
     if finished.done is None:
         console.print("This study is already finished.", markup=False)
+    shown = _shown(found)
     rows = [
         [row["column"], row["n"], row["mean"], row["std"], row["p5"], row["median"], row["p95"]]
-        for row in found["columns"][:_SHOWN]
+        for row in shown
     ]
     title = f"{found['title']}: {found['done']:,} of {found['runs']:,} runs done"
     tables.grid(console, title, ["column", "runs", "mean", "std", "5 %", "median", "95 %"], rows)
+    if len(shown) < len(found["columns"]):
+        rest = len(found["columns"]) - len(shown)
+        console.print(f"{rest} more columns are in table.csv and on the report page.", markup=False)
     for sentence in found["sentences"]:
         console.print(sentence, markup=False)
     answer.last_line(console, finished.path)
 
 
-_SHOWN = 24
+_SHOWN = 12
+
+
+def _shown(found: dict) -> list[dict]:
+    """At most twelve rows: the outcome of the study, the same quantity of other models, then the first other columns."""
+    outcome = found["outcome"]
+    ranked = sorted(found["columns"], key=lambda row: _rank(row["column"], outcome))
+    return ranked[:_SHOWN]
+
+
+def _rank(column: str, outcome: str | None) -> int:
+    """0 for the outcome, 1 for a column of the same quantity (`geometry_test_3kg_mm`: `…_test_3kg_mm`), 2 for others."""
+    if outcome is None:
+        return 2
+    quantity = outcome.partition("_")[2]
+    same = bool(quantity) and column.endswith(f"_{quantity}")
+    return 0 if column == outcome else 2 - same
 
 
 def _alone(study: Path, run: int, json: str | None) -> None:

@@ -104,7 +104,8 @@ def command(
     kind, path = _choose(source, to)
     options = ArmOptions(urdf, tip, targets, tuple(without or ()), force)
     frames = _Frames(parent_frame, child_frame)
-    texts, left_out, notes = _made((kind, path), source, (to, file), frames, options)
+    with answer.progress(f"writing {file} and reading it back"):
+        texts, left_out, notes = _made((kind, path), source, (to, file), frames, options)
     for target, text in texts.items():
         replace_file(target, text)
     more = [target for target in texts if target != file]

@@ -81,10 +81,29 @@ def progress(first: str) -> Iterator["Progress"]:
         _print_progress(first)
         yield Progress(_print_progress, _print_progress)
         return
-    from rich.console import Console
+    with _live_line() as line:
+        task = line.add_task(first, total=None)
 
-    with Console(stderr=True, highlight=False).status(first) as status:
-        yield Progress(status.update, status.console.print)
+        def update(text: str) -> None:
+            line.update(task, description=" ".join(text.split()))
+
+        yield Progress(update, line.console.print)
+
+
+def _live_line():
+    """One line on standard error: a spinner, a text that is cut where the terminal ends, and the elapsed time."""
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.table import Column
+
+    text = Column(no_wrap=True, overflow="ellipsis", ratio=1)
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}", markup=False, table_column=text),
+        TimeElapsedColumn(),
+    )
+    console = Console(stderr=True, highlight=False)
+    return Progress(*columns, console=console, transient=True, expand=True)
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,7 @@ from workbench.fitting.verdicts.fit_quality import noise_report
 from workbench.fitting.verdicts.noise_report import NoiseReport
 from workbench.fitting.verdicts.residual_structure import in_root
 from workbench.fitting.wider_priors import widened
+from workbench.machine.progress import counted
 
 # times the robust spread: a blunder (a lost beam, a wrong ball), not what a model has yet to explain
 _OUTLIER = 15.0
@@ -132,13 +133,16 @@ def calibrate(
 ) -> Calibration:
     """Calibrate the robot of a recording.
 
+    recording: a Recording, or its CheckedSamples where several plans are fitted to one recording.
     plan: stages, a TOML file of them, a function that makes them for the chain, or None for the default plan.
     fit_samples, test_samples: sample numbers; what is not named for testing is fitted, and without test samples
     the held-out error is that of `folds` blocks of consecutive poses. progress: called with one line a step.
     trust_data: calibrate also where the plausibility check says that the data cannot be right.
     Raises InputError for a recording that this cannot calibrate.
     """
-    checked = check_samples(recording, trust_data, fit_samples, test_samples)
+    checked = recording
+    if not isinstance(recording, CheckedSamples):
+        checked = check_samples(recording, trust_data, fit_samples, test_samples)
     moving, robot = checked.recording, checked.robot
     split = everyone = _split(moving, fit_samples, test_samples, folds)
     chain = bind(robot, moving, start_on=split.fit)
@@ -224,12 +228,13 @@ def _run(nominal: _Step, stages, split, progress):
     """All stages in order, then once more without each: a stage stays only if cross-validation retains it."""
     step, results, tried = nominal, [], []
     tests = sum(stage.earn for stage in stages)
+    begin = counted(progress, len(stages))
     for planned in stages:
+        begin(f"stage {planned.name}: {planned.why}")
         stage = planned.chosen_for(step.model.at(split.fit), step.parameters)
         if planned.choose is not None and not stage.effects:
             continue
         tried.append(stage)
-        progress(f"stage {stage.name}: {stage.why}")
         after = _try(step, stage, split)
         earned = not stage.earn or is_retained(step, after, tests, split.fit)
         results.append(_stage_result(stage, step, after, earned))

@@ -14,6 +14,7 @@ from workbench.fitting.plans import read_plan
 from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
 from workbench.fitting.verdicts.verdict import Tolerance, Verdict
 from workbench.jobs.robot.calibrate import Calibration, calibrate
+from workbench.machine.progress import counted
 
 DEFAULT = "default"
 _BLOCKS, _LEAST_BLOCKS = 10, 5
@@ -188,12 +189,12 @@ def compare(
     """
     _check(plans)
     found = []
+    begin = counted(progress, len(plans))
     for name in plans:
-        progress(f"plan {name}")
+        begin(f"plan {name}")
         plan = None if name == DEFAULT else Path(name)
-        found.append(
-            calibrate(recording, plan, fit_samples, test_samples, folds, progress, trust_data)
-        )
+        say = _prefixed(progress, f"plan {name}")
+        found.append(calibrate(recording, plan, fit_samples, test_samples, folds, say, trust_data))
     block = np.where(np.all([c.fold >= 0 for c in found], 0), found[0].fold, -1)
     apart = bool(
         len(np.unique(block[block >= 0])) == 1
@@ -206,6 +207,10 @@ def compare(
         tuple(_chooses(name) for name in plans),
     )
     return Comparison(recording, names, tuple(found), block, apart, choosing)
+
+
+def _prefixed(progress: Callable[[str], None], prefix: str) -> Callable[[str], None]:
+    return lambda text: progress(f"{prefix}: {text}")
 
 
 def _check(plans):
