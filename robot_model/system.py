@@ -78,9 +78,13 @@ class RobotChain:
         """(J, n) cosines and sines of the joint variables, which every evaluation needs."""
         return np.cos(self.variables), np.sin(self.variables)
 
+    def columns_of(self, samples: np.ndarray) -> np.ndarray:
+        """What picks the columns of `variables` and `state` that make some samples."""
+        return _columns_of(samples, self.looks, self.n)
+
     def at(self, samples: np.ndarray) -> "RobotChain":
         """The same robot and start on some of the samples."""
-        seen = _columns_of(samples, self.looks, self.n)
+        seen = self.columns_of(samples)
         state = replace(
             self.state,
             variables=self.state.variables[:, seen],

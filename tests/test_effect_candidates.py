@@ -92,3 +92,17 @@ def test_what_belongs_to_the_session_is_no_part_of_the_arm():
     of_session = names(kind for kind in ROBOT.values() if kind.of_session)
     instrument = {"sight-line-refraction", "reflector-incidence"}
     assert of_session == {"base-drift", "time-offset", "reading-lag", "payload"} | instrument
+
+
+@pytest.mark.parametrize("measures", ["external-pose", "ball-centre"])
+def test_the_basis_on_a_part_of_the_samples_is_a_slice_of_that_on_all(measures):
+    """Folds take slices: a basis must be a function of each sample's own state."""
+    model = model_of(scene(measures, n=20))
+    samples = np.arange(20) % 3 != 1
+    part, alone = model.part(samples), model.at(samples)
+    linear = [v.effect for v in variants(ROBOT, model.chain, elastic=True) if v.effect.linear]
+    assert len(linear) > 50
+    for effect in linear:
+        sliced, expected = part.basis(effect), alone.basis(effect)
+        scale = np.abs(expected).max(initial=1e-12)
+        np.testing.assert_allclose(sliced, expected, atol=1e-12 * scale, err_msg=repr(effect))

@@ -82,6 +82,18 @@ def test_what_no_data_determine_keeps_the_variance_of_its_prior():
     assert abs(total @ found @ total) < 1e-9
 
 
+def test_what_the_data_determine_needs_no_prior_of_its_own(monkeypatch):
+    """A weak prior alone does not call for the slow factorisation of rows: the pivots show that all is determined."""
+    information = 1e12 * np.array([[2.0, 1.0], [1.0, 2.0]])
+    expected = np.linalg.inv(information)
+
+    def slow(*arguments):
+        raise AssertionError("the information alone is accurate")
+
+    monkeypatch.setattr(linear_algebra, "_covariance_by_rows", slow)
+    np.testing.assert_allclose(covariance_of(information, np.full(2, 1e-9)), expected, rtol=1e-9)
+
+
 def test_a_small_parameter_among_large_ones_is_as_certain_as_alone():
     information = np.diag([1e16, 1e16, 25.0])
     information[0, 1] = information[1, 0] = 1e16

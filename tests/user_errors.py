@@ -12,6 +12,7 @@ import numpy as np
 import user_error_changes as changes
 from datasets.recording import Recording
 from robot_model import load_robot
+from workbench.core.errors import InputError
 from workbench.fitting.plausibility import check_plausibility
 from workbench.fitting.plausibility.fitting import fit_recording
 
@@ -28,6 +29,7 @@ class Mistake:
     make: Callable[[Recording], Recording | None]
     kinds: tuple[str, ...] = POINT_KINDS
     absorbed: Callable[[Recording], str] = lambda recording: ""
+    refusal: str = ""  # word of the sentence by which a reader refuses it before anything is fitted
 
 
 _SIGN, _UNIT, _LENGTH = ("joint-sign",), ("joint-unit",), ("length-unit",)
@@ -139,7 +141,11 @@ def judged(mistake: Mistake, recording: Recording) -> str:
     "stopped" or "warned": with the right cause; "other cause": stopped or warned with another one; "unnamed": warned
     that nothing explains the misfit; "silent": not a word.
     """
-    found = check_plausibility(load_robot(recording.robot), recording)
+    try:
+        found = check_plausibility(load_robot(recording.robot), recording)
+    except InputError as refused:
+        named = mistake.refusal and mistake.refusal in str(refused)
+        return "stopped" if named else "other cause"
     right = [f for f in found if set(f.cause.split(" and ")) & set(mistake.causes)]
     if right:
         return "stopped" if any(f.certain for f in right) else "warned"

@@ -146,7 +146,9 @@ MORE = (
     Mistake("last third in inches", ("length-unit", "moved"), last_third_in_inches),
     Mistake("base moved by 12 mm", ("moved",), changes.moved("base", 12.0, 1.0)),
     Mistake("artefact.csv in m", ("artefact-unit",), changes.artefact(0.001), ("ball-centre",)),
-    Mistake("robot file in m", (*_ARM, "length-unit"), robot_lengths(0.001)),
+    Mistake(
+        "robot file in m", (*_ARM, "length-unit"), robot_lengths(0.001), refusal="looks like metres"
+    ),
     Mistake("a twist of the robot file of the opposite sign", _ARM, robot_twist),
     Mistake("sigma 200 times too small", ("sigma",), changes.sigma(1 / 200)),
     Mistake(

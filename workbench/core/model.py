@@ -85,9 +85,20 @@ class Model:
         """The same model on some of the samples (indices or mask)."""
         return Model(self.chain.at(samples), self.effects)
 
+    def part(self, samples: np.ndarray) -> "Model":
+        """The same as `at`, with bases that are slices of those of this model; samples (n,) bool.
+
+        For folds, which together see most samples: the basis of a linear effect is made once for all of them.
+        """
+        columns_of = getattr(self.chain, "columns_of", None)
+        if columns_of is None:
+            return self.at(samples)
+        bases = _BasesOfPart(self, columns_of(np.flatnonzero(samples)))
+        return Model(self.chain.at(samples), self.effects, bases)
+
     def with_effects(self, *effects: Effect) -> "Model":
         """The same model with more effects."""
-        return replace(self, effects=self.effects + effects, _bases={})
+        return replace(self, effects=self.effects + effects, _bases=dict(self._bases))
 
     def with_chain(self, chain: Chain) -> "Model":
         """The same effects on `chain`: the same samples with the same state, other values of what they own."""
@@ -270,6 +281,21 @@ class Model:
         except KeyError:
             made = self._bases[key] = make()
             return made
+
+
+class _BasesOfPart(dict):
+    """(effect, cause) -> basis on some samples, from that of a model on all of them; see `Model.basis`."""
+
+    def __init__(self, whole: Model, columns: np.ndarray):
+        super().__init__()
+        self._whole, self._columns = whole, columns
+
+    def __missing__(self, key):
+        made = self._whole.basis(*key)
+        if made.shape[-1] > 1:  # a basis of one column holds for every sample
+            made = np.take(made, self._columns, axis=-1)
+        self[key] = made
+        return made
 
 
 class _Once:

@@ -205,7 +205,7 @@ def _stated_sigma(model: Model) -> np.ndarray | None:
 
 def _predict(model, start, test, fit_on, loss, steps, settle):
     """Residual (3, tested) of a fit on other samples, and what had to be located on the tested ones."""
-    known, seen = model.at(fit_on), model.at(test)
+    known, seen = model.part(fit_on), model.part(test)
     fit = solve(known, start, loss, steps)
     fitted = (settled(known, fit, loss, steps) if settle else fit).parameters
     unseen = _unseen(known, seen, fitted)

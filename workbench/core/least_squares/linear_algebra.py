@@ -19,6 +19,8 @@ from workbench.core.errors import InputError
 
 RANK_TOLERANCE = 1e-14
 """Relative size, per row of a matrix, of what rounding leaves of zero."""
+_SAME_VARIANCE = 1e-3
+"""Relative error of a variance that rounding may cause before a slower, more accurate factorisation is used."""
 NOT_FINITE = (
     "the equations of this solve hold numbers that are not finite, so that nothing can be computed from them; check "
     "the units of coordinates and joint readings, and the stated sigma, for numbers that are far too large or too small"
@@ -204,13 +206,27 @@ def covariance_of(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
     total = (information + np.swapaxes(information, -1, -2)) / 2 + np.diag(prior)
     size = diagonal_scale(total)
     outer = size[..., :, None] * size[..., None, :]
-    # where rounding of the information is small against the prior, the sum can be inverted as it stands
-    rounding = RANK_TOLERANCE * len(prior) * size**2
-    if (rounding < 1e-3 * prior).all() and _cholesky(total / outer) is not None:
+    if _can_be_inverted(total / outer, prior / size**2):
         inverse = np.linalg.inv(total / outer) / outer
         return (inverse + np.swapaxes(inverse, -1, -2)) / 2
     flat = information.reshape(-1, *information.shape[-2:])
     return np.stack([_covariance_by_rows(one, prior) for one in flat]).reshape(information.shape)
+
+
+def _can_be_inverted(total, prior):
+    """Whether rounding changes variances by less than `_SAME_VARIANCE`; total (..., F, F) of unit diagonal with prior.
+
+    Rounding is small against the prior (..., F), or against the squared pivots: what is left of a column that those
+    before it do not make is the information that its variance comes from.
+    """
+    lower = _cholesky(total)
+    if lower is None:
+        return False
+    rounding = _cutoff(total)
+    if (rounding < _SAME_VARIANCE * prior).all():
+        return True
+    pivots = np.diagonal(lower, axis1=-2, axis2=-1)
+    return bool((rounding < _SAME_VARIANCE * pivots**2).all())
 
 
 def _covariance_by_rows(information, prior):

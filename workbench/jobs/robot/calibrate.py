@@ -212,7 +212,7 @@ def _without_blunders(step: _Step, split: Split, everyone: Split) -> Split:
 def _first(model: Model, split: Split, stages: Sequence[Stage]) -> _Step:
     start = held(model.parameters, stages)
     free = start.only(start.mask & start.matching(*frames_of(start)))
-    fit = solve(model.at(split.fit), free)
+    fit = solve(model.part(split.fit), free)
     return _Step(
         model,
         fit.parameters,
@@ -231,7 +231,7 @@ def _run(nominal: _Step, stages, split, progress):
     begin = counted(progress, len(stages))
     for planned in stages:
         begin(f"stage {planned.name}: {planned.why}")
-        stage = planned.chosen_for(step.model.at(split.fit), step.parameters)
+        stage = planned.chosen_for(step.model.part(split.fit), step.parameters)
         if planned.choose is not None and not stage.effects:
             continue
         tried.append(stage)
@@ -303,20 +303,20 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     # without redundancy the fit interpolates, and its noise would become zero step by step
     is_redundant = step.fit.residual.size > wanted.mask.sum()
     for _ in range(NOISE_ROUNDS if is_redundant else 2):
-        model = replace(model, chain=_with_noise(model.chain, trial, split), _bases={})
-        trial = solve(model.at(split.fit), start, stage.loss, stage.steps)
-        start = widened(model.at(split.fit), trial)
+        model = model.with_chain(_with_noise(model.chain, trial, split))
+        trial = solve(model.part(split.fit), start, stage.loss, stage.steps)
+        start = widened(model.part(split.fit), trial)
         chain = _with_noise(model.chain, trial, split)
         if is_settled(model.chain, chain) and start is trial.parameters:
             break
-    model, free, tied = replace(model, chain=chain, _bases={}), trial.parameters, {}
+    model, free, tied = model.with_chain(chain), trial.parameters, {}
     if stage.canonical:
-        free, tied = _canonical(model.at(split.fit), trial, wanted)
-    fit = solve(model.at(split.fit), free, stage.loss, stage.steps)
+        free, tied = _canonical(model.part(split.fit), trial, wanted)
+    fit = solve(model.part(split.fit), free, stage.loss, stage.steps)
     if stage.canonical:
-        fit = settled(model.at(split.fit), fit, stage.loss, stage.steps)
+        fit = settled(model.part(split.fit), fit, stage.loss, stage.steps)
     if size is not None:
-        fit = solve(model.at(split.fit), resized(fit.parameters, size), stage.loss, stage.steps)
+        fit = solve(model.part(split.fit), resized(fit.parameters, size), stage.loss, stage.steps)
         tied = tied | {size: non_negligible_lengths(wanted, size)}
     known = identifiability(fit.normal, fit.parameters, fit.sigma_scale)
     held_out = _held_out(model, fit, split, stage.loss, stage.steps, stage.canonical)
@@ -399,7 +399,7 @@ def _calibration(
     recording, robot = checked.recording, checked.robot
     held_out = _final_held_out(step, split)
     parameters = step.parameters.update(held_out.located)
-    scores = pose_scores(step.model.at(split.fit), step.fit, recording.poses[split.fit])
+    scores = pose_scores(step.model.part(split.fit), step.fit, recording.poses[split.fit])
     known = _all_known(step, parameters, split)
     shrunk = frozenset(np.array(parameters.keys)[step.model.shrunk & parameters.mask].tolist())
     solution = Solution(parameters, step.fit, known, provenance(recording), scores, shrunk)
@@ -448,7 +448,7 @@ def _all_known(step: _Step, parameters: Parameters, split: Split) -> Identifiabi
         key for key, free in zip(everything.keys, everything.mask) if free
     }:
         everything = everything.free(*held_by_convention(robot))
-    return identifiability(normal_matrix(step.model.at(split.fit), everything), everything)
+    return identifiability(normal_matrix(step.model.part(split.fit), everything), everything)
 
 
 def _held_out_summary(held_out: HeldOut) -> dict:
