@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Iterable
 from functools import cached_property
 from pathlib import Path
+from threading import RLock
 
 import numpy as np
 
@@ -55,6 +56,7 @@ class Workspace:
 
     def __init__(self, opened: Opened, path: Path):
         self.path = Path(path)
+        self._lock = RLock()
         self.runs: list[Opened] = [opened]
         self.history = History(_first_session(opened, self.path))
         self.job: Job | None = None
@@ -195,11 +197,12 @@ class Workspace:
 
     def _memo(self, key: tuple, compute: Callable):
         """What `compute` gives, computed once for a key; a few of the latest are kept."""
-        if key not in self._known:
-            while len(self._known) >= _MOST_KNOWN:
-                self._known.pop(next(iter(self._known)))
-            self._known[key] = compute()
-        return self._known[key]
+        with self._lock:  # the first figures are prepared in the background
+            if key not in self._known:
+                while len(self._known) >= _MOST_KNOWN:
+                    self._known.pop(next(iter(self._known)))
+                self._known[key] = compute()
+            return self._known[key]
 
     # Edits
 
@@ -359,7 +362,10 @@ def quantities_of(opened: Opened) -> dict[str, np.ndarray]:
 
     if not opened.samples.n:  # images alone
         return {}
-    return {label: values[opened.rows] for label, values in quantities(opened.samples)}
+    rows = opened.rows
+    if np.array_equal(rows, np.arange(opened.samples.n)):  # no copy of a large recording
+        return dict(quantities(opened.samples))
+    return {label: values[rows] for label, values in quantities(opened.samples)}
 
 
 def _figure(answer, key: str) -> str:

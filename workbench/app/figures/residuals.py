@@ -28,8 +28,6 @@ _COLOURS = {
 
 def arrows(work: Workspace) -> go.Figure:
     """Arrows from the measured points, coloured by length; the arm at the current sample."""
-    from workbench.report.calibration.scene import arrow_scale
-
     made = style.space("arrows")
     residuals = work.opened.residuals
     if residuals is None or residuals.points is None:
@@ -38,7 +36,7 @@ def arrows(work: Workspace) -> go.Figure:
     drawn = work.drawn(MOST_ARROWS)
     drawn = drawn[work.kept[drawn]]
     places, vectors = residuals.points[:, drawn], residuals.arrows[:, drawn]
-    scale = arrow_scale(places, vectors) if drawn.size else 1.0
+    scale = _enlargement(work, places, vectors)
     numbers = work.opened.edit_ids[drawn]
     _add_arrows(made, places, scale * vectors, drawn, lengths[drawn])
     _add_marks(made, places, drawn, lengths[drawn], numbers)
@@ -52,6 +50,16 @@ def arrows(work: Workspace) -> go.Figure:
     )
     made.update_layout(title=dict(text=text, x=0.01, y=0.99, yanchor="top", font_size=13))
     return made
+
+
+def _enlargement(work: Workspace, places, vectors) -> float:
+    """How many times arrows are enlarged, so that they can be seen in a scene with the arm too."""
+    from workbench.report.calibration.scene import arrow_scale
+
+    if not vectors.size:
+        return 1.0
+    box = np.stack(reach(work.opened, False), axis=1) if has_arm(work.opened) else places
+    return arrow_scale(box, vectors)
 
 
 def _add_arrows(made, places, vectors, rows, lengths) -> None:
@@ -89,7 +97,7 @@ def _add_marks(made, places, rows, lengths, numbers) -> None:
         mode="markers",
         name="measured points",
         customdata=rows,
-        text=[f"sample {n}: {value:.4f} mm" for n, value in zip(numbers, lengths)],
+        text=numbers,
         marker=dict(
             size=3,
             color=lengths,
@@ -98,7 +106,7 @@ def _add_marks(made, places, rows, lengths, numbers) -> None:
             cmax=_top(lengths),
             colorbar=bar,
         ),
-        hovertemplate="%{text}<extra></extra>",
+        hovertemplate="sample %{text}: %{marker.color:.4f} mm<extra></extra>",
     )
 
 
@@ -219,8 +227,6 @@ def histogram_figure(work: Workspace, threshold: float | None = None) -> go.Figu
 
 def side_by_side(work: Workspace) -> go.Figure:
     """Arrows of the run before and of the newest run, with the same enlargement and the same colours."""
-    from workbench.report.calibration.scene import arrow_scale
-
     pairs = [("before", work.previous), ("after", work.opened)]
     made = go.Figure(layout=style.space("side-by-side").layout)
     runs = [(name, run.residuals) for name, run in pairs if run is not None]
@@ -229,7 +235,7 @@ def side_by_side(work: Workspace) -> go.Figure:
         return made
     top = max(_top(found.shown) for _, found in runs)
     first = runs[0][1]
-    scale = arrow_scale(first.points, first.arrows)
+    scale = _enlargement(work, first.points, first.arrows)
     for k, (name, found) in enumerate(runs):
         drawn = thinned(len(found.shown), MOST_ARROWS // 2, found.shown)
         _add_pair(made, found, drawn, scale, top, k)

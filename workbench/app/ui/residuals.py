@@ -174,13 +174,18 @@ class ResidualsTab(Tab):
             else ""
         )
         self._describe()
-        self.draw_in_turn(
-            histogram=lambda: residuals.histogram_figure(
-                self.work
-            ),  # needs no WebGL: soonest drawn
-            chart=self._chart,
-            arrows=lambda: residuals.arrows(self.work),
-        )
+        if has and not state.no_arrows:
+            self.draw_still("arrows", lambda: residuals.arrows(self.work))
+        shown = (work.opened, work.session.changes)
+        # Needs no WebGL and is drawn soonest; a selection does not change it.
+        self.draw_when_changed("histogram", shown, lambda: residuals.histogram_figure(self.work))
+        self.draw_in_turn(chart=self._chart, arrows=lambda: residuals.arrows(self.work))
+
+    def prepare(self) -> None:
+        if self.work.opened.residuals is not None:
+            residuals.arrows(self.work)
+            residuals.histogram_figure(self.work)
+            residuals.chart(self.work, next(iter(self.work.quantities), ""), "")
 
     def _describe(self) -> None:
         work = self.work
