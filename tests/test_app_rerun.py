@@ -14,7 +14,6 @@ from app_browser import (
     run_workbench,
     serve,
     show_tab,
-    stop,
     trace,
     wait_for_text,
 )

@@ -35,14 +35,17 @@ from workbench.app.jobs import DONE, RUNNING, Job
 from workbench.core.errors import InputError
 
 DIAGNOSE = "diagnose"
+_ORIENTATION = "held-out orientation RMS (deg)"
 _COMPARED = {
     CALIBRATE: (
         ("samples", "samples"),
         ("RMS of the fit (mm)", "fit"),
         ("held-out RMS (mm)", "held_out"),
+        (_ORIENTATION, "held_out", "rotation_rms_deg"),
     ),
     CAMERA: (("images used", "views"), ("corners", "corners"), ("RMS (px)", "rms_px")),
 }
+_UNKNOWN = "–"
 _MOST_KNOWN = 24
 REPLACE, EXTEND, REMOVE = "replace", "extend", "remove"
 
@@ -300,9 +303,10 @@ class Workspace:
         if self.previous is None:
             return []
         rows = []
-        for name, key in _COMPARED[self.session.command]:
-            before, after = (_figure(run.answer, key) for run in (self.previous, self.opened))
-            rows.append({"name": name, "before": before, "after": after})
+        for name, *keys in _COMPARED[self.session.command]:
+            before, after = (_figure(run.answer, *keys) for run in (self.previous, self.opened))
+            if name != _ORIENTATION or (before, after) != (_UNKNOWN, _UNKNOWN):
+                rows.append({"name": name, "before": before, "after": after})
         return rows
 
     # Inside
@@ -368,11 +372,11 @@ def quantities_of(opened: Opened) -> dict[str, np.ndarray]:
     return {label: values[rows] for label, values in quantities(opened.samples)}
 
 
-def _figure(answer, key: str) -> str:
+def _figure(answer, key: str, inner: str = "rms_mm") -> str:
     value = answer.get(key)
-    value = value.get("rms_mm") if isinstance(value, dict) else value
+    value = value.get(inner) if isinstance(value, dict) else value
     if value is None:
-        return "–"
+        return _UNKNOWN
     return f"{value:,}" if isinstance(value, int) else f"{value:.4g}"
 
 

@@ -5,7 +5,7 @@ import plotly.graph_objects as go
 
 from workbench.app.data.arm import has_arm, reach
 from workbench.app.data.decimate import MOST_ARROWS, MOST_POINTS, thinned
-from workbench.app.data.residuals import FIT, HELD_OUT, NOMINAL, Residuals
+from workbench.app.data.residuals import FIT, HELD_OUT, NOMINAL, ROTATION, Residuals, unit_of
 from workbench.app.figures import robot, style
 from workbench.app.workspace import Workspace
 
@@ -132,8 +132,8 @@ def _add_selected(made, work: Workspace) -> None:
 
 def chart(work: Workspace, name: str, kind: str) -> go.Figure:
     """Length of the residual over one quantity, with means of bins of equal count over all samples."""
-    label = kind_label(work.opened.residuals, kind)
-    made = style.plane(style.plain(name), f"residual, {label} (mm)", f"chart-{name}-{kind}")
+    label, unit = kind_label(work.opened.residuals, kind), unit_of(kind)
+    made = style.plane(style.plain(name), f"residual, {label} ({unit})", f"chart-{name}-{kind}")
     made.update_layout(dragmode="select", selectionrevision=name, clickmode="event")
     if name not in work.quantities:
         return made
@@ -156,7 +156,7 @@ def chart(work: Workspace, name: str, kind: str) -> go.Figure:
             marker=dict(
                 size=5 if label == "samples" else 8, color=colour, symbol=symbol, opacity=0.7
             ),
-            hovertemplate="sample %{text}: %{y:.4f} mm<extra></extra>",
+            hovertemplate="sample %{text}: %{y:.4f} " + unit + "<extra></extra>",
         )
     centres, means = work.means(name, kind or "")
     made.add_scattergl(
@@ -172,6 +172,8 @@ def chart(work: Workspace, name: str, kind: str) -> go.Figure:
 
 def kind_label(residuals: Residuals | None, kind: str) -> str:
     """Words for a kind of residual; "" is the kind that is shown where none is chosen."""
+    if kind.endswith(ROTATION):
+        return f"{_NAMES[kind.removesuffix(ROTATION)]}, orientation"
     if kind or residuals is None:
         return _NAMES.get(kind, kind)
     if HELD_OUT not in residuals.lengths:
@@ -192,14 +194,21 @@ def _name_groups(made: go.Figure, work: Workspace, name: str) -> None:
         made.update_xaxes(tickvals=numbers, ticktext=texts)
 
 
-def histogram_figure(work: Workspace, threshold: float | None = None) -> go.Figure:
-    """Counts of the lengths of the fit with the held-out ones over them, and the outlier threshold."""
-    made = style.plane("residual (mm)", "samples", "histogram")
+def histogram_figure(
+    work: Workspace, threshold: float | None = None, unit: str = "mm"
+) -> go.Figure:
+    """Counts of the lengths of the fit with the held-out ones over them, and the outlier threshold.
+
+    unit: "mm" for positions, "deg" for orientations.
+    """
+    made = style.plane(f"residual ({unit})", "samples", f"histogram-{unit}")
     made.update_layout(barmode="overlay", bargap=0.02, clickmode="event", dragmode="select")
     residuals = work.opened.residuals
     if residuals is None:
         return made
-    kinds = [kind for kind in (FIT, HELD_OUT, "before", "after") if kind in residuals.lengths]
+    end = ROTATION if unit == "deg" else ""
+    wanted = [f"{kind}{end}" for kind in (FIT, HELD_OUT, "before", "after")]
+    kinds = [kind for kind in wanted if kind in residuals.lengths]
     counted = work.counts(kinds)
     middle = (counted.edges[:-1] + counted.edges[1:]) / 2
     ends = list(zip(counted.edges[:-1].tolist(), counted.edges[1:].tolist()))
@@ -208,11 +217,13 @@ def histogram_figure(work: Workspace, threshold: float | None = None) -> go.Figu
             x=middle,
             y=counts,
             width=np.diff(counted.edges),
-            name=_NAMES[kind],
+            name=_NAMES[kind.removesuffix(ROTATION)],
             customdata=[[low, high, kind] for low, high in ends],
-            marker_color=_COLOURS[kind],
+            marker_color=_COLOURS[kind.removesuffix(ROTATION)],
             opacity=0.55,
-            hovertemplate="%{customdata[0]:.4f} to %{customdata[1]:.4f} mm: %{y}<extra></extra>",
+            hovertemplate="%{customdata[0]:.4f} to %{customdata[1]:.4f} "
+            + unit
+            + ": %{y}<extra></extra>",
         )
     if threshold is not None:
         made.add_vline(
