@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -134,6 +135,21 @@ def chromium():
     started = sync_api.sync_playwright().start()
     browser = started.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
     return started, browser
+
+
+@contextmanager
+def opened_app(browser, run, folder: Path, tab: str = ""):
+    """A page of a server of its own for a run, None for none; `page.served`, and its script errors in `page.problems`."""
+    made = serve_nothing(folder) if run is None else serve(run, folder)
+    page = None
+    try:
+        page = open_page(browser, made, tab)
+        page.served, page.problems = made, follow_problems(page)
+        yield page
+    finally:
+        if page is not None:
+            page.close()
+        stop(made)
 
 
 def open_page(browser, served: Served, tab: str = ""):

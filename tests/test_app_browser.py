@@ -9,8 +9,8 @@ from app_browser import (
     brush_chart,
     click_row,
     emit,
-    follow_problems,
     open_page,
+    opened_app,
     plot,
     scrub_by_key,
     serve,
@@ -25,19 +25,15 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def served(arm_run, tmp_path_factory):
-    made = serve(arm_run, tmp_path_factory.mktemp("session"))
-    yield made
-    stop(made)
+def shared(browser, arm_run, tmp_path_factory):
+    """One page for all tests that follow one another; its problems fail the last test."""
+    with opened_app(browser, arm_run, tmp_path_factory.mktemp("session")) as page:
+        yield page
 
 
 @pytest.fixture(scope="module")
-def shared(browser, served):
-    """One page for all tests that follow one another; its problems fail the last test."""
-    page = open_page(browser, served)
-    page.problems = follow_problems(page)
-    yield page
-    page.close()
+def served(shared):
+    return shared.served
 
 
 @pytest.fixture

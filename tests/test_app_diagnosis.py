@@ -2,7 +2,7 @@
 
 import pytest
 
-from app_browser import emit, open_page, plot, serve, stop, text_of, trace, wait_for_text
+from app_browser import emit, opened_app, plot, text_of, trace, wait_for_text
 from app_diagnosis import write_diagnosis, write_image_diagnosis
 
 pytestmark = pytest.mark.slow
@@ -11,12 +11,9 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def diagnosis(browser, tmp_path_factory):
     folder = tmp_path_factory.mktemp("diagnosis")
-    made = serve(write_diagnosis(folder / "run"), folder / "session")
-    page = open_page(browser, made, "Diagnosis")
-    page.served = made
-    yield page
-    page.close()
-    stop(made)
+    run = write_diagnosis(folder / "run")
+    with opened_app(browser, run, folder / "session", "Diagnosis") as page:
+        yield page
 
 
 def test_the_chain_shows_the_share_of_the_mismatch_at_each_place(diagnosis):
@@ -61,11 +58,9 @@ def test_ticked_terms_join_the_plan(diagnosis):
 @pytest.fixture(scope="module")
 def of_images(browser, scanner_run, tmp_path_factory):
     folder = tmp_path_factory.mktemp("images")
-    made = serve(write_image_diagnosis(folder / "run", scanner_run), folder / "session")
-    page = open_page(browser, made, "Diagnosis")
-    yield page
-    page.close()
-    stop(made)
+    run = write_image_diagnosis(folder / "run", scanner_run)
+    with opened_app(browser, run, folder / "session", "Diagnosis") as page:
+        yield page
 
 
 def test_the_chain_of_a_scanner_holds_no_part_of_the_arm(of_images):

@@ -6,15 +6,8 @@ import os
 import numpy as np
 import pytest
 
-from app_browser import (
-    WAIT_MS,
-    follow_problems,
-    serve_nothing,
-    stop,
-    text_of,
-    trace,
-    wait_for_text,
-)
+from app_access import CONTRAST, missed_controls
+from app_browser import opened_app, text_of, trace, wait_for_text
 from import_tables import nearly_one_orientation
 from workbench.app.wizard.draft import Draft, folder_of, positive
 from workbench.app.wizard.files import Dropped, safe_name
@@ -230,21 +223,14 @@ pages = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory):
-    made = serve_nothing(tmp_path_factory.mktemp("wizard"))
-    yield made
-    stop(made)
+def page(browser, tmp_path_factory):
+    with opened_app(browser, None, tmp_path_factory.mktemp("wizard"), "Import") as page:
+        yield page
 
 
 @pytest.fixture(scope="module")
-def page(browser, served):
-    page = browser.new_page(viewport={"width": 1400, "height": 1000})
-    page.set_default_timeout(WAIT_MS)
-    page.problems = follow_problems(page)
-    page.goto(served.address)
-    page.locator("[data-tab=import]").wait_for()
-    yield page
-    page.close()
+def served(page):
+    return page.served
 
 
 DROP = """async ([selector, files]) => {
@@ -288,6 +274,16 @@ def test_dropped_tables_are_read_and_their_units_found(page, tables):
     assert "joints in radians, point in inches" in fits.inner_text()
     first = page.get_by_role("group", name="First samples of the recording").inner_text()
     assert f"{tables[2][0][0]:.6g}" in first
+
+
+@pages
+def test_every_control_of_a_filled_wizard_is_reached_by_the_tabulator_key(page):
+    assert missed_controls(page) == []
+
+
+@pages
+def test_text_of_a_filled_wizard_has_a_contrast_of_at_least_4_5(page):
+    assert page.evaluate(CONTRAST) == []
 
 
 @pages

@@ -7,13 +7,10 @@ from app_browser import (
     calibrate_arm,
     click_row,
     emit,
-    follow_problems,
-    open_page,
+    opened_app,
     run_workbench,
     scrub_by_key,
-    serve,
     show_tab,
-    stop,
     text_of,
     trace,
     wait_for_text,
@@ -31,20 +28,16 @@ earn = false
 
 
 @pytest.fixture(scope="module")
-def served(real, tmp_path_factory):
+def page(browser, real, tmp_path_factory):
     real(NAME)
     run = calibrate_arm(NAME, tmp_path_factory.mktemp("real"), PLAN)
-    made = serve(run, tmp_path_factory.mktemp("session"))
-    yield made
-    stop(made)
+    with opened_app(browser, run, tmp_path_factory.mktemp("session")) as page:
+        yield page
 
 
 @pytest.fixture(scope="module")
-def page(browser, served):
-    page = open_page(browser, served)
-    page.problems = follow_problems(page)
-    yield page
-    page.close()
+def served(page):
+    return page.served
 
 
 def count_of(page) -> int:

@@ -10,10 +10,10 @@ import pytest
 from app_browser import (
     cancel_run,
     open_page,
+    opened_app,
     run_workbench,
     serve,
     show_tab,
-    stop,
     trace,
     wait_for_text,
 )
@@ -22,17 +22,14 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
-def served(arm_run, tmp_path):
-    made = serve(arm_run, tmp_path / "session")
-    yield made
-    stop(made)
+def served(page):
+    return page.served
 
 
 @pytest.fixture
-def page(browser, served):
-    page = open_page(browser, served)
-    yield page
-    page.close()
+def page(browser, arm_run, tmp_path):
+    with opened_app(browser, arm_run, tmp_path / "session") as page:
+        yield page
 
 
 def test_a_rerun_shows_before_and_after_and_the_command_line_repeats_it(page, served, tmp_path):

@@ -7,14 +7,11 @@ from app_browser import (
     cancel_run,
     click_row,
     emit,
-    follow_problems,
-    open_page,
+    opened_app,
     plot,
     run_workbench,
     scrub_by_key,
-    serve,
     show_tab,
-    stop,
     text_of,
     trace,
     wait_for_text,
@@ -24,18 +21,14 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def served(scanner_run, tmp_path_factory):
-    made = serve(scanner_run, tmp_path_factory.mktemp("session"))
-    yield made
-    stop(made)
+def page(browser, scanner_run, tmp_path_factory):
+    with opened_app(browser, scanner_run, tmp_path_factory.mktemp("session"), "Recording") as page:
+        yield page
 
 
 @pytest.fixture(scope="module")
-def page(browser, served):
-    page = open_page(browser, served, "Recording")
-    page.problems = follow_problems(page)
-    yield page
-    page.close()
+def served(page):
+    return page.served
 
 
 def _choose_image(page, name: str) -> str:

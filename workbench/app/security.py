@@ -31,6 +31,8 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
+LIBRARIES = "/__trame_"
+"""Addresses of libraries begin with this and hold their version: the browser may keep them, and their compiled code."""
 
 
 def new_token() -> str:
@@ -129,6 +131,8 @@ def _complete(response, request, gate: Gate) -> None:
     """Add the security headers and, where the address carries the token, the cookie."""
     if response.prepared:
         return
+    if request.path.startswith(LIBRARIES) and response.status == 200:
+        response.headers["Cache-Control"] = "private, max-age=31536000, immutable"
     for name, value in HEADERS.items():
         response.headers.setdefault(name, value)
     if gate.is_token(request.query.get("token", "")):

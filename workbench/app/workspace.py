@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Iterable
 from functools import cached_property
 from pathlib import Path
+from threading import RLock
 
 import numpy as np
 
@@ -34,14 +35,17 @@ from workbench.app.jobs import DONE, RUNNING, Job
 from workbench.core.errors import InputError
 
 DIAGNOSE = "diagnose"
+_ORIENTATION = "held-out orientation RMS (deg)"
 _COMPARED = {
     CALIBRATE: (
         ("samples", "samples"),
         ("RMS of the fit (mm)", "fit"),
         ("held-out RMS (mm)", "held_out"),
+        (_ORIENTATION, "held_out", "rotation_rms_deg"),
     ),
     CAMERA: (("images used", "views"), ("corners", "corners"), ("RMS (px)", "rms_px")),
 }
+_UNKNOWN = "–"
 _MOST_KNOWN = 24
 REPLACE, EXTEND, REMOVE = "replace", "extend", "remove"
 
@@ -55,6 +59,7 @@ class Workspace:
 
     def __init__(self, opened: Opened, path: Path):
         self.path = Path(path)
+        self._lock = RLock()
         self.runs: list[Opened] = [opened]
         self.history = History(_first_session(opened, self.path))
         self.job: Job | None = None
@@ -195,11 +200,12 @@ class Workspace:
 
     def _memo(self, key: tuple, compute: Callable):
         """What `compute` gives, computed once for a key; a few of the latest are kept."""
-        if key not in self._known:
-            while len(self._known) >= _MOST_KNOWN:
-                self._known.pop(next(iter(self._known)))
-            self._known[key] = compute()
-        return self._known[key]
+        with self._lock:  # the first figures are prepared in the background
+            if key not in self._known:
+                while len(self._known) >= _MOST_KNOWN:
+                    self._known.pop(next(iter(self._known)))
+                self._known[key] = compute()
+            return self._known[key]
 
     # Edits
 
@@ -297,9 +303,10 @@ class Workspace:
         if self.previous is None:
             return []
         rows = []
-        for name, key in _COMPARED[self.session.command]:
-            before, after = (_figure(run.answer, key) for run in (self.previous, self.opened))
-            rows.append({"name": name, "before": before, "after": after})
+        for name, *keys in _COMPARED[self.session.command]:
+            before, after = (_figure(run.answer, *keys) for run in (self.previous, self.opened))
+            if name != _ORIENTATION or (before, after) != (_UNKNOWN, _UNKNOWN):
+                rows.append({"name": name, "before": before, "after": after})
         return rows
 
     # Inside
@@ -359,14 +366,17 @@ def quantities_of(opened: Opened) -> dict[str, np.ndarray]:
 
     if not opened.samples.n:  # images alone
         return {}
-    return {label: values[opened.rows] for label, values in quantities(opened.samples)}
+    rows = opened.rows
+    if np.array_equal(rows, np.arange(opened.samples.n)):  # no copy of a large recording
+        return dict(quantities(opened.samples))
+    return {label: values[rows] for label, values in quantities(opened.samples)}
 
 
-def _figure(answer, key: str) -> str:
+def _figure(answer, key: str, inner: str = "rms_mm") -> str:
     value = answer.get(key)
-    value = value.get("rms_mm") if isinstance(value, dict) else value
+    value = value.get(inner) if isinstance(value, dict) else value
     if value is None:
-        return "–"
+        return _UNKNOWN
     return f"{value:,}" if isinstance(value, int) else f"{value:.4g}"
 
 

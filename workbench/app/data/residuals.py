@@ -1,6 +1,7 @@
 """Residuals of a run from its files: vectors by sample, and arrows in the robot's root frame."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from workbench.files.results import ARROWS
 
 TABLE = "residuals.csv"
 FIT, HELD_OUT, NOMINAL = "fit", "held_out", "nominal"
+ROTATION = "_deg"
+"""End of a kind of residual of the orientation, such as "held_out_deg"."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,8 +21,9 @@ class Residuals:
     """Of m samples: `sample` (m,) numbers, `vectors` kind -> (3, m) mm, predicted minus measured.
 
     Kinds are "fit", "held_out" (nan where a row was never held out) and "nominal", or "before" and "after" of a
-    diagnosis. `points`, `arrows` (3, m) mm in the robot's root frame and `pose` (m,) are None where an older
-    version wrote the run.
+    diagnosis. `angles` kind -> (m,) deg, angle of the rotation from measured to predicted orientation, where poses or
+    directions were measured. `points`, `arrows` (3, m) mm in the robot's root frame and `pose` (m,) are None where an
+    older version wrote the run.
     """
 
     sample: np.ndarray
@@ -27,11 +31,13 @@ class Residuals:
     points: np.ndarray | None = None
     arrows: np.ndarray | None = None
     pose: np.ndarray | None = None
+    angles: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @cached_property
     def lengths(self) -> dict[str, np.ndarray]:
-        """Kind -> (m,) mm, 3-D length of the residual."""
-        return {kind: np.sqrt((vector**2).sum(0)) for kind, vector in self.vectors.items()}
+        """Kind -> (m,) mm, 3-D length of the residual; kinds that end in "_deg" are angles in degrees."""
+        found = {kind: np.sqrt((vector**2).sum(0)) for kind, vector in self.vectors.items()}
+        return found | {f"{kind}{ROTATION}": values for kind, values in self.angles.items()}
 
     @cached_property
     def shown(self) -> np.ndarray:
@@ -54,7 +60,24 @@ def read_residuals(folder: Path) -> Residuals | None:
     if not vectors or "sample" not in columns:
         return None
     sample = columns["sample"].astype(int)
-    return Residuals(sample, vectors, *_read_arrows(folder / ARROWS, sample))
+    placed = _read_arrows(folder / ARROWS, sample)
+    return Residuals(sample, vectors, *placed, _angles(columns, vectors))
+
+
+def unit_of(kind: str) -> str:
+    """Unit of a kind of residual."""
+    return "deg" if kind.endswith(ROTATION) else "mm"
+
+
+def _angles(columns: Mapping[str, np.ndarray], kinds: Iterable[str]) -> dict[str, np.ndarray]:
+    """Kind -> (m,) deg: length of the rotation vector, or the angle between two directions."""
+    found = {}
+    for kind in kinds:
+        parts = [columns.get(f"{kind}_{axis}_deg") for axis in ("rx", "ry", "rz", "axis")]
+        known = [part for part in parts if part is not None]
+        if known:
+            found[kind] = np.sqrt((np.stack(known) ** 2).sum(0))
+    return found
 
 
 def read_columns(path: Path) -> dict[str, np.ndarray]:

@@ -5,7 +5,7 @@ import plotly.graph_objects as go
 
 from workbench.app.data.arm import has_arm, reach
 from workbench.app.data.decimate import MOST_ARROWS, MOST_POINTS, thinned
-from workbench.app.data.residuals import FIT, HELD_OUT, NOMINAL, Residuals
+from workbench.app.data.residuals import FIT, HELD_OUT, NOMINAL, ROTATION, Residuals, unit_of
 from workbench.app.figures import robot, style
 from workbench.app.workspace import Workspace
 
@@ -28,8 +28,6 @@ _COLOURS = {
 
 def arrows(work: Workspace) -> go.Figure:
     """Arrows from the measured points, coloured by length; the arm at the current sample."""
-    from workbench.report.calibration.scene import arrow_scale
-
     made = style.space("arrows")
     residuals = work.opened.residuals
     if residuals is None or residuals.points is None:
@@ -38,7 +36,7 @@ def arrows(work: Workspace) -> go.Figure:
     drawn = work.drawn(MOST_ARROWS)
     drawn = drawn[work.kept[drawn]]
     places, vectors = residuals.points[:, drawn], residuals.arrows[:, drawn]
-    scale = arrow_scale(places, vectors) if drawn.size else 1.0
+    scale = _enlargement(work, places, vectors)
     numbers = work.opened.edit_ids[drawn]
     _add_arrows(made, places, scale * vectors, drawn, lengths[drawn])
     _add_marks(made, places, drawn, lengths[drawn], numbers)
@@ -52,6 +50,16 @@ def arrows(work: Workspace) -> go.Figure:
     )
     made.update_layout(title=dict(text=text, x=0.01, y=0.99, yanchor="top", font_size=13))
     return made
+
+
+def _enlargement(work: Workspace, places, vectors) -> float:
+    """How many times arrows are enlarged, so that they can be seen in a scene with the arm too."""
+    from workbench.report.calibration.scene import arrow_scale
+
+    if not vectors.size:
+        return 1.0
+    box = np.stack(reach(work.opened, False), axis=1) if has_arm(work.opened) else places
+    return arrow_scale(box, vectors)
 
 
 def _add_arrows(made, places, vectors, rows, lengths) -> None:
@@ -89,7 +97,7 @@ def _add_marks(made, places, rows, lengths, numbers) -> None:
         mode="markers",
         name="measured points",
         customdata=rows,
-        text=[f"sample {n}: {value:.4f} mm" for n, value in zip(numbers, lengths)],
+        text=numbers,
         marker=dict(
             size=3,
             color=lengths,
@@ -98,7 +106,7 @@ def _add_marks(made, places, rows, lengths, numbers) -> None:
             cmax=_top(lengths),
             colorbar=bar,
         ),
-        hovertemplate="%{text}<extra></extra>",
+        hovertemplate="sample %{text}: %{marker.color:.4f} mm<extra></extra>",
     )
 
 
@@ -124,8 +132,8 @@ def _add_selected(made, work: Workspace) -> None:
 
 def chart(work: Workspace, name: str, kind: str) -> go.Figure:
     """Length of the residual over one quantity, with means of bins of equal count over all samples."""
-    label = kind_label(work.opened.residuals, kind)
-    made = style.plane(style.plain(name), f"residual, {label} (mm)", f"chart-{name}-{kind}")
+    label, unit = kind_label(work.opened.residuals, kind), unit_of(kind)
+    made = style.plane(style.plain(name), f"residual, {label} ({unit})", f"chart-{name}-{kind}")
     made.update_layout(dragmode="select", selectionrevision=name, clickmode="event")
     if name not in work.quantities:
         return made
@@ -148,7 +156,7 @@ def chart(work: Workspace, name: str, kind: str) -> go.Figure:
             marker=dict(
                 size=5 if label == "samples" else 8, color=colour, symbol=symbol, opacity=0.7
             ),
-            hovertemplate="sample %{text}: %{y:.4f} mm<extra></extra>",
+            hovertemplate="sample %{text}: %{y:.4f} " + unit + "<extra></extra>",
         )
     centres, means = work.means(name, kind or "")
     made.add_scattergl(
@@ -164,6 +172,8 @@ def chart(work: Workspace, name: str, kind: str) -> go.Figure:
 
 def kind_label(residuals: Residuals | None, kind: str) -> str:
     """Words for a kind of residual; "" is the kind that is shown where none is chosen."""
+    if kind.endswith(ROTATION):
+        return f"{_NAMES[kind.removesuffix(ROTATION)]}, orientation"
     if kind or residuals is None:
         return _NAMES.get(kind, kind)
     if HELD_OUT not in residuals.lengths:
@@ -184,14 +194,21 @@ def _name_groups(made: go.Figure, work: Workspace, name: str) -> None:
         made.update_xaxes(tickvals=numbers, ticktext=texts)
 
 
-def histogram_figure(work: Workspace, threshold: float | None = None) -> go.Figure:
-    """Counts of the lengths of the fit with the held-out ones over them, and the outlier threshold."""
-    made = style.plane("residual (mm)", "samples", "histogram")
+def histogram_figure(
+    work: Workspace, threshold: float | None = None, unit: str = "mm"
+) -> go.Figure:
+    """Counts of the lengths of the fit with the held-out ones over them, and the outlier threshold.
+
+    unit: "mm" for positions, "deg" for orientations.
+    """
+    made = style.plane(f"residual ({unit})", "samples", f"histogram-{unit}")
     made.update_layout(barmode="overlay", bargap=0.02, clickmode="event", dragmode="select")
     residuals = work.opened.residuals
     if residuals is None:
         return made
-    kinds = [kind for kind in (FIT, HELD_OUT, "before", "after") if kind in residuals.lengths]
+    end = ROTATION if unit == "deg" else ""
+    wanted = [f"{kind}{end}" for kind in (FIT, HELD_OUT, "before", "after")]
+    kinds = [kind for kind in wanted if kind in residuals.lengths]
     counted = work.counts(kinds)
     middle = (counted.edges[:-1] + counted.edges[1:]) / 2
     ends = list(zip(counted.edges[:-1].tolist(), counted.edges[1:].tolist()))
@@ -200,11 +217,13 @@ def histogram_figure(work: Workspace, threshold: float | None = None) -> go.Figu
             x=middle,
             y=counts,
             width=np.diff(counted.edges),
-            name=_NAMES[kind],
+            name=_NAMES[kind.removesuffix(ROTATION)],
             customdata=[[low, high, kind] for low, high in ends],
-            marker_color=_COLOURS[kind],
+            marker_color=_COLOURS[kind.removesuffix(ROTATION)],
             opacity=0.55,
-            hovertemplate="%{customdata[0]:.4f} to %{customdata[1]:.4f} mm: %{y}<extra></extra>",
+            hovertemplate="%{customdata[0]:.4f} to %{customdata[1]:.4f} "
+            + unit
+            + ": %{y}<extra></extra>",
         )
     if threshold is not None:
         made.add_vline(
@@ -219,8 +238,6 @@ def histogram_figure(work: Workspace, threshold: float | None = None) -> go.Figu
 
 def side_by_side(work: Workspace) -> go.Figure:
     """Arrows of the run before and of the newest run, with the same enlargement and the same colours."""
-    from workbench.report.calibration.scene import arrow_scale
-
     pairs = [("before", work.previous), ("after", work.opened)]
     made = go.Figure(layout=style.space("side-by-side").layout)
     runs = [(name, run.residuals) for name, run in pairs if run is not None]
@@ -229,7 +246,7 @@ def side_by_side(work: Workspace) -> go.Figure:
         return made
     top = max(_top(found.shown) for _, found in runs)
     first = runs[0][1]
-    scale = arrow_scale(first.points, first.arrows)
+    scale = _enlargement(work, first.points, first.arrows)
     for k, (name, found) in enumerate(runs):
         drawn = thinned(len(found.shown), MOST_ARROWS // 2, found.shown)
         _add_pair(made, found, drawn, scale, top, k)

@@ -109,7 +109,7 @@ def _current(made: go.Figure, point: np.ndarray) -> None:
         mode="markers",
         name="current sample",
         hoverinfo="skip",
-        marker=dict(size=7, color=style.ORANGE, symbol="diamond"),
+        marker=dict(size=5, color=style.ORANGE, symbol="diamond"),
     )
 
 
@@ -165,8 +165,14 @@ def coverage(work: Workspace) -> go.Figure:
     titles = [_range_title(one) for one in joints]
     titles += [f"flange: {b} over {a} (mm)" for a, b in views]
     rows = max(-(-len(titles) // _ACROSS), 1)
+    ground = go.Figure(layout=dict(template=style.TEMPLATE))
     made = make_subplots(
-        rows, _ACROSS, subplot_titles=titles, vertical_spacing=0.16, horizontal_spacing=0.08
+        rows,
+        _ACROSS,
+        subplot_titles=titles,
+        vertical_spacing=0.16,
+        horizontal_spacing=0.08,
+        figure=ground,
     )
     for k, one in enumerate(joints):
         middle = (one["edges"][:-1] + one["edges"][1:]) / 2
@@ -179,7 +185,6 @@ def coverage(work: Workspace) -> go.Figure:
     made.update_yaxes(nticks=4)
     made.update_annotations(font_size=12)
     return made.update_layout(
-        template="plotly_white",
         shapes=limits,
         font=dict(family="Roboto, Arial, sans-serif", size=12, color=style.INK),
         margin=dict(l=44, r=12, t=30, b=30),

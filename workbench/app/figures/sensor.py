@@ -17,7 +17,7 @@ _SIGNED = [[0, style.BLUE], [0.5, "#c3c7cd"], [1, "#b3261e"]]
 """Colours from negative to positive deviations; zero is grey, so that it stands out on white."""
 _FROM_SENSOR = dict(eye=dict(x=0.85, y=-0.6, z=-1.9), up=dict(x=0, y=-1, z=0))
 """The view from the sensor, whose z axis points to the object."""
-_WHOLE = dict(eye=dict(x=1.6, y=-1.7, z=0.7), center=dict(x=0, y=0, z=0))
+_WHOLE = dict(eye=dict(x=1.8, y=-1.9, z=0.8), center=dict(x=0, y=0, z=-0.1))
 
 
 def image(shown: Overlay, residual: np.ndarray | None = None) -> go.Figure:

@@ -13,11 +13,14 @@ from trame.app import asynchronous
 from trame.widgets import html, plotly
 from trame.widgets import vuetify3 as v3
 
+from workbench.app.figures.still import still
 from workbench.app.workspace import Workspace
 from workbench.core.errors import InputError
 
 _log = logging.getLogger(__name__)
 _TURN_S = 0.005
+_STILL = "position: absolute; width: 100%; height: calc(100% - 64px)"
+"""Where the scene of a figure in space lies, above its legend."""
 
 
 def raw(**attributes: object) -> dict:
@@ -38,6 +41,7 @@ class Page:
     def __init__(self, server, work: Workspace | None):
         self.server, self.state, self.work = server, server.state, work
         self.tabs: dict[str, Tab] = {}
+        self.has_drawn = False
         self._is_warm = False
 
     @property
@@ -151,6 +155,7 @@ class Tab:
         self.page, self.state = page, page.state
         self.figures: dict[str, plotly.Figure] = {}
         self._wanted: dict[str, Callable] = {}
+        self._drawn: dict[str, tuple] = {}
         self._is_drawing = False
 
     @property
@@ -166,6 +171,9 @@ class Tab:
         """Send what the tab shows."""
         raise NotImplementedError
 
+    def prepare(self) -> None:
+        """Compute what the first figures need; called in the background while the browser starts."""
+
     @property
     def is_shown(self) -> bool:
         """Whether the browser shows this tab."""
@@ -173,12 +181,20 @@ class Tab:
 
     def figure(self, name: str, label: str, height: str = "60vh", **events) -> None:
         """A plotly figure; label: what a screen reader says of it."""
+        self.state[f"still_{name}"] = ""
         with html.Div(
-            style=f"height: {height}; width: 100%",
+            style=f"position: relative; height: {height}; width: 100%",
             **raw(role="img", aria_label=label, data_figure=name),
         ):
+            html.Img(
+                src=(f"still_{name}",),
+                v_if=f"still_{name}",
+                style=_STILL,
+                **raw(alt="", data_still=name, elementtiming=f"still-{name}"),
+            )
             self.figures[name] = plotly.Figure(
                 state_variable_name=f"figure_{name}",
+                v_if=f"Object.keys(figure_{name}.layout).length",  # no empty axes before its turn
                 display_logo=("false",),
                 display_mode_bar=("false",),  # its buttons cannot be reached by keyboard
                 scroll_zoom=("true",),
@@ -189,6 +205,16 @@ class Tab:
         """Send a figure."""
         self.figures[name].update(made)
 
+    def draw_still(self, name: str, make: Callable) -> None:
+        """Show a figure in space as an image first, where nothing was drawn yet: the chart library loads later.
+
+        The chart has a white ground, so that it covers the image.
+        """
+        if not self.page.has_drawn:
+            self.page.has_drawn = True
+            key = f"still_{name}"
+            self._queue(key, lambda: self.state.update({key: still(make())}))
+
     def draw_in_turn(self, **makers: Callable) -> None:
         """Make and send figures one after another in the background, in the order given.
 
@@ -197,18 +223,32 @@ class Tab:
 
         makers: name of the figure -> function that makes it.
         """
-        self._wanted.update(makers)
+        for name, make in makers.items():
+            self._queue(name, functools.partial(self._make_and_draw, name, make))
+
+    def _make_and_draw(self, name: str, make: Callable) -> None:
+        self.draw(name, make())
+
+    def _queue(self, name: str, action: Callable) -> None:
+        """Do something in the background; of a name that is queued twice only the newest is done."""
+        self._wanted[name] = action
         if not self._is_drawing:
             self._is_drawing = True
             asynchronous.create_task(self._draw_wanted())
+
+    def draw_when_changed(self, name: str, key: tuple, make: Callable) -> None:
+        """Make and send a figure in its turn, unless it is already drawn for the same key."""
+        if self._drawn.get(name) != key:
+            self._drawn[name] = key
+            self.draw_in_turn(**{name: make})
 
     async def _draw_wanted(self) -> None:
         await asyncio.sleep(_TURN_S)
         while self._wanted:
             name = next(iter(self._wanted))
-            make = self._wanted.pop(name)
+            action = self._wanted.pop(name)
             with self.state:
-                self.page.attempt(lambda name=name, make=make: self.draw(name, make()))
+                self.page.attempt(action)
             await asyncio.sleep(_TURN_S)
         self._is_drawing = False
 

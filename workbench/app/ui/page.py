@@ -1,6 +1,7 @@
 """The page as a whole: bar with tabs, messages, and the tab that is chosen."""
 
 from pathlib import Path
+from threading import Thread
 
 from trame.ui.vuetify3 import VAppLayout
 from trame.widgets import client, html
@@ -11,6 +12,7 @@ from workbench.app.ui.base import Page, raw
 from workbench.app.ui.diagnosis import DiagnosisTab
 from workbench.app.ui.edit import EditTab
 from workbench.app.ui.importing import ImportTab
+from workbench.app.ui.library import defer_charts
 from workbench.app.ui.recording import RecordingTab
 from workbench.app.ui.residuals import ResidualsTab
 from workbench.app.ui.sensor import SensorTab
@@ -65,7 +67,10 @@ def build(server, opened: Opened | None, session: Path | None) -> Page:
     ]
     page.tabs = {tab.name: tab for tab in tabs}
     _layout(server, page, tabs)
+    defer_charts(state)
     state.change("tab")(lambda **_: page.show_tab())
+    if opened is not None:
+        Thread(target=page.tabs[state.tab].prepare, daemon=True).start()
     return page
 
 

@@ -115,6 +115,7 @@ class RecordingTab(Tab):
         ]
         self._describe()
         if self.state.has_arm:
+            self.draw_still("scene", lambda: robot.scene(self.work))
             self.draw_in_turn(scene=lambda: robot.scene(self.work))
         if self._covered is not self.work.opened:  # no edit changes it
             self._covered = self.work.opened

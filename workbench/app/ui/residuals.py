@@ -3,6 +3,7 @@
 from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
+from workbench.app.data.residuals import unit_of
 from workbench.app.figures import residuals
 from workbench.app.ui.base import Tab, number_of, points_of, range_of, raw, whole_number
 from workbench.app.ui.image_panel import ImagePanel
@@ -14,6 +15,14 @@ _MODES = [
     {"title": "add", "value": EXTEND},
     {"title": "remove", "value": REMOVE},
 ]
+_HEADS = {
+    "sample": "Sample",
+    "pose": "Pose",
+    "length": "Residual (mm)",
+    "held_out": "Held out (mm)",
+    "angle": "Orientation (deg)",
+    "image": "Image",
+}
 
 
 class ResidualsTab(Tab):
@@ -97,7 +106,7 @@ class ResidualsTab(Tab):
             "Histogram of the residuals of the fit and held out",
             "30vh",
             click=(handler(self.on_bar), points_of("select_mode")),
-            selected=(handler(self.on_brush_lengths), range_of("select_mode")),
+            selected=(handler(self.on_brush_lengths), range_of("select_mode", "kind")),
         )
 
     def _selection(self) -> None:
@@ -126,10 +135,10 @@ class ResidualsTab(Tab):
             **raw(role="group", aria_label="Selected samples"),
         ):
             with html.Thead(), html.Tr():
-                for head in ("Sample", "Pose", "Residual (mm)", "Held out (mm)", "Image"):
+                for head in _HEADS.values():
                     html.Th(head, **raw(scope="col"))
             with html.Tbody(), html.Tr(v_for="one in selected_table", key="one.row"):
-                for key in ("sample", "pose", "length", "held_out", "image"):
+                for key in _HEADS:
                     html.Td("{{ one." + key + " }}")
 
     def _field(self, key: str, label: str) -> None:
@@ -168,18 +177,32 @@ class ResidualsTab(Tab):
         if state.quantity not in work.quantities:
             state.quantity = next(iter(work.quantities), "")
         state.kinds = _kind_items(work.opened.residuals)
+        if state.kind not in [one["value"] for one in state.kinds]:
+            state.kind = ""
         state.no_arrows = (
             "This run does not hold the positions of its residuals; a run of calibrate does."
             if has and work.opened.residuals.points is None
             else ""
         )
         self._describe()
-        self.draw_in_turn(
-            histogram=lambda: residuals.histogram_figure(
-                self.work
-            ),  # needs no WebGL: soonest drawn
-            chart=self._chart,
-            arrows=lambda: residuals.arrows(self.work),
+        if has and not state.no_arrows:
+            self.draw_still("arrows", lambda: residuals.arrows(self.work))
+        self._draw_histogram()
+        self.draw_in_turn(chart=self._chart, arrows=lambda: residuals.arrows(self.work))
+
+    def prepare(self) -> None:
+        if self.work.opened.residuals is not None:
+            residuals.arrows(self.work)
+            residuals.histogram_figure(self.work)
+            residuals.chart(self.work, next(iter(self.work.quantities), ""), "")
+
+    def _draw_histogram(self) -> None:
+        """It needs no WebGL and is drawn soonest; a selection does not change it."""
+        unit = unit_of(self.state.kind or "")
+        self.draw_when_changed(
+            "histogram",
+            (self.work.opened, self.work.session.changes, unit),
+            lambda: residuals.histogram_figure(self.work, unit=unit),
         )
 
     def _describe(self) -> None:
@@ -215,8 +238,11 @@ class ResidualsTab(Tab):
             if found is None or "held_out" not in found.lengths
             else f"{found.lengths['held_out'][row]:.4f}"
         )
+        angles = {} if found is None else found.angles
+        angle = angles.get("held_out", angles.get("fit", angles.get("after")))
         return {
             "row": row,
+            "angle": "–" if angle is None else f"{angle[row]:.4f}",
             "sample": number,
             "pose": pose,
             "length": f"{work.lengths()[row]:.4f}",
@@ -227,6 +253,7 @@ class ResidualsTab(Tab):
     def _on_choice(self, **_) -> None:
         if self.is_shown:
             self.draw_in_turn(chart=self._chart)
+            self._draw_histogram()
 
     def _chart(self):
         return residuals.chart(self.work, self.state.quantity, self.state.kind)
@@ -250,11 +277,11 @@ class ResidualsTab(Tab):
             x, y = ([number_of(end, "brush") for end in box[axis]] for axis in ("x", "y"))
             self.work.select_box(quantity, x, y, str(kind or ""), _checked_mode(mode))
 
-    def on_brush_lengths(self, box, mode=REPLACE) -> None:
-        """Select the samples in a range of the histogram."""
+    def on_brush_lengths(self, box, mode=REPLACE, kind="") -> None:
+        """Select the samples in a range of the histogram, of the residual `kind`."""
         if box:
             low, high = sorted(number_of(end, "brush") for end in box["x"])
-            self.work.select_lengths(low, high, mode=_checked_mode(mode))
+            self.work.select_lengths(low, high, str(kind or ""), _checked_mode(mode))
 
     def select_lengths(self, low, high, mode=REPLACE) -> None:
         """Select by the two fields; an empty one sets no limit."""
@@ -307,6 +334,6 @@ def _kind_items(found) -> list[dict]:
     if found is None:
         return []
     shown = residuals.kind_label(found, "")
-    others = [(residuals.kind_label(found, kind), kind) for kind in found.vectors]
+    others = [(residuals.kind_label(found, kind), kind) for kind in found.lengths]
     items = [(shown, ""), *(item for item in others if item[0] != shown)]
     return [{"title": title, "value": kind} for title, kind in items]

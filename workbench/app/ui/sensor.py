@@ -39,16 +39,20 @@ class SensorTab(Tab):
             "{{ no_sensor }}", v_if="no_sensor", type="info", variant="outlined", classes="mb-2"
         )
         with v3.VRow():
-            with v3.VCol(cols=12, lg=6, v_if="has_scanner"):
-                html.H2("Light planes and mirror axis", classes="text-subtitle-1 font-weight-bold")
-                self.figure("planes", "Light planes and mirror axis in space", "58vh")
+            with v3.VCol(cols=12, lg=6, v_if="has_scanner || camera_table.length"):
+                with html.Div(v_if="has_scanner"):
+                    self._planes()
+                self._camera()
             with v3.VCol(cols=12, lg=6, v_if="scans.length"):
                 self._clouds()
-        self._camera()
         with html.Div(v_if="sensor_images.length"):
             self._images()
         state.change("scan")(self._on_scan)
         state.change("sensor_image")(self._on_image)
+
+    def _planes(self) -> None:
+        html.H2("Light planes and mirror axis", classes="text-subtitle-1 font-weight-bold")
+        self.figure("planes", "Light planes and mirror axis in space", "58vh")
 
     def _camera(self) -> None:
         with html.Div(v_if="camera_table.length", style="max-width: 640px"):

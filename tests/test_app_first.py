@@ -1,0 +1,103 @@
+"""What the page shows first: texts and an image of the scene, before the chart library has been loaded."""
+
+import base64
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+
+from app_browser import emit, open_page, plot, serve, stop, wait_for_text
+
+LIBRARY = "**/trame-plotly.umd.js"
+
+
+def _scene(colours):
+    """A framed scene of two arrows, as the app draws them."""
+    from workbench.app.figures import style
+
+    made = style.framed(style.space("view"), (-10, -10, -10), (10, 10, 10))
+    x = [0.0, 5.0, np.nan, 0.0, 0.0, np.nan]
+    line = dict(color=colours, colorscale=style.LENGTHS, cmin=0, cmax=1.0, width=3)
+    made.add_scatter3d(x=x, y=[0.0] * 6, z=x[::-1], mode="lines", line=line)
+    return made.update_layout(title_text="<b>2 arrows")
+
+
+def _paths(address: str) -> list:
+    kind, _, text = address.partition(",")
+    assert kind == "data:image/svg+xml;base64"
+    root = ElementTree.fromstring(base64.b64decode(text))
+    return root.findall("{http://www.w3.org/2000/svg}path")
+
+
+def test_an_image_of_a_scene_shows_its_box_and_every_class_of_colours():
+    from workbench.app.figures.still import still
+
+    paths = _paths(still(_scene([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])))
+    assert len(paths) == 12 + 2
+    assert [path.get("stroke") for path in paths[12:]] == ["#7dafd8", "#902117"]
+
+
+def test_an_image_of_a_scene_keeps_its_centre_and_its_up():
+    from workbench.app.figures.still import _View
+
+    view = _View(_scene("#000000").layout.scene)
+    centre, up = view.project(np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 5.0]])).T
+    assert abs(centre[0]) < 1e-9 and up[1] < centre[1] - 10
+
+
+def test_a_template_of_the_app_keeps_figures_light():
+    from workbench.app.figures import style
+
+    assert len(style.plane("x", "y", "view").to_json()) < 1000
+
+
+@pytest.fixture(scope="module")
+def served(arm_run, tmp_path_factory):
+    made = serve(arm_run, tmp_path_factory.mktemp("session"))
+    yield made
+    stop(made)
+
+
+@pytest.fixture
+def page(browser, served):
+    """A page whose chart library is held back until `page.held` is continued."""
+    page = browser.new_page(viewport={"width": 1400, "height": 900})
+    page.held = []
+    page.route(LIBRARY, lambda route: page.held.append(route))
+    page.goto(served.address)
+    yield page
+    page.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("opening", ["first", "again"])
+def test_texts_and_an_image_of_the_residuals_need_no_chart_library(page, opening):
+    wait_for_text(page, "selection", "0 of 300 samples selected")
+    image = page.locator("[data-still=arrows]")
+    image.wait_for(timeout=60_000)
+    page.wait_for_function(
+        "(one) => one.complete && one.naturalWidth > 0", arg=image.element_handle()
+    )
+    assert page.locator(".js-plotly-plot").count() == 0
+    page.wait_for_function("() => !window.Plotly && document.querySelector('[data-still=arrows]')")
+    while not page.held:
+        page.wait_for_timeout(50)
+    page.held[0].continue_()
+    plot(page, "arrows")
+
+
+@pytest.mark.slow
+def test_a_selection_does_not_draw_the_histogram_again(browser, served):
+    page = open_page(browser, served, "Residuals")
+    for name in ("histogram", "chart", "arrows"):
+        plot(page, name)
+    keep = "(one) => { window.kept = window.kept || {}; window.kept[%r] = one.data; }"
+    for name in ("histogram", "chart"):
+        plot(page, name).evaluate(keep % name)
+    emit(page, "arrows", "plotly_click", {"points": [{"customdata": 7}]})
+    wait_for_text(page, "selection", "1 of 300 samples selected")
+    plot(page, "chart").evaluate(
+        "async (one) => { while (one.data === window.kept.chart) await new Promise((r) => setTimeout(r, 20)); }"
+    )
+    assert plot(page, "histogram").evaluate("(one) => one.data === window.kept.histogram")
+    page.close()

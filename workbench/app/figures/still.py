@@ -1,0 +1,124 @@
+"""A figure in space as an SVG image: shown until the chart library has been loaded and draws the figure itself."""
+
+from base64 import b64encode
+from html import escape
+from itertools import product
+
+import numpy as np
+import plotly.graph_objects as go
+
+from workbench.app.figures.style import INK
+
+WIDTH, HEIGHT = 600, 512
+_CLASSES = 12
+_FIELD_RAD = np.pi / 4
+"""Vertical field of the camera of plotly.js."""
+_GREY = "#d4d4d8"
+
+
+def still(made: go.Figure) -> str:
+    """Address (data:) of an SVG image of the lines and marks of a framed scene, seen from its camera."""
+    view = _View(made.layout.scene)
+    parts = [_box(view)]
+    for trace in made.data:
+        points = np.array([trace.x, trace.y, trace.z], float)
+        if points.size and trace.mode:
+            parts += _marks(view, trace, points)
+    title = escape(made.layout.title.text or "")
+    parts.append(
+        f'<text x="{8 - WIDTH / 2}" y="{16 - HEIGHT / 2}" font-size="12" fill="{INK}">{title}</text>'
+    )
+    frame = f"{-WIDTH / 2} {-HEIGHT / 2} {WIDTH} {HEIGHT}"
+    text = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{frame}" font-family="Arial, sans-serif" '
+        f'fill="none" stroke-linecap="round">{"".join(parts)}</svg>'
+    )
+    return "data:image/svg+xml;base64," + b64encode(text.encode()).decode()
+
+
+class _View:
+    """Projects points of a scene as plotly.js does: perspective, z axis up, equal scales."""
+
+    def __init__(self, scene):
+        axes = (scene.xaxis, scene.yaxis, scene.zaxis)
+        self.low, self.high = np.array([axis.range for axis in axes], float).T
+        self.ratio = _vector(scene.aspectratio)
+        eye, centre = _vector(scene.camera.eye), _vector(scene.camera.center)
+        back = (eye - centre) / np.linalg.norm(eye - centre)
+        right = np.cross([0.0, 0.0, 1.0], back)
+        right /= np.linalg.norm(right)
+        self.eye, self.turn = eye, np.stack([right, np.cross(back, right), back])
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """(2, n) positions in the image of points (3, n) mm; y points down."""
+        share = (points - self.low[:, None]) / (self.high - self.low)[:, None]
+        seen = self.turn @ ((share - 0.5) * self.ratio[:, None] - self.eye[:, None])
+        scale = HEIGHT / 2 / np.tan(_FIELD_RAD / 2)
+        return scale * np.stack([seen[0], -seen[1]]) / -seen[2]
+
+
+def _vector(one) -> np.ndarray:
+    return np.array([one.x, one.y, one.z], float)
+
+
+def _box(view: _View) -> str:
+    """Edges of the box that the axes span."""
+    corners = np.array(list(product((0, 1), repeat=3)))
+    pairs = [(a, b) for a, b in product(corners, corners) if a.sum() < b.sum()]
+    edges = [pair for pair in pairs if np.abs(pair[0] - pair[1]).sum() == 1]
+    size = (view.high - view.low)[:, None]
+    paths = [view.low[:, None] + size * np.stack(pair, axis=1) for pair in edges]
+    return "".join(f'<path d="{_path(view.project(path))}" stroke="{_GREY}"/>' for path in paths)
+
+
+def _marks(view: _View, trace, points: np.ndarray) -> list[str]:
+    """Lines and discs of one trace, in few colours so that few elements are drawn."""
+    places = view.project(points)
+    parts = []
+    if "lines" in trace.mode:
+        width = 0.6 * (trace.line.width or 2)
+        for colour, chosen in _colours(trace.line, len(places[0])):
+            parts.append(_element(_path(places[:, chosen]), colour, width))
+    if "markers" in trace.mode:
+        size = trace.marker.size or 4
+        for colour, chosen in _colours(trace.marker, len(places[0])):
+            dots = np.repeat(places[:, chosen], 3, axis=1)
+            dots[:, 2::3] = np.nan
+            parts.append(_element(_path(dots), colour, size))
+    return parts
+
+
+def _element(path: str, colour: str, width: float) -> str:
+    return f'<path d="{path}" stroke="{colour}" stroke-width="{width:.1f}"/>' if path else ""
+
+
+def _path(places: np.ndarray) -> str:
+    """SVG path through places (2, n); nan lifts the pen."""
+    parts, pen = [], "M"
+    for x, y in places.T.tolist():
+        if x != x:
+            pen = "M"
+            continue
+        parts.append(f"{pen}{x:.1f} {y:.1f}")
+        pen = "L"
+    return "".join(parts)
+
+
+def _colours(style, n: int):
+    """Colour and (n,) bool of each class of points; one class where all have the same colour."""
+    if style.color is None or isinstance(style.color, str):
+        yield style.color or "#000000", np.ones(n, bool)
+        return
+    top = style.cmax or 1.0
+    values = np.clip(np.asarray(style.color, float) / top, 0, 1)
+    classes = np.minimum((values * _CLASSES).astype(int), _CLASSES - 1)
+    for number in np.unique(classes):
+        yield _mixed(style.colorscale, (number + 0.5) / _CLASSES), classes == number
+
+
+def _mixed(scale, share: float) -> str:
+    """Colour of a scale at a share from 0 to 1."""
+    stops = [stop for stop, _ in scale]
+    channels = np.array([[int(text[k : k + 2], 16) for k in (1, 3, 5)] for _, text in scale])
+    red, green, blue = (int(np.interp(share, stops, row)) for row in channels.T)
+    return f"#{red:02x}{green:02x}{blue:02x}"
