@@ -62,10 +62,12 @@ def camera_verdict(calibration, tolerances: Sequence[Tolerance] = ()) -> Verdict
 
 
 def camera_warnings(calibration) -> list[str]:
-    """Why a camera is not trustworthy, if it is not."""
+    """Why a camera or its stated uncertainty is not trustworthy, if it is not."""
     verdict = camera_verdict(calibration)
     if verdict.passed is not False:
-        return []
+        focal = calibration.focal
+        is_doubtful = focal is not None and focal.significant
+        return [f"{_DOUBT_WORDS}: {focal.sentence}"] if is_doubtful else []
     return [
         f"{_POOR_WORDS}: corners miss their predicted places by {verdict.residual:.3g} px, "
         f"{verdict.residual_over_noise:.3g} times their noise; check kind, columns and rows under [board], that all "
