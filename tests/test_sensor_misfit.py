@@ -127,6 +127,14 @@ def test_a_clean_scanner_has_no_warning(run):
     assert scanners.as_json(run)["misfit"]["relevant"] is False
 
 
+def test_a_doubtful_camera_does_not_hide_the_lack_of_fit_of_the_stripes(run):
+    focal = replace(run.calibration.start.focal, share=0.01, shift_px=2.0, p_value=0.0)
+    calibration = replace(run.calibration, start=replace(run.calibration.start, focal=focal))
+    misfit = replace(run.misfit, shift_px=1.0, p_value=0.0)
+    of_camera, of_stripes = scanner_warnings(calibration, misfit, run.asymmetry)
+    assert "focal length differs" in of_camera and "stripes are shifted" in of_stripes
+
+
 @pytest.mark.slow
 def test_a_mirror_that_jitters_is_said(run, measured):
     """Each image displaced by a random shift of 0.1 px: no outlier, but the stated uncertainty is not trustworthy."""

@@ -48,8 +48,8 @@ class FocalScatter:
         return (
             f"the focal length differs from board pose to board pose by {100 * self.share:.2g} % (1 sigma, "
             f"{self.shift_px:.2g} px at the corners; chance does so with probability {self.p_value:.1g}): the lens "
-            "breathes while it focuses, or is loose; no stated uncertainty holds this error, so lock focus and zoom "
-            "and take the images again"
+            "breathes while it focuses, is loose, or looks through a tilted window. No stated uncertainty holds this "
+            "error: lock focus and zoom, remove the window, and take the images again"
         )
 
 

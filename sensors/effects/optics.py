@@ -180,7 +180,9 @@ class FocusBreathing(Effect):
     effect = "focus-breathing"
     port = "ray"
     places = ("camera",)
-    equation = "dray = -c (z - z0) (r - (r.e) e), r the ray, e the optical axis, f(z) = f (1 + c (z - z0))"
+    equation = (
+        "dray = -c (z - z0) (r - (r.e) e), r the ray, e the optical axis, f(z) = f (1 + c (z - z0))"
+    )
     source = "focal length as a function of focus: Willson, CMU-RI-TR-94-03 (1994), ch. 6"
 
     def __init__(self, where: str, z0: float = 0.0):

@@ -135,7 +135,8 @@ def scanner_warnings(
             f"{_POOR_WORDS}: {100 * wrong:.0f} % of the points of the laser line were left out as wrong; take the "
             "images with less light, without reflections, and with the line on the board"
         )
-    if misfit is not None and misfit.is_relevant and not said:
+    is_refused = any(one.startswith(_POOR_WORDS) for one in said)
+    if misfit is not None and misfit.is_relevant and not is_refused:
         said.append(f"{_DOUBT_WORDS}: {misfit.sentence}: {_DIAGNOSE}")
     if asymmetry is not None and asymmetry.is_relevant(calibration.scanner.sigma_px):
         said.append(_of_asymmetry(asymmetry))
