@@ -62,6 +62,7 @@ SCANNER_ADDITIONS = {
     "recorded-column",
     "board-point-errors",
     "ball-form",
+    "focus-breathing",
 }
 
 

@@ -14,6 +14,9 @@ CAMERA = Camera.of([750.0, 749.3, 241.4, 188.2, -0.15, 0.1, 0.0004, -0.0006, 0.0
 PLANE = np.array([125.0, 0.0, 69.0, -69.0 * 125.0]) / np.hypot(125.0, 69.0)
 SCANNER = Scanner(CAMERA, np.array([0]), PLANE[:, None], sigma_px=SIGMA_PX)
 _ROWS = 384
+_OUTERMOST = 0.85  # radii from the middle of a ball beyond which a plane only grazes it
+_LEAST_COSINE = 0.55  # of the angle of view
+_FEWEST_POINTS = 8
 
 
 @dataclass(frozen=True)
@@ -26,34 +29,46 @@ class Truth:
     radius: float
 
 
+def stripe_on_ball(plane: np.ndarray, centre: np.ndarray, radius: float) -> np.ndarray:
+    """Pixels (2, n) of the line in which a light plane (4,) cuts a ball (3,), mm in the camera frame, one a row.
+
+    No pixels where the plane misses the ball, or nearly.
+    """
+    normal, offset = plane[:3], plane[3]
+    away = normal @ centre + offset
+    if abs(away) > _OUTERMOST * radius:
+        return np.zeros((2, 0))
+    along = np.array([0.0, 1.0, 0.0]) - normal[1] * normal
+    along /= np.linalg.norm(along)
+    middle = centre - away * normal
+    side = np.cross(normal, along)
+    toward = side if side @ middle < 0 else -side
+    angle = np.linspace(-1.0, 1.0, 4 * _ROWS)
+    circle = np.sqrt(radius**2 - away**2)
+    arc = np.outer(along, np.sin(angle)) + np.outer(toward, np.cos(angle))
+    points = middle[:, None] + circle * arc
+    outward = (points - centre[:, None]) / radius
+    facing = -(outward * points).sum(0) / np.linalg.norm(points, axis=0)
+    projected = CAMERA.project(points[:, facing > _LEAST_COSINE])
+    if projected.shape[1] < _FEWEST_POINTS:
+        return np.zeros((2, 0))
+    order = np.argsort(projected[1])
+    rows = np.arange(np.ceil(projected[1].min()), np.floor(projected[1].max()))
+    return np.stack([np.interp(rows, projected[1][order], projected[0][order]), rows])
+
+
+def stripes_on_ball(planes, centres, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (2, n) of the stripes of pairs of a light plane (4,) and a centre (3,), and the number (n,) of the pair."""
+    stripes = [stripe_on_ball(*pair, radius) for pair in zip(planes, centres)]
+    counts = [stripe.shape[1] for stripe in stripes]
+    return np.concatenate(stripes, 1), np.repeat(np.arange(len(stripes)), counts)
+
+
 def seen_stripes(motion: Motion, centre: np.ndarray, radius: float) -> Truth:
     """Where the fixed plane cuts a ball (3,), mm in the frame of the motion, one point a row of each image."""
-    pixels, image = [], []
-    normal, offset = PLANE[:3], PLANE[3]
-    along = np.array([0.0, 1.0, 0.0])
-    side = np.cross(normal, along)
-    for k in range(len(motion.poses)):
-        local = motion.local(centre, k)
-        away = normal @ local + offset
-        if abs(away) > 0.85 * radius:
-            continue
-        middle = local - away * normal
-        circle = np.sqrt(radius**2 - away**2)
-        angle = np.linspace(-1.0, 1.0, 4 * _ROWS)
-        toward = side if side @ middle < 0 else -side
-        points = middle[:, None] + circle * (
-            np.outer(along, np.sin(angle)) + np.outer(toward, np.cos(angle))
-        )
-        outward = (points - local[:, None]) / radius
-        facing = -(outward * points).sum(0) / np.linalg.norm(points, axis=0)
-        projected = CAMERA.project(points[:, facing > 0.55])
-        if projected.shape[1] < 8:
-            continue
-        order = np.argsort(projected[1])
-        rows = np.arange(np.ceil(projected[1].min()), np.floor(projected[1].max()))
-        pixels.append(np.stack([np.interp(rows, projected[1][order], projected[0][order]), rows]))
-        image.append(np.full(len(rows), k))
-    return Truth(np.concatenate(pixels, 1), np.concatenate(image), centre, radius)
+    centres = [motion.local(centre, k) for k in range(len(motion.poses))]
+    pixels, image = stripes_on_ball([PLANE] * len(centres), centres, radius)
+    return Truth(pixels, image, centre, radius)
 
 
 def cloud_of(truth: Truth, motion: Motion, noise: np.ndarray) -> Cloud:

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from conftest import mostly_slow
-from scanner_kinds import CAMERA, SIGMA_PX, Truth, bound, cloud_of, seen_stripes
+from scanner_kinds import CAMERA, SIGMA_PX, Truth, bound, cloud_of, seen_stripes, stripes_on_ball
 from sensors.ball.fit import fit_ball
 from sensors.scanner.cloud import Cloud
 from sensors.scanner.model import Scanner
@@ -17,7 +17,6 @@ from workbench.jobs.sensor.joined_scans import KnownHandEye, moved_by_robot
 from workbench.recordings.templates.scanner_kinds import HAND_EYE, example
 
 FACTOR = 1.3
-ROWS = 384
 POSE_SIGMA, PROFILE_SIGMA, DEPTH_SIGMA = 0.02, 0.006, 0.03
 SEEDS = (7103, 8111, 9127)
 
@@ -57,36 +56,6 @@ def swept_planes(rng, kind: str) -> np.ndarray:
             normal = Rotation.from_euler("z", 3.0 * angle).apply(normal)
         planes.append([*normal, -normal @ pivot])
     return np.array(planes).T
-
-
-def seen_by_planes(planes: np.ndarray, centre: np.ndarray, radius: float):
-    """Pixels (2, n) and step (n,) of the lines in which planes (4, S) cut a ball, one point a row."""
-    pixels, steps = [], []
-    for step, (*normal, offset) in enumerate(planes.T):
-        normal = np.array(normal)
-        away = normal @ centre + offset
-        if abs(away) > 0.85 * radius:
-            continue
-        along = np.array([0.0, 1.0, 0.0]) - normal[1] * normal
-        along /= np.linalg.norm(along)
-        side = np.cross(normal, along)
-        middle = centre - away * normal
-        toward = side if side @ middle < 0 else -side
-        angle = np.linspace(-1.0, 1.0, 4 * ROWS)
-        circle = np.sqrt(radius**2 - away**2)
-        points = middle[:, None] + circle * (
-            np.outer(along, np.sin(angle)) + np.outer(toward, np.cos(angle))
-        )
-        outward = (points - centre[:, None]) / radius
-        facing = -(outward * points).sum(0) / np.linalg.norm(points, axis=0)
-        projected = CAMERA.project(points[:, facing > 0.55])
-        if projected.shape[1] < 8:
-            continue
-        order = np.argsort(projected[1])
-        rows = np.arange(np.ceil(projected[1].min()), np.floor(projected[1].max()))
-        pixels.append(np.stack([np.interp(rows, projected[1][order], projected[0][order]), rows]))
-        steps.append(np.full(len(rows), step))
-    return np.concatenate(pixels, 1), np.concatenate(steps)
 
 
 def ratio(make_cloud, truth: Truth, rng) -> float:
@@ -129,7 +98,7 @@ def test_swept_planes(kind, seed):
     scanner = Scanner(CAMERA, np.arange(planes.shape[1]), planes, sigma_px=SIGMA_PX)
     centre = np.array([0.0, 0.0, 127.0]) + rng.uniform(-2, 2, 3)
     radius = rng.uniform(6.0, 8.0)
-    pixels, steps = seen_by_planes(planes, centre, radius)
+    pixels, steps = stripes_on_ball(planes.T, [centre] * planes.shape[1], radius)
     truth = Truth(pixels, steps, centre, radius)
 
     def make_cloud(noise):

@@ -81,7 +81,7 @@ def images(second: float, seed: int = 0, frames: int = 20) -> np.ndarray:
 @pytest.mark.parametrize("along", ["rows", "columns"])
 def test_a_second_line_makes_the_profile_asymmetric(along):
     """No residual shows a second line next to the first one in every image; the profile does."""
-    for second, relevant in ((0.0, False), (0.25, True)):
+    for second, relevant in ((0.0, False), (0.015, True), (0.25, True)):
         stack = images(second)
         stack = stack.transpose(0, 2, 1).copy() if along == "columns" else stack
         found = asymmetry(Profiles.of(stack, find_stripes(stack, along)))
@@ -125,6 +125,14 @@ def test_a_clean_scanner_has_no_warning(run):
     assert scanner_warnings(run.calibration, run.misfit, run.asymmetry) == []
     assert scanner_verdict(run.calibration, (), run.misfit).passed is None
     assert scanners.as_json(run)["misfit"]["relevant"] is False
+
+
+def test_a_doubtful_camera_does_not_hide_the_lack_of_fit_of_the_stripes(run):
+    focal = replace(run.calibration.start.focal, share=0.01, shift_px=2.0, p_value=0.0)
+    calibration = replace(run.calibration, start=replace(run.calibration.start, focal=focal))
+    misfit = replace(run.misfit, shift_px=1.0, p_value=0.0)
+    of_camera, of_stripes = scanner_warnings(calibration, misfit, run.asymmetry)
+    assert "focal length differs" in of_camera and "stripes are shifted" in of_stripes
 
 
 @pytest.mark.slow

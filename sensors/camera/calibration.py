@@ -21,6 +21,7 @@ from sensors.camera.checks import (
 from sensors.camera.corners import Corners
 from sensors.camera.curvature import Curved, curved
 from sensors.camera.doubts import FAR
+from sensors.camera.focal_scatter import FocalScatter, focal_scatter
 from sensors.camera.model import Camera
 from sensors.camera.shared import UNLIKELY, LensMap, PrintErrors, lens_map, print_errors
 from sensors.camera.start import MODELS, placement_groups
@@ -58,8 +59,8 @@ class CameraCalibration:
     `fit` of the bundle and the `chain` of corners (sorted by board pose) at its solution; `views` that
     were used, `rejected` those that were not, `left_out` how many corners of a image, by its name;
     `undetermined` and `remarks` sentences; `printed` errors of the board's corners, `lens` what the
-    model leaves of it, `curved` where sigmas do not hold; the checks, None where there are too few board poses. RMS are
-    of the residuals of all corners used, none weighted down.
+    model leaves of it, `curved` where sigmas do not hold, `focal` whether the focal length is constant; the checks,
+    None where there are too few board poses. RMS are of the residuals of all corners used, none weighted down.
     """
 
     camera: Camera
@@ -77,6 +78,7 @@ class CameraCalibration:
     curved: Curved | None = None
     held_out: HeldOut | None = None
     halves: Halves | None = None
+    focal: FocalScatter | None = None
 
     @property
     def parameters(self) -> Parameters:
@@ -217,6 +219,7 @@ def calibrate_camera(
         printed=printed,
         lens=lens_map(part.chain, part.fit, printed),
         curved=curved(part.chain, part.fit, effects),
+        focal=focal_scatter(part.chain, part.fit, effects),
     )
     if folds:
         known = part.fit.parameters
@@ -291,6 +294,8 @@ def _remarks(made: CameraCalibration, folds: int) -> list[str]:
             "not of the model fitted, or the corners of a image share errors; neither is in the sigmas, "
             f"which should be taken as {made.halves.ratio:.1f} times as large"
         )
+    if made.focal is not None and made.focal.significant:
+        said.append(made.focal.sentence)
     if not made.fit.converged:
         said.append(made.fit.outcome)
     return [*said, *_on_flatness(made)]

@@ -5,6 +5,7 @@ from sensors.effects import artefact, laser, optics, recorded, surface
 CATALOGUE = {
     "lens-residual": optics.LensResidual,
     "window-refraction": optics.WindowRefraction,
+    "focus-breathing": optics.FocusBreathing,
     "camera-thermal-drift": optics.CameraThermalDrift,
     "board-bow": artefact.BoardBow,
     "artefact-expansion": artefact.ArtefactExpansion,

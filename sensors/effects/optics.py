@@ -168,3 +168,31 @@ class WindowRefraction(Effect):
         inside = np.sqrt(self.index**2 - 1 + cosine**2)  # N cos a'
         shift = -aside * (1 / cosine - 1 / inside)
         return known(shift / np.linalg.norm(state.points, axis=0))[None]
+
+
+class FocusBreathing(Effect):
+    """The focal length depends on the range, as of a lens that focuses on the object: it breathes.
+
+    `z0` mm is the range at which the focal length is that of the camera. Of a focal length that differs from board
+    pose to board pose without a law, `sensors.camera.focal_scatter` tells.
+    """
+
+    effect = "focus-breathing"
+    port = "ray"
+    places = ("camera",)
+    equation = (
+        "dray = -c (z - z0) (r - (r.e) e), r the ray, e the optical axis, f(z) = f (1 + c (z - z0))"
+    )
+    source = "focal length as a function of focus: Willson, CMU-RI-TR-94-03 (1994), ch. 6"
+
+    def __init__(self, where: str, z0: float = 0.0):
+        super().__init__(where)
+        self.z0 = z0
+
+    def table(self, chain):
+        return (self.parameter("slope", "1/mm", 1e-5, "the focal length's change with range"),)
+
+    def basis(self, state):
+        rays = state.rays
+        lateral = rays * np.array([[1.0], [1.0], [0.0]])
+        return known(-(state.points[2] - self.z0) * lateral)[None]

@@ -6,7 +6,7 @@ along the scan line moves it. Ports are those of the stripe chain; `target` move
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
 
@@ -70,17 +70,6 @@ class Balls(StripeChain):
             np.maximum(self.number[self.labels["ball"]], 1),
             self.covariates,
             nowhere,
-        )
-
-    def at(self, samples: np.ndarray) -> "Balls":
-        """The same on some of the samples (indices or mask)."""
-        return replace(
-            self,
-            pixels=self.pixels[:, samples],
-            sigma=self.sigma[:, samples],
-            labels={name: label[samples] for name, label in self.labels.items()},
-            covariates={name: column[samples] for name, column in self.covariates.items()},
-            _start=None if self._start is None else self._start.at(samples),
         )
 
     def numbers(self, place: str) -> tuple[int, ...]:

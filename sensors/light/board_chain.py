@@ -101,16 +101,8 @@ class BoardStripeChain(StripeChain):
 
     def at(self, samples: np.ndarray) -> "BoardStripeChain":
         """The same on some of the samples (indices or mask); poses and planes stay."""
-        return replace(
-            self,
-            pixels=self.pixels[:, samples],
-            labels={name: label[samples] for name, label in self.labels.items()},
-            scan=self.scan if self.scan.shape[1] == 1 else self.scan[:, samples],
-            sigma=self.sigma if self.sigma.shape[1] == 1 else self.sigma[:, samples],
-            covariates={name: column[samples] for name, column in self.covariates.items()},
-            together=None if self.together is None else self.together.at(samples),
-            _start=None if self._start is None else self._start.at(samples),
-        )
+        together = None if self.together is None else self.together.at(samples)
+        return replace(super().at(samples), together=together)
 
     @property
     def evaluation(self) -> type["Evaluation"]:

@@ -69,6 +69,18 @@ class StripeChain:
         every = np.full(self.planes.shape[1], np.nan) if self.angles is None else self.angles
         return every[self.labels["step"]]
 
+    def at(self, samples: np.ndarray) -> Self:
+        """The same on some of the samples (indices or mask); surfaces and planes stay."""
+        return replace(
+            self,
+            pixels=self.pixels[:, samples],
+            labels=_some_columns(self.labels, samples),
+            scan=_some_or_common(self.scan, samples),
+            sigma=_some_or_common(self.sigma, samples),
+            covariates=_some_columns(self.covariates, samples),
+            _start=None if self._start is None else self._start.at(samples),
+        )
+
     def with_families(self, values: Mapping[str, np.ndarray]) -> Self:
         """The chain with other surfaces and changes of planes; the state stays that of the start."""
         return replace(
@@ -225,6 +237,16 @@ class Sight:
     def rows(self, port: str, slots: np.ndarray) -> np.ndarray:
         """(k, 1, n) for slots of a port."""
         return (self.ports[port](self)[slots] / self.gain)[:, None]
+
+
+def _some_columns(columns: Mapping[str, np.ndarray], samples: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns (n,) at some of the samples."""
+    return {name: column[samples] for name, column in columns.items()}
+
+
+def _some_or_common(values: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """Values (k, n) at some of the samples; (k, 1), common to all, as they are."""
+    return values if values.shape[1] == 1 else values[:, samples]
 
 
 def _whole(port, slots, change, n):

@@ -19,7 +19,8 @@ _PLACES = (_EDGES[1:] + _EDGES[:-1]) / 2
 _NEAR = 0.8  # widths each side within which the mode is read
 _FEWEST = 8  # images
 _SIGNIFICANT = 5.0  # standard errors
-_RELEVANT = 0.5  # of the noise of a single centre
+# Share of the noise of a single centre: an error common to all centres does not average out, as noise does.
+_RELEVANT = 0.25
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,7 @@ from workbench.explanation.result import (
 from workbench.explanation.sensor_errors import (
     ball_centres,
     errors_by_kind,
+    random_focal_error,
     random_image_error,
 )
 from workbench.explanation.turntable import with_turntable
@@ -257,8 +258,8 @@ def _warnings(bench, recording, terms=()) -> tuple[str, ...]:
     """What is in doubt about this recording, and what its answer cannot contain."""
     on_data, chain = bench.warnings or recording.warnings, bench.chain
     if chain is None:
-        random = random_image_error(bench, terms)
-        return (*on_data, random) if random else tuple(on_data)
+        random = random_image_error(bench, terms), random_focal_error(bench, terms)
+        return (*on_data, *filter(None, random))
     if chain.robot.mass.any() or chain.state.payload.any():
         return on_data
     return (*on_data, NO_MASSES.format(robot=chain.robot.name))

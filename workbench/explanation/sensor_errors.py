@@ -5,9 +5,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from datasets.recording import Recording
+from sensors.camera.focal_scatter import focal_scatter
 from workbench.core.least_squares.adjustment_tests import neighbour_test
+from workbench.diagnosis.scanner.sensor_linear import acts
 from workbench.diagnosis.validation.heldout import rms
 from workbench.explanation.result import Proof, Term
+from workbench.jobs.sensor.chains import at_solution
 
 _LEVEL = 1e-3
 _RELEVANT = 1.0  # of the noise of a stripe's averaged point, from which a displacement of whole stripes matters
@@ -96,6 +99,17 @@ def random_image_error(bench, terms: Sequence[Term]) -> str:
         "the mirror or the arm, or irregular timing. No recorded covariate predicts it, so no correction can remove "
         "it; average several sweeps, let the arm settle, or record what changes between images."
     )
+
+
+def random_focal_error(bench, terms: Sequence[Term]) -> str:
+    """A sentence where the focal length differs from board pose to board pose, "" where it does not."""
+    effects = [e for term in terms for e in term.finding.effects]
+    chains, fit = bench.solve(effects)
+    on_corners = tuple(effect for effect in effects if acts(effect, "corners"))
+    found = focal_scatter(at_solution(chains, fit).corners, fit, on_corners)
+    if found is None or not found.significant:
+        return ""
+    return f"{found.sentence[0].upper()}{found.sentence[1:]}."
 
 
 def _of(bench) -> slice:

@@ -62,10 +62,12 @@ def camera_verdict(calibration, tolerances: Sequence[Tolerance] = ()) -> Verdict
 
 
 def camera_warnings(calibration) -> list[str]:
-    """Why a camera is not trustworthy, if it is not."""
+    """Why a camera or its stated uncertainty is not trustworthy, if it is not."""
     verdict = camera_verdict(calibration)
     if verdict.passed is not False:
-        return []
+        focal = calibration.focal
+        is_doubtful = focal is not None and focal.significant
+        return [f"{_DOUBT_WORDS}: {focal.sentence}"] if is_doubtful else []
     return [
         f"{_POOR_WORDS}: corners miss their predicted places by {verdict.residual:.3g} px, "
         f"{verdict.residual_over_noise:.3g} times their noise; check kind, columns and rows under [board], that all "
@@ -133,7 +135,8 @@ def scanner_warnings(
             f"{_POOR_WORDS}: {100 * wrong:.0f} % of the points of the laser line were left out as wrong; take the "
             "images with less light, without reflections, and with the line on the board"
         )
-    if misfit is not None and misfit.is_relevant and not said:
+    is_refused = any(one.startswith(_POOR_WORDS) for one in said)
+    if misfit is not None and misfit.is_relevant and not is_refused:
         said.append(f"{_DOUBT_WORDS}: {misfit.sentence}: {_DIAGNOSE}")
     if asymmetry is not None and asymmetry.is_relevant(calibration.scanner.sigma_px):
         said.append(_of_asymmetry(asymmetry))

@@ -76,6 +76,7 @@ def as_json(made: CameraRun, tolerances: Sequence[Tolerance] = ()) -> dict:
         "bow": bow_json(calibration),
         "held_out": held_out_json(calibration.held_out),
         "halves": halves_json(calibration.halves),
+        "focal_scatter": focal_json(calibration.focal),
         "uncertainty": uncertainty_json(calibration.uncertainty),
         "undetermined": list(calibration.undetermined),
         "warnings": camera_warnings(calibration),
@@ -154,6 +155,14 @@ def halves_json(halves) -> dict | None:
         "over_sigma": halves.ratio,
         "sentence": halves.sentence,
     }
+
+
+def focal_json(focal) -> dict | None:
+    """Scatter of the focal length between board poses; None where there are too few."""
+    if focal is None:
+        return None
+    names = ("share", "shift_px", "p_value", "significant")
+    return {name: getattr(focal, name) for name in names}
 
 
 def uncertainty_json(field) -> dict:
