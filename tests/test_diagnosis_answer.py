@@ -13,7 +13,7 @@ from robot_model.effects.transmission import high_orders
 from sensors.effects import CATALOGUE as SENSOR
 from workbench.diagnosis.linear.problem import Alternative, Finding
 from workbench.diagnosis.robot.bench import bench_of
-from workbench.diagnosis.validation import folds, heldout, proof
+from workbench.diagnosis.validation import folds, heldout, proof, stability
 from workbench.diagnosis.validation.controls import PERMUTED, ROTATED, controls, of_order
 from workbench.explanation import reference as references
 from workbench.explanation import visible, words
@@ -207,10 +207,10 @@ def test_a_wave_of_the_last_order_is_refused_unless_it_is_a_motors(ratio, order,
 def test_a_fold_finds_a_term_again_by_what_it_makes_and_not_by_its_name():
     rng = np.random.default_rng(7)
     own, other = rng.normal(size=(2, 300))
-    assert proof._alike(own, [0.4 * own + 0.1 * other, other])
-    assert not proof._alike(own, [-own])
-    assert not proof._alike(own, [other])
-    assert not proof._alike(own, [])
+    assert stability._alike(own, [0.4 * own + 0.1 * other, other])
+    assert not stability._alike(own, [-own])
+    assert not stability._alike(own, [other])
+    assert not stability._alike(own, [])
 
 
 def test_with_sigma_a_root_mean_square_weighs_samples_as_a_fit_does():

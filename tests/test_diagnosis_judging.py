@@ -9,7 +9,7 @@ import tomli_w
 
 from robot_model.effects import CATALOGUE
 from workbench.diagnosis.linear.problem import Finding, Found, Located, Problem
-from workbench.diagnosis.validation import judging, proof
+from workbench.diagnosis.validation import judging, proof, stability
 from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.folds import SPACE, TIME, Scheme
 from workbench.diagnosis.validation.heldout import left_out
@@ -166,7 +166,7 @@ def test_terms_that_raise_the_held_out_error_are_refused_one_by_one(monkeypatch)
         for name, t in zip(names, (3.0, 9.0))
     ]
     scheme = Scheme(TIME, np.zeros(4, int))
-    whole = proof._Whole([scheme], [np.full(4, 0.479)], [np.full(4, 0.548)], [{}], [5.0])
+    whole = stability.Nested([scheme], [np.full(4, 0.479)], [np.full(4, 0.548)], [{}], [5.0])
     monkeypatch.setattr(proof, "_judges_of_all", lambda bench, terms, parts: parts)
     errors = SimpleNamespace(
         bench=SimpleNamespace(unit="mm", sigma=None),

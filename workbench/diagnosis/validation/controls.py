@@ -16,7 +16,7 @@ from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares, symmetric_eigen
 from workbench.core.model import NOISE, STATE_PORTS
 from workbench.diagnosis.linear.problem import Bench
-from workbench.diagnosis.validation.folds import JUDGED, thinned
+from workbench.diagnosis.validation.folds import judged_part
 from workbench.diagnosis.validation.heldout import name_of
 from workbench.diagnosis.validation.terms import Control
 
@@ -120,9 +120,7 @@ class _Trial:
     """
 
     def __init__(self, bench, others, own):
-        part = None
-        if bench.chain is not None and len(bench.pose) > JUDGED:
-            part = thinned(bench.pose, np.ones(len(bench.pose), bool), JUDGED)
+        part = judged_part(bench)
         self.problem = bench.problem(others, samples=part, hypotheses=False).conditional_on()
         self.y = self.problem.clear(self.problem.residual)
         self._basis = self.problem.whole_basis

@@ -33,6 +33,10 @@ class Scheme:
         """Numbers of its folds."""
         return range(int(self.fold.max()) + 1)
 
+    def at(self, samples: np.ndarray | None) -> "Scheme":
+        """The same scheme on some of its samples (n,) bool (None: all)."""
+        return self if samples is None else Scheme(self.name, self.fold[samples])
+
 
 def schemes(pose: np.ndarray, problem: Problem) -> list[Scheme]:
     """Blocks of time and, for an arm, blocks of the workspace; for images, every fifth placement and ball."""
@@ -102,4 +106,12 @@ def thinned(pose: np.ndarray, samples: np.ndarray, most: int = _SEARCHED) -> np.
     return out
 
 
-__all__ = ["DEALT", "JUDGED", "SPACE", "TIME", "Scheme", "schemes", "thinned"]
+def judged_part(bench) -> np.ndarray | None:
+    """(n,) bool: the samples of a large recording on which its terms are tested; None for all."""
+    count = len(bench.pose)
+    if bench.whole or bench.chain is None or count <= JUDGED:
+        return None
+    return thinned(bench.pose, np.ones(count, bool), JUDGED)
+
+
+__all__ = ["DEALT", "JUDGED", "SPACE", "TIME", "Scheme", "judged_part", "schemes", "thinned"]

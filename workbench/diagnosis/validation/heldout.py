@@ -10,7 +10,7 @@ from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
 from workbench.diagnosis.linear.evidence import once
 from workbench.diagnosis.linear.problem import Problem
-from workbench.diagnosis.validation.folds import Scheme
+from workbench.diagnosis.validation.folds import Scheme, judged_part
 from workbench.fitting.cross_validation import hold_out
 
 _HELD = 1e-3  # of a direction, what its prior is worth at least where one block alone determines it
@@ -154,9 +154,9 @@ class Errors:
         if self.bench.chain is None:  # a sensor's bench fits what is in no fold
             distances = self.bench.held_out(effects, np.where(block, 0, -1))
             return np.stack([distances, np.full_like(distances, np.nan)])
-        problem = self.bench.problem(effects, hypotheses=False).conditional_on()
-        if _block_shares(problem, block[problem.sample]).max(initial=0.0) > 1 - _HELD:
+        if self._leaves_open(effects, block):
             # the others leave a direction open (all have the tool upright, say): it stays where all samples have it
+            problem = self.bench.problem(effects, hypotheses=False).conditional_on()
             return _left_out_lengths(problem, np.where(block, 0, -1), only=0)
         model, fit, _ = self.bench.solve(effects, is_complete=False)
         found = hold_out(model, fit.parameters, block, ~block, "huber")
@@ -166,6 +166,13 @@ class Errors:
             else np.full(len(block), np.nan)
         )
         return np.stack([np.sqrt(found.squares), np.rad2deg(angles)])
+
+    def _leaves_open(self, effects, block: np.ndarray) -> bool:
+        """Whether a direction of the fit is determined by the samples of a block (n,) bool alone."""
+        part = judged_part(self.bench)
+        problem = self.bench.problem(effects, part, hypotheses=False).conditional_on()
+        rows = (block if part is None else block[part])[problem.sample]
+        return _block_shares(problem, rows).max(initial=0.0) > 1 - _HELD
 
     def _once(self, effects, samples, make):
         key = tuple(sorted(map(name_of, effects))), samples.tobytes()

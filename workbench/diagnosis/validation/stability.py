@@ -1,0 +1,219 @@
+"""Stability of the terms: what each adds to the predictions of folds that searched by themselves.
+
+A confounded effect that is chosen in another fold stands for the term. To first order about the solution of all judged
+samples with what a fold found.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from workbench.core.effect import Effect
+from workbench.core.least_squares.linear_algebra import least_squares
+from workbench.diagnosis.levels import ALIKE
+from workbench.diagnosis.linear.problem import Finding, Problem
+from workbench.diagnosis.validation.folds import Scheme, judged_part
+from workbench.diagnosis.validation.heldout import left_out, paired, sigma_of
+from workbench.diagnosis.validation.judging import REAL, combined_t, judging_schemes
+from workbench.diagnosis.validation.terms import Term
+
+_MOST = 0.5  # of what a term makes, that others make of it
+
+
+@dataclass(frozen=True)
+class Nested:
+    """Errors by scheme: of the baseline and of what every fold found by itself, `nested`, fold by fold; `t` of each."""
+
+    schemes: list[Scheme]
+    plain: list[np.ndarray]
+    errors: list[np.ndarray]
+    nested: list[dict[int, list[Finding]]]
+    t: list[float]
+
+
+def stable_terms(
+    bench, terms: Sequence[Term], whole: Nested, usual: np.ndarray
+) -> tuple[list[Term], list[Term]]:
+    """The terms whose gain is significant, too, where each fold knows only what was found without it; and the others.
+
+    usual (n,) bool: samples that are no outliers. No term stays where what the folds found does not predict what they
+    have not seen.
+    """
+    if not terms:
+        return [], []
+    judges = judges_of_all(bench, terms, whole.schemes)
+    t = combined_t(
+        [value for s, value in zip(whole.schemes, whole.t) if any(s is one for one in judges)]
+    )
+    if not t > REAL:
+        reason = _whole_is_insignificant(t)
+        return [], [replace(term, kept=False, t_nested=t, reason=reason) for term in terms]
+    folds = _Folds(bench, terms, whole, usual)
+    judged = [folds.judged(number, term) for number, term in enumerate(terms)]
+    return [one for one in judged if one.kept], [one for one in judged if not one.kept]
+
+
+def judges_of_all(bench, terms: Sequence[Term], schemes: Sequence[Scheme]) -> list[Scheme]:
+    """The schemes that can judge every term; where no scheme can, those that can judge the largest."""
+    findings = [term.finding for term in terms]
+    part = judged_part(bench)
+    problem = bench.problem(effects_of(findings), part, hypotheses=False)
+    reduced = [scheme.at(part) for scheme in schemes]
+    able = [
+        judging_schemes(bench, finding.effects, reduced, problem, own)
+        for finding, own in zip(findings, numbered(findings))
+    ]
+    names = [[scheme.name for scheme in mine] for mine in able]
+    common = [s for s in schemes if all(s.name in mine for mine in names)]
+    largest = names[int(np.argmax([finding.gain for finding in findings]))]
+    return common or [s for s in schemes if s.name in largest]
+
+
+class _Folds:
+    """The judged samples solved with what each fold found, and with all terms; as linear problems."""
+
+    def __init__(self, bench, terms: Sequence[Term], whole: Nested, usual: np.ndarray):
+        part = judged_part(bench)
+        here = np.ones(len(bench.pose), bool) if part is None else part
+        findings = [term.finding for term in terms]
+        self._bench, self._pose, self._usual = bench, bench.pose[here], usual[here]
+        self._sigma = sigma_of(bench, part)
+        self._schemes = [scheme.at(part) for scheme in whole.schemes]
+        self._problem = bench.problem(effects_of(findings), part, hypotheses=False)
+        self._numbers = numbered(findings)
+        self._moved = _made(self._problem, findings)
+        self._solved = [_solved(bench, found, part) for found in whole.nested]
+        self._made = [one.made for rows in self._solved for one in rows.values()]
+        self._with_all = [_linear(s, rows) for s, rows in zip(self._schemes, self._solved)]
+
+    def judged(self, number: int, term: Term) -> Term:
+        """The term with its t in the folds, and whether it is kept."""
+        moved = self._moved[number]
+        t = self._t(term.finding, self._numbers[number], moved)
+        nested = min(t) if min(t) < -REAL else max(t)
+        judged = replace(
+            term,
+            again=sum(_alike(moved, others) for others in self._made),
+            chances=len(self._made),
+            t_nested=nested,
+            ways=tuple((s.name, len(rows)) for s, rows in zip(self._schemes, self._solved)),
+        )
+        if nested > REAL:
+            return judged
+        reason = f"where the search is repeated inside the folds, it does not predict the others (t = {nested:.1f})"
+        return replace(judged, kept=False, reason=reason)
+
+    def _t(self, finding: Finding, own: Sequence[int], moved: np.ndarray) -> list[float]:
+        """t of the gain of a finding in each scheme that can judge it."""
+        problem, schemes = self._problem, self._schemes
+        judges = judging_schemes(self._bench, finding.effects, schemes, problem, own)
+        out = []
+        for scheme, rows, with_all in zip(schemes, self._solved, self._with_all):
+            if any(scheme is one for one in judges):
+                without = _linear(scheme, rows, (finding, moved))
+                out.append(paired(self._pose, without, with_all, self._usual, self._sigma))
+        return out
+
+
+def _whole_is_insignificant(t: float) -> str:
+    return f"the whole search, made on parts of the samples, does not predict the others better (t = {t:.1f})"
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """What a fold found, the problem of the judged samples with it, and what each finding makes (see `_made`)."""
+
+    findings: list[Finding]
+    problem: Problem
+    made: list[np.ndarray]
+
+
+def _solved(bench, nested: dict[int, list[Finding]], part) -> dict[int, _Solved]:
+    """What each fold found, with a part (n,) bool of the samples (None: all) solved with that."""
+    out = {}
+    for k, found in nested.items():
+        problem = bench.problem(effects_of(found), part, hypotheses=False)
+        out[k] = _Solved(found, problem, _made(problem, found))
+    return out
+
+
+def _made(problem: Problem, findings: Sequence[Finding]) -> list[np.ndarray]:
+    """(N,) mm, px: what each finding makes, orthogonal to the baseline."""
+    bare = problem.conditional_on(())
+    unit = problem.sigma / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
+    return [
+        unit * bare.clear(sum(problem.added[i] @ problem.values[i] for i in own))
+        for own in numbered(findings)
+    ]
+
+
+def _alike(moved: np.ndarray, others: list[np.ndarray]) -> bool:
+    """Whether what some findings make together is most of what one makes, (N,) each, by whatever names, and as it does.
+
+    What they make is scaled as is best, since a fold finds another size, but not turned round.
+    """
+    if not others:
+        return False
+    made = np.stack(others, 1)
+    share = least_squares(made, moved)
+    like = np.maximum(share, 0.0) @ made.T
+    return bool(((moved - like) ** 2).sum() < (1 - _MOST) * (moved**2).sum())
+
+
+def _linear(scheme: Scheme, folds: dict[int, _Solved], without=None) -> np.ndarray:
+    """(n,) errors where every fold is predicted with what was found without it, to first order.
+
+    without: a finding that is left out, and what it makes, as of `_made`.
+    """
+    out = np.empty(len(scheme.fold))
+    for k, solved in folds.items():
+        numbers = numbered(solved.findings)
+        kept = [i for own in numbers for i in own]
+        if without is not None:
+            same = [_same(f, m, *without) for f, m in zip(solved.findings, solved.made)]
+            kept = [i for own, is_same in zip(numbers, same) if not is_same for i in own]
+        mine = scheme.fold == k
+        problem = solved.problem.conditional_on(kept)
+        out[mine] = left_out(problem, np.where(mine, 0, -1), only=0)[mine]
+    return out
+
+
+def _same(finding: Finding, made: np.ndarray, other: Finding, moved: np.ndarray) -> bool:
+    """Whether two findings are one: the same effect at one place, or effects that are confounded in these poses.
+
+    made, moved (N,): what the two make.
+    """
+    both = float((made**2).sum() * (moved**2).sum())
+    return _name(finding) in _names(other) or float(made @ moved) ** 2 >= ALIKE * both > 0
+
+
+def _names(finding: Finding) -> set[tuple[str, str]]:
+    """A finding, its effects and its alternatives: what is about as likely in its place, or explains as much there."""
+    alternatives = (
+        a for a in finding.alternatives if a.probability >= 1 - ALIKE or a.alike >= ALIKE
+    )
+    return {_name(one) for one in (finding, *finding.effects, *alternatives)}
+
+
+def _name(one) -> tuple[str, str]:
+    return one.effect, one.where
+
+
+def is_same_finding(finding: Finding, other: Finding) -> bool:
+    """Whether two findings are the same effect at the same place."""
+    return _name(finding) == _name(other)
+
+
+def numbered(findings) -> list[list[int]]:
+    """Numbers of each finding's effects among those of all, in order."""
+    edges = np.cumsum([0, *(len(f.effects) for f in findings)])
+    return [list(range(a, b)) for a, b in zip(edges, edges[1:])]
+
+
+def effects_of(findings: Sequence[Finding]) -> tuple[Effect, ...]:
+    """The effects of some findings, in order."""
+    return tuple(e for finding in findings for e in finding.effects)
+
+
+__all__ = ["Nested", "effects_of", "is_same_finding", "judges_of_all", "numbered", "stable_terms"]
