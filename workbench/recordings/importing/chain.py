@@ -22,7 +22,7 @@ from datasets.importers.mapping.conversion import (
 )
 from datasets.importers.mapping.joining import join_tables, time_columns
 from datasets.importers.mapping.model import Mapping, write_mapping
-from datasets.importers.mapping.proposal import propose
+from datasets.importers.mapping.proposal import measures_of, propose
 from datasets.importers.mapping.sets import find_sets
 from datasets.importers.source import RawTable, Source
 from datasets.importers.sources import read_sources
@@ -174,6 +174,10 @@ def find_mapping(
     table, join, said = join_tables(tables, mapping.join)
     proposal = propose(table, bool(source.images), bool(source.clouds))
     mapping = mapping.merged(proposal.mapping)
+    if mapping.point is not None and mapping.measures in (None, "external-point"):
+        # the mapping file may name a point or a rotation that no header shows
+        stated = options.mapping.measures
+        mapping = replace(mapping, measures=stated or measures_of(mapping))
     if len(tables) > 1:
         mapping = replace(mapping, join=join)
     unused = tuple(name for name in proposal.unused if not _is_mapped(mapping, name))
