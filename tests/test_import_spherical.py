@@ -14,7 +14,9 @@ JOINTS = [f"J{k} [deg]" for k in range(1, 7)]
 
 @pytest.fixture(scope="module")
 def truth(tmp_path_factory):
-    scene = pose_scene("ur10", 40, 31, "share_of_limits = 0.4").replace("external-pose", "external-point")
+    scene = pose_scene("ur10", 40, 31, "share_of_limits = 0.4").replace(
+        "external-pose", "external-point"
+    )
     return simulated(tmp_path_factory.mktemp("scene"), scene)
 
 
@@ -95,7 +97,9 @@ def test_a_stated_convention_that_contradicts_the_robot_is_refused(truth, tmp_pa
     names, written, _ = VARIANTS["tracker in mm and deg"]
     table = write(tmp_path / "tracker.csv", truth, names, written(*sphere(truth.points)))
     columns = list(names)
-    keys = {"point": {"columns": columns, "unit": "mm", "convention": "spherical zenith deg clockwise"}}
+    keys = {
+        "point": {"columns": columns, "unit": "mm", "convention": "spherical zenith deg clockwise"}
+    }
     options = ImportOptions(robot="ur10", mapping=mapping_from_keys(keys, "map.toml"))
     with pytest.raises(InputError, match="spherical elevation deg counterclockwise"):
         import_recording([table], tmp_path / "made", options)

@@ -10,12 +10,19 @@ NAMES = (
 
 
 def columns_of(outcome):
-    return [row["column"] for row in _shown({"outcome": outcome, "columns": [{"column": name} for name in NAMES]})]
+    return [
+        row["column"]
+        for row in _shown({"outcome": outcome, "columns": [{"column": name} for name in NAMES]})
+    ]
 
 
 def test_the_outcome_is_the_first_row_and_the_same_quantity_of_other_models_follows():
     shown = columns_of("geometry_test_3kg_mm")
-    assert shown[:3] == ["geometry_test_3kg_mm", "uncalibrated_test_3kg_mm", "compliance_test_3kg_mm"]
+    assert shown[:3] == [
+        "geometry_test_3kg_mm",
+        "uncalibrated_test_3kg_mm",
+        "compliance_test_3kg_mm",
+    ]
     assert len(shown) == 12 and len(set(shown)) == 12
 
 

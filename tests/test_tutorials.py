@@ -32,7 +32,9 @@ def test_a_tutorial_prints_what_its_page_says(page, tmp_path):
     folder.mkdir()
     for block in blocks(page):
         found = difference(block.printed, run(block, folder))
-        assert found is None, f"{block.code}{found}; run `python tools/tutorial_output.py {page.stem}`"
+        assert found is None, (
+            f"{block.code}{found}; run `python tools/tutorial_output.py {page.stem}`"
+        )
 
 
 @pytest.mark.parametrize(

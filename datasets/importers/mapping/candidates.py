@@ -126,4 +126,11 @@ def _labelled(group: Group, table: RawTable) -> Iterator[tuple[Sequence[str], st
         yield [by_axis[axis] for axis in sequence], f"intrinsic {sequence}"
 
 
-__all__ = ["SEQUENCES", "Turn", "angle_units", "length_units", "point_readings", "rotation_candidates"]
+__all__ = [
+    "SEQUENCES",
+    "Turn",
+    "angle_units",
+    "length_units",
+    "point_readings",
+    "rotation_candidates",
+]

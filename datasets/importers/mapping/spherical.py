@@ -1,9 +1,13 @@
 """Points in spherical coordinates, as trackers and total stations measure them: range, azimuth and a vertical angle.
 
-A convention is "spherical", followed by what is known about it: the vertical angle ("elevation" above the horizontal
-plane, or "zenith" from the vertical axis), the unit of both angles, and the direction of the azimuth ("counterclockwise"
-seen from above, as in mathematics, or "clockwise", as in surveying). What is not stated is tested on the robot. The
-direction from which the azimuth counts is a rotation of the instrument, which every calibration estimates.
+A convention is "spherical", followed by what is known about it:
+
+- the vertical angle: "elevation" above the horizontal plane, or "zenith" from the vertical axis,
+- the unit of both angles,
+- the direction of the azimuth, seen from above: "counterclockwise", as in mathematics, or "clockwise", as in surveying.
+
+What is not stated is tested on the robot. The direction from which the azimuth counts is a rotation of the instrument,
+which every calibration estimates.
 """
 
 import re
