@@ -5,7 +5,7 @@ import pytest
 
 from datasets.importers.mapping import spherical
 from datasets.importers.mapping.model import mapping_from_keys, read_mapping
-from import_scenes import assert_same_rows, degrees, pose_scene, simulated
+from import_scenes import assert_same_rows, degrees, pose_scene, simulated, write_rows
 from workbench.core.errors import InputError
 from workbench.recordings.importing import ImportOptions, import_recording
 
@@ -139,3 +139,19 @@ def test_a_rotation_convention_of_a_point_is_refused():
     keys = {"point": {"columns": ["a", "b", "c"], "convention": "intrinsic XYZ"}}
     with pytest.raises(InputError, match="spherical elevation deg counterclockwise"):
         mapping_from_keys(keys, "map.toml")
+
+
+def test_a_column_that_joins_two_tables_is_used(truth, tmp_path):
+    names, written, _ = VARIANTS["total station in gon, zenith, clockwise"]
+    number = np.arange(1.0, truth.n + 1)
+    joints = write_rows(
+        tmp_path / "robot.csv", ("Nr", *JOINTS), np.column_stack([number, degrees(truth)])
+    )
+    measured = np.column_stack([number, *written(*sphere(truth.points))])[::-1]
+    station = write_rows(tmp_path / "station.csv", ("Nr", *names), measured)
+    made = import_recording([joints, station], tmp_path / "made", ImportOptions(robot="ur10"))
+    assert made.unused == () and made.mapping.join.key == "Nr"
+    found = made.recording.points
+    order = np.argsort(made.recording.columns["q1_deg"])
+    wanted = np.argsort(degrees(truth)[:, 0])
+    np.testing.assert_allclose(distances(found[order]), distances(truth.points[wanted]), atol=1e-3)

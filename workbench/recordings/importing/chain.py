@@ -20,6 +20,7 @@ from datasets.importers.mapping.conversion import (
     point_columns,
     rotation_columns,
 )
+from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.joining import join_tables, time_columns
 from datasets.importers.mapping.model import Mapping, write_mapping
 from datasets.importers.mapping.proposal import measures_of, propose
@@ -140,8 +141,14 @@ def _never_read(found: Found, mapping: Mapping, with_times: bool) -> tuple[str, 
     read = {found.mapping.join.key, *image_column(found.source.images, found.table)}
     if with_times or found.mapping.join.by == "time":
         read |= set(time_columns(found.table))
+    # a column that several tables have is named "table: column"
+    own = {name: name.rpartition(": ")[2] for name in found.unused}
+    if found.mapping.join.by == "time":
+        read |= {name for name, column in own.items() if read_header(column).kind == "time"}
     return tuple(
-        name for name in found.unused if name not in read and not _is_mapped(mapping, name)
+        name
+        for name, column in own.items()
+        if not read & {name, column} and not _is_mapped(mapping, name)
     )
 
 
