@@ -17,6 +17,7 @@ from datasets.columns import (
 )
 from datasets.importers.mapping.model import FORMAT, JOINS, QUANTITIES
 from datasets.importers.mapping.rotations import CONVENTIONS
+from datasets.importers.mapping.spherical import CONVENTIONS as SPHERICAL_CONVENTIONS
 from datasets.importers.units import ANGLES
 from datasets.importers.units import LENGTHS as LENGTH_UNITS
 from datasets.keys import RECORDING, SECTIONS, Key
@@ -42,7 +43,7 @@ def mapping_schema() -> dict:
         "properties": {
             "columns": {"type": "array", "items": text, "minItems": 1},
             "unit": {"enum": [*ANGLES, *LENGTH_UNITS]},
-            "convention": {"enum": list(CONVENTIONS)},
+            "convention": {"enum": [*CONVENTIONS, *SPHERICAL_CONVENTIONS]},
             "inverse": {"type": "boolean"},
         },
         "required": ["columns"],

@@ -13,7 +13,7 @@ import pytest
 import datasets
 from datasets.columns import FLANGE
 from datasets.errors import InputError
-from test_recording_good import write_good
+from good_recordings import write_good
 
 TOML, ROBOT, CSV, ART, IMG = (
     "recording.toml",

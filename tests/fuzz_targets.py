@@ -10,10 +10,10 @@ import numpy as np
 import datasets
 import workbench as wb
 from fuzz_engine import Target
+from good_recordings import write_good
 from import_scenes import pose_scene
 from study_scenes import TEXT as STUDY
 from test_exports import BROWN, hand_eye_run
-from test_recording_good import write_good
 from workbench.commands import cli
 from workbench.core.errors import InputError
 
@@ -174,12 +174,12 @@ def _one(home: Path, name: str, file: str, content: str | bytes, call) -> Target
 def _text_targets(home: Path) -> Iterator[Target]:
     import tomli_w
 
+    from good_recordings import robot_toml
     from robot_model import load_robot
     from sensor_recordings import SCENE as RENDERING
     from sensors.camera.model import camera_keys
     from sensors.rendering.scene import read_scene as read_rendering
     from sensors.scanner.file import read_scanner, scanner_text
-    from test_recording_good import robot_toml
     from test_sensor_scanner import full_scanner
     from workbench.app.edits.session import read_session
     from workbench.files.exports.check import read_calibrated_camera

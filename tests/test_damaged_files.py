@@ -12,10 +12,10 @@ import pytest
 import datasets
 from datasets import registry
 from datasets.importers.sources.clouds import read_cloud
+from good_recordings import write_good
 from sensors.camera.model import camera_from_keys, camera_keys
 from sensors.images import read as read_image
 from test_exports import BROWN
-from test_recording_good import write_good
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import (
     ContentError,

@@ -9,6 +9,7 @@ from importlib.util import find_spec
 import pytest
 
 from conftest import ROOT
+from sensors.scanner.turntable import ANGLE_ERRORS, STEP_ERROR
 
 PAGE = ROOT / "docs" / "reference" / "commands.md"
 LOCK = ROOT / "requirements.lock"
@@ -37,3 +38,10 @@ def test_the_page_of_commands_is_that_of_the_command_line(tmp_path):
     assert done.returncode == 0, done.stderr
     is_current = made.read_text(encoding="utf-8") == PAGE.read_text(encoding="utf-8")
     assert is_current, "docs/reference/commands.md is not up to date; run `make docs` and commit it"
+
+
+def test_the_list_of_effects_has_every_error_of_a_turntable():
+    text = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+    assert {error.name.partition(",")[0] for error in ANGLE_ERRORS} == {STEP_ERROR}
+    for error in ANGLE_ERRORS:
+        assert f"| `{error.name}` | `{error.law}` |" in text

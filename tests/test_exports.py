@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from export_scenes import flanges
 from plain_frames import frames_of
 from robot_model import load_robot
-from robot_model.chain import forward
-from robot_model.measurements.closure import flange_matrices
 from scenes import ABB, ARMS, CRAIG
 from sensors.camera.model import Camera
 from workbench.core.errors import InputError
-from workbench.core.rigid import transform
 from workbench.files.exports import (
     CAMERA_FORMATS,
     camera_text,
@@ -44,11 +42,6 @@ def arm_of(spec, seed=0) -> CalibratedArm:
         for c, name in enumerate(("theta", "d", "a", "alpha", "beta"))
     }
     return CalibratedArm(robot, (), values, (), np.zeros((0, 0)), np.zeros(3), 0.05, True, "", {})
-
-
-def flanges(robot, readings, geometry=None):
-    frames = forward(robot, robot.mixing @ readings.T, geometry)
-    return transform(flange_matrices(frames), frames.end_origin.T)
 
 
 @pytest.mark.parametrize("write", [mdh_json, mdh_csv])

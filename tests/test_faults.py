@@ -10,7 +10,7 @@ import pytest
 
 import datasets
 from conftest import ROOT
-from test_recording_good import write_good
+from good_recordings import write_good
 from workbench.commands import cli
 from workbench.core.errors import InputError
 from workbench.files import runs

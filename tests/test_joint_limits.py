@@ -9,8 +9,8 @@ import pytest
 import datasets
 from conftest import ROOT
 from erring_scenes import erring
+from good_recordings import write_good
 from scenes import CRAIG
-from test_recording_good import write_good
 from workbench.commands.sensor.handeye import command
 from workbench.commands.shared import flow
 from workbench.core.errors import InputError

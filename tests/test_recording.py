@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import datasets
+from datasets.columns import KINDS
 from datasets.recording import Recording
-from test_recording_good import KINDS, write_good
+from good_recordings import write_good
 
 
 def made(**columns) -> Recording:

@@ -27,9 +27,9 @@ from broken_recordings import (
     truncate_image,
     write,
 )
+from broken_tables import TABLES
 from datasets.errors import InputError
-from test_recording_broken_tables import TABLES
-from test_recording_good import write_good
+from good_recordings import write_good
 
 CASES = [
     # recording.toml
@@ -294,7 +294,7 @@ def test_table_is_long_and_names_are_unique():
     assert len({case.name for case in every}) == len(every)
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+@pytest.mark.parametrize("case", CASES + TABLES, ids=lambda case: case.name)
 def test_broken_recording_gets_its_sentence(tmp_path, case):
     assert_sentence(write_good(tmp_path / "cell-4", case.measures), case)
 

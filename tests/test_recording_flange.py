@@ -18,8 +18,7 @@ from broken_recordings import (
 from datasets.columns import FLANGE
 from datasets.errors import InputError
 from datasets.recording import Recording
-from test_recording_good import write_good
-from test_recording_images import real_set
+from good_recordings import real_set, write_good
 
 
 def test_flange_poses_instead_of_joints(tmp_path):

@@ -12,10 +12,10 @@ import datasets
 from datasets import keys
 from datasets.columns import BOOKKEEPING, FLANGE, KINDS
 from datasets.images import ROLES
+from good_recordings import write_good
 from robot_model import builtin_robots, load_robot
 from robot_model.measurements import samples_of
 from robot_model.system import bind
-from test_recording_good import write_good
 from workbench.core.errors import InputError
 from workbench.core.robot_file import Joint, RobotFile
 

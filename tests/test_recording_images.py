@@ -22,7 +22,7 @@ from broken_recordings import (
 from datasets import registry
 from datasets.errors import InputError
 from datasets.recording import Recording
-from test_recording_good import write_good
+from good_recordings import real_set, write_good
 
 HEADER = "image,role,placement,scan,step,mirror_deg,sample,sweep,mirror_speed_deg_s,time_s,temperature_c,note"
 
@@ -358,11 +358,6 @@ CASES = [
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_mistake_in_images_gets_its_sentence(tmp_path, case):
     assert_sentence(write_images(tmp_path / "cell-4"), case)
-
-
-def real_set(real, name):
-    real(name.partition(":")[0])
-    return datasets.read(name)
 
 
 @pytest.mark.parametrize(

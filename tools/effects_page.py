@@ -8,6 +8,7 @@ from pathlib import Path
 
 from robot_model.effects import CATALOGUE as ROBOT
 from sensors.effects import CATALOGUE as SENSOR
+from sensors.scanner.turntable import ANGLE_ERRORS
 
 PAGE = Path(__file__).parents[1] / "docs" / "effects.md"
 HEAD = """# Effects that a model may hold
@@ -44,6 +45,17 @@ SENSOR_HEAD = """
 Used by the renderer, the calibration and the diagnosis alike.
 
 """
+TURNTABLE_HEAD = """
+## The turntable's, in `sensors/scanner/turntable.py`
+
+The angle of a table that turns the object before a fixed scanner: theta is commanded, phi = theta + dphi. `workbench
+scanner` estimates these terms with the axis of the table, and `workbench diagnose` names those that its tests retain.
+They are not terms of a plan. [Use your kind of scanner](how-to/scanners.md#turntable) shows a recording.
+
+"""
+TURNTABLE_COLUMNS = """| name | law | source | what it is | tested by the diagnosis |
+|---|---|---|---|---|
+"""
 COLUMNS = """| name | effect | sits at | port | law | source | what it is | tested by the diagnosis |
 |---|---|---|---|---|---|---|---|
 """
@@ -51,7 +63,14 @@ COLUMNS = """| name | effect | sits at | port | law | source | what it is | test
 
 def page() -> str:
     """The whole page."""
-    return HEAD + _table(ROBOT) + SENSOR_HEAD + _table(SENSOR)
+    return HEAD + _table(ROBOT) + SENSOR_HEAD + _table(SENSOR) + TURNTABLE_HEAD + _turntable()
+
+
+def _turntable() -> str:
+    rows = [
+        (f"`{one.name}`", f"`{one.law}`", one.source, one.what, one.tested) for one in ANGLE_ERRORS
+    ]
+    return TURNTABLE_COLUMNS + "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
 def _table(catalogue) -> str:

@@ -218,7 +218,13 @@ def frames() -> None:
     axes = figure.add_subplot()
     axes.plot(x, z, "-o", color=GREY, lw=5, ms=9, mfc="white", mec=BLUE, mew=2)
     _label_frames(axes, x, z)
-    axes.set(xlabel="x of the base frame (mm)", ylabel="z (mm)", aspect="equal", xlim=(-150, 1350), ylim=(-60, 680))
+    axes.set(
+        xlabel="x of the base frame (mm)",
+        ylabel="z (mm)",
+        aspect="equal",
+        xlim=(-150, 1350),
+        ylim=(-60, 680),
+    )
     axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(IMAGES / "frames.png", dpi=110)
 
@@ -240,7 +246,9 @@ def _label_frames(axes, x, z) -> None:
     note = dict(textcoords="offset points", size=9)
     axes.annotate("base frame (frame 0)", (x[0], z[0]), xytext=(14, -4), **note)
     axes.annotate("flange frame", (x[-1], z[-1]), xytext=(12, 6), **note)
-    axes.annotate("reflector: its position in the\nflange frame is the tool", target, xytext=(12, 4), **note)
+    axes.annotate(
+        "reflector: its position in the\nflange frame is the tool", target, xytext=(12, 4), **note
+    )
     axes.annotate("instrument: measures\nexternal-point", tracker, xytext=(12, -8), **note)
     middle = (x[2] / 2 + x[3] / 2, z[2] / 2 + z[3] / 2)
     axes.annotate("link", middle, xytext=(-40, 4), **note)

@@ -1,6 +1,6 @@
 """Regenerate docs/images: terminals, charts and diagrams of the documentation pages.
 
-`python tools/page_images.py` draws all (about five minutes), `python tools/page_images.py ports commands` the named ones.
+`python tools/page_images.py` draws all (about five minutes), `python tools/page_images.py ports commands` two of them.
 Terminals show what the commands print today, charts are computed by the workbench, diagrams read the catalogues.
 """
 

@@ -75,5 +75,5 @@ def draw(name: str, text: str) -> str:
     for line in [*text.splitlines(), ""]:
         style = "bold" if line.startswith(PROMPT) else ""
         console.print(Text(line, style=style), overflow="fold", highlight=False, width=COLUMNS)
-    picture = console.export_svg(theme=THEME, code_format=SVG, unique_id=name)
-    return re.sub(r"[ \t]+\n", "\n", picture)
+    image = console.export_svg(theme=THEME, code_format=SVG, unique_id=name)
+    return re.sub(r"[ \t]+\n", "\n", image)

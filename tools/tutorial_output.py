@@ -18,8 +18,9 @@ from terminal_image import COLUMNS, ROOT, link_tools
 TUTORIALS = ROOT / "docs" / "tutorials"
 BLOCK = re.compile(r"```(sh|python)\n(.*?)```\n(?:\n```text\n(.*?)```\n)?", re.DOTALL)
 LONGEST, KEPT, GAP = 36, 24, "..."
-# An upper and a lower bound of a run on another machine: 5 %, or two units of the last printed digit.
-RELATIVE, LAST_DIGITS = 0.05, 2
+# What another machine may print: 5 % or two units of the last printed digit more or less; 1 % of a count above 100;
+# any number that is zero but for rounding errors.
+RELATIVE, LAST_DIGITS, COUNTED, ZERO = 0.05, 2, 0.01, 1e-6
 NUMBER = re.compile(r"[+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 
 
@@ -56,7 +57,8 @@ def run(block: Block, folder: Path) -> str:
     done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError(f"{block.code}\n{done.stdout}\n{done.stderr}")
-    return done.stdout.replace(f"{folder.resolve()}/", "").replace(str(ROOT), "...")
+    output = done.stdout.replace(f"{folder.resolve()}/", "").replace(str(ROOT), "...")
+    return re.sub(r"runs/\d{8}-\d{6}-", "runs/DATE-TIME-", output)
 
 
 def shortened(output: str) -> str:
@@ -73,7 +75,8 @@ def difference(printed: str, output: str) -> str | None:
     """The first difference between what a page prints and an output, or None.
 
     White space and the length of rules do not count. Numbers with a decimal point or an exponent may differ by the
-    larger of 5 % and two units of the last digit of the page; all other words and numbers are equal.
+    larger of 5 % and two units of the last digit of the page, whole numbers above 100 by 1 %. Numbers below 1e-6 are
+    zero. All other words and numbers are equal.
     """
     expected, found = _words(shortened(printed)), _words(shortened(output))
     for k, (one, other) in enumerate(zip(expected, found)):
@@ -98,7 +101,9 @@ def _agree(one: str, other: str) -> bool:
 
 def _close(one: str, other: str) -> bool:
     if "." not in one + other and "e" not in one + other:
-        return one == other
+        return abs(int(one) - int(other)) <= COUNTED * abs(int(one))
+    if max(abs(float(one)), abs(float(other))) < ZERO:
+        return True
     decimals = len(one.partition("e")[0].partition(".")[2])
     exponent = int(one.partition("e")[2] or 0)
     allowed = max(RELATIVE * abs(float(one)), LAST_DIGITS * 10.0 ** (exponent - decimals))

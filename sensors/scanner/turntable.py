@@ -17,6 +17,9 @@ from sensors.scanner.motion import Motion, twists_of
 from workbench.core.rigid import rotation_matrix, transform
 
 FRAME = "turntable"
+STEP_ERROR = "turntable-step-error"
+ORDERS = (1, 2, 3)
+"""Cycles per revolution of the harmonics that are tested."""
 _STEP = 1e-6
 _TINY = 1e-9
 _WIDEST_GAP = 3.0  # over the usual gap between positions of a full turn
@@ -27,6 +30,44 @@ def is_full_turn(commanded: np.ndarray) -> bool:
     around = np.sort(np.mod(commanded, 2 * np.pi))
     gaps = np.diff(around, append=around[:1] + 2 * np.pi)
     return bool(gaps.max() < _WIDEST_GAP * max(np.median(gaps), _TINY))
+
+
+@dataclass(frozen=True)
+class AngleError:
+    """One part of the error of the table's angle: `law` with its `source`, `what` it is, and how it is `tested`."""
+
+    name: str
+    law: str
+    source: str
+    what: str
+    tested: str
+
+
+_TESTED = "From images of a board on the table, by an F-test (p < 0.001)."
+ANGLE_ERRORS = (
+    AngleError(
+        f"{STEP_ERROR}, scale",
+        "dphi = (g - 1) theta",
+        "ratio of gear or encoder",
+        "The table turns by a constant factor more or less than commanded.",
+        _TESTED,
+    ),
+    AngleError(
+        f"{STEP_ERROR}, periodic",
+        "dphi = c_n (cos(n theta) - 1) + s_n sin(n theta), n = 1, 2, 3",
+        "periodic error of a rotary encoder or worm gear: ISO 230-7; ISO 230-2, positioning",
+        "The angle errs with one to three cycles per revolution.",
+        f"{_TESTED} More than one cycle where the angles span more than 300 deg.",
+    ),
+    AngleError(
+        f"{STEP_ERROR}, random",
+        "dphi ~ N(0, sigma^2), independent at each position",
+        "repeatability of positioning: ISO 230-2",
+        "Each position has a random error, which no law corrects.",
+        "What the law leaves beyond the noise of the corners; part of the covariance of each ball centre.",
+    ),
+)
+"""What the angle of a turntable may hold; the diagnosis names them."""
 
 
 @dataclass(frozen=True, eq=False)

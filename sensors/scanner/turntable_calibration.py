@@ -12,13 +12,12 @@ from scipy.optimize import least_squares
 
 from sensors.boards.detection import View
 from sensors.camera.model import Camera
-from sensors.scanner.turntable import Turntable
+from sensors.scanner.turntable import ORDERS, STEP_ERROR, Turntable
 from workbench.core.distributions import fisher
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_matrix, rotation_vector, transform
 
 FEWEST = 4
-_ORDERS = (1, 2, 3)
 _FEWEST_FREE = 4  # degrees of freedom below which a law is not tested
 _SIGNIFICANT = 0.001  # of an F-test; several are made
 _LARGEST_RMS_PX = 2.0
@@ -75,13 +74,11 @@ class TurntableCalibration:
         ]
         for term in self.terms:
             if term.retained:
-                said.append(
-                    f"turntable-step-error: {term.name} (F-test p = {term.probability:.2g})"
-                )
+                said.append(f"{STEP_ERROR}: {term.name} (F-test p = {term.probability:.2g})")
         noise = float(np.sqrt(np.mean(self.sigma**2)))
         if self._is_random:
             said.append(
-                f"turntable-step-error: random error of a position {np.rad2deg(self.table.sigma):.4f} deg, 1 sigma; "
+                f"{STEP_ERROR}: random error of a position {np.rad2deg(self.table.sigma):.4f} deg, 1 sigma; "
                 f"the corners alone explain {np.rad2deg(noise):.4f} deg"
             )
         return tuple(said)
@@ -250,7 +247,7 @@ def _law(commanded, away) -> tuple[tuple[Term, ...], tuple[int, ...]]:
     """Forward selection of the scale and of the harmonics by F-tests."""
     chosen: tuple[int, ...] = ()
     tested: dict[int, Term] = {}
-    candidates = (0, *(_ORDERS if np.ptp(commanded) > _SPAN else _ORDERS[:1]))
+    candidates = (0, *(ORDERS if np.ptp(commanded) > _SPAN else ORDERS[:1]))
     while True:
         trials = [
             _test(commanded, away, chosen, order) for order in candidates if order not in chosen

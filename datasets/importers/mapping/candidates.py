@@ -1,7 +1,7 @@
 """Which units and rotation conventions the columns may have, as far as headers and format leave them open."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,12 +17,20 @@ from datasets.importers.mapping.rotations import (
     rotation_matrices,
 )
 from datasets.importers.mapping.sets import AXES_OF_SET, find_sets
+from datasets.importers.mapping.spherical import completions, is_spherical
 from datasets.importers.source import RawTable
 from datasets.importers.units import ANGLES, LENGTHS
 
 LENGTH_UNITS = ("mm", "m", "in", "cm")
 ANGLE_UNITS = ("deg", "rad", "gon")
 _WORDS = {"deg": "degrees", "rad": "radians", "gon": "gon", "mrad": "milliradians"}
+_LENGTH_WORDS = {
+    "mm": "millimetres",
+    "m": "metres",
+    "in": "inches",
+    "cm": "centimetres",
+    "um": "micrometres",
+}
 _SAME_DECIMALS = 8
 
 
@@ -47,6 +55,17 @@ class Turn:
 def length_units(group: Group, stated_only: bool = True) -> tuple[str, ...]:
     """Units that a point may have: the stated one, or all."""
     return (group.unit,) if group.unit in LENGTHS and stated_only else LENGTH_UNITS
+
+
+def point_readings(group: Group, stated_only: bool = True) -> Iterator[tuple[str, Group]]:
+    """(words, group) of every unit of a point and, of spherical coordinates, every convention."""
+    conventions = [group.convention]
+    if is_spherical(group.convention):
+        conventions = completions(group.convention, stated_only)
+    for unit in length_units(group, stated_only):
+        for convention in conventions:
+            words = _LENGTH_WORDS[unit] + (f" ({convention})" if convention else "")
+            yield words, replace(group, unit=unit, convention=convention)
 
 
 def angle_units(group: Group, stated_only: bool = True) -> tuple[str, ...]:
@@ -107,4 +126,11 @@ def _labelled(group: Group, table: RawTable) -> Iterator[tuple[Sequence[str], st
         yield [by_axis[axis] for axis in sequence], f"intrinsic {sequence}"
 
 
-__all__ = ["SEQUENCES", "Turn", "angle_units", "length_units", "rotation_candidates"]
+__all__ = [
+    "SEQUENCES",
+    "Turn",
+    "angle_units",
+    "length_units",
+    "point_readings",
+    "rotation_candidates",
+]

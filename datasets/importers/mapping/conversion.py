@@ -10,6 +10,7 @@ from datasets.importers.mapping.candidates import Turn
 from datasets.importers.mapping.joining import seconds_of
 from datasets.importers.mapping.model import Group, Mapping
 from datasets.importers.mapping.rotations import quaternion_columns
+from datasets.importers.mapping.spherical import is_spherical, points_of
 from datasets.importers.source import RawTable
 from datasets.importers.units import ANGLES, LENGTHS
 
@@ -73,11 +74,11 @@ def joint_columns(
 
 
 def point_columns(table: RawTable, group: Group, prefix: str = "") -> dict[str, np.ndarray]:
-    """x_mm, y_mm, z_mm, a prefix in front of their names."""
-    return {
-        f"{prefix}{axis}_mm": LENGTHS[group.unit] * table.numbers(name)
-        for axis, name in zip("xyz", group.columns)
-    }
+    """x_mm, y_mm, z_mm, a prefix in front of their names; spherical coordinates are converted."""
+    values = np.stack([table.numbers(name) for name in group.columns])
+    if is_spherical(group.convention):
+        values = points_of(values, group.convention)
+    return {f"{prefix}{axis}_mm": LENGTHS[group.unit] * row for axis, row in zip("xyz", values)}
 
 
 def rotation_columns(table: RawTable, group: Group, prefix: str = "") -> dict[str, np.ndarray]:

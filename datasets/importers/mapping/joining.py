@@ -77,7 +77,8 @@ def _choose(few: RawTable, many: RawTable, join: Join) -> Join:
     """The way of joining that the tables themselves offer."""
     for mine, its in _shared_keys(few, many):
         if _match_share(few.columns[mine], many.columns[its]) >= _OVERLAP:
-            return replace(join, by="key")
+            key, other = mine.rpartition(": ")[2], its.rpartition(": ")[2]
+            return replace(join, by="key", key=key if key == other else None)
     if few.n == many.n:
         return replace(join, by="index")
     if seconds_of(few) is not None and seconds_of(many) is not None:

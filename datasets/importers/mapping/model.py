@@ -29,6 +29,7 @@ from pathlib import Path
 
 from datasets.columns import KINDS
 from datasets.errors import complaint
+from datasets.importers.mapping import spherical
 from datasets.importers.mapping.rotations import CONVENTIONS, SIZES
 from datasets.importers.units import ANGLES, LENGTHS
 from workbench.core.text.structured_text import ContentError, read_toml
@@ -225,7 +226,9 @@ def _group(keys, name: str, called: str) -> Group:
         raise complaint(
             f"{where}, key unit", f"one of {', '.join(units)}", repr(unit), "correct it"
         )
-    if convention is not None and convention not in CONVENTIONS:
+    if name == "point":
+        _check_point_convention(convention, where)
+    elif convention is not None and convention not in CONVENTIONS:
         words = "quaternion wxyz, quaternion xyzw, rotation vector, matrix, intrinsic XYZ, extrinsic ZYX, ..."
         raise complaint(
             f"{where}, key convention", f"one of {words}", repr(convention), "correct it"
@@ -246,3 +249,14 @@ def _group(keys, name: str, called: str) -> Group:
             f"{where}, key inverse", "true or false", repr(keys["inverse"]), "correct it"
         )
     return Group(tuple(columns), unit, convention, keys.get("inverse", False))
+
+
+def _check_point_convention(convention, where: str) -> None:
+    """Raise InputError where the convention of a point is neither absent nor spherical coordinates."""
+    if convention is not None and convention not in spherical.CONVENTIONS:
+        raise complaint(
+            f"{where}, key convention",
+            'none, or one such as "spherical elevation deg counterclockwise"',
+            repr(convention),
+            "correct it",
+        )

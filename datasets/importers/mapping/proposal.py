@@ -8,6 +8,7 @@ from datasets.errors import complaint
 from datasets.importers.mapping.headers import Header
 from datasets.importers.mapping.model import Group, Mapping
 from datasets.importers.mapping.sets import ColumnSet, find_sets, headers_of
+from datasets.importers.mapping.spherical import is_spherical
 from datasets.importers.source import RawTable
 
 _TURNS = ("angles", "quaternion", "vector", "matrix")
@@ -65,7 +66,7 @@ def propose(table: RawTable, has_images: bool = False, has_clouds: bool = False)
         axis=None if axis is None else Group(axis.names, None, None),
         flange_point=_group(flange_point, table, "length"),
         flange_rotation=_group(flange_rotation, table, "angle"),
-        columns=_copied(table),
+        columns=_copied(table, () if point is None else point.names),
     )
     mapping = replace(mapping, measures=_measures(mapping, point, has_images, has_clouds))
     return Proposal(mapping, _unused(table, mapping))
@@ -150,7 +151,7 @@ def _group(one: ColumnSet | None, table: RawTable, quantity: str) -> Group | Non
         return None
     unit = one.unit or table.default_units.get(quantity)
     if one.kind in ("joints", "point"):
-        return Group(one.names, unit)
+        return Group(one.names, unit, one.labels if is_spherical(one.labels) else None)
     stated = table.conventions.get(one.names[0])
     if stated is not None:
         return Group(one.names, unit if one.kind == "angles" else None, stated)
@@ -163,12 +164,14 @@ def _group(one: ColumnSet | None, table: RawTable, quantity: str) -> Group | Non
     return Group(one.names, unit if one.kind == "angles" else None, None)
 
 
-def _copied(table: RawTable) -> dict[str, str]:
-    """Columns that are taken over under the name of the recording format."""
+def _copied(table: RawTable, measured: tuple[str, ...]) -> dict[str, str]:
+    """Columns that are taken over under the name of the recording format; not those of the measured point."""
     headers = headers_of(table)
     kept: dict[str, str] = {}
     for name, header in headers.items():
-        if header.kind in _COPIED and not header.is_deviation and header.kind not in kept.values():
+        if name in measured or header.is_deviation:
+            continue
+        if header.kind in _COPIED and header.kind not in kept.values():
             if _fits(table, name, header):
                 kept[name] = header.kind
     return kept
@@ -192,11 +195,16 @@ def _measures(
         return "ball-surface"
     if point is None:
         return "distance" if {"length_mm", "pair"} <= set(mapping.columns.values()) else None
+    return measures_of(mapping, bool(point.words & _SENSOR_WORDS))
+
+
+def measures_of(mapping: Mapping, by_sensor: bool = False) -> str:
+    """The kind of recording of a mapped point; by_sensor: headers say that a sensor on the arm measured it."""
     if mapping.rotation is not None:
         return "external-pose"
     if mapping.axis is not None:
         return "partial-pose"
-    if "ball" in mapping.columns.values() or point.words & _SENSOR_WORDS:
+    if by_sensor or "ball" in mapping.columns.values():
         return "ball-centre"
     return "external-point"
 

@@ -12,6 +12,7 @@ from datasets.importers.mapping.headers import (
     Header,
     read_header,
 )
+from datasets.importers.mapping.spherical import find_triple
 from datasets.importers.source import RawTable
 
 _MATRIX_NAMES = tuple(f"{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
@@ -79,8 +80,21 @@ def find_sets(table: RawTable) -> list[ColumnSet]:
     found: list[ColumnSet] = []
     for same in by_words.values():
         found += _sets_of(same, table)
+    if not any(one.kind == "point" and not one.is_flange for one in found):
+        found += _spherical(table)
     order = {name: k for k, name in enumerate(table.columns)}
     return sorted(found, key=lambda one: order[one.names[0]])
+
+
+def _spherical(table: RawTable) -> list[ColumnSet]:
+    """A point as range, azimuth and vertical angle; `labels` is its convention."""
+    triple = find_triple(headers_of(table))
+    if triple is None:
+        return []
+    headers, convention = triple
+    names = tuple(header.name for header in headers)
+    words = frozenset(word for header in headers for word in header.words) & MEASURED_WORDS
+    return [ColumnSet("point", names, words, headers[0].unit, convention)]
 
 
 def _object_of(header: Header) -> tuple[str, ...]:

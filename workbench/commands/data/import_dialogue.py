@@ -1,12 +1,13 @@
 """What `workbench import` shows and asks at a terminal."""
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from workbench.commands.shared import tables
 from workbench.core.errors import InputError
 
 _PREVIEWED = 4
+_SHOWN_FITS = 8
 
 
 def asker() -> Callable | None:
@@ -47,11 +48,19 @@ def show(console, answer: Mapping, result) -> None:
     rows = [list(row) for row in _mapping_rows(answer["mapping"])]
     tables.grid(console, head, ["quantity", "columns", "read as"], rows, left=3)
     if answer["conventions"]:
-        fits = [[fit["name"], fit["rms_mm"], fit["rms_deg"]] for fit in answer["conventions"]]
-        tables.grid(console, "Fit to the robot", ["reading", "RMS mm", "RMS deg"], fits)
+        _fits(console, answer["conventions"])
     _preview(console, result.recording)
     if answer["unused_columns"]:
         console.print(f"Not used: {', '.join(answer['unused_columns'])}", markup=False)
+
+
+def _fits(console, conventions: Sequence[Mapping]) -> None:
+    """The readings that fit best, and how many more were tested."""
+    fits = [[fit["name"], fit["rms_mm"], fit["rms_deg"]] for fit in conventions[:_SHOWN_FITS]]
+    tables.grid(console, "Fit to the robot", ["reading", "RMS mm", "RMS deg"], fits)
+    if len(conventions) > len(fits):
+        more = len(conventions) - len(fits)
+        console.print(f"{more} other readings fit worse; --json lists all.", markup=False)
 
 
 def _mapping_rows(mapping: Mapping):
@@ -66,7 +75,7 @@ def _mapping_rows(mapping: Mapping):
             for column, target in value.items():
                 yield target, column, ""
         elif name == "join":
-            yield "join", "", str(value.get("by"))
+            yield "join", str(value.get("key") or ""), str(value.get("by"))
 
 
 def _preview(console, recording) -> None:

@@ -92,14 +92,14 @@ _SHOWN = 12
 
 
 def _shown(found: dict) -> list[dict]:
-    """At most twelve rows: the outcome of the study, the same quantity of other models, then the first other columns."""
+    """At most twelve rows: the outcome of the study, the same quantity of other models, other columns."""
     outcome = found["outcome"]
     ranked = sorted(found["columns"], key=lambda row: _rank(row["column"], outcome))
     return ranked[:_SHOWN]
 
 
 def _rank(column: str, outcome: str | None) -> int:
-    """0 for the outcome, 1 for a column of the same quantity (`geometry_test_3kg_mm`: `…_test_3kg_mm`), 2 for others."""
+    """0 for the outcome, 1 for a column of the same quantity (`…_test_3kg_mm`), 2 for others."""
     if outcome is None:
         return 2
     quantity = outcome.partition("_")[2]

@@ -4,6 +4,7 @@ import numpy as np
 
 from sensors.hand_eye.start import board_poses
 from sensors.scanner.calibration import ScannerCalibration
+from sensors.scanner.turntable import STEP_ERROR
 from sensors.scanner.turntable_calibration import (
     TurntableCalibration,
     calibrate_turntable,
@@ -74,7 +75,7 @@ def turntable_json(made: TurntableCalibration | None) -> dict | None:
         "after_deg": float(degrees(made.after)),
         "terms": [
             {
-                "effect": "turntable-step-error",
+                "effect": STEP_ERROR,
                 "name": term.name,
                 "order": term.order,
                 "values": list(term.values),

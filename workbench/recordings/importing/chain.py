@@ -20,9 +20,10 @@ from datasets.importers.mapping.conversion import (
     point_columns,
     rotation_columns,
 )
+from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.joining import join_tables, time_columns
 from datasets.importers.mapping.model import Mapping, write_mapping
-from datasets.importers.mapping.proposal import propose
+from datasets.importers.mapping.proposal import measures_of, propose
 from datasets.importers.mapping.sets import find_sets
 from datasets.importers.source import RawTable, Source
 from datasets.importers.sources import read_sources
@@ -140,8 +141,14 @@ def _never_read(found: Found, mapping: Mapping, with_times: bool) -> tuple[str, 
     read = {found.mapping.join.key, *image_column(found.source.images, found.table)}
     if with_times or found.mapping.join.by == "time":
         read |= set(time_columns(found.table))
+    # a column that several tables have is named "table: column"
+    own = {name: name.rpartition(": ")[2] for name in found.unused}
+    if found.mapping.join.by == "time":
+        read |= {name for name, column in own.items() if read_header(column).kind == "time"}
     return tuple(
-        name for name in found.unused if name not in read and not _is_mapped(mapping, name)
+        name
+        for name, column in own.items()
+        if not read & {name, column} and not _is_mapped(mapping, name)
     )
 
 
@@ -174,6 +181,10 @@ def find_mapping(
     table, join, said = join_tables(tables, mapping.join)
     proposal = propose(table, bool(source.images), bool(source.clouds))
     mapping = mapping.merged(proposal.mapping)
+    if mapping.point is not None and mapping.measures in (None, "external-point"):
+        # the mapping file may name a point or a rotation that no header shows
+        stated = options.mapping.measures
+        mapping = replace(mapping, measures=stated or measures_of(mapping))
     if len(tables) > 1:
         mapping = replace(mapping, join=join)
     unused = tuple(name for name in proposal.unused if not _is_mapped(mapping, name))

@@ -8,7 +8,7 @@ import numpy as np
 from datasets.importers.mapping.candidates import (
     Turn,
     angle_units,
-    length_units,
+    point_readings,
     rotation_candidates,
 )
 from datasets.importers.mapping.model import Mapping
@@ -26,13 +26,6 @@ _ABOUT_AS_BAD = 1.5
 _SCREENED = 40
 _PAIRS = 400
 _SCREEN_FACTOR, _SCREEN_RAD = 3.0, np.deg2rad(1.0)
-_UNIT_WORDS = {
-    "mm": "millimetres",
-    "m": "metres",
-    "in": "inches",
-    "cm": "centimetres",
-    "um": "micrometres",
-}
 _ANGLE_WORDS = {"deg": "degrees", "rad": "radians", "gon": "gon", "mrad": "milliradians"}
 
 _REMEDY = (
@@ -113,21 +106,24 @@ def decide_robot(
 
 
 def unit_readings(mapping: Mapping, stated_only: bool = True):
-    """(title, mapping) for every combination of units."""
-    lengths = length_units(mapping.point, stated_only) if mapping.point is not None else (None,)
+    """(title, mapping) for every combination of units and of conventions of spherical coordinates."""
+    points = [(None, None)]
+    if mapping.point is not None:
+        points = list(point_readings(mapping.point, stated_only))
     for angle in angle_units(mapping.joints, stated_only):
-        for length in lengths:
-            made = mapping.updated("joints", unit=angle)
+        for words, point in points:
+            made = replace(mapping.updated("joints", unit=angle), point=point)
             title = f"joints in {_ANGLE_WORDS[angle]}"
-            if length is not None:
-                made = made.updated("point", unit=length)
-                title += f", point in {_UNIT_WORDS[length]}"
-            yield title, made
+            yield title if words is None else f"{title}, point in {words}", made
 
 
 def _unit_lines(mapping: Mapping) -> str:
-    point = f' and unit = "{mapping.point.unit}" under [point]' if mapping.point is not None else ""
-    return f'unit = "{mapping.joints.unit}" under [joints]{point}'
+    joints = f'unit = "{mapping.joints.unit}" under [joints]'
+    if mapping.point is None:
+        return joints
+    convention = mapping.point.convention
+    more = f' and convention = "{convention}"' if convention else ""
+    return f'{joints} and unit = "{mapping.point.unit}"{more} under [point]'
 
 
 def compare(
