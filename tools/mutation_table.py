@@ -58,11 +58,13 @@ def summary(rows) -> int:
     right = sum(o in RIGHT for o in judged) / max(len(judged), 1)
     noticed = sum(o != "silent" for o in judged) / max(len(judged), 1)
     either = judged.count("either") / max(len(judged), 1)
+    alarms = sum(sound.values()) - sound["nothing"]
+    print(f"{len(judged)} detectable mistakes, alarms on sound recordings: {alarms}")
     print(
-        f"{len(judged)} detectable mistakes: right cause {right:.1%} (required 90 %; {either:.1%} as one of two that "
-        f"explain the data equally well), stopped or warned {noticed:.1%} (required 99 %); alarms on sound recordings: {sum(sound.values()) - sound['nothing']}"
+        f"right cause {right:.1%} (required 90 %), {either:.1%} as one of two that explain the data equally well"
     )
-    return int(right < 0.9 or noticed < 0.99 or sound["nothing"] < sum(sound.values()))
+    print(f"stopped or warned {noticed:.1%} (required 99 %)")
+    return int(right < 0.9 or noticed < 0.99 or alarms > 0)
 
 
 if __name__ == "__main__":
