@@ -61,6 +61,7 @@ _OUTLIER = 15.0
 _MEDIAN_CHI3 = 1.538  # of the length of a vector whose three components have sigma 1
 _ROUNDS = 2
 _LEAST_POSES = 4
+_FOLD_STEPS = 8  # of a fold that one linearisation does not reach, where stages are compared
 _MANY = 1000  # samples from which one linearisation serves all folds by which stages are compared
 
 
@@ -361,6 +362,7 @@ def _held_out(model, fit, split, loss, steps, settle=False) -> HeldOut:
     """
     if loss != "linear" or (split.judged >= 0).sum() < _MANY:
         return cross_validate(model, fit.parameters, split.judged, loss, steps, settle)
+    steps = min(steps, _FOLD_STEPS)
     return cross_validate_linearised(model, fit.parameters, split.judged, steps, settle)
 
 
