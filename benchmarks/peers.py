@@ -111,3 +111,19 @@ def pinocchio_forward(model: pin.Model, q: np.ndarray) -> np.ndarray:
         pin.framesForwardKinematics(model, data, pose)
         points[k] = data.oMf[tool].translation
     return points
+
+
+def pinocchio_regressor(model: pin.Model, q: np.ndarray) -> np.ndarray:
+    """(12, 3, n) derivative of the tool's position, base frame: of d and theta of joints 1 to 6 in turn.
+
+    Pinocchio's frame kinematic regressor holds, for every joint, the motion of the tool by a small twist of the
+    joint's placement; the third and the sixth column are along and about its own z.
+    """
+    data, tool = model.createData(), model.getFrameId("tool")
+    reference = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    rows = np.empty((len(q), 6 * model.nq, 3))
+    for k, pose in enumerate(q):
+        pin.framesForwardKinematics(model, data, pose)
+        rows[k] = pin.computeFrameKinematicRegressor(model, data, tool, reference)[:3].T
+    along_and_about_z = np.arange(model.nq)[:, None] * 6 + [2, 5]
+    return rows[:, along_and_about_z.ravel()].transpose(1, 2, 0)

@@ -1,6 +1,6 @@
 """Speed of reconstruction against cv2.undistortPoints and numpy, in one run on one core; and of its exactness.
 
-Run `python benchmarks/reconstruct.py`; status 1 where the ratio is missed or the answers differ.
+Run `python benchmarks/reconstruct.py`; status 1 where the answers differ.
 Needs only the workbench.
 """
 
@@ -25,7 +25,7 @@ SAME = 1e-6
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Print the table; 1 where a required ratio was missed, else 0."""
+    """Print the table; 1 where the two sides of a row give different answers, else 0."""
     parser = argparse.ArgumentParser(
         prog="benchmarks/reconstruct.py", description=__doc__.splitlines()[0]
     )

@@ -1,4 +1,4 @@
-"""Speed of the arm against pybotics, Pinocchio and figaroh: one table, status 1 where a ratio is missed.
+"""Speed of the arm against pybotics, Pinocchio and figaroh: one table, status 1 where answers differ.
 
 Both sides answer the same question in the same process on one thread, and their answers are
 compared before their times are. Run `python benchmarks/robot.py` in an environment with
@@ -20,7 +20,7 @@ THREADS = (
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Print the table; 1 where a required ratio was missed, else 0."""
+    """Print the table; 1 where the two sides of a row give different answers, else 0."""
     parser = argparse.ArgumentParser(
         prog="benchmarks/robot.py", description=__doc__.splitlines()[0]
     )

@@ -3,13 +3,20 @@
 from functools import partial
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from benchmarks import ball, camera, reconstruct, stripe
-from benchmarks.peers import Pybotics, pinocchio_forward, pinocchio_model
+from benchmarks.peers import (
+    Pybotics,
+    pinocchio_forward,
+    pinocchio_model,
+    pinocchio_regressor,
+)
 from benchmarks.problem import NOISE, POINT, Problem, rms
 from benchmarks.table import Disagreement, Row, agree, compare, fastest
 from robot_model.chain import forward
 from workbench.core.least_squares.solver import solve
+from workbench.core.rigid import rotation_matrix
 
 FEW, MANY = 100, 7000
 REPEATS = {FEW: 100, MANY: 15}
@@ -31,9 +38,11 @@ IN_PYBOTICS_ORDER = [6 + 4 * joint + k for joint in range(6) for k in (3, 2, 0, 
 
 def comparisons() -> list:
     """Functions that return a Row, in the order of the table."""
-    fits = [fit_pybotics, fit_pybotics_vectors, fit_figaroh, sixty_few, sixty_many]
+    fits = [fit_pybotics, fit_pybotics_vectors, fit_figaroh]
+    fits += [fit_scipy_few, fit_scipy_many, sixty_few, sixty_many]
     sensor = [row for part in (camera, reconstruct, stripe, ball) for row in part.comparisons()]
-    return [forward_pybotics, forward_pinocchio, jacobian_pybotics, *fits, *sensor]
+    forwards = [forward_pybotics, forward_pinocchio]
+    return [*forwards, jacobian_pybotics, jacobian_pinocchio, *fits, *sensor]
 
 
 def forward_pybotics() -> Row:
@@ -67,6 +76,29 @@ def jacobian_pybotics() -> Row:
     note = agree("columns, relative to their largest entry,", difference, 1e-4)
     times = compare(partial(problem.model.linearise, free), peer, (50, 1))
     return Row(f"30-parameter Jacobian, {MANY:,} poses, pybotics", *times, 2000, note)
+
+
+def jacobian_pinocchio() -> Row:
+    """Pinocchio's kinematic regressor: analytic, in C++, a call a pose; its columns are twists of joint placements.
+
+    Along and about z of a joint's frame these are d and theta, on which the two are compared. An expert maps the other
+    columns to the numbers of a joint by constant factors, for which no time is counted.
+    """
+    problem = Problem(MANY, craig=True)
+    free = problem.free30(problem.model)
+    keys = [f"joint-{k}.{name}{k}" for k in range(1, 7) for name in ("d", "theta")]
+    compared = free.only(np.isin(free.keys, keys))
+    order = [np.array(compared.keys)[compared.mask].tolist().index(key) for key in keys]
+    base = problem.chain.start[:6]
+    ours = partial(problem.model.linearise, free)
+    model = pinocchio_model(problem, point=POINT)
+    peer = partial(pinocchio_regressor, model, problem.variables.T.copy())
+    turned = np.einsum("ij,kjn->kin", rotation_matrix(base[3:]), peer())
+    columns = problem.model.linearise(compared)[1][order]
+    difference = abs(columns - turned).max() / abs(columns).max()
+    note = agree("columns of d and theta, relative to the largest entry,", difference, 1e-9)
+    times = compare(ours, peer, (50, 5))
+    return Row(f"30-parameter Jacobian, {MANY:,} poses, Pinocchio", *times, None, note)
 
 
 def fit_pybotics() -> Row:
@@ -132,6 +164,39 @@ def fit_figaroh() -> Row:
     note = agree("3-D RMS in mm", abs(reached - ours), 1e-3 * ours)
     note += f"; figaroh chose {len(calibration.calib_config['param_name'])} identifiable parameters of the same arm"
     return Row(f"30-parameter fit, {MANY:,} points, figaroh", seconds, taken, 2000, note)
+
+
+def fit_scipy_few() -> Row:
+    """scipy with the analytic Jacobian of our model: only the solvers differ."""
+    return _fit_scipy(FEW)
+
+
+def fit_scipy_many() -> Row:
+    """The same with many points."""
+    return _fit_scipy(MANY)
+
+
+def _fit_scipy(n) -> Row:
+    problem, enough, seconds = _ours(n)
+    free = problem.free30(problem.model)
+    sigma = problem.model.sigma(free)
+
+    def residual(x):
+        return (problem.model.residual(free.unpack(x)) / sigma).ravel()
+
+    def jacobian(x):
+        rows = problem.model.linearise(free.unpack(x))[1] / sigma
+        return rows.reshape(len(rows), -1).T
+
+    def peer():
+        return least_squares(residual, free.pack(), jacobian, x_scale="jac")
+
+    reached = rms(problem.model.residual(free.unpack(peer().x)))
+    note = agree("3-D RMS in mm", abs(reached - enough), 1e-3 * enough)
+    note += "; trust region, the same analytic Jacobian and start"
+    taken = fastest(REPEATS[n], peer)
+    seconds = min(seconds, _seconds_of_ours(problem))
+    return Row(f"30-parameter fit, {n:,} points, scipy", seconds, taken, None, note)
 
 
 def sixty_few() -> Row:

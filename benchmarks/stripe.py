@@ -14,7 +14,7 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def main() -> int:
-    """Print the table; 1 where a required ratio was missed, else 0."""
+    """Print the table; 1 where the two sides of a row give different answers, else 0."""
     os.environ.update(dict.fromkeys(THREADS, "1"))  # read by numpy when it is first imported, below
     root = str(Path(__file__).resolve().parents[1])
     if root not in sys.path:

@@ -137,4 +137,4 @@ def test_flipped_bytes_of_a_parquet_file_are_found(tmp_path):
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="processes are listed in /proc (Linux)")
 def test_kills_lose_nothing_and_leave_no_process(tmp_path):
     """A few of the kills of `python tools/kill_runs.py`."""
-    assert kill_runs.kill_runs(tmp_path, 8, seed=5) == []
+    assert kill_runs.kill_runs(tmp_path, 12, seed=5) == []

@@ -7,7 +7,7 @@ import pytest
 from conftest import mostly_slow
 from robot_model import load_robot
 from user_error_scenes import REAL, SIMULATED, simulated
-from user_errors import MISTAKES, is_absorbed, judged
+from user_errors import MISTAKES, RIGHT, is_absorbed, judged
 from workbench.fitting.plausibility import check_plausibility
 
 QUICK = (
@@ -37,9 +37,7 @@ def assert_right_cause(mistake, recording):
         pytest.skip(f"'{mistake.name}' cannot be made in this recording")
     if mistake.absorbed(recording):
         pytest.skip(f"not detectable: {mistake.absorbed(recording)}")
-    assert judged(mistake, made) in ("stopped", "warned"), check_plausibility(
-        load_robot(made.robot), made
-    )
+    assert judged(mistake, made) in RIGHT, check_plausibility(load_robot(made.robot), made)
 
 
 @pytest.mark.parametrize("name", SIMULATED)
@@ -84,5 +82,5 @@ def test_mistakes_in_real_recordings(name, real):
             outcome = judged(mistake, made)
             if outcome != "silent" or not is_absorbed(recording, made):
                 outcomes[mistake.name] = outcome
-    right = [outcome in ("stopped", "warned") for outcome in outcomes.values()]
+    right = [outcome in RIGHT for outcome in outcomes.values()]
     assert sum(right) >= 0.95 * len(right), outcomes

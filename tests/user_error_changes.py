@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from datasets.columns import POINT, QUATERNION, joint_columns
+from datasets.columns import AXES, POINT, QUATERNION, joint_columns
 from datasets.recording import Recording
 from robot_model import load_robot
 from robot_model.system import bind
@@ -217,6 +217,31 @@ def moved(place, size_mm, size_deg):
         change = model.residual(replace(moved, values=values)) - model.residual(still)
         change[:, : int(0.6 * recording.n)] = 0
         return changed(recording, **model.chain.measurement.columns(change))
+
+    return make
+
+
+def set_up_again(size_mm, size_deg):
+    """The instrument is set up elsewhere at 60 % of the rows: what it measures moves rigidly, also far."""
+
+    def make(recording):
+        rng = np.random.default_rng(5)
+        shift = size_mm * unit(rng)
+        turn = Rotation.from_rotvec(np.deg2rad(size_deg) * unit(rng))
+        later = np.arange(recording.n) >= int(0.6 * recording.n)
+        points = np.where(later[:, None], turn.apply(recording.points) + shift, recording.points)
+        columns = dict(zip(POINT, points.T))
+        if set(QUATERNION) <= set(recording.columns):
+            names = ("qx", "qy", "qz", "qw")
+            before = np.stack([recording.columns[name] for name in names], -1)
+            after = (turn * Rotation.from_quat(before)).as_quat()
+            columns |= dict(zip(names, np.where(later[:, None], after, before).T))
+        for names in AXES:
+            if set(names) <= set(recording.columns):
+                before = np.stack([recording.columns[name] for name in names], -1)
+                after = np.where(later[:, None], turn.apply(before), before)
+                columns |= dict(zip(names, after.T))
+        return changed(recording, **columns)
 
     return make
 

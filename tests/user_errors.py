@@ -86,7 +86,7 @@ MISTAKES = (
         ("ball-centre",),
     ),
     Mistake("base, instrument or artefact moved midway", _MOVED, changes.moved("base", 4.0, 0.3)),
-    Mistake("instrument set up again midway", _MOVED, changes.moved("base", 700.0, 50.0), EXTERNAL),
+    Mistake("instrument set up again midway", _MOVED, changes.set_up_again(700.0, 50.0), EXTERNAL),
     Mistake("target or sensor slipped midway", _MOVED, changes.moved("tool", 3.0, 0.4)),
     Mistake("file of another robot", ("robot-file",), changes.other_robot),
     Mistake("craig instead of distal", ("convention",), changes.convention),
@@ -122,6 +122,10 @@ MISTAKES = (
 """Every mistake of the table."""
 
 
+RIGHT = ("stopped", "warned", "either")
+"""Outcomes that name the right cause."""
+
+
 # --- outcomes --------------------------------------------------------------------------------------------------------
 
 
@@ -138,7 +142,8 @@ def is_absorbed(sound: Recording, wrong: Recording) -> bool:
 def judged(mistake: Mistake, recording: Recording) -> str:
     """What the plausibility check makes of a recording with a mistake.
 
-    "stopped" or "warned": with the right cause; "other cause": stopped or warned with another one; "unnamed": warned
+    "stopped" or "warned": with the right cause; "either": the right cause is named as an equally good explanation,
+    which the data cannot tell from the first; "other cause": stopped or warned with another one; "unnamed": warned
     that nothing explains the misfit; "silent": not a word.
     """
     try:
@@ -149,6 +154,8 @@ def judged(mistake: Mistake, recording: Recording) -> str:
     right = [f for f in found if set(f.cause.split(" and ")) & set(mistake.causes)]
     if right:
         return "stopped" if any(f.certain for f in right) else "warned"
+    if any(set(f.alternatives) & set(mistake.causes) for f in found):
+        return "either"
     if not found:
         return "silent"
     return "unnamed" if all(f.cause == "unexplained" for f in found) else "other cause"

@@ -15,6 +15,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -38,6 +39,7 @@ class Command:
 COMMANDS = (
     Command("study", ("study", "{}/study.toml", "--workers", "2", "--no-report"), "table.csv"),
     Command("simulate", ("simulate", "{}/scene.toml"), "samples.csv"),
+    Command("calibrate", ("calibrate", "elastic-arm", "--no-report"), "residuals.csv"),
 )
 
 
@@ -46,33 +48,61 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--minutes", type=float, default=120, help="no further kill after this time"
+    )
     given = parser.parse_args()
+    until = time.monotonic() + 60 * given.minutes
+    faults, kills = [], 0
     with tempfile.TemporaryDirectory(prefix="workbench-kills-") as home:
-        faults = kill_runs(Path(home), given.kills, given.seed)
+        for number in range(0, given.kills, 4):
+            if time.monotonic() > until:
+                break
+            several = min(4, given.kills - number)
+            faults += kill_turn(Path(home), number // 4, several, given.seed)
+            kills += several
+            print(f"{kills} kills, {len(faults)} faults", flush=True)
     for fault in faults:
         print(fault)
-    print(f"{given.kills} kills, {len(faults)} faults")
     return int(bool(faults))
 
 
 def kill_runs(home: Path, kills: int, seed: int, commands=COMMANDS) -> list[str]:
     """What went wrong, one sentence each."""
-    study_scenes.write_study(
-        home / "study.toml", ("runs = 40", "runs = 60"), ("part = 3", "part = 2")
-    )
-    (home / "scene.toml").write_text(SCENE, encoding="utf-8")
-    rng, faults = random.Random(seed), []
-    for turn in range(0, kills, 4):
-        command = commands[turn // 4 % len(commands)]
-        reference, duration = finished(command, home, home / f"reference-{command.name}")
-        out = home / f"killed-{turn}"
-        for number in SIGNALS[: min(4, kills - turn)]:
-            faults += killed(command, home, out, number, rng.uniform(0.1, duration))
-        result, _ = finished(command, home, out)
-        if result != reference:
-            faults.append(f"{command.name}: another result after kills in {out.name}")
-        faults += [f"{path.name} was left behind" for path in home.glob(f".partial-{out.name}*")]
+    faults = []
+    for turn in range(-(-kills // 4)):
+        faults += kill_turn(home, turn, min(4, kills - 4 * turn), seed, commands)
     return faults
+
+
+def kill_turn(home: Path, turn: int, kills: int, seed: int, commands=COMMANDS) -> list[str]:
+    """Faults of up to four kills of one command in one folder, and of the run that completes it afterwards."""
+    _write_inputs(home)
+    rng, faults = random.Random(f"{seed} {turn}"), []
+    command = commands[turn % len(commands)]
+    reference, duration = _reference(command, home)
+    if not reference:
+        return [f"{command.name}: fails without a kill"]
+    out = home / f"killed-{turn}"
+    for number in SIGNALS[:kills]:
+        faults += killed(command, home, out, number, rng.uniform(0.1, duration))
+    result, _ = finished(command, home, out)
+    if result != reference:
+        faults.append(f"{command.name}: another result after kills in {out.name}")
+    faults += [f"{path.name} was left behind" for path in home.glob(f".partial-{out.name}*")]
+    return faults
+
+
+@cache
+def _reference(command: Command, home: Path) -> tuple[str, float]:
+    """Checksum and duration in s of a run that nobody kills."""
+    return finished(command, home, home / f"reference-{command.name}")
+
+
+def _write_inputs(home: Path) -> None:
+    changes = ("runs = 40", "runs = 60"), ("part = 3", "part = 2")
+    study_scenes.write_study(home / "study.toml", *changes)
+    (home / "scene.toml").write_text(SCENE, encoding="utf-8")
 
 
 def started(command: Command, home: Path, out: Path) -> subprocess.Popen:

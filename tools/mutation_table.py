@@ -12,7 +12,6 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
-RIGHT = ("stopped", "warned")
 UNDETECTABLE = ("–", "absorbed")
 
 
@@ -52,15 +51,20 @@ def _said(*row):
 
 def summary(rows) -> int:
     """Print the shares; 0 where they meet the criterion."""
+    from user_errors import RIGHT
+
     sound = Counter(outcome for _, mistake, outcome in rows if mistake == "no mistake")
     judged = [o for _, m, o in rows if m != "no mistake" and o not in UNDETECTABLE]
     right = sum(o in RIGHT for o in judged) / max(len(judged), 1)
     noticed = sum(o != "silent" for o in judged) / max(len(judged), 1)
+    either = judged.count("either") / max(len(judged), 1)
+    alarms = sum(sound.values()) - sound["nothing"]
+    print(f"{len(judged)} detectable mistakes, alarms on sound recordings: {alarms}")
     print(
-        f"{len(judged)} detectable mistakes: right cause {right:.1%} (required 90 %), stopped or warned "
-        f"{noticed:.1%} (required 99 %); alarms on sound recordings: {sum(sound.values()) - sound['nothing']}"
+        f"right cause {right:.1%} (required 90 %), {either:.1%} as one of two that explain the data equally well"
     )
-    return int(right < 0.9 or noticed < 0.99 or sound["nothing"] < sum(sound.values()))
+    print(f"stopped or warned {noticed:.1%} (required 99 %)")
+    return int(right < 0.9 or noticed < 0.99 or alarms > 0)
 
 
 if __name__ == "__main__":

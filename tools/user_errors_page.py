@@ -15,7 +15,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 from conftest import recordings_folder  # noqa: E402
 from robot_model import load_robot  # noqa: E402
 from user_error_scenes import REAL, SIMULATED, simulated  # noqa: E402
-from user_errors import MISTAKES, is_absorbed, judged  # noqa: E402
+from user_errors import MISTAKES, RIGHT, is_absorbed, judged  # noqa: E402
 from workbench.core.errors import InputError  # noqa: E402
 from workbench.fitting.plans import geometry  # noqa: E402
 from workbench.fitting.plausibility import check_plausibility  # noqa: E402
@@ -33,6 +33,7 @@ developed on these recordings and mistakes: on others the share that is named ma
 
 - **stopped**: `calibrate` refuses, and its sentence names the cause.
 - **warned**: a warning names the cause.
+- **either**: stopped or warned; the sentence names the cause as one of two that explain the data equally well.
 - other cause: stopped or warned, but the sentence names another cause.
 - unnamed: a warning says that the recording does not fit and what to check.
 - calibration: the plausibility check says nothing; the calibration warns or leaves samples out.
@@ -86,14 +87,14 @@ def page(outcomes: dict[str, dict[str, str]]) -> str:
 
 
 def _cell(outcome) -> str:
-    return f"**{outcome}**" if outcome in ("stopped", "warned", "silent") else outcome
+    return f"**{outcome}**" if outcome in (*RIGHT, "silent") else outcome
 
 
 def summary(outcomes) -> str:
     """How many mistakes were stopped or warned about with the right cause."""
     every = [o for by_name in outcomes.values() for row, o in by_name.items() if row != SOUND]
     judged_ones = [o for o in every if o not in ("–", "absorbed")]
-    right = sum(o in ("stopped", "warned") for o in judged_ones)
+    right = sum(o in RIGHT for o in judged_ones)
     silent = sum(o == "silent" for o in judged_ones)
     false = sum(by_name[SOUND] != "nothing" for by_name in outcomes.values())
     share = 100 * right / max(len(judged_ones), 1)

@@ -168,12 +168,12 @@ def cross_validate(
 
     settle: every fit finds by itself how large effects of one kind are (`workbench.fitting.shrinkage`).
     """
-    residual, located = _no_residual(model), {}
+    residual, located = no_residual(model), {}
     for k in np.unique(fold[fold >= 0]):
         test, fit_on = fold == k, (fold >= 0) & (fold != k)
         residual[:, test], found = _predict(model, start, test, fit_on, loss, steps, settle)
         located |= found
-    return HeldOut(residual, fold, located, _stated_sigma(model))
+    return HeldOut(residual, fold, located, stated_sigma(model))
 
 
 def hold_out(
@@ -186,18 +186,18 @@ def hold_out(
     settle: bool = False,
 ) -> HeldOut:
     """Fit on the samples `fit_on` (n,) bool and predict those of `test` (n,) bool; settle as above."""
-    residual = _no_residual(model)
+    residual = no_residual(model)
     residual[:, test], located = _predict(model, start, test, fit_on, loss, steps, settle)
-    return HeldOut(residual, np.where(test, 0, -1), located, _stated_sigma(model))
+    return HeldOut(residual, np.where(test, 0, -1), located, stated_sigma(model))
 
 
-def _no_residual(model: Model) -> np.ndarray:
+def no_residual(model: Model) -> np.ndarray:
     """(m, n) nan, with at least the three rows of a position."""
     components, samples = model.chain.sigma.shape
     return np.full((max(components, 3), samples), np.nan)
 
 
-def _stated_sigma(model: Model) -> np.ndarray | None:
+def stated_sigma(model: Model) -> np.ndarray | None:
     """(m, n) 1 sigma as the recording states it; None where it states none."""
     chain = model.chain
     return None if chain.sigma_unknown else chain.stated_sigma
@@ -218,9 +218,7 @@ def _predict(model, start, test, fit_on, loss, steps, settle):
 
 def _unseen(fitted_on: Model, seen: Model, parameters: Parameters) -> np.ndarray:
     """(P,) True for places on tool or artefact that the fitted samples do not touch and the tested ones do."""
-    own = np.arange(len(parameters)) < len(fitted_on.chain.parameters)
-    placed = [np.char.startswith(parameters.keys, where) for where in ("tool.", "artefact.")]
-    places = parameters.only(own & (placed[0] | placed[1]))
+    places = parameters.only(places_of_target(fitted_on, parameters))
     if not places.mask.any():
         return places.mask
     silent = ~fitted_on.linearise(places)[1].any(axis=(1, 2))
@@ -228,6 +226,13 @@ def _unseen(fitted_on: Model, seen: Model, parameters: Parameters) -> np.ndarray
     unseen = places.mask.copy()
     unseen[places.mask] = silent
     return unseen
+
+
+def places_of_target(model: Model, parameters: Parameters) -> np.ndarray:
+    """(P,) True for the chain's parameters that place what is measured on the tool or the artefact."""
+    own = np.arange(len(parameters)) < len(model.chain.parameters)
+    placed = [np.char.startswith(parameters.keys, where) for where in ("tool.", "artefact.")]
+    return own & (placed[0] | placed[1])
 
 
 def pad_to_position(residual: np.ndarray) -> np.ndarray:

@@ -32,14 +32,19 @@ def settled(model: Model, fit: Fit, loss: str, steps: int, only: np.ndarray | No
     return fit if scaled is fit.parameters else solve(model, scaled, loss, steps)
 
 
-def rescaled(model: Model, parameters: Parameters, only: np.ndarray | None = None) -> Parameters:
+def rescaled(
+    model: Model,
+    parameters: Parameters,
+    only: np.ndarray | None = None,
+    normal: np.ndarray | None = None,
+) -> Parameters:
     """The same parameters with the common prior of every family of linear effects that maximises the evidence.
 
     A family is all free parameters of one effect, in one unit, at all its places, or as `Effect.shrinkage_groups`
     divides them. Their prior (1 sigma, in
     typical sizes, about null) becomes s with s^2 = sum x^2 / sum (1 - C_kk / s^2), C the covariance under it:
     the size of what is determined. Linearised at `parameters`. Never wider than the effect's own prior, or the one
-    that `parameters` have.
+    that `parameters` have. normal (F, F): whitened normal matrix of the data where it is known already.
     """
     family = _families(model, parameters)
     if only is not None:
@@ -47,7 +52,8 @@ def rescaled(model: Model, parameters: Parameters, only: np.ndarray | None = Non
     if family.max(initial=-1) < 0:
         return parameters
     size = parameters.typical[parameters.mask]
-    normal = normal_matrix(model, parameters) * np.outer(size, size)
+    normal = normal_matrix(model, parameters) if normal is None else normal
+    normal = normal * np.outer(size, size)
     away = (parameters.pack() - parameters.nulls[parameters.mask]) / size
     present, widest = (
         table.precision[parameters.mask] * size**2 for table in (parameters, model.parameters)

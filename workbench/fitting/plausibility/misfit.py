@@ -68,12 +68,18 @@ def _accepted(explanations, recorded: Fit, good) -> list[Explanation]:
     return sorted(close, key=lambda e: (e.correction.parts, rank(e), e.fit.scale))
 
 
+_FEW_SIGNS = 2
 _COMMON = ("joint-sign", "joint-unit", "length-unit", "joint-order", "quaternion-order")
 
 
 def rank(explanation) -> int:
-    """Common mistakes before rare ones, where both explain the data equally well."""
-    cause = explanation.correction.cause
+    """Common mistakes before rare ones, where both explain the data equally well.
+
+    Many joints of the opposite sign are rare: a left-handed frame does the same to most arms.
+    """
+    cause, touched = explanation.correction.cause, explanation.correction.touches
+    if cause == "joint-sign" and len(touched) > _FEW_SIGNS:
+        return len(_COMMON) + 1
     return _COMMON.index(cause) if cause in _COMMON else len(_COMMON)
 
 
@@ -109,9 +115,9 @@ def _explained(robot, recording, recorded, found, good) -> Suspicion:
     degrees = min(recorded.degrees, best.fit.degrees)
     gain = recorded.improbability - best.fit.improbability
     certain = gain > _EVIDENCE and degrees >= _LEAST_DEGREES and _is_accepted(best, recorded, good)
-    return Suspicion(
-        correction_sentence(recording, recorded, best, others), certain, best.correction.cause
-    )
+    sentence = correction_sentence(recording, recorded, best, others)
+    alternatives = tuple(dict.fromkeys(other.cause for other in others[:1]))
+    return Suspicion(sentence, certain, best.correction.cause, alternatives)
 
 
 def _best_recorded(robot, recording, recorded: Fit, explanation) -> Fit:

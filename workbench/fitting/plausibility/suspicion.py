@@ -10,9 +10,11 @@ class Suspicion:
     `sentence`: what was found, why it matters and what to do.
     `certain`: True where the recorded data cannot be right: one correction fits position and orientation as
     well as plausible geometry errors allow, and the data as recorded do not. A calibration then refuses.
-    `cause`: the kind of mistake as one term, for example "joint-sign" or "rows-shifted".
+    `cause`: the kind of mistake as one term, for example "joint-sign" or "rows-shifted". `alternatives`: causes that
+    the sentence names as equally good explanations.
     """
 
     sentence: str
     certain: bool
     cause: str = ""
+    alternatives: tuple[str, ...] = ()

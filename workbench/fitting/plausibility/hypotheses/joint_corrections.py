@@ -15,16 +15,27 @@ from workbench.fitting.plausibility.hypotheses.corrections import (
 )
 
 _MOST_SIGNS = 8
-ANGLE_UNITS = {"radians": 180 / np.pi, "gon": 0.9, "turns": 360.0, "tenths of a degree": 0.1}
+ANGLE_UNITS = {
+    "radians": 180 / np.pi,
+    "gon": 0.9,
+    "turns": 360.0,
+    "tenths of a degree": 0.1,
+    "milliradians": 0.18 / np.pi,
+    "arc minutes": 1 / 60,
+    "arc seconds": 1 / 3600,
+}
 _LENGTH_UNITS = {"m": 1000.0, "inches": 25.4, "cm": 10.0}
 _OFFSETS = (90.0, -90.0, 180.0)
 _WIDEST_DEG = 800.0
+_SMALL_UNIT, _LEAST_COUNT = 0.06, 400.0
 
 
 def joint_corrections(recording) -> Iterator[Correction]:
     """Every single mistake of one joint column, of two, or of all."""
     joints = joint_columns(recording.columns)
     yield from (sign_correction((name,)) for name in joints)
+    if len(joints) > 2:
+        yield sign_correction(tuple(joints), parts=1)  # one convention, of all of them
     yield from _units(recording, joints)
     # an offset of the first joint is absorbed by the base, one of the last joint by the tool
     yield from _offsets([name for name in joints[1:-1] if name.endswith("_deg")])
@@ -51,8 +62,8 @@ def unit_vectors(recording) -> Iterator[Correction]:
         yield from (_unit(names, "radians", 180 / np.pi) for names in combinations(small, count))
 
 
-def sign_correction(names) -> Correction:
-    """Joint columns with the opposite sign."""
+def sign_correction(names, parts: int | None = None) -> Correction:
+    """Joint columns with the opposite sign; parts: elementary mistakes, one a column unless given."""
     verb, pronoun = ("has", "it") if len(names) == 1 else ("have", "them")
     numbers = listed([joint_number(name) for name in names])
     return column_correction(
@@ -62,7 +73,7 @@ def sign_correction(names) -> Correction:
         f"negate {pronoun}, or write sign = -1 for joint {numbers} of the robot file",
         lambda columns: {name: -columns[name] for name in names},
         names,
-        parts=len(names),
+        parts=parts or len(names),
     )
 
 
@@ -78,9 +89,15 @@ def _units(recording, joints):
 
 
 def _could_hold(recording, name, factor) -> bool:
-    """Whether the readings stay within plausible angles once converted."""
+    """Whether the readings stay within plausible angles once converted.
+
+    In a small unit a joint that moves has large numbers; small ones would hardly move the joint once converted, and
+    such a correction would hide the column instead of explaining it.
+    """
     values = recording.columns[name]
-    return np.ptp(values) > 0 and np.abs(values).max() * factor < _WIDEST_DEG
+    largest = np.abs(values).max()
+    is_large_enough = factor > _SMALL_UNIT or largest > _LEAST_COUNT
+    return bool(np.ptp(values) > 0 and largest * factor < _WIDEST_DEG and is_large_enough)
 
 
 def _unit(names, unit, factor, parts=None) -> Correction:
@@ -109,24 +126,31 @@ def _offsets(turning):
 
 
 def _orders(joints):
-    """Two columns swapped, all in reverse order, or moved on by one place."""
+    """Two columns swapped, all in reverse order, or all moved on in a cycle."""
     for a, b in combinations(joints, 2):
         if a[-3:] == b[-3:]:
             yield _order((a, b), (b, a), "are swapped", "swap them back")
     if len(joints) > 2 and len({name[-3:] for name in joints}) == 1:
-        backwards, first, last = joints[::-1], joints[1:] + joints[:1], joints[-1:] + joints[:-1]
         yield _order(
             joints,
-            backwards,
+            joints[::-1],
             "are in reverse order",
             "name them in the order of the kinematic chain",
         )
-        yield _order(
-            joints, first, "are moved on by one place", f"name the first of them {joints[-1]}"
-        )
-        yield _order(
-            joints, last, "are moved back by one place", f"name the last of them {joints[0]}"
-        )
+        yield from (_moved_on(joints, places) for places in range(1, len(joints)))
+
+
+def _moved_on(joints, places) -> Correction:
+    """Columns that are named so many places too far on, in a cycle."""
+    sources = joints[places:] + joints[:places]
+    back = len(joints) - places
+    if back < places:
+        count, direction = back, "back"
+    else:
+        count, direction = places, "on"
+    words = "one place" if count == 1 else f"{count} places"
+    remedy = f"name the first of them {joints[-places]}"
+    return _order(joints, sources, f"are moved {direction} by {words}", remedy)
 
 
 def _order(names, sources, statement, remedy) -> Correction:

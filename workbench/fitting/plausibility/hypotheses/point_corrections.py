@@ -17,7 +17,14 @@ from workbench.fitting.plausibility.hypotheses.corrections import (
     point_columns,
 )
 
-LENGTH_UNITS = {10.0: "cm", 25.4: "inches", 1000.0: "m", 0.1: "tenths of a mm", 0.001: "um"}
+LENGTH_UNITS = {
+    10.0: "cm",
+    25.4: "inches",
+    304.8: "feet",
+    1000.0: "m",
+    0.1: "tenths of a mm",
+    0.001: "um",
+}
 _FARTHEST_MM = 100_000.0
 
 

@@ -1,4 +1,4 @@
-"""Mistakes in the order of rows: measurements shifted by one row, or in reverse order, against joint readings."""
+"""Mistakes in the order of rows: measurements shifted by a few rows, or in reverse order, against joint readings."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -23,7 +23,8 @@ def row_corrections(recording) -> Iterator[Correction]:
     names = observed_columns(recording)
     bare = [c for c in names if c not in LABELS]
     step = _rows_a_pose(recording)
-    for rows in dict.fromkeys((1, -1, step, -step)):
+    shifts = (1, -1, step, -step, 2, -2, 2 * step, -2 * step)
+    for rows in dict.fromkeys(shifts):
         yield _shifted(names, rows)
         if labelled:
             yield _shifted(bare, rows)
