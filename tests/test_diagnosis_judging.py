@@ -167,7 +167,7 @@ def test_terms_that_raise_the_held_out_error_are_refused_one_by_one(monkeypatch)
     ]
     scheme = Scheme(TIME, np.zeros(4, int))
     whole = stability.Nested([scheme], [np.full(4, 0.479)], [np.full(4, 0.548)], [{}], [5.0])
-    monkeypatch.setattr(proof, "_judges_of_all", lambda bench, terms, parts: parts)
+    monkeypatch.setattr(proof, "judges_of_all", lambda bench, terms, parts: parts)
     errors = SimpleNamespace(
         bench=SimpleNamespace(unit="mm", sigma=None),
         predicted=lambda scheme, kept, plain: plain + 0.01,

@@ -108,10 +108,9 @@ def thinned(pose: np.ndarray, samples: np.ndarray, most: int = _SEARCHED) -> np.
 
 def judged_part(bench) -> np.ndarray | None:
     """(n,) bool: the samples of a large recording on which its terms are tested; None for all."""
-    count = len(bench.pose)
-    if bench.whole or bench.chain is None or count <= JUDGED:
+    if bench.chain is None or len(bench.pose) <= JUDGED:
         return None
-    return thinned(bench.pose, np.ones(count, bool), JUDGED)
+    return thinned(bench.pose, np.ones(len(bench.pose), bool), JUDGED)
 
 
 __all__ = ["DEALT", "JUDGED", "SPACE", "TIME", "Scheme", "judged_part", "schemes", "thinned"]
