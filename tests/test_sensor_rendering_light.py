@@ -121,15 +121,15 @@ def test_a_patch_gives_the_irradiance_of_a_lambertian_source():
 
 
 def test_a_lit_ball_throws_light_onto_its_neighbour_and_none_onto_itself():
-    """Gain of grey values (16 bits) by inter-reflection, at the step whose stripe lies on the near side of a ball."""
+    """Gain of grey values (16 bits) by inter-reflection, at the first of four steps that together sweep both balls."""
     lit = BallSurface(np.array([0.0, 0.0, 136.0]), 6.0, 1)
     neighbour = BallSurface(np.array([12.5, 0.0, 130.0]), 6.0, 2)
     chip = Chip(read_noise_e=0.0, bits=16)
-    plain = instrument((-0.8, 0.0, 1.2), optics=SHARP, chip=chip)
+    plain = instrument((0.0, 0.8, 1.2, 1.6), optics=SHARP, chip=chip)
     mutual = replace(plain, laser=replace(plain.laser, indirect=1.0))
 
     def gain(surfaces):
-        images = [list(render_scan(one, surfaces))[1].astype(float) for one in (plain, mutual)]
+        images = [next(render_scan(one, surfaces)).astype(float) for one in (plain, mutual)]
         return images[1] - images[0]
 
     assert np.abs(gain([lit])).max() < 3
