@@ -8,6 +8,7 @@ import pytest
 
 import sensor_virtual
 from sensors.effects import CATALOGUE
+from sensors.light.together import Together
 from workbench.diagnosis.linear.problem import Located
 from workbench.diagnosis.scanner import sensor
 from workbench.diagnosis.scanner.sensor_simulate import simulated
@@ -135,3 +136,13 @@ def test_jitter_of_single_images_is_said_and_a_clean_recording_is_silent(bench):
 def test_a_displacement_that_follows_the_board_pose_is_no_jitter():
     by_pose = 0.1 * np.random.default_rng(4).normal(size=20)
     assert random_image_error(moved_by(lambda placement, step: by_pose[placement]), ()) == ""
+
+
+def test_jitter_is_said_where_the_calibration_holds_it_as_an_error_that_stripes_share():
+    table = 0.1 * np.random.default_rng(3).normal(size=(20, 40))
+    chains = moved_by(lambda placement, step: table[placement, step]).chains
+    stripes = chains.board_stripes
+    shared = Together.of(stripes.labels, stripes.along)
+    shared = replace(shared, sigma=np.array([0.1, 0.0, 0.0]), std=np.full(3, 0.01))
+    held = replace(chains, board_stripes=replace(stripes, together=shared, _start=None))
+    assert "at random from image to image" in random_image_error(sensor.SensorBench(held), ())

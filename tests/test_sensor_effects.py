@@ -23,6 +23,7 @@ CASES = (
     ("lens-residual", "camera", {"degree": 4}),
     ("camera-thermal-drift", "camera", {}),
     ("window-refraction", "camera", {"index": 1.52, "tilt_deg": [2.0, -1.0]}),
+    ("window-refraction", "camera", {"unknown_tilt": True}),
     ("focus-breathing", "camera", {"z0": 120.0}),
     ("plane-bow", "laser", {}),
     ("plane-bow", "laser", {"apex_mm": [70.0, 0.0, -20.0]}),

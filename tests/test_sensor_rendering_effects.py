@@ -41,6 +41,12 @@ SWITCHED = (
     ("lens-residual", "camera", {}, {"z0c2r": 0.5, "z1c2i": 0.4, "z0c1i": 0.3}),
     ("camera-thermal-drift", "camera", {}, {"focal": 1e-4, "x": 0.03, "y": -0.02}),
     ("window-refraction", "camera", {"tilt_deg": [3.0, 5.0]}, {"thickness": 4.0}),
+    (
+        "window-refraction",
+        "camera",
+        {"unknown_tilt": True},
+        {"thickness": 4.0, "x": 0.5, "yy": 0.2},
+    ),
     ("focus-breathing", "camera", {"z0": 100.0}, {"slope": 1e-4}),
     ("plane-bow", "laser", {}, {"curvature": 1e-3}),
     ("plane-bow", "laser", {"apex_mm": [70.0, 0.0, 0.0]}, {"angle": 0.15}),

@@ -11,8 +11,9 @@ import torch
 
 from sensor_bench import CAMERA, board, instrument
 from sensors.rendering import formation
+from sensors.rendering.indirect import irradiance
 from sensors.rendering.instrument import Chip, Lamp, Optics
-from sensors.rendering.render import lamp_light, laser_light, render_board
+from sensors.rendering.render import lamp_light, laser_light, render_board, render_scan
 from sensors.rendering.surfaces import BallSurface, Gloss
 
 FACING = np.array([-30.0, -30.0, 140.0, 0, 0, 0])
@@ -108,3 +109,28 @@ def test_a_lamp_from_the_side_lights_by_its_own_cosine():
     light = lamp_light(made, [board(pose=FACING)], 0.7).cpu().numpy()
     middle = light[100:150, 140:180].mean() / (0.7 * made.chip.full_well_e * 0.8)
     assert middle == pytest.approx(0.8, rel=0.01)
+
+
+def test_a_patch_gives_the_irradiance_of_a_lambertian_source():
+    """Receivers at 5 mm: square to the line, tilted by 60 degrees, and behind their own surface."""
+    turned = np.array([[0, 0, -1.0], [np.sqrt(0.75), 0, -0.5], [0, 0, 1.0]]).T
+    points = np.tile([[0.0], [0.0], [5.0]], 3)
+    patch, normal = np.zeros((3, 1)), np.array([[0.0], [0.0], [1.0]])
+    received = irradiance(points, turned, patch, normal, np.array([0.2]))
+    assert received == pytest.approx(np.array([1.0, 0.5, 0.0]) * 0.2 / (np.pi * 25.0))
+
+
+def test_a_lit_ball_throws_light_onto_its_neighbour_and_none_onto_itself():
+    """Gain of grey values (16 bits) by inter-reflection, at the first of four steps that together sweep both balls."""
+    lit = BallSurface(np.array([0.0, 0.0, 136.0]), 6.0, 1)
+    neighbour = BallSurface(np.array([12.5, 0.0, 130.0]), 6.0, 2)
+    chip = Chip(read_noise_e=0.0, bits=16)
+    plain = instrument((0.0, 0.8, 1.2, 1.6), optics=SHARP, chip=chip)
+    mutual = replace(plain, laser=replace(plain.laser, indirect=1.0))
+
+    def gain(surfaces):
+        images = [next(render_scan(one, surfaces)).astype(float) for one in (plain, mutual)]
+        return images[1] - images[0]
+
+    assert np.abs(gain([lit])).max() < 3
+    assert gain([lit, neighbour]).max() > 100

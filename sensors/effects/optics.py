@@ -10,6 +10,8 @@ from sensors.effects.covariates import warming
 from workbench.core.covariates import known, warmth, warmth_sizes
 from workbench.core.effect import Effect, Variant
 
+_STEP = 0.05  # rad, of the difference quotients by the tilt of a window
+
 
 class LensResidual(Effect):
     """The lens distorts in ways that Brown's coefficients do not hold.
@@ -135,13 +137,17 @@ class WindowRefraction(Effect):
     It moves every ray sideways, parallel to itself, by what grows with the angle; the ray's change
     of direction that reaches the same point is that shift over the range. Linear in the thickness,
     and nothing without it: the index (of air to glass) and the tilt about x and y show only through
-    the thickness, so they are options and no parameters. The leading term is a camera
-    that stands (1 - 1/N) t further back; only what goes with the cube of the angle can be seen.
+    the thickness, so they are options. The leading term is a camera that stands (1 - 1/N) t further back; only what
+    goes with the cube of the angle can be seen.
+
+    With `unknown_tilt` the tilt is estimated too, by its products with the thickness up to the second order, about
+    `tilt_deg`. A tilted window is astigmatic, which shows much more.
     """
 
     effect = "window-refraction"
     port = "ray"
     places = ("camera",)
+    nonnegative = 1
     equation = "dray = -t (tan a - tan a') e / range, sin a = N sin a'"
     source = (
         "plane-parallel plate: Born & Wolf, Principles of Optics, 7th ed., sec. 4.6; Snell's law"
@@ -152,22 +158,60 @@ class WindowRefraction(Effect):
         where: str,
         index: Annotated[float, Field(gt=1, le=4)] = 1.5,
         tilt_deg: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.0, 0.0],  # noqa: B006
+        unknown_tilt: bool = False,
     ):
         super().__init__(where)
         self.index, self.tilt_deg, self.tilt = index, tilt_deg, np.deg2rad(tilt_deg)
+        self.unknown_tilt = unknown_tilt
+
+    @classmethod
+    def candidates(cls, chain):
+        """Across the optical axis, and with an unknown tilt."""
+        for where in chain.places("camera"):
+            yield Variant(cls(where), "across the axis", 0.5)
+            yield Variant(cls(where, unknown_tilt=True), "tilted", 0.5)
 
     def table(self, chain):
-        return (self.parameter("thickness", "mm", 1.0, "the window's thickness"),)
+        thickness = self.parameter("thickness", "mm", 1.0, "the window's thickness")
+        if not self.unknown_tilt:
+            return (thickness,)
+        label = "the window's thickness times its tilt about"
+        first = [self.parameter(k, "mm rad", 0.3, f"{label} {k}") for k in "xy"]
+        second = [self.parameter(k, "mm rad^2", 0.1, f"{label} {k}") for k in ("xx", "xy", "yy")]
+        return (thickness, *first, *second)
 
     def basis(self, state):
-        normal = np.array([np.tan(self.tilt[1]), -np.tan(self.tilt[0]), 1.0])
+        if not self.unknown_tilt:
+            return known(self._by_thickness(state, self.tilt))[None]
+        return known(np.stack(self._expanded(state)))
+
+    def _by_thickness(self, state, tilt) -> np.ndarray:
+        """(3, n) change of the ray per mm of a window with a tilt (2,) rad."""
+        normal = np.array([np.tan(tilt[1]), -np.tan(tilt[0]), 1.0])
         normal /= np.linalg.norm(normal)
         rays = state.rays
         cosine = normal @ rays
         aside = rays - normal[:, None] * cosine
         inside = np.sqrt(self.index**2 - 1 + cosine**2)  # N cos a'
         shift = -aside * (1 / cosine - 1 / inside)
-        return known(shift / np.linalg.norm(state.points, axis=0))[None]
+        return shift / np.linalg.norm(state.points, axis=0)
+
+    def _expanded(self, state) -> list[np.ndarray]:
+        """Taylor's series in the tilt to the second order: (3, n) by 1, x, y, x^2, x y and y^2."""
+
+        def at(x, y):
+            return self._by_thickness(state, self.tilt + _STEP * np.array([x, y]))
+
+        middle, left, right, low, high = at(0, 0), at(-1, 0), at(1, 0), at(0, -1), at(0, 1)
+        mixed = at(1, 1) - at(1, -1) - at(-1, 1) + at(-1, -1)
+        return [
+            middle,
+            (right - left) / (2 * _STEP),
+            (high - low) / (2 * _STEP),
+            (right - 2 * middle + left) / (2 * _STEP**2),
+            mixed / (4 * _STEP**2),
+            (high - 2 * middle + low) / (2 * _STEP**2),
+        ]
 
 
 class FocusBreathing(Effect):

@@ -80,6 +80,8 @@ class Laser:
     """Amplitude of brightness along the fan, as a share."""
     uneven_deg: float = 5.0
     """Period of that brightness, an angle of the fan."""
+    indirect: float = 0.0
+    """Share of the light that surfaces throw onto one another, 1 as it is: `sensors.rendering.indirect`."""
 
     def width(self, distance: np.ndarray) -> np.ndarray:
         """(n,) mm, 1 sigma of the line at distances (n,) mm from the source: Siegman, Lasers (1986), ch. 17."""

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sensors.rendering import formation, sight
+from sensors.rendering.indirect import indirect_light
 from sensors.rendering.instrument import Instrument
 from sensors.rendering.ports import Moment
 from sensors.rendering.stripes import Canvas, Stripe, set_stage, stripe
@@ -51,6 +52,8 @@ def render_scan(
         random = formation.generator(seed, index)
         found = stripe(instrument, surfaces, stage, index, moment)
         light, spread = _with_stripe(instrument, lamp, found, canvas, random)
+        indirect = indirect_light(instrument, stage, found)
+        light = light if indirect is None else light + indirect
         yield _developed(instrument, light, random, spread)
 
 

@@ -90,6 +90,7 @@ class LaserKeys(_Table):
     rayleigh_mm: float = Field(float("inf"), gt=0, allow_inf_nan=True)
     uneven: Share = 0.0
     uneven_deg: Above = 5.0
+    indirect: Share = 0.0
     source_mm: Vector | None = None
 
 

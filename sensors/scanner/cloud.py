@@ -73,9 +73,9 @@ class Cloud:
                 "ordered": True
             }
         place = self.scanner.places(self.steps)
-        if self.scanner.covariance is None:
-            return {"groups": place}
         planes, covariance = self.scanner.planes, self.scanner.covariance
+        if covariance is None:  # the planes count as exact; what a stripe's centres share remains
+            covariance = np.zeros((3 * planes.shape[1],) * 2)
         own = stripe_error(self.error, place, self.along)
         shared = plane_error(self.points, planes, place, covariance, own)
         return {"shared": shared, "ordered": True}

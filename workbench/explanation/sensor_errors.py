@@ -1,12 +1,15 @@
 """What a diagnosis of a sensor means for the user: errors by kind, ball centres, random errors of single images."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from datasets.recording import Recording
 from sensors.camera.focal_scatter import focal_scatter
+from workbench.core.effect import Effect
 from workbench.core.least_squares.adjustment_tests import neighbour_test
+from workbench.core.model import Model
 from workbench.diagnosis.scanner.sensor_linear import acts
 from workbench.diagnosis.validation.heldout import rms
 from workbench.explanation.result import Proof, Term
@@ -78,8 +81,7 @@ def random_image_error(bench, terms: Sequence[Term]) -> str:
     board_stripes = bench.chains.board_stripes
     if board_stripes is None:
         return ""
-    chains, fit = bench.solve([e for term in terms for e in term.finding.effects])
-    residual = fit.residual[list(chains.parts).index("board_stripes")][0]
+    residual = _stripe_residual(bench, [e for term in terms for e in term.finding.effects])
     labels = board_stripes.labels
     code = labels["placement"] * board_stripes.planes.shape[1] + labels["step"]
     _, first, stripe = np.unique(code, return_index=True, return_inverse=True)
@@ -99,6 +101,20 @@ def random_image_error(bench, terms: Sequence[Term]) -> str:
         "the mirror or the arm, or irregular timing. No recorded covariate predicts it, so no correction can remove "
         "it; average several sweeps, let the arm settle, or record what changes between images."
     )
+
+
+def _stripe_residual(bench, effects: Sequence[Effect]) -> np.ndarray:
+    """(n,) px, residuals of stripes on boards with the errors that the points of a stripe share.
+
+    A fit takes these errors off, as random effects; here they are what is looked for.
+    """
+    chains, fit = bench.solve(effects)
+    whole = replace(at_solution(chains, fit).board_stripes, together=None)
+    model = Model(whole, tuple(effect for effect in effects if acts(effect, "board_stripes")))
+    keys = set(model.parameters.keys)
+    found = {p.key: fit.parameters[p.key] for p in fit.parameters.table if p.key.count(".") > 1}
+    values = {key: value for key, value in found.items() if key in keys}
+    return model.evaluate(model.parameters.update(values)).residual[0]
 
 
 def random_focal_error(bench, terms: Sequence[Term]) -> str:
