@@ -46,6 +46,7 @@ _COMPARED = {
     CAMERA: (("images used", "views"), ("corners", "corners"), ("RMS (px)", "rms_px")),
 }
 _UNKNOWN = "–"
+_BASELINE = {"rms_mm": "before_mm", "rotation_rms_deg": "before_deg"}
 _MOST_KNOWN = 24
 REPLACE, EXTEND, REMOVE = "replace", "extend", "remove"
 
@@ -373,8 +374,10 @@ def quantities_of(opened: Opened) -> dict[str, np.ndarray]:
 
 
 def _figure(answer, key: str, inner: str = "rms_mm") -> str:
+    """A figure of a run for people; of a diagnosis the one of its baseline, which the next run is compared with."""
     value = answer.get(key)
-    value = value.get(inner) if isinstance(value, dict) else value
+    if isinstance(value, dict):
+        value = value.get(inner, value.get(_BASELINE.get(inner)))
     if value is None:
         return _UNKNOWN
     return f"{value:,}" if isinstance(value, int) else f"{value:.4g}"
