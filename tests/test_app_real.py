@@ -59,6 +59,9 @@ def test_arrows_clicks_and_brushes_select_samples(page):
     click_bin(page, place)
     wait_for_text(page, "selection", f"{bars['y'][place]:,} of {samples:,} samples selected")
     page.get_by_role("heading", name="Sample").wait_for()
+    pose = page.get_by_role("group", name="Selected samples").locator("tbody td").nth(1)
+    row = page.get_by_role("group", name="Row of the sample").locator("tr", has_text="pose")
+    assert row.locator("td").nth(1).inner_text() == pose.inner_text()
 
 
 def test_arm_reflectors_and_instrument_are_drawn_and_move(page):

@@ -131,6 +131,14 @@ class Workspace:
         places = [k for k, row in enumerate(images) if row.get("sample") == number]
         return places[len(places) // 2] if places else None
 
+    def pose_of(self, row: int) -> int | None:
+        """Number of the pose of a row: as the recording names it, else counted by the run; None without one."""
+        numbers = self.opened.samples.columns.get("pose")
+        if numbers is not None:
+            return int(numbers[self.opened.rows[row]])
+        found = self.opened.residuals
+        return None if found is None or found.pose is None else int(found.pose[row])
+
     def row_of_image(self, index: int) -> int | None:
         """Row of the sample that the image at a place of images.csv belongs to; None without one."""
         number = self.opened.recording.images[index].get("sample")

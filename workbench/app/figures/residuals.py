@@ -254,6 +254,7 @@ def _add_bins(made: go.Figure, counted: Histogram, kind: str, unit: str) -> None
         customdata=[[low, high, kind] for low, high in zip(lows, highs)],
         text=texts,
         textposition="none",
+        marker_color=style.GREY,
         opacity=0,
         hovertemplate="%{text}<extra></extra>",
     )

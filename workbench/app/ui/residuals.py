@@ -230,7 +230,7 @@ class ResidualsTab(Tab):
 
     def _row(self, row: int) -> dict:
         work, found = self.work, self.work.opened.residuals
-        pose = "–" if found is None or found.pose is None else int(found.pose[row])
+        pose = work.pose_of(row)
         number = int(work.opened.edit_ids[row])
         held = (
             "–"
@@ -243,7 +243,7 @@ class ResidualsTab(Tab):
             "row": row,
             "angle": "–" if angle is None else f"{angle[row]:.4f}",
             "sample": number,
-            "pose": pose,
+            "pose": "–" if pose is None else pose,
             "length": f"{work.lengths()[row]:.4f}",
             "held_out": held,
             "image": work.image_of(number),
