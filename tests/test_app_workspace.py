@@ -195,6 +195,17 @@ def test_before_and_after_compares_the_last_two_runs(work, run):
     assert set(rows) == {"samples", "RMS of the fit (mm)", "held-out RMS (mm)"}
 
 
+def test_a_calibration_after_a_diagnosis_is_compared_with_its_baseline(run, tmp_path):
+    opened = open_subject(str(write_diagnosis(tmp_path / "diagnosis")))
+    work = Workspace(opened, tmp_path / "session.toml")
+    work.open_run(open_subject(str(run)))
+    rows = {row["name"]: row for row in work.comparison()}
+    assert rows["held-out RMS (mm)"]["before"] == "0.117"
+    before = next(one for one in residuals.comparison(work).data if one.name == "before")
+    assert before.x[-1] == opened.residuals.lengths["before"].max()
+    assert not residuals.has_side_by_side(work)
+
+
 def test_figures_hold_every_row_of_a_small_run(work):
     arrows = residuals.arrows(work)
     marks = next(one for one in arrows.data if one.name == "measured points")
