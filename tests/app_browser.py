@@ -183,6 +183,46 @@ def click_row(page, row: int, samples: int) -> None:
     wait_for_text(page, "selection", f"1 of {samples:,} samples selected")
 
 
+def click_at(page, x: float, y: float) -> None:
+    """Move the mouse to a place of the window and click, as slowly as plotly needs to see what is there."""
+    page.mouse.move(x, y, steps=4)
+    page.wait_for_timeout(300)
+    page.mouse.down()
+    page.wait_for_timeout(150)
+    page.mouse.up()
+
+
+def click_bin(page, place: int) -> None:
+    """Click on a bin of the histogram of the residuals, at 40 % of its height."""
+    x, y = plot(page, "histogram").evaluate(
+        """(element, place) => {
+            const {xaxis, yaxis} = element._fullLayout, box = element.getBoundingClientRect();
+            const bins = element._fullData.find((one) => one.name === 'bins');
+            return [box.left + xaxis._offset + xaxis.c2p(bins.x[place]), box.top + yaxis._offset + 0.6 * yaxis._length];
+        }""",
+        place,
+    )
+    click_at(page, x, y)
+
+
+def click_mark(page, row: int) -> None:
+    """Click on the measured point of a sample among the arrows in space."""
+    x, y = plot(page, "arrows").evaluate(
+        """(element, row) => {
+            const scene = element._fullLayout.scene._scene, {projection, view, model} = scene.glplot.cameraParams;
+            const marks = element._fullData.find((one) => one.name === 'measured points');
+            const place = Array.from(marks.customdata).indexOf(row);
+            const point = ['x', 'y', 'z'].map((axis, k) => marks[axis][place] * scene.dataScale[k]);
+            const apply = (m, v) => [0, 1, 2, 3].map((i) => [0, 1, 2, 3].reduce((sum, j) => sum + m[4 * j + i] * v[j], 0));
+            const seen = [model, view, projection].reduce((v, m) => apply(m, v), [...point, 1]);
+            const box = scene.container.getBoundingClientRect();
+            return [box.left + box.width * (0.5 + 0.5 * seen[0] / seen[3]), box.top + box.height * (0.5 - 0.5 * seen[1] / seen[3])];
+        }""",
+        row,
+    )
+    click_at(page, x, y)
+
+
 def brush_chart(page) -> None:
     """Drag a rectangle over the whole chart of the residuals."""
     box = plot(page, "chart").locator(".nsewdrag").first.bounding_box()

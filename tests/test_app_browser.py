@@ -7,6 +7,8 @@ import pytest
 
 from app_browser import (
     brush_chart,
+    click_bin,
+    click_mark,
     click_row,
     emit,
     open_page,
@@ -115,15 +117,23 @@ def test_a_brush_over_the_whole_chart_selects_every_sample(page):
 def test_a_real_click_on_a_bar_selects_its_samples(page):
     bars = trace(page, "histogram", "held out")
     place = max(range(len(bars["y"])), key=lambda k: bars["y"][k])
-    x, y = plot(page, "histogram").evaluate(
-        """(element, [x, y]) => { const layout = element._fullLayout, box = element.getBoundingClientRect();
-            return [box.left + layout.xaxis._offset + layout.xaxis.c2p(x), box.top + layout.yaxis._offset + layout.yaxis.c2p(y / 2)]; }""",
-        [bars["x"][place], bars["y"][place]],
-    )
-    page.mouse.move(x, y, steps=4)
-    page.wait_for_timeout(300)
-    page.mouse.click(x, y)
+    click_bin(page, place)
     wait_for_text(page, "selection", f"{bars['y'][place]} of 300 samples selected")
+
+
+def test_a_real_click_on_a_low_bar_selects_its_samples(page):
+    bars = trace(page, "histogram", "held out")
+    place = max(k for k, count in enumerate(bars["y"]) if count)
+    assert bars["y"][place] < 0.1 * max(bars["y"])
+    click_bin(page, place)
+    wait_for_text(page, "selection", f"{bars['y'][place]} of 300 samples selected")
+
+
+def test_a_real_click_on_a_mark_in_space_selects_its_sample(page):
+    plot(page, "arrows")
+    page.wait_for_timeout(1500)
+    click_mark(page, 120)
+    wait_for_text(page, "selection", "1 of 300 samples selected")
 
 
 def test_the_histogram_overlays_fit_and_held_out(page):
@@ -136,6 +146,20 @@ def choose_mode(page, mode: str) -> None:
     page.get_by_role("combobox", name="Selection mode").press("Enter")
     page.get_by_role("option", name=mode).click()
     page.get_by_role("listbox", name="Selection mode").wait_for(state="hidden")
+
+
+def choose_kind(page, kind: str) -> None:
+    """Choose a kind of residual, and wait until a click on a bin selects by it."""
+    page.get_by_role("combobox", name="Residual", exact=True).press("Enter")
+    page.get_by_role("option", name=kind, exact=True).click()
+    key = {"fit": "fit", "held out": "held_out"}[kind]
+    plot(page, "histogram").evaluate(
+        """async (one, key) => {
+            while (one.data.find((found) => found.name === 'bins').customdata[0][2] !== key)
+                await new Promise((later) => setTimeout(later, 20));
+        }""",
+        key,
+    )
 
 
 def test_adding_to_and_removing_from_a_selection(page):
@@ -188,11 +212,13 @@ def test_an_error_message_disappears_with_the_next_success(page):
     message.wait_for(state="detached")
 
 
-def test_a_bar_of_the_fit_selects_by_the_residual_of_the_fit(page):
+def test_a_bar_selects_by_the_chosen_residual(page):
+    choose_kind(page, "fit")
     bars = trace(page, "histogram", "fit")
     place = max(range(len(bars["y"])), key=lambda k: bars["y"][k])
-    emit(page, "histogram", "plotly_click", {"points": [{"customdata": bars["customdata"][place]}]})
+    click_bin(page, place)
     wait_for_text(page, "selection", f"{bars['y'][place]} of 300 samples selected")
+    choose_kind(page, "held out")
 
 
 def test_the_chart_can_show_any_covariate(page):

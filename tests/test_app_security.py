@@ -3,6 +3,7 @@
 import http.client
 import os
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -212,18 +213,83 @@ def test_a_websocket_of_the_app_itself_is_accepted(served):
     connection.close()
 
 
+@pytest.fixture(scope="module")
+def of_run(arm_run, tmp_path_factory):
+    """The app on a run whose parent folder holds a secret, with links to it in the run."""
+    folder = tmp_path_factory.mktemp("outside")
+    (folder / "secret.txt").write_text("root: secret")
+    shutil.copytree(arm_run, folder / "run")
+    os.symlink(folder / "secret.txt", folder / "run" / "link.txt")
+    os.symlink(folder, folder / "run" / "up")
+    made = serve(folder / "run", folder / "session")
+    yield made
+    stop(made)
+
+
+@pytest.mark.slow
+def test_a_file_of_the_run_is_served_with_the_token_only(of_run):
+    cookie = f"workbench-{of_run.port}={of_run.token}"
+    status, headers, body = _get(of_run, "/files/answer.json", Cookie=cookie)
+    assert status == 200 and b"calibrate" in body and headers["Cache-Control"] == "no-store"
+    assert _get(of_run, "/files/answer.json")[0] == 403
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "path",
     [
-        "/files/../secret",
-        "/files/%2e%2e/%2e%2e/etc/passwd",
+        "/files/../secret.txt",
+        "/files/%2e%2e/secret.txt",
+        "/files/..%2fsecret.txt",
+        "/files/..%5csecret.txt",
+        "/files/%252e%252e/secret.txt",
+        "/files/ball-centres/../../secret.txt",
+        "/files/link.txt",
+        "/files/up/secret.txt",
         "/files//etc/passwd",
-        "/files/..%2f..%2fetc%2fpasswd",
-        "/../etc/passwd",
-        "/files/answer.json",
+        "/files/..%2f..%2f..%2f..%2fetc%2fpasswd",
+        "/../../etc/passwd",
+        "/assets/../../../../../../etc/passwd",
+        "/%2e%2e/%2e%2e/%2e%2e/etc/passwd",
     ],
 )
-def test_paths_outside_are_not_served_with_the_right_token_either(served, path):
-    status, _, body = _get(served, path, Cookie=f"workbench-{served.port}={served.token}")
+def test_paths_outside_the_run_are_not_served_with_the_right_token_either(of_run, path):
+    status, _, body = _get(of_run, path, Cookie=f"workbench-{of_run.port}={of_run.token}")
     assert status in (403, 404) and b"root:" not in body
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "HEAD"])
+def test_other_methods_need_the_token_too(of_run, method):
+    connection = http.client.HTTPConnection("127.0.0.1", of_run.port, timeout=60)
+    connection.request(method, "/files/answer.json")
+    answer = connection.getresponse()
+    assert answer.status == 403 and b"calibrate" not in answer.read()
+    assert "Access-Control-Allow-Origin" not in dict(answer.getheaders())
+    connection.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("token", ["", "wrong", "x" * 43])
+def test_a_websocket_with_a_wrong_token_is_refused(of_run, token):
+    headers = {
+        "Connection": "Upgrade",
+        "Upgrade": "websocket",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+        "Origin": of_run.origin,
+    }
+    assert _get(of_run, f"/ws?token={token}", **headers)[0] == 403
+
+
+@pytest.mark.slow
+def test_only_libraries_may_be_kept_by_the_browser(of_run):
+    cookie = f"workbench-{of_run.port}={of_run.token}"
+    page = _get(of_run, "/index.html", Cookie=cookie)
+    assert page[1]["Cache-Control"] == "no-store"
+    import trame_plotly.module as library
+
+    (script,) = library.scripts
+    status, headers, _ = _get(of_run, f"/{script}", Cookie=cookie)
+    assert status == 200 and "immutable" in headers["Cache-Control"]
+    assert _get(of_run, f"/{script}")[0] == 403

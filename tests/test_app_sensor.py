@@ -5,8 +5,8 @@ import pytest
 from app_browser import (
     brush_chart,
     cancel_run,
+    click_bin,
     click_row,
-    emit,
     opened_app,
     plot,
     run_workbench,
@@ -158,9 +158,12 @@ def test_a_bar_and_a_brush_select(page):
     show_tab(page, "Residuals")
     bars = trace(page, "histogram", "held out")
     place = max(range(len(bars["y"])), key=lambda k: bars["y"][k])
-    value = {"points": [{"customdata": bars["customdata"][place]}]}
-    emit(page, "histogram", "plotly_click", value)
+    click_bin(page, place)
     wait_for_text(page, "selection", f"{bars['y'][place]} of 30 samples selected")
+    wait_for_text(page, "picked", ", scan; ")  # image with overlay, pose and row of the first
+    assert plot(page, "picked").evaluate("(one) => one.layout.images.length") == 1
+    page.get_by_role("heading", name="Sample").wait_for()
+    assert "q1_deg" in page.get_by_role("group", name="Row of the sample").inner_text()
     brush_chart(page)
     wait_for_text(page, "selection", "30 of 30 samples selected")
     page.get_by_role("button", name="Clear selection").click()

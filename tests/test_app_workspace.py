@@ -161,6 +161,14 @@ def test_stages_and_effects_can_be_excluded(work):
     assert stage_items(work.opened, work.session)[0][1]["on"]
 
 
+def test_added_effects_leave_all_samples_in_use(work):
+    work.add_effects(
+        [{"effect": "zero-shift", "where": "joint-2", "after": 3104.3500000000004}], ""
+    )
+    assert work.kept.all() and work.counts(["fit"]).counts["fit"].sum() == 300
+    assert "after=3104.35)" in work.session.changes[0].sentence
+
+
 def test_the_session_is_taken_up_again_when_the_run_is_opened_again(work, run):
     work.select([4])
     work.exclude_selected()
@@ -187,6 +195,17 @@ def test_before_and_after_compares_the_last_two_runs(work, run):
     assert set(rows) == {"samples", "RMS of the fit (mm)", "held-out RMS (mm)"}
 
 
+def test_a_calibration_after_a_diagnosis_is_compared_with_its_baseline(run, tmp_path):
+    opened = open_subject(str(write_diagnosis(tmp_path / "diagnosis")))
+    work = Workspace(opened, tmp_path / "session.toml")
+    work.open_run(open_subject(str(run)))
+    rows = {row["name"]: row for row in work.comparison()}
+    assert rows["held-out RMS (mm)"]["before"] == "0.117"
+    before = next(one for one in residuals.comparison(work).data if one.name == "before")
+    assert before.x[-1] == opened.residuals.lengths["before"].max()
+    assert not residuals.has_side_by_side(work)
+
+
 def test_figures_hold_every_row_of_a_small_run(work):
     arrows = residuals.arrows(work)
     marks = next(one for one in arrows.data if one.name == "measured points")
@@ -197,7 +216,7 @@ def test_figures_hold_every_row_of_a_small_run(work):
         == 300
     )
     counts = {one.name: sum(one.y) for one in residuals.histogram_figure(work).data}
-    assert counts == {"fit": 300, "held out": 300}
+    assert counts["fit"] == counts["held out"] == 300
 
 
 def test_excluded_samples_are_marked_and_not_counted(work):

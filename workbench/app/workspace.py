@@ -46,6 +46,7 @@ _COMPARED = {
     CAMERA: (("images used", "views"), ("corners", "corners"), ("RMS (px)", "rms_px")),
 }
 _UNKNOWN = "–"
+_BASELINE = {"rms_mm": "before_mm", "rotation_rms_deg": "before_deg"}
 _MOST_KNOWN = 24
 REPLACE, EXTEND, REMOVE = "replace", "extend", "remove"
 
@@ -129,6 +130,14 @@ class Workspace:
         images = self.opened.recording.images
         places = [k for k, row in enumerate(images) if row.get("sample") == number]
         return places[len(places) // 2] if places else None
+
+    def pose_of(self, row: int) -> int | None:
+        """Number of the pose of a row: as the recording names it, else counted by the run; None without one."""
+        numbers = self.opened.samples.columns.get("pose")
+        if numbers is not None:
+            return int(numbers[self.opened.rows[row]])
+        found = self.opened.residuals
+        return None if found is None or found.pose is None else int(found.pose[row])
 
     def row_of_image(self, index: int) -> int | None:
         """Row of the sample that the image at a place of images.csv belongs to; None without one."""
@@ -373,8 +382,10 @@ def quantities_of(opened: Opened) -> dict[str, np.ndarray]:
 
 
 def _figure(answer, key: str, inner: str = "rms_mm") -> str:
+    """A figure of a run for people; of a diagnosis the one of its baseline, which the next run is compared with."""
     value = answer.get(key)
-    value = value.get(inner) if isinstance(value, dict) else value
+    if isinstance(value, dict):
+        value = value.get(inner, value.get(_BASELINE.get(inner)))
     if value is None:
         return _UNKNOWN
     return f"{value:,}" if isinstance(value, int) else f"{value:.4g}"

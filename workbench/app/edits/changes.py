@@ -28,6 +28,10 @@ class Change:
     items: tuple
     why: str = ""
 
+    def __hash__(self) -> int:
+        """Of what can be hashed: the items of added effects are tables, which cannot."""
+        return hash((self.action, self.kind, len(self.items), self.why))
+
     @property
     def sentence(self) -> str:
         """The change for people."""
@@ -45,8 +49,13 @@ def _shown(item) -> str:
 def effect_label(row: Mapping) -> str:
     """Name of an effect with its place and options: "transmission-harmonic at joint-3 (order=2)"."""
     options = {key: value for key, value in row.items() if key not in ("effect", "where")}
-    tail = ", ".join(f"{key}={value}" for key, value in sorted(options.items()))
+    tail = ", ".join(f"{key}={_plain(value)}" for key, value in sorted(options.items()))
     return f"{row['effect']} at {row['where']}" + (f" ({tail})" if tail else "")
+
+
+def _plain(value: object) -> object:
+    """An option for people: a float without the digits that rounding leaves, such as 3104.3500000000004."""
+    return f"{value:.10g}" if isinstance(value, float) else value
 
 
 def read_change(row: object, where: str) -> Change:

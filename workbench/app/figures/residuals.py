@@ -4,7 +4,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from workbench.app.data.arm import has_arm, reach
-from workbench.app.data.decimate import MOST_ARROWS, MOST_POINTS, thinned
+from workbench.app.data.decimate import MOST_ARROWS, MOST_POINTS, Histogram, thinned
 from workbench.app.data.residuals import FIT, HELD_OUT, NOMINAL, ROTATION, Residuals, unit_of
 from workbench.app.figures import robot, style
 from workbench.app.workspace import Workspace
@@ -194,13 +194,12 @@ def _name_groups(made: go.Figure, work: Workspace, name: str) -> None:
         made.update_xaxes(tickvals=numbers, ticktext=texts)
 
 
-def histogram_figure(
-    work: Workspace, threshold: float | None = None, unit: str = "mm"
-) -> go.Figure:
+def histogram_figure(work: Workspace, threshold: float | None = None, shown: str = "") -> go.Figure:
     """Counts of the lengths of the fit with the held-out ones over them, and the outlier threshold.
 
-    unit: "mm" for positions, "deg" for orientations.
+    shown: kind of residual that a click on a bin selects by, "" for the held-out one; it decides on mm or degrees.
     """
+    unit = unit_of(shown)
     made = style.plane(f"residual ({unit})", "samples", f"histogram-{unit}")
     made.update_layout(barmode="overlay", bargap=0.02, clickmode="event", dragmode="select")
     residuals = work.opened.residuals
@@ -211,20 +210,17 @@ def histogram_figure(
     kinds = [kind for kind in wanted if kind in residuals.lengths]
     counted = work.counts(kinds)
     middle = (counted.edges[:-1] + counted.edges[1:]) / 2
-    ends = list(zip(counted.edges[:-1].tolist(), counted.edges[1:].tolist()))
     for kind, counts in counted.counts.items():
         made.add_bar(
             x=middle,
             y=counts,
             width=np.diff(counted.edges),
             name=_NAMES[kind.removesuffix(ROTATION)],
-            customdata=[[low, high, kind] for low, high in ends],
             marker_color=_COLOURS[kind.removesuffix(ROTATION)],
             opacity=0.55,
-            hovertemplate="%{customdata[0]:.4f} to %{customdata[1]:.4f} "
-            + unit
-            + ": %{y}<extra></extra>",
+            hoverinfo="skip",
         )
+    _add_bins(made, counted, shown if shown in kinds else kinds[-1], unit)
     if threshold is not None:
         made.add_vline(
             x=threshold,
@@ -236,8 +232,44 @@ def histogram_figure(
     return made
 
 
+def _add_bins(made: go.Figure, counted: Histogram, kind: str, unit: str) -> None:
+    """Invisible bars of full height, which a click meets: bars overlap, and one of few samples is too low.
+
+    Their custom data are the ends of the bin and the kind of residual that a click selects by.
+    """
+    all_counts = np.array(list(counted.counts.values()))
+    names = [_NAMES[one.removesuffix(ROTATION)] for one in counted.counts]
+    lows, highs = counted.edges[:-1].tolist(), counted.edges[1:].tolist()
+    texts = [
+        f"{low:.4f} to {high:.4f} {unit}: "
+        + ", ".join(f"{name} {count:,}" for name, count in zip(names, counts))
+        for low, high, counts in zip(lows, highs, all_counts.T.tolist())
+    ]
+    made.add_bar(
+        x=(counted.edges[:-1] + counted.edges[1:]) / 2,
+        y=np.where(all_counts.any(axis=0), all_counts.max(initial=0), 0),
+        width=np.diff(counted.edges),
+        name="bins",
+        showlegend=False,
+        customdata=[[low, high, kind] for low, high in zip(lows, highs)],
+        text=texts,
+        textposition="none",
+        marker_color=style.GREY,
+        opacity=0,
+        hovertemplate="%{text}<extra></extra>",
+    )
+
+
+def has_side_by_side(work: Workspace) -> bool:
+    """Whether the newest run and the one before both say where their residuals are; a diagnosis does not."""
+    runs = [run.residuals for run in (work.previous, work.opened) if run is not None]
+    return sum(found is not None and found.points is not None for found in runs) == 2
+
+
 def side_by_side(work: Workspace) -> go.Figure:
     """Arrows of the run before and of the newest run, with the same enlargement and the same colours."""
+    from workbench.report.calibration.scene import arrow_scale
+
     pairs = [("before", work.previous), ("after", work.opened)]
     made = go.Figure(layout=style.space("side-by-side").layout)
     runs = [(name, run.residuals) for name, run in pairs if run is not None]
@@ -246,7 +278,8 @@ def side_by_side(work: Workspace) -> go.Figure:
         return made
     top = max(_top(found.shown) for _, found in runs)
     first = runs[0][1]
-    scale = _enlargement(work, first.points, first.arrows)
+    scale = arrow_scale(first.points, first.arrows)
+    ends = [one.points + share * one.arrows for _, one in runs for share in (0, scale)]
     for k, (name, found) in enumerate(runs):
         drawn = thinned(len(found.shown), MOST_ARROWS // 2, found.shown)
         _add_pair(made, found, drawn, scale, top, k)
@@ -258,12 +291,12 @@ def side_by_side(work: Workspace) -> go.Figure:
             yref="paper",
             showarrow=False,
         )
-    low, high = reach(work.opened, False)
-    style.framed(made, low, high)
+    places = np.concatenate(ends, axis=1)
+    style.framed(made, np.nanmin(places, axis=1), np.nanmax(places, axis=1))
     scene = made.layout.scene.to_plotly_json()
     for k, key in enumerate(("scene", "scene2")):
-        ends = [0.5 * k, 0.5 * k + 0.5]
-        made.update_layout({key: {**scene, "domain": {"x": ends, "y": [0, 0.95]}}})
+        half = [0.5 * k, 0.5 * k + 0.5]
+        made.update_layout({key: {**scene, "domain": {"x": half, "y": [0, 0.95]}}})
     return made.update_layout(showlegend=False)
 
 
@@ -297,7 +330,9 @@ def comparison(work: Workspace) -> go.Figure:
     ):
         if run is None or run.residuals is None:
             continue
-        lengths = np.sort(run.residuals.shown)
+        known = run.residuals.lengths
+        is_baseline = name == "before" and "before" in known  # of a diagnosis
+        lengths = np.sort(known["before"] if is_baseline else run.residuals.shown)
         lengths = lengths[np.isfinite(lengths)]
         at = thinned(len(lengths), 500)
         share = (at + 1) / max(len(lengths), 1)

@@ -69,7 +69,8 @@ def _ground(made, width: int, height: int) -> None:
 def _marks(made, pixels: np.ndarray, name: str, colour: str, symbol: str, size: float) -> None:
     if pixels.shape[1]:
         x, y = np.round(pixels, 2)
-        marker = dict(color=colour, symbol=symbol, size=size, line=dict(width=2))
+        line = dict(width=2 if symbol.endswith("open") else 0)  # an outline hides small discs
+        marker = dict(color=colour, symbol=symbol, size=size, line=line)
         made.add_scattergl(x=x, y=y, mode="markers", name=name, marker=marker)
 
 

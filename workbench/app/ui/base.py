@@ -42,6 +42,7 @@ class Page:
         self.server, self.state, self.work = server, server.state, work
         self.tabs: dict[str, Tab] = {}
         self.has_drawn = False
+        self._said = 0
         self._is_warm = False
 
     @property
@@ -66,6 +67,7 @@ class Page:
 
     def say(self, text: str, kind: str = "info") -> None:
         """Show a message; kind: info, success or error."""
+        self._said += 1
         self.state.message, self.state.message_kind = text, kind
 
     def go_to_tab(self, name: str) -> None:
@@ -110,16 +112,16 @@ class Page:
     def handler(self, method: Callable) -> Callable:
         """A method as an event handler: what it refuses is shown as a message, then the tab is drawn.
 
-        An error message disappears with the next action that succeeds.
+        A message disappears with the next action that succeeds.
         """
 
         @functools.wraps(method)
         def handle(*values, **named):
-            before = self.state.message
+            before = self._said
 
             def act():
                 method(*values, **named)
-                if self.state.message == before and self.state.message_kind == "error":
+                if self._said == before:
                     self.say("")
                 self.refresh()
 

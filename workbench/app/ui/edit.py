@@ -27,6 +27,7 @@ class EditTab(Tab):
         state.can_undo, state.can_redo = False, False
         state.job_running, state.job_text = False, ""
         state.comparison, state.session_file = [], ""
+        state.has_side_by_side = False
         with v3.VRow():
             with v3.VCol(cols=12, lg=4):
                 self._plan()
@@ -35,7 +36,7 @@ class EditTab(Tab):
                 self._history()
             with v3.VCol(cols=12, lg=4):
                 self._rerun()
-        with html.Div(v_if="comparison.length"):
+        with html.Div(v_if="has_side_by_side"):
             html.H2(
                 "Residuals before and after, side by side",
                 classes="text-subtitle-1 font-weight-bold mt-3",
@@ -159,7 +160,8 @@ class EditTab(Tab):
             state.threshold = state.threshold_top
         self._show_threshold()
         self.draw_in_turn(comparison=lambda: residuals.comparison(self.work))
-        if state.comparison:
+        state.has_side_by_side = residuals.has_side_by_side(work)
+        if state.has_side_by_side:
             self.draw_in_turn(side_by_side=lambda: residuals.side_by_side(self.work))
 
     def show_changes(self) -> None:

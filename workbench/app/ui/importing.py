@@ -18,7 +18,7 @@ _DENSE = {"density": "compact", "hide_details": True}
 _TEXTS = (
     ("board", "Board, such as chessboard 11x8 5mm"),
     ("ball_radius", "Ball radius (mm), for clouds"),
-    ("sigma", "Standard deviation of a coordinate (mm)"),
+    ("sigma", "Noise σ of a coordinate (mm)"),
 )
 
 

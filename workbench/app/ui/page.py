@@ -1,5 +1,6 @@
 """The page as a whole: bar with tabs, messages, and the tab that is chosen."""
 
+from contextlib import suppress
 from pathlib import Path
 from threading import Thread
 
@@ -70,8 +71,14 @@ def build(server, opened: Opened | None, session: Path | None) -> Page:
     defer_charts(state)
     state.change("tab")(lambda **_: page.show_tab())
     if opened is not None:
-        Thread(target=page.tabs[state.tab].prepare, daemon=True).start()
+        Thread(target=_prepare, args=(page.tabs[state.tab],), daemon=True).start()
     return page
+
+
+def _prepare(tab) -> None:
+    """Compute what the first figures need; what fails here is reported when the tab is drawn."""
+    with suppress(Exception):
+        tab.prepare()
 
 
 def _bar(tabs) -> None:

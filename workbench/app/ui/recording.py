@@ -123,6 +123,10 @@ class RecordingTab(Tab):
         if self.state.images:
             self._show_image()
 
+    def prepare(self) -> None:
+        if has_arm(self.work.opened):
+            robot.scene(self.work)
+
     def _describe(self) -> None:
         work = self.work
         row = int(work.opened.rows[work.current]) if work.count else 0

@@ -3,7 +3,6 @@
 from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
-from workbench.app.data.residuals import unit_of
 from workbench.app.figures import residuals
 from workbench.app.ui.base import Tab, number_of, points_of, range_of, raw, whole_number
 from workbench.app.ui.image_panel import ImagePanel
@@ -198,11 +197,11 @@ class ResidualsTab(Tab):
 
     def _draw_histogram(self) -> None:
         """It needs no WebGL and is drawn soonest; a selection does not change it."""
-        unit = unit_of(self.state.kind or "")
+        kind = self.state.kind or ""
         self.draw_when_changed(
             "histogram",
-            (self.work.opened, self.work.session.changes, unit),
-            lambda: residuals.histogram_figure(self.work, unit=unit),
+            (self.work.opened, self.work.session.changes, kind),
+            lambda: residuals.histogram_figure(self.work, shown=kind),
         )
 
     def _describe(self) -> None:
@@ -231,7 +230,7 @@ class ResidualsTab(Tab):
 
     def _row(self, row: int) -> dict:
         work, found = self.work, self.work.opened.residuals
-        pose = "–" if found is None or found.pose is None else int(found.pose[row])
+        pose = work.pose_of(row)
         number = int(work.opened.edit_ids[row])
         held = (
             "–"
@@ -244,7 +243,7 @@ class ResidualsTab(Tab):
             "row": row,
             "angle": "–" if angle is None else f"{angle[row]:.4f}",
             "sample": number,
-            "pose": pose,
+            "pose": "–" if pose is None else pose,
             "length": f"{work.lengths()[row]:.4f}",
             "held_out": held,
             "image": work.image_of(number),
