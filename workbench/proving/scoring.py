@@ -22,6 +22,8 @@ from collections.abc import Mapping, Sequence
 
 CONFIDENT = 0.95
 NAMED = ("exact", "group")
+WRONG_SIGMA = "wrong sigma stated"
+"""In the truth's words for the noise."""
 
 
 def score(truth: Mapping, record: Mapping) -> dict:
@@ -45,6 +47,7 @@ def score(truth: Mapping, record: Mapping) -> dict:
 def judged(truth: Mapping, answer: Mapping) -> dict:
     """Outcome, place, confidence and held-out errors of an answer."""
     true = truth["effects"]
+    answer = without_stated_noise(truth, answer)
     found = {
         "detected": answer["verdict"] != "consistent",
         "first": _first(answer),
@@ -74,7 +77,24 @@ def judged(truth: Mapping, answer: Mapping) -> dict:
         "asks_for_it": names_words(truth.get("words", ()), answer),
     }
     unnamed = all(one["effect"] == "unknown" for one in true)
-    return found | {"outcome": _outside(answer, found) if unnamed else _named(true, answer, found)}
+    outcome = _outside(true, answer, found) if unnamed else _named(true, answer, found)
+    return found | {"outcome": outcome}
+
+
+def without_stated_noise(truth: Mapping, answer: Mapping) -> Mapping:
+    """The answer without the claim that the stated sigma is wrong, where the case does state a wrong one.
+
+    That claim is correct and says nothing of the effects; an answer that claims nothing else counts as `consistent`.
+    """
+    others = [claim for claim in answer["effects"] if claim["effect"] != "stated-noise"]
+    if WRONG_SIGMA not in truth.get("noise", "") or len(others) == len(answer["effects"]):
+        return answer
+    is_explained = answer["verdict"] == "explained" and not others
+    return {
+        **answer,
+        "effects": others,
+        "verdict": "consistent" if is_explained else answer["verdict"],
+    }
 
 
 def _named(true: Sequence[Mapping], answer: Mapping, found: Mapping) -> str:
@@ -93,10 +113,16 @@ def _named(true: Sequence[Mapping], answer: Mapping, found: Mapping) -> str:
     return "abstained" if answer["verdict"] == "unexplained" else "wrong"
 
 
-def _outside(answer: Mapping, found: Mapping) -> str:
-    """Outcome for an effect outside the catalogue; exact: `unexplained` at the true place, without a name."""
+def _outside(true: Sequence[Mapping], answer: Mapping, found: Mapping) -> str:
+    """Outcome for an effect outside the catalogue.
+
+    exact: `unexplained` at the true place, without a name; or an effect of the catalogue that is equivalent in these
+    data, where the truth accepts one.
+    """
     if not found["detected"]:
         return "missed"
+    if all(any(same(claim, one) for claim in answer["effects"]) for one in true):
+        return "more" if found["wrong_name"] else "exact"
     if answer["verdict"] != "unexplained":
         return "wrong"
     if found["wrong_name"]:

@@ -118,7 +118,14 @@ def base_drift(rng, world):
     twist = courses.T @ (rng.normal(0, 1, (2, 6)) * size)
     detail = {"start": float(time[0]), "end": float(time[-1])}
     return PlantedEffect(
-        "base-drift", "base", lambda s: Push(base=s * twist), 0.05, 1.0, "mm and mrad", detail
+        "base-drift",
+        "base",
+        lambda s: Push(base=s * twist),
+        0.05,
+        1.0,
+        "mm and mrad",
+        detail,
+        accept=(("warm-up", "base"),),  # the larger of the two courses is one
     )
 
 

@@ -130,6 +130,7 @@ def worn_patch(rng, world):
         _MOST_RAD,
         "rad",
         {"cause": "worn patch of a gear"},
+        accept=(("joint-curve", f"joint-{k + 1}"),),  # any function of the joint's own angle
         depends_on=_named(k, "q"),
     )
 
