@@ -12,6 +12,7 @@ from scenes import model_of, scene
 from workbench.core.least_squares.design import choose, observability
 from workbench.core.least_squares.identifiability import identifiability, independent
 from workbench.core.least_squares.solver import normal_matrix
+from workbench.core.least_squares.task_variances import TaskVariances
 from workbench.core.model import Model
 
 CRITERIA = ("D", "O1", "O2", "O3", "O4", "O5")
@@ -96,3 +97,16 @@ def test_poses_for_the_tasks_of_a_cell_beat_twice_as_many_random_ones():
         -value(rows, rng.choice(len(rows), 80, replace=False), "task", tasks) for _ in range(50)
     ]
     assert found.value < np.median(random)
+
+
+def test_variances_of_a_task_follow_a_set_that_grows_and_shrinks():
+    """By updates as by an inverse of each normal matrix, also where a removal leaves a direction open."""
+    rng = np.random.default_rng(5)
+    rows, tasks = rng.normal(size=(12, 2, 9)), rng.normal(size=(3, 9))
+    known, weight = 1e-9 * np.eye(9), tasks.T @ tasks
+    variances = TaskVariances(rows, known, weight)
+    for members in ([], [3], [3, 5, 7, 9, 11], [3, 5, 7, 9, 11, 0], [5, 7, 9, 11, 0], [5, 5], [5]):
+        held = np.array(members, int)
+        normal = np.einsum("kmf,kmg->fg", rows[held], rows[held]) + known
+        expected = [np.trace(np.linalg.inv(normal + row.T @ row) @ weight) for row in rows]
+        np.testing.assert_allclose(variances.with_each(held), expected, rtol=1e-5)

@@ -15,6 +15,7 @@ from workbench.diagnosis.noise.random_effects import find_random_effect, unrecor
 from workbench.diagnosis.robot.bench import RobotBench, bench_of
 from workbench.diagnosis.search.select import find, found_terms
 from workbench.diagnosis.validation import proof
+from workbench.diagnosis.validation.folds import judged_part
 from workbench.explanation import reference as references
 from workbench.explanation import words
 from workbench.explanation.differences import with_differences
@@ -156,7 +157,8 @@ def _whole(
     visible = _visible(bench, found)
     say("the next experiment")
     certain = [e for t in terms if t.certain for e in t.finding.effects]
-    experiment = next_experiment(bench, terms, bench.problem(certain), found.p_first)
+    known = bench.problem(certain, judged_part(bench))
+    experiment = next_experiment(bench, terms, known, found.p_first)
     made = Diagnosis(
         recording.name,
         recording.title or recording.name,
@@ -187,14 +189,11 @@ def _whole(
     return with_statements(made, statements)
 
 
-def _with_hypotheses(bench: Bench, found: Found):
-    """The problem of the baseline with all that a search compares: of a large recording none is kept."""
-    return found.before if found.before.candidates else bench.problem(())
-
-
 def _visible(bench: Bench, found: Found) -> tuple:
-    """The smallest sizes that these data would have shown."""
-    problem = _with_hypotheses(bench, found)
+    """The smallest sizes that these data, as far as they are tested, would have shown."""
+    problem = found.before
+    if not problem.candidates:  # a large recording keeps no table of all its samples
+        problem = bench.problem((), judged_part(bench))
     return tuple(smallest(problem, unwhitened(problem), lambda one: bench.units(one.effects)))
 
 

@@ -10,11 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from workbench.core.least_squares.linear_algebra import (
-    inverse_positive,
-    solve_positive,
-    symmetric_eigenvalues,
-)
+from workbench.core.least_squares.linear_algebra import inverse_positive, symmetric_eigenvalues
+from workbench.core.least_squares.task_variances import TaskVariances
 
 _SWEEPS = 12
 # of the largest eigenvalue: added where nothing else is known, so that a set with too few poses has a volume at all
@@ -69,20 +66,20 @@ def choose(
     the larger sets and the bound are, and a second search from there. Deterministic for a seed.
     """
     rng = np.random.default_rng(seed)
-    grams = np.swapaxes(rows, 1, 2) @ rows
-    largest = symmetric_eigenvalues(grams.sum(0))[-1] * np.eye(rows.shape[2])
+    largest = symmetric_eigenvalues(_normal_of(rows))[-1] * np.eye(rows.shape[2])
     ridge = _RIDGE * largest if known is None else known + _ROUNDING * largest
     weight = None if tasks is None else np.einsum("tmf,tmg->fg", tasks, tasks) / len(tasks)
-    score, swap = _criterion(criterion, n, weight)
+    score, with_each = _criterion(criterion, n, rows, ridge, weight)
 
     def worth(some):
-        return score(grams[some].sum(0) + ridge)
+        return score(_normal_of(rows[some]) + ridge)
 
-    search, downwards = _Search(rows, grams, ridge, swap, repeats), criterion == "task"
+    search, downwards = _Search(len(rows), with_each, repeats), criterion == "task"
     several = [rng.choice(len(rows), n, replace=False) for _ in range(draws)]
     random = np.array([worth(some) for some in several])
     chosen, comparisons = search.exchange(search.grow(n)), {}
     if downwards and bounded:
+        grams = np.swapaxes(rows, 1, 2) @ rows
         shares, bound = least_error(grams, n, weight, ridge, repeats)
         chosen = min(chosen, search.exchange(_whole(shares, n, repeats)), key=worth)
         pairs = (
@@ -92,7 +89,7 @@ def choose(
         )
         comparisons = {
             "twice": np.array([worth(some) for some in pairs]),
-            "everything": score(grams.sum(0) + ridge),
+            "everything": score(_normal_of(rows) + ridge),
             "bound": bound,
         }
     if not downwards and random.max() > worth(
@@ -142,22 +139,30 @@ def _whole(shares, n, most):
     return np.repeat(np.arange(len(shares)), counts)
 
 
-def _criterion(name, n, weight) -> tuple[Callable, Callable]:
-    """The score of a normal matrix, and the score after adding each candidate (larger is better)."""
-    if name == "D":
-        return _volume, _volumes_with
+def _normal_of(rows: np.ndarray) -> np.ndarray:
+    """(F, F) normal matrix of some candidates' rows (k, m, F)."""
+    flat = rows.reshape(-1, rows.shape[2])
+    return flat.T @ flat
+
+
+def _criterion(name, n, rows, ridge, weight) -> tuple[Callable, Callable]:
+    """The score of a normal matrix, and of a set (k,) with each candidate added (larger is better there)."""
     if name == "task":
-        return (lambda normal: float(np.trace(inverse_positive(normal) @ weight))), (
-            lambda normal, rows, grams: -_variances_with(normal, rows, weight)
+        variances = TaskVariances(rows, ridge, weight)
+        return (
+            lambda normal: float(np.trace(inverse_positive(normal) @ weight)),
+            lambda members: -variances.with_each(members),
         )
-    index = int(name[1:]) - 1
+    if name == "D":
+        return _volume, lambda members: _volumes_with(_normal_of(rows[members]) + ridge, rows)
+    index, grams = int(name[1:]) - 1, np.swapaxes(rows, 1, 2) @ rows
 
     def score(normals):
         s = np.sqrt(np.maximum(symmetric_eigenvalues(normals), 1e-300))
         return observability(s, n)[index]
 
     return (lambda normal: float(score(normal))), (
-        lambda normal, rows, grams: score(normal + grams)
+        lambda members: score(_normal_of(rows[members]) + ridge + grams)
     )
 
 
@@ -178,35 +183,24 @@ def _volume(normal):
     return float(np.exp(log / len(normal))) if sign > 0 else 0.0
 
 
-def _volumes_with(normal, rows, grams):
+def _volumes_with(normal, rows):
     """log det with each candidate, less log det without: Sylvester's identity on its few rows."""
     inner = rows @ inverse_positive(normal) @ np.swapaxes(rows, 1, 2)
     return np.linalg.slogdet(np.eye(rows.shape[1]) + inner)[1]
 
 
-def _variances_with(normal, rows, weight):
-    """Trace of weight times the covariance with each candidate: Woodbury's identity."""
-    inverse = inverse_positive(normal)
-    half = rows @ inverse
-    inner = np.eye(rows.shape[1]) + half @ np.swapaxes(rows, 1, 2)
-    gain = solve_positive(inner, half @ weight @ np.swapaxes(half, 1, 2))
-    return np.trace(inverse @ weight) - np.trace(gain, axis1=1, axis2=2)
-
-
 @dataclass(frozen=True)
 class _Search:
-    """For the best set: rows (N, m, F), grams (N, F, F), what is known, what a candidate adds, how often it may."""
+    """For the best set of `count` candidates: the score of a set with each of them added, how often one may come."""
 
-    rows: np.ndarray
-    grams: np.ndarray
-    ridge: np.ndarray
-    swap: Callable
+    count: int
+    with_each: Callable[[np.ndarray], np.ndarray]
     repeats: int
 
     def worth(self, others) -> np.ndarray:
         """(N,) what each candidate would add to the others; -inf for those that may not come again."""
-        value = self.swap(self.grams[others].sum(0) + self.ridge, self.rows, self.grams)
-        value[np.bincount(others, minlength=len(value)) >= self.repeats] = -np.inf
+        value = self.with_each(others)
+        value[np.bincount(others, minlength=self.count) >= self.repeats] = -np.inf
         return value
 
     def grow(self, n) -> list[int]:

@@ -57,7 +57,7 @@ def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: flo
     robot, an unnamed alternative and a missing column get their sentence without a computation.
     """
     if all(term.share is not None and not term.remainder for term in terms):
-        few = FEW.format(poses=len(np.unique(problem.pose)))
+        few = FEW.format(poses=len(np.unique(bench.pose)))
         return Experiment(few if p_first < MISSING else CLEAN)
     doubtful = [term for term in terms if not term.certain or term.finding.effect == "unknown"]
     if not doubtful:
