@@ -111,8 +111,8 @@ def _structure(made) -> Structure:
     """What the diagnosis itself says of structure in the residual: it searched more than the global test does."""
     if made.verdict in _WITHOUT_STRUCTURE:
         return Structure(1.0, 0.0, ())
-    names = [name for one in (*made.located, *made.rest) for name in one.depends_on]
-    return Structure(float(made.found.p_rest), 0.0, tuple(dict.fromkeys(names))[:3] or (JOINTS,))
+    names = [name for one in (*made.located, *made.remainder) for name in one.depends_on]
+    return Structure(float(made.found.p_remainder), 0.0, tuple(dict.fromkeys(names))[:3] or (JOINTS,))
 
 
 def _advice(made, noise: NoiseReport | None) -> str:
