@@ -32,6 +32,9 @@ _FORMATS = (
 _EPOCH_UNITS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
 _GAP = 5.0
 _LEAST_GAP_S = 0.5
+_STEP_OF_RANGE = (
+    1e-3  # of a joint between two rows of a log: encoders of a joint at rest change by far less
+)
 _QUARTER_S = 900.0
 
 
@@ -218,12 +221,31 @@ def _by_time(few: RawTable, many: RawTable, join: Join):
         )
     rows = np.flatnonzero(inside)
     other = _interpolated(many, order, times, wanted[rows])
+    moving = _count_moving(many, order, times, wanted[rows])
+    if moving:
+        said.append(
+            f"{few.file}: {moving} of {len(rows)} rows were measured while joints of {many.file} moved, so that their "
+            "readings are interpolated and depend on how well the clocks agree; leave these rows out where the arm "
+            "also stood still."
+        )
     lost = few.n - len(rows)
     if lost:
         said.append(
             f"{few.file}: {lost} of {few.n} rows lie outside the times of {many.file} and are left out."
         )
     return _side_by_side(few.take(rows), other), said
+
+
+def _count_moving(log: RawTable, order: np.ndarray, times: np.ndarray, wanted: np.ndarray) -> int:
+    """Number of times between two rows of a log over which a joint moves by more than a share of its range."""
+    after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
+    is_moving = np.zeros(len(wanted), bool)
+    for name, header in headers_of(log).items():
+        values = log.columns[name]
+        if header.kind == "joint" and values.dtype.kind == "f":
+            steps = np.abs(np.diff(values[order]))
+            is_moving |= steps[after - 1] > _STEP_OF_RANGE * np.ptp(values)
+    return int(is_moving.sum())
 
 
 def _covered(wanted: np.ndarray, times: np.ndarray) -> np.ndarray:

@@ -112,7 +112,9 @@ def _structure(made) -> Structure:
     if made.verdict in _WITHOUT_STRUCTURE:
         return Structure(1.0, 0.0, ())
     names = [name for one in (*made.located, *made.remainder) for name in one.depends_on]
-    return Structure(float(made.found.p_remainder), 0.0, tuple(dict.fromkeys(names))[:3] or (JOINTS,))
+    return Structure(
+        float(made.found.p_remainder), 0.0, tuple(dict.fromkeys(names))[:3] or (JOINTS,)
+    )
 
 
 def _advice(made, noise: NoiseReport | None) -> str:

@@ -33,9 +33,17 @@ def handeye_verdict(run, tolerances: Sequence[Tolerance] = ()) -> Verdict:
     made, causes = run.made, undetermined_causes(run)
     verdict = _boards(run, tolerances) if made.radius is None else _profiles(made, tolerances)
     if not causes:
-        return verdict
+        return _with_suspicion(verdict, suspicions(run))
     sentence = f"Not determined: {'; '.join(causes)}. {_undetermined_remedy(run)}."
     return replace(verdict, passed=False, sentence=sentence, parts=())
+
+
+def _with_suspicion(verdict: Verdict, found: Sequence[str]) -> Verdict:
+    """Not passed where a mistake in the data is suspected: the residual says nothing of its effect on the transform."""
+    if not found:
+        return verdict
+    sentence = f"Do not use this result before this is checked: {found[0]}"
+    return replace(verdict, passed=False, sentence=sentence)
 
 
 def undetermined_causes(run) -> tuple[str, ...]:
