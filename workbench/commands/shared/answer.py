@@ -81,7 +81,11 @@ def progress(first: str) -> Iterator["Progress"]:
         _print_progress(first)
         yield Progress(_print_progress, _print_progress)
         return
-    with _live_line() as line:
+    line = _live_line()
+    if not line.console.is_interactive:  # rich would end the line that it did not show
+        yield Progress(lambda text: None, line.console.print)
+        return
+    with line:
         task = line.add_task(first, total=None)
 
         def update(text: str) -> None:
