@@ -109,6 +109,23 @@ def test_a_real_click_on_a_mark_of_the_chart_selects_it(page):
     wait_for_text(page, "selection", "1 of 300 samples selected")
 
 
+_DIMMED = """() => document.querySelector('[data-figure=chart] .js-plotly-plot')._fullData
+    .filter((trace) => trace.selectedpoints).map((trace) => trace.name)"""
+
+
+def test_a_brush_dims_no_marks_of_the_new_drawing(page):
+    page.get_by_label("Residual from (mm)").fill("0.1")
+    page.get_by_role("button", name="Select by length").click()
+    brush_chart(page)
+    wait_for_text(page, "selection", "300 of 300")
+    page.wait_for_timeout(1000)
+    assert page.evaluate(_DIMMED) == []
+    page.get_by_role("button", name="Clear selection").click()
+    wait_for_text(page, "selection", "0 of 300")
+    page.wait_for_timeout(1000)
+    assert page.evaluate(_DIMMED) == []
+
+
 def test_a_brush_over_the_whole_chart_selects_every_sample(page):
     brush_chart(page)
     wait_for_text(page, "selection", "300 of 300 samples selected")
