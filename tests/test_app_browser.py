@@ -109,6 +109,32 @@ def test_a_real_click_on_a_mark_of_the_chart_selects_it(page):
     wait_for_text(page, "selection", "1 of 300 samples selected")
 
 
+def test_a_recording_without_a_run_shows_a_sentence_and_no_empty_charts(browser, tmp_path):
+    with opened_app(browser, "elastic-arm", tmp_path / "session") as page:
+        show_tab(page, "Residuals")
+        page.get_by_text("This run has no residuals of an arm").wait_for()
+        assert page.locator("[data-figure=chart]").count() == 0
+        assert page.locator("[data-figure=arrows]").count() == 0
+        wait_for_text(page, "selection", "0 of 300")
+
+
+_DIMMED = """() => document.querySelector('[data-figure=chart] .js-plotly-plot')._fullData
+    .filter((trace) => trace.selectedpoints).map((trace) => trace.name)"""
+
+
+def test_a_brush_dims_no_marks_of_the_new_drawing(page):
+    page.get_by_label("Residual from (mm)").fill("0.1")
+    page.get_by_role("button", name="Select by length").click()
+    brush_chart(page)
+    wait_for_text(page, "selection", "300 of 300")
+    page.wait_for_timeout(1000)
+    assert page.evaluate(_DIMMED) == []
+    page.get_by_role("button", name="Clear selection").click()
+    wait_for_text(page, "selection", "0 of 300")
+    page.wait_for_timeout(1000)
+    assert page.evaluate(_DIMMED) == []
+
+
 def test_a_brush_over_the_whole_chart_selects_every_sample(page):
     brush_chart(page)
     wait_for_text(page, "selection", "300 of 300 samples selected")

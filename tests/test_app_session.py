@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import datasets
-from workbench.app.edits.apply import EditedPlan, edited_recording, kept_rows
+from workbench.app.edits.apply import EditedPlan, edited_recording, effect_row, kept_rows
 from workbench.app.edits.changes import ADD, EXCLUDE, INCLUDE, Change, effect_label
 from workbench.app.edits.history import History
 from workbench.app.edits.session import Session, read_session
@@ -188,6 +188,49 @@ def test_a_stage_whose_effects_are_all_excluded_disappears():
         "geometry",
         "transmission",
     ]
+
+
+_HARMONIC = {"effect": "transmission-harmonic", "where": "joint-3", "order": 2}
+
+
+def _names_and_labels(*changes):
+    stages = EditedPlan(Session("a", changes=changes)).edited(_stages())
+    rows = [row for stage in stages for row in stage.effects]
+    return [stage.name for stage in stages], [effect_label(effect_row(row)) for row in rows]
+
+
+def test_an_added_effect_can_be_excluded_by_its_label_and_by_its_stage():
+    label = "joint-compliance at joint-2"
+    add = Change(ADD, "effects", ({"effect": "joint-compliance", "where": "joint-2"}, _HARMONIC))
+    names, labels = _names_and_labels(add, Change(EXCLUDE, "effects", (label,)))
+    assert "added effects" in names and label not in labels
+    without_effects = Change(EXCLUDE, "effects", (label, effect_label(_HARMONIC)))
+    names, labels = _names_and_labels(add, without_effects)
+    assert "added effects" not in names and effect_label(_HARMONIC) not in labels
+    without_stage = Change(EXCLUDE, "stages", ("added effects",))
+    names, labels = _names_and_labels(add, without_stage)
+    assert "added effects" not in names and label not in labels
+    names, labels = _names_and_labels(add, without_stage, add)
+    assert "added effects" in names and label in labels
+
+
+def test_an_effect_is_excluded_by_the_label_with_all_options_that_a_solution_states():
+    label = "base-drift at base (end=1, order=3, start=0)"
+    names, _ = _names_and_labels(Change(EXCLUDE, "effects", (label,)))
+    assert "drift" not in names
+
+
+def test_an_exclusion_applies_to_effects_that_a_stage_chooses_during_the_fit():
+    def choose(model, parameters):
+        return tuple(
+            ("joint-curve", f"joint-{k}", {"start": -1.0, "end": 1.0, "terms": 7}) for k in (1, 2)
+        )
+
+    label = "joint-curve at joint-1 (end=1, start=-1, terms=15)"
+    session = Session("a", changes=(Change(EXCLUDE, "effects", (label,)),))
+    plan = (*_stages(), Stage("joint curves", "", choose=choose))
+    stage = EditedPlan(session).edited(plan)[-1].chosen_for(None, None)
+    assert [where for _, where, _ in stage.effects] == ["joint-2"]
 
 
 def test_unknown_stages_and_effects_are_refused():

@@ -1,7 +1,9 @@
 """The state of the app without its page: what is opened, selected, drawn and edited, and background jobs."""
 
 import json
+import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +18,7 @@ from workbench.app.edits.session import read_session
 from workbench.app.figures import diagnosis as diagnosis_figures
 from workbench.app.figures import residuals, robot
 from workbench.app.jobs import CANCELLED, DONE, FAILED, Job
-from workbench.app.workspace import EXTEND, REMOVE, Workspace, stage_items
+from workbench.app.workspace import EXTEND, REMOVE, Workspace, plan_sentence, stage_items
 from workbench.core.errors import InputError
 from workbench.core.solution import Stage
 from workbench.report.text import p_value
@@ -96,8 +98,6 @@ def test_broken_runs_are_refused(tmp_path, text, words):
 def test_residuals_of_another_recording_are_refused(run, tmp_path):
     opened = open_subject(str(run))
     few = opened.samples.select(np.arange(20))
-    from dataclasses import replace
-
     with pytest.raises(InputError, match="expected residuals of samples of"):
         _ = replace(opened, samples=few).rows
 
@@ -185,6 +185,63 @@ def test_a_session_of_another_recording_is_refused(work, run):
 
 def test_options_of_the_run_are_kept_for_its_rerun(work):
     assert work.session.folds == 3 and work.session.plan == ""
+
+
+def test_files_of_a_run_are_named_by_whole_paths_for_a_rerun_in_another_folder(
+    run, tmp_path, monkeypatch
+):
+    opened = open_subject(str(run))
+    monkeypatch.chdir(tmp_path)
+    answer = {**opened.answer, "options": {"plan": "plan.toml", "scanner": "scanner.toml"}}
+    session = Workspace(replace(opened, answer=answer), tmp_path / "session.toml").session
+    assert session.plan == str(tmp_path.resolve() / "plan.toml")
+    assert session.scanner == str(tmp_path.resolve() / "scanner.toml")
+    answer["options"] = {"plan": "ye-mdh"}
+    session = Workspace(replace(opened, answer=answer), tmp_path / "other.toml").session
+    assert session.plan == "ye-mdh"
+
+
+def test_a_run_states_its_files_by_whole_paths(tmp_path, monkeypatch):
+    from workbench.commands.robot.calibration_run import _stated_options
+
+    monkeypatch.chdir(tmp_path)
+    stated = _stated_options({"plan": Path("plan.toml")}, Path("scanner.toml"))
+    assert stated["plan"] == str(tmp_path.resolve() / "plan.toml")
+    assert stated["scanner"] == str(tmp_path.resolve() / "scanner.toml")
+    assert _stated_options({"plan": Path("ye-mdh")}, None)["plan"] == "ye-mdh"
+
+
+def test_effects_of_a_diagnosis_are_not_listed_and_the_plan_of_the_calibration_is_named(
+    run, tmp_path
+):
+    folder = write_diagnosis(tmp_path / "diagnosis")
+    (folder / "solution.json").write_bytes((run / "solution.json").read_bytes())
+    work = Workspace(open_subject(str(folder)), tmp_path / "session.toml")
+    assert stage_items(work.opened, work.session) == ([], [])
+    assert "the default plan" in plan_sentence(work.session)
+    work.add_effects([{"effect": "joint-compliance", "where": "joint-3"}], "")
+    stages, effects = stage_items(work.opened, work.session)
+    assert [(one["name"], one["on"]) for one in stages] == [("added effects", True)]
+    assert effects == [{"name": "joint-compliance at joint-3", "on": True}]
+
+
+@pytest.mark.parametrize("text", ["{}", "[]", "{", '{"effects": [3]}'])
+def test_a_broken_solution_is_refused_with_a_sentence(run, tmp_path, text):
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    (folder / "solution.json").write_text(text, encoding="utf-8")
+    work = Workspace(open_subject(str(folder)), tmp_path / "session.toml")
+    with pytest.raises(InputError, match="solution.json"):
+        stage_items(work.opened, work.session)
+
+
+@pytest.mark.parametrize("text", ["garbage\n1\n", "sample,x\n1,2\n", ""])
+def test_a_broken_table_of_residuals_is_refused_with_a_sentence(run, tmp_path, text):
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    (folder / "residuals.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match="residuals.csv"):
+        Workspace(open_subject(str(folder)), tmp_path / "session.toml")
 
 
 def test_before_and_after_compares_the_last_two_runs(work, run):

@@ -41,6 +41,7 @@ class JointCurve(Effect):
     subsumes = (TransmissionHarmonic.effect,)
     port = "joint"
     places = ("joint",)
+    stage = "joint curves"
     equation = "dq = sum_j c_j cos(j pi u), u = (q_K - start) / (end - start), j = 1 ... terms"
     source = "Hilbert-space approximation of a Gaussian process: Solin & Sarkka, Stat. Comput. 30 (2020) 419"
 

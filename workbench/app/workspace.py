@@ -1,7 +1,7 @@
 """What is open, selected and edited: the state of the app without its page."""
 
-import json
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from threading import RLock
@@ -17,7 +17,7 @@ from workbench.app.data.decimate import (
     within,
 )
 from workbench.app.data.opened import Opened, open_subject
-from workbench.app.edits.apply import kept_rows
+from workbench.app.edits.apply import kept_rows, labels_of
 from workbench.app.edits.changes import (
     ADD,
     EFFECTS,
@@ -33,6 +33,7 @@ from workbench.app.edits.history import History
 from workbench.app.edits.session import CALIBRATE, CAMERA, NAME, Session, read_session
 from workbench.app.jobs import DONE, RUNNING, Job
 from workbench.core.errors import InputError
+from workbench.core.text.structured_text import ContentError, read_json
 
 DIAGNOSE = "diagnose"
 _ORIENTATION = "held-out orientation RMS (deg)"
@@ -400,11 +401,11 @@ def _first_session(opened: Opened, path: Path) -> Session:
                 f"session {path}, key recording: expected '{opened.subject}', found '{session.recording}'; "
                 "name another file with --session"
             )
-        return session
+        return located(session)
     if opened.folder is not None and (opened.folder / NAME).is_file():
-        return read_session(opened.folder / NAME)
+        return located(read_session(opened.folder / NAME))
     options = (opened.answer or {}).get("options", {})
-    return Session(
+    session = Session(
         opened.subject,
         options.get("plan") or "",
         options.get("scanner") or "",
@@ -412,11 +413,25 @@ def _first_session(opened: Opened, path: Path) -> Session:
         bool(options.get("trust_data")),
         command=CAMERA if opened.recording.measures == "board-images" else CALIBRATE,
     )
+    return located(session)
+
+
+def located(session: Session) -> Session:
+    """The session with whole paths of its plan and scanner: a rerun runs in the folder of the session."""
+    from workbench.fitting.plans import plan_location
+
+    plan = plan_location(session.plan) if session.plan else ""
+    scanner = str(Path(session.scanner).resolve()) if session.scanner else ""
+    return replace(session, plan=plan, scanner=scanner)
 
 
 def stage_items(opened: Opened, session: Session) -> tuple[list[dict], list[dict]]:
-    """Stages and effects of the run's plan: name, why, whether it was retained, and whether it is included."""
-    from workbench.app.edits.changes import STAGES, effect_label
+    """Stages and effects of the next calibration: name, why, whether it was retained, and whether it is included.
+
+    They are those of an opened calibration with those that the session adds. A diagnosis builds a model of its own,
+    whose effects are not those of the plan of the next calibration: none of them is listed.
+    """
+    from workbench.app.edits.changes import ADDED, STAGES, effect_label
 
     out = session.excluded(STAGES)
     stages = [
@@ -429,18 +444,46 @@ def stage_items(opened: Opened, session: Session) -> tuple[list[dict], list[dict
         for row in (opened.answer or {}).get("stages", [])
     ]
     known = {stage["name"] for stage in stages}
+    added = {ADDED} if session.added_effects else set()
     stages += [
-        {"name": name, "why": "", "retained": False, "on": False} for name in sorted(out - known)
+        {"name": name, "why": "", "retained": False, "on": name not in out}
+        for name in sorted((out | added) - known)
     ]
     left_out = session.excluded(EFFECTS)
     labels = [effect_label(row) for row in _effects(opened)]
+    for row in session.added_effects:
+        if not labels_of(row) & set(labels):
+            labels.append(effect_label(row))
     labels += [name for name in sorted(left_out) if name not in labels]
     effects = [{"name": label, "on": label not in left_out} for label in labels]
     return stages, effects
 
 
+def plan_sentence(session: Session) -> str:
+    """Which plan the next calibration uses."""
+    if session.command != CALIBRATE:
+        return ""
+    name = session.plan or "the default plan"
+    return f"Calibrate uses {name} with the changes of this session."
+
+
 def _effects(opened: Opened) -> list[dict]:
+    """Effects of the model of an opened calibration, [] without one. Raises InputError for a broken file."""
     path = opened.folder / "solution.json" if opened.folder else None
-    if path is None or not path.is_file():
+    if path is None or not path.is_file() or opened.command == DIAGNOSE:
         return []
-    return json.loads(path.read_text(encoding="utf-8"))["effects"]
+    try:
+        keys = read_json(path)
+    except (OSError, ContentError) as problem:
+        raise InputError(f"{path} cannot be read ({problem}); calibrate again") from None
+    effects = keys.get("effects") if isinstance(keys, dict) else None
+    if not isinstance(effects, list) or not all(map(_is_effect, effects)):
+        raise InputError(
+            f"{path}, key effects: expected a list of effects with effect and where, found {str(effects)[:60]}; "
+            "calibrate again"
+        )
+    return effects
+
+
+def _is_effect(row: object) -> bool:
+    return isinstance(row, dict) and {"effect", "where"} <= row.keys()

@@ -93,6 +93,11 @@ def plan_names() -> list[str]:
     return sorted(path.stem for path in PLAN_FILES.glob("*.toml"))
 
 
+def plan_location(plan: str | Path) -> str:
+    """A plan so that it can be read from any folder: a known name as it is, else the whole path of its file."""
+    return str(plan) if str(plan) in plan_names() else str(Path(plan).resolve())
+
+
 def read_plan(path: Path) -> tuple[Stage, ...]:
     """Stages of a TOML file, or of a plan that comes with the workbench, by its name.
 

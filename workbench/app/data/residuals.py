@@ -12,6 +12,7 @@ from workbench.files.results import ARROWS
 
 TABLE = "residuals.csv"
 FIT, HELD_OUT, NOMINAL = "fit", "held_out", "nominal"
+_UNITS = ("_mm", "_px", "_deg")
 ROTATION = "_deg"
 """End of a kind of residual of the orientation, such as "held_out_deg"."""
 
@@ -55,6 +56,7 @@ def read_residuals(folder: Path) -> Residuals | None:
     if not path.is_file():
         return None
     columns = read_columns(path)
+    _check_columns(path, columns)
     names = [name.removesuffix("_x_mm") for name in columns if name.endswith("_x_mm")]
     vectors = {name: np.stack([columns[f"{name}_{axis}_mm"] for axis in "xyz"]) for name in names}
     if not vectors or "sample" not in columns:
@@ -62,6 +64,20 @@ def read_residuals(folder: Path) -> Residuals | None:
     sample = columns["sample"].astype(int)
     placed = _read_arrows(folder / ARROWS, sample)
     return Residuals(sample, vectors, *placed, _angles(columns, vectors))
+
+
+def _check_columns(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    """Raise InputError where no column is a residual with its unit, or a vector lacks a component."""
+    vectors = [name.removesuffix("_x_mm") for name in columns if name.endswith("_x_mm")]
+    wanted = [f"{name}_{axis}_mm" for name in vectors for axis in "xyz"]
+    missing = [name for name in wanted if name not in columns]
+    if not any(name.endswith(_UNITS) for name in columns):
+        missing = ["fit_x_mm"]
+    if missing:
+        found = ", ".join(columns)[:80]
+        raise InputError(
+            f"{path}: expected a table of residuals with the column {missing[0]}, found {found}; calibrate again"
+        )
 
 
 def unit_of(kind: str) -> str:

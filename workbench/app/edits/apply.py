@@ -6,12 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.app.edits.changes import EFFECTS, IMAGES, POSES, SAMPLES, STAGES, effect_label
+from workbench.app.edits.changes import ADDED, EFFECTS, IMAGES, POSES, SAMPLES, STAGES, effect_label
 from workbench.app.edits.session import Session
 from workbench.core.errors import InputError
 from workbench.core.solution import Stage
-
-ADDED = "added effects"
 
 
 def kept_rows(session: Session, recording) -> np.ndarray:
@@ -85,7 +83,7 @@ class EditedPlan:
         from workbench.fitting.plans import default_plan, read_plan
 
         base = read_plan(Path(self.session.plan)) if self.session.plan else default_plan(chain)
-        taken = _keys_of(self.session.added_effects, chain)
+        taken = _keys_of(self._kept_additions(), chain)
         return self.edited(base, lambda row: bool(taken & _keys_of([effect_row(row)], chain)))
 
     def edited(
@@ -99,27 +97,96 @@ class EditedPlan:
         added effects alone, since a model holds every parameter once.
         """
         self._check_names(stages)
-        names, effects = self.session.excluded(STAGES), self.session.excluded(EFFECTS)
+        excluded = self.session.excluded(STAGES)
+        labels = self.session.excluded(EFFECTS)
         left = []
         for stage in stages:
-            rows = [row for row in stage.effects if effect_label(effect_row(row)) not in effects]
-            rows = [row for row in rows if not is_added(row)]
-            if stage.name not in names and (rows or not stage.effects):
-                left.append(replace(stage, effects=tuple(rows)))
-        if self.session.added_effects:
-            left.append(added_stage(self.session.added_effects))
+            rows = kept_effects(stage.effects, labels, is_added)
+            if stage.name in excluded or (stage.effects and not rows):
+                continue
+            choose = stage.choose and KeptChoice(stage.choose, labels, is_added)
+            left.append(replace(stage, effects=rows, choose=choose))
+        added = added_stage(self.session.added_effects)
+        rows = kept_effects(added.effects, labels)
+        if rows and ADDED not in excluded:
+            left.append(replace(added, effects=rows))
         return tuple(left)
 
+    def _kept_additions(self) -> tuple[dict, ...]:
+        """Added effects that are part of the plan: none where their stage or their label is excluded."""
+        if ADDED in self.session.excluded(STAGES):
+            return ()
+        labels = self.session.excluded(EFFECTS)
+        return tuple(row for row in self.session.added_effects if not labels_of(row) & labels)
+
     def _check_names(self, stages: Sequence[Stage]) -> None:
-        names = {stage.name for stage in stages}
-        labels = {effect_label(effect_row(row)) for stage in stages for row in stage.effects}
+        added = self.session.added_effects
+        whole = [*stages, added_stage(added)] if added else [*stages]
+        names = {stage.name for stage in whole}
+        rows = [effect_row(row) for stage in whole for row in stage.effects]
+        labels = {label for row in rows for label in labels_of(row)}
+        chosen_later = {stage.name for stage in whole if stage.choose is not None}
         for kind, known in ((STAGES, names), (EFFECTS, labels)):
             missing = self.session.excluded(kind) - known
+            if kind == EFFECTS:
+                missing = {label for label in missing if not _may_choose(chosen_later, label)}
             if missing:
                 raise InputError(
                     f"session of recording '{self.session.recording}', {kind}: '{min(missing)}' is excluded, but the "
                     f"plan has {', '.join(sorted(known)[:8]) or 'none'}; remove the change"
                 )
+
+
+@dataclass(frozen=True)
+class KeptChoice:
+    """The effects that a stage chooses on the samples, without those that a session excludes or adds itself.
+
+    An effect is excluded by its name and place, whatever its options: they follow from the samples, so that another
+    fit chooses the same effect with other ones.
+    """
+
+    choose: Callable
+    labels: frozenset[str]
+    is_added: Callable[[tuple[str, str, dict]], bool]
+
+    def __call__(self, model, parameters) -> tuple[tuple[str, str, dict], ...]:
+        places = {_place(label) for label in self.labels}
+        rows = self.choose(model, parameters)
+        left = [row for row in rows if _place(effect_label(effect_row(row))) not in places]
+        return tuple(row for row in left if not self.is_added(row))
+
+
+def kept_effects(
+    rows: Sequence[tuple[str, str, dict]],
+    labels: frozenset[str],
+    is_added: Callable[[tuple[str, str, dict]], bool] = lambda row: False,
+) -> tuple[tuple[str, str, dict], ...]:
+    """The rows of effects whose label is not among the excluded `labels`, and which are not added elsewhere."""
+    left = [row for row in rows if not labels_of(effect_row(row)) & labels]
+    return tuple(row for row in left if not is_added(row))
+
+
+def labels_of(row: dict) -> set[str]:
+    """Labels that name an effect: with the options of its row, and with all options as solution.json states them."""
+    from robot_model.effects import CATALOGUE
+    from workbench.core.effect import make_effects
+
+    (effect,) = make_effects(CATALOGUE, added_stage([row]).effects)
+    complete = {"effect": row["effect"], "where": row["where"], **effect.options}
+    return {effect_label(row), effect_label(complete)}
+
+
+def _place(label: str) -> str:
+    """The label of an effect without its options: "joint-curve at joint-3"."""
+    return label.partition(" (")[0]
+
+
+def _may_choose(stages: set[str], label: str) -> bool:
+    """Whether a label names an effect of a stage that chooses its effects on the samples."""
+    from robot_model.effects import CATALOGUE
+
+    kind = CATALOGUE.get(label.partition(" at ")[0])
+    return kind is not None and kind.stage in stages
 
 
 def _keys_of(effects: Sequence[dict], chain) -> set[str]:

@@ -9,6 +9,8 @@ SAMPLES, POSES, IMAGES, STAGES, EFFECTS = "samples", "poses", "images", "stages"
 KINDS = (SAMPLES, POSES, IMAGES, STAGES, EFFECTS)
 EXCLUDE, INCLUDE, ADD = "exclude", "include", "add"
 ACTIONS = (EXCLUDE, INCLUDE, ADD)
+ADDED = "added effects"
+"""Name of the stage that holds the effects that changes add."""
 _KEYS = ("action", "kind", "items", "why")
 
 

@@ -7,7 +7,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from workbench.app.edits.changes import ADD, EXCLUDE, KINDS, Change, change_line, read_change
+from workbench.app.edits.changes import (
+    ADD,
+    ADDED,
+    EFFECTS,
+    EXCLUDE,
+    KINDS,
+    STAGES,
+    Change,
+    change_line,
+    effect_label,
+    read_change,
+)
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_toml
 from workbench.files.runs import RUNS, replace_file, slug
@@ -56,11 +67,11 @@ class Session:
             raise ValueError(f"unknown kind {kind!r}")
         found: set = set()
         for change in self.changes:
-            if change.kind != kind or change.action == ADD:
-                continue
-            found = (
-                found | set(change.items) if change.action == EXCLUDE else found - set(change.items)
-            )
+            if change.action == ADD:
+                found -= _included_by(change, kind)
+            elif change.kind == kind:
+                items = set(change.items)
+                found = found | items if change.action == EXCLUDE else found - items
         return frozenset(found)
 
     @property
@@ -92,6 +103,13 @@ class Session:
     def save(self, path: Path) -> None:
         """Write session.toml at `path`, replacing an earlier one. Raises InputError."""
         replace_file(Path(path), self.as_toml())
+
+
+def _included_by(change: Change, kind: str) -> set[str]:
+    """Items of a kind that a change includes by adding effects: their labels and the stage that holds them."""
+    if kind == STAGES:
+        return {ADDED}
+    return {effect_label(row) for row in change.items} if kind == EFFECTS else set()
 
 
 def session_path(subject: str) -> Path:

@@ -1,5 +1,7 @@
 """Residuals: arrows in space, the length over any quantity, and histograms; every mark carries its row."""
 
+from itertools import count
+
 import numpy as np
 import plotly.graph_objects as go
 
@@ -17,6 +19,7 @@ _NAMES = {
     "after": "after",
 }
 _MOST_NAMES = 12
+_DRAWINGS = count(1)
 _COLOURS = {
     FIT: style.GREEN,
     HELD_OUT: style.BLUE,
@@ -134,7 +137,8 @@ def chart(work: Workspace, name: str, kind: str) -> go.Figure:
     """Length of the residual over one quantity, with means of bins of equal count over all samples."""
     label, unit = kind_label(work.opened.residuals, kind), unit_of(kind)
     made = style.plane(style.plain(name), f"residual, {label} ({unit})", f"chart-{name}-{kind}")
-    made.update_layout(dragmode="select", selectionrevision=name, clickmode="event")
+    # the browser dims by places within a trace; they are of other samples in every new drawing
+    made.update_layout(dragmode="select", selectionrevision=next(_DRAWINGS), clickmode="event")
     if name not in work.quantities:
         return made
     x, y, kept = work.quantities[name], work.lengths(kind), work.kept

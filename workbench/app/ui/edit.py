@@ -10,7 +10,7 @@ from workbench.app.edits.changes import EFFECTS, STAGES
 from workbench.app.figures import residuals
 from workbench.app.jobs import CANCELLED, DONE, RUNNING
 from workbench.app.ui.base import Tab, number_of, raw
-from workbench.app.workspace import CALIBRATE, DIAGNOSE, stage_items
+from workbench.app.workspace import CALIBRATE, DIAGNOSE, plan_sentence, stage_items
 
 _POLL_S = 0.3
 
@@ -27,7 +27,7 @@ class EditTab(Tab):
         state.can_undo, state.can_redo = False, False
         state.job_running, state.job_text = False, ""
         state.comparison, state.session_file = [], ""
-        state.has_side_by_side = False
+        state.has_side_by_side, state.plan_text = False, ""
         with v3.VRow():
             with v3.VCol(cols=12, lg=4):
                 self._plan()
@@ -50,7 +50,8 @@ class EditTab(Tab):
         html.H2("Stages", classes="text-subtitle-1 font-weight-bold")
         self._checks("stages", self.set_stage)
         html.H2("Effects in the model", classes="text-subtitle-1 font-weight-bold mt-2")
-        html.Div("The model has no effects.", v_if="!effects.length")
+        html.Div("{{ plan_text }}", **raw(data_text="plan"), style="overflow-wrap: anywhere")
+        html.Div("No effects are listed before the first calibration.", v_if="!effects.length")
         with html.Div(style="max-height: 50vh; overflow-y: auto"):
             self._checks("effects", self.set_effect)
         html.Div("The run has no stages; rerun to see them.", v_if="!stages.length")
@@ -150,6 +151,7 @@ class EditTab(Tab):
         for one in effects:
             one["label"] = one["name"]
         state.stages, state.effects = stages, effects
+        state.plan_text = plan_sentence(work.session)
         self.show_changes()
         state.comparison = work.comparison()
         command = work.session.command
@@ -234,7 +236,7 @@ class EditTab(Tab):
         if ending == DONE:
             seconds = job.seconds
             self.work.finish()
-            self.state.job_text = f"Finished after {seconds:.0f} s: {self.work.runs[-1].folder}"
+            self.state.job_text = f"Finished after {seconds:.0f} s: {job.out}"
             self.page.opened_changed()
         elif ending == CANCELLED:
             self.state.job_text = "Cancelled; nothing was written."

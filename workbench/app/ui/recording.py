@@ -3,6 +3,7 @@
 from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
+from datasets.columns import joint_columns
 from workbench.app.data.arm import has_arm
 from workbench.app.data.images import image_rows
 from workbench.app.figures import robot
@@ -24,6 +25,7 @@ class RecordingTab(Tab):
         state = self.state
         state.row, state.last_row, state.row_text, state.row_table = 0, 0, "", []
         state.has_arm, state.images = False, []
+        state.has_joints = False
         state.image, state.image_on, state.image_row = 0, True, -1
         with v3.VRow():
             with v3.VCol(cols=12, lg=7):
@@ -63,15 +65,16 @@ class RecordingTab(Tab):
         )
 
     def _details(self) -> None:
-        html.H2("Coverage", classes="text-subtitle-1 font-weight-bold")
-        html.P(
-            "Number of samples by joint reading; orange lines are the joint limits. The last charts show the flange "
-            "in the robot's base frame.",
-            classes="text-caption",
-        )
-        self.figure(
-            "coverage", "Readings of each joint between its limits, and the workspace", "52vh"
-        )
+        with html.Div(v_if="has_joints"):
+            html.H2("Coverage", classes="text-subtitle-1 font-weight-bold")
+            html.P(
+                "Number of samples by joint reading; orange lines are the joint limits. The last charts show "
+                "the flange in the robot's base frame.",
+                classes="text-caption",
+            )
+            self.figure(
+                "coverage", "Readings of each joint between its limits, and the workspace", "52vh"
+            )
         html.H2("Current sample", classes="text-subtitle-1 font-weight-bold mt-2")
         label = raw(role="group", aria_label="Columns of the current sample", tabindex="0")
         with v3.VTable(density="compact", height="26vh", **label):
@@ -109,6 +112,7 @@ class RecordingTab(Tab):
 
     def refresh(self) -> None:
         self.state.has_arm = has_arm(self.work.opened)
+        self.state.has_joints = bool(joint_columns(self.work.opened.samples.columns))
         self.state.images = [
             {"title": f"{row['name']} ({row['role']})", "value": row["index"]}
             for row in image_rows(self.work.opened.recording)
@@ -117,7 +121,8 @@ class RecordingTab(Tab):
         if self.state.has_arm:
             self.draw_still("scene", lambda: robot.scene(self.work))
             self.draw_in_turn(scene=lambda: robot.scene(self.work))
-        if self._covered is not self.work.opened:  # no edit changes it
+        is_new = self._covered is not self.work.opened
+        if self.state.has_joints and is_new:  # no edit changes it
             self._covered = self.work.opened
             self.draw_in_turn(coverage=lambda: robot.coverage(self.work))
         if self.state.images:

@@ -50,7 +50,7 @@ class ResidualsTab(Tab):
             variant="outlined",
             classes="mb-2",
         )
-        with v3.VRow():
+        with v3.VRow(v_if="!no_residuals"):
             with v3.VCol(cols=12, lg=6):
                 html.Div("{{ no_arrows }}", v_if="no_arrows", **raw(data_text="no-arrows"))
                 with html.Div(v_if="!no_arrows"):
@@ -184,7 +184,9 @@ class ResidualsTab(Tab):
             else ""
         )
         self._describe()
-        if has and not state.no_arrows:
+        if not has:
+            return
+        if not state.no_arrows:
             self.draw_still("arrows", lambda: residuals.arrows(self.work))
         self._draw_histogram()
         self.draw_in_turn(chart=self._chart, arrows=lambda: residuals.arrows(self.work))
@@ -250,7 +252,7 @@ class ResidualsTab(Tab):
         }
 
     def _on_choice(self, **_) -> None:
-        if self.is_shown:
+        if self.is_shown and not self.state.no_residuals:
             self.draw_in_turn(chart=self._chart)
             self._draw_histogram()
 

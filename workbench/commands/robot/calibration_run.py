@@ -81,12 +81,14 @@ def solve_into(
 
 
 def _stated_options(options: dict, scanner: Path | None) -> dict:
-    """What the command line said of the calibration: plan, folds, scanner, trust_data."""
+    """Options of the command line, with files as whole paths, so that a rerun in another folder finds them."""
+    from workbench.fitting.plans import plan_location
+
     plan = options.get("plan")
     return {
-        "plan": str(plan) if isinstance(plan, str | Path) else None,
+        "plan": plan_location(plan) if isinstance(plan, str | Path) else None,
         "folds": options.get("folds", 10),
-        "scanner": None if scanner is None else str(scanner),
+        "scanner": None if scanner is None else str(Path(scanner).resolve()),
         "trust_data": options.get("trust_data", False),
     }
 
