@@ -85,7 +85,7 @@ def terms(draw, kept: bool = True):
         kept=kept,
         reason="" if kept else "its held-out gain is not significant",
         share=draw(st.none() | CHANCE),
-        rest=draw(st.booleans()),
+        remainder=draw(st.booleans()),
     )
 
 

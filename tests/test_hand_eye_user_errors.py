@@ -216,7 +216,9 @@ def test_the_bench_of_user_errors(scene):
 def test_the_bench_on_real_recordings(name, real):
     real(name.partition(":")[0])
     right = recordings.real(name)
-    assert bench.outcome(right, right).what == "harmless"
+    found = bench.outcome(right, right)
+    few_poses = found.sentence.startswith("only 5 poses")  # a caution, not a suspicion
+    assert found.what == "harmless" or few_poses, found.sentence
     check_bench(bench.outcomes(right, name))
 
 
