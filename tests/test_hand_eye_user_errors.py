@@ -181,6 +181,19 @@ def test_a_wrong_square_refuses_and_trust_data_overrides(here, capsys):
     assert "squares of the board look" in found["warnings"][0]
 
 
+def test_a_result_with_a_suspected_mistake_is_not_passed(here, capsys):
+    """Squares that are stated 5 % too large shift the sensor while the residual hardly grows."""
+    right = recordings.made("chessboard")
+    wrong = written(bench.MISTAKES["board square × 1.05"].plant(right), here / "wrong")
+    options = ("--camera", right.camera, "--no-report", "--json", "answer.json")
+    assert run("handeye", wrong, *options) == 1
+    verdict = json.loads((here / "answer.json").read_text())["verdict"]
+    assert verdict["pass"] is False
+    assert verdict["sentence"].startswith(
+        "Do not use this result before this is checked: the squares"
+    )
+
+
 def test_a_right_recording_has_a_verdict_and_no_warning(here, capsys):
     right = recordings.made("chessboard")
     folder = written(right, here / "right")
