@@ -1,8 +1,14 @@
 """Noise of an instrument's angles is found from its direction, and only there."""
 
-import numpy as np
+from types import SimpleNamespace
 
+import numpy as np
+import pytest
+
+from workbench.diagnosis.linear.problem import Finding
+from workbench.explanation import answer
 from workbench.explanation.noise.angular_noise import direction_test, range_test
+from workbench.explanation.result import Term
 
 
 def _sights(rng, n):
@@ -37,3 +43,20 @@ def test_noise_that_grows_with_the_range_has_its_exponent():
     assert p < 1e-8 and abs(exponent - 1) < 0.25
     p, _ = range_test(rng.standard_t(5, size=(3, 300)), distance)
     assert p > 1e-3
+
+
+@pytest.mark.parametrize(("effect", "judged"), [("unknown", False), ("reading-lag", True)])
+def test_the_direction_of_noise_is_not_judged_where_a_function_without_a_law_is_left(
+    monkeypatch, effect, judged
+):
+    """The error of a smooth function that stands for an unknown law has a direction of its own."""
+    calls = []
+    monkeypatch.setattr(
+        answer, "with_angular_noise", lambda terms, *rest: (calls.append(rest), terms)[1]
+    )
+    monkeypatch.setattr(answer, "residuals_of", lambda problem: None)
+    found = SimpleNamespace(spread=(), p_first=1e-9, p_remainder=0.5, outliers=np.zeros(3, bool))
+    term = Term(Finding(effect, "time", "", (), 1e-9, 1.0, 0.0, 0.0))
+    last = SimpleNamespace(found=found, after=None, bench=None)
+    answer._with_noise(last, (term,), ())
+    assert bool(calls) is judged

@@ -233,9 +233,8 @@ def _with_stated_noise(last: "Final", proved, terms, refused):
     compared = last.stated_noise()
     if compared is None:
         return proved, terms
-    unnamed = any(term.finding.effect == "unknown" for term in terms)
     is_significant = any(term.finding.p_value <= MISSING for term in refused)
-    structure_left = last.found.p_remainder <= MISSING or unnamed or is_significant
+    structure_left = is_significant or _contains_structure(last.found, terms)
     wrong = stated_noise.compare(compared, structure_left)
     if wrong is not None:
         noise = float(
@@ -251,6 +250,15 @@ def _with_stated_noise(last: "Final", proved, terms, refused):
         unknown = Finding("unknown", "samples", words.BY_POSE, (), p, 1.0 - p, 0.0, 0.0)
         return proved, (Term(unknown),)
     return proved, terms
+
+
+def _contains_structure(found: Found, terms) -> bool:
+    """Whether the residual is more than noise: it is significant, or a term is a smooth function without a law.
+
+    Such a function only approximates what it stands for, so that its error remains in the residual.
+    """
+    unnamed = any(term.finding.effect == "unknown" for term in terms)
+    return unnamed or found.p_remainder <= MISSING
 
 
 def _warnings(bench, recording, terms=()) -> tuple[str, ...]:
@@ -307,7 +315,7 @@ def _with_noise(last: Final, terms, refused) -> tuple[Term, ...]:
     """The terms with findings on the data; the direction of noise only where no structure is left."""
     found, after = last.found, last.after
     terms = (*terms, *_of_noise(found, terms, refused, after))
-    if refused or found.p_remainder <= MISSING:
+    if refused or _contains_structure(found, terms):
         return terms
     return with_angular_noise(terms, last.bench, residuals_of(after), ~found.outliers)
 
