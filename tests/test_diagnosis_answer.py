@@ -25,6 +25,7 @@ from workbench.explanation.planning.experiment import (
     missing_of,
     next_experiment,
 )
+from workbench.explanation.planning.planned import plans
 from workbench.explanation.result import Proof, Term, much_left, options_of, verdict_of
 from workbench.jobs.robot.simulate import simulate
 
@@ -354,7 +355,7 @@ def test_a_second_load_distinguishes_two_compliances(bench):
         "one",
         "other",
     )
-    rows = compared(bench, (), doubt)
+    rows = compared(bench, (), doubt, plans(bench))
     assert rows[0][0]["plan"] == "the same poses with more load"
     assert rows[0][0]["apart_then_sigma"] > 1.5 * rows[0][0]["apart_now_sigma"]
     assert "kg more on the flange" in describe_comparison(doubt, rows)
@@ -365,7 +366,7 @@ def test_what_is_proposed_separates_as_far_as_was_said(bench):
     doubt = Doubt(
         (gap(),), np.array([1e-5]), (CATALOGUE["joint-thermal-drift"]("joint-2"),), "one", "other"
     )
-    rows = compared(bench, (), doubt)
+    rows = compared(bench, (), doubt, plans(bench))
     assert all(row["apart_then_sigma"] >= row["apart_now_sigma"] for row, _ in rows)
 
 

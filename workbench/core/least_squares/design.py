@@ -66,13 +66,13 @@ def choose(
     the larger sets and the bound are, and a second search from there. Deterministic for a seed.
     """
     rng = np.random.default_rng(seed)
-    largest = symmetric_eigenvalues(_normal_of(rows))[-1] * np.eye(rows.shape[2])
+    largest = symmetric_eigenvalues(normal_of(rows))[-1] * np.eye(rows.shape[2])
     ridge = _RIDGE * largest if known is None else known + _ROUNDING * largest
     weight = None if tasks is None else np.einsum("tmf,tmg->fg", tasks, tasks) / len(tasks)
     score, with_each = _criterion(criterion, n, rows, ridge, weight)
 
     def worth(some):
-        return score(_normal_of(rows[some]) + ridge)
+        return score(normal_of(rows[some]) + ridge)
 
     search, downwards = _Search(len(rows), with_each, repeats), criterion == "task"
     several = [rng.choice(len(rows), n, replace=False) for _ in range(draws)]
@@ -89,7 +89,7 @@ def choose(
         )
         comparisons = {
             "twice": np.array([worth(some) for some in pairs]),
-            "everything": score(_normal_of(rows) + ridge),
+            "everything": score(normal_of(rows) + ridge),
             "bound": bound,
         }
     if not downwards and random.max() > worth(
@@ -139,7 +139,7 @@ def _whole(shares, n, most):
     return np.repeat(np.arange(len(shares)), counts)
 
 
-def _normal_of(rows: np.ndarray) -> np.ndarray:
+def normal_of(rows: np.ndarray) -> np.ndarray:
     """(F, F) normal matrix of some candidates' rows (k, m, F)."""
     flat = rows.reshape(-1, rows.shape[2])
     return flat.T @ flat
@@ -154,7 +154,7 @@ def _criterion(name, n, rows, ridge, weight) -> tuple[Callable, Callable]:
             lambda members: -variances.with_each(members),
         )
     if name == "D":
-        return _volume, lambda members: _volumes_with(_normal_of(rows[members]) + ridge, rows)
+        return _volume, lambda members: _volumes_with(normal_of(rows[members]) + ridge, rows)
     index, grams = int(name[1:]) - 1, np.swapaxes(rows, 1, 2) @ rows
 
     def score(normals):
@@ -162,7 +162,7 @@ def _criterion(name, n, rows, ridge, weight) -> tuple[Callable, Callable]:
         return observability(s, n)[index]
 
     return (lambda normal: float(score(normal))), (
-        lambda members: score(_normal_of(rows[members]) + ridge + grams)
+        lambda members: score(normal_of(rows[members]) + ridge + grams)
     )
 
 

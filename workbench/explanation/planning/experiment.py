@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robot_model.system import bind
+from robot_model.system import RobotChain, bind
 from workbench.core.errors import InputError
-from workbench.core.least_squares.design import choose
+from workbench.core.least_squares.design import choose, normal_of
 from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.model import Model
+from workbench.core.parameters import Parameters
 from workbench.diagnosis.levels import MISSING
 from workbench.diagnosis.linear.problem import Problem
 from workbench.explanation.planning.planned import Plan, plans
@@ -66,7 +67,8 @@ def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: flo
     asked = sorted(doubtful, key=lambda one: (not one.finding.effects, one.finding.probability))[
         :_ASKED
     ]
-    tried = [_asked(bench, terms, term, problem) for term in asked]
+    kinds = plans(bench) if bench.chain is not None else []
+    tried = [_asked(bench, terms, term, problem, kinds) for term in asked]
     open_yet = [
         k for k, (_, _, rows) in enumerate(tried) if rows and rows[0][0]["samples_needed"] > 0
     ]
@@ -83,11 +85,11 @@ def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: flo
     return Experiment(sentence, figures, scene, plan.listing(best["poses"]), robot)
 
 
-def _asked(bench, terms, term: Term, problem: Problem):
-    """The other terms' effects, the doubt about one, and the recordings that might end it."""
+def _asked(bench, terms, term: Term, problem: Problem, kinds: Sequence[Plan]):
+    """The other terms' effects, the doubt about one, and the recordings of these kinds that might end it."""
     others = tuple(e for one in terms if one is not term for e in one.finding.effects)
     doubt = _doubt(bench, term, problem) if bench.chain is not None else None
-    return others, doubt, compared(bench, others, doubt) if doubt is not None else []
+    return others, doubt, compared(bench, others, doubt, kinds) if doubt is not None else []
 
 
 def missing_of(terms: Sequence[Term]) -> tuple[str, ...]:
@@ -156,31 +158,48 @@ def _effects_of(problem: Problem, one) -> tuple:
     return ()
 
 
-def compared(bench, others, doubt: Doubt) -> list[tuple[dict, Plan]]:
+def compared(bench, others, doubt: Doubt, kinds: Sequence[Plan]) -> list[tuple[dict, Plan]]:
     """Every kind of recording with its best poses and what they would reach, the most telling first."""
-    found = []
-    for plan in plans(bench):
+    found, fitted = [], _fitted(bench, others, doubt)
+    for plan in kinds:
         try:
-            found.append((_worth(bench, others, doubt, plan), plan))
+            found.append((_worth(bench, fitted, doubt, plan), plan))
         except InputError:  # an effect needs a column that this kind of recording does not have
             continue
     found = [row for row in found if row[0] is not None]
     return sorted(found, key=lambda row: row[0]["samples_needed"])
 
 
-def _worth(bench, others, doubt: Doubt, plan: Plan) -> dict | None:
+@dataclass(frozen=True)
+class _Fitted:
+    """The model with a finding and all others in it: its chain, parameters and effects, and its noise (mm)."""
+
+    chain: RobotChain
+    parameters: Parameters
+    effects: tuple
+    sigma: float
+
+
+def _fitted(bench, others, doubt: Doubt) -> _Fitted:
+    solved, fit, _ = bench.solve((*others, *doubt.own))
+    effects = (*bench.baseline, *others, *doubt.own, *doubt.alternative)
+    sigma = float(np.median(solved.sigma(fit.parameters)))
+    return _Fitted(solved.chain, fit.parameters, effects, sigma)
+
+
+def _worth(bench, fitted: _Fitted, doubt: Doubt, plan: Plan) -> dict | None:
     """How far apart the two would stand with the plan's best poses."""
-    rows, own, prior, typical = _rows(bench, others, doubt, plan)
+    rows, own, prior, typical = _rows(bench, fitted, doubt, plan)
     n = bench.chain.n
     size = np.zeros(rows.shape[2])
     size[own] = doubt.values / typical
-    known = np.einsum("nmf,nmg->fg", rows[:n], rows[:n]) + np.diag(prior)
+    known = normal_of(rows[:n]) + np.diag(prior)
     blocks = _by_pose(rows[n:], plan.pose)
     count = min(POSES, len(blocks))
     task = np.zeros((1, 1, rows.shape[2]))
     task[0, 0] = size / max(np.linalg.norm(size), 1e-300)
     chosen = choose(blocks, count, "task", task, draws=20, known=known).chosen
-    more = known + np.einsum("nmf,nmg->fg", blocks[chosen], blocks[chosen])
+    more = known + normal_of(blocks[chosen])
     now, then = _apart(known, size, own), _apart(more, size, own)
     gained = then**2 - now**2
     if not gained > 0:
@@ -206,19 +225,17 @@ def _apart(normal, size, own) -> float:
     return float(np.sqrt(max(size[own] @ left @ size[own], 0.0)))
 
 
-def _rows(bench, others, doubt: Doubt, plan: Plan):
+def _rows(bench, fitted: _Fitted, doubt: Doubt, plan: Plan):
     """Whitened rows (n + extra, m, F) in typical sizes, places of the finding's parameters, precisions, their sizes."""
-    solved, fit, _ = bench.solve((*others, *doubt.own))
-    chain = bind(solved.chain.robot, plan.recording, solved.chain.start)
+    chain = bind(fitted.chain.robot, plan.recording, fitted.chain.start)
     chain = replace(chain, state=replace(chain.state, covariates=plan.covariates(chain)))
-    model = Model(chain, (*bench.baseline, *others, *doubt.own, *doubt.alternative))
-    parameters = model.parameters.take_over(fit.parameters)
+    model = Model(chain, fitted.effects)
+    parameters = model.parameters.take_over(fitted.parameters)
     own = [p.key for e in doubt.own for p in e.parameters(chain)]
     alternative = [p.key for e in doubt.alternative for p in e.parameters(chain)]
     free = parameters.only(parameters.mask | np.isin(parameters.keys, own + alternative))
-    sigma = float(np.median(solved.sigma(fit.parameters)))
     typical = free.typical[free.mask]
-    rows = model.linearise(free)[1] / sigma * typical[:, None, None]
+    rows = model.linearise(free)[1] / fitted.sigma * typical[:, None, None]
     keys = [key for key, chosen in zip(free.keys, free.mask) if chosen]
     prior = (
         np.where(
