@@ -97,6 +97,18 @@ def test_compensated_readings_are_as_good_as_the_calibration(run, made):
     assert 0 < done.sigma_mm.max() < arm.held_out_mm
 
 
+def test_what_the_model_misses_is_part_of_the_uncertainty(run, made, tmp_path):
+    keys = json.loads((run[0] / "solution.json").read_text())
+    (tmp_path / "solution.json").write_text(json.dumps(keys | {"discrepancy_rms_mm": 0.3}))
+    done = compensate(read_solution(tmp_path), targets(made))
+    np.testing.assert_allclose(done.uncertainty_mm**2, done.sigma_mm**2 + 0.3**2)
+    (tmp_path / "solution.json").write_text(json.dumps(keys | {"discrepancy_rms_mm": -0.3}))
+    with pytest.raises(
+        InputError, match="key discrepancy_rms_mm: expected a distance of 0 or more"
+    ):
+        read_solution(tmp_path)
+
+
 def test_the_model_is_inverted_exactly(run, made):
     arm, readings = read_solution(run[0]), targets(made)
     done = compensate(arm, readings)

@@ -162,6 +162,20 @@ def test_an_unmodelled_joint_error_is_distinguished_from_wrong_noise():
     assert noise.level == NOTICE and "unmodelled effects" in noise.sentence
 
 
+def test_the_discrepancy_is_what_the_model_leaves_beyond_the_noise():
+    clean = recorded(11, n=160)
+    assert geometry_of(clean).noise.discrepancy_rms == 0.0
+    assert geometry_of(recorded(8, times=3.0)).noise.discrepancy_rms == 0.0, "noise stated wrongly"
+    q2 = clean.columns["q2_deg"]
+    wrong = with_columns(clean, q2_deg=q2 + np.rad2deg(1e-3) * np.sin(3 * np.deg2rad(q2)))
+    fit = geometry_of(wrong)
+    left = fit.noise.findings.residual_rms
+    assert fit.noise.discrepancy_rms == pytest.approx(np.sqrt(3 * (left**2 - SIGMA**2)))
+    assert fit.noise.discrepancy_rms > 5 * SIGMA
+    assert geometry_of(repeated(3.0)).noise.discrepancy_rms == 0.0, "replicates scatter as much"
+    assert geometry_of(repeated(1.0, effect=5e-4)).noise.discrepancy_rms > 2 * SIGMA
+
+
 def test_a_drifting_instrument_is_seen_in_the_order_of_the_samples():
     def drifting(points, rng):
         return points + 0.3 * np.linspace(0, 1, points.shape[1]) ** 2 * np.array(

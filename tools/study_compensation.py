@@ -79,12 +79,12 @@ def execute(seed: int, combination) -> Executed:
     wanted = in_instrument(arm, found.poses[kept])
     after = truth.true_points(np.rad2deg(found.readings[kept]), *sides)
     before = truth.true_points(joints[kept], *sides)
-    sigma = found.sigma_mm[kept]
+    uncertainty = found.uncertainty_mm[kept]
     return Executed(
         seed,
         _rms(before - wanted),
         _rms(after - wanted),
-        _rms(sigma[:, None]),
+        _rms(uncertainty[:, None]),
         "; ".join(f"{effect} at {where}" for effect, where in truth.physics),
         "; ".join(f"{term.finding.effect} at {term.finding.where}" for term in made.terms),
         made.verdict,
@@ -157,8 +157,9 @@ measured point over the RMS uncertainty that `compensate` predicts; 1 is expecte
 | root mean square of the ratios | {pooled:.2f} |
 | largest share of the error that remains | {share:.1%} |
 
-The predicted uncertainty holds the covariance of the estimated parameters. It does not hold the error of a missing or a
-wrong term: that is where the ratio is large.
+The predicted uncertainty combines the covariance of the estimated parameters with the discrepancy of the model: the RMS
+distance that the final calibration left beyond the noise. It does not hold what a wrong term hides in the recording and
+shows only at other poses.
 
 | seed | ratio | planted effects | terms of the diagnosis | verdict |
 |---|---|---|---|---|

@@ -33,7 +33,8 @@ class CalibratedArm:
     `held_out_mm` RMS of the 3-D error on samples that the solve did not see; `trusted` False where
     it did not converge, the recording was in doubt or the held-out error is no better than the nominal
     arm's, and `why` says so. `fitted_range`: lowest and highest value of every joint reading and covariate that was
-    recorded, by column name in file units; None where an older version wrote the file.
+    recorded, by column name in file units; None where an older version wrote the file. `discrepancy_mm`: RMS distance
+    that the calibration left beyond its noise; 0 where the noise is unknown or an older version wrote the file.
     """
 
     robot: Robot
@@ -47,6 +48,7 @@ class CalibratedArm:
     why: str
     keys: dict
     fitted_range: Mapping[str, tuple[float, float]] | None = None
+    discrepancy_mm: float = 0.0
 
     @property
     def acting_effects(self) -> tuple[Effect, ...]:
@@ -81,6 +83,7 @@ def solution_keys(calibration, noise=None) -> dict:
         "nominal": calibration.nominal,
         "converged": solution.converged,
         "noise_rms_mm": noise.stated_rms,
+        "discrepancy_rms_mm": noise.discrepancy_rms,
         "warnings": [*calibration.doubts, *noise.alarms],
         "outcome": solution.outcome,
         "undetermined": list(solution.null_sentences),
@@ -152,6 +155,7 @@ def read_solution(path: Path) -> CalibratedArm:
             why,
             keys,
             ranges,
+            float(keys.get("discrepancy_rms_mm") or 0.0),
         )
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
         if isinstance(problem, InputError):
@@ -177,6 +181,7 @@ def _check_arm(path: Path, arm: CalibratedArm) -> None:
         "covariance": arm.covariance,
         "load_centre_mm": arm.load_centre,
         "fitted_range": ranges,
+        "discrepancy_rms_mm": [arm.discrepancy_mm],
     }
     for key, given in numbers.items():
         if not np.isfinite(given).all():
@@ -185,6 +190,9 @@ def _check_arm(path: Path, arm: CalibratedArm) -> None:
         raise _unusable(path, "load_centre_mm", "three numbers", f"{arm.load_centre.size}")
     if arm.held_out_mm < 0:
         raise _unusable(path, "held_out.rms_mm", "an error of 0 or more", f"{arm.held_out_mm:g}")
+    if arm.discrepancy_mm < 0:
+        found = f"{arm.discrepancy_mm:g}"
+        raise _unusable(path, "discrepancy_rms_mm", "a distance of 0 or more", found)
     if len(set(arm.free)) != len(arm.free):
         raise _unusable(path, "free", "every parameter once", "one twice")
     if (ranges[:, 0] > ranges[:, 1]).any():

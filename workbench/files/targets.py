@@ -183,6 +183,7 @@ def corrected_columns(
         "position_left_mm": found.position_left_mm,
         "rotation_left_deg": found.rotation_left_deg,
         "sigma_mm": found.sigma_mm,
+        "uncertainty_mm": found.uncertainty_mm,
         "reached": found.reached.astype(float),
         "refused": is_refused.astype(float),
     }

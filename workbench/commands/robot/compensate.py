@@ -144,6 +144,7 @@ def _summary(arm, found, refused) -> dict:
         "position_left_rms_mm": _rms(found.position_left_mm[kept]),
         "rotation_left_rms_deg": _rms(found.rotation_left_deg[kept]),
         "sigma_rms_mm": _rms(found.sigma_mm[kept]),
+        "uncertainty_rms_mm": _rms(found.uncertainty_mm[kept]),
         "expected_error_mm": arm.held_out_mm,
         "nominal_error_mm": arm.keys["nominal"]["rms_mm"],
         "why_expected": "held-out RMS of the calibration: the model discrepancy remains at every target",
@@ -183,7 +184,7 @@ def _show(console, result) -> None:
     rows = [
         ["error of the nominal arm, held out", result["nominal_error_mm"]],
         ["error to expect now, held out", result["expected_error_mm"]],
-        ["standard uncertainty at these targets", result["sigma_rms_mm"]],
+        ["standard uncertainty at these targets", result["uncertainty_rms_mm"]],
         [f"the corrections, at the {result['point']}", result["correction_rms_mm"]],
         ["inverse-kinematics residual", result["left_rms_mm"]],
     ]

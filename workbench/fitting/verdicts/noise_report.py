@@ -98,6 +98,24 @@ class NoiseReport:
         return None if found.stated is None else float(np.sqrt(found.components) * found.stated)
 
     @property
+    def discrepancy_rms(self) -> float | None:
+        """RMS distance (mm) that the model misses: what the fit leaves beyond the noise. None: the noise is unknown.
+
+        0 where the residual agrees with the noise, or is larger by what may be noise stated too small. The noise is
+        that of replicates where there are some.
+        """
+        found = self.findings
+        sigma = found.stated if found.replicates is None else found.replicates.sigma
+        if sigma is None:
+            return None
+        has_structure = found.structure is not None and found.structure.found
+        is_missed = has_structure if found.replicates is None else _exceeds_replicates(found)
+        if not (self.is_above and is_missed):
+            return 0.0
+        beyond = max(found.residual_rms**2 - sigma**2, 0.0)
+        return float(np.sqrt(found.components * beyond))
+
+    @property
     def advice(self) -> str:
         """What a residual above the noise most likely means and what to do, as a part of a sentence."""
         found = self.findings

@@ -39,8 +39,10 @@ class Compensated:
     for; `correction_mm` (n,) how far the real flange is from them at the nominal arm's readings, the larger of its
     position and of its orientation at a lever of 200 mm; `position_mm` and `rotation_deg` (n,) the two by themselves;
     `left_mm` (n,) what is left of it; `sigma_mm` (n,) 1 sigma of the 3-D place that the parameters'
-    uncertainty makes; `reached` (n,) False where no reading within limits gets there, because the search found none
-    or, where `beyond_limits` (n,), because the one it found is outside the limits of the joints.
+    uncertainty makes; `uncertainty_mm` (n,) that combined with the discrepancy of the model, the RMS distance that the
+    calibration left beyond its noise (GUM, JCGM 100:2008, 5.1.2); `reached` (n,) False where no reading within limits
+    gets there, because the search found none or, where `beyond_limits` (n,), because the one it found is outside the
+    limits of the joints.
 
     An arm that cannot move its flange in all six directions (`is_deficient`) has reached a target where nothing is left
     in the directions that its joints move; `position_left_mm` and `rotation_left_deg` (n,) are then what is left in
@@ -54,6 +56,7 @@ class Compensated:
     rotation_deg: np.ndarray
     left_mm: np.ndarray
     sigma_mm: np.ndarray
+    uncertainty_mm: np.ndarray
     reached: np.ndarray
     beyond_limits: np.ndarray
     position_left_mm: np.ndarray
@@ -93,6 +96,7 @@ def compensate(
     reached = is_solved & ~beyond
     # what an inversion that failed ends with is no place to send an arm to
     readings = np.where(reached[:, None], found, np.nan)
+    sigma = _sigma(model, arm)
     return Compensated(
         readings,
         wanted,
@@ -100,7 +104,8 @@ def compensate(
         position,
         rotation,
         _larger(position_left, rotation_left),
-        _sigma(model, arm),
+        sigma,
+        np.hypot(sigma, arm.discrepancy_mm),
         reached,
         beyond,
         position_left,
