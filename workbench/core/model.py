@@ -90,6 +90,8 @@ class Model:
 
         For folds, which together see most samples: the basis of a linear effect is made once for all of them.
         """
+        if samples.all():
+            return self
         columns_of = getattr(self.chain, "columns_of", None)
         if columns_of is None:
             return self.at(samples)

@@ -32,6 +32,10 @@ _DAMPING = 1e-4
 """Information on a parameter, per squared typical size, below which it stays where it is, as in `solve`."""
 _SAME_FIT = 1e-3
 """Share of chi-square by which a step may miss its prediction."""
+_CORRECTIONS = 3
+"""Most corrections of a step, which use the derivative at the fit of all samples (simplified Newton method)."""
+_SETTLED = 1e-2
+"""Squared sigmas that a last correction moves: the next is far below that of a solve, and is not taken."""
 
 
 def cross_validate_linearised(
@@ -96,12 +100,17 @@ class _Block:
 
 @dataclass(frozen=True)
 class _Folds:
-    """The samples of all folds, linearised at `start`; `fold` (n,) and `blocks` in the order of `numbers`."""
+    """The samples of all folds, linearised at `start`; `fold` (n,) and `blocks` in the order of `numbers`.
+
+    `rows` (F, m n): whitened derivative of the residual; `sigma` (m, n): 1 sigma of the residual.
+    """
 
     model: Model
     start: Parameters
     fold: np.ndarray
     numbers: np.ndarray
+    rows: np.ndarray
+    sigma: np.ndarray
     blocks: tuple[_Block, ...]
 
     @classmethod
@@ -109,10 +118,12 @@ class _Folds:
         part, fold = model.part(fold >= 0), fold[fold >= 0]
         numbers = np.unique(fold)
         residual, rows = part.linearise(start)
-        white = np.broadcast_to(1 / part.sigma(start), residual.shape)
-        residual, rows = residual * white, rows * white
-        blocks = (_Block.of(rows[..., fold == k], residual[:, fold == k]) for k in numbers)
-        return cls(part, start, fold, numbers, tuple(blocks))
+        sigma = np.broadcast_to(part.sigma(start), residual.shape)
+        residual = residual / sigma
+        rows /= sigma
+        blocks = tuple(_Block.of(rows[..., fold == k], residual[:, fold == k]) for k in numbers)
+        flat = rows.reshape(len(rows), residual.size)
+        return cls(part, start, fold, numbers, flat, sigma, blocks)
 
     def held_out(self, k: int, settle: bool) -> tuple[np.ndarray, dict[str, float]] | None:
         """Residual (m, n) on fold k and what was located on it; None where the fold needs a fit of its own."""
@@ -120,14 +131,11 @@ class _Folds:
             return None
         others = self.blocks[:k] + self.blocks[k + 1 :]
         known = sum(others[1:], others[0])
-        fitted = self._fitted(known, settle)
-        residual = self.model.residual(fitted)
         test = self.fold == self.numbers[k]
-        white = residual[:, ~test] / self.model.part(~test).sigma(fitted)
-        move = fitted.pack() - self.start.pack()
-        squares = float((white**2).sum())
-        if not abs(squares - known.squares_after(move)) <= _SAME_FIT * squares:
+        found = self._fit(known, ~test, settle)
+        if found is None:
             return None
+        fitted, residual = found
         unseen = self._unseen(known, self.blocks[k])
         if not unseen.any():
             return pad_to_position(residual[:, test]), {}
@@ -137,16 +145,34 @@ class _Folds:
         fitted = replace(fitted, values=placed.values)
         return pad_to_position(seen.residual(fitted)), located
 
-    def _fitted(self, known: _Block, settle: bool) -> Parameters:
+    def _fit(
+        self, known: _Block, fitted_on: np.ndarray, settle: bool
+    ) -> tuple[Parameters, np.ndarray] | None:
+        """Fit on the samples `fitted_on` (n,) bool, and the residual (m, n) of all; None where it is not reached."""
+        fitted, predicted = self._first_step(known, settle)
+        for correction in range(_CORRECTIONS + 1):
+            residual = self.model.residual(fitted)
+            white = residual / self.sigma * fitted_on
+            squares = float((white**2).sum())
+            if not correction and not abs(squares - predicted) <= _SAME_FIT * squares:
+                return None
+            here = replace(known, gradient=self.rows @ white.ravel(), squares=squares)
+            move = here.step(fitted, fitted, squares)
+            if move @ known.normal @ move <= _SETTLED * max(1.0, squares / known.count):
+                return fitted, residual
+            fitted = fitted.unpack(fitted.pack() + move)
+        return None
+
+    def _first_step(self, known: _Block, settle: bool) -> tuple[Parameters, float]:
+        """Parameters after one step from `start`, and the sum of squares that the linearisation predicts there."""
         move = known.step(self.start, self.start, known.squares)
         fitted = self.start.unpack(self.start.pack() + move)
-        if not settle:
-            return fitted
-        scaled = rescaled(self.model, fitted, normal=known.normal)
-        if scaled is fitted:
-            return fitted
-        move = known.step(scaled, self.start, known.squares_after(move))
-        return scaled.unpack(self.start.pack() + move)
+        if settle:
+            scaled = rescaled(self.model, fitted, normal=known.normal)
+            if scaled is not fitted:
+                move = known.step(scaled, self.start, known.squares_after(move))
+                fitted = scaled.unpack(self.start.pack() + move)
+        return fitted, known.squares_after(move)
 
     def _unseen(self, known: _Block, block: _Block) -> np.ndarray:
         """(P,) True for places on tool or artefact that only this block shows."""

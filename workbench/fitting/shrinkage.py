@@ -28,8 +28,9 @@ def settled(model: Model, fit: Fit, loss: str, steps: int, only: np.ndarray | No
 
     only (P,) bool: parameters whose priors may change; None for all.
     """
-    scaled = rescaled(model, fit.parameters, only)
-    return fit if scaled is fit.parameters else solve(model, scaled, loss, steps)
+    normal = None if fit.gradient is None else fit.normal
+    scaled = rescaled(model, fit.parameters, only, normal)
+    return fit if scaled is fit.parameters else solve(model, scaled, loss, steps, fit)
 
 
 def rescaled(

@@ -62,7 +62,7 @@ _MEDIAN_CHI3 = 1.538  # of the length of a vector whose three components have si
 _ROUNDS = 2
 _LEAST_POSES = 4
 _FOLD_STEPS = 8  # of a fold that one linearisation does not reach, where stages are compared
-_MANY = 1000  # samples from which one linearisation serves all folds by which stages are compared
+_MANY = 1000  # samples from which one linearisation serves all folds
 
 
 @dataclass(frozen=True)
@@ -302,24 +302,15 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     wanted = start.only(start.mask | stage_mask(start, stage, effects, model.chain))
     size = size_of(model.chain, wanted) if stage.canonical else None
     asked, wanted = int(wanted.mask.sum()), wanted if size is None else wanted.fix(size)
-    trial, start = step.fit, wanted
-    # without redundancy the fit interpolates, and its noise would become zero step by step
-    is_redundant = step.fit.residual.size > wanted.mask.sum()
-    for _ in range(NOISE_ROUNDS if is_redundant else 2):
-        model = model.with_chain(_with_noise(model.chain, trial, split))
-        trial = solve(model.part(split.fit), start, stage.loss, stage.steps)
-        start = widened(model.part(split.fit), trial)
-        chain = _with_noise(model.chain, trial, split)
-        if is_settled(model.chain, chain) and start is trial.parameters:
-            break
+    trial, part, chain = _trial_fit(model, step.fit, wanted, stage, split)
     model, free, tied = model.with_chain(chain), trial.parameters, {}
     if stage.canonical:
-        free, tied = _canonical(model.part(split.fit), trial, wanted)
-    fit = solve(model.part(split.fit), free, stage.loss, stage.steps)
+        free, tied = _canonical(part, trial, wanted)
+    fit = solve(part, free, stage.loss, stage.steps, trial)
     if stage.canonical:
-        fit = settled(model.part(split.fit), fit, stage.loss, stage.steps)
+        fit = settled(part, fit, stage.loss, stage.steps)
     if size is not None:
-        fit = solve(model.part(split.fit), resized(fit.parameters, size), stage.loss, stage.steps)
+        fit = solve(part, resized(fit.parameters, size), stage.loss, stage.steps)
         tied = tied | {size: non_negligible_lengths(wanted, size)}
     known = identifiability(fit.normal, fit.parameters, fit.sigma_scale)
     held_out = _held_out(model, fit, split, stage.loss, stage.steps, stage.canonical)
@@ -336,6 +327,29 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     )
 
 
+def _trial_fit(
+    model: Model, before: Fit, start: Parameters, stage: Stage, split: Split
+) -> tuple[Fit, Model, RobotChain]:
+    """Fit of all that a stage frees, repeated until the noise is that of its own residual.
+
+    before: fit of the previous stage, which gives the first noise. Returns the fit, the model on the fit samples and
+    the chain of all samples, both with the noise of the fit.
+    """
+    # without redundancy the fit interpolates, and its noise would become zero step by step
+    is_redundant = before.residual.size > start.mask.sum()
+    chain, part = _with_noise(model.chain, model.part(split.fit), before, split)
+    trial = None
+    for _ in range(NOISE_ROUNDS if is_redundant else 2):
+        trial = solve(part, start, stage.loss, stage.steps, trial)
+        start = widened(part, trial)
+        is_same_prior, stated = start is trial.parameters, part.chain
+        chain, part = _with_noise(chain, part, trial, split)
+        trial = trial.with_sigma(stated.sigma, part.chain.sigma)
+        if is_same_prior and is_settled(stated, part.chain):
+            break
+    return trial, part, chain
+
+
 def _canonical(model, trial: Fit, wanted: Parameters):
     """Free only what earlier parameters do not already make, judged at the trial's solution.
 
@@ -344,15 +358,22 @@ def _canonical(model, trial: Fit, wanted: Parameters):
     """
     shrunk = model.shrunk
     others = trial.parameters.only(trial.parameters.mask & ~shrunk)
-    free, tied = independent(
-        normal_matrix(model, others), others, redundant=redundant_geometry(model.chain.robot)
-    )
+    chosen = others.mask[trial.parameters.mask]
+    is_known = trial.gradient is not None
+    normal = trial.normal[np.ix_(chosen, chosen)] if is_known else normal_matrix(model, others)
+    redundant = redundant_geometry(model.chain.robot)
+    free, tied = independent(normal, others, redundant=redundant)
     free = free.only(free.mask | (shrunk & trial.parameters.mask))
     return replace(free, values=np.where(free.mask, trial.parameters.values, wanted.values)), tied
 
 
-def _with_noise(chain: RobotChain, trial: Fit, split: Split) -> RobotChain:
-    return noise_scaled(chain, trial, split.fit, may_shrink=False)
+def _with_noise(
+    chain: RobotChain, part: Model, trial: Fit, split: Split
+) -> tuple[RobotChain, Model]:
+    """The chain of all samples and the model on the fit samples, with the noise of a fit."""
+    chain = noise_scaled(chain, trial, split.fit, may_shrink=False)
+    own = replace(part.chain, sigma=chain.sigma[:, split.fit])
+    return chain, part.with_chain(own)
 
 
 def _held_out(model, fit, split, loss, steps, settle=False) -> HeldOut:
@@ -368,12 +389,12 @@ def _held_out(model, fit, split, loss, steps, settle=False) -> HeldOut:
 
 def _final_held_out(step: _Step, split: Split) -> HeldOut:
     """The error on the named test samples, else that over the folds of all fitted samples."""
-    if not split.test.any():
-        start, loss = step.fit.parameters, step.loss
-        return cross_validate(step.model, start, split.fold, loss, settle=step.settle)
-    return hold_out(
-        step.model, step.parameters, split.test, split.fit, step.loss, settle=step.settle
-    )
+    model, start, loss = step.model, step.fit.parameters, step.loss
+    if split.test.any():
+        return hold_out(model, step.parameters, split.test, split.fit, loss, settle=step.settle)
+    if loss != "linear" or split.fit.sum() < _MANY:
+        return cross_validate(model, start, split.fold, loss, settle=step.settle)
+    return cross_validate_linearised(model, start, split.fold, settle=step.settle)
 
 
 def _stage_result(stage, before: _Step, after: _Step, earned) -> StageResult:
