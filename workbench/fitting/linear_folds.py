@@ -15,7 +15,7 @@ import numpy as np
 
 from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.least_squares.noise import noise_mask
-from workbench.core.least_squares.solver import solve
+from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.fitting.cross_validation import (
@@ -49,7 +49,7 @@ def cross_validate_linearised(
     folds = _Folds.at(model, start, fold)
     for k in range(len(folds.blocks)):
         test = fold == folds.numbers[k]
-        found = folds.held_out(k, settle)
+        found = folds.held_out(k, steps, settle)
         if found is None:
             others = (fold >= 0) & ~test
             exact = hold_out(model, start, test, others, "linear", steps, settle)
@@ -99,6 +99,68 @@ class _Block:
 
 
 @dataclass(frozen=True)
+class _Point:
+    """Parameters, and the normal equations of the fitted samples there; `residual` (m, n) of all, where it is known."""
+
+    parameters: Parameters
+    block: _Block
+    residual: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class _Part:
+    """The samples `fitted_on` (n,) bool of all folds, with normal equations `known` at the linearisation."""
+
+    folds: "_Folds"
+    known: _Block
+    fitted_on: np.ndarray
+
+    def reach(self, point: _Point, priors: Parameters) -> _Point | None:
+        """Least squares under some priors, by steps with the derivative at the linearisation; None: not reached."""
+        parameters = priors.unpack(point.parameters.pack())
+        for correction in range(_CORRECTIONS + 2):
+            block = point.block
+            move = block.step(priors, parameters, block.squares)
+            if correction and self.is_small(move, block):
+                return point
+            parameters = parameters.unpack(parameters.pack() + move)
+            point = self.at(parameters)
+            missed = abs(point.block.squares - block.squares_after(move))
+            if not missed <= _SAME_FIT * point.block.squares:
+                return None
+        return None
+
+    def is_small(self, move: np.ndarray, block: _Block) -> bool:
+        """Whether a move (F,) changes no prediction by more than `_SETTLED` allows."""
+        unit = max(1.0, block.squares / block.count)
+        return bool(move @ self.known.normal @ move <= _SETTLED * unit)
+
+    def at(self, parameters: Parameters) -> _Point:
+        """The normal equations at other parameters, with the derivative at the linearisation."""
+        folds = self.folds
+        residual = folds.model.residual(parameters)
+        white = residual / folds.sigma * self.fitted_on
+        squares = float((white**2).sum())
+        block = replace(self.known, gradient=folds.rows @ white.ravel(), squares=squares)
+        return _Point(parameters, block, residual)
+
+    def solved(self, point: _Point, priors: Parameters, steps: int) -> Parameters:
+        """The fit under some priors that starts from a point."""
+        start = priors.unpack(point.parameters.pack())
+        residual = point.residual[:, self.fitted_on]
+        linearised = Fit(
+            start,
+            residual,
+            np.ones(residual.shape[1]),
+            self.known.normal,
+            1.0,
+            gradient=point.block.gradient,
+        )
+        model = self.folds.model.part(self.fitted_on)
+        return solve(model, start, "linear", steps, linearised).parameters
+
+
+@dataclass(frozen=True)
 class _Folds:
     """The samples of all folds, linearised at `start`; `fold` (n,) and `blocks` in the order of `numbers`.
 
@@ -125,54 +187,40 @@ class _Folds:
         flat = rows.reshape(len(rows), residual.size)
         return cls(part, start, fold, numbers, flat, sigma, blocks)
 
-    def held_out(self, k: int, settle: bool) -> tuple[np.ndarray, dict[str, float]] | None:
+    def held_out(
+        self, k: int, steps: int, settle: bool
+    ) -> tuple[np.ndarray, dict[str, float]] | None:
         """Residual (m, n) on fold k and what was located on it; None where the fold needs a fit of its own."""
         if noise_mask(self.model, self.start).any() or len(self.blocks) < 2:
             return None
         others = self.blocks[:k] + self.blocks[k + 1 :]
         known = sum(others[1:], others[0])
         test = self.fold == self.numbers[k]
-        found = self._fit(known, ~test, settle)
-        if found is None:
+        fitted = self._fit(known, ~test, steps, settle)
+        if fitted is None:
             return None
-        fitted, residual = found
-        unseen = self._unseen(known, self.blocks[k])
-        if not unseen.any():
-            return pad_to_position(residual[:, test]), {}
         seen = self.model.part(test)
-        placed = solve(seen, fitted.only(unseen)).parameters
-        located = {key: placed[key] for key, mine in zip(placed.keys, unseen) if mine}
-        fitted = replace(fitted, values=placed.values)
+        unseen = self._unseen(known, self.blocks[k])
+        located = {}
+        if unseen.any():
+            placed = solve(seen, fitted.only(unseen)).parameters
+            located = {key: placed[key] for key, mine in zip(placed.keys, unseen) if mine}
+            fitted = replace(fitted, values=placed.values)
         return pad_to_position(seen.residual(fitted)), located
 
     def _fit(
-        self, known: _Block, fitted_on: np.ndarray, settle: bool
-    ) -> tuple[Parameters, np.ndarray] | None:
-        """Fit on the samples `fitted_on` (n,) bool, and the residual (m, n) of all; None where it is not reached."""
-        fitted, predicted = self._first_step(known, settle)
-        for correction in range(_CORRECTIONS + 1):
-            residual = self.model.residual(fitted)
-            white = residual / self.sigma * fitted_on
-            squares = float((white**2).sum())
-            if not correction and not abs(squares - predicted) <= _SAME_FIT * squares:
-                return None
-            here = replace(known, gradient=self.rows @ white.ravel(), squares=squares)
-            move = here.step(fitted, fitted, squares)
-            if move @ known.normal @ move <= _SETTLED * max(1.0, squares / known.count):
-                return fitted, residual
-            fitted = fitted.unpack(fitted.pack() + move)
-        return None
-
-    def _first_step(self, known: _Block, settle: bool) -> tuple[Parameters, float]:
-        """Parameters after one step from `start`, and the sum of squares that the linearisation predicts there."""
-        move = known.step(self.start, self.start, known.squares)
-        fitted = self.start.unpack(self.start.pack() + move)
-        if settle:
-            scaled = rescaled(self.model, fitted, normal=known.normal)
-            if scaled is not fitted:
-                move = known.step(scaled, self.start, known.squares_after(move))
-                fitted = scaled.unpack(self.start.pack() + move)
-        return fitted, known.squares_after(move)
+        self, known: _Block, fitted_on: np.ndarray, steps: int, settle: bool
+    ) -> Parameters | None:
+        """Fit on the samples `fitted_on` (n,) bool, with normal equations `known` at `start`; None: not reached."""
+        part = _Part(self, known, fitted_on)
+        point = part.reach(_Point(self.start, known), self.start)
+        if point is None or not settle:
+            return None if point is None else point.parameters
+        scaled = rescaled(self.model, point.parameters, normal=known.normal)
+        if scaled is point.parameters:
+            return scaled
+        settled = part.reach(point, scaled)
+        return part.solved(point, scaled, steps) if settled is None else settled.parameters
 
     def _unseen(self, known: _Block, block: _Block) -> np.ndarray:
         """(P,) True for places on tool or artefact that only this block shows."""

@@ -72,9 +72,7 @@ class Fit:
         if self.gradient is None or np.ptp(ratio) > _SAME_RATIO * ratio.max():
             return replace(self, gradient=None)
         information = float(ratio.mean()) ** -2
-        return replace(
-            self, normal=self.normal * information, gradient=self.gradient * information
-        )
+        return replace(self, normal=self.normal * information, gradient=self.gradient * information)
 
 
 @dataclass(frozen=True)
