@@ -96,7 +96,7 @@ class Model:
         if columns_of is None:
             return self.at(samples)
         bases = _BasesOfPart(self, columns_of(np.flatnonzero(samples)))
-        return Model(self.chain.at(samples), self.effects, bases)
+        return self._same_effects(Model(self.chain.at(samples), self.effects, bases))
 
     def with_effects(self, *effects: Effect) -> "Model":
         """The same model with more effects."""
@@ -104,11 +104,15 @@ class Model:
 
     def with_chain(self, chain: Chain) -> "Model":
         """The same effects on `chain`: the same samples with the same state, other values of what they own."""
-        made = replace(self, chain=chain)
-        made.__dict__.update(
-            {name: getattr(self, name) for name in ("parameters", "spans", "_slots_by_port")}
-        )
+        made = self._same_effects(replace(self, chain=chain))
+        made.__dict__["_stacks"] = self._stacks
         return made
+
+    def _same_effects(self, other: "Model") -> "Model":
+        """Another model of the same effects with what does not depend on the samples."""
+        kept = ("parameters", "spans", "_slots", "_slots_by_port")
+        other.__dict__.update({name: getattr(self, name) for name in kept})
+        return other
 
     def residual(self, parameters: Parameters) -> np.ndarray:
         """(m, n) predicted minus measured, in the units of the measurement (mm, rad)."""
@@ -142,13 +146,23 @@ class Model:
         filled = parameters.mask[:own].sum()
         rows[:filled] = evaluation.own_rows(np.flatnonzero(parameters.mask[:own]))
         evaluation = _Once(evaluation, self._slots_by_port)
+        loads = self._load_rows(parameters, evaluation)
         for effect, span in zip(self.effects, self.spans):
             free = parameters.mask[span]
             if free.any():
                 end = filled + free.sum()
-                self._effect_rows(effect, span, values, evaluation, free, rows[filled:end])
+                out = rows[filled:end]
+                if effect in loads:
+                    out[:] = loads[effect][free]
+                else:
+                    self._effect_rows(effect, span, values, evaluation, free, out)
                 filled = end
         return rows
+
+    @cached_property
+    def _slots(self) -> dict[Effect, np.ndarray]:
+        """Slots of each effect."""
+        return {effect: np.asarray(effect.slots(self.chain)) for effect in self.effects}
 
     @cached_property
     def _slots_by_port(self) -> dict[str, np.ndarray]:
@@ -156,9 +170,7 @@ class Model:
         every: dict[str, set] = {}
         for effect in self.effects:
             if effect.port not in (NOISE, *STATE_PORTS):
-                every.setdefault(effect.port, set()).update(
-                    np.asarray(effect.slots(self.chain)).tolist()
-                )
+                every.setdefault(effect.port, set()).update(self._slots[effect].tolist())
         return {port: np.array(sorted(slots)) for port, slots in every.items()}
 
     def jacobian(self, parameters: Parameters) -> np.ndarray:
@@ -170,8 +182,6 @@ class Model:
         """Into `out` (free, m, n): port derivative times the effect's own small factor."""
         if effect.port == NOISE:
             out[:] = 0
-        elif effect.port in STATE_PORTS:
-            out[:] = self._load_rows(effect, span, values, evaluation)[free]
         else:
             _contract(
                 self._derivative(effect, span, values)[free],
@@ -180,20 +190,29 @@ class Model:
             )
 
     def _port_rows(self, effect, evaluation):
-        return evaluation.rows(effect.port, np.asarray(effect.slots(self.chain)))
+        return evaluation.rows(effect.port, self._slots[effect])
 
-    def _load_rows(self, cause, span, values, evaluation):
-        """(P, m, n) of an effect on a state port, by way of every effect that carries load."""
-        total = np.zeros((span.stop - span.start, *evaluation.residual.shape))
+    def _load_rows(self, parameters, evaluation) -> dict[Effect, np.ndarray]:
+        """Effect -> (P, m, n) of each effect on a state port that is free, by way of every effect that carries load."""
+        pairs = zip(self.effects, self.spans)
+        causes = [(e, s) for e, s in pairs if e.port in STATE_PORTS and parameters.mask[s].any()]
+        if not causes:
+            return {}
+        values = parameters.values
+        edges = np.cumsum([0, *(span.stop - span.start for _, span in causes)])
+        total = np.zeros((edges[-1], *evaluation.residual.shape))
         for effect, own in zip(self.effects, self.spans):
-            if effect.elastic and effect.linear:
-                small = np.tensordot(self.basis(effect, cause), values[own], (1, 0))
-            elif effect.elastic:
-                small = self._numeric_by_load(effect, own, span, values)
-            else:
+            if not effect.elastic:
                 continue
-            total += _contract(small, self._port_rows(effect, evaluation))
-        return total
+            rows = self._port_rows(effect, evaluation)
+            if effect.linear:
+                changes = self._stacked(effect, tuple(cause for cause, _ in causes))
+                for number, value in enumerate(values[own]):
+                    total += _contract(changes[:, number], value * rows)
+            else:
+                each = [self._numeric_by_load(effect, own, span, values) for _, span in causes]
+                total += _contract(np.concatenate(each), rows)
+        return {cause: total[a:b] for (cause, _), a, b in zip(causes, edges, edges[1:])}
 
     def _numeric_by_load(self, effect, own, span, values):
         def moved(p):
@@ -225,7 +244,7 @@ class Model:
         """The state under what the effects on gravity and masses make of it."""
         state = self.chain.state
         changes = [
-            (e.port, e.slots(self.chain), e.delta(values[s], state)) for e, s in self._loads(values)
+            (e.port, self._slots[e], e.delta(values[s], state)) for e, s in self._loads(values)
         ]
         return state.altered(changes) if changes else state
 
@@ -238,7 +257,7 @@ class Model:
                 and (values[span] != self.parameters.nulls[span]).any()
             ):
                 parts.setdefault(effect.port, []).append(
-                    (effect.slots(self.chain), self._delta(effect, span, values))
+                    (self._slots[effect], self._delta(effect, span, values))
                 )
         return {port: _add_up(pieces) for port, pieces in parts.items()}
 
@@ -254,9 +273,25 @@ class Model:
         basis = self.basis(effect)
         if not effect.elastic:
             return basis
-        for cause, own in self._loads(values):
-            basis = basis + np.tensordot(values[own], self.basis(effect, cause), 1)
-        return basis
+        loads = self._loads(values)
+        if not loads:
+            return basis
+        sizes = np.concatenate([values[own] for _, own in loads])
+        return basis + np.tensordot(
+            sizes, self._stacked(effect, tuple(cause for cause, _ in loads)), 1
+        )
+
+    def _stacked(self, effect: Effect, causes: tuple[Effect, ...]) -> np.ndarray:
+        """(C, P, k, n) changes of an elastic effect's factor per unit of each of the C parameters of some causes."""
+        key = effect, causes
+        if key not in self._stacks:
+            self._stacks[key] = np.concatenate([self.basis(effect, cause) for cause in causes])
+        return self._stacks[key]
+
+    @cached_property
+    def _stacks(self) -> dict:
+        """(effect, causes) -> what `_stacked` made."""
+        return {}
 
     def basis(self, effect: Effect, cause: Effect | None = None) -> np.ndarray:
         """(P, k, n) the small factor of a linear effect, in the model or not, with gravity and masses as they stand.
