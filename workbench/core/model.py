@@ -5,7 +5,7 @@ the change of its slots of one port. The derivative with respect to an effect's 
 product of the two, for robots and scanners alike.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
@@ -125,11 +125,20 @@ class Model:
 
     def linearise(self, parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
         """Residual (m, n) and its derivative (F, m, n) with respect to the F free parameters."""
+        residual, rows = self.residual_and_derivative(parameters)
+        return residual, rows()
+
+    def residual_and_derivative(
+        self, parameters: Parameters
+    ) -> tuple[np.ndarray, Callable[[], np.ndarray]]:
+        """Residual (m, n), and a function that computes its derivative (F, m, n) from the same evaluation."""
         evaluation = self.evaluate(parameters)
-        rows = np.empty((parameters.mask.sum(), *evaluation.residual.shape))
-        return self._joined(evaluation.residual), self._joined(
-            self.fill_rows(evaluation, parameters, rows)
-        )
+
+        def rows() -> np.ndarray:
+            made = np.empty((parameters.mask.sum(), *evaluation.residual.shape))
+            return self._joined(self.fill_rows(evaluation, parameters, made))
+
+        return self._joined(evaluation.residual), rows
 
     def _joined(self, columns: np.ndarray) -> np.ndarray:
         """(..., n) sums of (..., looks n): where a chain looks several times for one sample, its looks add up."""
@@ -263,7 +272,7 @@ class Model:
 
     def _delta(self, effect, span, values):
         if effect.linear:
-            return np.tensordot(values[span], self._derivative(effect, span, values), 1)
+            return _combined(values[span], self._derivative(effect, span, values))
         return effect.delta(values[span], self._state(values))
 
     def _derivative(self, effect, span, values):
@@ -277,9 +286,12 @@ class Model:
         if not loads:
             return basis
         sizes = np.concatenate([values[own] for _, own in loads])
-        return basis + np.tensordot(
-            sizes, self._stacked(effect, tuple(cause for cause, _ in loads)), 1
-        )
+        causes = tuple(cause for cause, _ in loads)
+        key = causes, sizes.tobytes()
+        if self._loaded.get(effect, (None,))[0] != key:
+            changes = self._stacked(effect, causes)
+            self._loaded[effect] = key, basis + _combined(sizes, changes)
+        return self._loaded[effect][1]
 
     def _stacked(self, effect: Effect, causes: tuple[Effect, ...]) -> np.ndarray:
         """(C, P, k, n) changes of an elastic effect's factor per unit of each of the C parameters of some causes."""
@@ -287,6 +299,11 @@ class Model:
         if key not in self._stacks:
             self._stacks[key] = np.concatenate([self.basis(effect, cause) for cause in causes])
         return self._stacks[key]
+
+    @cached_property
+    def _loaded(self) -> dict:
+        """Elastic effect -> loads, and its factor under them: the last that was computed."""
+        return {}
 
     @cached_property
     def _stacks(self) -> dict:
@@ -351,6 +368,11 @@ class _Once:
             self._rows[port] = self._evaluation.rows(port, self._slots[port])
         made, first = self._rows[port], np.searchsorted(self._slots[port], slots)
         return made[first[0], None] if len(first) == 1 else made[first]
+
+
+def _combined(sizes: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    """(...) sum of parts (P, ...) times their sizes (P,)."""
+    return (sizes @ parts.reshape(len(parts), -1)).reshape(parts.shape[1:])
 
 
 def _contract(small: np.ndarray, rows: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:

@@ -30,6 +30,8 @@ _FLOOR = 1e-4
 # second the next would be far below the first, since the steps shrink quadratically.
 _DONE, _NEARLY = 1e-4, 1e-2
 _NOISE_ROUNDS = 3
+# Factors by which the damping of a step may change after it is accepted.
+_RELAXED = 1 / 8, 2.0
 # Times the stated sigma: a residual of this size is rounding, and its square may be zero in floating point.
 _NO_RESIDUAL = 1e-100
 # Relative difference between ratios of sigmas that is rounding.
@@ -188,10 +190,9 @@ class _Problem:
         return same_mask and np.array_equal(there.values, self.parameters.values)
 
     def linearise(self, parameters):
-        """Residual, weights and cost at `parameters`, and the rows of the derivative."""
+        """Residual at `parameters`, rows of the derivative, and weights."""
         residual, rows = self.model.linearise(parameters)
-        weights = self.robust_weights(residual * self.inverse_sigma)
-        return residual, rows, weights
+        return residual, rows, self.robust_weights(residual * self.inverse_sigma)
 
     def take(self, parameters, residual, rows, weights):
         """Set the current point and compute its whitened and scaled normal equations and gradient."""
@@ -287,14 +288,36 @@ class _Problem:
         again: an earlier trial of this step was rejected; the derivative is then computed only after the cost.
         """
         candidate = self.parameters.unpack(self.parameters.pack() + move * self.scale)
-        if again and not self.cost_of(candidate, self.model.residual(candidate)) < self.cost:
+        residual, rows = self.look_at(candidate, again)
+        cost = self.cost_of(candidate, residual)
+        if not cost < self.cost:
             return False
-        there = self.linearise(candidate)
-        if not self.cost_of(candidate, there[0]) < self.cost:
-            return False
-        self.damping = self.damping / 8 if self.damping > 1e-10 * self.normal.max() else 0.0
-        self.take(candidate, *there)
+        rows = rows()
+        self.relax(move, cost)
+        weights = self.robust_weights(residual * self.inverse_sigma)
+        self.take(candidate, residual, rows, weights)
         return True
+
+    def look_at(self, candidate, again):
+        """Residual at a candidate, and a function that gives the derivative there."""
+        if isinstance(self.model, Model):
+            return self.model.residual_and_derivative(candidate)
+        if again:
+            return self.model.residual(candidate), lambda: self.model.linearise(candidate)[1]
+        residual, rows = self.model.linearise(candidate)
+        return residual, lambda: rows
+
+    def relax(self, move, cost):
+        """Less damping after an accepted step, the more so the better the linearisation has predicted its cost.
+
+        Source: Madsen, Nielsen & Tingleff, Methods for Non-Linear Least Squares Problems, 2nd ed. (2004), eq. 2.21.
+        """
+        if self.damping <= 1e-10 * self.normal.max():
+            self.damping = 0.0
+            return
+        predicted = -float(2 * self.gradient @ move + move @ self.normal @ move)
+        ratio = (self.cost - cost) / max(predicted, 1e-300)
+        self.damping *= float(np.clip(1 - (2 * ratio - 1) ** 3, *_RELAXED))
 
     def degrees(self):
         """Residuals less the parameters that the data, and not the priors, have spent on them."""
