@@ -30,7 +30,7 @@ from workbench.fitting.shrinkage import rescaled
 
 _DAMPING = 1e-4
 """Information on a parameter, per squared typical size, below which it stays where it is, as in `solve`."""
-_SAME_FIT = 1e-3
+_SAME_FIT = 1e-2
 """Share of chi-square by which a step may miss its prediction."""
 _CORRECTIONS = 3
 """Most corrections of a step, which use the derivative at the fit of all samples (simplified Newton method)."""
