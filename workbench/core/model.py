@@ -5,7 +5,7 @@ the change of its slots of one port. The derivative with respect to an effect's 
 product of the two, for robots and scanners alike.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
@@ -120,7 +120,8 @@ class Model:
 
     def sigma(self, parameters: Parameters) -> np.ndarray:
         """(m, n) 1 sigma of each component, with the effects that act on the noise."""
-        delta = self._deltas(parameters.values).get(NOISE)
+        effects = [(e, s) for e, s in zip(self.effects, self.spans) if e.port == NOISE]
+        delta = self._deltas_of(effects, parameters.values).get(NOISE)
         return self.chain.sigma if delta is None else self.chain.sigma * np.exp(delta[1].sum(0))
 
     def linearise(self, parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
@@ -259,8 +260,12 @@ class Model:
 
     def _deltas(self, values) -> Deltas:
         """Changes of every port's slots; effects on the same slot add up."""
+        return self._deltas_of(zip(self.effects, self.spans), values)
+
+    def _deltas_of(self, effects: Iterable[tuple[Effect, slice]], values) -> Deltas:
+        """The same of some effects with their spans."""
         parts: dict[str, list] = {}
-        for effect, span in zip(self.effects, self.spans):
+        for effect, span in effects:
             if (
                 effect.port not in STATE_PORTS
                 and (values[span] != self.parameters.nulls[span]).any()
@@ -317,23 +322,34 @@ class Model:
         factor per unit of each. Torque is linear in both; their product is of second order and left out.
         """
         if cause is None:
-            return self._kept(effect, None, lambda: effect.basis(self.chain.state))
-        return self._kept(effect, cause, lambda: self._changes_of_basis(effect, cause))
+            return self._own_basis(effect)
+        try:
+            return self._bases[effect, cause]
+        except KeyError:
+            own = [one for one in self.effects if one.elastic and one.linear]
+            others = [one for one in own if one is not effect and (one, cause) not in self._bases]
+            self._keep_changes(cause, [effect, *others])
+            return self._bases[effect, cause]
 
-    def _changes_of_basis(self, effect, cause):
+    def _keep_changes(self, cause: Effect, effects: list[Effect]) -> None:
+        """Keep the changes of the factors of elastic effects per unit of a cause: one altered state serves them all."""
         state, slots = self.chain.state, cause.slots(self.chain)
-        steps = np.diag([p.typical for p in cause.parameters(self.chain)])
-        moved = [
-            effect.basis(state.altered([(cause.port, slots, cause.delta(h, state))])) for h in steps
-        ]
-        return np.stack([(b - effect.basis(state)) / h.sum() for b, h in zip(moved, steps)])
+        sizes = [p.typical for p in cause.parameters(self.chain)]
+        changes = {effect: [] for effect in effects}
+        for move in np.diag(sizes):
+            altered = state.altered([(cause.port, slots, cause.delta(move, state))])
+            for effect in effects:
+                change = effect.basis(altered) - self.basis(effect)
+                changes[effect].append(change / move.sum())
+        for effect, made in changes.items():
+            self._bases[effect, cause] = np.stack(made)
 
-    def _kept(self, effect, cause, make):
-        key = effect, cause  # effects are compared by identity
+    def _own_basis(self, effect: Effect) -> np.ndarray:
+        key = effect, None  # effects are compared by identity
         try:
             return self._bases[key]
         except KeyError:
-            made = self._bases[key] = make()
+            made = self._bases[key] = effect.basis(self.chain.state)
             return made
 
 

@@ -144,7 +144,7 @@ class _Part:
         block = replace(self.known, gradient=folds.rows @ white.ravel(), squares=squares)
         return _Point(parameters, block, residual)
 
-    def solved(self, point: _Point, priors: Parameters, steps: int) -> Parameters:
+    def solved(self, point: _Point, priors: Parameters, steps: int) -> _Point:
         """The fit under some priors that starts from a point."""
         start = priors.unpack(point.parameters.pack())
         residual = point.residual[:, self.fitted_on]
@@ -157,7 +157,8 @@ class _Part:
             gradient=point.block.gradient,
         )
         model = self.folds.model.part(self.fitted_on)
-        return solve(model, start, "linear", steps, linearised).parameters
+        fit = solve(model, start, "linear", steps, linearised)
+        return _Point(fit.parameters, self.known)
 
 
 @dataclass(frozen=True)
@@ -196,31 +197,28 @@ class _Folds:
         others = self.blocks[:k] + self.blocks[k + 1 :]
         known = sum(others[1:], others[0])
         test = self.fold == self.numbers[k]
-        fitted = self._fit(known, ~test, steps, settle)
-        if fitted is None:
+        found = self._fit(known, ~test, steps, settle)
+        if found is None:
             return None
-        seen = self.model.part(test)
         unseen = self._unseen(known, self.blocks[k])
-        located = {}
-        if unseen.any():
-            placed = solve(seen, fitted.only(unseen)).parameters
-            located = {key: placed[key] for key, mine in zip(placed.keys, unseen) if mine}
-            fitted = replace(fitted, values=placed.values)
+        if found.residual is not None and not unseen.any():
+            return pad_to_position(found.residual[:, test]), {}
+        seen, fitted = self.model.part(test), found.parameters
+        placed = solve(seen, fitted.only(unseen)).parameters if unseen.any() else fitted
+        located = {key: placed[key] for key, mine in zip(placed.keys, unseen) if mine}
+        fitted = replace(fitted, values=placed.values)
         return pad_to_position(seen.residual(fitted)), located
 
-    def _fit(
-        self, known: _Block, fitted_on: np.ndarray, steps: int, settle: bool
-    ) -> Parameters | None:
+    def _fit(self, known: _Block, fitted_on: np.ndarray, steps: int, settle: bool) -> _Point | None:
         """Fit on the samples `fitted_on` (n,) bool, with normal equations `known` at `start`; None: not reached."""
         part = _Part(self, known, fitted_on)
         point = part.reach(_Point(self.start, known), self.start)
         if point is None or not settle:
-            return None if point is None else point.parameters
+            return point
         scaled = rescaled(self.model, point.parameters, normal=known.normal)
         if scaled is point.parameters:
-            return scaled
-        settled = part.reach(point, scaled)
-        return part.solved(point, scaled, steps) if settled is None else settled.parameters
+            return point
+        return part.reach(point, scaled) or part.solved(point, scaled, steps)
 
     def _unseen(self, known: _Block, block: _Block) -> np.ndarray:
         """(P,) True for places on tool or artefact that only this block shows."""

@@ -258,7 +258,9 @@ def _prune(nominal: _Step, step: _Step, rows, split, progress):
         ):
             continue
         progress(f"the result without {stage.name}")
-        without = _try(replace(step, model=nominal.model), _merged(others, nominal), split)
+        fewer = _without_effects(step.model, [s for s, r in rows if r.earned], stage)
+        merged = _merged(others, nominal)
+        without = _try(replace(step, model=fewer), merged, split)
         if not is_retained(without, step, tests, split.fit):
             change = f"with it added back, held-out {step.held_out.change_from(without.held_out)}"
             sentence = (
@@ -270,24 +272,28 @@ def _prune(nominal: _Step, step: _Step, rows, split, progress):
     return step, tuple(result for _, result in rows)
 
 
+def _without_effects(model: Model, stages: Sequence[Stage], left_out: Stage) -> Model:
+    """A model of the effects of some stages, in their order, without those of one of them; bases are kept."""
+    kept, first = [], 0
+    for stage in stages:
+        end = first + len(stage.effects)
+        kept += [] if stage is left_out else model.effects[first:end]
+        first = end
+    return replace(model, effects=tuple(kept))
+
+
 def _merged(stages, nominal: _Step) -> Stage:
-    """One stage that brings and frees all that some stages do."""
-    effects = tuple(row for stage in stages for row in stage.effects)
-    model = nominal.model.with_effects(*make_effects(CATALOGUE, effects))
+    """One stage that frees all that some stages do, in a model that has their effects."""
+    every = tuple(row for stage in stages for row in stage.effects)
+    model = nominal.model.with_effects(*make_effects(CATALOGUE, every))
     mask = np.zeros(len(model.parameters), bool)
     for stage in stages:
-        mask |= stage_mask(
-            model.parameters, stage, make_effects(CATALOGUE, stage.effects), model.chain
-        )
+        effects = make_effects(CATALOGUE, stage.effects)
+        mask |= stage_mask(model.parameters, stage, effects, model.chain)
     free = tuple(key for key, wanted in zip(model.parameters.keys, mask) if wanted)
     first, last = stages[0], stages[-1]
-    return replace(
-        last,
-        name="result",
-        effects=effects,
-        free=free,
-        canonical=first.canonical and last.canonical,
-    )
+    canonical = first.canonical and last.canonical
+    return replace(last, name="result", effects=(), free=free, canonical=canonical)
 
 
 def _try(step: _Step, stage: Stage, split: Split) -> _Step:
