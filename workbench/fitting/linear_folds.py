@@ -211,8 +211,15 @@ class _Folds:
 
     def _fit(self, known: _Block, fitted_on: np.ndarray, steps: int, settle: bool) -> _Point | None:
         """Fit on the samples `fitted_on` (n,) bool, with normal equations `known` at `start`; None: not reached."""
-        part = _Part(self, known, fitted_on)
-        point = part.reach(_Point(self.start, known), self.start)
+        part, start = _Part(self, known, fitted_on), _Point(self.start, known)
+        if settle:
+            move = known.step(self.start, self.start, known.squares)
+            linear = self.start.unpack(self.start.pack() + move)
+            scaled = rescaled(self.model, linear, normal=known.normal)
+            point = part.reach(start, scaled)
+            if point is not None:
+                return point
+        point = part.reach(start, self.start)
         if point is None or not settle:
             return point
         scaled = rescaled(self.model, point.parameters, normal=known.normal)
