@@ -52,15 +52,18 @@ def test_without_a_terminal_nothing_is_printed():
     assert done.returncode == 0 and done.stderr.strip() == "" and done.stdout == ""
 
 
-def test_steps_are_counted_and_the_remaining_time_is_that_of_the_finished_ones():
+def said_by_steps(total: int, steps: dict[float, str]) -> list[str]:
+    """What is reported of `total` steps that begin at given seconds."""
     said, now = [], [0.0]
-    step = counted(said.append, 4, lambda: now[0])
-    step("stage geometry")
-    now[0] = 5.0
-    step("stage drift")
-    now[0] = 20.0
-    step("stage bending")
-    assert said == [
+    step = counted(said.append, total, lambda: now[0])
+    for now[0], name in steps.items():
+        step(name)
+    return said
+
+
+def test_steps_are_counted_and_the_remaining_time_is_that_of_the_finished_ones():
+    steps = {0.0: "stage geometry", 5.0: "stage drift", 20.0: "stage bending"}
+    assert said_by_steps(4, steps) == [
         "stage geometry (1 of 4)",
         "stage drift (2 of 4, about 15 s left)",
         "stage bending (3 of 4, about 20 s left)",
@@ -68,9 +71,4 @@ def test_steps_are_counted_and_the_remaining_time_is_that_of_the_finished_ones()
 
 
 def test_no_remaining_time_is_guessed_in_the_first_two_seconds():
-    said, now = [], [0.0]
-    step = counted(said.append, 2, lambda: now[0])
-    step("first")
-    now[0] = 1.0
-    step("second")
-    assert said[1] == "second (2 of 2)"
+    assert said_by_steps(2, {0.0: "first", 1.0: "second"})[1] == "second (2 of 2)"

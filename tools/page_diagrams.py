@@ -163,6 +163,18 @@ def layers() -> None:
     canvas.save("layers")
 
 
+def row_of_steps(canvas, steps, width: float, bottom: float, emphasised: str = "") -> None:
+    """Boxes (title, text) from left to right with arrows between; that of the title `emphasised` is orange."""
+    gap, height = 0.26, 1.1
+    middle = bottom + height / 2
+    for k, (title, text) in enumerate(steps):
+        x = 0.12 + (width + gap) * k
+        colour = ORANGE if title == emphasised else BLUE
+        canvas.box(x, bottom, width, height, title, text.splitlines(), colour)
+        if k:
+            canvas.arrow((x - gap, middle), (x, middle))
+
+
 def blind_benchmark() -> None:
     """The steps of the blind benchmark, in order."""
     steps = (
@@ -174,12 +186,7 @@ def blind_benchmark() -> None:
         ("scoreboard", "found, missed,\nwrong name,\nwith intervals"),
     )
     canvas = Canvas(10.6, 1.5)
-    for k, (title, text) in enumerate(steps):
-        x = 0.12 + 1.76 * k
-        colour = ORANGE if title == "truth" else BLUE
-        canvas.box(x, 0.2, 1.5, 1.1, title, text.splitlines(), colour)
-        if k:
-            canvas.arrow((x - 0.26, 0.75), (x, 0.75))
+    row_of_steps(canvas, steps, 1.5, 0.2, emphasised="truth")
     canvas.save("blind-benchmark")
 
 
@@ -194,11 +201,7 @@ def search_steps() -> None:
         ("answer", "verdict, confounded\neffects, next\nexperiment"),
     )
     canvas = Canvas(11.2, 1.9)
-    for k, (title, text) in enumerate(steps):
-        x = 0.12 + 1.86 * k
-        canvas.box(x, 0.6, 1.6, 1.1, title, text.splitlines())
-        if k:
-            canvas.arrow((x - 0.26, 1.15), (x, 1.15))
+    row_of_steps(canvas, steps, 1.6, 0.6)
     again = dict(arrowstyle="-|>", color=ORANGE, lw=1.3, connectionstyle="arc3,rad=-0.35")
     canvas.axes.annotate("", xy=(4.6, 0.58), xytext=(6.5, 0.58), arrowprops=again)
     canvas.axes.text(5.55, 0.02, "until the set stays the same", ha="center", size=8, color=ORANGE)

@@ -5,7 +5,7 @@ the change of its slots of one port. The derivative with respect to an effect's 
 product of the two, for robots and scanners alike.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
@@ -90,11 +90,13 @@ class Model:
 
         For folds, which together see most samples: the basis of a linear effect is made once for all of them.
         """
+        if samples.all():
+            return self
         columns_of = getattr(self.chain, "columns_of", None)
         if columns_of is None:
             return self.at(samples)
         bases = _BasesOfPart(self, columns_of(np.flatnonzero(samples)))
-        return Model(self.chain.at(samples), self.effects, bases)
+        return self._same_effects(Model(self.chain.at(samples), self.effects, bases))
 
     def with_effects(self, *effects: Effect) -> "Model":
         """The same model with more effects."""
@@ -102,11 +104,15 @@ class Model:
 
     def with_chain(self, chain: Chain) -> "Model":
         """The same effects on `chain`: the same samples with the same state, other values of what they own."""
-        made = replace(self, chain=chain)
-        made.__dict__.update(
-            {name: getattr(self, name) for name in ("parameters", "spans", "_slots_by_port")}
-        )
+        made = self._same_effects(replace(self, chain=chain))
+        made.__dict__["_stacks"] = self._stacks
         return made
+
+    def _same_effects(self, other: "Model") -> "Model":
+        """Another model of the same effects with what does not depend on the samples."""
+        kept = ("parameters", "spans", "_slots", "_slots_by_port")
+        other.__dict__.update({name: getattr(self, name) for name in kept})
+        return other
 
     def residual(self, parameters: Parameters) -> np.ndarray:
         """(m, n) predicted minus measured, in the units of the measurement (mm, rad)."""
@@ -114,16 +120,26 @@ class Model:
 
     def sigma(self, parameters: Parameters) -> np.ndarray:
         """(m, n) 1 sigma of each component, with the effects that act on the noise."""
-        delta = self._deltas(parameters.values).get(NOISE)
+        effects = [(e, s) for e, s in zip(self.effects, self.spans) if e.port == NOISE]
+        delta = self._deltas_of(effects, parameters.values).get(NOISE)
         return self.chain.sigma if delta is None else self.chain.sigma * np.exp(delta[1].sum(0))
 
     def linearise(self, parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
         """Residual (m, n) and its derivative (F, m, n) with respect to the F free parameters."""
+        residual, rows = self.residual_and_derivative(parameters)
+        return residual, rows()
+
+    def residual_and_derivative(
+        self, parameters: Parameters
+    ) -> tuple[np.ndarray, Callable[[], np.ndarray]]:
+        """Residual (m, n), and a function that computes its derivative (F, m, n) from the same evaluation."""
         evaluation = self.evaluate(parameters)
-        rows = np.empty((parameters.mask.sum(), *evaluation.residual.shape))
-        return self._joined(evaluation.residual), self._joined(
-            self.fill_rows(evaluation, parameters, rows)
-        )
+
+        def rows() -> np.ndarray:
+            made = np.empty((parameters.mask.sum(), *evaluation.residual.shape))
+            return self._joined(self.fill_rows(evaluation, parameters, made))
+
+        return self._joined(evaluation.residual), rows
 
     def _joined(self, columns: np.ndarray) -> np.ndarray:
         """(..., n) sums of (..., looks n): where a chain looks several times for one sample, its looks add up."""
@@ -140,13 +156,23 @@ class Model:
         filled = parameters.mask[:own].sum()
         rows[:filled] = evaluation.own_rows(np.flatnonzero(parameters.mask[:own]))
         evaluation = _Once(evaluation, self._slots_by_port)
+        loads = self._load_rows(parameters, evaluation)
         for effect, span in zip(self.effects, self.spans):
             free = parameters.mask[span]
             if free.any():
                 end = filled + free.sum()
-                self._effect_rows(effect, span, values, evaluation, free, rows[filled:end])
+                out = rows[filled:end]
+                if effect in loads:
+                    out[:] = loads[effect][free]
+                else:
+                    self._effect_rows(effect, span, values, evaluation, free, out)
                 filled = end
         return rows
+
+    @cached_property
+    def _slots(self) -> dict[Effect, np.ndarray]:
+        """Slots of each effect."""
+        return {effect: np.asarray(effect.slots(self.chain)) for effect in self.effects}
 
     @cached_property
     def _slots_by_port(self) -> dict[str, np.ndarray]:
@@ -154,9 +180,7 @@ class Model:
         every: dict[str, set] = {}
         for effect in self.effects:
             if effect.port not in (NOISE, *STATE_PORTS):
-                every.setdefault(effect.port, set()).update(
-                    np.asarray(effect.slots(self.chain)).tolist()
-                )
+                every.setdefault(effect.port, set()).update(self._slots[effect].tolist())
         return {port: np.array(sorted(slots)) for port, slots in every.items()}
 
     def jacobian(self, parameters: Parameters) -> np.ndarray:
@@ -168,8 +192,6 @@ class Model:
         """Into `out` (free, m, n): port derivative times the effect's own small factor."""
         if effect.port == NOISE:
             out[:] = 0
-        elif effect.port in STATE_PORTS:
-            out[:] = self._load_rows(effect, span, values, evaluation)[free]
         else:
             _contract(
                 self._derivative(effect, span, values)[free],
@@ -178,20 +200,29 @@ class Model:
             )
 
     def _port_rows(self, effect, evaluation):
-        return evaluation.rows(effect.port, np.asarray(effect.slots(self.chain)))
+        return evaluation.rows(effect.port, self._slots[effect])
 
-    def _load_rows(self, cause, span, values, evaluation):
-        """(P, m, n) of an effect on a state port, by way of every effect that carries load."""
-        total = np.zeros((span.stop - span.start, *evaluation.residual.shape))
+    def _load_rows(self, parameters, evaluation) -> dict[Effect, np.ndarray]:
+        """Effect -> (P, m, n) of each effect on a state port that is free, by way of every effect that carries load."""
+        pairs = zip(self.effects, self.spans)
+        causes = [(e, s) for e, s in pairs if e.port in STATE_PORTS and parameters.mask[s].any()]
+        if not causes:
+            return {}
+        values = parameters.values
+        edges = np.cumsum([0, *(span.stop - span.start for _, span in causes)])
+        total = np.zeros((edges[-1], *evaluation.residual.shape))
         for effect, own in zip(self.effects, self.spans):
-            if effect.elastic and effect.linear:
-                small = np.tensordot(self.basis(effect, cause), values[own], (1, 0))
-            elif effect.elastic:
-                small = self._numeric_by_load(effect, own, span, values)
-            else:
+            if not effect.elastic:
                 continue
-            total += _contract(small, self._port_rows(effect, evaluation))
-        return total
+            rows = self._port_rows(effect, evaluation)
+            if effect.linear:
+                changes = self._stacked(effect, tuple(cause for cause, _ in causes))
+                for number, value in enumerate(values[own]):
+                    total += _contract(changes[:, number], value * rows)
+            else:
+                each = [self._numeric_by_load(effect, own, span, values) for _, span in causes]
+                total += _contract(np.concatenate(each), rows)
+        return {cause: total[a:b] for (cause, _), a, b in zip(causes, edges, edges[1:])}
 
     def _numeric_by_load(self, effect, own, span, values):
         def moved(p):
@@ -223,26 +254,30 @@ class Model:
         """The state under what the effects on gravity and masses make of it."""
         state = self.chain.state
         changes = [
-            (e.port, e.slots(self.chain), e.delta(values[s], state)) for e, s in self._loads(values)
+            (e.port, self._slots[e], e.delta(values[s], state)) for e, s in self._loads(values)
         ]
         return state.altered(changes) if changes else state
 
     def _deltas(self, values) -> Deltas:
         """Changes of every port's slots; effects on the same slot add up."""
+        return self._deltas_of(zip(self.effects, self.spans), values)
+
+    def _deltas_of(self, effects: Iterable[tuple[Effect, slice]], values) -> Deltas:
+        """The same of some effects with their spans."""
         parts: dict[str, list] = {}
-        for effect, span in zip(self.effects, self.spans):
+        for effect, span in effects:
             if (
                 effect.port not in STATE_PORTS
                 and (values[span] != self.parameters.nulls[span]).any()
             ):
                 parts.setdefault(effect.port, []).append(
-                    (effect.slots(self.chain), self._delta(effect, span, values))
+                    (self._slots[effect], self._delta(effect, span, values))
                 )
         return {port: _add_up(pieces) for port, pieces in parts.items()}
 
     def _delta(self, effect, span, values):
         if effect.linear:
-            return np.tensordot(values[span], self._derivative(effect, span, values), 1)
+            return _combined(values[span], self._derivative(effect, span, values))
         return effect.delta(values[span], self._state(values))
 
     def _derivative(self, effect, span, values):
@@ -252,9 +287,33 @@ class Model:
         basis = self.basis(effect)
         if not effect.elastic:
             return basis
-        for cause, own in self._loads(values):
-            basis = basis + np.tensordot(values[own], self.basis(effect, cause), 1)
-        return basis
+        loads = self._loads(values)
+        if not loads:
+            return basis
+        sizes = np.concatenate([values[own] for _, own in loads])
+        causes = tuple(cause for cause, _ in loads)
+        key = causes, sizes.tobytes()
+        if self._loaded.get(effect, (None,))[0] != key:
+            changes = self._stacked(effect, causes)
+            self._loaded[effect] = key, basis + _combined(sizes, changes)
+        return self._loaded[effect][1]
+
+    def _stacked(self, effect: Effect, causes: tuple[Effect, ...]) -> np.ndarray:
+        """(C, P, k, n) changes of an elastic effect's factor per unit of each of the C parameters of some causes."""
+        key = effect, causes
+        if key not in self._stacks:
+            self._stacks[key] = np.concatenate([self.basis(effect, cause) for cause in causes])
+        return self._stacks[key]
+
+    @cached_property
+    def _loaded(self) -> dict:
+        """Elastic effect -> loads, and its factor under them: the last that was computed."""
+        return {}
+
+    @cached_property
+    def _stacks(self) -> dict:
+        """(effect, causes) -> what `_stacked` made."""
+        return {}
 
     def basis(self, effect: Effect, cause: Effect | None = None) -> np.ndarray:
         """(P, k, n) the small factor of a linear effect, in the model or not, with gravity and masses as they stand.
@@ -263,23 +322,34 @@ class Model:
         factor per unit of each. Torque is linear in both; their product is of second order and left out.
         """
         if cause is None:
-            return self._kept(effect, None, lambda: effect.basis(self.chain.state))
-        return self._kept(effect, cause, lambda: self._changes_of_basis(effect, cause))
+            return self._own_basis(effect)
+        try:
+            return self._bases[effect, cause]
+        except KeyError:
+            own = [one for one in self.effects if one.elastic and one.linear]
+            others = [one for one in own if one is not effect and (one, cause) not in self._bases]
+            self._keep_changes(cause, [effect, *others])
+            return self._bases[effect, cause]
 
-    def _changes_of_basis(self, effect, cause):
+    def _keep_changes(self, cause: Effect, effects: list[Effect]) -> None:
+        """Keep the changes of the factors of elastic effects per unit of a cause: one altered state serves them all."""
         state, slots = self.chain.state, cause.slots(self.chain)
-        steps = np.diag([p.typical for p in cause.parameters(self.chain)])
-        moved = [
-            effect.basis(state.altered([(cause.port, slots, cause.delta(h, state))])) for h in steps
-        ]
-        return np.stack([(b - effect.basis(state)) / h.sum() for b, h in zip(moved, steps)])
+        sizes = [p.typical for p in cause.parameters(self.chain)]
+        changes = {effect: [] for effect in effects}
+        for move in np.diag(sizes):
+            altered = state.altered([(cause.port, slots, cause.delta(move, state))])
+            for effect in effects:
+                change = effect.basis(altered) - self.basis(effect)
+                changes[effect].append(change / move.sum())
+        for effect, made in changes.items():
+            self._bases[effect, cause] = np.stack(made)
 
-    def _kept(self, effect, cause, make):
-        key = effect, cause  # effects are compared by identity
+    def _own_basis(self, effect: Effect) -> np.ndarray:
+        key = effect, None  # effects are compared by identity
         try:
             return self._bases[key]
         except KeyError:
-            made = self._bases[key] = make()
+            made = self._bases[key] = effect.basis(self.chain.state)
             return made
 
 
@@ -314,6 +384,11 @@ class _Once:
             self._rows[port] = self._evaluation.rows(port, self._slots[port])
         made, first = self._rows[port], np.searchsorted(self._slots[port], slots)
         return made[first[0], None] if len(first) == 1 else made[first]
+
+
+def _combined(sizes: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    """(...) sum of parts (P, ...) times their sizes (P,)."""
+    return (sizes @ parts.reshape(len(parts), -1)).reshape(parts.shape[1:])
 
 
 def _contract(small: np.ndarray, rows: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:

@@ -16,7 +16,12 @@ from workbench.core.model import NOISE, Model
 from workbench.core.parameters import Parameters
 from workbench.fitting.linear_posterior import without_free
 
-_ROUNDS, _SAME = 100, 0.01
+_ROUNDS = 100
+_SAME = 0.02
+"""Change of a family's log precision, times its effective parameters up to 1, that ends the rounds.
+
+The scale of a family that the data shrink to nothing still changes when its predictions no longer do.
+"""
 _LEAST, _MOST = (
     1e-3,
     30.0,
@@ -28,8 +33,9 @@ def settled(model: Model, fit: Fit, loss: str, steps: int, only: np.ndarray | No
 
     only (P,) bool: parameters whose priors may change; None for all.
     """
-    scaled = rescaled(model, fit.parameters, only)
-    return fit if scaled is fit.parameters else solve(model, scaled, loss, steps)
+    normal = None if fit.gradient is None else fit.normal
+    scaled = rescaled(model, fit.parameters, only, normal)
+    return fit if scaled is fit.parameters else solve(model, scaled, loss, steps, fit)
 
 
 def rescaled(
@@ -95,17 +101,19 @@ def _scaled(normal, away, precision, least, family):
     for _ in range(_ROUNDS):
         covariance = covariance_of(normal, precision + 1e-9)
         away, before = covariance @ right, precision.copy()
+        spent = 1 - precision * np.diag(covariance)  # share of each number that the data determine
         for mine in members:
-            spent = (
-                1 - precision[mine] * np.diag(covariance)[mine]
-            ).sum()  # numbers that the data determine
-            square = max((away[mine] ** 2).sum() / max(spent, 1e-3), _LEAST**2)
+            square = max((away[mine] ** 2).sum() / max(spent[mine].sum(), 1e-3), _LEAST**2)
             precision[mine] = np.maximum(1 / square, least[mine])
-        if np.allclose(
-            np.log(np.maximum(precision, 1e-12)), np.log(np.maximum(before, 1e-12)), atol=_SAME
-        ):
+        changes = np.abs(np.log(np.maximum(precision, 1e-12) / np.maximum(before, 1e-12)))
+        if all(_is_same(changes[mine], spent[mine]) for mine in members):
             break
     return precision
+
+
+def _is_same(changes: np.ndarray, spent: np.ndarray) -> bool:
+    """Whether changes (K,) of a family's log precision no longer matter; spent (K,): its effective parameters."""
+    return bool(changes.max() * min(spent.sum(), 1.0) <= _SAME)
 
 
 def _with_priors(parameters, family, prior):

@@ -239,22 +239,23 @@ def _greedy(scaled):
     """Indices kept, and for each one left out its mix of the kept (Cholesky, column by column)."""
     kept, left_out, lower = [], {}, np.zeros_like(scaled)
     for k in range(len(scaled)):
-        row = np.zeros(len(scaled))
-        for j, other in enumerate(kept):
-            row[j] = (scaled[k, other] - row[:j] @ lower[j, :j]) / lower[j, j]
+        size = len(kept)
+        factor = lower[:size, :size]
+        row = _solve_lower(factor, scaled[kept, k])
         rest = scaled[k, k] - row @ row
         if rest > max(_CONFOUNDED, 1e-12 * scaled[k, k]):
-            row[len(kept)] = np.sqrt(rest)
-            lower[len(kept)] = row
+            lower[size, :size], lower[size, size] = row, np.sqrt(rest)
             kept.append(k)
         else:
-            size = len(kept)
-            left_out[k] = (
-                solve_triangular(lower[:size, :size], row[:size], trans=1, lower=True)
-                if size
-                else row[:0]
-            )
+            left_out[k] = _solve_lower(factor, row, transposed=True)
     return kept, left_out
+
+
+def _solve_lower(factor: np.ndarray, right: np.ndarray, transposed: bool = False) -> np.ndarray:
+    """L^-1 b or, transposed, L^-T b for a lower triangular L (K, K); an empty array where K is 0."""
+    if not len(factor):
+        return np.zeros(0)
+    return solve_triangular(factor, right, trans=int(transposed), lower=True, check_finite=False)
 
 
 def confounded_sentence(labels: Sequence[str]) -> str:

@@ -13,6 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy import linalg
+from scipy.linalg import lapack
 from scipy.optimize import brentq
 
 from workbench.core.errors import InputError
@@ -170,8 +171,9 @@ def inverse_positive(matrix: np.ndarray) -> np.ndarray:
     size = diagonal_scale(matrix)
     outer = size[..., :, None] * size[..., None, :]
     unit = matrix / outer
-    if _cholesky(unit) is not None:
-        inverse = np.linalg.inv(unit)
+    lower = _cholesky(unit)
+    if lower is not None:
+        inverse = _inverse_of(unit, lower)
     else:
         values, vectors = symmetric_eigen(unit)
         inverse = (vectors / np.maximum(values, _cutoff(unit))[..., None, :]) @ np.swapaxes(
@@ -206,27 +208,37 @@ def covariance_of(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
     total = (information + np.swapaxes(information, -1, -2)) / 2 + np.diag(prior)
     size = diagonal_scale(total)
     outer = size[..., :, None] * size[..., None, :]
-    if _can_be_inverted(total / outer, prior / size**2):
-        inverse = np.linalg.inv(total / outer) / outer
-        return (inverse + np.swapaxes(inverse, -1, -2)) / 2
+    lower = _accurate_factor(total / outer, prior / size**2)
+    if lower is not None:
+        return _inverse_of(total / outer, lower) / outer
     flat = information.reshape(-1, *information.shape[-2:])
     return np.stack([_covariance_by_rows(one, prior) for one in flat]).reshape(information.shape)
 
 
-def _can_be_inverted(total, prior):
-    """Whether rounding changes variances by less than `_SAME_VARIANCE`; total (..., F, F) of unit diagonal with prior.
+def _accurate_factor(total: np.ndarray, prior: np.ndarray) -> np.ndarray | None:
+    """Lower Cholesky factor of total (..., F, F), of unit diagonal; None where rounding changes variances too much.
 
     Rounding is small against the prior (..., F), or against the squared pivots: what is left of a column that those
     before it do not make is the information that its variance comes from.
     """
     lower = _cholesky(total)
     if lower is None:
-        return False
+        return None
     rounding = _cutoff(total)
-    if (rounding < _SAME_VARIANCE * prior).all():
-        return True
     pivots = np.diagonal(lower, axis1=-2, axis2=-1)
-    return bool((rounding < _SAME_VARIANCE * pivots**2).all())
+    is_small = (rounding < _SAME_VARIANCE * prior).all()
+    return lower if is_small or (rounding < _SAME_VARIANCE * pivots**2).all() else None
+
+
+def _inverse_of(matrix: np.ndarray, lower: np.ndarray) -> np.ndarray:
+    """(..., F, F) symmetric inverse of matrices (..., F, F) with lower Cholesky factors `lower`."""
+    if matrix.ndim > 2:
+        inverse = np.linalg.inv(matrix)
+        return (inverse + np.swapaxes(inverse, -1, -2)) / 2
+    half = lapack.dpotri(lower.T, lower=0)[0]  # the upper triangle; zeros below
+    inverse = half + half.T
+    inverse[np.diag_indices_from(inverse)] /= 2
+    return inverse
 
 
 def _covariance_by_rows(information, prior):

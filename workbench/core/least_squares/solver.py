@@ -29,9 +29,15 @@ _FLOOR = 1e-4
 # Squared sigmas that a step moves: below the first it need not be taken, and after one below the
 # second the next would be far below the first, since the steps shrink quadratically.
 _DONE, _NEARLY = 1e-4, 1e-2
+# Share of the cost by which a last step lowers it.
+_TOLERANCE = 1e-5
 _NOISE_ROUNDS = 3
+# Factors by which the damping of a step may change after it is accepted.
+_RELAXED = 1 / 8, 2.0
 # Times the stated sigma: a residual of this size is rounding, and its square may be zero in floating point.
 _NO_RESIDUAL = 1e-100
+# Relative difference between ratios of sigmas that is rounding.
+_SAME_RATIO = 1e-9
 
 
 @dataclass(frozen=True)
@@ -41,7 +47,9 @@ class Fit:
     `residual` (m, n) in the units of the measurement; `weights` (n,) of the robust loss, 1 where
     none; `normal` (F, F) the whitened normal matrix of the data in the free parameters' own units;
     `sigma_scale` by which the stated sigmas have to be multiplied to agree with the residuals;
-    `history` the cost after each step; `outcome` a sentence; `degrees` of freedom that are left.
+    `history` the cost after each step; `outcome` a sentence; `degrees` of freedom that are left; `gradient` (F,) of
+    half the whitened sum of squares at `parameters`, in the free parameters' own units, None with a robust loss and
+    where `normal` has other sigmas.
     """
 
     parameters: Parameters
@@ -52,10 +60,23 @@ class Fit:
     history: tuple[float, ...] = field(default_factory=tuple)
     outcome: str = CONVERGED
     degrees: float = 1.0
+    gradient: np.ndarray | None = None
 
     @property
     def converged(self) -> bool:
         return self.outcome in (CONVERGED, SETTLED, STALLED)
+
+    def with_sigma(self, before: np.ndarray, after: np.ndarray) -> "Fit":
+        """The same fit with the normal equations that other sigmas give.
+
+        before, after: 1 sigma (m, n) of the residuals. Where their ratio differs between residuals, the fit has no
+        gradient.
+        """
+        ratio = after / before
+        if self.gradient is None or np.ptp(ratio) > _SAME_RATIO * ratio.max():
+            return replace(self, gradient=None)
+        information = float(ratio.mean()) ** -2
+        return replace(self, normal=self.normal * information, gradient=self.gradient * information)
 
 
 @dataclass(frozen=True)
@@ -95,16 +116,28 @@ LOSSES = {"linear": None, "huber": huber, "cauchy": cauchy}
 _LIMIT = 2.8
 
 
-def solve(model: Model, parameters: Parameters, loss: str = "linear", steps: int = 50) -> Fit:
+def solve(
+    model: Model,
+    parameters: Parameters,
+    loss: str = "linear",
+    steps: int = 50,
+    linearised: Fit | None = None,
+    tolerance: float = _TOLERANCE,
+) -> Fit:
     """Fit the free parameters of `parameters` to the samples of `model`.
 
     Levenberg-Marquardt on residuals whitened by their own sigma, columns scaled by the
     parameters' typical sizes (Nocedal & Wright, Numerical Optimization, 2nd ed., ch. 10);
     a robust loss reweights samples, with the noise's scale from their median. Effects on the noise
     that are free are fitted between solves of the mean.
+
+    linearised: a fit of the same samples with the same sigma. Where it ended at `parameters`, with the same ones free,
+    its normal equations replace the first linearisation. Priors may differ. tolerance: share of the cost; a step that
+    lowers it by less is the last.
     """
     spread = noise_mask(model, parameters)
-    fit = _solve_mean(model, parameters.only(parameters.mask & ~spread), loss, steps)
+    mean = parameters.only(parameters.mask & ~spread)
+    fit = _solve_mean(model, mean, loss, steps, linearised, tolerance)
     if not spread.any():
         return fit
     for _ in range(_NOISE_ROUNDS):
@@ -113,9 +146,9 @@ def solve(model: Model, parameters: Parameters, loss: str = "linear", steps: int
     return _with_noise(model, fit, parameters.mask, spread)
 
 
-def _solve_mean(model, parameters, loss, steps) -> Fit:
-    problem = _Problem(model, parameters, LOSSES[loss])
-    problem.start()
+def _solve_mean(model, parameters, loss, steps, linearised=None, tolerance=_TOLERANCE) -> Fit:
+    problem = _Problem(model, parameters, LOSSES[loss], tolerance)
+    problem.start(linearised)
     for _ in range(steps):
         if problem.outcome:
             break
@@ -131,29 +164,41 @@ def _with_noise(model, fit: Fit, mask, spread) -> Fit:
     normal[np.ix_(mean, mean)] = fit.normal
     # information is free of the scale of sigma, by which `normal` is divided later
     normal[np.ix_(~mean, ~mean)] = information(model, parameters, fit.weights) * fit.sigma_scale**2
-    return replace(fit, parameters=parameters, normal=normal)
+    return replace(fit, parameters=parameters, normal=normal, gradient=None)
 
 
 class _Problem:
     """State of a running solver: current parameters, residual, normal equations and damping."""
 
-    def __init__(self, model, parameters, weigh):
+    def __init__(self, model, parameters, weigh, tolerance=_TOLERANCE):
         self.model, self.parameters, self.weigh = model, parameters, weigh
+        self.tolerance = tolerance
         self.scale = parameters.typical[parameters.mask]
         self.precision = parameters.precision[parameters.mask]
         self.nulls = parameters.nulls[parameters.mask]
         self.damping, self.outcome, self.history = 0.0, "", []
 
-    def start(self):
+    def start(self, linearised=None):
         self.inverse_sigma = 1 / self.model.sigma(self.parameters)
-        self.take(self.parameters, *self.linearise(self.parameters))
+        if self.is_here(linearised):
+            equations = Equations(linearised.normal, linearised.gradient)
+            self.take(self.parameters, linearised.residual, equations, linearised.weights)
+        else:
+            self.take(self.parameters, *self.linearise(self.parameters))
         self.check()
 
+    def is_here(self, linearised: Fit | None) -> bool:
+        """Whether a fit has the normal equations at the present parameters."""
+        if linearised is None or linearised.gradient is None or self.weigh:
+            return False
+        there = linearised.parameters
+        same_mask = np.array_equal(there.mask, self.parameters.mask)
+        return same_mask and np.array_equal(there.values, self.parameters.values)
+
     def linearise(self, parameters):
-        """Residual, weights and cost at `parameters`, and the rows of the derivative."""
+        """Residual at `parameters`, rows of the derivative, and weights."""
         residual, rows = self.model.linearise(parameters)
-        weights = self.robust_weights(residual * self.inverse_sigma)
-        return residual, rows, weights
+        return residual, rows, self.robust_weights(residual * self.inverse_sigma)
 
     def take(self, parameters, residual, rows, weights):
         """Set the current point and compute its whitened and scaled normal equations and gradient."""
@@ -161,12 +206,13 @@ class _Problem:
         root = self.inverse_sigma if self.weigh is None else self.inverse_sigma * np.sqrt(weights)
         made = rows if isinstance(rows, Equations) else _equations(rows, residual, root)
         self.normal = made.normal * np.outer(self.scale, self.scale)
-        self.gradient = made.gradient * self.scale
+        self.data_gradient = made.gradient * self.scale
         self.trust = self.trust_in_priors(residual)
         self.prior = self.trust * self.scale**2
         self.data_normal = self.normal
         self.normal = self.normal + np.diag(self.prior)
-        self.gradient += self.trust * self.scale * (parameters.pack() - self.nulls)
+        pull = self.trust * self.scale * (parameters.pack() - self.nulls)
+        self.gradient = self.data_gradient + pull
         self.cost = self.cost_of(parameters, residual)
         self.history.append(self.cost)
 
@@ -177,6 +223,7 @@ class _Problem:
         self.outcome = NOT_FINITE
         size = len(self.scale)
         self.trust, self.gradient = self.precision, np.zeros(size)
+        self.data_gradient = np.zeros(size)
         self.prior, self.data_normal = self.trust * self.scale**2, np.zeros((size, size))
         return False
 
@@ -220,7 +267,8 @@ class _Problem:
                 return
             if self.accept(move, trial > 0):
                 if abs(before - self.cost) < max(
-                    1e-5 * before, 0.02 * max(1.0, self.cost / self.residual.size)
+                    self.tolerance * before,
+                    0.02 * max(1.0, self.cost / self.residual.size),
                 ):
                     self.outcome = SETTLED
                 return
@@ -236,6 +284,7 @@ class _Problem:
             if not cost < self.cost:
                 return False
             self.parameters, self.residual, self.cost = candidate, residual, cost
+            self.data_gradient = self.data_gradient + self.data_normal @ move
             self.history.append(cost)
         self.outcome = CONVERGED
         return True
@@ -246,14 +295,36 @@ class _Problem:
         again: an earlier trial of this step was rejected; the derivative is then computed only after the cost.
         """
         candidate = self.parameters.unpack(self.parameters.pack() + move * self.scale)
-        if again and not self.cost_of(candidate, self.model.residual(candidate)) < self.cost:
+        residual, rows = self.look_at(candidate, again)
+        cost = self.cost_of(candidate, residual)
+        if not cost < self.cost:
             return False
-        there = self.linearise(candidate)
-        if not self.cost_of(candidate, there[0]) < self.cost:
-            return False
-        self.damping = self.damping / 8 if self.damping > 1e-10 * self.normal.max() else 0.0
-        self.take(candidate, *there)
+        rows = rows()
+        self.relax(move, cost)
+        weights = self.robust_weights(residual * self.inverse_sigma)
+        self.take(candidate, residual, rows, weights)
         return True
+
+    def look_at(self, candidate, again):
+        """Residual at a candidate, and a function that gives the derivative there."""
+        if isinstance(self.model, Model):
+            return self.model.residual_and_derivative(candidate)
+        if again:
+            return self.model.residual(candidate), lambda: self.model.linearise(candidate)[1]
+        residual, rows = self.model.linearise(candidate)
+        return residual, lambda: rows
+
+    def relax(self, move, cost):
+        """Less damping after an accepted step, the more so the better the linearisation has predicted its cost.
+
+        Source: Madsen, Nielsen & Tingleff, Methods for Non-Linear Least Squares Problems, 2nd ed. (2004), eq. 2.21.
+        """
+        if self.damping <= 1e-10 * self.normal.max():
+            self.damping = 0.0
+            return
+        predicted = -float(2 * self.gradient @ move + move @ self.normal @ move)
+        ratio = (self.cost - cost) / max(predicted, 1e-300)
+        self.damping *= float(np.clip(1 - (2 * ratio - 1) ** 3, *_RELAXED))
 
     def degrees(self):
         """Residuals less the parameters that the data, and not the priors, have spent on them."""
@@ -276,6 +347,7 @@ class _Problem:
             tuple(self.history),
             self.outcome or OUT_OF_STEPS,
             degrees,
+            self.data_gradient / self.scale if self.weigh is None else None,
         )
 
 

@@ -45,15 +45,14 @@ from workbench.fitting.cross_validation import (
 from workbench.fitting.gauge import non_negligible_lengths, resized, size_of
 from workbench.fitting.linear_folds import cross_validate_linearised
 from workbench.fitting.missing_masses import missing_mass_warnings
-from workbench.fitting.noise_scale import NOISE_ROUNDS, is_settled, noise_scaled
 from workbench.fitting.parallel_axes import parallelism_warnings
 from workbench.fitting.plans import default_plan, frames_of, held, read_plan, stage_mask
 from workbench.fitting.shrinkage import settled
 from workbench.fitting.stage_tests import is_retained
+from workbench.fitting.trial_fits import fit_with_noise
 from workbench.fitting.verdicts.fit_quality import noise_report
 from workbench.fitting.verdicts.noise_report import NoiseReport
 from workbench.fitting.verdicts.residual_structure import in_root
-from workbench.fitting.wider_priors import widened
 from workbench.machine.progress import counted
 
 # times the robust spread: a blunder (a lost beam, a wrong ball), not what a model has yet to explain
@@ -61,8 +60,11 @@ _OUTLIER = 15.0
 _MEDIAN_CHI3 = 1.538  # of the length of a vector whose three components have sigma 1
 _ROUNDS = 2
 _LEAST_POSES = 4
+_TRIAL_TOLERANCE = (
+    1e-3  # of chi-square: a twentieth of the change of sigma at which the noise is settled
+)
 _FOLD_STEPS = 8  # of a fold that one linearisation does not reach, where stages are compared
-_MANY = 1000  # samples from which one linearisation serves all folds by which stages are compared
+_MANY = 1000  # samples from which one linearisation serves all folds
 
 
 @dataclass(frozen=True)
@@ -258,7 +260,9 @@ def _prune(nominal: _Step, step: _Step, rows, split, progress):
         ):
             continue
         progress(f"the result without {stage.name}")
-        without = _try(replace(step, model=nominal.model), _merged(others, nominal), split)
+        fewer = _without_effects(step.model, [s for s, r in rows if r.earned], stage)
+        merged = _merged(others, nominal)
+        without = _try(replace(step, model=fewer), merged, split)
         if not is_retained(without, step, tests, split.fit):
             change = f"with it added back, held-out {step.held_out.change_from(without.held_out)}"
             sentence = (
@@ -270,24 +274,28 @@ def _prune(nominal: _Step, step: _Step, rows, split, progress):
     return step, tuple(result for _, result in rows)
 
 
+def _without_effects(model: Model, stages: Sequence[Stage], left_out: Stage) -> Model:
+    """A model of the effects of some stages, in their order, without those of one of them; bases are kept."""
+    kept, first = [], 0
+    for stage in stages:
+        end = first + len(stage.effects)
+        kept += [] if stage is left_out else model.effects[first:end]
+        first = end
+    return replace(model, effects=tuple(kept))
+
+
 def _merged(stages, nominal: _Step) -> Stage:
-    """One stage that brings and frees all that some stages do."""
-    effects = tuple(row for stage in stages for row in stage.effects)
-    model = nominal.model.with_effects(*make_effects(CATALOGUE, effects))
+    """One stage that frees all that some stages do, in a model that has their effects."""
+    every = tuple(row for stage in stages for row in stage.effects)
+    model = nominal.model.with_effects(*make_effects(CATALOGUE, every))
     mask = np.zeros(len(model.parameters), bool)
     for stage in stages:
-        mask |= stage_mask(
-            model.parameters, stage, make_effects(CATALOGUE, stage.effects), model.chain
-        )
+        effects = make_effects(CATALOGUE, stage.effects)
+        mask |= stage_mask(model.parameters, stage, effects, model.chain)
     free = tuple(key for key, wanted in zip(model.parameters.keys, mask) if wanted)
     first, last = stages[0], stages[-1]
-    return replace(
-        last,
-        name="result",
-        effects=effects,
-        free=free,
-        canonical=first.canonical and last.canonical,
-    )
+    canonical = first.canonical and last.canonical
+    return replace(last, name="result", effects=(), free=free, canonical=canonical)
 
 
 def _try(step: _Step, stage: Stage, split: Split) -> _Step:
@@ -302,24 +310,15 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     wanted = start.only(start.mask | stage_mask(start, stage, effects, model.chain))
     size = size_of(model.chain, wanted) if stage.canonical else None
     asked, wanted = int(wanted.mask.sum()), wanted if size is None else wanted.fix(size)
-    trial, start = step.fit, wanted
-    # without redundancy the fit interpolates, and its noise would become zero step by step
-    is_redundant = step.fit.residual.size > wanted.mask.sum()
-    for _ in range(NOISE_ROUNDS if is_redundant else 2):
-        model = model.with_chain(_with_noise(model.chain, trial, split))
-        trial = solve(model.part(split.fit), start, stage.loss, stage.steps)
-        start = widened(model.part(split.fit), trial)
-        chain = _with_noise(model.chain, trial, split)
-        if is_settled(model.chain, chain) and start is trial.parameters:
-            break
+    trial, part, chain = fit_with_noise(model, split.fit, step.fit, wanted, stage)
     model, free, tied = model.with_chain(chain), trial.parameters, {}
     if stage.canonical:
-        free, tied = _canonical(model.part(split.fit), trial, wanted)
-    fit = solve(model.part(split.fit), free, stage.loss, stage.steps)
+        free, tied = _canonical(part, trial, wanted)
+    fit = solve(part, free, stage.loss, stage.steps, trial)
     if stage.canonical:
-        fit = settled(model.part(split.fit), fit, stage.loss, stage.steps)
+        fit = settled(part, fit, stage.loss, stage.steps)
     if size is not None:
-        fit = solve(model.part(split.fit), resized(fit.parameters, size), stage.loss, stage.steps)
+        fit = solve(part, resized(fit.parameters, size), stage.loss, stage.steps)
         tied = tied | {size: non_negligible_lengths(wanted, size)}
     known = identifiability(fit.normal, fit.parameters, fit.sigma_scale)
     held_out = _held_out(model, fit, split, stage.loss, stage.steps, stage.canonical)
@@ -344,15 +343,13 @@ def _canonical(model, trial: Fit, wanted: Parameters):
     """
     shrunk = model.shrunk
     others = trial.parameters.only(trial.parameters.mask & ~shrunk)
-    free, tied = independent(
-        normal_matrix(model, others), others, redundant=redundant_geometry(model.chain.robot)
-    )
+    chosen = others.mask[trial.parameters.mask]
+    is_known = trial.gradient is not None
+    normal = trial.normal[np.ix_(chosen, chosen)] if is_known else normal_matrix(model, others)
+    redundant = redundant_geometry(model.chain.robot)
+    free, tied = independent(normal, others, redundant=redundant)
     free = free.only(free.mask | (shrunk & trial.parameters.mask))
     return replace(free, values=np.where(free.mask, trial.parameters.values, wanted.values)), tied
-
-
-def _with_noise(chain: RobotChain, trial: Fit, split: Split) -> RobotChain:
-    return noise_scaled(chain, trial, split.fit, may_shrink=False)
 
 
 def _held_out(model, fit, split, loss, steps, settle=False) -> HeldOut:
@@ -368,12 +365,12 @@ def _held_out(model, fit, split, loss, steps, settle=False) -> HeldOut:
 
 def _final_held_out(step: _Step, split: Split) -> HeldOut:
     """The error on the named test samples, else that over the folds of all fitted samples."""
-    if not split.test.any():
-        start, loss = step.fit.parameters, step.loss
-        return cross_validate(step.model, start, split.fold, loss, settle=step.settle)
-    return hold_out(
-        step.model, step.parameters, split.test, split.fit, step.loss, settle=step.settle
-    )
+    model, start, loss = step.model, step.fit.parameters, step.loss
+    if split.test.any():
+        return hold_out(model, step.parameters, split.test, split.fit, loss, settle=step.settle)
+    if loss != "linear" or split.fit.sum() < _MANY:
+        return cross_validate(model, start, split.fold, loss, settle=step.settle)
+    return cross_validate_linearised(model, start, split.fold, settle=step.settle)
 
 
 def _stage_result(stage, before: _Step, after: _Step, earned) -> StageResult:
