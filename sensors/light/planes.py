@@ -9,6 +9,8 @@ from workbench.core.least_squares.linear_algebra import thin_svd
 TILTS = ("tilt_across", "tilt_along", "offset")
 UNITS = ("rad", "rad", "mm")
 _TYPICAL = np.array([0.01, 0.01, 1.0])
+_APART = 1e-3
+"""Spread of the normals (rad, RMS) below which planes are parallel, as of a laser on a slide, and meet nowhere."""
 
 
 def tilt_directions(planes: np.ndarray) -> np.ndarray:
@@ -67,6 +69,24 @@ def plane_through(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         kept = distance <= max(3 * 1.4826 * np.median(distance), 1e-12)
     plane = np.append(directions[2], -directions[2] @ middle)
     return plane * (1.0 if plane[3] >= 0 else -1.0), spread / np.sqrt(kept.sum())
+
+
+def light_origin(planes: np.ndarray) -> np.ndarray | None:
+    """(3,) mm, where the light of planes (4, S) comes from; None of one plane, or of parallel ones.
+
+    Planes that one mirror or one fan of light makes meet near a line: the point of it that is nearest to the camera,
+    in least squares. How far along that line the light starts is not known, and hardly changes where it falls on a
+    surface across the planes.
+    """
+    normals, offsets = planes[:3].T, planes[3]
+    if len(offsets) < 2:
+        return None
+    turned = normals * np.sign(normals @ normals[0])[:, None]
+    sides, spread, directions = thin_svd(turned)
+    if spread[1] / np.sqrt(len(offsets)) < _APART:
+        return None
+    distances = -offsets * np.sign(normals @ normals[0])
+    return directions[:2].T @ (sides[:, :2].T @ distances / spread[:2])
 
 
 def plane_variance(

@@ -120,8 +120,7 @@ class Cloud:
 
     def _bend_at(self, centre: np.ndarray, radius: float) -> Bend:
         scanner = self.scanner
-        light = None if scanner.mirror is None else scanner.mirror.point
         planes = scanner.planes[:, scanner.places(self.steps)]
         return bend_on_ball(
-            scanner.camera, centre, radius, self.pixels, planes, scanner.scan, light
+            scanner.camera, centre, radius, self.pixels, planes, scanner.scan, scanner.light
         )

@@ -10,6 +10,7 @@ from sensors.camera import corners
 from sensors.camera.model import Camera
 from sensors.camera.undistort import BLOCK
 from sensors.light.mirror import Mirror
+from sensors.light.planes import light_origin
 from sensors.scanner.errors import by_pixel, by_plane, cut, frame_moves
 from sensors.scanner.turntable import Turntable
 from sensors.state import SensorState, stripe_direction
@@ -49,6 +50,11 @@ class Scanner:
     frame: np.ndarray | None = None
     shared_px: Mapping[str, float] = field(default_factory=dict)
     turntable: Turntable | None = None
+
+    @cached_property
+    def light(self) -> np.ndarray | None:
+        """(3,) mm where the light comes from: the mirror, else where the light planes meet; None where they do not."""
+        return light_origin(self.planes) if self.mirror is None else self.mirror.point
 
     @cached_property
     def _table(self) -> tuple[int, np.ndarray | None] | None:

@@ -32,6 +32,9 @@ from sensors.camera.model import Camera
 
 _STEP = 0.5  # px, of the difference quotients; a ball's radius is some hundred px, a board wider
 _STEEPEST = 0.1  # cosine of the light's incidence below which nothing is lit
+_SMOOTH = 0.5
+"""Cosine of incidence, of light and of sight, from which on a width follows the slope alone. Where incidence grazes
+more, the silhouette or the shadow cuts the line, which is as wide as these let it be."""
 _RATIOS = np.geomspace(1e-2, 1e3, 26)
 _FEWEST_WIDTHS = 20
 _REWEIGHTED = 12
@@ -41,15 +44,17 @@ _NO_WIDER = 0.01  # relative deviation of width^2 below which all lines count al
 @dataclass(frozen=True)
 class Bend:
     """A surface's part in each of n stripe points: `slope` f1 (n,) mm/px, `bend` f2 (n,) mm/px^2, `shade` l (n,) 1/px;
-    `lit` (n,) cosine of the light's incidence, 1 where it is unknown where the light comes from; `away` (n,) mm from
-    the middle of the light plane. Along the line: `tilt` c' (n,), `curve` c'' (n,) 1/px, `widening` (n,) 1/px
-    derivative of ln a and `brightening` (n,) 1/px of the logarithm of that cosine.
+    `lit` (n,) cosine of the light's incidence, 1 where it is unknown where the light comes from; `facing` (n,) cosine
+    between surface normal and line of sight; `away` (n,) mm from the middle of the light plane. Along the line: `tilt`
+    c' (n,), `curve` c'' (n,) 1/px, `widening` (n,) 1/px derivative of ln a and `brightening` (n,) 1/px of the logarithm
+    of that cosine.
     """
 
     slope: np.ndarray
     bend: np.ndarray
     shade: np.ndarray
     lit: np.ndarray
+    facing: np.ndarray
     away: np.ndarray
     tilt: np.ndarray
     curve: np.ndarray
@@ -77,11 +82,13 @@ class Bend:
 
         width^2 = (plane width / slope)^2 + blur^2 (1 + tilt^2).
 
-        Least absolute deviations of width^2 relative to itself, by reweighting. Of nothing where widths say nothing.
+        Least absolute deviations of width^2 relative to itself, by reweighting, at places that neither light nor sight
+        graze. Of nothing where widths say nothing.
         """
         square = np.asarray(width, float) ** 2
         shape = np.stack([self.slope**-2, 1 + self.tilt**2])
         kept = np.isfinite(shape).all(0) & np.isfinite(square) & (square > 0)
+        kept &= (self.lit > _SMOOTH) & (self.facing > _SMOOTH)
         if kept.sum() < _FEWEST_WIDTHS:
             return LineShape(0.0, 0.0)
         relative = shape[:, kept] / square[kept]
@@ -172,6 +179,7 @@ def _bend(camera, surface, pixels, planes, scan, light):
         twice / 2,
         by_scan[1],
         np.exp(middle[1]),
+        middle[2],
         middle[0],
         tilt,
         -(twice_line + 2 * crossed * tilt + twice * tilt**2) / slope,
@@ -181,14 +189,16 @@ def _bend(camera, surface, pixels, planes, scan, light):
 
 
 def _seen(surface, rays, planes, light):
-    """(2, n): distance from the light plane, and logarithm of the cosine of the light's incidence, of what rays see."""
+    """(3, n) of what rays see: distance from the light plane, logarithm of the cosine of the light's incidence, and
+    cosine of the incidence of sight."""
     points, normals = surface(rays)
     away = (planes[:3] * points).sum(0) + planes[3]
+    facing = -(points * normals).sum(0) / np.sqrt((points**2).sum(0))
     if light is None:
-        return np.stack([away, 0 * away])
+        return np.stack([away, 0 * away, facing])
     towards = light[:, None] - points
     cosine = (towards * normals).sum(0) / np.sqrt((towards**2).sum(0))
-    return np.stack([away, np.log(np.maximum(cosine, _STEEPEST))])
+    return np.stack([away, np.log(np.maximum(cosine, _STEEPEST)), facing])
 
 
 def weighting(ratio: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from sensors.ball.search import find_balls
 from sensors.images import stacks
 from sensors.light.ball_stripes import Balls
 from sensors.light.board_chain import BoardStripeChain
+from sensors.light.planes import light_origin
 from sensors.scanner.calibration import ScannerCalibration
 from sensors.scanner.model import Scanner
 from sensors.stripe.bend import bend_on_ball
@@ -55,7 +56,8 @@ def balls_of(
         return None, ()
     groups = scans_of(recording)
     depth = full_scale(recording, by_role(recording, "scan"))
-    light = None if board_stripes.mirror is None else board_stripes.mirror.point
+    mirror = board_stripes.mirror
+    light = light_origin(board_stripes.planes) if mirror is None else mirror.point
     arcs, scans = [], []
     for name, rows in groups.items():
         if is_joined(rows):
