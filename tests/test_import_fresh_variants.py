@@ -4,7 +4,7 @@ The variants were written before the code of the importer was read.
 """
 
 from dataclasses import dataclass, field
-from datetime import datetime, timedelta, timezone
+from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 
 import numpy as np
@@ -156,7 +156,7 @@ def controller_and_tracker(truth) -> Case:
     from workbench.recordings.templates.contact import TrueArm
 
     arm = TrueArm.of(load_robot(ROBOT), np.random.default_rng(3))
-    flange = arm.flange(np.rad2deg(truth.joints))[1]
+    flange = arm.flange(truth.joints)[1]
     table = joints(truth, "AxisPos{}") | named("CartPos {}", flange, "XYZ")
     table |= points(truth, "Leica {}")
     return Case({"both.csv": text_of(table).encode()}, rotation=False)
@@ -181,7 +181,7 @@ def two_tables(truth, first, second, separator=",", decimal=".") -> dict[str, by
 
 
 def iso_times_of_two_zones(truth) -> Case:
-    start = datetime(2025, 11, 23, 7, tzinfo=timezone.utc)
+    start = datetime(2025, 11, 23, 7, tzinfo=UTC)
     local = timezone(timedelta(hours=1))
     moments = [start + timedelta(seconds=float(s)) for s in dense(truth)[0]]
     first = [t.astimezone(local).isoformat(timespec="milliseconds") for t in moments]

@@ -65,7 +65,7 @@ def import_images(found, options, folder: Path, progress):
     mapping = replace(mapping, board=board)
     if found.table is None:
         images = _linked_images(found.source.images, folder)
-        return _recording({}, images, board, folder, {}), mapping, (), ()
+        return _recording({}, images, board, folder, {}, options.name), mapping, (), ()
     table, said = _matched_rows(found, mapping)
     images = _linked_images([image for image, _ in table], folder)
     rows = found.table.take(np.array([row for _, row in table]))
@@ -74,7 +74,7 @@ def import_images(found, options, folder: Path, progress):
         raise InputError(f"{dropped[0]} Remove their images or complete the rows.")
     keys, mapping, readings = _readings(rows, mapping, options)
     progress("finding the board in the images")
-    views = _board_views(_recording({}, images, board, folder, {}), options, progress)
+    views = _board_views(_recording({}, images, board, folder, {}, options.name), options, progress)
     kind = "to-hand" if board.get("fixed_to") == "tool" else "in-hand"
     mapping, fits = _decide(readings, views, kind, rows.file, options)
     columns = {
@@ -83,7 +83,7 @@ def import_images(found, options, folder: Path, progress):
     }
     others = other_columns(rows, mapping)
     columns |= {name: cells for name, cells in others.items() if cells.dtype.kind == "f"}
-    recording = _recording(columns, images, board, folder, keys)
+    recording = _recording(columns, images, board, folder, keys, options.name)
     return recording, mapping, fits, said
 
 
@@ -110,7 +110,7 @@ def _linked_images(images: Sequence[ImageFile], folder: Path) -> list[dict]:
     return rows
 
 
-def _recording(columns, images, board, folder, keys) -> Recording:
+def _recording(columns, images, board, folder, keys, name) -> Recording:
     if not columns:
         images = [{"image": row["image"], "role": "board"} for row in images]
     return Recording(
@@ -119,7 +119,7 @@ def _recording(columns, images, board, folder, keys) -> Recording:
         robot=keys,
         images=tuple(images),
         board=board,
-        name="import",
+        name=name,
         folder=folder,
     )
 
