@@ -12,6 +12,8 @@ from datasets.importers.mapping.model import read_mapping
 from import_scenes import write_rows
 from robot_model import load_robot
 from workbench.core.errors import InputError
+from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.search.select import find
 from workbench.recordings.importing import ImportOptions, import_recording
 from workbench.recordings.templates.contact import TrueArm
 
@@ -170,3 +172,13 @@ def test_speeds_are_those_of_the_joints(tmp_path):
     expected = (motion.path(seconds + 1e-4) - motion.path(seconds - 1e-4)) / 2e-4
     found = made.columns["qdot2_deg_s"]
     assert np.abs(found - np.rad2deg(expected[: made.n, 1])).max() < 2.0
+
+
+def test_diagnose_names_an_offset_that_was_not_corrected(tmp_path):
+    """The speeds that the import writes tell a clock offset from a lag of the readings, whatever its sign."""
+    motion = Motion("abb_irb120", 13, stations=14)
+    sources = write(tmp_path, motion, 0.002)
+    options = ImportOptions(robot="abb_irb120", time_offset="none")
+    made = import_recording(sources, tmp_path / "out", options).recording
+    found = find(bench_of(made)).findings
+    assert [(one.effect, one.where) for one in found] == [("time-offset", "time")]

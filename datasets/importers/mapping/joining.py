@@ -1,7 +1,7 @@
 """Tables of several files as one: by row number, by a column that both have, or by time.
 
 The table with the fewest rows stays as it is (usually that of the tracker); numbers of a denser log are interpolated
-linearly at its times, because a log samples a continuous motion.
+at its times, because a log samples a continuous motion (`interpolation`).
 """
 
 from collections.abc import Sequence
@@ -11,6 +11,7 @@ from datetime import datetime
 import numpy as np
 
 from datasets.errors import complaint
+from datasets.importers.mapping.interpolation import interpolated
 from datasets.importers.mapping.model import Join
 from datasets.importers.mapping.sets import headers_of
 from datasets.importers.source import RawTable
@@ -277,7 +278,7 @@ def _time_zone(wanted: np.ndarray, times: np.ndarray) -> float:
 def _interpolated(
     table: RawTable, order: np.ndarray, times: np.ndarray, wanted: np.ndarray
 ) -> RawTable:
-    """Rows of a log at other times: numbers linearly, text and rotations from the nearest row."""
+    """Rows of a log at other times: numbers interpolated, text and rotations from the nearest row."""
     after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
     nearest = order[np.where(wanted - times[after - 1] < times[after] - wanted, after - 1, after)]
     taken = table.take(nearest)
@@ -291,7 +292,7 @@ def _interpolated(
         ):
             is_joint_set = header.kind != "qindex" or header.words
             if is_joint_set:
-                columns[name] = np.interp(wanted, times, table.columns[name][order])
+                columns[name] = interpolated(times, table.columns[name][order], wanted)
     return replace(taken, columns=columns)
 
 
