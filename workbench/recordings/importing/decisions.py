@@ -321,7 +321,11 @@ def screened_turns(
     flange (n, 3, 3); candidates (n, 3, 3) each. The angle of R_i^T R_j depends neither on the base nor on the tool,
     so that no fit is needed.
     """
-    misfits = turn_misfits(flange, candidates)
+    return least_misfits(turn_misfits(flange, candidates), most)
+
+
+def least_misfits(misfits: np.ndarray, most: int) -> list[int]:
+    """Indices of the at most `most` smallest of the misfits (k,) rad that are not clearly larger than the least."""
     limit = _SCREEN_FACTOR * misfits.min() + _SCREEN_RAD
     order = np.argsort(misfits, kind="stable")
     return [int(k) for k in order[:most] if misfits[k] <= limit]
