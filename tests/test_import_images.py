@@ -6,7 +6,10 @@ from scipy.spatial.transform import Rotation
 
 from import_scenes import write_rows
 from workbench.core.errors import InputError
+from workbench.jobs.sensor.render import render
 from workbench.recordings.importing import ImportOptions, import_recording
+from workbench.recordings.importing.board_poses import agreeing_labels
+from workbench.recordings.templates.images import _BOARD, _BOARDS, _HAND_EYE, _pose
 
 
 @pytest.fixture(scope="module")
@@ -66,3 +69,52 @@ def test_inverse_poses_are_not_taken_silently(hand_eye, tmp_path):
         import_recording(
             [folder / "images", path], tmp_path / "out", ImportOptions(board=dict(truth.board))
         )
+
+
+def symmetric_views(ways: int, count: int, rng):
+    """Rotations (T, k, 3, 3) of a board that looks the same after 360 / T deg, labelled at random; flange (k, 3, 3)."""
+    flange = Rotation.random(count, random_state=rng).as_matrix()
+    tool, board = Rotation.random(2, random_state=rng).as_matrix()
+    noise = Rotation.from_rotvec(0.002 * rng.normal(size=(count, 3))).as_matrix()
+    seen = noise @ np.linalg.inv(flange @ tool) @ board
+    wrong = rng.integers(0, ways, count)
+    every = [seen @ about_z(360 / ways * ((turn + wrong) % ways)) for turn in range(ways)]
+    return np.array(every), flange, (-wrong) % ways
+
+
+def about_z(degrees) -> np.ndarray:
+    """(k, 3, 3) rotations about z by degrees (k,)."""
+    turns = np.asarray(degrees, float).reshape(-1, 1) * [0.0, 0.0, 1.0]
+    return Rotation.from_rotvec(np.deg2rad(turns)).as_matrix()
+
+
+@pytest.mark.parametrize("ways", [1, 2, 4])
+def test_the_labels_of_a_symmetric_board_are_found_from_the_flange_poses(ways):
+    seen, flange, expected = symmetric_views(ways, 12, np.random.default_rng(ways))
+    labels = agreeing_labels(np.linalg.inv(seen), flange)
+    np.testing.assert_array_equal((labels - labels[0]) % ways, (expected - expected[0]) % ways)
+
+
+def test_a_chessboard_that_is_symmetric_under_half_a_turn_is_imported(tmp_path):
+    """The camera is rolled by half a turn in every second image; the detector sees the same board in all of them."""
+    import cv2
+
+    scene = tmp_path / "scene.toml"
+    scene.write_text(_BOARDS.replace("columns = 9", "columns = 8"))
+    truth = render(scene, tmp_path / "rendered", lambda text: None)["truth"]
+    boards = np.array([_pose(place["T_camera_board"]) for place in truth["boards"]])
+    images = sorted((tmp_path / "rendered" / "images").iterdir())
+    for path in images[::2]:
+        cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)[::-1, ::-1])
+    boards[::2] = np.diag([-1.0, -1.0, 1.0, 1.0]) @ boards[::2]
+    flange = _BOARD @ np.linalg.inv(boards) @ np.linalg.inv(_HAND_EYE)
+    rows = [
+        (*pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_euler("zyx", degrees=True), path.name)
+        for pose, path in zip(flange, images)
+    ]
+    table = write_rows(tmp_path / "p.csv", ["X", "Y", "Z", "A", "B", "C", "image"], rows)
+    board = {"kind": "chessboard", "columns": 8, "rows": 6, "square_mm": 12.0}
+    sources = [tmp_path / "rendered" / "images", table]
+    made = import_recording(sources, tmp_path / "out", ImportOptions(board=board))
+    assert made.fits[0].is_good
+    np.testing.assert_allclose(made.recording.flange, flange, atol=1e-5)

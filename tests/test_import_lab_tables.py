@@ -6,6 +6,7 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
+from conftest import mostly_slow
 from datasets.importers.sources import read_sources
 from datasets.importers.sources.dh_tables import read_dh_table
 from datasets.importers.sources.text_tables import is_unit_row, with_group_names
@@ -335,13 +336,48 @@ def test_a_robot_from_a_table_without_convention(header, factor, length, truth, 
 def test_a_table_of_an_arm_that_fits_in_no_convention_is_refused(truth, tmp_path):
     rows = [(a, b, 1.3 * c, 0.8 * d, e) for a, b, c, d, e in dh_rows(180 / np.pi, 1.0)]
     table = write_table(tmp_path / "arm.csv", ["joint", "theta", "d", "a", "alpha"], *rows)
-    path = write_table(
-        tmp_path / "t.csv",
-        [*JOINTS, "X", "Y", "Z"],
-        *np.column_stack([degrees(truth), truth.points]),
-    )
-    with pytest.raises(InputError, match="convention distal.*convention craig.*found none"):
+    names = [*JOINTS, "X", "Y", "Z"]
+    rows = np.column_stack([degrees(truth), truth.points])
+    path = write_table(tmp_path / "t.csv", names, *rows)
+    with pytest.raises(InputError, match="use the robot 'abb_irb120' of the library"):
         import_recording([path], tmp_path / "out", ImportOptions(robot=str(table)))
+    rows = np.column_stack([degrees(truth), np.random.default_rng(4).permutation(truth.points)])
+    path = write_table(tmp_path / "t.csv", names, *rows)
+    with pytest.raises(InputError, match="found none.*convention craig.*no single mistake"):
+        import_recording([path], tmp_path / "out", ImportOptions(robot=str(table)))
+
+
+@pytest.mark.parametrize(
+    "mistake", mostly_slow(["sign", "milliradians", "swapped", "left-handed"], 2)
+)
+def test_a_mistake_of_the_data_is_found_under_an_open_convention(mistake, truth, tmp_path):
+    """The table states no convention, so that robot and mistake are searched for jointly."""
+    table = write_table(
+        tmp_path / "arm.csv",
+        ["joint", "theta", "d", "a", "alpha"],
+        *dh_rows(180 / np.pi, 1.0),
+    )
+    readings, points = degrees(truth), truth.points.copy()
+    if mistake == "sign":
+        readings[:, 2] *= -1
+    elif mistake == "milliradians":
+        readings *= 1000 * np.pi / 180
+    elif mistake == "swapped":
+        readings[:, [3, 4]] = readings[:, [4, 3]]
+    else:
+        points[:, 1] *= -1
+    rows = np.column_stack([readings, points])
+    path = write_table(tmp_path / "t.csv", [*JOINTS, "X", "Y", "Z"], *rows)
+    expected = {
+        "sign": "q3_deg.*sign",
+        "milliradians": "milliradians",
+        "swapped": "q4_deg and q5_deg.*(swapped|exchanged|interchanged)",
+        "left-handed": "left-handed",
+    }
+    with pytest.raises(InputError, match=expected[mistake]) as refusal:
+        import_recording([path], tmp_path / "out", ImportOptions(robot=str(table)))
+    assert "fits under convention distal" in str(refusal.value)
+    assert "t.csv" in str(refusal.value)
 
 
 def test_cells_with_joint_variables_and_fractions_of_pi(tmp_path):

@@ -72,6 +72,13 @@ def test_a_lag_is_named_from_the_order_of_rows_alone(tmp_path):
     ]
 
 
+def test_readings_ahead_of_their_points_are_no_lag(tmp_path):
+    """The opposite sign has no cause in an arm that brakes: a clock offset, or nothing, is named."""
+    early = {"effect": "reading-lag", "where": "time", "values": {"short": -8e-4}}
+    found = find(_bench(tmp_path, SCENE | {"effect": [early]}))
+    assert "reading-lag" not in [f.effect for f in found.findings]
+
+
 def test_a_lag_of_chance_size_scatters_along_the_last_moves(tmp_path):
     """Readings at random moments before the arm is static have no mean law, but a direction."""
     bench = _bench(tmp_path, SCENE | {"effect": [], "samples": 200})

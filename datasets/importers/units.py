@@ -1,6 +1,7 @@
 """Units that foreign files use, and their size in the units of a recording (mm, deg, s)."""
 
 import re
+import unicodedata
 
 import numpy as np
 
@@ -8,27 +9,50 @@ LENGTHS = {"mm": 1.0, "m": 1000.0, "in": 25.4, "cm": 10.0, "um": 0.001}
 """Unit -> mm."""
 ANGLES = {"deg": 1.0, "rad": 180 / np.pi, "gon": 0.9, "mrad": 0.18 / np.pi}
 """Unit -> deg."""
+MASSES = {"kg": 1.0, "g": 0.001, "lb": 0.45359237}
+"""Unit -> kg."""
+TEMPERATURES = {"c": (1.0, 0.0), "k": (1.0, -273.15), "f": (5 / 9, -160 / 9)}
+"""Unit -> (factor, addend) to degrees Celsius."""
+COVARIATE_UNITS = {
+    "payload_kg": {unit: (factor, 0.0) for unit, factor in MASSES.items()},
+    "temperature_c": TEMPERATURES,
+    "length_mm": {unit: (factor, 0.0) for unit, factor in LENGTHS.items()},
+}
+"""Column of a recording -> unit of a header -> (factor, addend)."""
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 """Unit -> s."""
 
 _NAMES = {
-    "mm": ("mm", "millimeter", "millimeters", "millimetre", "millimetres", "millimetern"),
-    "m": ("m", "meter", "meters", "metre", "metres", "metern"),
+    "mm": (
+        *("mm", "millimeter", "millimeters", "millimetre", "millimetres", "millimetern"),
+        *("millimetri", "milimetros"),
+    ),
+    "m": ("m", "meter", "meters", "metre", "metres", "metern", "metri", "metros"),
     "cm": ("cm", "centimeter", "zentimeter"),
     "um": ("um", "µm", "μm", "micron", "microns"),
     "in": ("in", "inch", "inches", "zoll", '"'),
-    "deg": ("deg", "degree", "degrees", "°", "grad", "º", "altgrad"),
-    "rad": ("rad", "radian", "radians", "radiant"),
-    "gon": ("gon", "gons", "gradian", "gradians", "neugrad"),
+    "deg": (
+        *("deg", "degree", "degrees", "°", "grad", "º", "altgrad"),
+        *("degre", "degres", "grado", "gradi", "grados", "grau", "graus"),
+    ),
+    "rad": ("rad", "radian", "radians", "radiant", "radianti", "radianes", "radianos"),
+    "gon": ("gon", "gons", "gradian", "gradians", "neugrad", "grade", "grades"),
     "mrad": ("mrad",),
-    "s": ("s", "sec", "second", "seconds", "sekunden"),
+    "s": (
+        *("s", "sec", "second", "seconds", "sekunden"),
+        *("secondes", "secondi", "segundos"),
+    ),
     "ms": ("ms", "msec", "milliseconds"),
     "us": ("us", "µs"),
     "ns": ("ns", "nsec", "nanoseconds"),
     "min": ("min",),
     "h": ("h",),
     "c": ("c", "°c", "degc", "celsius"),
-    "kg": ("kg",),
+    "k": ("k", "kelvin"),
+    "f": ("f", "°f", "degf", "fahrenheit"),
+    "kg": ("kg", "kilogram", "kilograms"),
+    "g": ("g", "gram", "grams", "gramm"),
+    "lb": ("lb", "lbs", "pound", "pounds"),
     "1": ("1", "-"),
 }
 _BY_NAME = {name: unit for unit, names in _NAMES.items() for name in names}
@@ -37,7 +61,13 @@ _STATED = re.compile(r"(?:units?|einheit(?:en)?)\s*[:=]?\s*\"?([a-zµ]+)", re.IG
 
 def unit_named(text: str) -> str | None:
     """The unit that a word means ("Zoll" -> "in"); None where it is no unit."""
-    return _BY_NAME.get(text.strip().lower())
+    plain = text.strip().lower()
+    return _BY_NAME.get(plain) or _BY_NAME.get(_without_accents(plain))
+
+
+def _without_accents(text: str) -> str:
+    decomposed = unicodedata.normalize("NFD", text)
+    return "".join(letter for letter in decomposed if not unicodedata.combining(letter))
 
 
 def is_unit(text: str) -> bool:
@@ -50,7 +80,6 @@ def is_unit(text: str) -> bool:
         "%",
         "mm/s",
         "deg/s",
-        "k",
     }
 
 

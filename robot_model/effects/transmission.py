@@ -390,12 +390,16 @@ class ReadingLag(Effect):
     `law="braking"`: that joint which moves farthest is short by the same angle after every move, as when all are
     read a fixed moment before a uniform braking ends; `law="share"`: each by the same share of its own move. The
     order of the rows tells the moves.
+
+    An arm that is still moving is short of its target, so that neither number can be negative. Readings that are ahead
+    of the measured points along the path are a clock offset between joint log and instrument (`time-offset`).
     """
 
     effect = "reading-lag"
     port = "joint"
     places = ("time",)
     by_moves = True
+    nonnegative = 1
     equation = "dq_K = e move_K / max_J |move_J|, or s move_K"
     source = "uniform braking: the way that is left at a fixed moment before the end is a t^2 / 2, of all moves alike"
     reads = ("move",)

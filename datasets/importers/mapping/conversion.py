@@ -7,12 +7,13 @@ import numpy as np
 from datasets.columns import AXES
 from datasets.errors import complaint
 from datasets.importers.mapping.candidates import Turn
+from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.joining import seconds_of
 from datasets.importers.mapping.model import Group, Mapping
 from datasets.importers.mapping.rotations import quaternion_columns
 from datasets.importers.mapping.spherical import is_spherical, points_of
 from datasets.importers.source import RawTable
-from datasets.importers.units import ANGLES, LENGTHS
+from datasets.importers.units import ANGLES, COVARIATE_UNITS, LENGTHS
 
 
 def complete_rows(table: RawTable, mapping: Mapping) -> tuple[RawTable, tuple[str, ...]]:
@@ -115,8 +116,29 @@ def other_columns(table: RawTable, mapping: Mapping) -> dict[str, np.ndarray]:
     columns = {}
     for name, target in mapping.columns.items():
         check_column(table, name, "columns")
-        columns[target] = table.columns[name]
+        columns[target] = _in_units_of_recording(table, name, target)
     seconds = seconds_of(table)
     if seconds is not None and "time_s" not in columns and np.isfinite(seconds).all():
         columns["time_s"] = seconds - seconds.min()
     return columns
+
+
+def _in_units_of_recording(table: RawTable, name: str, target: str) -> np.ndarray:
+    """Cells of a column in the unit of its target, as far as the header or a row of units states another one.
+
+    Raises InputError for a unit that the target cannot have.
+    """
+    cells = table.columns[name]
+    unit = read_header(name, table.units.get(name)).unit
+    known = COVARIATE_UNITS.get(target)
+    if known is None or unit is None or cells.dtype.kind != "f":
+        return cells
+    if unit not in known:
+        raise complaint(
+            f"{table.file}, column {name}",
+            f"a unit of {target} ({', '.join(known)})",
+            unit,
+            "correct the header, or leave the column out of [columns] in a mapping file for --map",
+        )
+    factor, addend = known[unit]
+    return factor * cells + addend

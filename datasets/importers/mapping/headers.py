@@ -1,12 +1,14 @@
 """What the header of a column says: which quantity, which of its components, of which object, in which unit.
 
-English and German words, and the names that ROS, RTDE and the makers of robots and trackers use.
+English and German words, and the names that ROS, RTDE and the makers of robots and trackers use; `words` translates
+those of other languages.
 """
 
 import re
 import unicodedata
 from dataclasses import dataclass
 
+from datasets.importers.mapping.words import in_english, without_east_asian
 from datasets.importers.units import unit_named
 
 FLANGE_WORDS = frozenset(
@@ -28,9 +30,10 @@ DEVIATION_WORDS = frozenset(
 )
 
 _SUFFIX_UNITS = frozenset(
-    "mm cm um m in inch inches zoll deg degree degrees grad rad radian radians gon mrad s ms us ns kg".split()
+    "mm cm um m in inch inches zoll deg degree degrees grad rad radian radians gon mrad s ms us ns kg degc".split()
 )
 _BRACKETS = re.compile(r"^(.*?)[\[({<]\s*([^\])}>]*)\s*[\])}>]\s*$")
+_NUMBER_SIGN = re.compile(r"\bn[°º]|№", re.IGNORECASE)
 _REPEATED = re.compile(r"(.+) (\(\d+\))")
 _UR_JOINTS = {
     "shoulderpan": 1,
@@ -42,8 +45,9 @@ _UR_JOINTS = {
 }
 _PATTERNS = (
     ("rotvec", r"(?:rv|rvec|rotvec|rotationvector|rotationsvektor|rodrigues)([xyz123])"),
-    ("matrix", r"(?:r|m|rot|t|a|rotation|matrix)([0-3])([0-3])"),
+    ("matrix", r"(?:r|m|rot|t|a|h|rotation|matrix)([0-4])([0-4])"),
     ("qindex", r"(?:q|quat|quaternion)([0-4])"),
+    ("qpart", r"(?:q|quat|quaternion)([rijk])"),
     ("turn", r"(?:q|quat|quaternion|orientation|orientierung)([wxyz])"),
     (
         "turn",
@@ -172,7 +176,9 @@ def read_header(name: str, unit: str | None = None) -> Header:
 def _plain(name: str) -> str:
     """The name without umlauts and accents."""
     text = (
-        name.replace("ä", "ae")
+        without_east_asian(_NUMBER_SIGN.sub(" nr ", name))
+        .replace("°C", " degc")
+        .replace("ä", "ae")
         .replace("ö", "oe")
         .replace("ü", "ue")
         .replace("ß", "ss")
@@ -195,14 +201,21 @@ def _plain(name: str) -> str:
 def _split_unit(text: str) -> tuple[str, str | None]:
     match = _BRACKETS.match(text)
     if match and match[1].strip():
-        unit = unit_named(match[2])
+        unit = None if _is_index(text, match) else unit_named(match[2])
         return (match[1], unit) if unit else (f"{match[1]} {match[2]}", None)
     return text, None
 
 
+def _is_index(text: str, match: re.Match) -> bool:
+    """Whether brackets hold the index of an array, as in "q[1]", and not the unit 1, as in "qw [1]"."""
+    is_attached = not text[: match.end(1)].endswith(" ")
+    return match[2].isdigit() and is_attached and not _kind(match[1].strip().lower())[0]
+
+
 def _words(text: str) -> list[str]:
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
-    return [word for word in re.split(r"[^A-Za-z0-9]+", spaced.lower().replace("A-Z", "")) if word]
+    parts = re.split(r"[^A-Za-z0-9]+", spaced.lower().replace("A-Z", ""))
+    return in_english([part for part in parts if part])
 
 
 def _kind(core: str) -> tuple[str, str]:
@@ -214,7 +227,10 @@ def _kind(core: str) -> tuple[str, str]:
         match = re.fullmatch(pattern, core)
         if match:
             return kind, "".join(match.groups())
-    match = re.fullmatch(r"[a-z0-9]*?(?:joint|achse|gelenk)a?(\d{1,2})[a-z]?", core)
+    match = re.fullmatch(
+        r"[a-z0-9]*?(?:joint|achse|gelenk)a?(\d{1,2})(?:[a-z]|pos|position|angle|value)?", core
+    )
+    match = match or re.fullmatch(r"axis(\d{1,2})(?:pos|position|angle|value)", core)
     if match:
         return "joint", match[1]
     if core in _WORDS:

@@ -1,7 +1,7 @@
 """Tables of several files as one: by row number, by a column that both have, or by time.
 
 The table with the fewest rows stays as it is (usually that of the tracker); numbers of a denser log are interpolated
-linearly at its times, because a log samples a continuous motion.
+at its times, because a log samples a continuous motion (`interpolation`).
 """
 
 from collections.abc import Sequence
@@ -11,6 +11,7 @@ from datetime import datetime
 import numpy as np
 
 from datasets.errors import complaint
+from datasets.importers.mapping.interpolation import interpolated
 from datasets.importers.mapping.model import Join
 from datasets.importers.mapping.sets import headers_of
 from datasets.importers.source import RawTable
@@ -41,6 +42,8 @@ _QUARTER_S = 900.0
 def join_tables(tables: Sequence[RawTable], join: Join) -> tuple[RawTable, Join, tuple[str, ...]]:
     """One table of several, how they were joined, and sentences on rows that were left out.
 
+    The offset of a join by time is the one that was used, with the difference of two time zones.
+
     Raises InputError where nothing says which rows belong together.
     """
     joined, used, warnings = tables[0], join, []
@@ -54,7 +57,7 @@ def join_tables(tables: Sequence[RawTable], join: Join) -> tuple[RawTable, Join,
             joined, said = _by_key(few, many, used)
             warnings += said
         else:
-            joined, said = _by_time(few, many, used)
+            joined, used, said = _by_time(few, many, used)
             warnings += said
     return joined, used, tuple(warnings)
 
@@ -191,6 +194,8 @@ def _by_key(few: RawTable, many: RawTable, join: Join):
 
 
 def _by_time(few: RawTable, many: RawTable, join: Join):
+    """The joined table, the join with the offset that was used, and sentences on time zone and rows left out."""
+    stated = join.time_offset_s or 0.0
     mine, its = seconds_of(few), seconds_of(many)
     for table, seconds in ((few, mine), (many, its)):
         if seconds is None:
@@ -200,18 +205,16 @@ def _by_time(few: RawTable, many: RawTable, join: Join):
                 "none",
                 "name it time or join by index",
             )
-    wanted = mine + join.time_offset_s
+    wanted = mine + stated
     order = np.argsort(its, kind="stable")
     times = its[order]
     inside = _covered(wanted, times)
     said = []
-    zone = 0.0 if inside.any() or join.time_offset_s else _time_zone(wanted, times)
+    zone = 0.0 if inside.any() or stated else _time_zone(wanted, times)
     if zone:
         wanted = wanted + zone
         inside = _covered(wanted, times)
-        said.append(
-            f"The clocks of {few.file} and {many.file} differ by {zone / 3600:g} h, which is taken for a time zone."
-        )
+        said.append(zone_sentence(few, many, zone))
     if inside.mean() < 0.5:
         raise complaint(
             f"{few.file} and {many.file}",
@@ -233,7 +236,13 @@ def _by_time(few: RawTable, many: RawTable, join: Join):
         said.append(
             f"{few.file}: {lost} of {few.n} rows lie outside the times of {many.file} and are left out."
         )
-    return _side_by_side(few.take(rows), other), said
+    used = replace(join, time_offset_s=stated + zone)
+    return _side_by_side(few.take(rows), other), used, said
+
+
+def zone_sentence(few: RawTable, many: RawTable, zone_s: float) -> str:
+    """What the join says of clocks of two time zones."""
+    return f"The clocks of {few.file} and {many.file} differ by {zone_s / 3600:g} h, which is taken for a time zone."
 
 
 def _count_moving(log: RawTable, order: np.ndarray, times: np.ndarray, wanted: np.ndarray) -> int:
@@ -269,7 +278,7 @@ def _time_zone(wanted: np.ndarray, times: np.ndarray) -> float:
 def _interpolated(
     table: RawTable, order: np.ndarray, times: np.ndarray, wanted: np.ndarray
 ) -> RawTable:
-    """Rows of a log at other times: numbers linearly, text and rotations from the nearest row."""
+    """Rows of a log at other times: numbers interpolated, text and rotations from the nearest row."""
     after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
     nearest = order[np.where(wanted - times[after - 1] < times[after] - wanted, after - 1, after)]
     taken = table.take(nearest)
@@ -283,7 +292,7 @@ def _interpolated(
         ):
             is_joint_set = header.kind != "qindex" or header.words
             if is_joint_set:
-                columns[name] = np.interp(wanted, times, table.columns[name][order])
+                columns[name] = interpolated(times, table.columns[name][order], wanted)
     return replace(taken, columns=columns)
 
 

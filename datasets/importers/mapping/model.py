@@ -25,6 +25,7 @@ convention = "intrinsic XYZ"
 
 from collections.abc import Mapping as Keys
 from dataclasses import dataclass, field, fields, replace
+from math import isfinite
 from pathlib import Path
 
 from datasets.columns import KINDS
@@ -51,11 +52,14 @@ class Group:
 
 @dataclass(frozen=True)
 class Join:
-    """How two tables become one: by row number, by a column that both have, or by time."""
+    """How two tables become one: by row number, by a column that both have, or by time.
+
+    `time_offset_s` is added to the times of the shorter table; None where nothing states it.
+    """
 
     by: str | None = None
     key: str | None = None
-    time_offset_s: float = 0.0
+    time_offset_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -148,7 +152,16 @@ def read_mapping(path: Path) -> Mapping:
         raise complaint(
             f"--map {path}", "TOML", f"a mistake ({problem})", "correct it there"
         ) from None
-    return mapping_from_keys(keys, path.name)
+    mapping = mapping_from_keys(keys, path.name)
+    return replace(mapping, robot=_beside(path, mapping.robot))
+
+
+def _beside(mapping_file: Path, robot: str | None) -> str | None:
+    """The robot of a mapping file: a relative path is relative to that file where it exists there."""
+    if robot is None:
+        return None
+    file = mapping_file.parent / robot
+    return str(file) if file.is_file() else robot
 
 
 def mapping_from_keys(keys: Keys, called: str) -> Mapping:
@@ -198,12 +211,17 @@ def _join(keys: Keys, called: str) -> Join:
         raise complaint(
             f"{where}, key by", f"one of {', '.join(JOINS)}", repr(keys["by"]), "correct it"
         )
-    offset = keys.get("time_offset_s", 0.0)
-    if isinstance(offset, bool) or not isinstance(offset, int | float):
+    offset = keys.get("time_offset_s")
+    if "time_offset_s" in keys and not is_number(offset):
         raise complaint(
             f"{where}, key time_offset_s", "a number of seconds", repr(offset), "correct it"
         )
-    return Join(keys.get("by"), keys.get("key"), float(offset))
+    return Join(keys.get("by"), keys.get("key"), None if offset is None else float(offset))
+
+
+def is_number(value) -> bool:
+    """Whether a value of a TOML file is a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
 
 
 def _group(keys, name: str, called: str) -> Group:

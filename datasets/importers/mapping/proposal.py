@@ -10,6 +10,7 @@ from datasets.importers.mapping.model import Group, Mapping
 from datasets.importers.mapping.sets import ColumnSet, find_sets, headers_of
 from datasets.importers.mapping.spherical import is_spherical
 from datasets.importers.source import RawTable
+from datasets.importers.units import COVARIATE_UNITS
 
 _TURNS = ("angles", "quaternion", "vector", "matrix")
 _COPIED = (
@@ -178,8 +179,13 @@ def _copied(table: RawTable, measured: tuple[str, ...]) -> dict[str, str]:
 
 
 def _fits(table: RawTable, name: str, header: Header) -> bool:
-    """Whether the cells can be what the header says: groups may have names, all else is numbers without gaps."""
+    """Whether the cells can be what the header says: groups may have names, all else is numbers without gaps.
+
+    A column whose stated unit is none of its quantity holds something else.
+    """
     cells = table.columns[name]
+    if header.unit is not None and header.unit not in COVARIATE_UNITS.get(header.kind, ("1",)):
+        return False
     if header.kind in ("pose", "repeat", "reflector", "pair") and cells.dtype.kind != "f":
         return all(map(bool, cells))
     return cells.dtype.kind == "f" and bool(np.isfinite(cells).all())

@@ -17,6 +17,8 @@ from datasets.importers.source import RawTable
 
 _MATRIX_NAMES = tuple(f"{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 _MATRIX_FROM_0 = tuple(f"{row}{column}" for row in (0, 1, 2) for column in (0, 1, 2))
+_TRANSFORMS = ((_MATRIX_NAMES, ("14", "24", "34")), (_MATRIX_FROM_0, ("03", "13", "23")))
+"""Names of the rotation and of the last column of homogeneous transforms."""
 _NOA = ("nx", "ox", "ax", "ny", "oy", "ay", "nz", "oz", "az")
 _SLURBT = ("s", "l", "u", "r", "b", "t")
 _WORD_SETS = {
@@ -135,9 +137,13 @@ def _set(kind: str, headers: list[Header], labels: str = "") -> ColumnSet:
 
 def _points(kinds: Mapping[str, Mapping[str, Header]]) -> list[ColumnSet]:
     xyz = kinds.get("xyz", {})
-    return (
-        [_set("point", [xyz[axis] for axis in "xyz"])] if all(axis in xyz for axis in "xyz") else []
-    )
+    if all(axis in xyz for axis in "xyz"):
+        return [_set("point", [xyz[axis] for axis in "xyz"])]
+    matrix = kinds.get("matrix", {})
+    for rotation, last_column in _TRANSFORMS:
+        if all(name in matrix for name in (*rotation, *last_column)):
+            return [_set("point", [matrix[name] for name in last_column])]
+    return []
 
 
 def _rotations(kinds: Mapping[str, Mapping[str, Header]]) -> list[ColumnSet]:
@@ -148,6 +154,9 @@ def _rotations(kinds: Mapping[str, Mapping[str, Header]]) -> list[ColumnSet]:
         sets.append(_set("quaternion", [turn[axis] for axis in "wxyz"], "wxyz"))
     elif all(axis in turn for axis in "xyz"):
         sets.append(_set("angles", [turn[axis] for axis in "xyz"], "turn"))
+    parts = kinds.get("qpart", {})
+    if all(name in parts for name in "rijk"):
+        sets.append(_set("quaternion", [parts[name] for name in "rijk"], "wxyz"))
     vector = kinds.get("rotvec", {})
     for labels in ("xyz", "123"):
         if all(axis in vector for axis in labels):

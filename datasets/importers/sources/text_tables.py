@@ -18,6 +18,7 @@ import numpy as np
 
 from datasets.errors import complaint
 from datasets.importers.mapping.headers import read_header
+from datasets.importers.mapping.words import names_something
 from datasets.importers.source import RawTable
 from datasets.importers.units import is_unit, length_unit_in_text
 
@@ -27,6 +28,8 @@ _SEPARATORS = ("\t", ";", "|", ",", " ")
 _POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _COMMA = re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?")
 _GROUPED_POINT = re.compile(r"[+-]?\d{1,3}(,\d{3})+\.\d+")
+_GROUPED_QUOTE = re.compile(r"[+-]?\d{1,3}(['’\u202f]\d{3})+(\.\d+)?")
+_QUOTES = str.maketrans("", "", "'’\u202f")
 _GROUPED_COMMA = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+")
 _EMPTY = {
     *("", "-", "--", "---", "nan", "na", "n/a", "null", "none", "k.a."),
@@ -87,7 +90,11 @@ def names_without_header(path: Path, width: int) -> list[str]:
 
 
 def encoding_of(path: Path) -> str:
-    """Name of the text encoding: UTF-16 and UTF-8 by their marks, else UTF-8 where it decodes, else Windows-1252."""
+    """Name of the text encoding: UTF-16 and UTF-8 by their marks, else UTF-8 where it decodes.
+
+    Of the other encodings, GB 18030 or Shift JIS where the text then holds a known word of Chinese or Japanese, else
+    Windows-1252.
+    """
     with path.open("rb") as file:
         head = file.read(1 << 20)
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -97,8 +104,19 @@ def encoding_of(path: Path) -> str:
     try:
         head[: len(head) - 4].decode("utf-8") if len(head) > 8 else head.decode("utf-8")
     except UnicodeDecodeError:
-        return "cp1252"
+        return _eight_bit_encoding(head)
     return "utf-8"
+
+
+def _eight_bit_encoding(head: bytes) -> str:
+    for name in ("gb18030", "cp932"):
+        try:
+            text = head[: len(head) - 4].decode(name) if len(head) > 8 else head.decode(name)
+        except UnicodeDecodeError:
+            continue
+        if names_something(text):
+            return name
+    return "cp1252"
 
 
 def find_layout(lines: Sequence[str], path: Path) -> Layout:
@@ -179,7 +197,8 @@ def _spaced(text: str) -> list[str]:
 def is_number_text(cell: str) -> bool:
     """Whether a cell is a number with decimal point or decimal comma."""
     return any(
-        pattern.fullmatch(cell) for pattern in (_POINT, _COMMA, _GROUPED_POINT, _GROUPED_COMMA)
+        pattern.fullmatch(cell)
+        for pattern in (_POINT, _COMMA, _GROUPED_POINT, _GROUPED_COMMA, _GROUPED_QUOTE)
     )
 
 
@@ -370,6 +389,8 @@ def numbers_from_text(texts: Sequence[str], where: str, lines: Sequence[int]) ->
     filled = [cell for cell in texts if cell.lower() not in _EMPTY]
     if not all(map(is_number_text, filled)):
         return np.array(texts)
+    if any(map(_GROUPED_QUOTE.fullmatch, filled)):
+        texts = [cell.translate(_QUOTES) for cell in texts]
     commas = [
         k for k, cell in enumerate(texts) if "," in cell and not _GROUPED_POINT.fullmatch(cell)
     ]

@@ -1,5 +1,6 @@
 """`workbench import`: from files of other programs to a recording."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -47,6 +48,15 @@ Sigma = Annotated[
     float | None,
     typer.Option("--sigma", metavar="MM", help="Standard deviation of a measured coordinate."),
 ]
+TimeOffset = Annotated[
+    str | None,
+    typer.Option(
+        "--time-offset",
+        metavar="auto|none|SECONDS",
+        help="Offset between the clocks of two tables that are joined by time: estimated from the motion (auto), none, "
+        "or SECONDS to add to the times of the shorter table. Default: what --map states, else auto.",
+    ),
+]
 Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask whether the preview is right.")]
 
 
@@ -60,6 +70,7 @@ def command(
     artefact: Artefact = None,
     ball_radius: BallRadius = None,
     sigma: Sigma = None,
+    time_offset: TimeOffset = None,
     title: Annotated[str, typer.Option("--title", help="Title of the recording.")] = "",
     json: answer.JsonTarget = None,
     trust_data: answer.TrustData = False,
@@ -89,12 +100,28 @@ def command(
         title=title,
         ask=import_dialogue.asker(),
         trust_data=trust_data,
+        time_offset=_offset_mode(time_offset),
     )
     if propose is not None:
         _propose(sources, propose, options, json)
         return
     _check_out(out)
     _import(sources, out, options, json, yes)
+
+
+def _offset_mode(text: str | None) -> float | str | None:
+    """The value of --time-offset. Raises InputError for what is neither a word nor a number of seconds."""
+    if text in (None, "auto", "none"):
+        return text
+    try:
+        seconds = float(str(text).replace(",", "."))
+    except ValueError:
+        seconds = math.nan
+    if not math.isfinite(seconds):
+        raise InputError(
+            f"--time-offset {text}: expected auto, none or a number of seconds, found something else; correct it."
+        )
+    return seconds
 
 
 def _check_out(out: Path | None) -> None:

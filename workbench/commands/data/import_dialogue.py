@@ -47,6 +47,9 @@ def show(console, answer: Mapping, result) -> None:
     head = f"{answer['measures']}, {answer['samples']} samples{images}"
     rows = [list(row) for row in _mapping_rows(answer["mapping"])]
     tables.grid(console, head, ["quantity", "columns", "read as"], rows, left=3)
+    clocks = answer.get("time_offset")
+    if clocks and clocks["sentence"] not in answer["warnings"]:
+        console.print(clocks["sentence"], markup=False, soft_wrap=True)
     if answer["conventions"]:
         _fits(console, answer["conventions"])
     _preview(console, result.recording)
@@ -75,7 +78,9 @@ def _mapping_rows(mapping: Mapping):
             for column, target in value.items():
                 yield target, column, ""
         elif name == "join":
-            yield "join", str(value.get("key") or ""), str(value.get("by"))
+            offset = value.get("time_offset_s")
+            shifted = f", offset {1e3 * offset:.4g} ms" if offset else ""
+            yield "join", str(value.get("key") or ""), f"{value.get('by')}{shifted}"
 
 
 def _preview(console, recording) -> None:

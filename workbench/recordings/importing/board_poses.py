@@ -30,7 +30,7 @@ from robot_model.measurements.external_pose import ExternalPose
 from robot_model.measurements.multistart import MODEL_ERROR_MM, lever_arm
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, transform
-from workbench.recordings.importing.decisions import choose_reading, screened_turns, turn_misfits
+from workbench.recordings.importing.decisions import choose_reading, least_misfits, turn_misfits
 from workbench.recordings.importing.fits import CandidateFit
 from workbench.recordings.importing.robots import robot_keys
 
@@ -40,6 +40,8 @@ _KEPT = 0.9
 _GOOD_SHARE, _LEAST_GOOD_MM, _GOOD_DEG = 0.05, 3.0, 3.0
 _IMAGE_GAP_S = 0.2
 _HOPELESS_RAD, _SHOWN = np.deg2rad(10.0), 8
+_SWEEPS, _MOST_GAP_RAD = 10, np.deg2rad(20.0)
+"""A wrong board pose does not decide the labels of the other images."""
 _REMEDY = (
     "check that each row belongs to its image (a column image with the file names connects them), the size of the "
     "board, and the columns of the mapping"
@@ -48,7 +50,10 @@ _REMEDY = (
 
 @dataclass(frozen=True)
 class BoardViews:
-    """Board poses `seen` (k, 4, 4) T_camera_board of the rows `rows` (k,) of the table."""
+    """Board poses `seen` (T, k, 4, 4) T_camera_board of the rows `rows` (k,) of the table.
+
+    T: in how many ways the board can be labelled, 1 unless it looks the same after a rotation.
+    """
 
     seen: np.ndarray
     rows: np.ndarray
@@ -65,7 +70,7 @@ def import_images(found, options, folder: Path, progress):
     mapping = replace(mapping, board=board)
     if found.table is None:
         images = _linked_images(found.source.images, folder)
-        return _recording({}, images, board, folder, {}), mapping, (), ()
+        return _recording({}, images, board, folder, {}, options.name), mapping, (), ()
     table, said = _matched_rows(found, mapping)
     images = _linked_images([image for image, _ in table], folder)
     rows = found.table.take(np.array([row for _, row in table]))
@@ -74,7 +79,7 @@ def import_images(found, options, folder: Path, progress):
         raise InputError(f"{dropped[0]} Remove their images or complete the rows.")
     keys, mapping, readings = _readings(rows, mapping, options)
     progress("finding the board in the images")
-    views = _board_views(_recording({}, images, board, folder, {}), options, progress)
+    views = _board_views(_recording({}, images, board, folder, {}, options.name), options, progress)
     kind = "to-hand" if board.get("fixed_to") == "tool" else "in-hand"
     mapping, fits = _decide(readings, views, kind, rows.file, options)
     columns = {
@@ -83,7 +88,7 @@ def import_images(found, options, folder: Path, progress):
     }
     others = other_columns(rows, mapping)
     columns |= {name: cells for name, cells in others.items() if cells.dtype.kind == "f"}
-    recording = _recording(columns, images, board, folder, keys)
+    recording = _recording(columns, images, board, folder, keys, options.name)
     return recording, mapping, fits, said
 
 
@@ -110,7 +115,7 @@ def _linked_images(images: Sequence[ImageFile], folder: Path) -> list[dict]:
     return rows
 
 
-def _recording(columns, images, board, folder, keys) -> Recording:
+def _recording(columns, images, board, folder, keys, name) -> Recording:
     if not columns:
         images = [{"image": row["image"], "role": "board"} for row in images]
     return Recording(
@@ -119,7 +124,7 @@ def _recording(columns, images, board, folder, keys) -> Recording:
         robot=keys,
         images=tuple(images),
         board=board,
-        name="import",
+        name=name,
         folder=folder,
     )
 
@@ -239,9 +244,8 @@ def flange_readings(rows: RawTable, mapping: Mapping):
 
 def _board_views(recording: Recording, options, progress) -> BoardViews:
     """Board poses of some of the images, evenly chosen. Raises InputError where the board is not found."""
-    from sensors.boards.detection import detect_all
+    from sensors.boards.detection import detect_all, relabelled
     from sensors.camera.calibration import calibrate_camera
-    from sensors.hand_eye.start import board_poses
 
     count = len(recording.images)
     rows = np.unique(np.linspace(0, count - 1, min(count, _IMAGES_TESTED)).astype(int))
@@ -252,10 +256,18 @@ def _board_views(recording: Recording, options, progress) -> BoardViews:
     progress("calibrating a camera to test the poses")
     camera = calibrate_camera(found.views, found.board, found.size, folds=0).camera
     seen = []
-    for view in found.views:
-        corners = found.board.points[:, view.index]
-        seen.append(board_poses(corners, view.pixels, np.zeros(len(view.index), int), camera)[0])
+    for turn in range(found.board.turns):
+        labelled = [relabelled(view, found.board, turn) for view in found.views]
+        seen.append([_pose_of(view, found.board, camera) for view in labelled])
     return BoardViews(np.array(seen), np.array([numbers[view.image] for view in found.views]))
+
+
+def _pose_of(view, board, camera) -> np.ndarray:
+    """(4, 4) T_camera_board of one image."""
+    from sensors.hand_eye.start import board_poses
+
+    corners = board.points[:, view.index]
+    return board_poses(corners, view.pixels, np.zeros(len(view.index), int), camera)[0]
 
 
 def _decide(readings, views: BoardViews, kind: str, file: str, options):
@@ -311,14 +323,52 @@ def reading_line(mapping: Mapping) -> str:
 def _compared(readings, views: BoardViews, kind: str) -> list[tuple[int, CandidateFit]]:
     """Index and fit of the readings, the most probable first."""
     measured = inverse(views.seen) if kind == "in-hand" else views.seen
-    turns = [poses[views.rows][:, :3, :3] for _, _, poses in readings]
-    kept = screened_turns(measured[:, :3, :3], turns, len(turns))
-    if turn_misfits(measured[:, :3, :3], [turns[kept[0]]])[0] > _HOPELESS_RAD:
+    turns = np.array([poses[views.rows][:, :3, :3] for _, _, poses in readings])
+    labels = [agreeing_labels(measured[..., :3, :3], turned) for turned in turns]
+    every = np.arange(len(views.rows))
+    chosen = [measured[own, every] for own in labels]
+    misfits = np.array(
+        [turn_misfits(one[:, :3, :3], [turned])[0] for one, turned in zip(chosen, turns)]
+    )
+    kept = least_misfits(misfits, len(turns))
+    if misfits[kept[0]] > _HOPELESS_RAD:
         kept = kept[
             :_SHOWN
         ]  # no transform can explain other angles between the poses; fits are for the message
-    fits = [(k, _fit(readings[k][0], readings[k][2][views.rows], measured)) for k in kept]
+    fits = [(k, _fit(readings[k][0], readings[k][2][views.rows], chosen[k])) for k in kept]
     return sorted(fits, key=lambda item: item[1].improbability)
+
+
+def agreeing_labels(measured: np.ndarray, turned: np.ndarray) -> np.ndarray:
+    """(k,) in 0..T-1: the labelling of the board in each image under which its rotations agree best with the arm's.
+
+    measured (T, k, 3, 3): rotations of the board under each labelling; turned (k, 3, 3): of the flange. Between two
+    images both rotate by the same angle, whatever the hand-eye transform (Chen, CVPR 1991). The first image keeps its
+    label, because a rotation of all labels is another board frame only.
+    """
+    ways, count = measured.shape[:2]
+    labels = np.zeros(count, int)
+    if ways == 1:
+        return labels
+    wanted = _angles_between(turned, turned)
+    apart = _angles_between(measured.reshape(-1, 3, 3), measured.reshape(-1, 3, 3))
+    gaps = np.abs(apart.reshape(ways, count, ways, count) - wanted[None, :, None, :])
+    labels[1:] = gaps[0, 0, :, 1:].argmin(0)
+    for _ in range(_SWEEPS):
+        before = labels.copy()
+        for image in range(1, count):
+            others = np.arange(count) != image
+            costs = np.minimum(gaps[:, image, labels, np.arange(count)], _MOST_GAP_RAD)
+            labels[image] = int(costs[:, others].sum(1).argmin())
+        if (labels == before).all():
+            break
+    return labels
+
+
+def _angles_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(a, b) rad between rotations (a, 3, 3) and (b, 3, 3)."""
+    trace = np.einsum("aij,bij->ab", first, second)
+    return np.arccos(np.clip((trace - 1) / 2, -1, 1))
 
 
 def _fit(title: str, poses: np.ndarray, measured: np.ndarray) -> CandidateFit:

@@ -7,41 +7,29 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
-
-from datasets.columns import KINDS
 from datasets.formats.recording1 import read_recording
 from datasets.formats.recording1_writer import write
-from datasets.importers.mapping.conversion import (
-    axis_columns,
-    complete_rows,
-    joint_columns,
-    other_columns,
-    point_columns,
-    rotation_columns,
-)
 from datasets.importers.mapping.headers import read_header
-from datasets.importers.mapping.joining import join_tables, time_columns
+from datasets.importers.mapping.joining import join_tables, time_columns, zone_sentence
 from datasets.importers.mapping.model import Mapping, write_mapping
 from datasets.importers.mapping.proposal import measures_of, propose
 from datasets.importers.mapping.sets import find_sets
 from datasets.importers.source import RawTable, Source
 from datasets.importers.sources import read_sources
 from datasets.recording import Recording
-from robot_model import builtin_robots, load_robot
+from robot_model import builtin_robots
 from workbench.core.errors import InputError
-from workbench.recordings.importing import decisions
 from workbench.recordings.importing.ball_clouds import with_ball_centres
 from workbench.recordings.importing.board_poses import image_column, import_images
-from workbench.recordings.importing.final_check import check_fit
 from workbench.recordings.importing.fits import CandidateFit
+from workbench.recordings.importing.measured_robot import Made, import_table
 from workbench.recordings.importing.questions import Ask
-from workbench.recordings.importing.robots import read_artefact, robot_candidates, robot_keys
 from workbench.recordings.importing.surface_scans import import_scans, is_scan
+from workbench.recordings.importing.timed_join import ClockDecision, OffsetMode, TimedJoin
 
 MAPPING_FILE = "import.toml"
-_EXTERNAL = ("external-point", "external-pose", "partial-pose")
-_OTHER_KIND = {"external-point": "ball-centre", "ball-centre": "external-point"}
+ROBOT_FILES = ("robot.toml", "robot.urdf")
+"""Names of the robot's file in a recording."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +38,9 @@ class ImportOptions:
 
     `robot`: built-in name, robot.toml or URDF. `mapping`: from a file. `board`: keys of [board]. `artefact`: an
     artefact.csv. `ball_radius_mm`: certified radius of the ball of clouds. `sigma_mm`: of a coordinate. `ask`: asks a
-    person; None refuses with a sentence. `trust_data`: a bad fit is a warning.
+    person; None refuses with a sentence. `trust_data`: a bad fit is a warning. `time_offset`: seconds to add to the
+    times of the shorter of two tables, "auto" (estimate it), "none", or None: as the mapping states, else "auto".
+    `name`: of the recording in messages; default: the name of the folder.
     """
 
     robot: str | None = None
@@ -62,20 +52,27 @@ class ImportOptions:
     title: str = ""
     ask: Ask | None = None
     trust_data: bool = False
+    time_offset: OffsetMode = None
+    name: str = ""
 
 
 @dataclass(frozen=True)
 class ImportResult:
-    """The recording as written, the complete mapping, the fits that decided, and what is worth saying."""
+    """The recording as written, the complete mapping, the fits that decided, and what is worth saying.
+
+    `clocks`: of two tables that are joined by time; None otherwise.
+    """
 
     recording: Recording
     mapping: Mapping
     fits: tuple[CandidateFit, ...]
     unused: tuple[str, ...]
     warnings: tuple[str, ...]
+    clocks: ClockDecision | None = None
 
     def as_json(self) -> dict:
         """`mapping`, `conventions` and `questions` of the answer (docs: results)."""
+        clocks = {} if self.clocks is None else {"time_offset": self.clocks.as_json()}
         return {
             "measures": self.recording.measures,
             "samples": self.recording.n,
@@ -85,18 +82,23 @@ class ImportResult:
             "questions": [],
             "unused_columns": list(self.unused),
             "warnings": list(self.warnings),
+            **clocks,
         }
 
 
 @dataclass(frozen=True)
 class Found:
-    """Everything that was read: the source, one joined table (None without tables), the mapping so far."""
+    """Everything that was read: the source, one joined table (None without tables), the mapping so far.
+
+    `timed`: the two tables where they are joined by time; sentences on their rows are not in `warnings`.
+    """
 
     source: Source
     table: RawTable | None
     mapping: Mapping
     unused: tuple[str, ...]
     warnings: tuple[str, ...]
+    timed: TimedJoin | None = None
 
 
 def import_recording(
@@ -109,29 +111,37 @@ def import_recording(
 
     Raises InputError with one sentence where a file cannot be read, a question is open or nothing fits the robot.
     """
+    options = replace(options, name=options.name or folder.name)
     with TemporaryDirectory(prefix="workbench-import-") as scratch:
         found = find_mapping(paths, options, Path(scratch), progress)
         if found.source.images:
-            made = import_images(found, options, Path(scratch) / "recording", progress)
+            made = Made(*import_images(found, options, Path(scratch) / "recording", progress))
         elif is_scan(found):
-            made = import_scans(found, options, progress)
-        elif found.source.clouds:
-            found = with_ball_centres(found, options, progress)
-            made = _import_table(found, options, progress)
+            made = Made(*import_scans(found, options, progress))
         else:
-            made = _import_table(found, options, progress)
-        recording, mapping, fits, said = made
-        recording = replace(recording, title=options.title or _title(paths))
+            if found.source.clouds:
+                found = with_ball_centres(found, options, progress)
+            made = import_table(found, options, progress)
+        # without a name of its own, a recording has that of its folder
+        recording = replace(made.recording, title=options.title or _title(paths), name="")
         write(recording, folder)
     read = _read_back(folder, options.trust_data)
     comment = (
         "# Mapping of this import. Repeat it with\n"
         f"#   workbench import {_names(paths)} --map {MAPPING_FILE} --out DIR\n"
     )
-    write_mapping(mapping, folder / MAPPING_FILE, comment)
-    warnings = (*found.warnings, *said, *read.warnings)
-    unused = _never_read(found, mapping, "time_s" in recording.columns)
-    return ImportResult(read, mapping, fits, unused, tuple(dict.fromkeys(warnings)))
+    write_mapping(_movable(made.mapping, folder), folder / MAPPING_FILE, comment)
+    warnings = tuple(dict.fromkeys((*found.warnings, *made.warnings, *read.warnings)))
+    unused = _never_read(found, made.mapping, "time_s" in recording.columns)
+    return ImportResult(read, made.mapping, made.fits, unused, warnings, made.clocks)
+
+
+def _movable(mapping: Mapping, folder: Path) -> Mapping:
+    """The mapping with the robot of the recording, which lies next to it, in the place of a file elsewhere."""
+    if mapping.robot is None or mapping.robot in builtin_robots():
+        return mapping
+    own = [name for name in ROBOT_FILES if (folder / name).is_file()]
+    return replace(mapping, robot=own[0]) if own else mapping
 
 
 def _never_read(found: Found, mapping: Mapping, with_times: bool) -> tuple[str, ...]:
@@ -178,16 +188,28 @@ def find_mapping(
     warnings += [sentence for table in tables for sentence in table.warnings]
     if ignored:
         warnings.append(f"Tables without a known quantity are not read: {', '.join(ignored)}.")
-    table, join, said = join_tables(tables, mapping.join)
+    wanted = mapping.join
+    if options.time_offset is not None:
+        seconds = options.time_offset if isinstance(options.time_offset, float) else None
+        wanted = replace(wanted, time_offset_s=seconds)
+    table, join, said = join_tables(tables, wanted)
     proposal = propose(table, bool(source.images), bool(source.clouds))
     mapping = mapping.merged(proposal.mapping)
     if mapping.point is not None and mapping.measures in (None, "external-point"):
         # the mapping file may name a point or a rotation that no header shows
         stated = options.mapping.measures
         mapping = replace(mapping, measures=stated or measures_of(mapping))
-    if len(tables) > 1:
-        mapping = replace(mapping, join=join)
     unused = tuple(name for name in proposal.unused if not _is_mapped(mapping, name))
+    if len(tables) > 1:
+        # an offset is part of the mapping only where it was stated or estimated
+        stated = replace(join, time_offset_s=options.mapping.join.time_offset_s)
+        mapping = replace(mapping, join=stated)
+    is_plain = not source.images and not source.clouds
+    if len(tables) == 2 and join.by == "time" and is_plain:
+        timed = TimedJoin((tables[0], tables[1]), join)
+        zone = timed.join.time_offset_s - (wanted.time_offset_s or 0.0)
+        warnings += [zone_sentence(timed.short, timed.log, zone)] if zone else []
+        return Found(source, table, mapping, unused, tuple(warnings), timed)
     return Found(source, table, mapping, unused, (*warnings, *said))
 
 
@@ -221,181 +243,6 @@ def _is_mapped(mapping: Mapping, name: str) -> bool:
         if isinstance(value, dict) and isinstance(value.get("columns"), list)
     ]
     return name in mapping.columns or any(name in columns for columns in groups)
-
-
-def _import_table(found: Found, options: ImportOptions, progress):
-    """Recording, complete mapping, fits and warnings of a robot that was measured."""
-    table, mapping = found.table, found.mapping
-    if mapping.joints is None:
-        raise _without_joints(table, mapping)
-    measures = mapping.measures
-    if measures is None or measures not in KINDS or KINDS[measures].images:
-        raise _without_measurement(table, mapping)
-    table, said = complete_rows(table, mapping)
-    named = options.robot or mapping.robot
-    if named is None:
-        progress("comparing the built-in robots")
-        named = _robot_that_fits(table, mapping, options)
-        said = (*said, f"No robot was named; of the built-in ones {named} fits.")
-    keys, decided = _robot_of(named, table, mapping, options)
-    said = (*said, *decided)
-    robot = load_robot(keys, f"--robot {named}")
-    _check_count(robot, mapping, table)
-    builder = Builder(table, keys, robot, options)
-    progress("testing units on the robot")
-    mapping = replace(mapping, robot=named)
-    decision = decisions.decide_units(robot, mapping, builder.positions, table.file, options.ask)
-    fits = decision.fits
-    if options.mapping.measures is None and fits and not fits[0].is_good:
-        _refuse_other_kind(robot, mapping, builder, fits[0])
-    if mapping.rotation is not None and measures == "external-pose":
-        progress("testing rotation conventions on the robot")
-        decision = decisions.decide_rotation(
-            robot, decision.mapping, table, builder.complete, options.ask
-        )
-        fits = decision.fits
-    recording = builder.complete(decision.mapping)
-    said = (*said, *check_fit(robot, recording, fits, options.trust_data))
-    return recording, decision.mapping, fits, said
-
-
-def _robot_of(named: str, table: RawTable, mapping: Mapping, options: ImportOptions):
-    """Keys of the named robot, and a sentence where the data decided the convention of its table."""
-    candidates = robot_candidates(named, table.file)
-    if len(candidates) == 1:
-        return next(iter(candidates.values())), ()
-    for title, keys in candidates.items():
-        _check_count(load_robot(keys, title), mapping, table)
-
-    def build_with(title: str):
-        robot = load_robot(candidates[title], title)
-        return robot, Builder(table, candidates[title], robot, options).positions
-
-    chosen = decisions.decide_robot(mapping, build_with, list(candidates), table.file, options.ask)
-    return candidates[chosen], (f"The convention of the table was open; of both {chosen} fits.",)
-
-
-def _refuse_other_kind(robot, mapping: Mapping, builder: "Builder", found: CandidateFit) -> None:
-    """Raise InputError where points fit in the frame of the other side: a sensor on the flange or an instrument."""
-    if mapping.measures not in _OTHER_KIND:
-        return
-    other = _OTHER_KIND[mapping.measures]
-    readings = [
-        (title, replace(made, measures=other, rotation=None))
-        for title, made in decisions.unit_readings(mapping)
-    ]
-    best = decisions.compare(robot, readings, builder.complete)
-    if best and best[0][1].is_good:
-        raise InputError(
-            f"{builder.table.file}: expected points of kind {mapping.measures}, which fit with "
-            f"{found.rms_mm:.3g} mm, found that they fit as {other} ({best[0][1].words}); add "
-            f'measures = "{other}" to a mapping file and name it with --map.'
-        )
-
-
-def _robot_that_fits(table: RawTable, mapping: Mapping, options: ImportOptions) -> str:
-    """The built-in robot that fits clearly best. Raises InputError as `decisions.decide_robot`."""
-
-    def build_with(name: str):
-        robot = load_robot(name)
-        return robot, Builder(table, {"builtin": name}, robot, options).positions
-
-    count = len(mapping.joints.columns)
-    names = [name for name in builtin_robots() if load_robot(name).mixing.shape[1] == count]
-    if not names:
-        robot_keys(None, table.file)
-    return decisions.decide_robot(mapping, build_with, names, table.file, options.ask)
-
-
-def _check_count(robot, mapping: Mapping, table: RawTable) -> None:
-    wanted = robot.mixing.shape[1]
-    if len(mapping.joints.columns) != wanted:
-        columns = ", ".join(f'"{name}"' for name in mapping.joints.columns[:wanted])
-        raise InputError(
-            f"{table.file}: expected {wanted} joint columns for '{robot.name}', found "
-            f"{len(mapping.joints.columns)} ({', '.join(mapping.joints.columns)}); add [joints] columns = [{columns}] "
-            "to a mapping file and name it with --map, or name another robot."
-        )
-
-
-def _without_joints(table: RawTable, mapping: Mapping) -> InputError:
-    shown = ", ".join(list(table.columns)[:16])
-    if mapping.flange_point is not None and mapping.point is not None:
-        return InputError(
-            f"{table.file}: expected joint readings, which a calibration of the robot needs, found poses of the flange "
-            f"({', '.join(mapping.flange_point.columns)}) only; export the joint angles of the same rows too."
-        )
-    return InputError(
-        f"{table.file}: expected columns with joint readings such as J1 ... J6, found {shown}; add [joints] columns = "
-        '["...", ...] to a mapping file and name it with --map, or name the file with the joint log as well.'
-    )
-
-
-def _without_measurement(table: RawTable, mapping: Mapping) -> InputError:
-    shown = ", ".join(name for name in table.columns if name not in mapping.joints.columns)
-    return InputError(
-        f"{table.file}: expected columns with a measured point such as X, Y, Z, found "
-        f"{shown or 'joint readings only'}; "
-        'add [point] columns = ["...", "...", "..."] (or measures = "touch-point", "plane-touch", ...) to a mapping '
-        "file and name it with --map, or name the file of the instrument as well."
-    )
-
-
-@dataclass(frozen=True)
-class Builder:
-    """Makes recordings of one table under different mappings."""
-
-    table: RawTable
-    keys: Keys
-    robot: object
-    options: ImportOptions
-
-    def positions(self, mapping: Mapping) -> Recording:
-        """The recording of the positions alone, for the test of the units."""
-        measures = "external-point" if mapping.measures in _EXTERNAL else mapping.measures
-        return self._recording(replace(mapping, measures=measures, rotation=None, axis=None))
-
-    def complete(self, mapping: Mapping) -> Recording:
-        """The whole recording. Raises InputError where numbers cannot be what the mapping says."""
-        return self._recording(mapping)
-
-    def _recording(self, mapping: Mapping) -> Recording:
-        table = self.table
-        columns: dict[str, np.ndarray] = {"sample": np.arange(1, table.n + 1, dtype=float)}
-        length = mapping.point.unit if mapping.point is not None and mapping.point.unit else "mm"
-        slides = self.robot.mixing.any(0) & (self.robot.prismatic @ np.abs(self.robot.mixing) > 0)
-        columns |= joint_columns(table, mapping.joints, slides, length)
-        if mapping.point is not None:
-            columns |= point_columns(table, mapping.point)
-        if mapping.rotation is not None and mapping.rotation.convention:
-            columns |= rotation_columns(table, mapping.rotation)
-        elif mapping.axis is not None:
-            columns |= axis_columns(table, mapping.axis)
-        columns |= _named_groups(other_columns(table, mapping))
-        balls = read_artefact(self.options.artefact) if self.options.artefact else {}
-        if mapping.measures == "ball-centre":
-            columns.setdefault("ball", np.ones(table.n))
-            balls = balls or {int(columns["ball"][0]): (0.0, 0.0, 0.0, 10.0)}
-        return Recording(
-            measures=mapping.measures,
-            columns=columns,
-            robot=self.keys,
-            sigma_mm=self.options.sigma_mm,
-            balls=balls,
-            name="import",
-        )
-
-
-def _named_groups(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Names of groups as numbers in the order in which they first occur, as the reader of recordings does."""
-    made = {}
-    for name, cells in columns.items():
-        if cells.dtype.kind == "f" or name == "note":
-            made[name] = cells
-            continue
-        order = list(dict.fromkeys(cells.tolist()))
-        made[name] = np.array([order.index(cell) + 1 for cell in cells.tolist()], float)
-    return made
 
 
 def _title(paths: Sequence[Path]) -> str:

@@ -1,5 +1,6 @@
 """Units and rotation convention of an import, decided by the fit to the robot, or asked for."""
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,6 +19,7 @@ from robot_model.chain import forward
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility import check_plausibility
+from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.recordings.importing.fits import CandidateFit, compare_readings
 from workbench.recordings.importing.questions import Ask, Question, choose
 
@@ -75,9 +77,12 @@ def _refuse_mistake(robot: Robot, recording: Recording, called: str) -> None:
     """Raise InputError where one mistake, such as a reversed joint or a left-handed frame, explains a bad fit."""
     for suspicion in check_plausibility(robot, recording):
         if suspicion.certain:
-            raise InputError(
-                suspicion.sentence.replace("samples.csv of recording 'import'", called)
-            )
+            raise InputError(_renamed(suspicion.sentence, called))
+
+
+def _renamed(sentence: str, called: str) -> str:
+    """A sentence on samples.csv as one on the file that is imported."""
+    return re.sub(r"samples\.csv of recording '[^']*'", lambda match: called, sentence)
 
 
 def decide_robot(
@@ -88,21 +93,77 @@ def decide_robot(
     build_with: robot and builder of a name. names: of robots with the right number of joints. Raises InputError where
     none fits, or several do and nobody can be asked.
     """
-    fits = []
-    for place, name in enumerate(names):
-        robot, build = build_with(name)
-        found = compare(robot, list(unit_readings(mapping, stated_only=True)), build, 1)
-        if found and found[0][1].is_good:
-            best = found[0][1]
-            fits.append((place, replace(best, title=f"robot {name}, {best.title}")))
-    if not fits:
+    fits = _fits_of_robots(mapping, build_with, names)
+    good = [item for item in fits if item[1].is_good]
+    if not good:
         raise InputError(
             f"{where}: expected one of the robots ({'; '.join(names)}) to fit, found none; check units, order and "
             "signs of the joint columns, or add --robot with a robot.toml, a URDF or a Denavit-Hartenberg table."
         )
     lines = [f'robot = "{name}"' for name in names]
-    ordered = sorted(fits, key=lambda item: item[1].improbability)
-    return names[choose_reading(lines, ordered, f"{where}, robot", ask)]
+    return names[choose_reading(lines, good, f"{where}, robot", ask)]
+
+
+def decide_convention(
+    mapping: Mapping, build_with: Callable[[str], tuple[Robot, Build]], titles, where: str, ask
+):
+    """Title of the convention of one table under which its robot fits clearly best.
+
+    Where none fits, one mistake of the data is searched for under every convention. Raises InputError for it, as
+    `decide_robot` where the data do not decide, and where nothing fits.
+    """
+    fits = _fits_of_robots(mapping, build_with, titles)
+    good = [item for item in fits if item[1].is_good]
+    if good:
+        lines = [f'robot = "{title}"' for title in titles]
+        return titles[choose_reading(lines, good, f"{where}, robot", ask)]
+    found = []
+    for title in [titles[place] for place, _ in fits]:
+        robot, build = build_with(title)
+        found += [(title, s) for s in _mistakes_under_any_unit(robot, mapping, build)]
+        if any(suspicion.cause != "robot-file" for _, suspicion in found):
+            break
+    if found:
+        raise InputError(_mistake_sentence(found, where))
+    shown = "; ".join(fit.words for _, fit in fits)
+    raise InputError(
+        f"{where}: expected the robot of the table to fit under one of its conventions, found none ({shown}), and no "
+        f"single mistake in units, signs or order explains the misfit under either of them; {_REMEDY}."
+    )
+
+
+def _fits_of_robots(mapping: Mapping, build_with, names) -> list[tuple[int, CandidateFit]]:
+    """Index and best fit under any units of each robot, the most probable first."""
+    fits = []
+    for place, name in enumerate(names):
+        robot, build = build_with(name)
+        found = compare(robot, list(unit_readings(mapping, stated_only=True)), build, 1)
+        if found:
+            best = found[0][1]
+            fits.append((place, replace(best, title=f"robot {name}, {best.title}")))
+    return sorted(fits, key=lambda item: item[1].improbability)
+
+
+def _mistakes_under_any_unit(robot: Robot, mapping: Mapping, build: Build) -> list[Suspicion]:
+    """Certain mistakes that explain the misfit, under the most usual of the units that fit about equally badly."""
+    readings = list(unit_readings(mapping, stated_only=True))
+    fits = compare(robot, readings, build)
+    if not fits:
+        return []
+    recording = build(readings[_usual_of(fits)][1])
+    found = check_plausibility(robot, recording)
+    return [s for s in found if s.certain and s.cause != "convention"]
+
+
+def _mistake_sentence(found: Sequence[tuple[str, Suspicion]], where: str) -> str:
+    """The mistake and the convention under which it explains the misfit; a mistake of the data before another robot."""
+    ordered = sorted(found, key=lambda item: item[1].cause == "robot-file")
+    title, suspicion = ordered[0]
+    sentence = _renamed(suspicion.sentence, where)
+    if suspicion.cause == "robot-file":
+        return sentence
+    convention = title.rpartition(", ")[2]
+    return f"{sentence} The Denavit-Hartenberg table then fits under {convention}."
 
 
 def unit_readings(mapping: Mapping, stated_only: bool = True):
@@ -260,7 +321,11 @@ def screened_turns(
     flange (n, 3, 3); candidates (n, 3, 3) each. The angle of R_i^T R_j depends neither on the base nor on the tool,
     so that no fit is needed.
     """
-    misfits = turn_misfits(flange, candidates)
+    return least_misfits(turn_misfits(flange, candidates), most)
+
+
+def least_misfits(misfits: np.ndarray, most: int) -> list[int]:
+    """Indices of the at most `most` smallest of the misfits (k,) rad that are not clearly larger than the least."""
     limit = _SCREEN_FACTOR * misfits.min() + _SCREEN_RAD
     order = np.argsort(misfits, kind="stable")
     return [int(k) for k in order[:most] if misfits[k] <= limit]

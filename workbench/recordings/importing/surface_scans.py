@@ -94,7 +94,7 @@ def _recording(rows, mapping, points, radius, options) -> Recording:
         robot={},
         sigma_mm=options.sigma_mm,
         balls={1: (0.0, 0.0, 0.0, radius)},
-        name="import",
+        name=options.name,
     )
 
 

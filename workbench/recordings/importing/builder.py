@@ -1,0 +1,85 @@
+"""Recordings of one joined table under different mappings."""
+
+from collections.abc import Mapping as Keys
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from datasets.importers.mapping.conversion import (
+    axis_columns,
+    joint_columns,
+    other_columns,
+    point_columns,
+    rotation_columns,
+)
+from datasets.importers.mapping.model import Mapping
+from datasets.importers.source import RawTable
+from datasets.recording import Recording
+from robot_model.robot import Robot
+from workbench.recordings.importing.robots import read_artefact
+
+_EXTERNAL = ("external-point", "external-pose", "partial-pose")
+
+
+@dataclass(frozen=True)
+class Builder:
+    """Makes recordings of one table under different mappings.
+
+    keys, robot: what the recording says of the robot, and the robot. options: `ImportOptions`.
+    """
+
+    table: RawTable
+    keys: Keys
+    robot: Robot
+    options: object
+
+    def positions(self, mapping: Mapping) -> Recording:
+        """The recording of the positions alone, for the test of the units."""
+        measures = "external-point" if mapping.measures in _EXTERNAL else mapping.measures
+        return self._recording(replace(mapping, measures=measures, rotation=None, axis=None))
+
+    def complete(self, mapping: Mapping) -> Recording:
+        """The whole recording. Raises InputError where numbers cannot be what the mapping says."""
+        return self._recording(mapping)
+
+    def readings(self, mapping: Mapping) -> dict[str, np.ndarray]:
+        """q1_deg ... (qK_mm of a prismatic joint)."""
+        length = mapping.point.unit if mapping.point is not None and mapping.point.unit else "mm"
+        slides = self.robot.mixing.any(0) & (self.robot.prismatic @ np.abs(self.robot.mixing) > 0)
+        return joint_columns(self.table, mapping.joints, slides, length)
+
+    def _recording(self, mapping: Mapping) -> Recording:
+        table = self.table
+        columns: dict[str, np.ndarray] = {"sample": np.arange(1, table.n + 1, dtype=float)}
+        columns |= self.readings(mapping)
+        if mapping.point is not None:
+            columns |= point_columns(table, mapping.point)
+        if mapping.rotation is not None and mapping.rotation.convention:
+            columns |= rotation_columns(table, mapping.rotation)
+        elif mapping.axis is not None:
+            columns |= axis_columns(table, mapping.axis)
+        columns |= _named_groups(other_columns(table, mapping))
+        balls = read_artefact(self.options.artefact) if self.options.artefact else {}
+        if mapping.measures == "ball-centre":
+            columns.setdefault("ball", np.ones(table.n))
+            balls = balls or {int(columns["ball"][0]): (0.0, 0.0, 0.0, 10.0)}
+        return Recording(
+            measures=mapping.measures,
+            columns=columns,
+            robot=self.keys,
+            sigma_mm=self.options.sigma_mm,
+            balls=balls,
+            name=self.options.name,
+        )
+
+
+def _named_groups(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Names of groups as numbers in the order in which they first occur, as the reader of recordings does."""
+    made = {}
+    for name, cells in columns.items():
+        if cells.dtype.kind == "f" or name == "note":
+            made[name] = cells
+            continue
+        order = list(dict.fromkeys(cells.tolist()))
+        made[name] = np.array([order.index(cell) + 1 for cell in cells.tolist()], float)
+    return made

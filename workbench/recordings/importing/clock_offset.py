@@ -1,0 +1,255 @@
+"""The offset between the clocks of a joint log and of an instrument, estimated from the motion of the arm.
+
+A point measured at time t of one clock belongs to the joint readings at t + tau of the other clock. The residual of the
+static fit (base, tool, geometry with its prior) is linear in a small tau: r = tau v, where v is the velocity of the
+measured point, J qdot. Weighted least squares gives tau together with corrections of all parameters of the fit; the
+rows are then interpolated again at the new offset (Gauss-Newton).
+
+Residuals of neighbouring rows are correlated wherever an effect is not modelled. The standard deviation of tau is
+therefore cluster-robust, with blocks of consecutive rows as clusters (Cameron & Miller, A practitioner's guide to
+cluster-robust inference, J. Human Resources 50 (2015), eq. 9).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import numpy as np
+
+from datasets.recording import Recording
+from robot_model.robot import Robot
+from workbench.core.errors import InputError
+from workbench.fitting.plausibility.check import good_scale
+from workbench.fitting.plausibility.fitting import (
+    Fit,
+    fit_recording,
+    geometry_prior,
+    nominal_scale,
+    row_residual,
+)
+from workbench.fitting.plausibility.sampling import even_rows
+
+_SIGMAS = 3.0
+_BLOCKS = 25
+_LEAST_ROWS = 25
+_MOST_STEPS, _HALVINGS = 12, 4
+_CONVERGED = 0.05  # of the standard deviation
+_CAUCHY = 2.5
+_SCANNED_S = np.linspace(-2.0, 2.0, 41)
+_SCANNED_ROWS = 100
+_SCAN_GAIN = 0.5
+
+
+@dataclass(frozen=True)
+class TimedRows:
+    """A recording (n rows) at one offset, and the numbers (n,) of its rows in the table that keeps its times."""
+
+    recording: Recording
+    lines: np.ndarray
+
+    def take(self, lines: np.ndarray) -> Recording:
+        """The rows with the given numbers, which all exist."""
+        return self.recording.select(np.flatnonzero(np.isin(self.lines, lines)))
+
+
+RowsAt = Callable[[float], TimedRows]
+"""The rows at an offset in s. Raises InputError where the clocks do not overlap."""
+
+
+@dataclass(frozen=True)
+class OffsetEstimate:
+    """The estimated offset and what it changes; all RMS values are of the length of a row's position residual.
+
+    `seconds`: to add to the times of the shorter table; `sigma_s`: standard deviation, inf where the arm stands still.
+    `effect_mm`: RMS displacement of the points by the change of the offset. `before_mm`, `after_mm`: RMS of the best
+    90 % of the residuals at the offset of the start and at the estimate.
+    """
+
+    start_s: float
+    seconds: float
+    sigma_s: float
+    effect_mm: float
+    before_mm: float
+    after_mm: float
+
+    @property
+    def change_s(self) -> float:
+        """Estimated offset less that of the start, s."""
+        return self.seconds - self.start_s
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the change of the offset is larger than three standard deviations."""
+        return abs(self.change_s) > _SIGMAS * self.sigma_s
+
+    @property
+    def is_visible(self) -> bool:
+        """Whether it is significant and displaces the points by more than the residuals that remain."""
+        return self.is_significant and self.effect_mm > self.after_mm
+
+
+@dataclass(frozen=True)
+class _State:
+    """The robust fit of the rows at one offset."""
+
+    seconds: float
+    rows: TimedRows
+    fit: Fit
+
+    @property
+    def misfit(self) -> float:
+        return float(self.fit.mismatch.mean())
+
+
+def estimate_offset(
+    candidates: Sequence[tuple[Robot, RowsAt]], start_s: float, step_s: float
+) -> OffsetEstimate | None:
+    """The offset under the robot and the units that fit best; None where nothing fits or rows are too few.
+
+    candidates: robots with the rows under one reading of the columns each. start_s: offset to start from; step_s:
+    median sampling interval of the log, over which its slope is taken.
+    """
+    try:
+        robot, rows_at = min(candidates, key=lambda one: _quick(*one, start_s))
+        return _Estimator(robot, rows_at, step_s).estimate(start_s)
+    except (np.linalg.LinAlgError, InputError):
+        return None
+
+
+def _quick(robot: Robot, rows_at: RowsAt, seconds: float) -> float:
+    """mm of misfit with the nominal geometry at an offset; inf where it cannot be computed."""
+    try:
+        recording = rows_at(seconds).recording
+        thinned = recording.select(even_rows(recording, _SCANNED_ROWS))
+        return nominal_scale(robot, thinned)
+    except (np.linalg.LinAlgError, InputError):
+        return np.inf
+
+
+@dataclass(frozen=True)
+class _Estimator:
+    robot: Robot
+    rows_at: RowsAt
+    step_s: float
+
+    def estimate(self, start_s: float) -> OffsetEstimate | None:
+        first = self.state(start_s, None)
+        if len(first.rows.lines) < _LEAST_ROWS:
+            return None
+        state = first
+        if first.fit.core > good_scale(self.robot, first.rows.recording):
+            state = self.state(self.scanned(start_s), None)
+        state, sigma, speed = self.refined(state)
+        if state.fit.core > good_scale(self.robot, state.rows.recording):
+            return None
+        effect = abs(state.seconds - start_s) * speed
+        seconds = state.seconds if np.isfinite(sigma) else start_s
+        return OffsetEstimate(
+            start_s, seconds, sigma, effect, first.fit.position_mm, state.fit.position_mm
+        )
+
+    def state(self, seconds: float, values: np.ndarray | None) -> _State:
+        rows = self.rows_at(seconds)
+        return _State(seconds, rows, fit_recording(self.robot, rows.recording, values))
+
+    def scanned(self, start_s: float) -> float:
+        """The offset of a coarse scan that fits clearly best, for clocks that differ by up to seconds."""
+        offsets = start_s + _SCANNED_S
+        misfits = [_quick(self.robot, self.rows_at, offset) for offset in offsets]
+        is_clear = min(misfits) < _SCAN_GAIN * _quick(self.robot, self.rows_at, start_s)
+        return float(offsets[int(np.argmin(misfits))]) if is_clear else start_s
+
+    def refined(self, state: _State) -> tuple[_State, float, float]:
+        """Gauss-Newton: the last state, the standard deviation of its offset in s, and the speed in mm/s."""
+        change, sigma, speed = self.regress(state)
+        for _ in range(_MOST_STEPS):
+            if not np.isfinite(sigma) or abs(change) < _CONVERGED * sigma:
+                break
+            moved = self.improved(state, change)
+            if moved is None:
+                break
+            state = moved
+            change, sigma, speed = self.regress(state)
+        return state, sigma, speed
+
+    def improved(self, state: _State, change: float) -> _State | None:
+        """The state after the change, or after a half, quarter ... of it; None where the misfit does not fall."""
+        for _ in range(_HALVINGS):
+            moved = self.state(state.seconds + change, state.fit.parameters.values)
+            if moved.misfit < state.misfit:
+                return moved
+            change /= 2
+        return None
+
+    def regress(self, state: _State) -> tuple[float, float, float]:
+        """Change of the offset (s), its standard deviation (s), and RMS speed that no parameter explains (mm/s)."""
+        near = [self.rows_at(state.seconds + side * self.step_s) for side in (-1, 1)]
+        lines = reduce(np.intersect1d, [state.rows.lines, *(rows.lines for rows in near)])
+        before, after = (row_residual(self.robot, r.take(lines), state.fit) for r in near)
+        velocity = (after - before) / (2 * self.step_s)
+        kept = np.flatnonzero(np.isin(state.rows.lines, lines))
+        return _offset_of(self.robot, state.rows.recording, state.fit, kept, velocity)
+
+
+def _offset_of(robot, recording, fit: Fit, kept, velocity) -> tuple[float, float, float]:
+    """`_Estimator.regress` from velocities (m, n) mm/s of the kept rows (n,) of a fit."""
+    free = fit.parameters.mask
+    prior = geometry_prior(robot, recording, fit.parameters)[free]
+    residual, columns = fit.model.linearise(fit.parameters)
+    residual, columns = residual[:, kept], columns[:, :, kept]
+    squares = (residual**2).sum(0)
+    size = float(np.median(squares)) / len(residual)
+    if size == 0 or not velocity.any():
+        return 0.0, np.inf, 0.0
+    weight = 1 / (size + squares / (len(residual) * _CAUCHY**2))
+    own = _Weighted(columns, weight, prior**-2.0)
+    apparent = own.projected(velocity)
+    information = float((weight * apparent * velocity).sum())
+    if information <= 0:
+        return 0.0, np.inf, 0.0
+    deviation = fit.deviations * np.where(np.isfinite(prior), prior, 0.0)
+    pulled = own.slopes(velocity) @ (own.precision * deviation)
+    change = -float((weight * apparent * residual).sum() - pulled) / information
+    left = own.projected(residual + change * velocity)
+    scores = (weight * apparent * left).sum(0)
+    sigma = _clustered(scores) / information
+    speed = float(np.sqrt((apparent**2).sum(0).mean()))
+    return change, sigma, speed
+
+
+@dataclass(frozen=True)
+class _Weighted:
+    """Derivatives (F, m, n) of the residual with weights (n,) and prior precisions (F,) of the parameters."""
+
+    columns: np.ndarray
+    weight: np.ndarray
+    precision: np.ndarray
+
+    def slopes(self, values: np.ndarray) -> np.ndarray:
+        """(F,) coefficients of the columns that explain values (m, n) best."""
+        flat = self.columns.reshape(len(self.columns), -1)
+        root = np.broadcast_to(np.sqrt(self.weight), values.shape).ravel()
+        scaled = flat * root
+        normal = scaled @ scaled.T + np.diag(self.precision)
+        scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-12))
+        right = scaled @ (root * values.ravel())
+        return (
+            scale * np.linalg.lstsq(normal * np.outer(scale, scale), scale * right, rcond=1e-12)[0]
+        )
+
+    def projected(self, values: np.ndarray) -> np.ndarray:
+        """(m, n) values less what the columns explain."""
+        return values - np.tensordot(self.slopes(values), self.columns, 1)
+
+
+def _clustered(scores: np.ndarray) -> float:
+    """Standard deviation of the sum of scores (n,): the larger of that of blocks and that of independent rows."""
+    blocks = [block.sum() for block in np.array_split(scores, min(_BLOCKS, len(scores)))]
+    correction = len(blocks) / (len(blocks) - 1)
+    of_blocks = correction * np.sum(np.square(blocks))
+    return float(np.sqrt(max(of_blocks, np.sum(scores**2))))
+
+
+def recorded_at(estimate: OffsetEstimate, seconds: float) -> OffsetEstimate:
+    """The estimate as seen from another offset that is in use."""
+    return replace(estimate, start_s=seconds)

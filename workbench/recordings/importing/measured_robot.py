@@ -1,0 +1,204 @@
+"""Import of a table of a measured robot: robot, clocks, units and rotation convention, decided by fits."""
+
+from collections.abc import Mapping as Keys
+from dataclasses import dataclass, replace
+
+from datasets.columns import KINDS
+from datasets.importers.mapping.conversion import complete_rows
+from datasets.importers.mapping.model import Mapping
+from datasets.importers.source import RawTable
+from datasets.recording import Recording
+from robot_model import builtin_robots, load_robot
+from workbench.core.errors import InputError
+from workbench.recordings.importing import decisions
+from workbench.recordings.importing.builder import Builder
+from workbench.recordings.importing.final_check import check_fit
+from workbench.recordings.importing.fits import CandidateFit
+from workbench.recordings.importing.robots import robot_candidates, robot_keys
+from workbench.recordings.importing.timed_join import ClockDecision, decide_offset
+
+_OTHER_KIND = {"external-point": "ball-centre", "ball-centre": "external-point"}
+
+
+@dataclass(frozen=True)
+class Made:
+    """The recording, the complete mapping, the fits that decided, and what is worth saying.
+
+    `clocks`: of two tables that are joined by time; None otherwise.
+    """
+
+    recording: Recording
+    mapping: Mapping
+    fits: tuple[CandidateFit, ...]
+    warnings: tuple[str, ...]
+    clocks: ClockDecision | None = None
+
+
+def import_table(found, options, progress) -> Made:
+    """The recording of a robot that an instrument or a sensor on its flange measured.
+
+    found, options: `Found` and `ImportOptions` of the import. Raises InputError where columns are missing, a question
+    is open or nothing fits the robot.
+    """
+    table, mapping = found.table, found.mapping
+    if mapping.joints is None:
+        raise _without_joints(table, mapping)
+    measures = mapping.measures
+    if measures is None or measures not in KINDS or KINDS[measures].images:
+        raise _without_measurement(table, mapping)
+    said: tuple[str, ...] = ()
+    named = options.robot or mapping.robot
+    if named is None:
+        progress("comparing the built-in robots")
+        named = _robot_that_fits(complete_rows(table, mapping)[0], mapping, options)
+        said = (f"No robot was named; of the built-in ones {named} fits.",)
+    mapping = replace(mapping, robot=named)
+    candidates = _candidates(named, table, mapping)
+    clocks = _decide_clocks(found, mapping, candidates, options, progress)
+    if clocks is not None:
+        table, joined = found.timed.joined_at(clocks.seconds)
+        mapping = replace(mapping, join=replace(mapping.join, time_offset_s=clocks.seconds))
+        said = (*said, *joined, *((clocks.sentence,) if clocks.is_warning else ()))
+    try:
+        made = _with_clocks(found, table, mapping, candidates, clocks, options, progress)
+    except InputError as problem:
+        if clocks is None or clocks.applied or not clocks.is_warning:
+            raise
+        raise InputError(f"{problem} {clocks.sentence}") from None
+    return replace(made, warnings=(*said, *made.warnings))
+
+
+def _with_clocks(found, table, mapping, candidates, clocks, options, progress) -> Made:
+    """`import_table` after the offset between the clocks was decided; table, mapping: with that offset."""
+    table, incomplete = complete_rows(table, mapping)
+    keys, decided = _robot_of(candidates, table, mapping, options)
+    robot = load_robot(keys, f"--robot {mapping.robot}")
+    builder = Builder(table, keys, robot, options)
+    decision = _decide(builder, mapping, options, progress)
+    recording = builder.complete(decision.mapping)
+    if clocks is not None:
+        used = replace(found.timed, join=decision.mapping.join)
+        speeds = used.speeds(builder, decision.mapping)
+        recording = replace(recording, columns={**speeds, **recording.columns})
+    checked = check_fit(robot, recording, decision.fits, options.trust_data)
+    said = (*incomplete, *decided, *checked)
+    return Made(recording, decision.mapping, decision.fits, said, clocks)
+
+
+def _decide_clocks(found, mapping, candidates, options, progress) -> ClockDecision | None:
+    """The offset between the clocks of two tables; None where they are not joined by time."""
+    if found.timed is None:
+        if isinstance(options.time_offset, float):
+            raise InputError(
+                f"--time-offset {options.time_offset:g}: expected two tables that are joined by their times, found "
+                f"{found.table.file}; remove the option."
+            )
+        return None
+    progress("comparing the clocks on the robot")
+    stated = options.time_offset is not None or options.mapping.join.time_offset_s is not None
+    robots = [(keys, load_robot(keys, title)) for title, keys in candidates.items()]
+    return decide_offset(found.timed, robots, mapping, options, stated)
+
+
+def _decide(builder: Builder, mapping: Mapping, options, progress) -> decisions.Decision:
+    """Units and rotation convention. Raises InputError where the data do not decide and nobody can be asked."""
+    progress("testing units on the robot")
+    robot, table = builder.robot, builder.table
+    decision = decisions.decide_units(robot, mapping, builder.positions, table.file, options.ask)
+    fits = decision.fits
+    if options.mapping.measures is None and fits and not fits[0].is_good:
+        _refuse_other_kind(robot, mapping, builder, fits[0])
+    if mapping.rotation is None or mapping.measures != "external-pose":
+        return decision
+    progress("testing rotation conventions on the robot")
+    return decisions.decide_rotation(robot, decision.mapping, table, builder.complete, options.ask)
+
+
+def _candidates(named: str, table: RawTable, mapping: Mapping) -> dict[str, Keys]:
+    """Title and keys of every robot that the name may mean. Raises InputError where the joints do not match."""
+    candidates = robot_candidates(named, table.file)
+    for title, keys in candidates.items():
+        called = f"--robot {named}" if len(candidates) == 1 else title
+        _check_count(load_robot(keys, called), mapping, table)
+    return candidates
+
+
+def _robot_of(candidates: dict[str, Keys], table: RawTable, mapping: Mapping, options):
+    """Keys of the robot that fits, and a sentence where the data decided the convention of its table."""
+    if len(candidates) == 1:
+        return next(iter(candidates.values())), ()
+
+    def build_with(title: str):
+        robot = load_robot(candidates[title], title)
+        return robot, Builder(table, candidates[title], robot, options).positions
+
+    chosen = decisions.decide_convention(
+        mapping, build_with, list(candidates), table.file, options.ask
+    )
+    return candidates[chosen], (f"The convention of the table was open; of both {chosen} fits.",)
+
+
+def _refuse_other_kind(robot, mapping: Mapping, builder: Builder, found: CandidateFit) -> None:
+    """Raise InputError where points fit in the frame of the other side: a sensor on the flange or an instrument."""
+    if mapping.measures not in _OTHER_KIND:
+        return
+    other = _OTHER_KIND[mapping.measures]
+    readings = [
+        (title, replace(made, measures=other, rotation=None))
+        for title, made in decisions.unit_readings(mapping)
+    ]
+    best = decisions.compare(robot, readings, builder.complete)
+    if best and best[0][1].is_good:
+        raise InputError(
+            f"{builder.table.file}: expected points of kind {mapping.measures}, which fit with "
+            f"{found.rms_mm:.3g} mm, found that they fit as {other} ({best[0][1].words}); add "
+            f'measures = "{other}" to a mapping file and name it with --map.'
+        )
+
+
+def _robot_that_fits(table: RawTable, mapping: Mapping, options) -> str:
+    """The built-in robot that fits clearly best. Raises InputError as `decisions.decide_robot`."""
+
+    def build_with(name: str):
+        robot = load_robot(name)
+        return robot, Builder(table, {"builtin": name}, robot, options).positions
+
+    count = len(mapping.joints.columns)
+    names = [name for name in builtin_robots() if load_robot(name).mixing.shape[1] == count]
+    if not names:
+        robot_keys(None, table.file)
+    return decisions.decide_robot(mapping, build_with, names, table.file, options.ask)
+
+
+def _check_count(robot, mapping: Mapping, table: RawTable) -> None:
+    wanted = robot.mixing.shape[1]
+    if len(mapping.joints.columns) != wanted:
+        columns = ", ".join(f'"{name}"' for name in mapping.joints.columns[:wanted])
+        raise InputError(
+            f"{table.file}: expected {wanted} joint columns for '{robot.name}', found "
+            f"{len(mapping.joints.columns)} ({', '.join(mapping.joints.columns)}); add [joints] columns = [{columns}] "
+            "to a mapping file and name it with --map, or name another robot."
+        )
+
+
+def _without_joints(table: RawTable, mapping: Mapping) -> InputError:
+    shown = ", ".join(list(table.columns)[:16])
+    if mapping.flange_point is not None and mapping.point is not None:
+        return InputError(
+            f"{table.file}: expected joint readings, which a calibration of the robot needs, found poses of the flange "
+            f"({', '.join(mapping.flange_point.columns)}) only; export the joint angles of the same rows too."
+        )
+    return InputError(
+        f"{table.file}: expected columns with joint readings such as J1 ... J6, found {shown}; add [joints] columns = "
+        '["...", ...] to a mapping file and name it with --map, or name the file with the joint log as well.'
+    )
+
+
+def _without_measurement(table: RawTable, mapping: Mapping) -> InputError:
+    shown = ", ".join(name for name in table.columns if name not in mapping.joints.columns)
+    return InputError(
+        f"{table.file}: expected columns with a measured point such as X, Y, Z, found "
+        f"{shown or 'joint readings only'}; "
+        'add [point] columns = ["...", "...", "..."] (or measures = "touch-point", "plane-touch", ...) to a mapping '
+        "file and name it with --map, or name the file of the instrument as well."
+    )
