@@ -343,12 +343,12 @@ def _proved(term: Term, unit: str) -> str:
         else ""
     )
     falls = (
-        f"takes {length(term.gain, unit)} off"
+        f"reduces the held-out RMS error by {length(term.gain, unit)}"
         if term.gain > 0
-        else f"adds {length(-term.gain, unit)} to"
+        else f"increases the held-out RMS error by {length(-term.gain, unit)}"
     )
     t = f" (t = {term.t:.1f})" if term.t is not None else ""
-    return f"It {falls} the held-out error{t}{again}."
+    return f"It {falls}{t}{again}."
 
 
 def _doubt(found: Finding) -> str:
