@@ -48,15 +48,11 @@ def serve(opened, options: Options, say: Callable[[str], None] = print) -> None:
 
 
 def add_gate(server, token: str, folder_of: Callable[[str], Path | None]) -> None:
-    """Let only requests with the token reach the app, and serve files of run folders.
-
-    Under /files are those of the newest run, under /runs/NUMBER those of the run that `folder_of` gives for a number.
-    """
+    """Let only requests with the token reach the app, and serve files of run folders under /runs/NUMBER."""
 
     def protect(web_server) -> None:
         middleware, send_file = guard(lambda: Gate(token, server.port), folder_of)
         web_server.app.middlewares.append(middleware)
-        web_server.app.router.add_get("/files/{name:.*}", send_file)
         web_server.app.router.add_get("/runs/{run:[0-9]{1,6}}/{name:.*}", send_file)
 
     server.controller.on_server_bind.add(protect)

@@ -48,15 +48,8 @@ class Page:
         self._said = 0
         self._is_warm = False
 
-    @property
-    def folder(self) -> Path | None:
-        """Folder of the newest run, whose files may be read; None without a run."""
-        return None if self.work is None else self.work.opened.folder
-
     def folder_of(self, number: str) -> Path | None:
-        """Folder of the run that an address names by its number, "" for the newest run; None where there is none."""
-        if not number:
-            return self.folder
+        """Folder of the run that an address names by its number; None where there is none."""
         return self._folders[int(number)] if int(number) < len(self._folders) else None
 
     def link_of(self, folder: Path | None, name: str = REPORT) -> str:
@@ -117,7 +110,7 @@ class Page:
         state.is_open = True
         state.heading, state.summary = opened.title, summary(opened)
         state.stopped_text = self.stopped_text()
-        state.has_report = bool(opened.folder and (opened.folder / REPORT).is_file())
+        state.report = self.link_of(opened.folder)
 
     def stopped_text(self) -> str:
         """What a person reads once the server has ended: whether edits are kept, and how to go on."""
@@ -186,8 +179,8 @@ class Tab:
     def __init__(self, page: Page):
         self.page, self.state = page, page.state
         self.figures: dict[str, plotly.Figure] = {}
-        self._views: dict[str, View] = {}
-        self._made: dict[str, object] = {}
+        self._view_of: dict[str, View] = {}
+        self._last_made: dict[str, object] = {}
         self._wanted: dict[str, Callable] = {}
         self._drawn: dict[str, tuple] = {}
         self._is_drawing = False
@@ -218,7 +211,7 @@ class Tab:
     ) -> None:
         """A plotly figure with the buttons of its view; label: what a screen reader says of it."""
         self.state[f"still_{name}"] = ""
-        self._views[name] = View()
+        self._view_of[name] = View()
         with html.Div(style=f"position: relative; height: {height}; width: 100%"):
             self._plot(name, label, view, events)
             buttons(name, label, view, functools.partial(self._change_view, name))
@@ -245,16 +238,16 @@ class Tab:
 
     def draw(self, name: str, made) -> None:
         """Send a figure in the view that was chosen for it."""
-        self._made[name] = made
-        self.figures[name].update(self._views[name].applied(made))
+        self._last_made[name] = made
+        self.figures[name].update(self._view_of[name].applied(made))
 
     def _change_view(self, name: str, action, camera=None) -> None:
         """Zoom, rotate or reset a figure that was drawn."""
 
         def act():
-            self._views[name].change(action, camera)
-            if name in self._made:
-                self.draw(name, self._made[name])
+            self._view_of[name].change(action, camera)
+            if name in self._last_made:
+                self.draw(name, self._last_made[name])
 
         self.page.attempt(act, "a view")
 

@@ -59,7 +59,7 @@ def build(server, opened: Opened | None, session: Path | None) -> Page:
     state.trame__title = "workbench"
     state.message, state.message_kind = "", "info"
     state.shown = False
-    state.is_open, state.has_report = False, False
+    state.is_open, state.report = False, ""
     state.heading, state.summary = "workbench", "Nothing is open yet: import a recording"
     state.stopped_text, state.trame__template_error = page.stopped_text(), _STOPPED
     state.tab = "import"
@@ -97,10 +97,10 @@ def _bar(tabs) -> None:
             html.Div("{{ summary }}", classes="text-caption text-truncate", style="color: #3f4650")
         html.A(
             "Report page",
-            href="files/report.html",
+            href=("report",),
             target="_blank",
             rel="noopener",
-            v_if="has_report",
+            v_if="report",
             classes="mx-4",
             style="color: #1565a8; white-space: nowrap",
         )
