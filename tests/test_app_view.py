@@ -96,6 +96,7 @@ def _wait_for_distance(page, is_nearer: bool, than: float) -> float:
 
 @pytest.mark.slow
 def test_the_wheel_over_a_scene_scrolls_the_page_and_leaves_the_scene(page):
+    page.set_viewport_size({"width": 1400, "height": 500})
     show_tab(page, "Residuals")
     before = _distance(_camera(page))
     box = plot(page, "arrows").bounding_box()
@@ -103,9 +104,9 @@ def test_the_wheel_over_a_scene_scrolls_the_page_and_leaves_the_scene(page):
     for _ in range(6):
         page.mouse.wheel(0, 200)
         page.wait_for_timeout(200)
-    page.wait_for_function("() => window.scrollY > 100")
+    page.wait_for_function("() => window.scrollY > 50")
     assert _distance(_camera(page)) == pytest.approx(before)
-    page.evaluate("() => window.scrollTo(0, 0)")
+    page.set_viewport_size({"width": 1400, "height": 900})
 
 
 @pytest.mark.slow
