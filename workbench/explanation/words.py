@@ -145,10 +145,19 @@ def measured(value: float, std: float | None, unit: str) -> str:
     scaled_std = 0.0 if std is None else std * factor
     has_std = scaled_std > 0 and math.isfinite(scaled_std)
     if not has_std:
-        return _signed(f"{scaled:.3g}") + ending
+        return _power(_signed(f"{scaled:.3g}")) + ending
     first_digit = math.floor(math.log10(scaled_std))
     decimals = min(max(1 - first_digit, 0), 9)
     return _signed(f"{scaled:z.{decimals}f} ± {scaled_std:.{decimals}f}") + ending
+
+
+def _power(text: str) -> str:
+    """'3.4e-05' as '3.4·10⁻⁵'."""
+    number, exponent, power = text.partition("e")
+    if not exponent:
+        return text
+    raised = str(int(power)).translate(str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"))
+    return f"{number}·10{raised}"
 
 
 def _signed(text: str) -> str:
