@@ -44,6 +44,27 @@ def test_residuals_before_and_after_and_the_next_poses_are_drawn(diagnosis):
     assert trace(diagnosis, "next", "2 poses to measure")
 
 
+def test_poses_of_the_next_experiment_are_numbered_listed_and_downloaded(diagnosis):
+    show_tab(diagnosis, "Diagnosis")
+    texts = plot(diagnosis, "next").evaluate("(one) => Array.from(one._fullData[1].text)")
+    assert texts == ["<b>1</b>", "<b>2</b>"]
+    table = diagnosis.get_by_role("group", name="Joint readings of the next poses")
+    assert "joint 1 (deg)" in table.inner_text()
+    assert table.locator("tbody tr").nth(1).inner_text().split()[:3] == ["2", "-30.00", "10.00"]
+    with diagnosis.expect_download() as download:
+        diagnosis.get_by_role("link", name="Download as CSV").click()
+    text = download.value.path().read_text(encoding="utf-8")
+    assert text.splitlines()[2] == "-30,10,-20,15,-70,40"
+
+
+def test_poses_of_the_next_experiment_are_copied(diagnosis):
+    show_tab(diagnosis, "Diagnosis")
+    diagnosis.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    diagnosis.get_by_role("button", name="Copy the poses as CSV").press("Enter")
+    copied = diagnosis.evaluate("() => navigator.clipboard.readText()")
+    assert copied.splitlines()[1] == "1,10,20,-10,5,-60,0"
+
+
 def test_ticked_terms_join_the_plan(diagnosis):
     diagnosis.get_by_role("checkbox", name="joint-compliance at joint-2").click()
     diagnosis.get_by_role("button", name="Add ticked terms to the plan").click()

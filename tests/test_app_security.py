@@ -170,7 +170,7 @@ def test_the_address_carries_the_token_and_sets_a_strict_cookie(served):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "path", ["/", "/index.html", "/ws", "/vue.global.js", "/files/answer.json", "/?token=wrong"]
+    "path", ["/", "/index.html", "/ws", "/vue.global.js", "/runs/0/answer.json", "/?token=wrong"]
 )
 def test_without_the_token_nothing_is_served(served, path):
     status, _, body = _get(served, path)
@@ -229,25 +229,27 @@ def of_run(arm_run, tmp_path_factory):
 @pytest.mark.slow
 def test_a_file_of_the_run_is_served_with_the_token_only(of_run):
     cookie = f"workbench-{of_run.port}={of_run.token}"
-    status, headers, body = _get(of_run, "/files/answer.json", Cookie=cookie)
+    status, headers, body = _get(of_run, "/runs/0/answer.json", Cookie=cookie)
     assert status == 200 and b"calibrate" in body and headers["Cache-Control"] == "no-store"
-    assert _get(of_run, "/files/answer.json")[0] == 403
+    assert _get(of_run, "/runs/0/answer.json")[0] == 403
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "path",
     [
-        "/files/../secret.txt",
-        "/files/%2e%2e/secret.txt",
-        "/files/..%2fsecret.txt",
-        "/files/..%5csecret.txt",
-        "/files/%252e%252e/secret.txt",
-        "/files/ball-centres/../../secret.txt",
-        "/files/link.txt",
-        "/files/up/secret.txt",
-        "/files//etc/passwd",
-        "/files/..%2f..%2f..%2f..%2fetc%2fpasswd",
+        "/runs/1/answer.json",
+        "/runs/-1/answer.json",
+        "/runs/0/../secret.txt",
+        "/runs/0/%2e%2e/secret.txt",
+        "/runs/0/..%2fsecret.txt",
+        "/runs/0/..%5csecret.txt",
+        "/runs/0/%252e%252e/secret.txt",
+        "/runs/0/ball-centres/../../secret.txt",
+        "/runs/0/link.txt",
+        "/runs/0/up/secret.txt",
+        "/runs/0//etc/passwd",
+        "/runs/0/..%2f..%2f..%2f..%2fetc%2fpasswd",
         "/../../etc/passwd",
         "/assets/../../../../../../etc/passwd",
         "/%2e%2e/%2e%2e/%2e%2e/etc/passwd",
@@ -262,7 +264,7 @@ def test_paths_outside_the_run_are_not_served_with_the_right_token_either(of_run
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "HEAD"])
 def test_other_methods_need_the_token_too(of_run, method):
     connection = http.client.HTTPConnection("127.0.0.1", of_run.port, timeout=60)
-    connection.request(method, "/files/answer.json")
+    connection.request(method, "/runs/0/answer.json")
     answer = connection.getresponse()
     assert answer.status == 403 and b"calibrate" not in answer.read()
     assert "Access-Control-Allow-Origin" not in dict(answer.getheaders())

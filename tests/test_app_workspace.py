@@ -14,11 +14,12 @@ from app_diagnosis import diagnosis_answer, image_diagnosis_answer, write_diagno
 from workbench.app.data import decimate, diagnosis
 from workbench.app.data.arm import arm_pose, joint_coverage
 from workbench.app.data.opened import open_subject
+from workbench.app.data.plan import plan_sentence, stage_items
 from workbench.app.edits.session import read_session
 from workbench.app.figures import diagnosis as diagnosis_figures
 from workbench.app.figures import residuals, robot
 from workbench.app.jobs import CANCELLED, DONE, FAILED, Job
-from workbench.app.workspace import EXTEND, REMOVE, Workspace, plan_sentence, stage_items
+from workbench.app.workspace import EXTEND, REMOVE, Workspace
 from workbench.core.errors import InputError
 from workbench.core.solution import Stage
 from workbench.report.text import p_value
@@ -373,11 +374,28 @@ def test_a_diagnosis_run_is_opened_with_its_views(tmp_path):
     )
     made = diagnosis_figures.before_after(work.diagnosis, "time_s")
     assert {one.name for one in made.data} == {"before", "after", "mean before", "mean after"}
-    poses = diagnosis.next_poses(work.diagnosis.folder)
-    assert (
-        len(poses) == 2
-        and diagnosis_figures.next_poses(work.diagnosis, poses).data[0].name == "2 poses to measure"
-    )
+    poses = diagnosis.next_poses(work.diagnosis.folder, work.diagnosis.robot)
+    arms, flanges = diagnosis_figures.next_poses(work.diagnosis, poses).data
+    assert arms.name == "2 poses to measure"
+    assert list(flanges.text) == ["<b>1</b>", "<b>2</b>"]
+    assert "joint 2 (deg): 20.00<br>joint 3 (deg): -10.00" in flanges.customdata[0]
+
+
+def test_poses_of_the_next_experiment_are_a_table_with_numbers_and_units(tmp_path):
+    folder = write_diagnosis(tmp_path / "run")
+    poses = diagnosis.next_poses(folder, open_subject("elastic-arm").robot)
+    assert poses.rows[1] == {
+        "number": 2,
+        "readings": ["-30.00", "10.00", "-20.00", "15.00", "-70.00", "40.00"],
+    }
+    lines = poses.as_csv.splitlines()
+    assert lines[0].startswith("pose,joint 1 (deg),") and lines[2] == "2,-30,10,-20,15,-70,40"
+    table = folder / diagnosis.NEXT_POSES
+    table.write_text("joint 1,joint 2\n10,a\n", encoding="utf-8")
+    with pytest.raises(InputError, match="diagnose again"):
+        diagnosis.next_poses(folder, None)
+    table.write_text("joint 1\n", encoding="utf-8")
+    assert diagnosis.next_poses(folder, None) is None
 
 
 def test_p_values_below_a_millionth_are_not_written_out():

@@ -410,7 +410,7 @@ def test_the_statement_names_effect_place_size_and_proof():
     said = words.statement(term(0.99), "the ball", "mm")
     assert said == (
         "Joint 3 stops short of its reading on the side that it came from: half gap 0.130 ± 0.010 mrad, "
-        "0.08 mm RMS at the ball. It takes 0.013 mm off the held-out error (t = 5.2), and it is reselected in "
+        "0.08 mm RMS at the ball. It reduces the held-out RMS error by 0.013 mm (t = 5.2), and it is reselected in "
         "9 of 9 folds."
     )
     both = replace(term(0.99), ways=(("blocks of time", 5), ("blocks of the workspace", 4)))

@@ -101,6 +101,30 @@ def test_the_overview_names_groups(calibration):
     ]
 
 
+def test_axes_of_covariates_state_their_units():
+    from workbench.report.diagnosis.figures import shown_covariate
+
+    covariates = {"time": np.arange(3.0), "time_s": np.arange(3.0), "temperature_c": np.ones(3)}
+    assert shown_covariate("time", covariates)[1] == "time (s)"
+    assert shown_covariate("temperature_c", covariates)[1].endswith("(°C)")
+    assert shown_covariate("time", {"time": np.arange(3.0)})[1] == "row number"
+
+
+def test_small_numbers_are_powers_of_ten():
+    from workbench.explanation.words import measured
+
+    assert measured(-3.39e-5, None, "") == "−3.39·10⁻⁵"
+    assert measured(0.012, None, "rad") == "12 mrad"
+
+
+def test_instants_have_a_unit_or_are_numbers_of_rows():
+    from workbench.core.covariates import instant_format
+
+    clocked = SimpleNamespace(covariates={"time_s": np.arange(3.0)})
+    assert instant_format(clocked).format(3104.35) == "3104.35 s"
+    assert instant_format(SimpleNamespace(covariates={})).format(12.0) == "row 12"
+
+
 @pytest.fixture
 def camera_run(tmp_path):
     """Two grey images with four corners each; those of the second are three times as far off."""
@@ -192,3 +216,35 @@ def test_no_name_in_a_table_is_broken_within_a_word_at_800_px(narrow_page):
         }).map((cell) => cell.innerText)"""
     )
     assert broken == []
+
+
+@pytest.mark.slow
+def test_no_number_in_a_table_is_broken_or_cut_at_800_px(narrow_page):
+    broken = narrow_page.evaluate(
+        """() => [...document.querySelectorAll('td')].filter((cell) => {
+            if (cell.scrollWidth > cell.clientWidth + 1) return true;
+            if (!cell.classList.contains('n') || !cell.firstChild) return false;
+            const range = document.createRange();
+            range.selectNodeContents(cell);
+            return new Set([...range.getClientRects()].map((one) => Math.round(one.top))).size > 1;
+        }).map((cell) => cell.innerText)"""
+    )
+    assert broken == []
+
+
+@pytest.mark.slow
+def test_the_wheel_scrolls_the_page_and_buttons_zoom_a_scene(narrow_page):
+    scene = narrow_page.locator("#space")
+    scene.scroll_into_view_if_needed()
+    eye = "(one) => one._fullLayout.scene._scene.getCamera().eye.x"
+    before, top = scene.evaluate(eye), narrow_page.evaluate("() => window.scrollY")
+    scene.hover()
+    narrow_page.mouse.wheel(0, -300)
+    narrow_page.wait_for_function("(top) => window.scrollY < top - 100", arg=top)
+    assert scene.evaluate(eye) == pytest.approx(before)
+    moved = "([id, old]) => Math.abs(document.getElementById(id)._fullLayout.scene._scene.getCamera().eye.x - old) %s 0.01"
+    buttons = narrow_page.locator("#space + .view")
+    buttons.get_by_role("button", name="Zoom in").press("Enter")
+    narrow_page.wait_for_function(moved % ">", arg=["space", before])
+    buttons.get_by_role("button", name="Reset view").press("Enter")
+    narrow_page.wait_for_function(moved % "<", arg=["space", before])

@@ -5,7 +5,7 @@ import numpy as np
 from robot_model.chain import cross
 from robot_model.effects.elastic import one_each
 from robot_model.effects.steps import instants_between
-from workbench.core.covariates import clock
+from workbench.core.covariates import clock, instant_format
 from workbench.core.effect import Effect, Grid, Variant
 from workbench.core.parameters import Parameter
 
@@ -54,7 +54,8 @@ class Payload(Effect):
             return
         sizes = tuple(p.typical for p in cls("tool").table(chain))
         even = np.ones(len(between))
-        yield Grid(cls, "tool", "after", "step", "time", between, even, sizes, "after {:g}")
+        label = f"after {instant_format(chain.state)}"
+        yield Grid(cls, "tool", "after", "step", "time", between, even, sizes, label)
 
     def slots(self, chain):
         first = 3 * chain.robot.joints
@@ -64,7 +65,8 @@ class Payload(Effect):
         mass = max(0.05 * float(chain.robot.mass.sum()), _LOAD_KG)
         label, suffix = "the load", ""
         if self.after is not None:
-            label, suffix = f"the load added after {self.after:g}", f"_after_{self.after:g}"
+            instant = instant_format(chain.state).format(self.after)
+            label, suffix = f"the load added after {instant}", f"_after_{self.after:g}"
         moments = [
             self.parameter(
                 f"m{axis}{suffix}",
@@ -129,7 +131,7 @@ class LoadDeflection(Effect):
         least = np.array([_LEVER_M, *3 * [_LEVER_M / _OFF_CENTRE_M]])
         parts, joints = np.nonzero(np.ptp(torques, axis=2) > least[:, None])
         if len(between) and len(parts):
-            even, label = np.ones(len(between)), "after {:g}"
+            even, label = np.ones(len(between)), f"after {instant_format(chain.state)}"
             sizes = _DEFLECTION * np.array([1.0, *3 * [_OFF_CENTRE_M]])
             slots, factor = tuple(joints.tolist()), torques[parts, joints]
             typical = tuple(sizes[parts].tolist())

@@ -5,7 +5,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from workbench.core.covariates import clock
+from workbench.core.covariates import clock, instant_format
 from workbench.core.effect import Effect, Grid, Variant
 
 _TWIST = (
@@ -57,10 +57,12 @@ class Shift(Effect):
         for where in (w for place in cls.places for w in chain.places(place) if w != last):
             even, sizes = np.ones(len(between)), tuple(size for _, _, size in _TWIST)
             if len(between):
-                yield Grid(cls, where, "after", "step", "time", between, even, sizes, "after {:g}")
+                label = f"after {instant_format(chain.state)}"
+                yield Grid(cls, where, "after", "step", "time", between, even, sizes, label)
 
     def table(self, chain):
-        label = f"the shift of {self.where} after {self.after:g}"
+        instant = instant_format(chain.state).format(self.after)
+        label = f"the shift of {self.where} (after {instant})"
         return tuple(
             self.parameter(name, unit, size, f"{label}, {name}") for name, unit, size in _TWIST
         )

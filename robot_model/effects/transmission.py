@@ -6,7 +6,13 @@ import numpy as np
 from pydantic import Field
 
 from robot_model.state import sliding
-from workbench.core.covariates import clock, missing_temperature, warmth, warmth_sizes
+from workbench.core.covariates import (
+    clock,
+    instant_format,
+    missing_temperature,
+    warmth,
+    warmth_sizes,
+)
 from workbench.core.effect import Effect, Grid, Variant
 from workbench.core.errors import InputError
 
@@ -242,7 +248,8 @@ class ZeroShift(Effect):
         for where in chain.places("joint"):
             size = _TYPICAL["mm" if chain.slides(cls(where, 0.0).number) else "rad"]
             even = np.ones(len(between))
-            yield Grid(cls, where, "after", "step", "time", between, even, size, "after {:g}")
+            label = f"after {instant_format(chain.state)}"
+            yield Grid(cls, where, "after", "step", "time", between, even, size, label)
 
     @classmethod
     def planted(cls, readings, joint, rng):
@@ -251,7 +258,8 @@ class ZeroShift(Effect):
         return {"row": first}, (readings.poses >= readings.poses[first]).astype(float)
 
     def table(self, chain):
-        label = f"joint {self.number}'s shift after {self.after:g}"
+        instant = instant_format(chain.state).format(self.after)
+        label = f"joint {self.number}'s shift (after {instant})"
         return (self.parameter("shift", *_size(chain, self.number, 1e-3), label),)
 
     def basis(self, state):

@@ -94,8 +94,8 @@ def resolve_inside(folder: Path, name: str) -> Path | None:
 def guard(gate_of, folder_of):
     """aiohttp middleware that refuses what the gate refuses, and the handler of files of the run.
 
-    gate_of: gives the `Gate`, once the port is known; folder_of: gives the folder whose files may be read under
-    /files, None for none.
+    gate_of: gives the `Gate`, once the port is known; folder_of: gives the folder of the run that an address names by
+    its number, whose files may be read; None where there is no such run.
     """
     from aiohttp import web
 
@@ -116,7 +116,7 @@ def guard(gate_of, folder_of):
         return response
 
     async def send_file(request):
-        folder = folder_of()
+        folder = folder_of(request.match_info["run"])
         path = None if folder is None else resolve_inside(folder, request.match_info["name"])
         if path is None:
             return web.Response(

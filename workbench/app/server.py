@@ -35,7 +35,7 @@ def serve(opened, options: Options, say: Callable[[str], None] = print) -> None:
     server = get_server(f"workbench-{new_token()[:8]}", client_type="vue3")
     page = build(server, opened, options.session)
     token = new_token()
-    add_gate(server, token, lambda: page.folder)
+    add_gate(server, token, page.folder_of)
 
     def announce(**_):
         address = f"http://{HOST}:{server.port}/?token={token}"
@@ -47,13 +47,13 @@ def serve(opened, options: Options, say: Callable[[str], None] = print) -> None:
     _start(server, options.port)
 
 
-def add_gate(server, token: str, folder_of: Callable[[], Path | None]) -> None:
-    """Let only requests with the token reach the app, and serve files of the folder of the run under /files."""
+def add_gate(server, token: str, folder_of: Callable[[str], Path | None]) -> None:
+    """Let only requests with the token reach the app, and serve files of run folders under /runs/NUMBER."""
 
     def protect(web_server) -> None:
         middleware, send_file = guard(lambda: Gate(token, server.port), folder_of)
         web_server.app.middlewares.append(middleware)
-        web_server.app.router.add_get("/files/{name:.*}", send_file)
+        web_server.app.router.add_get("/runs/{run:[0-9]{1,6}}/{name:.*}", send_file)
 
     server.controller.on_server_bind.add(protect)
 

@@ -17,7 +17,9 @@ from workbench.app.data.decimate import (
     within,
 )
 from workbench.app.data.opened import Opened, open_subject
-from workbench.app.edits.apply import kept_rows, labels_of
+from workbench.app.data.plan import DIAGNOSE
+from workbench.app.data.prediction import lengths_by_number, predicted_lengths
+from workbench.app.edits.apply import kept_rows
 from workbench.app.edits.changes import (
     ADD,
     EFFECTS,
@@ -29,13 +31,12 @@ from workbench.app.edits.changes import (
     SAMPLES,
     Change,
 )
+from workbench.app.edits.excluded import Excluded, excluded_items
 from workbench.app.edits.history import History
 from workbench.app.edits.session import CALIBRATE, CAMERA, NAME, Session, read_session
 from workbench.app.jobs import DONE, RUNNING, Job
 from workbench.core.errors import InputError
-from workbench.core.text.structured_text import ContentError, read_json
 
-DIAGNOSE = "diagnose"
 _ORIENTATION = "held-out orientation RMS (deg)"
 _COMPARED = {
     CALIBRATE: (
@@ -121,10 +122,18 @@ class Workspace:
         """Select the rows of a sample by its number. Raises InputError for a number that is not there."""
         rows = np.flatnonzero(self.opened.edit_ids == number)
         if not len(rows):
-            raise InputError(
-                f"Sample {number} is not among the residuals of this run; correct the number"
-            )
+            raise InputError(self._missing_sentence(number))
         self.select(rows, mode)
+
+    def _missing_sentence(self, number: int) -> str:
+        """Why a sample cannot be selected."""
+        found = [item for item in self.excluded_items if number in item.samples]
+        if not found:
+            return f"Sample {number} is not among the residuals of this run; correct the number"
+        return (
+            f"Sample {number} is excluded and no part of this run, so that it has no residual here; include it in "
+            "the list of excluded samples and calibrate again"
+        )
 
     def image_index_of(self, number: int) -> int | None:
         """Place in images.csv of the middle image that belongs to a sample; None without one."""
@@ -229,8 +238,62 @@ class Workspace:
         self.clear_selection()
 
     def include_selected(self) -> None:
-        """Take the selected samples back. Raises InputError where nothing is selected."""
-        self.change(Change(INCLUDE, SAMPLES, self._selected_ids()))
+        """Include what is excluded of the selected samples, and their poses. Raises InputError for none."""
+        selected = set(self._selected_ids())
+        self._include([item for item in self.excluded_items if selected & set(item.samples)])
+
+    def include_sample(self, number: int) -> int:
+        """Include an excluded sample, and its pose where that is excluded; how many changes. Raises InputError."""
+        found = [item for item in self.excluded_items if number in item.samples]
+        self._include(found)
+        return len(found)
+
+    def include_item(self, kind: str, number: int) -> None:
+        """Include one item of `excluded_items` by its kind and number. Raises InputError."""
+        found = [item for item in self.excluded_items if item.kind == kind]
+        self._include([item for item in found if item.number == number])
+
+    def include_all(self) -> None:
+        """Include all excluded samples and poses. Raises InputError where there are none."""
+        self._include(self.excluded_items)
+
+    def _include(self, items: Iterable[Excluded]) -> None:
+        """Include some items: one change for the samples, one for the poses."""
+        items = list(items)
+        if not items:
+            raise InputError("None of these samples is excluded; there is nothing to include")
+        changes = []
+        for kind in (SAMPLES, POSES):
+            numbers = tuple(n for item in items if item.kind == kind for n in item.numbers)
+            if numbers:
+                changes.append(Change(INCLUDE, kind, numbers))
+        self._saved(lambda history: [history.apply(change) for change in changes])
+
+    @property
+    def excluded_items(self) -> list[Excluded]:
+        """Samples and poses that the session excludes, also those that are no part of the newest run."""
+        session, recording = self.session, self.opened.recording
+        return self._memo(("excluded", session.changes), lambda: excluded_items(session, recording))
+
+    @property
+    def outside(self) -> int:
+        """How many samples are excluded that are no part of the newest run."""
+
+        def compute():
+            numbers = {number for item in self.excluded_items for number in item.samples}
+            return int((~np.isin(list(numbers), self.opened.edit_ids)).sum())
+
+        return self._memo(("outside", self.session.changes), compute)
+
+    def lengths_of(self, items: Iterable[Excluded]) -> list[float | None]:
+        """mm, largest residual of the samples of each item: of the run, else predicted by its model; None without."""
+        items = list(items)
+        numbers = [number for item in items for number in item.samples]
+        known = lengths_by_number(self.opened, numbers)
+        if not known.keys() >= set(numbers):
+            known = self._memo(("predicted",), lambda: predicted_lengths(self.opened)) | known
+        found = [[known[number] for number in item.samples if number in known] for item in items]
+        return [max(lengths, default=None) for lengths in found]
 
     def exclude_poses(self, why: str = "poses of the selected samples") -> None:
         """Exclude the poses of the selected samples. Raises InputError where nothing is selected."""
@@ -423,67 +486,3 @@ def located(session: Session) -> Session:
     plan = plan_location(session.plan) if session.plan else ""
     scanner = str(Path(session.scanner).resolve()) if session.scanner else ""
     return replace(session, plan=plan, scanner=scanner)
-
-
-def stage_items(opened: Opened, session: Session) -> tuple[list[dict], list[dict]]:
-    """Stages and effects of the next calibration: name, why, whether it was retained, and whether it is included.
-
-    They are those of an opened calibration with those that the session adds. A diagnosis builds a model of its own,
-    whose effects are not those of the plan of the next calibration: none of them is listed.
-    """
-    from workbench.app.edits.changes import ADDED, STAGES, effect_label
-
-    out = session.excluded(STAGES)
-    stages = [
-        {
-            "name": row["name"],
-            "why": row["why"],
-            "retained": row["earned"],
-            "on": row["name"] not in out,
-        }
-        for row in (opened.answer or {}).get("stages", [])
-    ]
-    known = {stage["name"] for stage in stages}
-    added = {ADDED} if session.added_effects else set()
-    stages += [
-        {"name": name, "why": "", "retained": False, "on": name not in out}
-        for name in sorted((out | added) - known)
-    ]
-    left_out = session.excluded(EFFECTS)
-    labels = [effect_label(row) for row in _effects(opened)]
-    for row in session.added_effects:
-        if not labels_of(row) & set(labels):
-            labels.append(effect_label(row))
-    labels += [name for name in sorted(left_out) if name not in labels]
-    effects = [{"name": label, "on": label not in left_out} for label in labels]
-    return stages, effects
-
-
-def plan_sentence(session: Session) -> str:
-    """Which plan the next calibration uses."""
-    if session.command != CALIBRATE:
-        return ""
-    name = session.plan or "the default plan"
-    return f"Calibrate uses {name} with the changes of this session."
-
-
-def _effects(opened: Opened) -> list[dict]:
-    """Effects of the model of an opened calibration, [] without one. Raises InputError for a broken file."""
-    path = opened.folder / "solution.json" if opened.folder else None
-    if path is None or not path.is_file() or opened.command == DIAGNOSE:
-        return []
-    try:
-        keys = read_json(path)
-    except (OSError, ContentError) as problem:
-        raise InputError(f"{path} cannot be read ({problem}); calibrate again") from None
-    effects = keys.get("effects") if isinstance(keys, dict) else None
-    if not isinstance(effects, list) or not all(map(_is_effect, effects)):
-        raise InputError(
-            f"{path}, key effects: expected a list of effects with effect and where, found {str(effects)[:60]}; "
-            "calibrate again"
-        )
-    return effects
-
-
-def _is_effect(row: object) -> bool:
-    return isinstance(row, dict) and {"effect", "where"} <= row.keys()

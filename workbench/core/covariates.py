@@ -15,6 +15,11 @@ def clock(state) -> np.ndarray:
     )
 
 
+def instant_format(state) -> str:
+    """Format string that shows an instant of `clock` with its unit, or as the number of a row."""
+    return "{:g} s" if "time_s" in state.covariates else "row {:g}"
+
+
 def last_moves(
     variables: np.ndarray, time: np.ndarray, still: np.ndarray, pose: np.ndarray
 ) -> np.ndarray:

@@ -145,10 +145,19 @@ def measured(value: float, std: float | None, unit: str) -> str:
     scaled_std = 0.0 if std is None else std * factor
     has_std = scaled_std > 0 and math.isfinite(scaled_std)
     if not has_std:
-        return _signed(f"{scaled:.3g}") + ending
+        return _power(_signed(f"{scaled:.3g}")) + ending
     first_digit = math.floor(math.log10(scaled_std))
     decimals = min(max(1 - first_digit, 0), 9)
     return _signed(f"{scaled:z.{decimals}f} ± {scaled_std:.{decimals}f}") + ending
+
+
+def _power(text: str) -> str:
+    """'3.4e-05' as '3.4·10⁻⁵'."""
+    number, exponent, power = text.partition("e")
+    if not exponent:
+        return text
+    raised = str(int(power)).translate(str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"))
+    return f"{number}·10{raised}"
 
 
 def _signed(text: str) -> str:
@@ -343,12 +352,12 @@ def _proved(term: Term, unit: str) -> str:
         else ""
     )
     falls = (
-        f"takes {length(term.gain, unit)} off"
+        f"reduces the held-out RMS error by {length(term.gain, unit)}"
         if term.gain > 0
-        else f"adds {length(-term.gain, unit)} to"
+        else f"increases the held-out RMS error by {length(-term.gain, unit)}"
     )
     t = f" (t = {term.t:.1f})" if term.t is not None else ""
-    return f"It {falls} the held-out error{t}{again}."
+    return f"It {falls}{t}{again}."
 
 
 def _doubt(found: Finding) -> str:

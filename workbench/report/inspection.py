@@ -59,7 +59,7 @@ def _missing(made: Inspection):
         for n in made.needs
     ]
     if rows:
-        yield table(["for", "", "what is missing", "what to do"], rows, left=4)
+        yield table(["for", "need", "what is missing", "what to do"], rows, left=4)
     else:
         yield words("Nothing that these checks look for.")
 

@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from workbench.core.errors import InputError
 from workbench.report.text import p_value
 
 _OUTSIDE = ("time", "noise", "samples")
 _SENSOR = ("artefact", "camera", "laser", "mirror", "sensor")
 PIXELS = "px"
+NEXT_POSES = "next-experiment-poses.csv"
+"""Table of the poses of the next experiment in the folder of a diagnosis."""
 _CONTROLS = {"permuted": "permutation control", "circular shift": "circular-shift control"}
 
 
@@ -139,7 +142,6 @@ def plan_row(term: Mapping) -> dict:
 def plan_problem(term: Mapping) -> str:
     """Why a term cannot join the plan of `workbench calibrate`, "" where it can."""
     from robot_model.effects import CATALOGUE
-    from workbench.core.errors import InputError
 
     if term["effect"] not in CATALOGUE:
         return "the plan of a calibration holds effects of the arm only"
@@ -201,11 +203,54 @@ def write_plan(rows: Sequence[Mapping], path: Path) -> None:
     )
 
 
-def next_poses(folder: Path) -> list[list[float]]:
-    """Joint readings in file units of the next experiment, one row a pose; [] where the run has none."""
-    path = folder / "next-experiment-poses.csv"
+@dataclass(frozen=True)
+class NextPoses:
+    """Poses of the next experiment: `names` of the joint readings with units, `readings` (k, J) in file units."""
+
+    names: tuple[str, ...]
+    readings: np.ndarray
+
+    @property
+    def rows(self) -> list[dict]:
+        """One row a pose for a table: its number from 1, and its readings as text."""
+        return [
+            {"number": k, "readings": [f"{value:.2f}" for value in row]}
+            for k, row in enumerate(self.readings.tolist(), 1)
+        ]
+
+    @property
+    def as_csv(self) -> str:
+        """The table as text to copy: a head with units, then one line a pose."""
+        head = ",".join(["pose", *self.names])
+        lines = [
+            ",".join([str(k), *(f"{value:.10g}" for value in row)])
+            for k, row in enumerate(self.readings.tolist(), 1)
+        ]
+        return "\n".join([head, *lines]) + "\n"
+
+
+def next_poses(folder: Path, robot) -> NextPoses | None:
+    """Poses of the next experiment of a run; None where it has none. Raises InputError for a broken file.
+
+    robot: the arm, whose slides are in mm and whose other joints in degrees; None for degrees alone.
+    """
+    path = folder / NEXT_POSES
     if not path.is_file():
-        return []
+        return None
     with path.open(encoding="utf-8", newline="") as file:
-        lines = list(csv.reader(file))[1:]
-    return [[float(value) for value in line] for line in lines if line]
+        head, *lines = [line for line in csv.reader(file) if line] or [[]]
+    if not lines:
+        return None
+    try:
+        readings = np.array(lines, float)
+    except ValueError as problem:
+        raise InputError(
+            f"{path}: expected one number for each joint in every row, found that {problem}; diagnose again"
+        ) from None
+    return NextPoses(_with_units(head, robot), readings)
+
+
+def _with_units(head: Sequence[str], robot) -> tuple[str, ...]:
+    slides = [] if robot is None else np.asarray(robot.prismatic).tolist()
+    is_slide = [k < len(slides) and slides[k] for k in range(len(head))]
+    return tuple(f"{name} ({'mm' if slide else 'deg'})" for name, slide in zip(head, is_slide))

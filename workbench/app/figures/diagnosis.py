@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 
 from robot_model.chain import forward
 from workbench.app.data.decimate import MOST_POINTS, bin_means, histogram, thinned
-from workbench.app.data.diagnosis import Place
+from workbench.app.data.diagnosis import NextPoses, Place
 from workbench.app.data.opened import Opened
 from workbench.app.figures import style
 from workbench.app.workspace import quantities_of
@@ -106,27 +106,58 @@ def pixel_histogram(lengths: Mapping[str, np.ndarray]) -> go.Figure:
     return made
 
 
-def next_poses(opened: Opened, readings: Sequence[Sequence[float]]) -> go.Figure:
-    """The arm at the poses of the next experiment."""
+def next_poses(opened: Opened, poses: NextPoses | None) -> go.Figure:
+    """The arm at the poses of the next experiment, each with its number at the flange."""
     made = style.space("next")
     robot = opened.robot
-    if robot is None or not len(readings):
+    if robot is None or poses is None:
         return made
-    scale = np.where(robot.prismatic[: len(readings[0])], 1.0, np.pi / 180)
-    variables = robot.mixing @ (np.asarray(readings) * scale).T
-    frames = forward(robot, variables, links=True)
-    links = np.concatenate([frames.pivot[:1], frames.origin, frames.end_origin[None]])
+    links = _links(robot, poses.readings)
+    _add_arms(made, links)
+    _add_numbers(made, links[-1], poses)
+    return style.framed(made, links.min(axis=(0, 2)), links.max(axis=(0, 2)))
+
+
+def _links(robot, readings: np.ndarray) -> np.ndarray:
+    """(L, 3, k) mm: origins of the links of the nominal arm from root to flange, at k poses."""
+    scale = np.where(robot.prismatic[: readings.shape[1]], 1.0, np.pi / 180)
+    frames = forward(robot, robot.mixing @ (readings * scale).T, links=True)
+    return np.concatenate([frames.pivot[:1], frames.origin, frames.end_origin[None]])
+
+
+def _add_arms(made: go.Figure, links: np.ndarray) -> None:
     gap = np.full((1, *links.shape[1:]), np.nan)
     x, y, z = np.concatenate([links, gap]).transpose(1, 2, 0).reshape(3, -1).round(2)
     made.add_scatter3d(
         x=x,
         y=y,
         z=z,
-        mode="lines+markers",
-        name=f"{len(readings)} poses to measure",
+        mode="lines",
+        name=f"{links.shape[2]} poses to measure",
         connectgaps=False,
         hoverinfo="skip",
-        line=dict(color=style.ORANGE, width=4),
-        marker=dict(size=3, color=style.ORANGE),
+        line=dict(color=style.ORANGE, width=3),
     )
-    return made
+
+
+def _add_numbers(made: go.Figure, flange: np.ndarray, poses: NextPoses) -> None:
+    """A mark with its number at the flange (3, k) mm of every pose; the hover text states the joint readings."""
+    names = [style.plain(name) for name in poses.names]
+    texts = [
+        "<br>".join(f"{name}: {value}" for name, value in zip(names, row["readings"]))
+        for row in poses.rows
+    ]
+    x, y, z = flange.round(2)
+    made.add_scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="markers+text",
+        name="flange with the number of the pose",
+        text=[f"<b>{row['number']}</b>" for row in poses.rows],
+        textposition="top center",
+        textfont=dict(size=15, color=style.INK),
+        customdata=texts,
+        marker=dict(size=6, color=style.BLUE),
+        hovertemplate="pose %{text}<br>%{customdata}<extra></extra>",
+    )

@@ -14,11 +14,13 @@ from trame.widgets import html, plotly
 from trame.widgets import vuetify3 as v3
 
 from workbench.app.figures.still import still
+from workbench.app.ui.view import PLANE, View, buttons, wheel
 from workbench.app.workspace import Workspace
 from workbench.core.errors import InputError
 
 _log = logging.getLogger(__name__)
 _TURN_S = 0.005
+REPORT = "report.html"
 _STILL = "position: absolute; width: 100%; height: calc(100% - 64px)"
 """Where the scene of a figure in space lies, above its legend."""
 
@@ -41,14 +43,22 @@ class Page:
     def __init__(self, server, work: Workspace | None):
         self.server, self.state, self.work = server, server.state, work
         self.tabs: dict[str, Tab] = {}
+        self._folders: list[Path] = []
         self.has_drawn = False
         self._said = 0
         self._is_warm = False
 
-    @property
-    def folder(self) -> Path | None:
-        """Folder of the newest run, whose files may be read; None without a run."""
-        return None if self.work is None else self.work.opened.folder
+    def folder_of(self, number: str) -> Path | None:
+        """Folder of the run that an address names by its number; None where there is none."""
+        return self._folders[int(number)] if int(number) < len(self._folders) else None
+
+    def link_of(self, folder: Path | None, name: str = REPORT) -> str:
+        """Address of a file of a run's folder, which stays that of this run; "" where there is no such file."""
+        if folder is None or not (folder / name).is_file():
+            return ""
+        if folder not in self._folders:
+            self._folders.append(folder)
+        return f"runs/{self._folders.index(folder)}/{name}"
 
     def check_idle(self) -> None:
         """Raise InputError while a run is in progress."""
@@ -99,7 +109,20 @@ class Page:
         opened, state = self.work.opened, self.state
         state.is_open = True
         state.heading, state.summary = opened.title, summary(opened)
-        state.has_report = bool(opened.folder and (opened.folder / "report.html").is_file())
+        state.stopped_text = self.stopped_text()
+        state.report = self.link_of(opened.folder)
+
+    def stopped_text(self) -> str:
+        """What a person reads once the server has ended: whether edits are kept, and how to go on."""
+        start = "To continue, start `workbench open` again and open the address that it prints."
+        if self.work is None:
+            return (
+                f"This page has lost its connection to `workbench open`, which has ended. {start}"
+            )
+        return (
+            "This page has lost its connection to `workbench open`, which has ended. "
+            f"All edits are saved in {self.work.path.resolve()}. {start}"
+        )
 
     def refresh(self) -> None:
         """Send what the shown tab shows."""
@@ -156,6 +179,8 @@ class Tab:
     def __init__(self, page: Page):
         self.page, self.state = page, page.state
         self.figures: dict[str, plotly.Figure] = {}
+        self._view_of: dict[str, View] = {}
+        self._last_made: dict[str, object] = {}
         self._wanted: dict[str, Callable] = {}
         self._drawn: dict[str, tuple] = {}
         self._is_drawing = False
@@ -181,12 +206,20 @@ class Tab:
         """Whether the browser shows this tab."""
         return bool(self.state.shown) and self.state.tab == self.name and self.work is not None
 
-    def figure(self, name: str, label: str, height: str = "60vh", **events) -> None:
-        """A plotly figure; label: what a screen reader says of it."""
+    def figure(
+        self, name: str, label: str, height: str = "60vh", view: str = PLANE, **events
+    ) -> None:
+        """A plotly figure with the buttons of its view; label: what a screen reader says of it."""
         self.state[f"still_{name}"] = ""
+        self._view_of[name] = View()
+        with html.Div(style=f"position: relative; height: {height}; width: 100%"):
+            self._plot(name, label, view, events)
+            buttons(name, label, view, functools.partial(self._change_view, name))
+
+    def _plot(self, name: str, label: str, view: str, events: dict) -> None:
         with html.Div(
-            style=f"position: relative; height: {height}; width: 100%",
-            **raw(role="img", aria_label=label, data_figure=name),
+            style="height: 100%; width: 100%",
+            **raw(role="img", aria_label=label, data_figure=name, **wheel(view)),
         ):
             html.Img(
                 src=(f"still_{name}",),
@@ -199,13 +232,24 @@ class Tab:
                 v_if=f"Object.keys(figure_{name}.layout).length",  # no empty axes before its turn
                 display_logo=("false",),
                 display_mode_bar=("false",),  # its buttons cannot be reached by keyboard
-                scroll_zoom=("true",),
+                scroll_zoom=("true",),  # of what `wheel` lets through
                 **events,
             )
 
     def draw(self, name: str, made) -> None:
-        """Send a figure."""
-        self.figures[name].update(made)
+        """Send a figure in the view that was chosen for it."""
+        self._last_made[name] = made
+        self.figures[name].update(self._view_of[name].applied(made))
+
+    def _change_view(self, name: str, action, camera=None) -> None:
+        """Zoom, rotate or reset a figure that was drawn."""
+
+        def act():
+            self._view_of[name].change(action, camera)
+            if name in self._last_made:
+                self.draw(name, self._last_made[name])
+
+        self.page.attempt(act, "a view")
 
     def draw_still(self, name: str, make: Callable) -> None:
         """Show a figure in space as an image first, where nothing was drawn yet: the chart library loads later.
@@ -215,7 +259,7 @@ class Tab:
         if not self.page.has_drawn:
             self.page.has_drawn = True
             key = f"still_{name}"
-            self._queue(key, lambda: self.state.update({key: still(make())}))
+            self.queue(key, lambda: self.state.update({key: still(make())}))
 
     def draw_in_turn(self, **makers: Callable) -> None:
         """Make and send figures one after another in the background, in the order given.
@@ -226,12 +270,12 @@ class Tab:
         makers: name of the figure -> function that makes it.
         """
         for name, make in makers.items():
-            self._queue(name, functools.partial(self._make_and_draw, name, make))
+            self.queue(name, functools.partial(self._make_and_draw, name, make))
 
     def _make_and_draw(self, name: str, make: Callable) -> None:
         self.draw(name, make())
 
-    def _queue(self, name: str, action: Callable) -> None:
+    def queue(self, name: str, action: Callable) -> None:
         """Do something in the background; of a name that is queued twice only the newest is done."""
         self._wanted[name] = action
         if not self._is_drawing:
@@ -253,6 +297,18 @@ class Tab:
                 self.page.attempt(action)
             await asyncio.sleep(_TURN_S)
         self._is_drawing = False
+
+    def report_link(self, text: str, key: str) -> None:
+        """A link to a report page in a window of its own, shown where the field `key` holds its address."""
+        html.A(
+            text,
+            href=(key,),
+            target="_blank",
+            rel="noopener",
+            v_if=key,
+            style="color: #1565a8",
+            **raw(**{"data-link": key}),
+        )
 
     def button(self, text: str, action: Callable | str, arguments: str = "[]", **options) -> None:
         """A button that calls a method, or runs an expression of the browser.

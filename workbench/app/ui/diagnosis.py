@@ -6,6 +6,7 @@ from trame.widgets import vuetify3 as v3
 from workbench.app.data import diagnosis as data
 from workbench.app.figures import diagnosis
 from workbench.app.ui.base import Tab, points_of, raw, whole_number
+from workbench.app.ui.view import SPACE
 from workbench.app.workspace import CALIBRATE, quantities_of
 from workbench.report.text import counted
 
@@ -25,7 +26,8 @@ class DiagnosisTab(Tab):
         state.place, state.places, state.place_text = "", [], ""
         state.candidates, state.evidence, state.terms, state.ticked = [], [], [], []
         state.over, state.overs, state.next_text, state.has_next = "", [], "", False
-        state.no_before_after = ""
+        state.no_before_after, state.diagnosis_report = "", ""
+        state.next_names, state.next_rows, state.next_csv, state.next_file = [], [], "", ""
         v3.VAlert(
             "{{ no_diagnosis }}",
             v_if="no_diagnosis",
@@ -37,6 +39,7 @@ class DiagnosisTab(Tab):
             html.Div(
                 "{{ verdict_text }}", **raw(data_text="verdict"), classes="font-weight-bold mb-2"
             )
+            self.report_link("Report page of the diagnosis", "diagnosis_report")
             self.figure(
                 "chain",
                 "Measuring chain with the share of the mismatch at each place",
@@ -127,7 +130,27 @@ class DiagnosisTab(Tab):
         html.H2("Next experiment", classes="text-subtitle-1 font-weight-bold mt-2")
         html.Div("{{ next_text }}", **raw(data_text="next"))
         with html.Div(v_if="has_next"):
-            self.figure("next", "Poses of the next experiment", "46vh")
+            self.figure("next", "Poses of the next experiment", "46vh", SPACE)
+            self._next_table()
+
+    def _next_table(self) -> None:
+        """Number and joint readings of every pose, to copy or to download."""
+        self.button("Copy the poses as CSV", "window.navigator.clipboard.writeText(next_csv)")
+        html.A(
+            "Download as CSV",
+            href=("next_file",),
+            download=data.NEXT_POSES,
+            v_if="next_file",
+            style="color: #1565a8",
+        )
+        label = raw(role="group", aria_label="Joint readings of the next poses", tabindex="0")
+        with v3.VTable(density="compact", style="max-height: 40vh; overflow: auto", **label):
+            with html.Thead(), html.Tr():
+                html.Th("Pose", **raw(scope="col"))
+                html.Th("{{ one }}", v_for="one, k in next_names", key="k", **raw(scope="col"))
+            with html.Tbody(), html.Tr(v_for="one in next_rows", key="one.number"):
+                html.Td("{{ one.number }}")
+                html.Td("{{ value }}", v_for="value, k in one.readings", key="k")
 
     def refresh(self) -> None:
         state, made = self.state, self.work.diagnosis
@@ -152,10 +175,20 @@ class DiagnosisTab(Tab):
         self._show_place(found)
         self.draw("chain", diagnosis.chain(found, state.place))
         self._show_before_after(made)
-        readings = data.next_poses(made.folder)
-        state.next_text, state.has_next = answer.get("next_experiment", ""), bool(readings)
-        if readings:
-            self.draw("next", diagnosis.next_poses(made, readings))
+        state.diagnosis_report = self.page.link_of(made.folder)
+        state.next_text = answer.get("next_experiment", "")
+        self._show_next(made)
+
+    def _show_next(self, made) -> None:
+        """Poses of the next experiment in space and as a table."""
+        state, poses = self.state, data.next_poses(made.folder, made.robot)
+        state.has_next = poses is not None
+        if poses is None:
+            return
+        state.next_names, state.next_rows = list(poses.names), poses.rows
+        state.next_csv = poses.as_csv
+        state.next_file = self.page.link_of(made.folder, data.NEXT_POSES)
+        self.draw("next", diagnosis.next_poses(made, poses))
 
     def _show_before_after(self, made) -> None:
         """Residuals of an arm over a quantity, or a histogram of those of images."""

@@ -6,11 +6,13 @@ from trame.app import asynchronous
 from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
+from workbench.app.data.plan import DIAGNOSE, plan_sentence, stage_items
 from workbench.app.edits.changes import EFFECTS, STAGES
 from workbench.app.figures import residuals
 from workbench.app.jobs import CANCELLED, DONE, RUNNING
 from workbench.app.ui.base import Tab, number_of, raw
-from workbench.app.workspace import CALIBRATE, DIAGNOSE, plan_sentence, stage_items
+from workbench.app.ui.view import SPACE
+from workbench.app.workspace import CALIBRATE
 
 _POLL_S = 0.3
 
@@ -26,7 +28,7 @@ class EditTab(Tab):
         state.threshold, state.threshold_top, state.threshold_text = 0.0, 1.0, ""
         state.can_undo, state.can_redo = False, False
         state.job_running, state.job_text = False, ""
-        state.comparison, state.session_file = [], ""
+        state.comparison, state.session_file, state.job_report = [], "", ""
         state.has_side_by_side, state.plan_text = False, ""
         with v3.VRow():
             with v3.VCol(cols=12, lg=4):
@@ -42,7 +44,10 @@ class EditTab(Tab):
                 classes="text-subtitle-1 font-weight-bold mt-3",
             )
             self.figure(
-                "side_by_side", "Residuals as arrows in space, before and after the rerun", "60vh"
+                "side_by_side",
+                "Residuals as arrows in space, before and after the rerun",
+                "60vh",
+                SPACE,
             )
         state.change("threshold")(self._on_threshold)
 
@@ -122,6 +127,7 @@ class EditTab(Tab):
             classes="my-2",
             style="overflow-wrap: anywhere",
         )
+        self.report_link("Report page of this run", "job_report")
         html.H2("Before and after", classes="text-subtitle-1 font-weight-bold")
         html.Div("Shown after a rerun.", v_if="!comparison.length")
         with v3.VTable(
@@ -207,7 +213,7 @@ class EditTab(Tab):
         """Start a run in the background."""
         self.work.start(DIAGNOSE if command == DIAGNOSE else CALIBRATE)
         self.state.job_running = True
-        self.state.job_text = "starting"
+        self.state.job_text, self.state.job_report = "starting", ""
         asynchronous.create_task(self._watch(self.work.job))
 
     def cancel(self) -> None:
@@ -237,6 +243,7 @@ class EditTab(Tab):
             seconds = job.seconds
             self.work.finish()
             self.state.job_text = f"Finished after {seconds:.0f} s: {job.out}"
+            self.state.job_report = self.page.link_of(job.out)
             self.page.opened_changed()
         elif ending == CANCELLED:
             self.state.job_text = "Cancelled; nothing was written."

@@ -25,6 +25,13 @@ _STYLE = """
 .v-label { opacity: 1 !important; color: #1b1f24; }
 .v-tab { opacity: 1 !important; }
 """
+_STOPPED = """
+<v-app style="background: white"><v-main><div class="pa-6" role="alert" data-stopped>
+<h1 class="text-h6 font-weight-bold">The app is stopped</h1>
+<p>{{ stopped_text }}</p>
+</div></v-main></v-app>
+"""
+"""What trame shows in place of the page once the connection to the server is lost."""
 _THEME = {
     "theme": {
         "defaultTheme": "light",
@@ -52,8 +59,9 @@ def build(server, opened: Opened | None, session: Path | None) -> Page:
     state.trame__title = "workbench"
     state.message, state.message_kind = "", "info"
     state.shown = False
-    state.is_open, state.has_report = False, False
+    state.is_open, state.report = False, ""
     state.heading, state.summary = "workbench", "Nothing is open yet: import a recording"
+    state.stopped_text, state.trame__template_error = page.stopped_text(), _STOPPED
     state.tab = "import"
     if opened is not None:
         page.opened_changed()
@@ -89,10 +97,10 @@ def _bar(tabs) -> None:
             html.Div("{{ summary }}", classes="text-caption text-truncate", style="color: #3f4650")
         html.A(
             "Report page",
-            href="files/report.html",
+            href=("report",),
             target="_blank",
             rel="noopener",
-            v_if="has_report",
+            v_if="report",
             classes="mx-4",
             style="color: #1565a8; white-space: nowrap",
         )

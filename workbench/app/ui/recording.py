@@ -8,7 +8,9 @@ from workbench.app.data.arm import has_arm
 from workbench.app.data.images import image_rows
 from workbench.app.figures import robot
 from workbench.app.ui.base import Tab, points_of, raw, whole_number
+from workbench.app.ui.excluded import ExcludedList
 from workbench.app.ui.image_panel import ImagePanel
+from workbench.app.ui.view import SPACE
 
 
 class RecordingTab(Tab):
@@ -19,6 +21,7 @@ class RecordingTab(Tab):
     def __init__(self, page):
         super().__init__(page)
         self.panel = ImagePanel(self, "image")
+        self.excluded = ExcludedList(self)
         self._covered: object = None
 
     def build(self) -> None:
@@ -34,6 +37,7 @@ class RecordingTab(Tab):
                 self._details()
         with html.Div(v_if="images.length"):
             self._images()
+        self.excluded.build()
         state.change("row")(self._on_row)
         state.change("image")(self._on_image)
 
@@ -43,6 +47,7 @@ class RecordingTab(Tab):
                 "scene",
                 "Robot at the current sample",
                 "62vh",
+                SPACE,
                 click=(self.page.handler(self.on_click), points_of()),
             )
         with html.Div(classes="d-flex align-center"):
@@ -118,6 +123,7 @@ class RecordingTab(Tab):
             for row in image_rows(self.work.opened.recording)
         ]
         self._describe()
+        self.excluded.refresh()
         if self.state.has_arm:
             self.draw_still("scene", lambda: robot.scene(self.work))
             self.draw_in_turn(scene=lambda: robot.scene(self.work))

@@ -5,8 +5,10 @@ from trame.widgets import vuetify3 as v3
 
 from workbench.app.figures import residuals
 from workbench.app.ui.base import Tab, number_of, points_of, range_of, raw, whole_number
+from workbench.app.ui.excluded import ExcludedList
 from workbench.app.ui.image_panel import ImagePanel
 from workbench.app.ui.recording import row_table
+from workbench.app.ui.view import SPACE
 from workbench.app.workspace import EXTEND, REMOVE, REPLACE
 
 _MODES = [
@@ -32,6 +34,7 @@ class ResidualsTab(Tab):
     def __init__(self, page):
         super().__init__(page)
         self.panel = ImagePanel(self, "picked")
+        self.excluded = ExcludedList(self)
 
     def build(self) -> None:
         state = self.state
@@ -58,12 +61,14 @@ class ResidualsTab(Tab):
                         "arrows",
                         "Residuals as arrows in space",
                         "64vh",
+                        SPACE,
                         click=(self.page.handler(self.on_click), points_of("select_mode")),
                     )
             with v3.VCol(cols=12, lg=6):
                 self._charts()
         self._selection()
         self._picked()
+        self.excluded.build()
         for name in ("quantity", "kind"):
             state.change(name)(self._on_choice)
 
@@ -184,6 +189,7 @@ class ResidualsTab(Tab):
             else ""
         )
         self._describe()
+        self.excluded.refresh()
         if not has:
             return
         if not state.no_arrows:
@@ -210,8 +216,10 @@ class ResidualsTab(Tab):
         work = self.work
         rows = work.selected_rows
         self.state.selected_count = len(rows)
+        excluded = int((~work.kept).sum()) + work.outside
+        outside = f" ({work.outside:,} of them not in this run)" if work.outside else ""
         self.state.selection_text = (
-            f"{len(rows):,} of {work.count:,} samples selected; {(~work.kept).sum():,} excluded"
+            f"{len(rows):,} of {work.count:,} samples selected; {excluded:,} excluded{outside}"
         )
         self.state.selected_table = [self._row(int(row)) for row in rows[:50]]
         self._describe_picked()
@@ -310,7 +318,7 @@ class ResidualsTab(Tab):
         self.page.say("The poses are excluded; rerun to see the effect.")
 
     def include(self) -> None:
-        """Take excluded samples among the selected ones back."""
+        """Include what is excluded of the selected samples."""
         self.work.include_selected()
         self.page.say("The samples are included again; rerun to see the effect.")
 

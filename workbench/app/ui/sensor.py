@@ -8,6 +8,7 @@ from workbench.app.data.sensor import camera_of, scanner_of, scans_of
 from workbench.app.figures import sensor
 from workbench.app.ui.base import Tab, raw
 from workbench.app.ui.image_panel import ImagePanel
+from workbench.app.ui.view import SPACE
 from workbench.report.text import counted
 
 _CAMERA = {
@@ -52,7 +53,7 @@ class SensorTab(Tab):
 
     def _planes(self) -> None:
         html.H2("Light planes and mirror axis", classes="text-subtitle-1 font-weight-bold")
-        self.figure("planes", "Light planes and mirror axis in space", "58vh")
+        self.figure("planes", "Light planes and mirror axis in space", "58vh", SPACE)
 
     def _camera(self) -> None:
         with html.Div(v_if="camera_table.length", style="max-width: 640px"):
@@ -90,6 +91,7 @@ class SensorTab(Tab):
             "cloud",
             "Cloud of the chosen scan, coloured by the distance from the fitted ball",
             "52vh",
+            SPACE,
         )
         html.P(
             "Distance of the points from the fitted ball, by their direction from its centre; 0 deg is towards the "

@@ -1,6 +1,6 @@
 """Figures of a diagnosis: evidence, the three shares, held-out errors, residuals on robot, image and covariates."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import plotly.graph_objects as go
@@ -207,7 +207,7 @@ def over(made: Diagnosis) -> Iterator[tuple[str, go.Figure]]:
     views = made.views
     low, high = extent(np.concatenate([*views.before, *views.after]))
     for name in relevant_covariates(made):
-        x, title = shown_covariate(name, views.covariates[name])
+        x, title = shown_covariate(name, views.covariates)
         shown = style.thinned(len(x))
         titles = [f"{n} ({made.unit})" for n in views.names[: len(views.before)]]
         drawn = make_subplots(
@@ -235,13 +235,16 @@ def extent(values) -> tuple[float, float]:
     return low - 0.1 * (high - low), high + 0.1 * (high - low)
 
 
-def shown_covariate(name: str, x: np.ndarray) -> tuple[np.ndarray, str]:
-    """Values in the unit of display, and the title of the axis."""
-    words = said.covariate(name)
+def shown_covariate(name: str, covariates: Mapping[str, np.ndarray]) -> tuple[np.ndarray, str]:
+    """Values of a covariate in the unit of display, and the title of the axis."""
+    x, words = covariates[name], said.covariate(name)
+    if name in ("time", "time_s"):
+        return x, "time (s)" if "time_s" in covariates else "row number"
     known = Covariate.of(name)
     if known.kind in ("q", "move") and known.place and not known.unit:
         return np.rad2deg(x), f"{words} (°)"
-    return x, f"{words} (N m)" if known.kind == "tau" else words
+    unit = {"tau": " (N m)", "temperature": " (°C)"}.get(known.kind, "")
+    return x, f"{words}{unit}"
 
 
 def _panel(drawn, k, x, row, shown, when):

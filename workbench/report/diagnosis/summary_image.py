@@ -122,7 +122,7 @@ def _over(axes, made):
         axes.axis("off")
         return
     name = max(made.views.covariates, key=lambda one: fall(made.views, one))
-    x, title = shown_covariate(name, made.views.covariates[name])
+    x, title = shown_covariate(name, made.views.covariates)
     k = int(np.argmax([np.ptp(binned(x, row)[1]) for row in made.views.before]))
     for when, part, colour in (
         ("before", made.views.before, style.GREY),

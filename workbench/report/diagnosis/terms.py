@@ -39,9 +39,12 @@ def before_and_after(made: Diagnosis):
 def _rows(steps: tuple[Step, ...]):
     last = None
     for step in steps:
-        change = "" if last is None else f"{step.rms - last:+.3g}"
-        yield step.name, rounded(step.rms), change
+        yield step.name, rounded(step.rms), "" if last is None else _signed(step.rms - last)
         last = step.rms
+
+
+def _signed(value: float) -> str:
+    return ("+" if value > 0 else "") + rounded(value)
 
 
 def sizes(made: Diagnosis) -> go.Figure:
@@ -88,7 +91,7 @@ def over_covariates(made: Diagnosis) -> go.Figure:
     )
     for k, name in enumerate(names):
         row, column = k // _COLUMNS + 1, k % _COLUMNS + 1
-        x, title = shown_covariate(name, made.views.covariates[name])
+        x, title = shown_covariate(name, made.views.covariates)
         for step in made.views.steps:
             _line(drawn, made, step, x, (row, column))
         drawn.update_xaxes(title=dict(text=title, standoff=6), row=row, col=column)

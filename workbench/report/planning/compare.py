@@ -10,6 +10,7 @@ from workbench.report.sections import Page, Section, facts, figure, note, table,
 from workbench.report.text import p_value, rounded, sentence
 
 _COLOURS = (style.GREY, style.BLUE, style.GREEN, style.VIOLET, style.ORANGE)
+_MOST_TICKS = 20
 
 
 def page(comparison: Comparison, answer: Mapping) -> Page:
@@ -108,6 +109,8 @@ def _blocks(comparison: Comparison):
         rms = [np.sqrt(np.mean(values[block == number] ** 2)) for number in numbers]
         drawn.add_scatter(x=numbers + 1, y=rms, mode="lines+markers", name=name, line_color=colour)
     drawn.update_yaxes(rangemode="tozero")
+    if len(numbers) <= _MOST_TICKS:
+        drawn.update_xaxes(tickvals=numbers + 1)
     yield figure(
         "blocks",
         drawn,

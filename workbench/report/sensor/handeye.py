@@ -225,7 +225,7 @@ def _space(run):
         if run.made.radius is None
         else "Flange and profiler of every pose, and the sphere, in the base frame of the arm."
     )
-    yield figure("space3d", scene(run), "Drag to rotate, scroll to zoom.")
+    yield figure("space3d", scene(run), "Drag to rotate.")
 
 
 def scene(run: HandEyeRun) -> go.Figure:

@@ -103,7 +103,7 @@ def _planes(calibration):
         scene(calibration),
         "Camera, its field and the light planes between the nearest and the "
         "farthest "
-        "board. Drag to rotate, scroll to zoom.",
+        "board. Drag to rotate.",
     )
     chosen = np.unique(
         np.linspace(0, len(scanner.steps) - 1, min(len(scanner.steps), _MOST_ROWS)).astype(int)

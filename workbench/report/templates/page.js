@@ -5,7 +5,7 @@
   const plots = [...document.querySelectorAll(".plot")];
   const read = (element) => JSON.parse(element.textContent);
   const colour = (name) => getComputedStyle(root).getPropertyValue(name).trim();
-  const quiet = { displaylogo: false, responsive: true, displayModeBar: "hover",
+  const quiet = { displaylogo: false, responsive: true, displayModeBar: "hover", scrollZoom: false,
     modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d", "zoomIn2d", "zoomOut2d"] };
 
   function template() {
@@ -32,6 +32,29 @@
     const made = read(document.querySelector('script[data-for="' + plot.id + '"]'));
     made.layout.template = template();
     Plotly.newPlot(plot, inked(made.data), made.layout, quiet);
+    if (plot._fullLayout.scene) { addView(plot, plot._fullLayout.scene.camera); }
+  }
+
+  // One notch of plotly's wheel zoom can shrink a scene to a dot: the wheel scrolls the page, buttons zoom.
+  function addView(plot, camera) {
+    const first = JSON.parse(JSON.stringify(camera));
+    const row = document.createElement("div");
+    row.className = "view";
+    for (const [text, factor] of [["Zoom in", 0.8], ["Zoom out", 1.25], ["Reset view", 0]]) {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.textContent = text;
+      button.addEventListener("click", () => Plotly.relayout(plot, { "scene.camera": factor ? zoomed(plot, factor) : first }));
+      row.append(button);
+    }
+    plot.after(row);
+    plot.addEventListener("wheel", (event) => event.stopPropagation(), { capture: true });
+  }
+
+  function zoomed(plot, factor) {
+    const { eye, center, up } = plot._fullLayout.scene.camera;
+    const nearer = (axis) => center[axis] + factor * (eye[axis] - center[axis]);
+    return { up: up, center: center, eye: { x: nearer("x"), y: nearer("y"), z: nearer("z") } };
   }
 
   function recolour() {

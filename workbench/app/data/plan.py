@@ -1,0 +1,72 @@
+"""What the next calibration fits: stages and effects of the opened run with those that the session changes."""
+
+from workbench.app.data.opened import Opened
+from workbench.app.edits.apply import labels_of
+from workbench.app.edits.changes import ADDED, EFFECTS, STAGES, effect_label
+from workbench.app.edits.session import CALIBRATE, Session
+from workbench.core.errors import InputError
+from workbench.core.text.structured_text import ContentError, read_json
+
+DIAGNOSE = "diagnose"
+
+
+def stage_items(opened: Opened, session: Session) -> tuple[list[dict], list[dict]]:
+    """Stages and effects of the next calibration: name, why, whether it was retained, and whether it is included.
+
+    They are those of an opened calibration with those that the session adds. A diagnosis builds a model of its own,
+    whose effects are not those of the plan of the next calibration: none of them is listed.
+    """
+    out = session.excluded(STAGES)
+    stages = [
+        {
+            "name": row["name"],
+            "why": row["why"],
+            "retained": row["earned"],
+            "on": row["name"] not in out,
+        }
+        for row in (opened.answer or {}).get("stages", [])
+    ]
+    known = {stage["name"] for stage in stages}
+    added = {ADDED} if session.added_effects else set()
+    stages += [
+        {"name": name, "why": "", "retained": False, "on": name not in out}
+        for name in sorted((out | added) - known)
+    ]
+    left_out = session.excluded(EFFECTS)
+    labels = [effect_label(row) for row in _effects(opened)]
+    for row in session.added_effects:
+        if not labels_of(row) & set(labels):
+            labels.append(effect_label(row))
+    labels += [name for name in sorted(left_out) if name not in labels]
+    effects = [{"name": label, "on": label not in left_out} for label in labels]
+    return stages, effects
+
+
+def plan_sentence(session: Session) -> str:
+    """Which plan the next calibration uses."""
+    if session.command != CALIBRATE:
+        return ""
+    name = session.plan or "the default plan"
+    return f"Calibrate uses {name} with the changes of this session."
+
+
+def _effects(opened: Opened) -> list[dict]:
+    """Effects of the model of an opened calibration, [] without one. Raises InputError for a broken file."""
+    path = opened.folder / "solution.json" if opened.folder else None
+    if path is None or not path.is_file() or opened.command == DIAGNOSE:
+        return []
+    try:
+        keys = read_json(path)
+    except (OSError, ContentError) as problem:
+        raise InputError(f"{path} cannot be read ({problem}); calibrate again") from None
+    effects = keys.get("effects") if isinstance(keys, dict) else None
+    if not isinstance(effects, list) or not all(map(_is_effect, effects)):
+        raise InputError(
+            f"{path}, key effects: expected a list of effects with effect and where, found {str(effects)[:60]}; "
+            "calibrate again"
+        )
+    return effects
+
+
+def _is_effect(row: object) -> bool:
+    return isinstance(row, dict) and {"effect", "where"} <= row.keys()
