@@ -127,7 +127,7 @@ def test_outliers_do_not_move_the_estimate(tmp_path):
     assert abs(made.clocks.estimate.seconds + 0.006) < 1e-4
 
 
-def test_a_stated_offset_is_kept_and_a_wrong_one_is_told(tmp_path):
+def test_a_stated_offset_is_kept_and_a_wrong_one_gives_a_warning(tmp_path):
     """The mapping of one import repeats it; on data with another offset it warns."""
     sources = write(tmp_path, Motion("abb_irb120", 8), 0.005)
     first = import_recording(sources, tmp_path / "a", ImportOptions(robot="abb_irb120"))

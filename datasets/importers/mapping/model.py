@@ -153,10 +153,10 @@ def read_mapping(path: Path) -> Mapping:
             f"--map {path}", "TOML", f"a mistake ({problem})", "correct it there"
         ) from None
     mapping = mapping_from_keys(keys, path.name)
-    return replace(mapping, robot=_beside(path, mapping.robot))
+    return replace(mapping, robot=_relative_to(path, mapping.robot))
 
 
-def _beside(mapping_file: Path, robot: str | None) -> str | None:
+def _relative_to(mapping_file: Path, robot: str | None) -> str | None:
     """The robot of a mapping file: a relative path is relative to that file where it exists there."""
     if robot is None:
         return None
