@@ -18,6 +18,7 @@ FULL = 0.5
 """Share of pixels at full scale beyond which a image shows its exposure and nothing else."""
 STANDS_OUT = 8.0
 """Contrast over noise; the brightest and darkest thousandth of pure noise are 6.2 sigma apart."""
+_REMEDY = "copy or export it again, or remove it and its row of the table of images or poses"
 ENDS = ((b"\xff\xd8", b"\xff\xd9", "JPEG"), (b"\x89PNG", b"IEND\xaeB`\x82", "PNG"))
 
 
@@ -40,6 +41,19 @@ class Image:
         return float(np.mean(self.grey >= self.full))
 
 
+def check_readable(path: str | Path, called: str = "") -> None:
+    """Raise InputError for a file that is missing, empty, broken off, or no image, without decoding it."""
+    import cv2
+
+    called = called or str(path)
+    _content(Path(path), called)
+    if not cv2.haveImageReader(str(path)):
+        raise InputError(
+            f"{called}: expected an image that OpenCV reads (PNG, JPEG, TIFF, BMP), found a file that "
+            f"it cannot decode; {_REMEDY}"
+        )
+
+
 def read(path: str | Path, called: str = "", channel: str = "grey") -> Image:
     """The image at `path`, 8 or 16 bits; colour becomes grey (or one `channel`), alpha is dropped.
 
@@ -57,8 +71,8 @@ def read(path: str | Path, called: str = "", channel: str = "grey") -> Image:
         found = None
     if found is None or found.size == 0:
         raise InputError(
-            f"{called}: expected a image that OpenCV reads (PNG, JPEG, TIFF, BMP), found a file that "
-            "it cannot decode; save it as PNG"
+            f"{called}: expected an image that OpenCV reads (PNG, JPEG, TIFF, BMP), found a file that "
+            f"it cannot decode; {_REMEDY}"
         )
     if found.dtype not in (np.uint8, np.uint16):
         raise InputError(
@@ -179,19 +193,19 @@ def _content(path: Path, called: str) -> bytes:
         content = path.read_bytes()
     except OSError as problem:
         raise InputError(
-            f"{called}: expected a image, found none to read ({problem.strerror}); put it there or "
+            f"{called}: expected an image, found none to read ({problem.strerror}); put it there or "
             "correct its name"
         ) from None
     if not content:
-        raise InputError(f"{called}: expected a image, found an empty file; copy it again")
+        raise InputError(f"{called}: expected an image, found an empty file; {_REMEDY}")
     for start, end, kind in ENDS:
         if content.startswith(start) and end not in content[-64:]:
             raise InputError(
-                f"{called}: expected a whole {kind} image, found one that breaks off; copy it again"
+                f"{called}: expected a whole {kind} image, found one that breaks off; {_REMEDY}"
             )
     if content[:2] == b"BM" and int.from_bytes(content[2:6], "little") > len(content):
         raise InputError(
-            f"{called}: expected a whole BMP image, found one that breaks off; copy it again"
+            f"{called}: expected a whole BMP image, found one that breaks off; {_REMEDY}"
         )
     return content
 

@@ -118,3 +118,20 @@ def test_a_chessboard_that_is_symmetric_under_half_a_turn_is_imported(tmp_path):
     made = import_recording(sources, tmp_path / "out", ImportOptions(board=board))
     assert made.fits[0].is_good
     np.testing.assert_allclose(made.recording.flange, flange, atol=1e-5)
+
+
+@pytest.mark.parametrize("content, found", [(b"no image", "cannot decode"), (None, "breaks off")])
+def test_an_image_that_cannot_be_read_is_named_with_a_remedy(hand_eye, tmp_path, content, found):
+    folder, truth = hand_eye
+    images = tmp_path / "photos"
+    images.mkdir()
+    for path in sorted((folder / "images").iterdir()):
+        (images / path.name).write_bytes(path.read_bytes())
+    whole = path.read_bytes()
+    (images / path.name).write_bytes(whole[: len(whole) // 3] if content is None else content)
+    rows = [(*pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_quat()) for pose in truth.flange]
+    table = write_rows(tmp_path / "p.csv", ["x", "y", "z", "qx", "qy", "qz", "qw"], rows)
+    with pytest.raises(InputError, match=found) as refusal:
+        import_recording([images, table], tmp_path / "out", ImportOptions(board=dict(truth.board)))
+    assert str(refusal.value).startswith(f"{path.name}: ")
+    assert "remove it and its row" in str(refusal.value)

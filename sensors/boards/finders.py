@@ -227,7 +227,9 @@ def _another_chessboard(image: np.ndarray, board: "Board") -> Found:
             size = _as_written(meta.shape[::-1], (board.columns, board.rows))
             cut = _leaves(grid, image.shape) and size[0] <= board.columns and size[1] <= board.rows
             return Found(why=_other(board, size, cut), size=None if cut else size)
-    return Found(why="no chessboard found")
+    return Found(
+        why="no chessboard found (covered, blurred, cut off by the edge, or of another kind)"
+    )
 
 
 def _as_written(size: tuple[int, int], expected: tuple[int, int]) -> tuple[int, int]:

@@ -46,7 +46,12 @@ BallRadius = Annotated[
 ]
 Sigma = Annotated[
     float | None,
-    typer.Option("--sigma", metavar="MM", help="Standard deviation of a measured coordinate."),
+    typer.Option(
+        "--sigma",
+        metavar="MM",
+        help="Standard deviation of a measured coordinate (sigma_mm), with which the fit is compared; leave it out if "
+        "it is unknown.",
+    ),
 ]
 TimeOffset = Annotated[
     str | None,

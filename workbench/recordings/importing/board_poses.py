@@ -103,13 +103,19 @@ def _board(found, options) -> dict:
 
 
 def _linked_images(images: Sequence[ImageFile], folder: Path) -> list[dict]:
-    """Rows of images.csv; the files are linked into folder/images under unique names."""
+    """Rows of images.csv; the files are linked into folder/images under unique names.
+
+    Raises InputError for a file that is no image.
+    """
+    from sensors.images import check_readable
+
     target = folder / "images"
     target.mkdir(parents=True, exist_ok=True)
     rows, used = [], set()
     for number, image in enumerate(images, 1):
         name = image.name if image.name not in used else f"{number}-{image.name}"
         used.add(name)
+        check_readable(image.path, image.name)
         (target / name).symlink_to(Path(image.path).resolve())
         rows.append({"image": f"images/{name}", "role": "board", "sample": number})
     return rows
