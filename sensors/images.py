@@ -18,7 +18,7 @@ FULL = 0.5
 """Share of pixels at full scale beyond which a image shows its exposure and nothing else."""
 STANDS_OUT = 8.0
 """Contrast over noise; the brightest and darkest thousandth of pure noise are 6.2 sigma apart."""
-_REMEDY = "copy or export it again, or remove it and its row of the table of images or poses"
+_REMEDY = "or remove it and its row of the table of images or poses"
 ENDS = ((b"\xff\xd8", b"\xff\xd9", "JPEG"), (b"\x89PNG", b"IEND\xaeB`\x82", "PNG"))
 
 
@@ -50,7 +50,7 @@ def check_readable(path: str | Path, called: str = "") -> None:
     if not cv2.haveImageReader(str(path)):
         raise InputError(
             f"{called}: expected an image that OpenCV reads (PNG, JPEG, TIFF, BMP), found a file that "
-            f"it cannot decode; {_REMEDY}"
+            f"it cannot decode; save it as PNG, {_REMEDY}"
         )
 
 
@@ -72,7 +72,7 @@ def read(path: str | Path, called: str = "", channel: str = "grey") -> Image:
     if found is None or found.size == 0:
         raise InputError(
             f"{called}: expected an image that OpenCV reads (PNG, JPEG, TIFF, BMP), found a file that "
-            f"it cannot decode; {_REMEDY}"
+            f"it cannot decode; save it as PNG, {_REMEDY}"
         )
     if found.dtype not in (np.uint8, np.uint16):
         raise InputError(
@@ -197,15 +197,17 @@ def _content(path: Path, called: str) -> bytes:
             "correct its name"
         ) from None
     if not content:
-        raise InputError(f"{called}: expected an image, found an empty file; {_REMEDY}")
+        raise InputError(
+            f"{called}: expected an image, found an empty file; copy it again, {_REMEDY}"
+        )
     for start, end, kind in ENDS:
         if content.startswith(start) and end not in content[-64:]:
             raise InputError(
-                f"{called}: expected a whole {kind} image, found one that breaks off; {_REMEDY}"
+                f"{called}: expected a whole {kind} image, found one that breaks off; copy it again, {_REMEDY}"
             )
     if content[:2] == b"BM" and int.from_bytes(content[2:6], "little") > len(content):
         raise InputError(
-            f"{called}: expected a whole BMP image, found one that breaks off; {_REMEDY}"
+            f"{called}: expected a whole BMP image, found one that breaks off; copy it again, {_REMEDY}"
         )
     return content
 

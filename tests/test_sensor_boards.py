@@ -439,7 +439,7 @@ def test_no_image_with_the_board_gets_one_sentence(tmp_path):
     with pytest.raises(InputError, match="column role: expected images of a board, found none"):
         detect_all(replace(made, images=()))
     (tmp_path / "a.png").write_bytes(b"")
-    with pytest.raises(InputError, match="cell-4/a.png: expected a image, found an empty file"):
+    with pytest.raises(InputError, match="cell-4/a.png: expected an image, found an empty file"):
         detect_all(made)
 
 

@@ -304,8 +304,8 @@ def _without_statement(found: Findings) -> str:
     left = f"The recording states no noise; the fit leaves {found.residual_rms:.3g} mm per coordinate (1 sigma)"
     if found.replicates is None:
         return (
-            f"{left}. Write sigma_mm into recording.toml (workbench import: --sigma), or measure some poses repeatedly, "
-            "to have it compared."
+            f"{left}. Write sigma_mm into recording.toml (workbench import: --sigma), or measure some poses "
+            "repeatedly, to have it compared."
         )
     ratio = found.residual_rms / found.replicates.sigma
     return f"{left}, {ratio:.3g} times the {found.replicates.sigma:.3g} mm by which repeated measurements scatter."
