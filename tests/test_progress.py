@@ -6,8 +6,10 @@ import select
 import subprocess
 import sys
 
+import pytest
+
 from conftest import ROOT
-from workbench.machine.progress import counted
+from workbench.machine.progress import counted, elapsed, staged
 
 SCRIPT = """
 import time
@@ -72,3 +74,56 @@ def test_steps_are_counted_and_the_remaining_time_is_that_of_the_finished_ones()
 
 def test_no_remaining_time_is_guessed_in_the_first_two_seconds():
     assert said_by_steps(2, {0.0: "first", 1.0: "second"})[1] == "second (2 of 2)"
+
+
+def test_each_kind_of_steps_has_its_own_remaining_time():
+    said, now = [], [0.0]
+    tick = staged(said.append, lambda: now[0])
+    for done in (1, 2, 3):
+        tick("choosing pose", done, 4)
+        now[0] += 3.0
+    tick("exchanging pose", 1, 2)
+    now[0] += 4.0
+    tick("exchanging pose", 1, 2)
+    assert said[2] == "choosing pose 3 of 4, about 2 s left"
+    assert said[3] == "exchanging pose 1 of 2"
+    assert said[4] == "exchanging pose 1 of 2, about 4 s left"
+
+
+def test_a_search_of_unknown_length_says_what_follows_it_at_least():
+    said, now = [], [0.0]
+    step = elapsed(said.append, 5, lambda: now[0])
+    step("backlash at joint-2")
+    now[0] = 4.0
+    step("payload at tool")
+    assert said[0] == "backlash at joint-2"
+    expected = "search, 4 s so far, its validation then takes 20 s or more: payload at tool"
+    assert said[1] == expected
+
+
+PLANNED = {
+    "identifiability": (["identifiability", "elastic-arm", "--no-report"], "stage geometry (1 of "),
+    "significance": (["significance", "ur10", "--no-report"], "parameter 3 of "),
+    "poses": (["poses", "elastic-arm", "--count", "12", "--no-report"], "choosing pose 4 of 12"),
+}
+
+
+@pytest.mark.parametrize("name", PLANNED)
+def test_a_command_counts_its_steps(name, tmp_path):
+    words, expected = PLANNED[name]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "WORKBENCH_PROGRESS": "lines"}
+    run = [sys.executable, "-m", "workbench", *words, "--out", str(tmp_path / "out")]
+    done = subprocess.run(run, capture_output=True, text=True, env=environment, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert expected in done.stderr
+
+
+def test_images_of_a_board_are_counted_by_check(tmp_path):
+    from datasets.formats.recording1 import read_recording
+    from workbench.recordings.inspection.inspect import inspect_recording
+    from workbench.recordings.templates import write_template
+
+    write_template("board-images", tmp_path / "board")
+    said = []
+    inspect_recording(read_recording(tmp_path / "board"), said.append)
+    assert any(line.startswith("board in image 14 of 14") for line in said)

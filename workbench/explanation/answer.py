@@ -15,7 +15,7 @@ from workbench.diagnosis.noise.random_effects import find_random_effect, unrecor
 from workbench.diagnosis.robot.bench import RobotBench, bench_of
 from workbench.diagnosis.search.select import find, found_terms
 from workbench.diagnosis.validation import proof
-from workbench.diagnosis.validation.folds import judged_part
+from workbench.diagnosis.validation.folds import LEAST_FOLDS, judged_part, schemes
 from workbench.explanation import reference as references
 from workbench.explanation import words
 from workbench.explanation.differences import with_differences
@@ -41,6 +41,7 @@ from workbench.explanation.sensor_errors import (
 from workbench.explanation.turntable import with_turntable
 from workbench.explanation.visible import smallest
 from workbench.files.provenance import provenance
+from workbench.machine.progress import duration, elapsed
 
 IMAGES = ("board-images", "scan-images")
 NO_MASSES = (
@@ -141,9 +142,16 @@ def _whole(
 ) -> Diagnosis:
     """Find, prove, say what cannot be seen and what to measure next."""
     start = time.perf_counter()
-    found = find(bench, progress=say)
+    found = find(bench, progress=elapsed(say, LEAST_FOLDS))
     say.first(words.preliminary(found))
-    jobs = jobs if time.perf_counter() - start > _LONG_S else 1
+    spent = time.perf_counter() - start
+    jobs = jobs if spent > _LONG_S else 1
+    if found.findings:
+        blocks = sum(len(scheme.folds) for scheme in schemes(bench.pose, found.before))
+        left = duration(spent * blocks / max(jobs, 1))
+        say(
+            f"validation: the search is repeated without each of {blocks} blocks, about {left} left"
+        )
     unit, noise = bench.unit, Final(bench, found, bench.unit).noise
     terms, refused, proved = _proved(bench, found, noise, say, jobs)
     last = Final(bench, found, unit, terms)

@@ -45,6 +45,42 @@ def counted(
     return step
 
 
+def staged(
+    say: Callable[[str], None], clock: Callable[[], float] = time.monotonic
+) -> Callable[[str, int, int], None]:
+    """A function of (what, done, total) that reports each kind of step as `paced` does, with a clock of its own.
+
+    The remaining time is that of this kind of steps; how many other ones follow is not known before they begin.
+    """
+    ticks: dict[str, Callable[[int, int], None]] = {}
+
+    def tick(what: str, done: int, total: int) -> None:
+        if what not in ticks:
+            ticks[what] = paced(say, what, clock)
+        ticks[what](done, total)
+
+    return tick
+
+
+def elapsed(
+    say: Callable[[str], None], repeats: int, clock: Callable[[], float] = time.monotonic
+) -> Callable[[str], None]:
+    """A function of a text that adds how long a search of unknown length took, and at least how long its repeats take.
+
+    repeats: how often the whole search is repeated afterwards, at least.
+    """
+    start = clock()
+
+    def step(text: str) -> None:
+        spent = clock() - start
+        if spent > _BEFORE_A_GUESS_S:
+            rest = duration(repeats * spent)
+            text = f"search, {duration(spent)} so far, its validation then takes {rest} or more: {text}"
+        say(text)
+
+    return step
+
+
 def duration(seconds: float) -> str:
     """Rounded duration: '40 s', '3 min', '2 h'."""
     if seconds < 90:

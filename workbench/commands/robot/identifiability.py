@@ -36,7 +36,7 @@ def command(
 
         found = datasets.read(recording, trust_data)
         say("analysing the poses")
-        result = {"recording": recording, **identifiability(found, plan, trust_data)}
+        result = {"recording": recording, **identifiability(found, plan, trust_data, say)}
         if not no_report:
             from workbench.report.page import write_sheet
             from workbench.report.planning import identifiability as sheet

@@ -83,6 +83,7 @@ def command(
             sight,
             repeats,
             trust_data,
+            say,
         )
         with runs.opened("poses", candidates.removesuffix(".toml"), out) as run:
             write_poses(chosen, run.partial)

@@ -36,7 +36,7 @@ def command(
         from workbench.jobs.robot.significance import robot_called, save, significance
 
         arm, readings = robot_called(robot)
-        found = significance(arm, points, seed, step_mm, step_rad, readings)
+        found = significance(arm, points, seed, step_mm, step_rad, readings, say)
         say("drawing")
         with runs.opened("significance", robot, out) as run:
             save(found, run.partial)

@@ -56,6 +56,7 @@ def choose(
     known: np.ndarray | None = None,
     repeats: int = 1,
     bounded: bool = False,
+    progress: Callable[[str, int, int], None] = lambda what, done, total: None,
 ) -> Design:
     """The n of N candidates with the best criterion.
 
@@ -63,7 +64,8 @@ def choose(
     (det^(1/F) of the normal matrix), "O1" ... "O5" (see `Identifiability.observability`), or
     "task": the least mean variance of the rows `tasks` (T, m, F). known (F, F): normal matrix of what
     is known already. repeats: how often one candidate may be taken. bounded: with "task", also what
-    the larger sets and the bound are, and a second search from there. Deterministic for a seed.
+    the larger sets and the bound are, and a second search from there. progress: called with kind, number and total
+    of the steps. Deterministic for a seed.
     """
     rng = np.random.default_rng(seed)
     largest = symmetric_eigenvalues(normal_of(rows))[-1] * np.eye(rows.shape[2])
@@ -74,7 +76,8 @@ def choose(
     def worth(some):
         return score(normal_of(rows[some]) + ridge)
 
-    search, downwards = _Search(len(rows), with_each, repeats), criterion == "task"
+    search = _Search(len(rows), with_each, repeats, progress)
+    downwards = criterion == "task"
     several = [rng.choice(len(rows), n, replace=False) for _ in range(draws)]
     random = np.array([worth(some) for some in several])
     chosen, comparisons = search.exchange(search.grow(n)), {}
@@ -196,6 +199,7 @@ class _Search:
     count: int
     with_each: Callable[[np.ndarray], np.ndarray]
     repeats: int
+    progress: Callable[[str, int, int], None] = lambda what, done, total: None
 
     def worth(self, others) -> np.ndarray:
         """(N,) what each candidate would add to the others; -inf for those that may not come again."""
@@ -206,16 +210,18 @@ class _Search:
     def grow(self, n) -> list[int]:
         """Greedy selection: add the best candidate one by one."""
         chosen: list[int] = []
-        for _ in range(n):
+        for k in range(n):
+            self.progress("choosing pose", k + 1, n)
             chosen.append(int(np.argmax(self.worth(np.array(chosen, int)))))
         return chosen
 
     def exchange(self, start) -> list[int]:
         """Exchange each chosen candidate for the best other one, until the score does not improve."""
         chosen = [int(k) for k in start]
-        for _ in range(_SWEEPS):
+        for sweep in range(_SWEEPS):
             changed = False
             for k, now in enumerate(chosen):
+                self.progress(f"exchanging in sweep {sweep + 1} pose", k + 1, len(chosen))
                 value = self.worth(np.array(chosen[:k] + chosen[k + 1 :], int))
                 best = int(np.argmax(value))
                 if value[best] > value[now] + 1e-9 * abs(value[now]):

@@ -41,6 +41,7 @@ from workbench.diagnosis.validation.stability import (
     stable_terms,
 )
 from workbench.diagnosis.validation.terms import Proof, Term
+from workbench.machine.progress import duration
 
 _WAVE = TransmissionHarmonic.effect
 _MOTOR = 10  # times as likely as most orders, from which on an order is one of the motor
@@ -225,7 +226,7 @@ def _search_nested(
             left = (time.perf_counter() - start) / done * (len(work) - done)
             say(
                 f"{s.name}: the whole search was made without block {k + 1} of {len(s.folds)}; "
-                f"about {left:.0f} s left"
+                f"about {duration(left)} left"
             )
     return found
 

@@ -1,5 +1,6 @@
 """What a recording can determine, before anything is trusted: `workbench identifiability`."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,27 +13,41 @@ from workbench.core.least_squares.solver import normal_matrix
 from workbench.core.model import Model
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.plans import default_plan, frames_of, held, read_plan, stage_mask
+from workbench.machine.progress import counted
 
 _NOMINAL_SIGMA_MM = 0.05
 
 
-def identifiability(recording, plan: Path | None = None, trust_data: bool = False) -> dict:
+def identifiability(
+    recording,
+    plan: Path | None = None,
+    trust_data: bool = False,
+    progress: Callable[[str], None] = lambda text: None,
+) -> dict:
     """Rank, null space in words and observability indices of the geometry and of each stage.
 
     Judged at the nominal geometry with effects at a third of their typical size; a recording
     without sigma is taken to have 0.05 mm. plan: a plan file or its name; each of its stages is then
     judged with all before it. Keys as the command prints them. trust_data: judge also a recording that cannot be
-    right. Raises InputError.
+    right. progress: called with one line a stage. Raises InputError.
     """
     checked = check_samples(recording, trust_data)
     moving, robot = checked.recording, checked.robot
     chain = bind(robot, moving)
     scale = _NOMINAL_SIGMA_MM if recording.sigma is None else 1.0
+    stages: list[dict] = []
     if plan is None:
-        stages = [_stage(chain, robot, stage, scale) for stage in default_plan(chain)]
+        rows = default_plan(chain)
+        begin = counted(progress, len(rows))
+        for stage in rows:
+            begin(f"stage {stage.name}")
+            stages.append(_stage(chain, robot, stage, scale))
     else:
         rows = read_plan(plan)
-        stages = [_stage_of_plan(chain, rows[:k], rows, scale) for k in range(1, len(rows) + 1)]
+        begin = counted(progress, len(rows))
+        for k, stage in enumerate(rows, 1):
+            begin(f"stage {stage.name}")
+            stages.append(_stage_of_plan(chain, rows[:k], rows, scale))
     return {
         "measures": recording.measures,
         "samples": moving.n,

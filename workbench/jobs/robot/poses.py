@@ -1,6 +1,6 @@
 """Which poses to measure: reachable, visible, not in the arm's own way, and telling the most."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from workbench.core.text.csv_text import csv_text
 from workbench.files.images.visibility import EVERYTHING, Sight, unseen
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.plans import default_plan, frames_of
+from workbench.machine.progress import staged
 
 CRITERIA = ("D", "O1", "O2", "O3", "O4", "O5", "task")
 _NOMINAL_SIGMA_MM = 0.05
@@ -105,6 +106,7 @@ def choose_poses(
     sight: Sight = EVERYTHING,
     repeats: int = 1,
     trust_data: bool = False,
+    progress: Callable[[str], None] = lambda text: None,
 ) -> Chosen:
     """The n of a recording's poses from which the geometry (and, with `effects`, all stages) is best determined.
 
@@ -117,7 +119,7 @@ def choose_poses(
     The predicted error at the tasks is that of the calibration's own covariance: with the priors of its parameters
     and the stated noise (0.05 mm a coordinate where none is). The criterion is of the positions; where poses are
     measured, the predicted error of the orientation is reported with it.
-    trust_data: choose also from a recording that cannot be right.
+    trust_data: choose also from a recording that cannot be right. progress: called with one line a step.
     Raises InputError where there are too few candidates or the criterion is not known.
     """
     _check_criterion(criterion, tasks)
@@ -144,7 +146,17 @@ def choose_poses(
     wanted = None if tasks is None else _task_rows(robot, model, tasks, free)
     known = None if tasks is None else _known(free)
     positions = None if wanted is None else wanted[:, :3]
-    design = choose(rows, n, criterion, positions, seed, known=known, repeats=repeats, bounded=True)
+    design = choose(
+        rows,
+        n,
+        criterion,
+        positions,
+        seed,
+        known=known,
+        repeats=repeats,
+        bounded=True,
+        progress=staged(progress),
+    )
     rotation = {} if wanted is None else _rotation_errors(rows, wanted[:, 3:], known, design.chosen)
     picked = _in_rounds(np.bincount(design.chosen, minlength=count)[poses])
     everything = everything.free(*held_by_convention(robot))

@@ -1,5 +1,6 @@
 """How much each kinematic parameter moves the end of an arm: sensitivity and average significance index."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from robot_model.state import sliding
 from robot_model.system import geometry_free
 from workbench.core.errors import InputError
 from workbench.core.text.csv_text import csv_text
+from workbench.machine.progress import paced
 
 COLUMNS = ("theta", "d", "a", "alpha", "beta")
 PARTS = ("position", "x", "y", "z")
@@ -72,10 +74,12 @@ def significance(
     step_mm: float = 0.1,
     step_rad: float = 0.1,
     readings: np.ndarray | None = None,
+    progress: Callable[[str], None] = lambda text: None,
 ) -> Significance:
     """The average significance index of every parameter of the geometry, at random configurations.
 
-    readings (n, R) rad, mm: draw from these, where a recording's own poses are asked about.
+    readings (n, R) rad, mm: draw from these, where a recording's own poses are asked about. progress: called with
+    one line a parameter.
 
     Mathematics 2023, 11, 4802, eq. 8-10: the change of the end's place and axes by one parameter,
     projected on the whole change, in the mean over configurations drawn over the joints' ranges.
@@ -91,8 +95,13 @@ def significance(
         for key in keys
     ]
     steps = np.array([step_mm if COLUMNS[c] in ("d", "a") else step_rad for _, c in places])
-    index = np.array([_moved(robot, variables, *place, step) for place, step in zip(places, steps)])
-    small = np.array([_moved(robot, variables, *place, 1e-6) for place in places]) / 1e-6
+    tick = paced(progress, "parameter")
+    moved = []
+    for done, (place, step) in enumerate(zip(places, steps), 1):
+        moved.append([_moved(robot, variables, *place, size) for size in (step, 1e-6)])
+        tick(done, len(places))
+    index, small = np.array(moved).swapaxes(0, 1)
+    small = small / 1e-6
     place = "random configurations" if readings is None else "of its recorded configurations"
     return Significance(robot, keys, index, small, variables.shape[1], step_mm, step_rad, place)
 

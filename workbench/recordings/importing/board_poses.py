@@ -30,6 +30,7 @@ from robot_model.measurements.external_pose import ExternalPose
 from robot_model.measurements.multistart import MODEL_ERROR_MM, lever_arm
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, transform
+from workbench.machine.progress import paced
 from workbench.recordings.importing.decisions import choose_reading, least_misfits, turn_misfits
 from workbench.recordings.importing.fits import CandidateFit
 from workbench.recordings.importing.robots import robot_keys
@@ -257,7 +258,8 @@ def _board_views(recording: Recording, options, progress) -> BoardViews:
     rows = np.unique(np.linspace(0, count - 1, min(count, _IMAGES_TESTED)).astype(int))
     some = replace(recording, images=tuple(recording.images[row] for row in rows))
     said_in = "--board" if options.board else "the description of the board"
-    found = detect_all(some, said_in=said_in)
+    tick = paced(progress, "board in image")
+    found = detect_all(some, lambda done, total, name: tick(done, total), said_in=said_in)
     numbers = {image["image"]: row for row, image in zip(rows, some.images)}
     progress("calibrating a camera to test the poses")
     camera = calibrate_camera(found.views, found.board, found.size, folds=0).camera

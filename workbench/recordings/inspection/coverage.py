@@ -12,6 +12,7 @@ from robot_model import load_robot
 from workbench.core.errors import InputError
 from workbench.core.rigid import nearest_rotation
 from workbench.files.images.flange import flange_poses
+from workbench.machine.progress import paced
 
 _COLUMNS, _ROWS = 8, 6
 
@@ -151,9 +152,9 @@ def image_coverage(recording: Recording, progress: Callable[[str], None]) -> Ima
         return ImageCoverage(roles, 0, (), np.empty((2, 0)), (1, 1))
     from sensors.boards.detection import detect_all
 
-    progress("finding the board in the images")
+    tick = paced(progress, "board in image")
     try:
-        found = detect_all(recording)
+        found = detect_all(recording, lambda done, total, name: tick(done, total))
     except InputError as problem:
         return ImageCoverage(roles, 0, (("all", str(problem)),), np.empty((2, 0)), (1, 1))
     corners = np.concatenate([view.pixels for view in found.views], axis=1)
