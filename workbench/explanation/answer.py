@@ -141,17 +141,7 @@ def _whole(
     recording, bench: Bench, baseline: str, shares, say: _Reporter, jobs: int = 1
 ) -> Diagnosis:
     """Find, prove, say what cannot be seen and what to measure next."""
-    start = time.perf_counter()
-    found = find(bench, progress=elapsed(say, LEAST_FOLDS))
-    say.first(words.preliminary(found))
-    spent = time.perf_counter() - start
-    jobs = jobs if spent > _LONG_S else 1
-    if found.findings:
-        blocks = sum(len(scheme.folds) for scheme in schemes(bench.pose, found.before))
-        left = duration(spent * blocks / max(jobs, 1))
-        say(
-            f"validation: the search is repeated without each of {blocks} blocks, about {left} left"
-        )
+    found, jobs = _searched(bench, say, jobs)
     unit, noise = bench.unit, Final(bench, found, bench.unit).noise
     terms, refused, proved = _proved(bench, found, noise, say, jobs)
     last = Final(bench, found, unit, terms)
@@ -278,6 +268,20 @@ def _warnings(bench, recording, terms=()) -> tuple[str, ...]:
     if chain.robot.mass.any() or chain.state.payload.any():
         return on_data
     return (*on_data, NO_MASSES.format(robot=chain.robot.name))
+
+
+def _searched(bench: Bench, say: _Reporter, jobs: int) -> tuple[Found, int]:
+    """What the first search finds, and the processes for its repetitions: several only where it takes long."""
+    start = time.perf_counter()
+    found = find(bench, progress=elapsed(say, LEAST_FOLDS))
+    say.first(words.preliminary(found))
+    spent = time.perf_counter() - start
+    jobs = jobs if spent > _LONG_S else 1
+    if found.findings:
+        blocks = sum(len(scheme.folds) for scheme in schemes(bench.pose, found.before))
+        left = duration(spent * blocks / max(jobs, 1))
+        say(f"the whole search is repeated without each of {blocks} blocks, about {left} left")
+    return found, jobs
 
 
 def _proved(bench, found: Found, noise, say, jobs):

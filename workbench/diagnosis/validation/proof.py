@@ -217,7 +217,6 @@ def _search_nested(
     """What the search finds on the other folds, and what of it a held-out test on those alone leaves, fold by fold."""
     found: list[dict[int, list[Finding]]] = [{} for _ in parts]
     work = [(i, s, k) for i, s in enumerate(parts) for k in s.folds]
-    say(f"the whole search repeated without each of {len(work)} blocks")
     start = time.perf_counter()
     with searches(bench, partial(earned_inside, find=find), jobs) as searched:
         results = searched([s.fold != k for _, s, k in work])

@@ -146,17 +146,8 @@ def choose_poses(
     wanted = None if tasks is None else _task_rows(robot, model, tasks, free)
     known = None if tasks is None else _known(free)
     positions = None if wanted is None else wanted[:, :3]
-    design = choose(
-        rows,
-        n,
-        criterion,
-        positions,
-        seed,
-        known=known,
-        repeats=repeats,
-        bounded=True,
-        progress=staged(progress),
-    )
+    more = {"known": known, "repeats": repeats, "bounded": True, "progress": staged(progress)}
+    design = choose(rows, n, criterion, positions, seed, **more)
     rotation = {} if wanted is None else _rotation_errors(rows, wanted[:, 3:], known, design.chosen)
     picked = _in_rounds(np.bincount(design.chosen, minlength=count)[poses])
     everything = everything.free(*held_by_convention(robot))
