@@ -23,6 +23,8 @@ NOISE_MM = 0.03
 class Motion:
     """A robot that moves through random poses, seen by a tracker; `rest_s`: pause at each pose."""
 
+    backlash_rad = 0.0
+
     def __init__(self, robot: str, seed: int, rest_s=0.6, move_s=1.5, stations=40):
         rng = np.random.default_rng(seed)
         self.arm = TrueArm.of(load_robot(robot), rng)
@@ -40,7 +42,9 @@ class Motion:
         self.rng = rng
 
     def point(self, seconds: np.ndarray) -> np.ndarray:
-        turn, origin = self.arm.flange(self.path(seconds))
+        move = self.path(seconds + 1e-3) - self.path(seconds - 1e-3)
+        way = np.where(np.abs(move) > 1e-6, np.sign(move), 0.0)
+        turn, origin = self.arm.flange(self.path(seconds) + self.backlash_rad * way)
         points = origin + turn @ np.array([20.0, -35.0, 110.0])
         noise = NOISE_MM * self.rng.normal(size=points.shape)
         return self.base.apply(points) + [2300.0, -700.0, 400.0] + noise
@@ -125,6 +129,16 @@ def test_outliers_do_not_move_the_estimate(tmp_path):
     sources[1].write_text("\n".join(lines) + "\n")
     made = import_recording(sources, tmp_path / "out", ImportOptions(robot="ur10e"))
     assert abs(made.clocks.estimate.seconds + 0.006) < 1e-4
+
+
+def test_backlash_does_not_pass_for_an_offset(tmp_path):
+    """0.15 mrad in the direction of motion would look like 0.15 to 0.25 ms where all moves are about as fast."""
+    motion = Motion("kuka_kr6_r900", 21, rest_s=0.4)
+    motion.backlash_rad = 1.5e-4
+    sources = write(tmp_path, motion, 0.0)
+    made = import_recording(sources, tmp_path / "out", ImportOptions(robot="kuka_kr6_r900"))
+    assert not made.clocks.applied
+    assert abs(made.clocks.estimate.seconds) < 8e-5
 
 
 def test_a_stated_offset_is_kept_and_a_wrong_one_gives_a_warning(tmp_path):

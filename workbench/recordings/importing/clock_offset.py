@@ -2,8 +2,8 @@
 
 A point measured at time t of one clock belongs to the joint readings at t + tau of the other clock. The residual of the
 static fit (base, tool, geometry with its prior) is linear in a small tau: r = tau v, where v is the velocity of the
-measured point, J qdot. Weighted least squares gives tau together with corrections of all parameters of the fit; the
-rows are then interpolated again at the new offset (Gauss-Newton).
+measured point, J qdot. Weighted least squares gives tau together with corrections of all parameters of the fit and a
+backlash of each joint; the rows are then interpolated again at the new offset (Gauss-Newton).
 
 Residuals of neighbouring rows are correlated wherever an effect is not modelled. The standard deviation of tau is
 therefore cluster-robust, with blocks of consecutive rows as clusters (Cameron & Miller, A practitioner's guide to
@@ -16,6 +16,7 @@ from functools import reduce
 
 import numpy as np
 
+from datasets.columns import joint_columns
 from datasets.recording import Recording
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
@@ -34,6 +35,9 @@ _BLOCKS = 25
 _LEAST_ROWS = 25
 _MOST_STEPS, _HALVINGS = 12, 4
 _CONVERGED = 0.05  # of the standard deviation
+_SMALL = 2.0
+_MOVING = 1e-3  # of the range of a joint, over two sampling intervals
+_STEP_RAD, _STEP_MM = 1e-4, 1e-1  # of a reading; columns are per _STEP_RAD either way
 _CAUCHY = 2.5
 _SCANNED_S = np.linspace(-2.0, 2.0, 41)
 _SCANNED_ROWS = 100
@@ -165,18 +169,23 @@ class _Estimator:
         for _ in range(_MOST_STEPS):
             if not np.isfinite(sigma) or abs(change) < _CONVERGED * sigma:
                 break
-            moved = self.improved(state, change)
+            moved = self.improved(state, change, speed)
             if moved is None:
                 break
             state = moved
             change, sigma, speed = self.regress(state)
         return state, sigma, speed
 
-    def improved(self, state: _State, change: float) -> _State | None:
-        """The state after the change, or after a half, quarter ... of it; None where the misfit does not fall."""
+    def improved(self, state: _State, change: float, speed: float) -> _State | None:
+        """The state after the change, or after a half, quarter ... of it; None where the misfit does not fall.
+
+        A change that displaces the points by less than twice the residual is taken: the regression is linear there, and
+        the misfit may rise, because the fit of the state holds no backlash.
+        """
+        is_small = abs(change) * speed < _SMALL * state.fit.position_mm
         for _ in range(_HALVINGS):
             moved = self.state(state.seconds + change, state.fit.parameters.values)
-            if moved.misfit < state.misfit:
+            if is_small or moved.misfit < state.misfit:
                 return moved
             change /= 2
         return None
@@ -185,14 +194,49 @@ class _Estimator:
         """Change of the offset (s), its standard deviation (s), and RMS speed that no parameter explains (mm/s)."""
         near = [self.rows_at(state.seconds + side * self.step_s) for side in (-1, 1)]
         lines = reduce(np.intersect1d, [state.rows.lines, *(rows.lines for rows in near)])
-        before, after = (row_residual(self.robot, r.take(lines), state.fit) for r in near)
+        first, last = (rows.take(lines) for rows in near)
+        before, after = (row_residual(self.robot, one, state.fit) for one in (first, last))
         velocity = (after - before) / (2 * self.step_s)
         kept = np.flatnonzero(np.isin(state.rows.lines, lines))
-        return _offset_of(self.robot, state.rows.recording, state.fit, kept, velocity)
+        backlash = _direction_columns(
+            self.robot, state.rows.recording.select(kept), state.fit, last.joints - first.joints
+        )
+        return _offset_of(
+            self.robot, state.rows.recording, state.fit, kept, _Motion(velocity, backlash)
+        )
 
 
-def _offset_of(robot, recording, fit: Fit, kept, velocity) -> tuple[float, float, float]:
-    """`_Estimator.regress` from velocities (m, n) mm/s of the kept rows (n,) of a fit."""
+@dataclass(frozen=True)
+class _Motion:
+    """Derivatives of the residual by the offset, (m, n) mm/s, and by an error of each joint in the direction of its
+    motion, (R, m, n) mm/rad."""
+
+    velocity: np.ndarray
+    backlash: np.ndarray
+
+
+def _direction_columns(robot, recording, fit: Fit, moves: np.ndarray) -> np.ndarray:
+    """(R, m, n) derivatives by readings that are off in the direction of motion; moves (n, R) of the readings.
+
+    Such an error, as of backlash, is nearly proportional to the speed where speeds are alike. Without these columns it
+    would pass for an offset of the clocks.
+    """
+    least = _MOVING * np.maximum(np.ptp(recording.joints, axis=0), 1e-12)
+    directions = np.where(np.abs(moves) > least, np.sign(moves), 0.0)
+    names = joint_columns(recording.columns)
+    residual = row_residual(robot, recording, fit)
+    columns = []
+    for name, direction in zip(names, directions.T):
+        step = _STEP_MM if name.endswith("_mm") else np.rad2deg(_STEP_RAD)
+        shifted = {**recording.columns, name: recording.columns[name] + step * direction}
+        moved = row_residual(robot, replace(recording, columns=shifted), fit)
+        columns.append((moved - residual) / _STEP_RAD)
+    return np.array(columns)
+
+
+def _offset_of(robot, recording, fit: Fit, kept, motion: _Motion) -> tuple[float, float, float]:
+    """`_Estimator.regress` of the kept rows (n,) of a fit."""
+    velocity = motion.velocity
     free = fit.parameters.mask
     prior = geometry_prior(robot, recording, fit.parameters)[free]
     residual, columns = fit.model.linearise(fit.parameters)
@@ -202,18 +246,21 @@ def _offset_of(robot, recording, fit: Fit, kept, velocity) -> tuple[float, float
     if size == 0 or not velocity.any():
         return 0.0, np.inf, 0.0
     weight = 1 / (size + squares / (len(residual) * _CAUCHY**2))
-    own = _Weighted(columns, weight, prior**-2.0)
+    number = len(motion.backlash)
+    precision = np.concatenate([prior**-2.0, np.zeros(number)])
+    own = _Weighted(np.concatenate([columns, motion.backlash]), weight, precision)
     apparent = own.projected(velocity)
     information = float((weight * apparent * velocity).sum())
     if information <= 0:
         return 0.0, np.inf, 0.0
     deviation = fit.deviations * np.where(np.isfinite(prior), prior, 0.0)
-    pulled = own.slopes(velocity) @ (own.precision * deviation)
+    pull = np.concatenate([prior**-2.0 * deviation, np.zeros(number)])
+    pulled = own.slopes(velocity) @ pull
     change = -float((weight * apparent * residual).sum() - pulled) / information
     left = own.projected(residual + change * velocity)
-    scores = (weight * apparent * left).sum(0)
-    sigma = _clustered(scores) / information
-    speed = float(np.sqrt((apparent**2).sum(0).mean()))
+    sigma = _clustered((weight * apparent * left).sum(0)) / information
+    moved = _Weighted(columns, weight, prior**-2.0).projected(velocity)
+    speed = float(np.sqrt((moved**2).sum(0).mean()))
     return change, sigma, speed
 
 
@@ -248,8 +295,3 @@ def _clustered(scores: np.ndarray) -> float:
     correction = len(blocks) / (len(blocks) - 1)
     of_blocks = correction * np.sum(np.square(blocks))
     return float(np.sqrt(max(of_blocks, np.sum(scores**2))))
-
-
-def recorded_at(estimate: OffsetEstimate, seconds: float) -> OffsetEstimate:
-    """The estimate as seen from another offset that is in use."""
-    return replace(estimate, start_s=seconds)
