@@ -136,7 +136,7 @@ def _add_arms(made: go.Figure, links: np.ndarray) -> None:
         name=f"{links.shape[2]} poses to measure",
         connectgaps=False,
         hoverinfo="skip",
-        line=dict(color=style.ORANGE, width=3),
+        line=dict(color=style.ORANGE, width=2),
     )
 
 
@@ -156,7 +156,7 @@ def _add_numbers(made: go.Figure, flange: np.ndarray, poses: NextPoses) -> None:
         name="flange with the number of the pose",
         text=[f"<b>{row['number']}</b>" for row in poses.rows],
         textposition="top center",
-        textfont=dict(size=15, color=style.INK),
+        textfont=dict(size=13, color=style.INK),
         customdata=texts,
         marker=dict(size=6, color=style.BLUE),
         hovertemplate="pose %{text}<br>%{customdata}<extra></extra>",
