@@ -346,6 +346,7 @@ def test_places_of_a_diagnosis_carry_share_and_findings():
     assert (
         values["p-value"] == "< 1e-6" and values["permutation control"] == "passed (p-value 0.0050)"
     )
+    assert values["compliance"] == "20.00 ± 0.40 µrad/(N m)"  # as on the report page
 
 
 def test_ticked_terms_become_effects_of_a_plan_that_calibrate_reads(tmp_path):

@@ -248,3 +248,10 @@ def test_the_wheel_scrolls_the_page_and_buttons_zoom_a_scene(narrow_page):
     narrow_page.wait_for_function(moved % ">", arg=["space", before])
     buttons.get_by_role("button", name="Reset view").press("Enter")
     narrow_page.wait_for_function(moved % "<", arg=["space", before])
+
+
+@pytest.mark.parametrize(("place", "anchor"), [(0, "left"), (6, "center"), (12, "right")])
+def test_labels_at_the_ends_of_the_chain_stay_in_the_figure(place, anchor):
+    from workbench.report.diagnosis.chain import side
+
+    assert side(place, 0, 12) == anchor

@@ -281,6 +281,8 @@ class Workspace:
 
         def compute():
             numbers = {number for item in self.excluded_items for number in item.samples}
+            if not numbers:  # the numbers of a large recording are not sorted for nothing
+                return 0
             return int((~np.isin(list(numbers), self.opened.edit_ids)).sum())
 
         return self._memo(("outside", self.session.changes), compute)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from workbench.core.errors import InputError
+from workbench.explanation.words import measured
 from workbench.report.text import p_value
 
 _OUTSIDE = ("time", "noise", "samples")
@@ -119,8 +120,8 @@ def evidence(term: Mapping) -> list[tuple[str, str]]:
         name = _CONTROLS.get(one["control"], f"{one['control']} control")
         rows.append((name, f"{passed} (p-value {p_value(one['p_value'])})"))
     for row in term.get("parameters", ()):
-        std = "" if row.get("std") is None else f" ± {row['std']:.2g}"
-        rows.append((row.get("label") or row["name"], f"{row['value']:.4g}{std} {row['unit']}"))
+        value = measured(row["value"], row.get("std"), row["unit"])
+        rows.append((row.get("label") or row["name"], value))
     return [(name, value) for name, value in rows if value]
 
 

@@ -11,6 +11,7 @@ from workbench.app.data.diagnosis import NextPoses, Place
 from workbench.app.data.opened import Opened
 from workbench.app.figures import style
 from workbench.app.workspace import quantities_of
+from workbench.report.diagnosis.chain import side
 
 _SHORT = {"joint": "J", "link": "L"}
 
@@ -47,7 +48,7 @@ def chain(places: Sequence[Place], chosen: str) -> go.Figure:
     )
     for k, place in enumerate(places):
         if place.found:
-            _label(made, k, place)
+            _label(made, k, place, side(k, 0, len(places) - 1))
     made.update_xaxes(visible=False, range=[-0.7, len(places) - 0.3])
     made.update_yaxes(visible=False, range=[-1.2, 1.6])
     return made.update_layout(showlegend=False, margin=dict(l=4, r=4, t=4, b=4), dragmode=False)
@@ -59,7 +60,7 @@ def _short(place: Place) -> str:
     return f"{name}<br>{100 * place.share:.0f} %" if place.share else name
 
 
-def _label(made, k: int, place: Place) -> None:
+def _label(made, k: int, place: Place, anchor: str) -> None:
     names = "<br>".join(dict.fromkeys(term["effect"] for term in place.found))
     made.add_annotation(
         x=k,
@@ -67,6 +68,7 @@ def _label(made, k: int, place: Place) -> None:
         text=f"<b>{names}</b>",
         showarrow=True,
         ax=0,
+        xanchor=anchor,
         ay=-30 - 26 * (k % 3),
         font=dict(color=style.BLUE, size=12),
         arrowcolor=style.BLUE,
@@ -136,7 +138,7 @@ def _add_arms(made: go.Figure, links: np.ndarray) -> None:
         name=f"{links.shape[2]} poses to measure",
         connectgaps=False,
         hoverinfo="skip",
-        line=dict(color=style.ORANGE, width=3),
+        line=dict(color=style.ORANGE, width=2),
     )
 
 
@@ -156,7 +158,7 @@ def _add_numbers(made: go.Figure, flange: np.ndarray, poses: NextPoses) -> None:
         name="flange with the number of the pose",
         text=[f"<b>{row['number']}</b>" for row in poses.rows],
         textposition="top center",
-        textfont=dict(size=15, color=style.INK),
+        textfont=dict(size=13, color=style.INK),
         customdata=texts,
         marker=dict(size=6, color=style.BLUE),
         hovertemplate="pose %{text}<br>%{customdata}<extra></extra>",

@@ -141,6 +141,7 @@ class DiagnosisTab(Tab):
             href=("next_file",),
             download=data.NEXT_POSES,
             v_if="next_file",
+            classes="ml-2",
             style="color: #1565a8",
         )
         label = raw(role="group", aria_label="Joint readings of the next poses", tabindex="0")

@@ -111,6 +111,12 @@ def _short(where: str) -> str:
     return f"{_SHORT.get(place.kind, place.kind)}{place.number}"
 
 
+def side(x: float, first: float, last: float) -> str:
+    """Where a label is attached to its place, so that one at an end of the chain stays in the figure."""
+    share = (x - first) / max(last - first, 1e-9)
+    return "left" if share < 0.05 else "right" if share > 0.95 else "center"
+
+
 def _names(drawn, made, places, x, y):
     """Names of the findings, above their places."""
     at: dict[str, list] = {}
@@ -125,6 +131,7 @@ def _names(drawn, made, places, x, y):
             showarrow=True,
             arrowhead=0,
             ax=0,
+            xanchor=side(x[where], min(x.values()), max(x.values())),
             ay=-36 - 34 * (k % 3),
             font=blue,
             arrowcolor=style.BLUE,

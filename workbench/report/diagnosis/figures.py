@@ -222,6 +222,7 @@ def over(made: Diagnosis) -> Iterator[tuple[str, go.Figure]]:
         ) // 2  # once: a long title under every panel runs into the next
         drawn.update_xaxes(title=dict(text=title, standoff=8), col=middle)
         drawn.update_yaxes(range=[low, high])
+        drawn.update_xaxes(nticks=4)  # more of them run into those of the next panel
         yield name, drawn
 
 

@@ -330,7 +330,7 @@ def _mirror(calibration):
 
 def against_free(calibration) -> go.Figure:
     """Distance between the independent plane and that of the mirror model at each step, mm."""
-    made = style.figure(320, "mirror step", "independent plane to mirror model (mm)")
+    made = style.figure(320, "mirror step", "distance of the planes (mm)")
     made.add_bar(
         x=calibration.scanner.steps,
         y=calibration.mirror.difference_of_step_mm,
