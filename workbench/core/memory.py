@@ -22,3 +22,11 @@ def keep_freed_memory() -> bool:
     return mallopt is not None and bool(
         mallopt(_MMAP_THRESHOLD, LARGEST) and mallopt(_TRIM_THRESHOLD, KEPT)
     )
+
+
+def release_freed_memory() -> bool:
+    """Give all freed memory back to the system, before other processes need it; False where there is no glibc."""
+    if not sys.platform.startswith("linux"):
+        return False
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    return trim is not None and bool(trim(0))

@@ -29,7 +29,7 @@ def steps_of_terms(
         if number == len(moving):
             steps.append(Step(f"+ {term.title}", residuals(after)[:3]))
         elif number < _MOST:
-            made = bench.problem(list(effects)).conditional_on()
+            made = bench.problem(list(effects), hypotheses=False)
             steps.append(Step(f"+ {term.title}", residuals(made)[:3]))
     return tuple(steps)
 

@@ -83,14 +83,15 @@ class _Table:
         typical = np.concatenate([c.typical for c in every])
         columns = np.concatenate([c.columns for c in every], axis=1) * typical
         clear = problem.clear(columns)
-        self.gram = clear.T @ clear
-        scaled, left = columns * sigma[:, None], clear * sigma[:, None]
+        self.gram, whole = clear.T @ clear, columns.T @ columns
+        for one in (columns, clear):  # in place: there are hundreds of megabytes of columns
+            one *= sigma[:, None]
         self.first = np.concatenate([[0], np.cumsum([c.columns.shape[1] for c in every])])
         self.draws = _directions(self.first)
         self.length = self._sizes(self.gram)
-        self.raw = self._sizes(scaled.T @ scaled) / np.sqrt(problem.n)
-        self.left = self._sizes(left.T @ left) / np.sqrt(problem.n)
-        self.whole = self._sizes(columns.T @ columns)
+        self.raw = self._sizes(columns.T @ columns) / np.sqrt(problem.n)
+        self.left = self._sizes(clear.T @ clear) / np.sqrt(problem.n)
+        self.whole = self._sizes(whole)
         self.parameter = self._sizes(
             np.diag(typical**2 / np.repeat(np.diff(self.first), np.diff(self.first)))
         )

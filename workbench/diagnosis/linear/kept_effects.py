@@ -34,11 +34,13 @@ class Added:
         columns = np.concatenate(problem.added, 1)
         made = columns @ np.concatenate(problem.values)
         y = problem.clear(problem.residual - made)
-        whole = np.sqrt((columns**2).sum(0))
-        clear = problem.clear(columns / np.maximum(whole, 1e-300))
+        whole = np.sqrt(np.einsum("np,np->p", columns, columns))
+        columns /= np.maximum(whole, 1e-300)
+        clear = problem.clear(columns)
+        del columns
         clear = problem.clear(clear)  # again: rounding of the first time is no direction
-        length = np.sqrt((clear**2).sum(0))
-        clear = np.where(length > ROUNDING, clear / np.maximum(length, 1e-300), 0.0)
+        length = np.sqrt(np.einsum("np,np->p", clear, clear))
+        clear *= np.where(length > ROUNDING, 1 / np.maximum(length, 1e-300), 0.0)
         start = np.concatenate([[0], np.cumsum([part.shape[1] for part in problem.added])])
         held = problem.precisions or tuple(np.zeros(part.shape[1]) for part in problem.added)
         precision = np.concatenate(held) / np.maximum((whole * length) ** 2, 1e-200)

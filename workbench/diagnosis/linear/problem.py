@@ -295,11 +295,11 @@ class Problem:
 
     def clear(self, columns: np.ndarray) -> np.ndarray:
         """(N,) or (N, P) with all that the baseline and the kept effects can make of it taken out: x - Q Q' x."""
-        left = columns - self.basis @ (self.basis.T @ columns)
-        if self.beyond is None:
-            return left
-        added, mixing = self.beyond.added.columns, self.beyond.mixing
-        return left - added @ (mixing @ (mixing.T @ (added.T @ columns)))
+        made = self.basis @ (self.basis.T @ columns)
+        if self.beyond is not None:
+            added, mixing = self.beyond.added.columns, self.beyond.mixing
+            made += added @ (mixing @ (mixing.T @ (added.T @ columns)))
+        return np.subtract(columns, made, out=made)
 
     @property
     def whole_basis(self) -> np.ndarray:

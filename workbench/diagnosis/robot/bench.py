@@ -227,9 +227,11 @@ class RobotBench:
             for one in variants(CATALOGUE, self.chain)
             if one.effect.effect in wanted and not _held(one, self.baseline)
         ]
-        laws = [
-            (o, mass_responses.with_estimated_masses(o.effect, self.chain.state)) for o in known
-        ]
+        step = -(
+            -self.chain.n // _LARGE
+        )  # a law's few combinations of masses are those of any thousands of poses
+        state = self.chain.at(np.arange(0, self.chain.n, step)).state
+        laws = [(o, mass_responses.with_estimated_masses(o.effect, state)) for o in known]
         return tuple(
             replace(o, effect=law, label=mass_responses.LABEL, mass=_PRIOR_WITH_MASSES)
             for o, law in laws

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from workbench.core.memory import release_freed_memory
 from workbench.diagnosis.linear.problem import Bench
 from workbench.machine.processes import local, one_thread
 
@@ -23,6 +24,7 @@ def searches(
     if jobs == 1:
         yield lambda parts: (search(bench, part) for part in parts)
         return
+    release_freed_memory()
     with local(jobs, "workbench.diagnosis.search.select", _begin, bench, search) as pool:
         yield lambda parts: pool.map(_search, parts)
 
