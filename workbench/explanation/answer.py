@@ -35,8 +35,9 @@ from workbench.explanation.result import (
 from workbench.explanation.sensor_errors import (
     ball_centres,
     errors_by_kind,
+    jitter_term,
     random_focal_error,
-    random_image_error,
+    with_jitter,
 )
 from workbench.explanation.turntable import with_turntable
 from workbench.explanation.visible import smallest
@@ -142,12 +143,14 @@ def _whole(
     """Find, prove, say what cannot be seen and what to measure next."""
     start = time.perf_counter()
     found = find(bench, progress=say)
+    bench, found = with_jitter(bench, found, lambda one: find(one, progress=say))
     say.first(words.preliminary(found))
     jobs = jobs if time.perf_counter() - start > _LONG_S else 1
     unit, noise = bench.unit, Final(bench, found, bench.unit).noise
     terms, refused, proved = _proved(bench, found, noise, say, jobs)
     last = Final(bench, found, unit, terms)
     terms = _with_noise(last, terms, refused)
+    terms = (*terms, *jitter_term(bench, terms, found.before))
     proved, terms = _with_stated_noise(last, proved, terms, refused)
     verdict = _verdict(bench, found, terms, refused, proved)
     if verdict == UNEXPLAINED:
@@ -199,7 +202,7 @@ def _visible(bench: Bench, found: Found) -> tuple:
 
 def _verdict(bench, found: Found, terms, refused, proved) -> str:
     """The word of the contract for what was proved."""
-    left = much_left(proved, found.p_remainder)
+    left = much_left(proved, found.p_remainder) and _is_remainder_placed(bench, found)
     return verdict_of(terms, found.p_first, left, is_placed=_is_placed(bench, found, refused))
 
 
@@ -208,6 +211,13 @@ def _for_sensor(bench, recording, proved, terms, usual):
     if recording.measures not in IMAGES:
         return (), None
     return errors_by_kind(bench, proved, usual), ball_centres(bench, recording, terms)
+
+
+def _is_remainder_placed(bench, found: Found) -> bool:
+    """Whether some place of a sensor holds a significant share of what the findings leave; see `_is_placed`."""
+    if bench.chain is not None:
+        return True
+    return any(one.p_value < _PLACED and one.share > 0 for one in found.remainder)
 
 
 def _is_placed(bench, found: Found, refused) -> bool:
@@ -265,8 +275,8 @@ def _warnings(bench, recording, terms=()) -> tuple[str, ...]:
     """What is in doubt about this recording, and what its answer cannot contain."""
     on_data, chain = bench.warnings or recording.warnings, bench.chain
     if chain is None:
-        random = random_image_error(bench, terms), random_focal_error(bench, terms)
-        return (*on_data, *filter(None, random))
+        random = random_focal_error(bench, terms)
+        return (*on_data, random) if random else on_data
     if chain.robot.mass.any() or chain.state.payload.any():
         return on_data
     return (*on_data, NO_MASSES.format(robot=chain.robot.name))
