@@ -12,19 +12,21 @@ the restricted one (Patterson & Thompson, Biometrika 58 (1971) 545), so that t h
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.special import chdtrc
-from scipy.stats import f_oneway
+from scipy.special import chdtrc, fdtrc
 
 from sensors.light.grouping import groups
 from workbench.core.effect import Effect
 from workbench.core.least_squares.adjustment_tests import neighbour_test
+from workbench.core.model import Model
 from workbench.diagnosis.levels import MISSING, REAL
 from workbench.diagnosis.linear.problem import Finding, Problem
+from workbench.diagnosis.scanner.sensor_linear import acts
 from workbench.diagnosis.validation.folds import schemes
+from workbench.jobs.sensor.chains import at_solution
 
 EFFECT, WHERE = "mirror-jitter", "mirror"
 _RELEVANT = 1.0  # of the noise of one averaged point of a stripe, from which a displacement matters
@@ -75,8 +77,8 @@ class ImageJitter:
 @dataclass(frozen=True)
 class _Stripes:
     """Stripes of one set of effects: contrasts `z` (k,) px of held-out board poses with their `variance` (k,) px^2 of
-    noise and their board `pose` (k,); by how much each stripe is `displaced` (s,) px, with its `step` (s,) and its
-    place `order` (s,) in time."""
+    noise and their board `pose` (k,); by how much each stripe is `displaced` (s,) px in the fit of all, with its `step`
+    (s,) and its place `order` (s,) in time."""
 
     z: np.ndarray
     variance: np.ndarray
@@ -93,14 +95,24 @@ class _Stripes:
     @property
     def is_systematic(self) -> bool:
         """Whether stripes of one step, or those that follow one another, are displaced alike: that is no chance."""
-        parts = [self.displaced[self.step == k] for k in np.unique(self.step)]
-        parts = [part for part in parts if len(part) > 1]
-        if len(parts) > 1 and f_oneway(*parts).pvalue < _SYSTEMATIC:
+        if self._by_step() < _SYSTEMATIC:
             return True
         ordered = np.argsort(self.order, kind="stable")
         previous = np.empty(len(ordered), int)
         previous[ordered] = np.r_[ordered[1], ordered[:-1]]
         return neighbour_test(self.displaced[None], previous).p_value < _SYSTEMATIC
+
+    def _by_step(self) -> float:
+        """p-value of a one-way analysis of variance, with the degrees of freedom that the contrasts leave."""
+        _, step = np.unique(self.step, return_inverse=True)
+        means = np.bincount(step, self.displaced) / np.bincount(step)
+        between = float((means[step] ** 2).sum())
+        within = float(((self.displaced - means[step]) ** 2).sum())
+        degrees = step.max() - _DEGREE
+        rest = len(self.z) - degrees
+        if degrees < 1 or rest < 1 or within <= 0:
+            return 1.0
+        return float(fdtrc(degrees, rest, between / degrees / (within / rest)))
 
     def scores(self, random: bool) -> np.ndarray:
         """(G,) log density of each board pose's contrasts, with the spread of all others, or with noise alone."""
@@ -156,17 +168,35 @@ def _stripes(bench, effects, problem: Problem) -> _Stripes | None:
     if chain is None:
         return None
     fold = schemes(bench.pose, problem)[0].fold
-    residual = bench.held_out_stripes(effects, fold)
     pose, step = chain.labels["placement"], chain.labels["step"]
     stripe, count = groups(pose, step)
     _, first = np.unique(stripe, return_index=True)
     weight = np.broadcast_to(chain.sigma, (1, chain.n))[0] ** -2.0
     total = np.bincount(stripe, weight, count)
-    means = np.bincount(stripe, weight * residual, count) / total
+    means = np.stack(
+        [
+            np.bincount(stripe, weight * residual, count) / total
+            for residual in (bench.held_out_stripes(effects, fold), _fitted(bench, effects))
+        ]
+    )
     order = bench.order[bench.of_board_stripes][first]
     return _contrasts(
         means, 1 / total, pose[first], step[first], _angles(chain, step[first]), order
     )
+
+
+def _fitted(bench, effects) -> np.ndarray:
+    """(n,) px, residuals of stripes on boards in the fit of all samples, with the errors that points of a stripe share.
+
+    Held-out stripes of one step all miss by what a mirror from few displaced stripes is off; these do not.
+    """
+    chains, fit = bench.solve(effects)
+    whole = replace(at_solution(chains, fit).board_stripes, together=None)
+    model = Model(whole, tuple(effect for effect in effects if acts(effect, "board_stripes")))
+    keys = set(model.parameters.keys)
+    found = {p.key: fit.parameters[p.key] for p in fit.parameters.table if p.key.count(".") > 1}
+    values = {key: value for key, value in found.items() if key in keys}
+    return model.evaluate(model.parameters.update(values)).residual[0]
 
 
 def _angles(chain, step: np.ndarray) -> np.ndarray:
@@ -175,10 +205,10 @@ def _angles(chain, step: np.ndarray) -> np.ndarray:
 
 
 def _contrasts(means, variance, pose, step, angle, order) -> _Stripes | None:
-    """Of means (s,) px with variances (s,) px^2, within each board pose."""
-    z, spread, of, displaced = [], [], [], np.full(len(means), np.nan)
+    """Of means (2, s) px, held out and fitted, with variances (s,) px^2, within each board pose."""
+    z, spread, of, displaced = [], [], [], np.full(means.shape[1], np.nan)
     for k in np.unique(pose):
-        mine = np.flatnonzero((pose == k) & np.isfinite(means))
+        mine = np.flatnonzero((pose == k) & np.isfinite(means).all(0))
         size = min(_DEGREE, len(mine) - 2) + 1
         if size < 1:
             continue
@@ -186,10 +216,10 @@ def _contrasts(means, variance, pose, step, angle, order) -> _Stripes | None:
         place = place / max(np.abs(place).max(), 1e-300)
         whole = np.linalg.qr(np.vander(place, size, increasing=True), mode="complete")[0]
         apart = whole[:, size:]
-        z.append(apart.T @ means[mine])
+        z.append(apart.T @ means[0, mine])
         spread.append((apart**2).T @ variance[mine])
         of.append(np.full(apart.shape[1], k))
-        displaced[mine] = apart @ z[-1]
+        displaced[mine] = apart @ (apart.T @ means[1, mine])
     if len(z) < _FEWEST_POSES:
         return None
     kept = np.isfinite(displaced)
