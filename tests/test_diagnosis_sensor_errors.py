@@ -11,14 +11,20 @@ from sensors.effects import CATALOGUE
 from sensors.light.together import Together
 from workbench.diagnosis.linear.problem import Located
 from workbench.diagnosis.scanner import sensor
+from workbench.diagnosis.scanner.image_jitter import find_image_jitter
+from workbench.diagnosis.scanner.pose_error import independent_errors
 from workbench.diagnosis.scanner.sensor_simulate import simulated
-from workbench.explanation.answer import _is_placed
+from workbench.diagnosis.search.select import find
+from workbench.explanation.answer import _is_placed, _is_remainder_placed
 from workbench.explanation.result import verdict_of
 from workbench.explanation.sensor_errors import (
     ball_centres,
     errors_by_kind,
-    random_image_error,
+    jitter_term,
+    with_jitter,
 )
+from workbench.explanation.words import statement
+from workbench.jobs.sensor.chains import noise_scale
 
 SHIFT = 0.3  # px
 
@@ -109,6 +115,13 @@ def test_structure_without_a_place_and_without_a_gain_is_no_finding(bench):
     assert verdict_of((), 1e-9, is_placed=True) == "unexplained"
 
 
+def test_a_remainder_without_a_place_leaves_a_finding_as_the_explanation(bench):
+    empty = Located("camera", "pixel", ("u",), 0.0, 1.0, 0.0)
+    real = Located("camera", "pixel", ("u",), 0.2, 1e-6, 0.1)
+    assert not _is_remainder_placed(bench, SimpleNamespace(remainder=(empty,)))
+    assert _is_remainder_placed(bench, SimpleNamespace(remainder=(empty, real)))
+
+
 def replace_t(term, t):
     return SimpleNamespace(t=t, finding=term.finding)
 
@@ -124,25 +137,83 @@ def moved_by(shift_of_stripe) -> sensor.SensorBench:
     return sensor.SensorBench(replace(chains, board_stripes=board_stripes))
 
 
-def test_jitter_of_single_images_is_said_and_a_clean_recording_is_silent(bench):
+def test_a_slope_of_unevenly_spaced_centres_is_no_noise():
+    """Centres at dark squares are dropped; what tilts a stripe, as a rolling shutter does, is smooth all the same."""
+    stripes = simulated(sensor_virtual.chains(), (), {}, 5).board_stripes
+    rng = np.random.default_rng(2)
+    along = stripes.along / np.ptp(stripes.along)
+    uneven = rng.random(stripes.n) < 0.6
+    tilted = replace(stripes, pixels=stripes.pixels + stripes.scan * (5 * along + 2 * along**2))
+    plain = noise_scale(stripes, "board_stripes")
+    assert plain == pytest.approx(1.0, rel=0.1)
+    assert noise_scale(tilted.at(uneven), "board_stripes") == pytest.approx(plain, rel=0.1)
+
+
+def jitter_of(bench):
+    return find_image_jitter(bench, (), bench.problem(()))
+
+
+def test_jitter_of_single_images_is_found_with_its_size_and_a_clean_recording_is_silent(bench):
     table = 0.1 * np.random.default_rng(3).normal(size=(20, 40))
-    said = random_image_error(moved_by(lambda placement, step: table[placement, step]), ())
-    assert "at random from image to image" in said
-    size = float(said.split(" px")[0].rpartition(" ")[2])
-    assert size == pytest.approx(0.1, rel=0.25)
-    assert random_image_error(bench, ()) == ""
+    found = jitter_of(moved_by(lambda placement, step: table[placement, step]))
+    assert found.sigma_px == pytest.approx(0.1, rel=0.2)
+    assert abs(found.sigma_px - 0.1) < 3 * found.std_px
+    assert found.t > 2 and found.p_value < 1e-6
+    assert jitter_of(bench) is None
 
 
 def test_a_displacement_that_follows_the_board_pose_is_no_jitter():
     by_pose = 0.1 * np.random.default_rng(4).normal(size=20)
-    assert random_image_error(moved_by(lambda placement, step: by_pose[placement]), ()) == ""
+    assert jitter_of(moved_by(lambda placement, step: by_pose[placement])) is None
 
 
-def test_jitter_is_said_where_the_calibration_holds_it_as_an_error_that_stripes_share():
+def test_a_displacement_that_follows_the_step_is_no_jitter():
+    by_step = 0.1 * np.random.default_rng(4).normal(size=40)
+    assert jitter_of(moved_by(lambda placement, step: by_step[step])) is None
+
+
+def test_jitter_is_found_where_the_calibration_holds_it_as_an_error_that_stripes_share():
     table = 0.1 * np.random.default_rng(3).normal(size=(20, 40))
     chains = moved_by(lambda placement, step: table[placement, step]).chains
     stripes = chains.board_stripes
     shared = Together.of(stripes.labels, stripes.along)
     shared = replace(shared, sigma=np.array([0.1, 0.0, 0.0]), std=np.full(3, 0.01))
     held = replace(chains, board_stripes=replace(stripes, together=shared, _start=None))
-    assert "at random from image to image" in random_image_error(sensor.SensorBench(held), ())
+    assert jitter_of(sensor.SensorBench(held)) is not None
+
+
+def test_with_jitter_in_the_noise_a_search_finds_no_law_for_it():
+    """Against noise alone, displaced stripes pass for vibration, for an encoder harmonic or for a form of the balls."""
+    rng = np.random.default_rng(7)
+    chains = simulated(sensor_virtual.chains(boards=8, steps=9, scans=3), (), {}, 5)
+    moved = {}
+    for name in ("board_stripes", "balls"):
+        chain = getattr(chains, name)
+        group = chain.labels["placement" if name == "board_stripes" else "ball"]
+        shift = 0.1 * rng.normal(size=(60, 40))[group, chain.labels["step"]]
+        moved[name] = replace(chain, pixels=chain.pixels + chain.scan * shift)
+    bench = sensor.SensorBench(replace(chains, **moved))
+    plain = SimpleNamespace(findings=(), before=bench.problem(()))
+    wider, found = with_jitter(bench, plain, find)
+    assert wider.jitter_px == pytest.approx(0.1, rel=0.2)
+    assert not found.findings and found.p_first > 0.005
+    term = jitter_term(wider, (), found.before)[0]
+    assert term.finding.effect == "mirror-jitter"
+    assert "at random from image to image" in statement(term, "the image", "px")
+
+
+def test_the_error_of_a_board_pose_counts_once_for_all_points_of_its_stripes():
+    rng = np.random.default_rng(3)
+    by_pose = rng.normal(size=(6, 300))
+    covariance = np.diag([0.04, 0.01, 0.0, 0.0, 0.0, 0.0])
+    sigma = np.full(300, 0.02)
+    noise = sigma * rng.normal(size=300)
+    moved = 0.2 * by_pose[0]  # one standard deviation of the pose
+    left = independent_errors(noise + moved, by_pose, sigma, covariance)
+    assert ((left / sigma) ** 2).sum() < 1.3 * 300
+    # what no pose error makes stays as it is, and what is far larger than it does not pass for one
+    wave = 0.2 * np.cos(np.arange(300))
+    assert np.std(independent_errors(wave, by_pose, sigma, covariance)) > 0.95 * np.std(wave)
+    far = independent_errors(50 * moved, by_pose, sigma, covariance)
+    assert ((far / sigma) ** 2).sum() > 1000
+    assert np.array_equal(independent_errors(noise, by_pose, sigma, 0 * covariance), noise)

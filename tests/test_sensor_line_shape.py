@@ -14,6 +14,7 @@ from sensors.scanner.cloud import Cloud
 from sensors.scanner.model import Scanner
 from sensors.stripe.bend import Bend, LineShape
 from sensors.stripe.find import find_stripes
+from sensors.stripe.light_direction import light_on_ball
 from workbench.jobs.sensor.scan import INCIDENCE_DEG, _fitted
 
 SIZE, FOCAL, RADIUS = (320, 240), 450.0, 18.0
@@ -125,6 +126,33 @@ def test_planes_say_where_their_light_comes_from():
     assert np.hypot(across[0], across[2]) < 0.05  # along the line where the planes meet it is open
     assert abs(found @ np.cross(few[:3, 0], few[:3, 1])) < 1e-6
     assert np.allclose(light_origin(few * np.array([1.0, -1.0])), found)
+
+
+def flux_on(centre: np.ndarray, plane: np.ndarray, rng) -> tuple[np.ndarray, np.ndarray]:
+    """Outward normals (3, n) and light per area (n,) at the stripe of one plane on a ball."""
+    camera = Camera(FOCAL, FOCAL, SIZE[0] / 2, SIZE[1] / 2, (0.0,) * 5, SIZE)
+    scanner = Scanner(camera, np.array([0]), plane)
+    found = find_stripes(seen(lines_on_ball(centre, plane), rng), "rows")
+    points = scanner.reconstruct(found.pixels, found.frame)
+    outward = (points - centre[:, None]) / RADIUS
+    on = np.abs(np.linalg.norm(outward, axis=0) - 1) < 0.05
+    cloud = Cloud(scanner, points, found.pixels, found.frame, found.frame).some(on)
+    slope = cloud.bend(np.append(centre, RADIUS)).slope
+    return outward[:, on], found.peak[on] * found.width[on] * np.abs(slope)
+
+
+def test_brightness_of_a_ball_says_where_the_light_of_a_single_plane_comes_from():
+    rng = np.random.default_rng(3)
+    plane = light_planes(3, 1e-3, 250.0)[:, 1:2]
+    parts = [flux_on(np.array([x, 2.0, 262.0]), plane, rng) for x in np.linspace(-12, 12, 7)]
+    outward, flux = (np.concatenate(one, axis=-1) for one in zip(*parts))
+    found = light_on_ball(plane[:, 0], outward, flux)
+    true = LIGHT - [0.0, 0.0, 246.0]
+    cosine = found @ true / np.linalg.norm(found) / np.linalg.norm(true)
+    assert np.rad2deg(np.arccos(cosine)) < 2.0
+    shiny = flux * (1 + 3 * (outward[0] < -0.2))  # a highlight is no cosine
+    odd = light_on_ball(plane[:, 0], outward, shiny * rng.uniform(0.2, 2.0, len(flux)))
+    assert odd is None
 
 
 def test_parallel_planes_or_a_single_one_have_no_origin():

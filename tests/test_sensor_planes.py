@@ -185,6 +185,22 @@ def test_the_start_of_a_mirror_makes_its_planes_and_finds_unknown_steps():
         assert gain == pytest.approx((0.17 / 29) if by_step else 1.0, rel=1e-9)
 
 
+@pytest.mark.parametrize("by_step", [False, True])
+def test_the_start_of_a_mirror_over_a_narrow_sweep_stands_noise_of_its_planes(by_step):
+    """Planes that are tilted along the stripe from image to image, as a rolling shutter tilts them."""
+    truth, angles = mirror(), np.linspace(-0.028, 0.028, 10)
+    exact = truth.planes(angles)
+    tilts = 1.5e-3 * np.random.default_rng(6).normal(size=10)
+    planes = moved(exact, np.stack([tilts, 0 * tilts, 0 * tilts], 1))
+    commanded = np.arange(10.0) if by_step else angles
+    found, gain = start_mirror(planes, commanded, by_step)
+    assert abs(found.axis @ truth.axis) > np.cos(np.deg2rad(8))
+    assert gain == pytest.approx(0.056 / 9 if by_step else 1.0, rel=0.03)
+    made = found.planes(commanded * gain if by_step else commanded)
+    made = made * np.sign((made[:3] * exact[:3]).sum(0))
+    assert abs(made[:3] - exact[:3]).max() < 6e-3
+
+
 def test_planes_move_by_tilts_and_offset():
     planes = mirror().planes(np.linspace(-0.1, 0.1, 3))
     change = np.array([[0.01, -0.02, 0.3]] * 3)

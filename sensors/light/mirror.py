@@ -182,13 +182,37 @@ def start_mirror(
 ):
     """A mirror that makes planes (4, S), S >= 3, at commanded angles (S,), face through the axis; and the gain.
 
-    Axis: the direction that all normals hold one angle with, the shortest singular vector of their
-    differences. Turn about it: twice the angle. Place: b_i = c - n_i.a, linear in a and c. The
-    face's turn at angle zero is not seen; it is set so that the light plane meets the face at `incidence`
-    (rad) in mid-sweep. Gain: turn of the mirror per commanded one; its sign is that of the axis.
+    Axis: the direction that all normals hold one angle with. Two estimates, of which that with the smaller misfit to
+    the planes is taken. The shortest singular vector of the normals' differences is exact. Over a narrow sweep it is
+    the direction of their noise, since normals leave the straight course by the square of the sweep only; there, the
+    direction across both the mean normal and the course is near, because a fan of light holds the axis. Turn about
+    it: twice the angle. Place: b_i = c - n_i.a, linear in a and c. The face's turn at angle zero is not seen; it is
+    set so that the light plane meets the face at `incidence` (rad) in mid-sweep. Gain: turn of the mirror per
+    commanded one; its sign is that of the axis.
     """
     normals = planes[:3]
-    axis = np.linalg.svd(normals - normals.mean(1)[:, None])[0][:, 2]
+    directions = np.linalg.svd(normals - normals.mean(1)[:, None])[0]
+    across = np.cross(normals.mean(1), directions[:, 0])
+    found = [
+        _about(axis, planes, commanded, by_step, incidence)
+        for axis in (directions[:, 2], across / np.linalg.norm(across))
+    ]
+    scale = float(np.median(np.abs(planes[3])))
+    return min(found, key=lambda one: _misfit(one, planes, commanded, by_step, scale))
+
+
+def _misfit(found, planes, commanded, by_step: bool, scale: float) -> float:
+    """mm, RMS difference of a mirror's planes from planes (4, S), at `scale` mm from the camera."""
+    mirror, gain = found
+    made = mirror.planes(commanded * (gain if by_step else 1.0))
+    made = made * np.sign((made[:3] * planes[:3]).sum(0))
+    weight = np.array([scale, scale, scale, 1.0])[:, None]
+    return float(np.sqrt((((made - planes) * weight) ** 2).sum(0).mean()))
+
+
+def _about(axis, planes, commanded, by_step: bool, incidence: float):
+    """The mirror that turns about this axis (3,), and its gain, as of `start_mirror`."""
+    normals = planes[:3]
     middle = normals.mean(1) - (axis @ normals.mean(1)) * axis
     first = middle / np.linalg.norm(middle)
     turns = np.arctan2(np.cross(axis, first) @ normals, first @ normals)
@@ -203,9 +227,10 @@ def start_mirror(
     scale = gain if by_step else 1.0
     turn = at_zero + incidence + scale * commanded.mean() - np.pi
     beam_turn = turn + scale * commanded.mean() + incidence
-    return _assemble(
+    mirror = _assemble(
         axis, first, second, point, turn, beam_turn, axis @ normals.mean(1), distance
-    ), gain
+    )
+    return mirror, gain
 
 
 def _assemble(axis, first, second, point, face_turn, beam_turn, along, distance):

@@ -9,6 +9,7 @@ from sensors.ball.point_errors import plane_error, stripe_error
 from sensors.scanner.model import Scanner
 from sensors.scanner.motion import Motion, Seen
 from sensors.stripe.bend import Bend, bend_on_ball
+from sensors.stripe.light_direction import light_on_ball
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,23 +105,43 @@ class Cloud:
     def _seen(self) -> Seen:
         return Seen(self.pixels, self.steps, self.image)
 
-    def bend(self, ball: np.ndarray) -> Bend:
-        """What a ball (4,), centre and radius in mm, does to the stripes on it."""
+    def bend(self, ball: np.ndarray, line: np.ndarray | None = None) -> Bend:
+        """What a ball (4,), centre and radius in mm, does to the stripes on it.
+
+        line (3, n): width of the lines (px), a number that is not used here, and their peak (grey values): they say
+        where the light of a single light plane comes from.
+        """
+        light = self.scanner.light
+        if light is None and line is not None and self.scanner.planes.shape[1] == 1:
+            light = self._light_on(ball, line)
+        return self._bend(ball, light)
+
+    def _light_on(self, ball: np.ndarray, line: np.ndarray) -> np.ndarray | None:
+        """(3,) mm, see `light_on_ball`; the light that a line holds is its peak times its width."""
+        outward = np.empty_like(self.local)
+        for image in np.unique(self.image):
+            mine = self.image == image
+            centre = ball[:3] if self.motion is None else self.motion.local(ball[:3], image)
+            outward[:, mine] = (self.local[:, mine] - centre[:, None]) / ball[3]
+        flux = line[2] * line[0] * np.abs(self._bend(ball, None).slope)
+        return light_on_ball(self.scanner.planes[:, 0], outward, flux)
+
+    def _bend(self, ball: np.ndarray, light: np.ndarray | None) -> Bend:
         if self.motion is None:
-            return self._bend_at(ball[:3], ball[3])
+            return self._bend_at(ball[:3], ball[3], light)
         order = np.argsort(self.image, kind="stable")
         images, first = np.unique(self.image[order], return_index=True)
         parts = []
         for image, rows in zip(images, np.split(order, first[1:])):
             centre = self.motion.local(ball[:3], image)
-            parts.append(self.some(rows)._bend_at(centre, ball[3]))
+            parts.append(self.some(rows)._bend_at(centre, ball[3], light))
         back = np.argsort(order)
         names = [one.name for one in fields(Bend)]
         return Bend(*(np.concatenate([getattr(one, n) for one in parts])[back] for n in names))
 
-    def _bend_at(self, centre: np.ndarray, radius: float) -> Bend:
+    def _bend_at(self, centre: np.ndarray, radius: float, light: np.ndarray | None) -> Bend:
         scanner = self.scanner
         planes = scanner.planes[:, scanner.places(self.steps)]
         return bend_on_ball(
-            scanner.camera, centre, radius, self.pixels, planes, scanner.scan, scanner.light
+            scanner.camera, centre, radius, self.pixels, planes, scanner.scan, light
         )

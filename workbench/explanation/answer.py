@@ -35,8 +35,9 @@ from workbench.explanation.result import (
 from workbench.explanation.sensor_errors import (
     ball_centres,
     errors_by_kind,
+    jitter_term,
     random_focal_error,
-    random_image_error,
+    with_jitter,
 )
 from workbench.explanation.turntable import with_turntable
 from workbench.explanation.visible import smallest
@@ -141,11 +142,12 @@ def _whole(
     recording, bench: Bench, baseline: str, shares, say: _Reporter, jobs: int = 1
 ) -> Diagnosis:
     """Find, prove, say what cannot be seen and what to measure next."""
-    found, jobs = _searched(bench, say, jobs)
+    bench, found, jobs = _searched(bench, say, jobs)
     unit, noise = bench.unit, Final(bench, found, bench.unit).noise
     terms, refused, proved = _proved(bench, found, noise, say, jobs)
     last = Final(bench, found, unit, terms)
     terms = _with_noise(last, terms, refused)
+    terms = (*terms, *jitter_term(bench, terms, found.before))
     proved, terms = _with_stated_noise(last, proved, terms, refused)
     verdict = _verdict(bench, found, terms, refused, proved)
     if verdict == UNEXPLAINED:
@@ -197,7 +199,7 @@ def _visible(bench: Bench, found: Found) -> tuple:
 
 def _verdict(bench, found: Found, terms, refused, proved) -> str:
     """The word of the contract for what was proved."""
-    left = much_left(proved, found.p_remainder)
+    left = much_left(proved, found.p_remainder) and _is_remainder_placed(bench, found)
     return verdict_of(terms, found.p_first, left, is_placed=_is_placed(bench, found, refused))
 
 
@@ -206,6 +208,13 @@ def _for_sensor(bench, recording, proved, terms, usual):
     if recording.measures not in IMAGES:
         return (), None
     return errors_by_kind(bench, proved, usual), ball_centres(bench, recording, terms)
+
+
+def _is_remainder_placed(bench, found: Found) -> bool:
+    """Whether some place of a sensor holds a significant share of what the findings leave; see `_is_placed`."""
+    if bench.chain is not None:
+        return True
+    return any(one.p_value < _PLACED and one.share > 0 for one in found.remainder)
 
 
 def _is_placed(bench, found: Found, refused) -> bool:
@@ -263,17 +272,19 @@ def _warnings(bench, recording, terms=()) -> tuple[str, ...]:
     """What is in doubt about this recording, and what its answer cannot contain."""
     on_data, chain = bench.warnings or recording.warnings, bench.chain
     if chain is None:
-        random = random_image_error(bench, terms), random_focal_error(bench, terms)
-        return (*on_data, *filter(None, random))
+        random = random_focal_error(bench, terms)
+        return (*on_data, random) if random else on_data
     if chain.robot.mass.any() or chain.state.payload.any():
         return on_data
     return (*on_data, NO_MASSES.format(robot=chain.robot.name))
 
 
-def _searched(bench: Bench, say: _Reporter, jobs: int) -> tuple[Found, int]:
-    """What the first search finds, and the processes for its repetitions: several only where it takes long."""
-    start = time.perf_counter()
-    found = find(bench, progress=elapsed(say, LEAST_FOLDS))
+def _searched(bench: Bench, say: _Reporter, jobs: int) -> tuple[Bench, Found, int]:
+    """The bench, with jitter where images have some, what the first search finds on it, and the processes for its
+    repetitions: several only where it takes long."""
+    start, progress = time.perf_counter(), elapsed(say, LEAST_FOLDS)
+    found = find(bench, progress=progress)
+    bench, found = with_jitter(bench, found, lambda one: find(one, progress=progress))
     say.first(words.preliminary(found))
     spent = time.perf_counter() - start
     jobs = jobs if spent > _LONG_S else 1
@@ -281,7 +292,7 @@ def _searched(bench: Bench, say: _Reporter, jobs: int) -> tuple[Found, int]:
         blocks = sum(len(scheme.folds) for scheme in schemes(bench.pose, found.before))
         left = duration(spent * blocks / max(jobs, 1))
         say(f"the whole search is repeated without each of {blocks} blocks, about {left} left")
-    return found, jobs
+    return bench, found, jobs
 
 
 def _proved(bench, found: Found, noise, say, jobs):

@@ -1,23 +1,18 @@
 """What a diagnosis of a sensor means for the user: errors by kind, ball centres, random errors of single images."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from datasets.recording import Recording
 from sensors.camera.focal_scatter import focal_scatter
-from workbench.core.effect import Effect
-from workbench.core.least_squares.adjustment_tests import neighbour_test
-from workbench.core.model import Model
+from workbench.diagnosis.linear.problem import Found, Problem
+from workbench.diagnosis.scanner.image_jitter import find_image_jitter, jitter_before_proof
 from workbench.diagnosis.scanner.sensor_linear import acts
 from workbench.diagnosis.validation.heldout import rms
 from workbench.explanation.result import Proof, Term
 from workbench.jobs.sensor.chains import at_solution
 
-_LEVEL = 1e-3
-_RELEVANT = 1.0  # of the noise of a stripe's averaged point, from which a displacement of whole stripes matters
-_FEWEST_STRIPES = 20
 _KINDS = {"corners": "corners", "board_stripes": "stripes on boards", "balls": "stripes on balls"}
 
 
@@ -34,7 +29,8 @@ def errors_by_kind(bench, proof: Proof, usual: np.ndarray) -> list[dict]:
         mine = np.zeros(bench.n, bool)
         mine[first:last] = True
         before, after = (rms(errors, usual & mine) for errors in proof.errors)
-        noise = float(np.sqrt(len(chain.sigma) * (bench.sigma[mine] ** 2).mean()))
+        square = (bench.sigma[mine] ** 2 + bench.shared_px[mine] ** 2).mean()
+        noise = float(np.sqrt(len(chain.sigma) * square))
         rows.append(
             {"kind": _KINDS[name], "before_px": before, "after_px": after, "noise_px": noise}
         )
@@ -72,49 +68,31 @@ def ball_centres(bench, recording: Recording, terms: Sequence[Term]) -> dict | N
     }
 
 
-def random_image_error(bench, terms: Sequence[Term]) -> str:
-    """A sentence where whole stripes are displaced at random from image to image, "" where they are not.
+def with_jitter(bench, found: Found, find: Callable[..., Found]) -> tuple[object, Found]:
+    """A bench that counts random displacement of whole stripes where there is some, and what a search finds on it; of
+    an arm what was found.
 
-    The means of single stripes scatter by more than their own noise (chi-square test), and depend neither on the step
-    nor on the board pose nor on the order of the images: no law of a recorded covariate predicts that.
+    Against noise alone, jitter passes for many laws of what was recorded, none of which predicts another board pose.
     """
-    board_stripes = bench.chains.board_stripes
-    if board_stripes is None:
-        return ""
-    residual = _stripe_residual(bench, [e for term in terms for e in term.finding.effects])
-    labels = board_stripes.labels
-    code = labels["placement"] * board_stripes.planes.shape[1] + labels["step"]
-    _, first, stripe = np.unique(code, return_index=True, return_inverse=True)
-    weight = np.broadcast_to(board_stripes.sigma, (1, board_stripes.n))[0] ** -2.0
-    total = np.bincount(stripe, weight)
-    means = np.bincount(stripe, weight * residual) / total
-    size = _scatter(means, total)
-    if size < _RELEVANT * float(np.median(weight**-0.5)) or len(means) < _FEWEST_STRIPES:
-        return ""
-    groups = [labels["step"][first], labels["placement"][first]]
-    if any(_depends(means, group) for group in groups) or _drifts(
-        means, bench.order[_of(bench)][first]
-    ):
-        return ""
-    return (
-        f"Whole stripes are displaced at random from image to image by {size:.2g} px (1 sigma): jitter or vibration of "
-        "the mirror or the arm, or irregular timing. No recorded covariate predicts it, so no correction can remove "
-        "it; average several sweeps, let the arm settle, or record what changes between images."
-    )
+    if bench.chain is not None:
+        return bench, found
+    effects = [effect for finding in found.findings for effect in finding.effects]
+    jitter = jitter_before_proof(bench, effects, found.before)
+    if jitter is None:
+        return bench, found
+    wider = bench.with_jitter(jitter.sigma_px)
+    return wider, find(wider)
 
 
-def _stripe_residual(bench, effects: Sequence[Effect]) -> np.ndarray:
-    """(n,) px, residuals of stripes on boards with the errors that the points of a stripe share.
-
-    A fit takes these errors off, as random effects; here they are what is looked for.
-    """
-    chains, fit = bench.solve(effects)
-    whole = replace(at_solution(chains, fit).board_stripes, together=None)
-    model = Model(whole, tuple(effect for effect in effects if acts(effect, "board_stripes")))
-    keys = set(model.parameters.keys)
-    found = {p.key: fit.parameters[p.key] for p in fit.parameters.table if p.key.count(".") > 1}
-    values = {key: value for key, value in found.items() if key in keys}
-    return model.evaluate(model.parameters.update(values)).residual[0]
+def jitter_term(bench, terms: Sequence[Term], problem: Problem) -> tuple[Term, ...]:
+    """The random displacement of whole stripes next to the terms that were kept, as a term; () where there is none."""
+    if bench.chain is not None:
+        return ()
+    effects = [effect for term in terms for effect in term.finding.effects]
+    jitter = find_image_jitter(bench, effects, problem)
+    if jitter is None:
+        return ()
+    return (Term(jitter.finding, jitter.parameters, jitter.sigma_px),)
 
 
 def random_focal_error(bench, terms: Sequence[Term]) -> str:
@@ -126,45 +104,6 @@ def random_focal_error(bench, terms: Sequence[Term]) -> str:
     if found is None or not found.significant:
         return ""
     return f"{found.sentence[0].upper()}{found.sentence[1:]}."
-
-
-def _of(bench) -> slice:
-    """Where the stripes on boards stand among the samples of a bench."""
-    first = bench.chains.counts[0]
-    return slice(first, first + bench.chains.board_stripes.n)
-
-
-def _scatter(means: np.ndarray, weight: np.ndarray) -> float:
-    """Standard deviation (px) of the stripes' own displacement; 0 where their noise explains the scatter.
-
-    Method of moments: DerSimonian and Laird, Controlled Clinical Trials 7 (1986).
-    """
-    from scipy.special import chdtrc
-
-    away = means - np.average(means, weights=weight)
-    degrees = len(means) - 1
-    statistic = float(weight @ away**2)
-    if chdtrc(degrees, statistic) > _LEVEL:
-        return 0.0
-    unit = weight.sum() - (weight**2).sum() / weight.sum()
-    return float(np.sqrt(max(statistic - degrees, 0.0) / unit))
-
-
-def _depends(means: np.ndarray, group: np.ndarray) -> bool:
-    """One-way analysis of variance: whether the means of stripes differ between groups."""
-    from scipy.stats import f_oneway
-
-    parts = [means[group == label] for label in np.unique(group)]
-    parts = [part for part in parts if len(part) > 1]
-    return len(parts) > 1 and bool(f_oneway(*parts).pvalue < _LEVEL)
-
-
-def _drifts(means: np.ndarray, order: np.ndarray) -> bool:
-    """Whether stripes that follow one another are displaced alike (von Neumann's ratio)."""
-    ordered = np.argsort(order, kind="stable")
-    previous = np.maximum(np.arange(len(means)) - 1, 0)
-    previous[0] = 1
-    return neighbour_test(means[ordered][None], previous).p_value < _LEVEL
 
 
 def _distance_error(

@@ -17,6 +17,7 @@ from workbench.core.vocabulary import Covariate, Place
 from workbench.diagnosis.levels import NOTABLE
 from workbench.diagnosis.linear.problem import Finding, Found
 from workbench.diagnosis.noise.random_effects import ALONG
+from workbench.diagnosis.scanner.image_jitter import EFFECT as JITTER
 from workbench.explanation.result import Term
 
 TIPS = {"ball-centre": "the ball", "ball-surface": "the ball", "external-point": "the reflector"}
@@ -276,6 +277,8 @@ def _what(term: Term, tip: str, unit: str) -> str:
         )
     if found.effect == "stated-noise":
         return _of_stated_noise(term)
+    if found.effect == JITTER:
+        return _of_jitter(term)
     if found.effect == "unknown" and found.label in (BY_POSE, NOT_LOCATED):
         return f"There is structure that nothing in the catalogue explains: {found.label} ({p_text(found.p_value)})."
     if found.effect in _OF_DATA or (
@@ -298,6 +301,17 @@ def _what(term: Term, tip: str, unit: str) -> str:
         _EITHER, "with time (no temperature was recorded)" if by_time else "with temperature"
     )
     return f"{said}: {', '.join(filter(None, (numbers, size)))}." if numbers or size else f"{said}."
+
+
+def _of_jitter(term: Term) -> str:
+    """How far whole stripes are displaced at random, what does that, and what to do."""
+    row = term.parameters[0]
+    return (
+        f"Whole stripes are displaced at random from image to image by {row['value']:.2g} ± {row['std']:.1g} px "
+        "(1 sigma): jitter or vibration of the mirror or the arm, or irregular timing. No recorded covariate predicts "
+        "it, so no correction can remove it. Average several sweeps, let the arm settle, or record what changes "
+        "between images."
+    )
 
 
 def _of_stated_noise(term: Term) -> str:

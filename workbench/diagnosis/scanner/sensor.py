@@ -6,7 +6,8 @@ their columns stand in the basis, so that what any pose can make of an effect is
 Coordinates: u of all corners, v of all corners, stripes on boards, stripes on balls, in pixels.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameter, Parameters
 from workbench.diagnosis.linear.problem import Found, Problem, Site
 from workbench.diagnosis.linear.smooth_alternatives import Smooth
+from workbench.diagnosis.scanner.pose_error import without_pose_error
 from workbench.diagnosis.scanner.sensor_library import Kind, described, places
 from workbench.diagnosis.scanner.sensor_linear import (
     WIDEST,
@@ -31,6 +33,8 @@ from workbench.diagnosis.scanner.sensor_linear import (
 from workbench.diagnosis.scanner.sensor_review import reviewed
 from workbench.jobs.sensor import chains as measured_chains
 from workbench.jobs.sensor.chains import Chains, Progress
+
+Measure = Callable[[np.ndarray], np.ndarray]
 
 _IDENTIFIERS = ("placement", "scan", "sample", "step")  # columns that only name an image
 FREE_MIRROR = tuple(name for name in NAMES if name not in ("gain", "face_zero"))
@@ -47,7 +51,8 @@ class SensorBench:
     """Implements `workbench.diagnosis.linear.problem.Bench` for corners, stripes on boards and stripes on balls.
 
     A sample is a corner or a block of a stripe; `pose` (n,): the board pose, or the scan's ball after them; `sigma`
-    (n,) px its noise.
+    (n,) px its noise. `jitter_px`: 1 sigma by which whole stripes are displaced at random from image to image; the
+    linear problem is whitened by it, see `with_jitter`.
     """
 
     unit = "px"
@@ -57,6 +62,7 @@ class SensorBench:
     whole = True  # a third of the board poses would show a third as much, and other balls
 
     def __init__(self, chains: Chains):
+        self.jitter_px = 0.0
         self.kind = _kind(chains)
         middle = 0.0 if not self.kind.mirror else float(np.mean(chains.board_stripes.angles))
         parts = chains.parts
@@ -74,6 +80,28 @@ class SensorBench:
         self.order = self.covariates.get("time_s", np.arange(self.n, dtype=float))
         self._solved: dict = {}
         self._start: tuple | None = None
+
+    def with_jitter(self, sigma_px: float) -> "SensorBench":
+        """The bench whose problems count the points of one stripe as displaced together, by `sigma_px` (1 sigma).
+
+        Solutions are the same: there, stripes on boards have the shared errors that the calibration found.
+        """
+        made = copy(self)
+        made.jitter_px = float(sigma_px)
+        return made
+
+    @property
+    def of_board_stripes(self) -> slice:
+        """Where stripes on boards stand among the samples."""
+        first = self.chains.counts[0]
+        return slice(first, first + self.chains.board_stripes.n)
+
+    @property
+    def shared_px(self) -> np.ndarray:
+        """(n,) px, 1 sigma of what each sample shares with all others of its image; 0 of corners."""
+        made = np.full(self.n, self.jitter_px)
+        made[: self.chains.counts[0]] = 0.0
+        return made
 
     def problem(
         self,
@@ -116,40 +144,61 @@ class SensorBench:
             models(chains, effects), start.only(np.zeros(len(start), bool)), families, loss="huber"
         )
 
-    def held_out(self, effects: Sequence[Effect], folds: np.ndarray) -> np.ndarray:
+    def held_out(
+        self, effects: Sequence[Effect], folds: np.ndarray, independent: bool = False
+    ) -> np.ndarray:
         """(n,) px: error of each sample predicted from the other folds (n,) int; nan where fold < 0.
 
         Camera, light, mirror and effects are those of the other folds. A held-out board pose comes from its corners
         alone: fitted to its stripes as well, it would absorb most of what these are off by. A ball's centre is fitted
         to its own stripes, since nothing else tells it.
+
+        independent: errors of stripes without what the error of their board's pose moves in common (`pose_error`): to
+        be compared by sums of squares, not to be shown.
         """
+        return self._held_out(tuple(effects), folds, _lengths, independent)
+
+    def held_out_stripes(self, effects: Sequence[Effect], folds: np.ndarray) -> np.ndarray:
+        """(k,) px: signed errors of the stripes on boards, as of `held_out`."""
+        return self._held_out(tuple(effects), folds, _first_component)[self.of_board_stripes]
+
+    def _held_out(
+        self, effects, folds: np.ndarray, measure: Measure, independent: bool = False
+    ) -> np.ndarray:
+        """(n,) px: `measure` of the residual (m, n) of each part, predicted from the other folds."""
         error = np.full(self.n, np.nan)
         for fold in np.unique(folds[folds >= 0]):
             out = folds == fold
             touched = np.isin(self.pose, self.pose[out])
             _, fit = self.solve(effects, ~out)
             chains = _at(_with_planes(self.chains, fit), touched)
-            lengths = self._held_by_corners(chains, tuple(effects), fit.parameters)
-            error[touched & out] = lengths[out[touched]]
+            residuals = self._held_by_corners(chains, effects, fit.parameters, independent)
+            found = np.concatenate([measure(residual) for residual in residuals])
+            error[touched & out] = found[out[touched]]
         return error
 
-    def _held_by_corners(self, chains: Chains, effects, known: Parameters) -> np.ndarray:
-        """(n,) px: errors with everything `known` but board poses, from corners, and centres of balls."""
+    def _held_by_corners(
+        self, chains: Chains, effects, known: Parameters, independent: bool
+    ) -> list[np.ndarray]:
+        """(m, n) px of each part, with everything `known` but board poses, from corners, and centres of balls."""
         without = replace(chains, board_stripes=None)
         posed = self._posed(without, effects, known)
-        lengths = dict(zip(without.parts, (_lengths([part]) for part in posed.residual)))
+        found = dict(zip(without.parts, posed.residual))
         if chains.board_stripes is not None:
-            board_stripes = chains.board_stripes.with_families(
-                {"placement": posed.values["placement"]}
+            poses = {"placement": posed.values["placement"]}
+            held = replace(
+                chains,
+                corners=chains.corners.with_families(poses),
+                board_stripes=chains.board_stripes.with_families(poses),
             )
-            alone = dict(
-                zip(chains.parts, models(replace(chains, board_stripes=board_stripes), effects))
+            corners, stripes = (
+                model.evaluate(model.parameters.take_over(known))
+                for model in models(held, effects)[:2]
             )
-            model = alone["board_stripes"]
-            lengths["board_stripes"] = _lengths(
-                [model.evaluate(model.parameters.take_over(known)).residual]
+            found["board_stripes"] = (
+                without_pose_error(held, corners, stripes) if independent else stripes.residual
             )
-        return np.concatenate([lengths[name] for name in chains.parts])
+        return [found[name] for name in chains.parts]
 
     def noise(self, usual: np.ndarray) -> tuple[float, str]:
         """RMS error (px) that noise alone makes of the usual samples (n,) bool, weighted as held-out errors are."""
@@ -160,7 +209,9 @@ class SensorBench:
             ]
         )
         weight = self.sigma[usual] ** -2.0
-        return float(np.sqrt(components[usual].sum() / weight.sum())), "from neighbouring points"
+        shared = float(weight @ self.shared_px[usual] ** 2)
+        source = "from neighbouring points" + (" and jitter" if self.jitter_px else "")
+        return float(np.sqrt((components[usual].sum() + shared) / weight.sum())), source
 
     def ball_centres(self, effects: Sequence[Effect] = ()) -> np.ndarray | None:
         """(B, 3) mm, centres of the balls of all scans in the camera frame; None without balls."""
@@ -351,8 +402,12 @@ def _wide(parameter: Parameter) -> Parameter:
     return replace(parameter, typical=_FREE * parameter.typical, prior=WIDEST * parameter.typical)
 
 
-def _lengths(residuals) -> np.ndarray:
-    return np.concatenate([np.sqrt((r**2).sum(0)) for r in residuals])
+def _lengths(residual: np.ndarray) -> np.ndarray:
+    return np.sqrt((residual**2).sum(0))
+
+
+def _first_component(residual: np.ndarray) -> np.ndarray:
+    return residual[0]
 
 
 def _rms_of(every, fit, key) -> float:

@@ -10,6 +10,7 @@ from sensors.camera.corners import placements
 from sensors.effects import CATALOGUE
 from sensors.light.ball_stripes import centres_family
 from sensors.light.planes import steps_family
+from sensors.light.together import Step, Together, decorrelated
 from sensors.scanner.adjustment import ON_BOTH
 from workbench.core.effect import Effect
 from workbench.core.least_squares.bundle import BundleFit, Family
@@ -80,9 +81,11 @@ class Linear:
         values = {
             p.key: fit.parameters[p.key] for p in fit.parameters.table if p.key.count(".") > 1
         }
+        shared = [_shared_errors(name, part, bench.jitter_px) for name, part in there.parts.items()]
+        self.shared = shared
         white = [
-            here.residual / model.chain.sigma
-            for model, _, here in _evaluated(there, effects, values)
+            decorrelated(steps, here.residual) / model.chain.sigma
+            for steps, (model, _, here) in zip(shared, _evaluated(there, effects, values))
         ]
         self.residuals, self.weights = white, [robust_weights(w) for w in white]
         # derivatives where nothing is noise: else the noise of a place would fit itself
@@ -105,8 +108,10 @@ class Linear:
         """(k, N) of rows (k, m, n) a part, None for nothing; not whitened before."""
         count = next(len(rows) for rows in parts if rows is not None)
         made = [
-            np.zeros((count, root.size)) if rows is None else (rows * root).reshape(count, -1)
-            for rows, root in zip(parts, self.root)
+            np.zeros((count, root.size))
+            if rows is None
+            else (decorrelated(steps, rows) * root).reshape(count, -1)
+            for rows, root, steps in zip(parts, self.root, self.shared)
         ]
         return np.concatenate(made, axis=1)
 
@@ -149,9 +154,10 @@ class Linear:
         keys = [key for key, free in zip(table.keys, table.mask) if free and key.count(".") == 1]
         dense = np.zeros((len(keys), sum(root.size for root in self.root)))
         edges = np.cumsum([0, *(root.size for root in self.root)])
-        for model, table, root, a, b in zip(self.models, self.tables, self.root, edges, edges[1:]):
+        every = zip(self.models, self.tables, self.root, self.shared, edges, edges[1:])
+        for model, table, root, steps, a, b in every:
             own = table.only(np.isin(table.keys, keys))
-            rows = model.linearise(own)[1] * root
+            rows = decorrelated(steps, model.linearise(own)[1]) * root
             place = [keys.index(k) for k, free in zip(own.keys, own.mask) if free]
             dense[place, a:b] = rows.reshape(len(rows), -1) * own.typical[own.mask][:, None]
         families = [self.family(name, family) for name, family in families_of(self.chains).items()]
@@ -160,10 +166,12 @@ class Linear:
     def family(self, name: str, family: Family) -> np.ndarray:
         """(G L, N) whitened columns of a family's groups that have samples."""
         parts, groups = [], len(family.values)
-        for part, here, model, root in zip(self.names, self.points, self.models, self.root):
+        every = zip(self.names, self.points, self.models, self.root, self.shared)
+        for part, here, model, root, steps in every:
             whole = np.zeros((groups, family.length, root.size))
             if _has(part, name):
-                rows = here.family_rows(name) * root * np.asarray(family.typical)[:, None, None]
+                rows = decorrelated(steps, here.family_rows(name)) * root
+                rows = rows * np.asarray(family.typical)[:, None, None]
                 label = np.tile(model.chain.labels[name], len(root))
                 whole[label, :, np.arange(root.size)] = rows.reshape(family.length, -1).T
             parts.append(whole.reshape(groups * family.length, -1))
@@ -265,6 +273,17 @@ class Linear:
                     )
                 )
         return tuple(made)
+
+
+def _shared_errors(name: str, chain, sigma_px: float) -> list[Step]:
+    """Factors that make points of stripes independent which are displaced together by `sigma_px` (1 sigma)."""
+    if not sigma_px or name == "corners":
+        return []
+    group = chain.labels["placement" if name == "board_stripes" else "ball"]
+    labels = {"placement": group, "step": chain.labels["step"]}
+    along = (chain.pixels[::-1] * chain.scan).sum(0)
+    together = replace(Together.of(labels, along), sigma=np.array([sigma_px, 0.0, 0.0]))
+    return together.steps(np.broadcast_to(chain.sigma, (1, chain.n))[0])
 
 
 class _At:

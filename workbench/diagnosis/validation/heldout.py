@@ -102,17 +102,18 @@ def sigma_of(bench, samples: np.ndarray | None = None) -> np.ndarray | None:
 class Errors:
     """Held-out errors of a bench, each set of effects and folds once.
 
-    Errors are distances (n,) in mm or px; `angles_of` gives the rotation angles that belong to them.
+    Errors are distances (n,) in mm or px; `angles_of` gives the rotation angles that belong to them. independent: those
+    of a sensor without what samples of one board pose share, to be compared and not to be shown.
     """
 
-    def __init__(self, bench):
-        self.bench, self.kept = bench, {}
+    def __init__(self, bench, independent: bool = False):
+        self.bench, self.kept, self._independent = bench, {}, independent
         self._angles: dict[bytes, np.ndarray] = {}
 
     def __call__(self, effects, fold: np.ndarray) -> np.ndarray:
         """(n,) each sample predicted from the other folds."""
         if self.bench.chain is None:
-            return self._once(effects, fold, lambda: self.bench.held_out(effects, fold))
+            return self._once(effects, fold, lambda: self._of_sensor(effects, fold))
         both = np.empty((2, len(fold)))
         for k in np.unique(fold):
             both[:, fold == k] = self._block(effects, fold == k)
@@ -152,7 +153,7 @@ class Errors:
     def _predict(self, effects, block):
         """(2, n) distances and angles (deg), nan where there are none."""
         if self.bench.chain is None:  # a sensor's bench fits what is in no fold
-            distances = self.bench.held_out(effects, np.where(block, 0, -1))
+            distances = self._of_sensor(effects, np.where(block, 0, -1))
             return np.stack([distances, np.full_like(distances, np.nan)])
         if self._leaves_open(effects, block):
             # the others leave a direction open (all have the tool upright, say): it stays where all samples have it
@@ -166,6 +167,10 @@ class Errors:
             else np.full(len(block), np.nan)
         )
         return np.stack([np.sqrt(found.squares), np.rad2deg(angles)])
+
+    def _of_sensor(self, effects, fold: np.ndarray) -> np.ndarray:
+        """(n,) px, nan where fold < 0."""
+        return self.bench.held_out(effects, fold, independent=self._independent)
 
     def _leaves_open(self, effects, block: np.ndarray) -> bool:
         """Whether a direction of the fit is determined by the samples of a block (n,) bool alone."""

@@ -168,15 +168,23 @@ def _whole(bench, found: Found, find: Find | None, errors: Errors, say, jobs: in
     if find is None:
         return Nested(parts, plain, plain, [{} for _ in parts], [0.0 for _ in parts])
     nested = _search_nested(bench, find, parts, say, jobs)
-    made = [
-        errors.predicted(s, {k: effects_of(f) for k, f in a.items()}, p)
-        for s, a, p in zip(parts, nested, plain)
-    ]
+    made = _predicted(errors, parts, nested, plain)
+    compared = plain, made
+    if bench.chain is None:
+        errors = Errors(bench, independent=True)
+        before = [errors((), s.fold) for s in parts]
+        compared = before, _predicted(errors, parts, nested, before)
     t = [
         paired(bench.pose, before, after, usual, sigma_of(bench))
-        for before, after in zip(plain, made)
+        for before, after in zip(*compared)
     ]
     return Nested(parts, plain, made, nested, t)
+
+
+def _predicted(errors: Errors, parts, nested, plain) -> list[np.ndarray]:
+    """Errors (n,) by scheme where every fold is predicted with what was found without it."""
+    chosen = [{k: effects_of(found) for k, found in folds.items()} for folds in nested]
+    return [errors.predicted(*one) for one in zip(parts, chosen, plain)]
 
 
 def _proof(bench, rows: Sequence[Judged], fixed, noise, usual) -> Proof:

@@ -1,7 +1,7 @@
 """From images to what a diagnosis of the sensor looks at: corners, stripes on boards, stripes on balls.
 
 Found, cleaned and averaged once by the workbench's own calibration, with bow and free light planes,
-which hide next to nothing; what noise each kind of measurement has is then read from its third
+which hide next to nothing; what noise each kind of measurement has is then read from its third divided
 differences between neighbours. A smooth effect leaves none there, so a planted one does not pass for noise.
 """
 
@@ -30,7 +30,6 @@ from workbench.jobs.sensor import scanner as scanners
 
 MOST_STRIPES = 6_000
 """Points of stripes on boards in all: some tens a stripe, which carry everything that is smooth along it."""
-_THIRD = 20.0  # variance of a third difference of unit noise: 1 + 9 + 9 + 1
 _ENOUGH = 30  # third differences that tell a noise
 _NORMAL = 1.4826  # sigma over the median of absolute deviations
 _WRONG = 4.0
@@ -210,19 +209,38 @@ def noisy(chains: Chains) -> Chains:
 def noise_scale(chain, name: str) -> float | None:
     """How many times its stated sigma a chain's noise is, None where too few neighbours tell.
 
-    Third differences along the rows of a board, or along a stripe, over the root of their variance
-    under the stated sigmas; those beyond four sigmas by their median do not count.
+    Divided third differences along the rows of a board, or along a stripe, over their own noise under the stated
+    sigmas; those beyond four sigmas by their median do not count.
     """
-    residual = chain.evaluate(chain.parameters.values, {}).residual / chain.sigma
+    residual = chain.evaluate(chain.parameters.values, {}).residual
+    sigma = np.broadcast_to(chain.sigma, residual.shape)
     line, along = _lines(chain, name)
     order = np.lexsort((along, line))
-    residual, line = residual[:, order], line[order]
-    same = line[3:] == line[:-3]
-    third = np.diff(residual, 3, axis=1)[:, same] / np.sqrt(_THIRD)
+    four = order[np.arange(len(order) - 3)[:, None] + np.arange(4)]
+    four = four[line[four[:, 0]] == line[four[:, 3]]]
+    third = _third_differences(residual, sigma, along, four)
     if third.size < _ENOUGH:
         return None
     usual = _NORMAL * np.median(np.abs(third))
     return float(np.sqrt((third[np.abs(third) <= _WRONG * usual] ** 2).mean()))
+
+
+def _third_differences(residual, sigma, along, four: np.ndarray) -> np.ndarray:
+    """(m, k) divided differences of residuals (m, n) with noise `sigma` (m, n) over samples `four` (k, 4) of one line,
+    divided by their own noise.
+
+    Places (n,) along a line are uneven where points were dropped: with equal weights a slope or a curvature of
+    the residual would pass for noise. Weights: 1 over the product of the distances from the other three places.
+    """
+    place = along[four]
+    apart = place[:, :, None] - place[:, None]
+    apart[:, range(4), range(4)] = 1.0
+    product = apart.prod(2)
+    usable = (product != 0).all(1)
+    weight, four = 1 / product[usable], four[usable]
+    weight = weight / np.linalg.norm(weight, axis=1, keepdims=True)
+    difference = (weight * residual[:, four]).sum(-1)
+    return difference / np.sqrt(((weight * sigma[:, four]) ** 2).sum(-1))
 
 
 def _lines(chain, name):

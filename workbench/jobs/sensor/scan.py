@@ -247,15 +247,17 @@ class _Work:
         return sorted({ball[3] for ball in self.recording.balls.values()}) or None
 
     def stripes(self, rows):
-        """Pixels (2, n), steps (n,), image (n,) from 0, sigma (n,) px and covariates of a scan's stripe; counts of what
-        was dropped, and images in which none can be seen."""
+        """Pixels (2, n), steps (n,), image (n,) from 0, sigma (n,) px, line (3, n) (as of `Stripes.shape`, and peak in
+        grey values) and covariates of a scan's stripe; counts of what was dropped, and images in which none can be
+        seen."""
         paths = [path_of(self.recording, row) for row in rows]
         called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
         parts, flaws, dropped, first = [], [], Counter(), 0
         for stack in stacks(paths, _FRAMES, called.get):
             flaws += [unlit(frame) for frame in stack]
             found = find_stripes(stack, self.along, saturation=self.saturation)
-            parts.append((found.pixels, first + found.frame, found.sigma, found.shape))
+            line = np.vstack([found.shape, found.peak])
+            parts.append((found.pixels, first + found.frame, found.sigma, line))
             dropped.update(found.dropped)
             first += len(stack)
         pixels, frame, sigma, shape = (
@@ -304,8 +306,8 @@ class _Work:
         own = own | cloud.together()
         radius = self._radius(number, free.radius, self.radii)
         start = np.append(free.centre, free.radius if radius is None else radius)
-        bend = cloud.bend(start)
-        pull = np.nan_to_num(bend.pull(bend.line_shape(shape[0]), *shape))
+        bend = cloud.bend(start, shape)
+        pull = np.nan_to_num(bend.pull(bend.line_shape(shape[0]), *shape[:2]))
         straight = cloud.points - cloud.error * pull
         lit = bend.lit > np.cos(own["incidence"])
         fit = _fitted(straight, cloud.view, lit, radius, start, own)

@@ -1,0 +1,46 @@
+"""Where the light of a single light plane comes from, by how bright its stripes are on a matt ball.
+
+Planes of a mirror meet where the light comes from (`sensors.light.planes.light_origin`); one plane says no more than
+that the light is in it. A matt surface is as bright as the cosine of the light's incidence (Lambert). The brightness of
+stripes on known normals is therefore linear in the direction of the light, as in photometric stereo (Woodham, Optical
+Engineering 19 (1980) 139), here with the two components in the plane alone.
+"""
+
+import numpy as np
+
+from sensors.state import stripe_direction
+
+_FAR = 1e6  # mm
+_DARK = 0.2  # of the brightest, below which blur and shadow fill what is measured
+_FEWEST = 60
+_ROUNDS = 5
+_MATT = 0.25  # RMS deviation from the cosine, of the mean, beyond which the surface is not matt
+_SPREAD = 0.1  # second over first singular value of the normals' components in the plane
+
+
+def light_on_ball(plane: np.ndarray, outward: np.ndarray, flux: np.ndarray) -> np.ndarray | None:
+    """(3,) mm, a distant point that the light of a plane (4,) comes from, camera frame; None where brightness does not
+    say it.
+
+    outward (3, n) unit normals of the ball at points of the plane's stripes; flux (n,) light per area there, of any
+    unit.
+    """
+    along = stripe_direction(plane[:, None])[:, 0]
+    axes = np.stack([along, np.cross(plane[:3], along)])
+    rows = axes @ outward
+    kept = np.isfinite(rows).all(0) & np.isfinite(flux) & (flux > 0)
+    direction = None
+    for _ in range(_ROUNDS):
+        if kept.sum() < _FEWEST:
+            return None
+        sides = np.linalg.svd(rows[:, kept], compute_uv=False)
+        if sides[1] < _SPREAD * sides[0]:
+            return None
+        direction = np.linalg.lstsq(rows[:, kept].T, flux[kept], rcond=None)[0]
+        made = direction @ rows
+        left = flux - made
+        scale = 1.4826 * float(np.median(np.abs(left[kept])))
+        kept = (made > _DARK * np.linalg.norm(direction)) & (np.abs(left) <= 3 * scale)
+    if kept.sum() < _FEWEST or left[kept].std() > _MATT * flux[kept].mean():
+        return None
+    return _FAR * (direction @ axes) / np.linalg.norm(direction)

@@ -1,0 +1,261 @@
+"""Random displacement of whole stripes from image to image: a random effect, judged by its held-out likelihood.
+
+Jitter of a mirror, vibration faster than the images and irregular timing move a stripe as a whole, by another amount in
+each image. Nothing that was recorded predicts the amount, so that no held-out RMS error falls when it is in the model.
+What the model does predict is the spread: the score of a held-out board pose is the log density of its stripes
+(logarithmic score: Gneiting & Raftery, J. Am. Stat. Assoc. 102 (2007) 359) with the variance v + t^2 that the other
+board poses show, v the variance of the mean of a stripe's centres, against v alone.
+
+A board pose that is held by its corners errs, which moves its stripes smoothly with the mirror's angle. Only contrasts
+of the stripes of one board pose count that are orthogonal to a parabola in that angle: the likelihood of contrasts is
+the restricted one (Patterson & Thompson, Biometrika 58 (1971) 545), so that t has no bias from what they leave out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.special import chdtrc, fdtrc
+
+from sensors.light.grouping import groups
+from workbench.core.effect import Effect
+from workbench.core.least_squares.adjustment_tests import neighbour_test
+from workbench.core.model import Model
+from workbench.diagnosis.levels import MISSING, REAL
+from workbench.diagnosis.linear.problem import Finding, Problem
+from workbench.diagnosis.scanner.sensor_linear import acts
+from workbench.diagnosis.validation.folds import schemes
+from workbench.jobs.sensor.chains import at_solution
+
+EFFECT, WHERE = "mirror-jitter", "mirror"
+_RELEVANT = 1.0  # of the noise of one averaged point of a stripe, from which a displacement matters
+_FEWEST_STRIPES, _FEWEST_POSES = 20, 3
+_DEGREE = 2  # of the polynomial in the mirror's angle that the error of a board pose makes
+_SYSTEMATIC = (
+    1e-3  # p-value below which stripes of one step, or neighbours in time, are displaced alike
+)
+_SMALLEST, _LARGEST = 1e-3, 1e3  # of the noise of a stripe's mean: spreads that are tried
+
+
+@dataclass(frozen=True)
+class ImageJitter:
+    """`sigma_px` 1 sigma (px) by which whole stripes are displaced, `std_px` its standard error; `p_value` of a
+    chi-square test that their noise does as much; `gain` in log density of held-out board poses, with its paired `t`;
+    `stripes` their number."""
+
+    sigma_px: float
+    std_px: float
+    p_value: float
+    gain: float
+    t: float
+    stripes: int
+
+    @property
+    def finding(self) -> Finding:
+        """As a finding on the data: there is no effect to be fitted."""
+        return Finding(EFFECT, WHERE, "", (), self.p_value, 1.0, 0.0, self.gain)
+
+    @property
+    def parameters(self) -> tuple[dict, ...]:
+        """The spread as a row of parameters."""
+        row = {
+            "key": f"{WHERE}.{EFFECT}.sigma",
+            "name": "sigma",
+            "where": WHERE,
+            "label": "1 sigma of the displacement of whole stripes",
+            "effect": EFFECT,
+            "value": self.sigma_px,
+            "std": self.std_px,
+            "unit": "px",
+            "typical": 0.1,
+            "size_px": self.sigma_px,
+        }
+        return (row,)
+
+
+@dataclass(frozen=True)
+class _Stripes:
+    """Stripes of one set of effects: contrasts `z` (k,) px of held-out board poses with their `variance` (k,) px^2 of
+    noise and their board `pose` (k,); by how much each stripe is `displaced` (s,) px in the fit of all, with its `step`
+    (s,) and its place `order` (s,) in time."""
+
+    z: np.ndarray
+    variance: np.ndarray
+    pose: np.ndarray
+    displaced: np.ndarray
+    step: np.ndarray
+    order: np.ndarray
+
+    @property
+    def sigma(self) -> float:
+        """px, likeliest spread."""
+        return _likeliest(self.z, self.variance)
+
+    @property
+    def is_systematic(self) -> bool:
+        """Whether stripes of one step, or those that follow one another, are displaced alike: that is no chance."""
+        if self._by_step() < _SYSTEMATIC:
+            return True
+        ordered = np.argsort(self.order, kind="stable")
+        previous = np.empty(len(ordered), int)
+        previous[ordered] = np.r_[ordered[1], ordered[:-1]]
+        return neighbour_test(self.displaced[None], previous).p_value < _SYSTEMATIC
+
+    def _by_step(self) -> float:
+        """p-value of a one-way analysis of variance, with the degrees of freedom that the contrasts leave."""
+        _, step = np.unique(self.step, return_inverse=True)
+        means = np.bincount(step, self.displaced) / np.bincount(step)
+        between = float((means[step] ** 2).sum())
+        within = float(((self.displaced - means[step]) ** 2).sum())
+        degrees = step.max() - _DEGREE
+        rest = len(self.z) - degrees
+        if degrees < 1 or rest < 1 or within <= 0:
+            return 1.0
+        return float(fdtrc(degrees, rest, between / degrees / (within / rest)))
+
+    def scores(self, random: bool) -> np.ndarray:
+        """(G,) log density of each board pose's contrasts, with the spread of all others, or with noise alone."""
+        poses, group = np.unique(self.pose, return_inverse=True)
+        made = np.empty(len(poses))
+        for k in range(len(poses)):
+            mine, others = group == k, group != k
+            sigma = _likeliest(self.z[others], self.variance[others]) if random else 0.0
+            made[k] = -_deviance(sigma**2, self.z[mine], self.variance[mine])
+        return made
+
+
+def find_image_jitter(bench, effects: Sequence[Effect], problem: Problem) -> ImageJitter | None:
+    """Random displacement of whole stripes next to some effects; None where there is none, or where it is no chance.
+
+    bench: a `SensorBench`; problem: of all its samples, whose folds are taken.
+    """
+    found = _stripes(bench, tuple(effects), problem)
+    return None if found is None else _judged(bench, found)
+
+
+def jitter_before_proof(bench, effects: Sequence[Effect], problem: Problem) -> ImageJitter | None:
+    """As `find_image_jitter`, next to the effects where they raise the held-out likelihood with jitter, else without.
+
+    effects: that a search accepted against noise alone. On the samples that it saw some of them imitate jitter.
+    """
+    plain = _stripes(bench, (), problem)
+    if plain is None or not effects:
+        return None if plain is None else _judged(bench, plain)
+    fitted = _stripes(bench, tuple(effects), problem)
+    is_real = _paired_t(fitted.scores(True) - plain.scores(True)) > REAL
+    return _judged(bench, fitted if is_real else plain)
+
+
+def _judged(bench, found: _Stripes) -> ImageJitter | None:
+    sigma, count = found.sigma, len(found.displaced)
+    noise = float(np.median(bench.chains.board_stripes.sigma))
+    if count < _FEWEST_STRIPES or not sigma > _RELEVANT * noise:
+        return None
+    p_value = float(chdtrc(len(found.z), (found.z**2 / found.variance).sum()))
+    gains = found.scores(True) - found.scores(False)
+    t = _paired_t(gains)
+    if p_value > MISSING or not t > REAL or found.is_systematic:
+        return None
+    information = (sigma**2 / (found.variance + sigma**2)) ** 2
+    std = sigma / np.sqrt(2 * information.sum())
+    return ImageJitter(sigma, float(std), max(p_value, 1e-300), float(gains.sum()), t, count)
+
+
+def _stripes(bench, effects, problem: Problem) -> _Stripes | None:
+    """None where there are too few stripes or board poses."""
+    chain = bench.chains.board_stripes
+    if chain is None:
+        return None
+    fold = schemes(bench.pose, problem)[0].fold
+    pose, step = chain.labels["placement"], chain.labels["step"]
+    stripe, count = groups(pose, step)
+    _, first = np.unique(stripe, return_index=True)
+    weight = np.broadcast_to(chain.sigma, (1, chain.n))[0] ** -2.0
+    total = np.bincount(stripe, weight, count)
+    means = np.stack(
+        [
+            np.bincount(stripe, weight * residual, count) / total
+            for residual in (bench.held_out_stripes(effects, fold), _fitted(bench, effects))
+        ]
+    )
+    order = bench.order[bench.of_board_stripes][first]
+    return _contrasts(
+        means, 1 / total, pose[first], step[first], _angles(chain, step[first]), order
+    )
+
+
+def _fitted(bench, effects) -> np.ndarray:
+    """(n,) px, residuals of stripes on boards in the fit of all samples, with the errors that points of a stripe share.
+
+    Held-out stripes of one step all miss by what a mirror from few displaced stripes is off; these do not.
+    """
+    chains, fit = bench.solve(effects)
+    whole = replace(at_solution(chains, fit).board_stripes, together=None)
+    model = Model(whole, tuple(effect for effect in effects if acts(effect, "board_stripes")))
+    keys = set(model.parameters.keys)
+    found = {p.key: fit.parameters[p.key] for p in fit.parameters.table if p.key.count(".") > 1}
+    values = {key: value for key, value in found.items() if key in keys}
+    return model.evaluate(model.parameters.update(values)).residual[0]
+
+
+def _angles(chain, step: np.ndarray) -> np.ndarray:
+    """(s,) where each stripe stands in the sweep: its mirror angle, or the number of its step."""
+    return step.astype(float) if chain.angles is None else chain.angles[step]
+
+
+def _contrasts(means, variance, pose, step, angle, order) -> _Stripes | None:
+    """Of means (2, s) px, held out and fitted, with variances (s,) px^2, within each board pose."""
+    z, spread, of, displaced = [], [], [], np.full(means.shape[1], np.nan)
+    for k in np.unique(pose):
+        mine = np.flatnonzero((pose == k) & np.isfinite(means).all(0))
+        size = min(_DEGREE, len(mine) - 2) + 1
+        if size < 1:
+            continue
+        place = angle[mine] - angle[mine].mean()
+        place = place / max(np.abs(place).max(), 1e-300)
+        whole = np.linalg.qr(np.vander(place, size, increasing=True), mode="complete")[0]
+        apart = whole[:, size:]
+        z.append(apart.T @ means[0, mine])
+        spread.append((apart**2).T @ variance[mine])
+        of.append(np.full(apart.shape[1], k))
+        displaced[mine] = apart @ (apart.T @ means[1, mine])
+    if len(z) < _FEWEST_POSES:
+        return None
+    kept = np.isfinite(displaced)
+    return _Stripes(
+        np.concatenate(z),
+        np.concatenate(spread),
+        np.concatenate(of),
+        displaced[kept],
+        step[kept],
+        order[kept],
+    )
+
+
+def _deviance(variance: float, z: np.ndarray, noise: np.ndarray) -> float:
+    """Minus the log density of contrasts (k,) with noise of variance (k,) and a further `variance`, but for a
+    constant."""
+    whole = noise + variance
+    return 0.5 * float((np.log(whole) + z**2 / whole).sum())
+
+
+def _likeliest(z: np.ndarray, noise: np.ndarray) -> float:
+    """px, the spread with the largest likelihood of contrasts (k,), 0 where noise alone is likelier."""
+    scale = np.log(float(np.sqrt(np.median(noise))))
+    best = minimize_scalar(
+        lambda x: _deviance(np.exp(2 * x), z, noise),
+        bounds=(scale + np.log(_SMALLEST), scale + np.log(_LARGEST)),
+        method="bounded",
+    )
+    sigma = float(np.exp(best.x))
+    return sigma if best.fun < _deviance(0.0, z, noise) else 0.0
+
+
+def _paired_t(gains: np.ndarray) -> float:
+    """t of the mean of gains (G,) of board poses."""
+    spread = gains.std(ddof=1) / np.sqrt(len(gains))
+    return float(gains.mean() / spread) if spread > 0 else 0.0
+
+
+__all__ = ["EFFECT", "ImageJitter", "find_image_jitter", "jitter_before_proof"]
