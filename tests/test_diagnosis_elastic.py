@@ -5,6 +5,7 @@ import pytest
 import datasets
 from datasets.makers import elastic_arms
 from robot_model.effects import CATALOGUE
+from test_real_arm_effects import without_masses
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.robot.library import variants
 from workbench.diagnosis.search.select import find
@@ -29,6 +30,16 @@ def test_the_bundled_arm_has_its_joints_named_and_nothing_that_is_absent(elastic
     assert sure <= joints | {("zero-shift", "joint-2")}
     assert {("joint-compliance", "joint-3"), ("joint-compliance", "joint-2")} <= listed
     assert {("zero-shift", "joint-2"), ("joint-compliance", "joint-2")} <= sure
+
+
+@pytest.mark.slow
+def test_without_masses_the_same_arm_has_its_slip_and_its_compliances_named(elastic_arm):
+    """An accepted term is never less probable than another in its place: names come from the sets that are searched."""
+    found = find(bench_of(without_masses(elastic_arm.recording)))
+    sure = {(f.effect, f.where) for f in found.findings if f.probability >= 0.95}
+    assert {("zero-shift", "joint-2"), ("gravity-compliance", "joint-2")} <= sure
+    for one in found.findings:
+        assert one.probability >= max((a.probability for a in one.alternatives), default=0) - 0.2
 
 
 def test_a_link_without_a_length_does_not_bend(elastic_arm):

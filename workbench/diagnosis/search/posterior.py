@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from robot_model.effects.transmission import TransmissionHarmonic
+from robot_model.effects.unknown_masses import GravityCompliance
 from workbench.core.least_squares.linear_algebra import pseudo_inverse
 from workbench.diagnosis.levels import NOTABLE, SHOWN
 from workbench.diagnosis.robot.mass_responses import LABEL
@@ -143,7 +144,8 @@ def _is_elastic(h) -> bool:
     if h.unnamed:
         return False
     order = getattr(h.effects[0], "order", None) if h.effects else None
-    return h.effect in DEFLECTS or (h.effect == TransmissionHarmonic.effect and order == 1.0)
+    deflects = h.effect in (*DEFLECTS, GravityCompliance.effect)
+    return deflects or (h.effect == TransmissionHarmonic.effect and order == 1.0)
 
 
 __all__ = ["Name", "Window", "probabilities_of_names"]

@@ -33,6 +33,7 @@ from workbench.diagnosis.search.findings import (
     with_special_cases,
 )
 from workbench.diagnosis.search.likeliest import accept_likeliest
+from workbench.diagnosis.search.names import exchange_names
 from workbench.diagnosis.search.posterior import probabilities_of_names
 from workbench.diagnosis.search.prior import LAW_ERROR
 from workbench.diagnosis.search.state import Search
@@ -66,6 +67,7 @@ def found_terms(bench: Bench, samples: np.ndarray | None = None) -> list[Finding
     search = Search(bench, samples, MISSING, lambda text: None)
     search.solve()
     _accept(search)
+    exchange_names(search)
     return with_special_cases([bare_finding(h) for h in search.accepted])
 
 
@@ -94,6 +96,7 @@ def _found(search: Search) -> Found:
     level, before = search.level, search.plain
     places = located(search.problem, search.table(()))
     first, moving = _accept(search)
+    exchange_names(search)
     names = probabilities_of_names(search)
     each = [with_hidden(search, finding(search, i, names)) for i in search.everyone]
     findings = tuple(with_special_cases(each))
