@@ -32,7 +32,7 @@ class ExcludedList:
             with html.Div(classes="d-flex flex-wrap align-center mt-2"):
                 v3.VTextField(
                     v_model=("wanted_excluded",),
-                    label="Excluded sample number",
+                    label="Number to include",
                     density="compact",
                     hide_details=True,
                     style="flex: 0 0 220px",
@@ -94,7 +94,7 @@ class ExcludedList:
 
     def include_sample(self, number) -> None:
         """Include a sample by its number, and its pose where that is excluded."""
-        number = whole_number(number, -(2**53), 2**53, "Excluded sample number")
+        number = whole_number(number, -(2**53), 2**53, "Number to include")
         self.tab.work.include_sample(number)
         self._say()
 
