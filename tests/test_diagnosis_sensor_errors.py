@@ -15,7 +15,7 @@ from workbench.diagnosis.scanner.image_jitter import find_image_jitter
 from workbench.diagnosis.scanner.pose_error import independent_errors
 from workbench.diagnosis.scanner.sensor_simulate import simulated
 from workbench.diagnosis.search.select import find
-from workbench.explanation.answer import _is_placed, _is_remainder_placed
+from workbench.explanation.answer import _is_much_left, _is_placed, _is_remainder_placed
 from workbench.explanation.result import verdict_of
 from workbench.explanation.sensor_errors import (
     ball_centres,
@@ -120,6 +120,16 @@ def test_a_remainder_without_a_place_leaves_a_finding_as_the_explanation(bench):
     real = Located("camera", "pixel", ("u",), 0.2, 1e-6, 0.1)
     assert not _is_remainder_placed(bench, SimpleNamespace(remainder=(empty,)))
     assert _is_remainder_placed(bench, SimpleNamespace(remainder=(empty, real)))
+
+
+def test_structure_next_to_jitter_alone_counts_as_where_nothing_was_found(bench):
+    """Jitter takes nothing off the held-out error, of which therefore everything seems to be left."""
+    real = Located("artefact", "target", ("board_x",), 0.01, 1e-3, 0.1)
+    jitter = [SimpleNamespace(finding=SimpleNamespace(effects=()))]
+    proved = SimpleNamespace(before=0.063, after=0.063, noise=0.055)
+    for p_value, expected in ((0.0062, False), (0.001, True)):
+        found = SimpleNamespace(remainder=(real,), p_remainder=p_value)
+        assert _is_much_left(bench, found, jitter, proved) is expected
 
 
 def replace_t(term, t):
