@@ -6,6 +6,7 @@ import datasets
 from datasets.makers import elastic_arms
 from robot_model.effects import CATALOGUE
 from test_real_arm_effects import without_masses
+from workbench.diagnosis.robot import bench
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.robot.library import variants
 from workbench.diagnosis.search.select import find
@@ -70,3 +71,11 @@ def test_names_stated_with_95_percent_are_right_on_arms_of_another_engine():
         stated += len(sure)
         right += sum(is_right(f, rows, made.truth) for f in sure)
     assert stated >= 60 and right >= 0.95 * stated
+
+
+def test_combinations_of_masses_are_those_of_some_of_the_samples(monkeypatch):
+    """States with one first moment more take kilobytes a sample; a large recording has none of all its samples."""
+    arm = bench_of(datasets.read("elastic-arm"))
+    monkeypatch.setattr(bench, "_LARGE", 20)
+    assert arm.with_masses
+    assert "unit_moments" not in arm.chain.state.__dict__

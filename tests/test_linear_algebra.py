@@ -9,6 +9,7 @@ from workbench.core.least_squares.linear_algebra import (
     covariance_of,
     inverse_positive,
     least_squares,
+    posterior_of,
     pseudo_inverse,
     root_between,
     solve_positive,
@@ -173,3 +174,14 @@ def test_a_root_is_found_where_there_is_one_and_the_nearer_end_otherwise():
     assert root_between(lambda x: x + 1, 0.0, 1.0) == 0.0
     assert root_between(lambda x: x - 2, 0.0, 1.0) == 1.0
     assert root_between(lambda x: np.nan, 0.0, 1.0) in (0.0, 1.0)
+
+
+@pytest.mark.parametrize("rank", [12, 7])
+def test_posterior_mean_and_variances_are_those_of_the_covariance(rank):
+    rng = np.random.default_rng(rank)
+    rows = rng.normal(size=(30, rank)) @ rng.normal(size=(rank, 12)) * np.geomspace(1e-3, 1e3, 12)
+    prior, right = rng.uniform(0.1, 2.0, 12), rng.normal(size=12)
+    covariance = covariance_of(rows.T @ rows, prior)
+    mean, variances = posterior_of(rows.T @ rows, prior, right)
+    np.testing.assert_allclose(variances, np.diag(covariance), rtol=1e-6)
+    np.testing.assert_allclose(mean, covariance @ right, rtol=1e-6)

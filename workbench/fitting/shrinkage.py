@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from workbench.core.least_squares.linear_algebra import covariance_of
+from workbench.core.least_squares.linear_algebra import posterior_of
 from workbench.core.least_squares.solver import Fit, normal_matrix, solve
 from workbench.core.model import NOISE, Model
 from workbench.core.parameters import Parameters
@@ -99,9 +99,9 @@ def _scaled(normal, away, precision, least, family):
     right, precision = normal @ away + precision * away, precision.copy()
     members = [family == k for k in range(family.max() + 1) if (family == k).any()]
     for _ in range(_ROUNDS):
-        covariance = covariance_of(normal, precision + 1e-9)
-        away, before = covariance @ right, precision.copy()
-        spent = 1 - precision * np.diag(covariance)  # share of each number that the data determine
+        away, variances = posterior_of(normal, precision + 1e-9, right)
+        before = precision.copy()
+        spent = 1 - precision * variances  # share of each number that the data determine
         for mine in members:
             square = max((away[mine] ** 2).sum() / max(spent[mine].sum(), 1e-3), _LEAST**2)
             precision[mine] = np.maximum(1 / square, least[mine])

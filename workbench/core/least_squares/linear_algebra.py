@@ -215,6 +215,25 @@ def covariance_of(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
     return np.stack([_covariance_by_rows(one, prior) for one in flat]).reshape(information.shape)
 
 
+def posterior_of(
+    information: np.ndarray, prior: np.ndarray, right: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (F,) and variances (F,) of the posterior with precision information + diag(prior), mean times it = right.
+
+    information (F, F), prior (F,): as of `covariance_of`, whose other entries are not computed; right (F,).
+    """
+    check_finite(information, prior, right)
+    total = (information + information.T) / 2 + np.diag(prior)
+    size = diagonal_scale(total)
+    lower = _accurate_factor(total / np.outer(size, size), prior / size**2)
+    if lower is None or not len(size):
+        covariance = covariance_of(information, prior)
+        return covariance @ right, np.diag(covariance).copy()
+    upper = lapack.dtrtri(lower.T, lower=0)[0]
+    mean = linalg.cho_solve((lower, True), right / size, check_finite=False) / size
+    return mean, np.einsum("ij,ij->i", upper, upper) / size**2
+
+
 def _accurate_factor(total: np.ndarray, prior: np.ndarray) -> np.ndarray | None:
     """Lower Cholesky factor of total (..., F, F), of unit diagonal; None where rounding changes variances too much.
 
