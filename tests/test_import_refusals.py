@@ -5,8 +5,9 @@ import os
 import numpy as np
 import pytest
 
+from datasets.importers.mapping import headers
 from datasets.importers.mapping.model import read_mapping
-from datasets.importers.sources.text_tables import read_text_table
+from datasets.importers.sources.text_tables import is_number_text, read_text_table
 from import_scenes import SCENE, UR10, degrees, simulated, tracker, write_rows
 from import_tables import nearly_one_orientation
 from workbench.commands.cli import run
@@ -230,3 +231,10 @@ def test_at_a_terminal_the_preview_is_confirmed(truth, tmp_path):
         assert process.returncode == status
         assert "Fit to the robot" in said
         assert (tmp_path / "out").exists() == exists
+
+
+def test_cells_and_headers_of_a_million_characters_are_judged_at_once():
+    """With a time that grows with the square of the length these two take many minutes."""
+    assert not is_number_text("9" * 1_000_000 + "x")
+    assert is_number_text("9" * 1_000_000 + ".5e3")
+    assert headers._kind("a1" * 500_000) == ("", "")

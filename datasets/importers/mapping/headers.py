@@ -69,6 +69,7 @@ _PATTERNS = (
     ("posecomponent", r"(?:pose|frame|vec|vector)([0-6])"),
     ("axis", r"([noa])([xyz])"),
 )
+_LONGEST = 200  # letters of a header that can have a meaning
 _NUMBERED = MEASURED_WORDS | frozenset(
     "p xyz pos position positions points coords coordinates translation translations center centre".split()
 )
@@ -220,6 +221,8 @@ def _words(text: str) -> list[str]:
 
 def _kind(core: str) -> tuple[str, str]:
     """(kind, label) of the last words of a header, run together; ("", "") where they mean nothing."""
+    if len(core) > _LONGEST:  # the patterns take a time that grows with the square of the length
+        return "", ""
     plain = core.removesuffix("joint")
     if plain in _UR_JOINTS:
         return "joint", str(_UR_JOINTS[plain])

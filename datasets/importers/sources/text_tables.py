@@ -25,8 +25,8 @@ from datasets.importers.units import is_unit, length_unit_in_text
 _SAMPLE_LINES = 400
 _COMMENT = re.compile(r"\s*(#|//|%|!)")
 _SEPARATORS = ("\t", ";", "|", ",", " ")
-_POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-_COMMA = re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?")
+_POINT = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
+_COMMA = re.compile(r"[+-]?(\d+(,\d*)?|,\d+)([eE][+-]?\d+)?")
 _GROUPED_POINT = re.compile(r"[+-]?\d{1,3}(,\d{3})+\.\d+")
 _GROUPED_QUOTE = re.compile(r"[+-]?\d{1,3}(['’\u202f]\d{3})+(\.\d+)?")
 _QUOTES = str.maketrans("", "", "'’\u202f")
