@@ -25,6 +25,7 @@ from sensors.ball.solve import (
 )
 from sensors.ball.start import start as find_start
 from workbench.core.errors import InputError
+from workbench.core.text.uncertain import with_std
 
 USED, EDGE, INCIDENCE, OUTLIER, MISSING, ELSEWHERE = range(6)
 REASONS = {
@@ -270,7 +271,7 @@ class _Task:
                 f"the points are no ball's, or {_FLAT}"
             )
         if self.problem.free and not doubt * _KNOWN < radius:
-            return f"{_FLAT}: radius {radius:.4g} +- {doubt:.2g} mm; state the radius or scan more of the ball"
+            return f"{_FLAT}: radius {with_std(radius, doubt)} mm; state the radius or scan more of the ball"
         if shape.probability < UNLIKELY and shape.rms > self.form * radius:
             return (
                 f"no ball found: the points are {shape.rms:.3g} mm RMS away from any ball in a regular form, more "

@@ -30,6 +30,7 @@ from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.parameters import Parameters
+from workbench.core.text.uncertain import with_std
 
 if TYPE_CHECKING:
     from sensors.boards.board import Board
@@ -311,6 +312,6 @@ def _on_flatness(made: CameraCalibration) -> list[str]:
     ):
         return []
     return [
-        f"the board's warp is {bow.height_mm:.2g} +- {bow.height_std_mm:.1g} mm, its certified flatness (flatness_mm) "
+        f"the board's warp is {with_std(bow.height_mm, bow.height_std_mm)} mm, its certified flatness (flatness_mm) "
         f"{flatness:g} mm: the prior is wrong and biases the camera; correct or remove flatness_mm"
     ]

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sensors.light.grouping import centred, groups
+from workbench.core.text.uncertain import with_std
 
 NAMES = ("stripe", "tilt", "placement")
 WORDS = (
@@ -45,7 +46,7 @@ class Together:
         """What the covariance holds of them."""
         every = zip(WORDS, self.sigma, self.std)
         components = [
-            f"{word} {1000 * sigma:.2g} +- {1000 * std:.1g}"
+            f"{word} {with_std(1000 * sigma, 1000 * std)}"
             for word, sigma, std in every
             if np.isfinite(std)
         ]
@@ -68,7 +69,7 @@ class Together:
         if not sigma - 2 * std > centre_px:
             return []
         return [
-            f"all stripes of a board pose are off together by {sigma:.2g} +- {std:.1g} px (1 sigma), a single "
+            f"all stripes of a board pose are off together by {with_std(sigma, std)} px (1 sigma), a single "
             f"centre by {centre_px:.2g} px: no light on a board does that; something that changed from board pose "
             "to board pose is missing, as the direction or speed of the mirror's sweep, or temperature: see "
             "`workbench diagnose`"

@@ -15,6 +15,7 @@ from sensors.effects.laser import PlaneBow
 from sensors.scanner.calibration import ScannerCalibration
 from sensors.scanner.misfit import Misfit, stripe_misfit
 from workbench.core.effect import Effect
+from workbench.core.text.uncertain import with_std
 
 _REST = 0.7  # of the lack of fit
 _SIGNIFICANT = 5.0  # standard deviations
@@ -47,7 +48,7 @@ def calibrated_with_bow(calibrate: Calibrate) -> ScannerCalibration:
     if not (abs(value) > _SIGNIFICANT * std and _is_better(flat, bowed, misfit)):
         return flat
     sentence = (
-        f"the light planes are bowed, with a curvature of {value:.3g} +- {std:.1g} 1/mm, which is part of the scanner; "
+        f"the light planes are bowed, with a curvature of {with_std(value, std)} 1/mm, which is part of the scanner; "
         f"held-out stripes miss them by {bowed.left_out.rms_px:.3g} px, flat ones by {flat.left_out.rms_px:.3g} px"
     )
     return replace(bowed, sentences=(*bowed.sentences, sentence))

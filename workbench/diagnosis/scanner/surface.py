@@ -15,6 +15,7 @@ from sensors.effects import artefact, recorded, surface
 from workbench.core.distributions import fisher
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix, skew
+from workbench.core.text.uncertain import with_std
 from workbench.files.images.flange import flange_poses
 from workbench.jobs.sensor import hand_eye
 
@@ -57,7 +58,7 @@ class Found:
     def statement(self) -> str:
         """What was found, in a sentence."""
         numbers = ", ".join(
-            f"{value:.3g} +- {std:.2g} {unit}".strip()
+            f"{with_std(value, std)} {unit}".strip()
             for value, std, unit in zip(self.values, self.std, self.candidate.units)
         )
         return (
