@@ -6,8 +6,10 @@ import shutil
 import tomllib
 
 import pytest
+from rich.console import Console
 
 from workbench.commands import cli
+from workbench.commands.robot.diagnose import show
 
 SCENE = """
 robot = "abb_irb120"
@@ -123,6 +125,20 @@ def test_the_statement_says_what_an_engineer_asks(found):
     said = found["effects"][0]["statement"]
     assert said.startswith("Joint 3 stops short of its reading on the side that it came from")
     assert "mrad" in said and "RMS at the reflector" in said and "held-out error" in said
+
+
+def test_every_way_to_leave_samples_out_is_printed(found):
+    """The table shows one of them; where another predicts worse, the user has to see it."""
+    console = Console(record=True, width=400)
+    show(console, found)
+    printed = console.export_text()
+    others = [row for row in found["held_out"]["schemes"] if row["judges"]]
+    shown = found["held_out"]["scheme"]
+    others = [row for row in others if row["folds_by"] != shown]
+    assert others, "this recording is judged by blocks of time and of the workspace"
+    for row in others:
+        assert f"By {row['folds_by']}, {row['folds']} folds: {row['before']:.4g} mm" in printed
+        assert f"{row['after']:.4g} mm with what the search finds in each fold" in printed
 
 
 def test_the_controls_of_a_real_cause_pass(found):

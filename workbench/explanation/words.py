@@ -13,6 +13,7 @@ from robot_model.effects.friction import ReadingLattice
 from sensors.effects import CATALOGUE as SENSOR
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.least_squares.adjustment_tests import p_text
+from workbench.core.text.uncertain import with_std
 from workbench.core.vocabulary import Covariate, Place
 from workbench.diagnosis.levels import NOTABLE
 from workbench.diagnosis.linear.problem import Finding, Found
@@ -147,9 +148,7 @@ def measured(value: float, std: float | None, unit: str) -> str:
     has_std = scaled_std > 0 and math.isfinite(scaled_std)
     if not has_std:
         return _power(_signed(f"{scaled:.3g}")) + ending
-    first_digit = math.floor(math.log10(scaled_std))
-    decimals = min(max(1 - first_digit, 0), 9)
-    return _signed(f"{scaled:z.{decimals}f} ± {scaled_std:.{decimals}f}") + ending
+    return _signed(with_std(scaled, scaled_std)) + ending
 
 
 def _power(text: str) -> str:

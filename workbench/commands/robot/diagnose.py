@@ -193,6 +193,7 @@ def show(console, result) -> None:
         f"Held-out error, RMS, {held_out['folds']} folds{scheme}; noise {held_out['noise_from']}"
     )
     tables.grid(console, title, ["error", *units], rows)
+    _show_other_schemes(console, held_out, unit)
     _show_sensor(console, result)
     if (shares := result["against"]) is not None:
         names = ("parameters", "noise", "structure")
@@ -205,6 +206,18 @@ def show(console, result) -> None:
     if result["differences"] is not None:
         _show_differences(console, result["differences"])
     console.print(f"Next: {result['next_experiment']}", markup=False)
+
+
+def _show_other_schemes(console, held_out, unit: str) -> None:
+    """The held-out errors by the other ways to leave samples out that can judge the findings."""
+    for row in held_out.get("schemes", ()):
+        if row["judges"] and row["folds_by"] != held_out["scheme"]:
+            console.print(
+                f"By {row['folds_by']}, {row['folds']} folds: {row['before']:.4g} {unit} for the baseline, "
+                f"{row['after']:.4g} {unit} with what the search finds in each fold, "
+                f"{row['after_same_terms']:.4g} {unit} with the findings above in every fold.",
+                markup=False,
+            )
 
 
 def _show_sensor(console, result) -> None:

@@ -2,7 +2,8 @@
 
 import math
 
-_MOST_DECIMALS = 6
+_SMALLEST = 1e-3
+"""Below this, numbers are written with an exponent."""
 
 
 def with_std(value: float, std: float) -> str:
@@ -12,9 +13,11 @@ def with_std(value: float, std: float) -> str:
     """
     if not (std > 0 and math.isfinite(std) and math.isfinite(value)):
         return f"{value:.3g}"
-    decimals = max(1 - math.floor(math.log10(std)), 0)
-    if decimals > _MOST_DECIMALS:
-        return f"{value:.3g} ± {std:.2g}"
+    first_digit = math.floor(math.log10(std))
+    if max(abs(value), std) < _SMALLEST:
+        digits = max(math.floor(math.log10(abs(value) or std)) - first_digit + 1, 1)
+        return f"{value:.{digits}e} ± {std:.1e}"
+    decimals = max(1 - first_digit, 0)
     return f"{value:z.{decimals}f} ± {std:.{decimals}f}"
 
 
