@@ -354,7 +354,7 @@ def test_the_imported_recording_can_be_calibrated(page, served):
     answer = json.loads((folders[0] / "answer.json").read_text(encoding="utf-8"))
     assert answer["samples"] == 36
     assert "run of calibrate" in page.inner_text("header")
-    assert page.get_by_role("link", name="Report page").is_visible()
+    assert page.get_by_role("link", name="Report page", exact=True).is_visible()
 
 
 @pages

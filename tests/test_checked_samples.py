@@ -22,6 +22,7 @@ from workbench.jobs.robot.poses import choose_poses
 
 # they take samples, but of a recording that was checked, only its joint readings, or to judge the recording
 UNCHECKED = {
+    "app/data/prediction.py",
     "explanation/differences.py",
     "explanation/reference.py",
     "explanation/term_steps.py",

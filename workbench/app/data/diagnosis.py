@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from workbench.core.errors import InputError
+from workbench.core.text.csv_text import csv_text
 from workbench.explanation.words import measured
 from workbench.report.text import p_value
 
@@ -222,12 +223,9 @@ class NextPoses:
     @property
     def as_csv(self) -> str:
         """The table as text to copy: a head with units, then one line a pose."""
-        head = ",".join(["pose", *self.names])
-        lines = [
-            ",".join([str(k), *(f"{value:.10g}" for value in row)])
-            for k, row in enumerate(self.readings.tolist(), 1)
-        ]
-        return "\n".join([head, *lines]) + "\n"
+        numbered = enumerate(self.readings.tolist(), 1)
+        rows = [[k, *(f"{value:.10g}" for value in row)] for k, row in numbered]
+        return csv_text(["pose", *self.names], rows)
 
 
 def next_poses(folder: Path, robot) -> NextPoses | None:

@@ -145,14 +145,17 @@ def _fits_of_robots(mapping: Mapping, build_with, names) -> list[tuple[int, Cand
 
 
 def _mistakes_under_any_unit(robot: Robot, mapping: Mapping, build: Build) -> list[Suspicion]:
-    """Certain mistakes that explain the misfit, under the most usual of the units that fit about equally badly."""
+    """Certain mistakes that explain the misfit, under the most usual of the units that fit about equally badly.
+
+    None that includes the convention: the other convention is tried by itself.
+    """
     readings = list(unit_readings(mapping, stated_only=True))
     fits = compare(robot, readings, build)
     if not fits:
         return []
     recording = build(readings[_usual_of(fits)][1])
     found = check_plausibility(robot, recording)
-    return [s for s in found if s.certain and s.cause != "convention"]
+    return [s for s in found if s.certain and "convention" not in s.cause]
 
 
 def _mistake_sentence(found: Sequence[tuple[str, Suspicion]], where: str) -> str:
