@@ -15,7 +15,7 @@ import numpy as np
 
 from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.least_squares.noise import noise_mask
-from workbench.core.least_squares.solver import Fit, solve
+from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.fitting.cross_validation import (
@@ -30,12 +30,8 @@ from workbench.fitting.shrinkage import rescaled
 
 _DAMPING = 1e-4
 """Information on a parameter, per squared typical size, below which it stays where it is, as in `solve`."""
-_SAME_FIT = 1e-2
+_SAME_FIT = 1e-3
 """Share of chi-square by which a step may miss its prediction."""
-_CORRECTIONS = 3
-"""Most corrections of a step, which use the derivative at the fit of all samples (simplified Newton method)."""
-_SETTLED = 1e-2
-"""Squared sigmas that a last correction moves: the next is far below that of a solve, and is not taken."""
 
 
 def cross_validate_linearised(
@@ -49,7 +45,7 @@ def cross_validate_linearised(
     folds = _Folds.at(model, start, fold)
     for k in range(len(folds.blocks)):
         test = fold == folds.numbers[k]
-        found = folds.held_out(k, steps, settle)
+        found = folds.held_out(k, settle)
         if found is None:
             others = (fold >= 0) & ~test
             exact = hold_out(model, start, test, others, "linear", steps, settle)
@@ -99,81 +95,13 @@ class _Block:
 
 
 @dataclass(frozen=True)
-class _Point:
-    """Parameters, and the normal equations of the fitted samples there; `residual` (m, n) of all, where it is known."""
-
-    parameters: Parameters
-    block: _Block
-    residual: np.ndarray | None = None
-
-
-@dataclass(frozen=True)
-class _Part:
-    """The samples `fitted_on` (n,) bool of all folds, with normal equations `known` at the linearisation."""
-
-    folds: "_Folds"
-    known: _Block
-    fitted_on: np.ndarray
-
-    def reach(self, point: _Point, priors: Parameters) -> _Point | None:
-        """Least squares under some priors, by steps with the derivative at the linearisation; None: not reached."""
-        parameters = priors.unpack(point.parameters.pack())
-        for correction in range(_CORRECTIONS + 2):
-            block = point.block
-            move = block.step(priors, parameters, block.squares)
-            if correction and self.is_small(move, block):
-                return point
-            parameters = parameters.unpack(parameters.pack() + move)
-            point = self.at(parameters)
-            missed = abs(point.block.squares - block.squares_after(move))
-            if not missed <= _SAME_FIT * point.block.squares:
-                return None
-        return None
-
-    def is_small(self, move: np.ndarray, block: _Block) -> bool:
-        """Whether a move (F,) changes no prediction by more than `_SETTLED` allows."""
-        unit = max(1.0, block.squares / block.count)
-        return bool(move @ self.known.normal @ move <= _SETTLED * unit)
-
-    def at(self, parameters: Parameters) -> _Point:
-        """The normal equations at other parameters, with the derivative at the linearisation."""
-        folds = self.folds
-        residual = folds.model.residual(parameters)
-        white = residual / folds.sigma * self.fitted_on
-        squares = float((white**2).sum())
-        block = replace(self.known, gradient=folds.rows @ white.ravel(), squares=squares)
-        return _Point(parameters, block, residual)
-
-    def solved(self, point: _Point, priors: Parameters, steps: int) -> _Point:
-        """The fit under some priors that starts from a point."""
-        start = priors.unpack(point.parameters.pack())
-        residual = point.residual[:, self.fitted_on]
-        linearised = Fit(
-            start,
-            residual,
-            np.ones(residual.shape[1]),
-            self.known.normal,
-            1.0,
-            gradient=point.block.gradient,
-        )
-        model = self.folds.model.part(self.fitted_on)
-        fit = solve(model, start, "linear", steps, linearised)
-        return _Point(fit.parameters, self.known)
-
-
-@dataclass(frozen=True)
 class _Folds:
-    """The samples of all folds, linearised at `start`; `fold` (n,) and `blocks` in the order of `numbers`.
-
-    `rows` (F, m n): whitened derivative of the residual; `sigma` (m, n): 1 sigma of the residual.
-    """
+    """The samples of all folds, linearised at `start`; `fold` (n,) and `blocks` in the order of `numbers`."""
 
     model: Model
     start: Parameters
     fold: np.ndarray
     numbers: np.ndarray
-    rows: np.ndarray
-    sigma: np.ndarray
     blocks: tuple[_Block, ...]
 
     @classmethod
@@ -181,51 +109,44 @@ class _Folds:
         part, fold = model.part(fold >= 0), fold[fold >= 0]
         numbers = np.unique(fold)
         residual, rows = part.linearise(start)
-        sigma = np.broadcast_to(part.sigma(start), residual.shape)
-        residual = residual / sigma
-        rows /= sigma
-        blocks = tuple(_Block.of(rows[..., fold == k], residual[:, fold == k]) for k in numbers)
-        flat = rows.reshape(len(rows), residual.size)
-        return cls(part, start, fold, numbers, flat, sigma, blocks)
+        white = np.broadcast_to(1 / part.sigma(start), residual.shape)
+        residual, rows = residual * white, rows * white
+        blocks = (_Block.of(rows[..., fold == k], residual[:, fold == k]) for k in numbers)
+        return cls(part, start, fold, numbers, tuple(blocks))
 
-    def held_out(
-        self, k: int, steps: int, settle: bool
-    ) -> tuple[np.ndarray, dict[str, float]] | None:
+    def held_out(self, k: int, settle: bool) -> tuple[np.ndarray, dict[str, float]] | None:
         """Residual (m, n) on fold k and what was located on it; None where the fold needs a fit of its own."""
         if noise_mask(self.model, self.start).any() or len(self.blocks) < 2:
             return None
         others = self.blocks[:k] + self.blocks[k + 1 :]
         known = sum(others[1:], others[0])
+        fitted = self._fitted(known, settle)
+        residual = self.model.residual(fitted)
         test = self.fold == self.numbers[k]
-        found = self._fit(known, ~test, steps, settle)
-        if found is None:
+        white = residual[:, ~test] / self.model.part(~test).sigma(fitted)
+        move = fitted.pack() - self.start.pack()
+        squares = float((white**2).sum())
+        if not abs(squares - known.squares_after(move)) <= _SAME_FIT * squares:
             return None
         unseen = self._unseen(known, self.blocks[k])
-        if found.residual is not None and not unseen.any():
-            return pad_to_position(found.residual[:, test]), {}
-        seen, fitted = self.model.part(test), found.parameters
-        placed = solve(seen, fitted.only(unseen)).parameters if unseen.any() else fitted
+        if not unseen.any():
+            return pad_to_position(residual[:, test]), {}
+        seen = self.model.part(test)
+        placed = solve(seen, fitted.only(unseen)).parameters
         located = {key: placed[key] for key, mine in zip(placed.keys, unseen) if mine}
         fitted = replace(fitted, values=placed.values)
         return pad_to_position(seen.residual(fitted)), located
 
-    def _fit(self, known: _Block, fitted_on: np.ndarray, steps: int, settle: bool) -> _Point | None:
-        """Fit on the samples `fitted_on` (n,) bool, with normal equations `known` at `start`; None: not reached."""
-        part, start = _Part(self, known, fitted_on), _Point(self.start, known)
-        if settle:
-            move = known.step(self.start, self.start, known.squares)
-            linear = self.start.unpack(self.start.pack() + move)
-            scaled = rescaled(self.model, linear, normal=known.normal)
-            point = part.reach(start, scaled)
-            if point is not None:
-                return point
-        point = part.reach(start, self.start)
-        if point is None or not settle:
-            return point
-        scaled = rescaled(self.model, point.parameters, normal=known.normal)
-        if scaled is point.parameters:
-            return point
-        return part.reach(point, scaled) or part.solved(point, scaled, steps)
+    def _fitted(self, known: _Block, settle: bool) -> Parameters:
+        move = known.step(self.start, self.start, known.squares)
+        fitted = self.start.unpack(self.start.pack() + move)
+        if not settle:
+            return fitted
+        scaled = rescaled(self.model, fitted, normal=known.normal)
+        if scaled is fitted:
+            return fitted
+        move = known.step(scaled, self.start, known.squares_after(move))
+        return scaled.unpack(self.start.pack() + move)
 
     def _unseen(self, known: _Block, block: _Block) -> np.ndarray:
         """(P,) True for places on tool or artefact that only this block shows."""

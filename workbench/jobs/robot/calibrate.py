@@ -64,7 +64,7 @@ _TRIAL_TOLERANCE = (
     1e-3  # of chi-square: a twentieth of the change of sigma at which the noise is settled
 )
 _FOLD_STEPS = 8  # of a fold that one linearisation does not reach, where stages are compared
-_MANY = 1000  # samples from which one linearisation serves all folds
+_MANY = 1000  # samples from which one linearisation serves all folds by which stages are compared
 
 
 @dataclass(frozen=True)
@@ -368,9 +368,7 @@ def _final_held_out(step: _Step, split: Split) -> HeldOut:
     model, start, loss = step.model, step.fit.parameters, step.loss
     if split.test.any():
         return hold_out(model, step.parameters, split.test, split.fit, loss, settle=step.settle)
-    if loss != "linear" or split.fit.sum() < _MANY:
-        return cross_validate(model, start, split.fold, loss, settle=step.settle)
-    return cross_validate_linearised(model, start, split.fold, settle=step.settle)
+    return cross_validate(model, start, split.fold, loss, settle=step.settle)
 
 
 def _stage_result(stage, before: _Step, after: _Step, earned) -> StageResult:
