@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from conftest import ROOT
-from workbench.core.distributions import chi2, fisher, norm, signed_rank_p_value, student
+from workbench.core.distributions import chi2, fisher, norm, student
 
 X = np.array([-1.0, 0.0, 0.3, 1.0, 4.0, 30.0, 200.0])
 P = np.array([1e-12, 1e-6, 0.05, 0.5, 0.9, 0.999])
@@ -20,24 +20,6 @@ def test_chi_square(degrees):
     np.testing.assert_allclose(chi2.cdf(X, degrees), stats.chi2.cdf(X, degrees), rtol=1e-10)
     np.testing.assert_allclose(chi2.ppf(P, degrees), stats.chi2.ppf(P, degrees), rtol=1e-9)
     np.testing.assert_allclose(chi2.isf(P, degrees), stats.chi2.isf(P, degrees), rtol=1e-9)
-
-
-@pytest.mark.parametrize("count", [5, 10, 50, 80])
-def test_signed_ranks(count):
-    values = np.random.default_rng(count).normal(0.3, 1.0, count)
-    expected = stats.wilcoxon(values, alternative="greater").pvalue
-    assert signed_rank_p_value(values) == pytest.approx(expected, rel=1e-9)
-
-
-def test_signed_ranks_with_ties_and_zeros_are_those_of_all_signs():
-    values = np.array([0.0, 1.0, 1.0, -1.0, 2.0, 3.0])
-    ranks = np.array([2.0, 2.0, 2.0, 4.0, 5.0])
-    signs = (np.arange(32)[:, None] >> np.arange(5)) % 2
-    assert signed_rank_p_value(values) == ((signs @ ranks) >= 13.0).mean()
-
-
-def test_signed_ranks_of_nothing():
-    assert signed_rank_p_value(np.zeros(4)) == 1.0
 
 
 @pytest.mark.parametrize("first, second", [(1, 2), (3, 40), (12.5, 7.5), (900, 1100)])

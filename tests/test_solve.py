@@ -19,7 +19,6 @@ from workbench.core.least_squares.solver import (
     pose_scores,
     solve,
 )
-from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 
 FRAMES = {
@@ -261,37 +260,3 @@ def test_pose_scores_sum_gradients_over_samples_of_a_pose():
     expected = gradients.T @ gradients
     size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     np.testing.assert_allclose(pose_scores(seen, fit, poses) / size, expected / size, atol=1e-9)
-
-
-def noisy_arm():
-    """A model of noisy samples and its parameters at the nominal values, canonical ones free."""
-    model = model_of(scene("external-point", n=80))
-    start = canonical(model)
-    return observed(model, moved(start), np.random.default_rng(2)), start
-
-
-def test_a_fit_continues_from_the_normal_equations_of_another(monkeypatch):
-    """No derivative is computed where a fit of the same samples ended at the start."""
-    model, parameters = noisy_arm()
-    fit = solve(model, parameters)
-    linearised = []
-    monkeypatch.setattr(Model, "fill_rows", lambda *arguments: linearised.append(1))
-    again = solve(model, fit.parameters, linearised=fit)
-    assert not linearised and again.converged
-    np.testing.assert_array_equal(again.parameters.values, fit.parameters.values)
-    np.testing.assert_allclose(again.normal, fit.normal, rtol=1e-9)
-
-
-def test_a_rejected_step_needs_no_derivative(monkeypatch):
-    """A derivative is computed at the start and after each accepted step, and nowhere else."""
-    model, parameters = noisy_arm()
-    far = parameters.unpack(parameters.pack() + 30 * parameters.typical[parameters.mask])
-    made, fill_rows = [], Model.fill_rows
-
-    def counted(*arguments):
-        made.append(1)
-        return fill_rows(*arguments)
-
-    monkeypatch.setattr(Model, "fill_rows", counted)
-    fit = solve(model, far)
-    assert fit.converged and len(made) <= len(fit.history)

@@ -45,21 +45,16 @@ class LinearFit:
         precision = parameters.precision[parameters.mask] * size**2
         away = (parameters.pack() - parameters.nulls[parameters.mask]) / size
         has_prior = precision > 0
+        normal, eliminated = without_free(fit.normal * np.outer(size, size), has_prior)
         squares = fit.sigma_scale**2 * fit.degrees
-        if fit.gradient is None:  # where a solve ends, the gradient of the whole cost is zero
-            trust = max(1.0, squares / fit.residual.size)  # of the priors in the solver
-            gradient = -trust * precision * away
-        else:
-            gradient = fit.gradient * size
-        normal, gradient, eliminated = _eliminate(
-            fit.normal * np.outer(size, size), gradient, has_prior
-        )
+        trust = max(1.0, squares / fit.residual.size)  # of the priors in the solver
         return cls(
             np.flatnonzero(parameters.mask)[has_prior],
             precision[has_prior],
             away[has_prior],
             normal,
-            gradient,
+            # where a solve ends, the gradient of the whole cost is zero
+            -trust * (precision * away)[has_prior],
             eliminated,
             squares,
             fit.residual.size,
@@ -72,21 +67,12 @@ def without_free(normal: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, int]
 
     The Schur complement: what remains where parameters without a prior have been solved for.
     """
-    reduced, _, rank = _eliminate(normal, np.zeros(len(normal)), kept)
-    return reduced, rank
-
-
-def _eliminate(
-    normal: np.ndarray, gradient: np.ndarray, kept: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, int]:
-    """(K, K) and (K,) normal equations after elimination of the parameters that are not `kept` (F,), and their rank."""
     others = normal[np.ix_(~kept, ~kept)]
     coupling = normal[np.ix_(~kept, kept)]
     inverse = pseudo_inverse(others) if len(others) else others
     rank = int(np.rint((inverse * others).sum()))
     reduced = normal[np.ix_(kept, kept)] - coupling.T @ inverse @ coupling
-    left = gradient[kept] - coupling.T @ (inverse @ gradient[~kept])
-    return (reduced + reduced.T) / 2, left, rank
+    return (reduced + reduced.T) / 2, rank
 
 
 class Posterior:

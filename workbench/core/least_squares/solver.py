@@ -29,8 +29,6 @@ _FLOOR = 1e-4
 # Squared sigmas that a step moves: below the first it need not be taken, and after one below the
 # second the next would be far below the first, since the steps shrink quadratically.
 _DONE, _NEARLY = 1e-4, 1e-2
-# Share of the cost by which a last step lowers it.
-_TOLERANCE = 1e-5
 _NOISE_ROUNDS = 3
 # Factors by which the damping of a step may change after it is accepted.
 _RELAXED = 1 / 8, 2.0
@@ -122,7 +120,6 @@ def solve(
     loss: str = "linear",
     steps: int = 50,
     linearised: Fit | None = None,
-    tolerance: float = _TOLERANCE,
 ) -> Fit:
     """Fit the free parameters of `parameters` to the samples of `model`.
 
@@ -132,12 +129,10 @@ def solve(
     that are free are fitted between solves of the mean.
 
     linearised: a fit of the same samples with the same sigma. Where it ended at `parameters`, with the same ones free,
-    its normal equations replace the first linearisation. Priors may differ. tolerance: share of the cost; a step that
-    lowers it by less is the last.
+    its normal equations replace the first linearisation. Priors may differ.
     """
     spread = noise_mask(model, parameters)
-    mean = parameters.only(parameters.mask & ~spread)
-    fit = _solve_mean(model, mean, loss, steps, linearised, tolerance)
+    fit = _solve_mean(model, parameters.only(parameters.mask & ~spread), loss, steps, linearised)
     if not spread.any():
         return fit
     for _ in range(_NOISE_ROUNDS):
@@ -146,8 +141,8 @@ def solve(
     return _with_noise(model, fit, parameters.mask, spread)
 
 
-def _solve_mean(model, parameters, loss, steps, linearised=None, tolerance=_TOLERANCE) -> Fit:
-    problem = _Problem(model, parameters, LOSSES[loss], tolerance)
+def _solve_mean(model, parameters, loss, steps, linearised=None) -> Fit:
+    problem = _Problem(model, parameters, LOSSES[loss])
     problem.start(linearised)
     for _ in range(steps):
         if problem.outcome:
@@ -170,9 +165,8 @@ def _with_noise(model, fit: Fit, mask, spread) -> Fit:
 class _Problem:
     """State of a running solver: current parameters, residual, normal equations and damping."""
 
-    def __init__(self, model, parameters, weigh, tolerance=_TOLERANCE):
+    def __init__(self, model, parameters, weigh):
         self.model, self.parameters, self.weigh = model, parameters, weigh
-        self.tolerance = tolerance
         self.scale = parameters.typical[parameters.mask]
         self.precision = parameters.precision[parameters.mask]
         self.nulls = parameters.nulls[parameters.mask]
@@ -267,8 +261,7 @@ class _Problem:
                 return
             if self.accept(move, trial > 0):
                 if abs(before - self.cost) < max(
-                    self.tolerance * before,
-                    0.02 * max(1.0, self.cost / self.residual.size),
+                    1e-5 * before, 0.02 * max(1.0, self.cost / self.residual.size)
                 ):
                     self.outcome = SETTLED
                 return
