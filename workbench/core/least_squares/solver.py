@@ -30,8 +30,6 @@ _FLOOR = 1e-4
 # second the next would be far below the first, since the steps shrink quadratically.
 _DONE, _NEARLY = 1e-4, 1e-2
 _NOISE_ROUNDS = 3
-# Factors by which the damping of a step may change after it is accepted.
-_RELAXED = 1 / 8, 2.0
 # Times the stated sigma: a residual of this size is rounding, and its square may be zero in floating point.
 _NO_RESIDUAL = 1e-100
 # Relative difference between ratios of sigmas that is rounding.
@@ -293,7 +291,7 @@ class _Problem:
         if not cost < self.cost:
             return False
         rows = rows()
-        self.relax(move, cost)
+        self.damping = self.damping / 8 if self.damping > 1e-10 * self.normal.max() else 0.0
         weights = self.robust_weights(residual * self.inverse_sigma)
         self.take(candidate, residual, rows, weights)
         return True
@@ -306,18 +304,6 @@ class _Problem:
             return self.model.residual(candidate), lambda: self.model.linearise(candidate)[1]
         residual, rows = self.model.linearise(candidate)
         return residual, lambda: rows
-
-    def relax(self, move, cost):
-        """Less damping after an accepted step, the more so the better the linearisation has predicted its cost.
-
-        Source: Madsen, Nielsen & Tingleff, Methods for Non-Linear Least Squares Problems, 2nd ed. (2004), eq. 2.21.
-        """
-        if self.damping <= 1e-10 * self.normal.max():
-            self.damping = 0.0
-            return
-        predicted = -float(2 * self.gradient @ move + move @ self.normal @ move)
-        ratio = (self.cost - cost) / max(predicted, 1e-300)
-        self.damping *= float(np.clip(1 - (2 * ratio - 1) ** 3, *_RELAXED))
 
     def degrees(self):
         """Residuals less the parameters that the data, and not the priors, have spent on them."""

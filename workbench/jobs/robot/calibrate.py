@@ -45,15 +45,14 @@ from workbench.fitting.cross_validation import (
 from workbench.fitting.gauge import non_negligible_lengths, resized, size_of
 from workbench.fitting.linear_folds import cross_validate_linearised
 from workbench.fitting.missing_masses import missing_mass_warnings
-from workbench.fitting.noise_scale import NOISE_ROUNDS, is_settled, noise_scaled
 from workbench.fitting.parallel_axes import parallelism_warnings
 from workbench.fitting.plans import default_plan, frames_of, held, read_plan, stage_mask
 from workbench.fitting.shrinkage import settled
 from workbench.fitting.stage_tests import is_retained
+from workbench.fitting.trial_fits import fit_with_noise
 from workbench.fitting.verdicts.fit_quality import noise_report
 from workbench.fitting.verdicts.noise_report import NoiseReport
 from workbench.fitting.verdicts.residual_structure import in_root
-from workbench.fitting.wider_priors import widened
 from workbench.machine.progress import counted
 
 # times the robust spread: a blunder (a lost beam, a wrong ball), not what a model has yet to explain
@@ -308,7 +307,7 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     wanted = start.only(start.mask | stage_mask(start, stage, effects, model.chain))
     size = size_of(model.chain, wanted) if stage.canonical else None
     asked, wanted = int(wanted.mask.sum()), wanted if size is None else wanted.fix(size)
-    trial, part, chain = _trial_fit(model, step.fit, wanted, stage, split)
+    trial, part, chain = fit_with_noise(model, split.fit, step.fit, wanted, stage)
     model, free, tied = model.with_chain(chain), trial.parameters, {}
     if stage.canonical:
         free, tied = _canonical(part, trial, wanted)
@@ -333,29 +332,6 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     )
 
 
-def _trial_fit(
-    model: Model, before: Fit, start: Parameters, stage: Stage, split: Split
-) -> tuple[Fit, Model, RobotChain]:
-    """Fit of all that a stage frees, repeated until the noise is that of its own residual.
-
-    before: fit of the previous stage, which gives the first noise. Returns the fit, the model on the fit samples and
-    the chain of all samples, both with the noise of the fit.
-    """
-    # without redundancy the fit interpolates, and its noise would become zero step by step
-    is_redundant = before.residual.size > start.mask.sum()
-    chain, part = _with_noise(model.chain, model.part(split.fit), before, split)
-    trial = None
-    for _ in range(NOISE_ROUNDS if is_redundant else 2):
-        trial = solve(part, start, stage.loss, stage.steps, trial)
-        start = widened(part, trial)
-        is_same_prior, stated = start is trial.parameters, part.chain
-        chain, part = _with_noise(chain, part, trial, split)
-        trial = trial.with_sigma(stated.sigma, part.chain.sigma)
-        if is_same_prior and is_settled(stated, part.chain):
-            break
-    return trial, part, chain
-
-
 def _canonical(model, trial: Fit, wanted: Parameters):
     """Free only what earlier parameters do not already make, judged at the trial's solution.
 
@@ -371,15 +347,6 @@ def _canonical(model, trial: Fit, wanted: Parameters):
     free, tied = independent(normal, others, redundant=redundant)
     free = free.only(free.mask | (shrunk & trial.parameters.mask))
     return replace(free, values=np.where(free.mask, trial.parameters.values, wanted.values)), tied
-
-
-def _with_noise(
-    chain: RobotChain, part: Model, trial: Fit, split: Split
-) -> tuple[RobotChain, Model]:
-    """The chain of all samples and the model on the fit samples, with the noise of a fit."""
-    chain = noise_scaled(chain, trial, split.fit, may_shrink=False)
-    own = replace(part.chain, sigma=chain.sigma[:, split.fit])
-    return chain, part.with_chain(own)
 
 
 def _held_out(model, fit, split, loss, steps, settle=False) -> HeldOut:

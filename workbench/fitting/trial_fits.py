@@ -1,0 +1,49 @@
+"""A fit whose sigmas agree with its own residual, and whose priors agree with its data."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from robot_model.system import RobotChain
+from workbench.core.least_squares.solver import Fit, solve
+from workbench.core.model import Model
+from workbench.core.parameters import Parameters
+from workbench.core.solution import Stage
+from workbench.fitting.noise_scale import NOISE_ROUNDS, is_settled, noise_scaled
+from workbench.fitting.wider_priors import widened
+
+
+def fit_with_noise(
+    model: Model, fitted: np.ndarray, before: Fit, start: Parameters, stage: Stage
+) -> tuple[Fit, Model, RobotChain]:
+    """Fit of all that a stage frees, repeated until the noise is that of its own residual.
+
+    fitted (n,) bool: samples of the fit; before: fit of the previous stage, which gives the first noise; start: where
+    the fit starts, and what is free. Returns the fit, the model of the fitted samples and the chain of all samples,
+    both with the noise of the fit.
+    """
+    # without redundancy the fit interpolates, and its noise would become zero step by step
+    is_redundant = before.residual.size > start.mask.sum()
+    chain, part = _with_noise(model.chain, model.part(fitted), before, fitted)
+    trial = None
+    for _ in range(NOISE_ROUNDS if is_redundant else 2):
+        trial = solve(part, start, stage.loss, stage.steps, trial)
+        start = widened(part, trial)
+        is_same_prior, stated = start is trial.parameters, part.chain
+        chain, part = _with_noise(chain, part, trial, fitted)
+        trial = trial.with_sigma(stated.sigma, part.chain.sigma)
+        if is_same_prior and is_settled(stated, part.chain):
+            break
+    return trial, part, chain
+
+
+def _with_noise(
+    chain: RobotChain, part: Model, trial: Fit, fitted: np.ndarray
+) -> tuple[RobotChain, Model]:
+    """The chain of all samples and the model of the fitted samples, with the noise of a fit."""
+    chain = noise_scaled(chain, trial, fitted, may_shrink=False)
+    own = replace(part.chain, sigma=chain.sigma[:, fitted])
+    return chain, part.with_chain(own)
+
+
+__all__ = ["fit_with_noise"]
