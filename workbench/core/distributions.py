@@ -77,29 +77,3 @@ class fisher:
     def isf(p, first, second):
         """The value that is exceeded with probability p."""
         return 1.0 / special.fdtri(second, first, p)
-
-
-_EXACT = 50
-"""Values up to which the distribution of signed ranks is enumerated."""
-
-
-def signed_rank_p_value(values: np.ndarray) -> float:
-    """p-value that values (n,) are symmetric about 0, against larger ones: Wilcoxon's signed-rank test.
-
-    Zeros are left out. Up to 50 values the distribution is exact, also for tied ranks; of more values it is normal.
-    Source: Wilcoxon, Biometrics Bulletin 1 (1945) 80; ties: Lehmann, Nonparametrics (1975), sec. 3.2.
-    """
-    values = np.asarray(values, float)
-    values = values[values != 0]
-    _, group, counts = np.unique(np.abs(values), return_inverse=True, return_counts=True)
-    ranks = (2 * np.cumsum(counts) - counts + 1)[group]  # doubled, so that those of ties are whole
-    statistic = int(ranks[values > 0].sum())
-    if len(values) > _EXACT:
-        deviation = statistic - ranks.sum() / 2
-        return float(norm.sf(deviation / np.sqrt((ranks.astype(float) ** 2).sum() / 4)))
-    probability = np.zeros(int(ranks.sum()) + 1)
-    probability[0] = 1.0
-    for rank in ranks:
-        shifted = np.concatenate([np.zeros(rank), probability[:-rank]])
-        probability = (probability + shifted) / 2
-    return float(probability[statistic:].sum())

@@ -246,7 +246,7 @@ class _Problem:
             return
         before = self.cost
         size = len(self.gradient)
-        for trial in range(20):
+        for _ in range(20):
             damped = self.normal + (_FLOOR + self.damping) * np.eye(size)
             move = _newton(damped, self.gradient)
             decrement = -float(self.gradient @ move)
@@ -257,7 +257,7 @@ class _Problem:
                 and self.finished(move, decrement, unit)
             ):
                 return
-            if self.accept(move, trial > 0):
+            if self.accept(move):
                 if abs(before - self.cost) < max(
                     1e-5 * before, 0.02 * max(1.0, self.cost / self.residual.size)
                 ):
@@ -280,30 +280,17 @@ class _Problem:
         self.outcome = CONVERGED
         return True
 
-    def accept(self, move, again):
-        """Accept the step if it lowers the cost under the current weights.
-
-        again: an earlier trial of this step was rejected; the derivative is then computed only after the cost.
-        """
+    def accept(self, move):
+        """Move there if that lowers the cost; the derivative is computed only then."""
         candidate = self.parameters.unpack(self.parameters.pack() + move * self.scale)
-        residual, rows = self.look_at(candidate, again)
+        residual, derivative = self.model.residual_and_derivative(candidate)
         cost = self.cost_of(candidate, residual)
         if not cost < self.cost:
             return False
-        rows = rows()
         self.damping = self.damping / 8 if self.damping > 1e-10 * self.normal.max() else 0.0
         weights = self.robust_weights(residual * self.inverse_sigma)
-        self.take(candidate, residual, rows, weights)
+        self.take(candidate, residual, derivative(), weights)
         return True
-
-    def look_at(self, candidate, again):
-        """Residual at a candidate, and a function that gives the derivative there."""
-        if isinstance(self.model, Model):
-            return self.model.residual_and_derivative(candidate)
-        if again:
-            return self.model.residual(candidate), lambda: self.model.linearise(candidate)[1]
-        residual, rows = self.model.linearise(candidate)
-        return residual, lambda: rows
 
     def degrees(self):
         """Residuals less the parameters that the data, and not the priors, have spent on them."""

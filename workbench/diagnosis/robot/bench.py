@@ -227,9 +227,8 @@ class RobotBench:
             for one in variants(CATALOGUE, self.chain)
             if one.effect.effect in wanted and not _held(one, self.baseline)
         ]
-        step = -(
-            -self.chain.n // _LARGE
-        )  # a law's few combinations of masses are those of any thousands of poses
+        # a law's few combinations of masses are those of any thousands of poses
+        step = int(np.ceil(self.chain.n / _LARGE))
         state = self.chain.at(np.arange(0, self.chain.n, step)).state
         laws = [(o, mass_responses.with_estimated_masses(o.effect, state)) for o in known]
         return tuple(

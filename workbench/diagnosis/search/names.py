@@ -4,7 +4,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from workbench.diagnosis.linear.hypotheses import Hypothesis
-from workbench.diagnosis.search.findings import ELASTIC
+from workbench.diagnosis.search.posterior import is_elastic
 from workbench.diagnosis.search.state import Search
 
 _WORTHWHILE = float(np.log(3.0))
@@ -30,11 +30,11 @@ def exchange_names(search: Search) -> None:
 def _likelier(search: Search, i: int) -> Hypothesis | None:
     """The best variant of the effect with the highest marginal posterior; None where that is the accepted one."""
     mine = search.accepted[i]
-    if mine.unnamed or mine.effect in ELASTIC:
+    if mine.unnamed or is_elastic(mine):
         return None
     families: dict[tuple, list[Hypothesis]] = {}
     for h in search.table(search.others(i)):
-        if not h.unnamed and h.effect not in ELASTIC:
+        if not h.unnamed and not is_elastic(h):
             families.setdefault(h.key, []).append(h)
     if mine.key not in families:
         return None
@@ -45,3 +45,6 @@ def _likelier(search: Search, i: int) -> Hypothesis | None:
     if marginal[best] - marginal[mine.key] < _WORTHWHILE:
         return None
     return max(families[best], key=lambda h: h.log_weight)
+
+
+__all__ = ["exchange_names"]

@@ -121,25 +121,25 @@ def _share(objective: LogPosterior, i: int, j: int) -> float:
 def probabilities_of_names(search) -> dict[Key, Name]:
     """Of every elastic term that might be present, where one is accepted; search: as in `state`."""
     accepted = [search.own(i) for i in search.everyone]
-    mine = [i for i in search.everyone if _is_elastic(search.accepted[i])]
+    mine = [i for i in search.everyone if is_elastic(search.accepted[i])]
     if not mine:
         return {}
     others = tuple(i for i in search.everyone if i not in mine)
     plain: dict[Key, object] = {}
     for h in search.table(others):
-        if _is_elastic(h) and not h.label.startswith(LABEL):
+        if is_elastic(h) and not h.label.startswith(LABEL):
             plain.setdefault(h.key, h)
     held = {h.key for h in accepted}
     terms = [*accepted, *(h for key, h in plain.items() if key not in held)]
     solved = as_solved(search, accepted)
     objective = LogPosterior.of(search.problem.conditional_on(()), terms, accepted=solved)
     best = tuple(range(len(accepted)))
-    open_ = [i for i, h in enumerate(terms) if _is_elastic(h)]
+    open_ = [i for i, h in enumerate(terms) if is_elastic(h)]
     window = Window.around(objective, best, open_)
     return window.names(held, [terms[i].key for i in open_])
 
 
-def _is_elastic(h) -> bool:
+def is_elastic(h) -> bool:
     """Whether a term deflects under gravity, or is the harmonic that is most like it."""
     if h.unnamed:
         return False
@@ -148,4 +148,4 @@ def _is_elastic(h) -> bool:
     return deflects or (h.effect == TransmissionHarmonic.effect and order == 1.0)
 
 
-__all__ = ["Name", "Window", "probabilities_of_names"]
+__all__ = ["Name", "Window", "is_elastic", "probabilities_of_names"]

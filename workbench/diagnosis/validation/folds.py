@@ -12,9 +12,9 @@ from workbench.diagnosis.linear.problem import Problem
 from workbench.fitting.cross_validation import blocks
 
 TIME, SPACE, DEALT = "blocks of time", "blocks of the workspace", "placements and balls in turn"
-_FOLDS, _HALVINGS = 5, 2
-LEAST_FOLDS = _FOLDS
-"""Folds in which a validation repeats the search at least."""
+LEAST_FOLDS = 5
+"""Folds in which a validation repeats the search at least: the blocks of time."""
+_FOLDS, _HALVINGS = LEAST_FOLDS, 2
 """Blocks of time, and halvings of the workspace: four fifths and three quarters of the poses determine the geometry."""
 _FEW = 50  # poses below which a fold leaves out half as many: a fifth of them would leave the geometry open
 _SEARCHED = 900  # samples that a search inside a fold sees at most; what it finds is fitted on all of the fold

@@ -111,6 +111,13 @@ class Stream:
         residual, (normal, gradient) = self.by_fold(parameters, np.zeros(self.chunks.n, int), 1)
         return residual, Equations(normal[0], gradient[0])
 
+    def residual_and_derivative(
+        self, parameters: Parameters
+    ) -> tuple[np.ndarray, Callable[[], Equations]]:
+        """As `linearise`, with the normal equations as a function: one pass over the chunks gives both."""
+        residual, equations = self.linearise(parameters)
+        return residual, lambda: equations
+
     def by_fold(self, parameters: Parameters, fold: np.ndarray, folds: int):
         """Residual (m, n), and (folds, F, F), (folds, F) normal matrices and gradients of the samples of each fold."""
         size = int(parameters.mask.sum())
