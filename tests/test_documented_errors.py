@@ -18,10 +18,19 @@ def documented(name: str) -> float:
     return float(re.search(r"\*\*([\d.]+)\*\*", rows[0])[1])
 
 
+LONG = [pytest.param(name, marks=pytest.mark.long) for name in ("irb120_faro", "ur10_ipa_tmac_A")]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    ["irb120_wu_arm", "motoman_leica_ctu:right", "motoman_leica_ctu:left", "fanuc165f_innopolis"],
+    [
+        "irb120_wu_arm",
+        "motoman_leica_ctu:right",
+        "motoman_leica_ctu:left",
+        "fanuc165f_innopolis",
+        *LONG,
+    ],
 )
 def test_the_held_out_error_of_a_real_arm_is_the_documented_one(recording, name):
     found = calibrate(recording(name)).held_out["rms_mm"]

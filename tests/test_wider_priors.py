@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 import tomli_w
 
+from robot_model.effects.curve import JointCurve
 from robot_model.effects.transmission import TransmissionHarmonic
+from test_joint_curve import with_curves
 from test_shrinkage import waved
 from workbench.core.least_squares.solver import solve
 from workbench.diagnosis.robot.bench import bench_of
@@ -41,6 +43,28 @@ def test_priors_that_hold_stay(size, n):
         model, free, _ = waved(size, n, seed)
         fit = solve(model, free)
         assert widened(model, fit) is fit.parameters
+
+
+@pytest.mark.parametrize("sigma", [0.02, 0.05])
+def test_a_ripple_too_fine_for_a_curve_does_not_widen_its_prior(sigma):
+    """Waves of a long domain that cancel where the poses are can follow a fine ripple: large, and wild elsewhere."""
+    model, start = with_curves({3: lambda q: 3e-4 * np.sin(18 * q)}, n=1500, sigma=sigma)
+    angle = model.chain.variables[2]
+    middle = np.median(angle)
+    model = model.at(np.flatnonzero(np.abs(angle - middle) < 0.5))
+    waves = [TransmissionHarmonic("joint-3", order=order) for order in (1, 2)]
+    curve = JointCurve("joint-3", start=middle - 3.5, end=middle + 3.5, terms=15)
+    model = model.with_effects(*waves, curve)
+    begin = model.parameters.take_over(start)
+    fit = solve(model, begin.only(start_mask(start, begin)))
+    assert fit.sigma_scale > 1.2  # the ripple is there
+    assert widened(model, fit) is fit.parameters
+
+
+def start_mask(start, wider):
+    """(P,) True for what was free before, and for all parameters of effects."""
+    added = len(wider) - len(start)
+    return np.append(start.mask, np.ones(added, bool))
 
 
 def test_a_large_effect_of_the_diagnosis_has_its_size(tmp_path):

@@ -15,7 +15,7 @@ MARGIN = 0.05
 MOST_TERMS = 63
 _LEAST_TERMS = 3
 _TERMS = (3, 7, 15, 31, 63)
-_OCCUPIED = 0.5  # share of the half waves of the highest term that must be visited; the prior bridges the others
+_RESOLVED = 0.6  # share of the poses that must lie in adjacent visited half waves
 _VISITS = 2  # poses within a half wave that count as a visit
 _NUMBERS_PER_TERM = 4  # measured numbers per coefficient of all curves together
 _SAME_POSE = 4  # decimals of rad or mm
@@ -160,14 +160,18 @@ def _of_motor(order: float, gear_ratio: float, resolution: float) -> int | None:
 def resolved_terms(angle: np.ndarray, numbers: int) -> int:
     """Terms of a curve that the visited angles (n,) and a budget of measured numbers support; 0 where none.
 
-    3, 7, 15, 31 or 63, which are complete octaves: at least half of the half waves of the highest term are visited.
+    3, 7, 15, 31 or 63, which are complete octaves: most poses lie in a half wave of the highest term that is visited,
+    next to one that is visited, too. It is the poses that count and not the half waves: a few poses far from the others
+    leave a gap, which the prior bridges, and take nothing from the resolution where the others are.
     """
     low, high = float(angle.min()), float(angle.max())
     terms = MOST_TERMS
     while terms >= _LEAST_TERMS:
         visits = np.histogram(angle, bins=terms + 1, range=(low, high))[0]
-        is_visited = float((visits >= _VISITS).mean()) >= _OCCUPIED
-        if is_visited and terms * _NUMBERS_PER_TERM <= numbers:
+        is_visited = np.pad(visits >= _VISITS, 1)
+        has_neighbour = is_visited[:-2] | is_visited[2:]
+        resolved = visits[is_visited[1:-1] & has_neighbour].sum() / visits.sum()
+        if resolved >= _RESOLVED and terms * _NUMBERS_PER_TERM <= numbers:
             return terms
         terms //= 2
     return 0

@@ -13,6 +13,7 @@ from workbench.fitting.shrinkage import settled
 
 # Below a nanometre and a nanoradian a change of the error is rounding, whatever the recording states.
 _ROUNDING = (1e-6, 1e-9)
+_MATERIAL = 0.1  # of a mean square: 5 % of the RMS, more than a simpler model is worth
 _JUDGED = 4000  # samples by which stages are compared at most
 
 
@@ -100,6 +101,13 @@ class HeldOut:
         from scipy.stats import wilcoxon  # takes half a second to import
 
         return bool(wilcoxon(falls, alternative="greater").pvalue < 0.05)
+
+    def is_materially_worse_than(self, other: "HeldOut") -> bool:
+        """Whether the mean square is larger by more than `_MATERIAL` of it, whichever folds that comes from.
+
+        A model that fails in a single fold is no better than luck by the test of `beats`, and still not one to use.
+        """
+        return self._mean_fall_from(other) < -_MATERIAL
 
     def _mean_fall_from(self, other: "HeldOut") -> float:
         """Fall of the mean square over all held-out samples; units as of `falls_from`."""

@@ -26,6 +26,10 @@ _WORTHWHILE = float(np.log(1e3))
 """Gain of log evidence from which a prior is widened."""
 _SHARE = 0.05
 """Share of the prior in what is known of a parameter, below which its width does not matter."""
+_CANCELLING = 100.0
+"""Ratio of the sum of squared changes of predictions, parameter by parameter, to the square of their sum, from which
+they cancel. Parameters that the samples distinguish have a ratio near 1, a few that are correlated up to 20; terms that
+only their differences make visible have thousands."""
 _SUSPICIOUS = 0.05
 """Chance below which the evidence of an effect's prior is computed at all."""
 _EXACT = 1e-6
@@ -104,12 +108,27 @@ def _widest_worthwhile(linear: LinearFit, precision: np.ndarray, rows: np.ndarra
     """Precisions with those of `rows` lowered where that raises the evidence by enough; else the same object."""
     weak = _weakened(precision, rows)
     starts = (linear.noise, Posterior(linear, weak).next_noise(linear.noise))
-    best = Posterior(linear, precision).evidence(starts) + _WORTHWHILE
+    present = Posterior(linear, precision)
+    best = present.evidence(starts) + _WORTHWHILE
     chosen = precision
     for factor in _STEPS:
         trial = precision.copy()
         trial[rows] = np.maximum(trial[rows] / factor**2, weak[rows])
-        value = Posterior(linear, trial).evidence(starts)
-        if value > best:
+        posterior = Posterior(linear, trial)
+        value = posterior.evidence(starts)
+        if value > best and not _cancels(linear, present, posterior):
             best, chosen = value, trial
     return chosen
+
+
+def _cancels(linear: LinearFit, before: Posterior, after: Posterior) -> bool:
+    """Whether parameters change by much that hardly shows in the predictions, since they cancel at the samples.
+
+    That is no large effect but a fine structure that the effects cannot follow except by differences of large terms,
+    which run away where no sample holds them.
+    """
+    noise = after.next_noise(linear.noise)
+    change = after.values(noise) - before.values(noise)
+    together = change @ linear.normal @ change
+    one_by_one = change**2 @ np.diag(linear.normal)
+    return bool(one_by_one > _CANCELLING * together)

@@ -246,7 +246,11 @@ def _run(nominal: _Step, stages, split, progress):
 
 
 def _prune(nominal: _Step, step: _Step, rows, split, progress):
-    """Remove stages that cross-validation no longer retains once a later stage explains the same."""
+    """Remove stages that cross-validation no longer retains once a later stage explains the same.
+
+    None is removed whose absence makes the held-out error materially larger: a single block of poses that only this
+    stage predicts well is no significant gain, but the model without it fails there.
+    """
     tests = sum(stage.earn for stage, _ in rows)
     for k, (stage, result) in enumerate(rows):
         others = [s for i, (s, r) in enumerate(rows) if r.earned and i != k]
@@ -260,6 +264,8 @@ def _prune(nominal: _Step, step: _Step, rows, split, progress):
         fewer = _without_effects(step.model, [s for s, r in rows if r.earned], stage)
         merged = _merged(others, nominal)
         without = _try(replace(step, model=fewer), merged, split)
+        if without.held_out.is_materially_worse_than(step.held_out):
+            continue
         if not is_retained(without, step, tests, split.fit):
             change = f"with it added back, held-out {step.held_out.change_from(without.held_out)}"
             sentence = (
