@@ -38,11 +38,12 @@ def recording_schema() -> dict:
 def mapping_schema() -> dict:
     """The mapping file of `workbench import`."""
     text = {"type": "string"}
+    unit = {"enum": [*ANGLES, *LENGTH_UNITS]}
     group = {
         "type": "object",
         "properties": {
             "columns": {"type": "array", "items": text, "minItems": 1},
-            "unit": {"enum": [*ANGLES, *LENGTH_UNITS]},
+            "unit": {"anyOf": [unit, {"type": "array", "items": {"enum": ["", *unit["enum"]]}}]},
             "convention": {"enum": [*CONVENTIONS, *SPHERICAL_CONVENTIONS]},
             "inverse": {"type": "boolean"},
         },

@@ -5,9 +5,16 @@ import unicodedata
 
 import numpy as np
 
-LENGTHS = {"mm": 1.0, "m": 1000.0, "in": 25.4, "cm": 10.0, "um": 0.001}
+LENGTHS = {"mm": 1.0, "m": 1000.0, "in": 25.4, "cm": 10.0, "um": 0.001, "ft": 304.8}
 """Unit -> mm."""
-ANGLES = {"deg": 1.0, "rad": 180 / np.pi, "gon": 0.9, "mrad": 0.18 / np.pi}
+ANGLES = {
+    "deg": 1.0,
+    "rad": 180 / np.pi,
+    "gon": 0.9,
+    "mrad": 0.18 / np.pi,
+    "arcmin": 1 / 60,
+    "arcsec": 1 / 3600,
+}
 """Unit -> deg."""
 MASSES = {"kg": 1.0, "g": 0.001, "lb": 0.45359237}
 """Unit -> kg."""
@@ -30,6 +37,7 @@ _NAMES = {
     "m": ("m", "meter", "meters", "metre", "metres", "metern", "metri", "metros"),
     "cm": ("cm", "centimeter", "zentimeter"),
     "um": ("um", "µm", "μm", "micron", "microns"),
+    "ft": ("ft", "foot", "feet"),
     "in": ("in", "inch", "inches", "zoll", '"'),
     "deg": (
         *("deg", "degree", "degrees", "°", "grad", "º", "altgrad"),
@@ -37,7 +45,9 @@ _NAMES = {
     ),
     "rad": ("rad", "radian", "radians", "radiant", "radianti", "radianes", "radianos"),
     "gon": ("gon", "gons", "gradian", "gradians", "neugrad", "grade", "grades"),
-    "mrad": ("mrad",),
+    "mrad": ("mrad", "milliradian", "milliradians"),
+    "arcmin": ("arcmin", "arcminute", "arcminutes", "bogenminuten"),
+    "arcsec": ("arcsec", "arcsecond", "arcseconds", "bogensekunden", "″"),
     "s": (
         *("s", "sec", "second", "seconds", "sekunden"),
         *("secondes", "secondi", "segundos"),

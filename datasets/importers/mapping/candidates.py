@@ -5,6 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from datasets.importers.mapping.column_units import (
+    ColumnUnits,
+    completed_units,
+    unit_factors,
+    unit_words,
+)
 from datasets.importers.mapping.model import Group
 from datasets.importers.mapping.rotations import (
     EULER,
@@ -23,13 +29,21 @@ from datasets.importers.units import ANGLES, LENGTHS
 
 LENGTH_UNITS = ("mm", "m", "in", "cm")
 ANGLE_UNITS = ("deg", "rad", "gon")
-_WORDS = {"deg": "degrees", "rad": "radians", "gon": "gon", "mrad": "milliradians"}
-_LENGTH_WORDS = {
+ANGLE_WORDS = {
+    "deg": "degrees",
+    "rad": "radians",
+    "gon": "gon",
+    "mrad": "milliradians",
+    "arcmin": "arc minutes",
+    "arcsec": "arc seconds",
+}
+LENGTH_WORDS = {
     "mm": "millimetres",
     "m": "metres",
     "in": "inches",
     "cm": "centimetres",
     "um": "micrometres",
+    "ft": "feet",
 }
 _SAME_DECIMALS = 8
 
@@ -43,18 +57,23 @@ class Turn:
     @property
     def title(self) -> str:
         """In words: "intrinsic XYZ in degrees"."""
-        unit = f" in {_WORDS[self.group.unit]}" if has_unit(self.group.convention) else ""
+        unit = ""
+        if has_unit(self.group.convention):
+            unit = f" in {unit_words(self.group.unit, self.group.columns, ANGLE_WORDS.get)}"
         return f"{self.group.convention}{unit}{', inverse rotation' if self.group.inverse else ''}"
 
     def matrices(self, table: RawTable) -> np.ndarray:
         """(n, 3, 3) rotations. Raises ValueError where the numbers cannot be this."""
         values = np.stack([table.numbers(name) for name in self.group.columns], axis=1)
-        return rotation_matrices(values, self.group.convention, self.group.unit, self.group.inverse)
+        unit = self.group.unit
+        if isinstance(unit, tuple):
+            values, unit = values * unit_factors(unit, len(unit), ANGLES), "deg"
+        return rotation_matrices(values, self.group.convention, unit, self.group.inverse)
 
 
-def length_units(group: Group, stated_only: bool = True) -> tuple[str, ...]:
-    """Units that a point may have: the stated one, or all."""
-    return (group.unit,) if group.unit in LENGTHS and stated_only else LENGTH_UNITS
+def length_units(group: Group, stated_only: bool = True) -> tuple[ColumnUnits, ...]:
+    """Units that a point may have: the stated ones, or all."""
+    return completed_units(group.unit, LENGTH_UNITS, LENGTHS) if stated_only else LENGTH_UNITS
 
 
 def point_readings(group: Group, stated_only: bool = True) -> Iterator[tuple[str, Group]]:
@@ -64,13 +83,15 @@ def point_readings(group: Group, stated_only: bool = True) -> Iterator[tuple[str
         conventions = completions(group.convention, stated_only)
     for unit in length_units(group, stated_only):
         for convention in conventions:
-            words = _LENGTH_WORDS[unit] + (f" ({convention})" if convention else "")
+            words = unit_words(unit, group.columns, LENGTH_WORDS.get)
+            words += f" ({convention})" if convention else ""
             yield words, replace(group, unit=unit, convention=convention)
 
 
-def angle_units(group: Group, stated_only: bool = True) -> tuple[str, ...]:
-    """Units that angles may have: the stated one, or all."""
-    return (group.unit,) if group.unit in ANGLES and stated_only else ANGLE_UNITS
+def angle_units(group: Group, stated_only: bool = True) -> tuple[ColumnUnits, ...]:
+    """Units that angles may have: the stated ones, or all. Lengths of sliding joints stay as they are stated."""
+    known = {**ANGLES, **LENGTHS} if isinstance(group.unit, tuple) else ANGLES
+    return completed_units(group.unit, ANGLE_UNITS, known) if stated_only else ANGLE_UNITS
 
 
 def rotation_candidates(group: Group, table: RawTable, stated_only: bool = True) -> list[Turn]:
@@ -89,7 +110,7 @@ def rotation_candidates(group: Group, table: RawTable, stated_only: bool = True)
         units = angle_units(group, stated_only) if has_unit(convention) else (None,)
         for unit in units:
             for inverse in (group.inverse,) if group.convention and stated_only else (False, True):
-                turn = Turn(Group(tuple(columns), unit, convention, inverse))
+                turn = Turn(Group(tuple(columns), _in_order(unit, group, columns), convention, inverse))
                 try:
                     # adding 0 makes -0 and 0 the same bytes
                     key = (np.round(turn.matrices(table), _SAME_DECIMALS) + 0.0).tobytes()
@@ -99,6 +120,14 @@ def rotation_candidates(group: Group, table: RawTable, stated_only: bool = True)
                     seen.add(key)
                     turns.append(turn)
     return sorted(turns, key=lambda turn: (turn.group.inverse, turn.group.unit == "gon"))
+
+
+def _in_order(unit: ColumnUnits, group: Group, columns: Sequence[str]) -> ColumnUnits:
+    """Units of the columns of a group in another order of the columns."""
+    if not isinstance(unit, tuple):
+        return unit
+    own = dict(zip(group.columns, unit, strict=True))
+    return tuple(own[name] for name in columns)
 
 
 def _conventions(group: Group, table: RawTable) -> Iterator[tuple[Sequence[str], str]]:

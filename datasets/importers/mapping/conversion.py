@@ -7,6 +7,7 @@ import numpy as np
 from datasets.columns import AXES
 from datasets.errors import complaint
 from datasets.importers.mapping.candidates import Turn
+from datasets.importers.mapping.column_units import each_unit, unit_factors
 from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.joining import seconds_of
 from datasets.importers.mapping.model import Group, Mapping
@@ -68,8 +69,9 @@ def joint_columns(
 ) -> dict[str, np.ndarray]:
     """q1_deg ... (qK_mm of a prismatic joint) in the units of a recording."""
     columns = {}
-    for number, (name, slides) in enumerate(zip(group.columns, prismatic), 1):
-        factor = LENGTHS[length_unit] if slides else ANGLES[group.unit]
+    units = each_unit(group.unit, len(group.columns))
+    for number, (name, slides, unit) in enumerate(zip(group.columns, prismatic, units), 1):
+        factor = LENGTHS[unit if unit in LENGTHS else length_unit] if slides else ANGLES[unit]
         columns[f"q{number}_{'mm' if slides else 'deg'}"] = factor * table.numbers(name)
     return columns
 
@@ -79,7 +81,9 @@ def point_columns(table: RawTable, group: Group, prefix: str = "") -> dict[str, 
     values = np.stack([table.numbers(name) for name in group.columns])
     if is_spherical(group.convention):
         values = points_of(values, group.convention)
-    return {f"{prefix}{axis}_mm": LENGTHS[group.unit] * row for axis, row in zip("xyz", values)}
+    factors = unit_factors(group.unit, len(values), LENGTHS)
+    rows = factors[:, None] * values
+    return {f"{prefix}{axis}_mm": row for axis, row in zip("xyz", rows)}
 
 
 def rotation_columns(table: RawTable, group: Group, prefix: str = "") -> dict[str, np.ndarray]:

@@ -7,7 +7,7 @@ robot = "ur10"
 by = "index"
 [joints]
 columns = ["A1", "A2", "A3", "A4", "A5", "A6"]
-unit = "deg"
+unit = "deg"                                   # or one for each column: ["deg", "deg", "rad", ...]
 [point]
 columns = ["X", "Y", "Z"]
 unit = "mm"
@@ -31,6 +31,7 @@ from pathlib import Path
 from datasets.columns import KINDS
 from datasets.errors import complaint
 from datasets.importers.mapping import spherical
+from datasets.importers.mapping.column_units import OPEN, ColumnUnits
 from datasets.importers.mapping.rotations import CONVENTIONS, SIZES
 from datasets.importers.units import ANGLES, LENGTHS
 from workbench.core.text.structured_text import ContentError, read_toml
@@ -42,10 +43,13 @@ JOINS = ("index", "key", "time")
 
 @dataclass(frozen=True)
 class Group:
-    """Columns of one quantity. `unit`, `convention`: None where neither header, format nor user states them."""
+    """Columns of one quantity. `unit`, `convention`: None where neither header, format nor user states them.
+
+    `unit`: of all columns, or one for each of them ("" where it is open).
+    """
 
     columns: tuple[str, ...]
-    unit: str | None = None
+    unit: ColumnUnits = None
     convention: str | None = None
     inverse: bool = False
 
@@ -125,7 +129,7 @@ def _completed(mine, its):
 def _group_keys(group: Group) -> dict:
     keys: dict = {"columns": list(group.columns)}
     if group.unit is not None:
-        keys["unit"] = group.unit
+        keys["unit"] = list(group.unit) if isinstance(group.unit, tuple) else group.unit
     if group.convention is not None:
         keys["convention"] = group.convention
     if group.inverse:
@@ -240,10 +244,8 @@ def _group(keys, name: str, called: str) -> Group:
         )
     unit, convention = keys.get("unit"), keys.get("convention")
     units = LENGTHS if name in ("point", "flange_point") else ANGLES
-    if name != "time" and unit is not None and unit not in units:
-        raise complaint(
-            f"{where}, key unit", f"one of {', '.join(units)}", repr(unit), "correct it"
-        )
+    if name != "time" and unit is not None:
+        unit = _unit(unit, units, name, len(columns), where)
     if name == "point":
         _check_point_convention(convention, where)
     elif convention is not None and convention not in CONVENTIONS:
@@ -267,6 +269,24 @@ def _group(keys, name: str, called: str) -> Group:
             f"{where}, key inverse", "true or false", repr(keys["inverse"]), "correct it"
         )
     return Group(tuple(columns), unit, convention, keys.get("inverse", False))
+
+
+def _unit(unit, known: Keys, name: str, count: int, where: str) -> ColumnUnits:
+    """The value of a key `unit`: one word, or a list of one word for each column. Raises InputError for another."""
+    where = f"{where}, key unit"
+    if not isinstance(unit, list):
+        if unit not in known:
+            raise complaint(where, f"one of {', '.join(known)}", repr(unit), "correct it")
+        return unit
+    allowed = {**known, **(LENGTHS if name == "joints" else {}), OPEN: 0.0}
+    if len(unit) != count:
+        raise complaint(
+            where, f"{count} units, one for each column", f"{len(unit)}", "correct the list"
+        )
+    for word in unit:
+        if not isinstance(word, str) or word not in allowed:
+            raise complaint(where, f"units out of {', '.join(known)}", repr(word), "correct it")
+    return tuple(unit)
 
 
 def _check_point_convention(convention, where: str) -> None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from datasets.errors import complaint
+from datasets.importers.mapping.column_units import ColumnUnits, joined_units
 from datasets.importers.mapping.headers import Header
 from datasets.importers.mapping.model import Group, Mapping
 from datasets.importers.mapping.sets import ColumnSet, find_sets, headers_of
@@ -150,7 +151,7 @@ def _group(one: ColumnSet | None, table: RawTable, quantity: str) -> Group | Non
     """Columns of a set with what headers and format state about them."""
     if one is None:
         return None
-    unit = one.unit or table.default_units.get(quantity)
+    unit = _unit(one, table.default_units.get(quantity))
     if one.kind in ("joints", "point"):
         return Group(one.names, unit, one.labels if is_spherical(one.labels) else None)
     stated = table.conventions.get(one.names[0])
@@ -163,6 +164,13 @@ def _group(one: ColumnSet | None, table: RawTable, quantity: str) -> Group | Non
     if one.kind == "quaternion" and one.labels == "wxyz":
         return Group(one.names, None, "quaternion wxyz")
     return Group(one.names, unit if one.kind == "angles" else None, None)
+
+
+def _unit(one: ColumnSet, default: str | None) -> ColumnUnits:
+    """The unit of a set, columns without one with that of the file."""
+    if one.unit is None or default is None or not isinstance(one.unit, tuple):
+        return one.unit or default
+    return joined_units([word or default for word in one.unit])
 
 
 def _copied(table: RawTable, measured: tuple[str, ...]) -> dict[str, str]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from datasets.importers.mapping.column_units import ColumnUnits, joined_units
 from datasets.importers.mapping.headers import (
     ACTUAL_WORDS,
     FLANGE_WORDS,
@@ -48,7 +49,7 @@ class ColumnSet:
     kind: str
     names: tuple[str, ...]
     words: frozenset[str]
-    unit: str | None
+    unit: ColumnUnits
     labels: str
     is_nominal: bool = False
 
@@ -124,12 +125,11 @@ def _is_slurbt(words: Mapping) -> bool:
 
 
 def _set(kind: str, headers: list[Header], labels: str = "") -> ColumnSet:
-    units = {header.unit for header in headers}
     return ColumnSet(
         kind,
         tuple(header.name for header in headers),
         frozenset(headers[0].words),
-        units.pop() if len(units) == 1 else None,
+        joined_units([header.unit for header in headers]),
         labels,
         any(header.is_nominal for header in headers),
     )

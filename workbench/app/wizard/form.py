@@ -28,6 +28,7 @@ _UNITS |= {name: tuple(LENGTHS) for name in ("point", "flange_point")}
 _ROTATIONS = ("rotation", "flange_rotation")
 _TESTED = {"title": "tested on the robot", "value": ""}
 _SHOWN = 3
+_BETWEEN = ", "
 
 
 def kinds() -> list[dict]:
@@ -49,13 +50,25 @@ def _row(name: str, group: Mapping, table: RawTable | None) -> dict:
         "name": name,
         "title": TITLES[name],
         "columns": columns,
-        "unit": group.get("unit", ""),
-        "units": [_TESTED, *_items(_UNITS[name])] if name in _UNITS else [],
+        "unit": _as_text(group.get("unit", "")),
+        "units": _unit_items(name, group) if name in _UNITS else [],
         "convention": group.get("convention", ""),
         "conventions": [_TESTED, *_items(CONVENTIONS)] if name in _ROTATIONS else [],
         "inverse": bool(group.get("inverse")),
         "cells": "" if table is None else first_cells(table, columns),
     }
+
+
+def _as_text(unit: str | list) -> str:
+    """A unit of all columns, or one for each of them, as the value of a list."""
+    return _BETWEEN.join(unit) if isinstance(unit, list) else unit
+
+
+def _unit_items(name: str, group: Mapping) -> list[dict]:
+    """Units that a quantity can have, and the units of single columns where the mapping states them."""
+    unit = group.get("unit")
+    own = _items([_as_text(unit)]) if isinstance(unit, list) else []
+    return [_TESTED, *own, *_items(_UNITS[name])]
 
 
 def _items(names: Iterable[str]) -> list[dict]:
@@ -123,6 +136,8 @@ def _edit_group(keys: dict, name: str, key: str, value: object) -> None:
     if not group:
         raise InputError(f"{TITLES[name]}: expected columns first, found none; choose them")
     group.pop(key, None)
+    if key == "unit" and _BETWEEN in str(value):
+        value = str(value).split(_BETWEEN)
     keys[name] = group | ({key: value} if value else {})
 
 
@@ -131,7 +146,11 @@ def _release(keys: dict, name: str, columns: list[str]) -> None:
     group = keys.get(name)
     if not group or not set(group["columns"]) & set(columns):
         return
-    left = [column for column in group["columns"] if column not in columns]
+    kept = [k for k, column in enumerate(group["columns"]) if column not in columns]
     keys.pop(name)
-    if left:
-        keys[name] = {"columns": left, **({"unit": group["unit"]} if "unit" in group else {})}
+    if not kept:
+        return
+    keys[name] = {"columns": [group["columns"][k] for k in kept]}
+    unit = group.get("unit")
+    if unit:
+        keys[name]["unit"] = [unit[k] for k in kept] if isinstance(unit, list) else unit

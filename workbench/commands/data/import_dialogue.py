@@ -71,7 +71,7 @@ def _mapping_rows(mapping: Mapping):
         if not isinstance(value, Mapping):
             continue
         if isinstance(value.get("columns"), list):
-            read = [value.get("convention"), value.get("unit")]
+            read = [value.get("convention"), _units(value)]
             read.append("inverse rotation" if value.get("inverse") else None)
             yield name, ", ".join(value["columns"]), ", ".join(filter(None, read))
         elif name == "columns":
@@ -81,6 +81,14 @@ def _mapping_rows(mapping: Mapping):
             offset = value.get("time_offset_s")
             shifted = f", offset {1e3 * offset:.4g} ms" if offset else ""
             yield "join", str(value.get("key") or ""), f"{value.get('by')}{shifted}"
+
+
+def _units(group: Mapping) -> str | None:
+    """The unit of a group in words."""
+    from datasets.importers.mapping.column_units import unit_words
+
+    unit = group.get("unit")
+    return unit_words(tuple(unit), group["columns"], str) if isinstance(unit, list) else unit
 
 
 def _preview(console, recording) -> None:

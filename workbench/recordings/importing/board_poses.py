@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from datasets.importers.mapping.candidates import angle_units, length_units, rotation_candidates
+from datasets.importers.mapping.column_units import unit_toml, unit_words
 from datasets.importers.mapping.conversion import (
     complete_rows,
     joint_columns,
@@ -228,7 +229,8 @@ def _readings(rows: RawTable, mapping: Mapping, options):
         recorded = Recording("board-images", columns, keys)
         frames = forward(robot, robot.mixing @ recorded.joints.T)
         poses = transform(np.stack(frames.end, -1).transpose(1, 0, 2), frames.end_origin.T)
-        readings.append((f"joints in {unit}", made, poses))
+        words = unit_words(unit, made.joints.columns, str)
+        readings.append((f"joints in {words}", made, poses))
     return keys, mapping, readings
 
 
@@ -240,7 +242,8 @@ def flange_readings(rows: RawTable, mapping: Mapping):
         for unit in length_units(mapping.flange_point):
             made = replace(mapping, flange_rotation=turn.group).updated("flange_point", unit=unit)
             places = np.stack(list(point_columns(rows, made.flange_point).values()), axis=1)
-            readings.append((f"{turn.title}, flange in {unit}", made, transform(turned, places)))
+            words = unit_words(unit, made.flange_point.columns, str)
+            readings.append((f"{turn.title}, flange in {words}", made, transform(turned, places)))
     if not readings:
         raise InputError(
             f"{rows.file}, columns {', '.join(mapping.flange_rotation.columns)}: expected rotations, found numbers "
@@ -317,14 +320,14 @@ def _refuse_other_kind(readings, views: BoardViews, kind: str, fits, file: str) 
 def reading_line(mapping: Mapping) -> str:
     """What a mapping file says to state this reading."""
     if mapping.flange_rotation is None:
-        return f'unit = "{mapping.joints.unit}" under [joints]'
+        return f"unit = {unit_toml(mapping.joints.unit)} under [joints]"
     group = mapping.flange_rotation
     columns = ", ".join(f'"{name}"' for name in group.columns)
-    unit = f', unit = "{group.unit}"' if group.unit else ""
+    unit = f", unit = {unit_toml(group.unit)}" if group.unit else ""
     turned = ", inverse = true" if group.inverse else ""
     return (
         f'[flange_rotation] columns = [{columns}], convention = "{group.convention}"{unit}{turned} and unit = '
-        f'"{mapping.flange_point.unit}" under [flange_point]'
+        f"{unit_toml(mapping.flange_point.unit)} under [flange_point]"
     )
 
 

@@ -1,7 +1,7 @@
 """Recordings of one joined table under different mappings."""
 
 from collections.abc import Mapping as Keys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,6 +32,7 @@ class Builder:
     keys: Keys
     robot: Robot
     options: object
+    _others: dict = field(default_factory=dict, repr=False, compare=False)
 
     def positions(self, mapping: Mapping) -> Recording:
         """The recording of the positions alone, for the test of the units."""
@@ -44,9 +45,17 @@ class Builder:
 
     def readings(self, mapping: Mapping) -> dict[str, np.ndarray]:
         """q1_deg ... (qK_mm of a prismatic joint)."""
-        length = mapping.point.unit if mapping.point is not None and mapping.point.unit else "mm"
+        stated = None if mapping.point is None else mapping.point.unit
+        length = (stated[0] if isinstance(stated, tuple) else stated) or "mm"
         slides = self.robot.mixing.any(0) & (self.robot.prismatic @ np.abs(self.robot.mixing) > 0)
         return joint_columns(self.table, mapping.joints, slides, length)
+
+    def _other_columns(self, mapping: Mapping) -> dict[str, np.ndarray]:
+        """Columns that depend neither on units nor on conventions; times take long to read, and are read once."""
+        named = tuple(mapping.columns.items())
+        if named not in self._others:
+            self._others[named] = other_columns(self.table, mapping)
+        return dict(self._others[named])
 
     def _recording(self, mapping: Mapping) -> Recording:
         table = self.table
@@ -58,7 +67,7 @@ class Builder:
             columns |= rotation_columns(table, mapping.rotation)
         elif mapping.axis is not None:
             columns |= axis_columns(table, mapping.axis)
-        columns |= _named_groups(other_columns(table, mapping))
+        columns |= _named_groups(self._other_columns(mapping))
         balls = read_artefact(self.options.artefact) if self.options.artefact else {}
         if mapping.measures == "ball-centre":
             columns.setdefault("ball", np.ones(table.n))

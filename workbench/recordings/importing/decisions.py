@@ -7,11 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from datasets.importers.mapping.candidates import (
+    ANGLE_WORDS,
+    LENGTH_WORDS,
     Turn,
     angle_units,
     point_readings,
     rotation_candidates,
 )
+from datasets.importers.mapping.column_units import unit_toml, unit_words
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.source import RawTable
 from datasets.recording import Recording
@@ -21,6 +24,7 @@ from workbench.core.errors import InputError
 from workbench.fitting.plausibility import check_plausibility
 from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.recordings.importing.fits import CandidateFit, compare_readings
+from workbench.recordings.importing.mixed_units import MOST_COLUMNS, mixed_unit_mappings
 from workbench.recordings.importing.questions import Ask, Question, choose
 
 _SHOWN, _REFINED = 5, 8
@@ -28,7 +32,6 @@ _ABOUT_AS_BAD = 1.5
 _SCREENED = 40
 _PAIRS = 400
 _SCREEN_FACTOR, _SCREEN_RAD = 3.0, np.deg2rad(1.0)
-_ANGLE_WORDS = {"deg": "degrees", "rad": "radians", "gon": "gon", "mrad": "milliradians"}
 
 _REMEDY = (
     "check the robot, the order and the units of the joint columns, the unit of the measured points, and that the rows "
@@ -58,13 +61,70 @@ def decide_units(
     readings = list(unit_readings(mapping, stated_only=True))
     fits = compare(robot, readings, build)
     is_stated = len(readings) == 1
+    case = _Case(robot, mapping, build, called, ask)
     if is_stated and not (fits and fits[0][1].is_good):
-        return _contradicted_units(robot, mapping, build, called, fits)
+        return _contradicted_units(case, fits)
     if fits and not any(fit.is_good for _, fit in fits):
-        _refuse_mistake(robot, build(readings[_usual_of(fits)][1]), called)
+        mixed = _mixed_units(case, (1,))
+        if mixed is None:
+            _refuse_mistake(robot, build(readings[_usual_of(fits)][1]), called)
+            mixed = _mixed_units(case, range(2, MOST_COLUMNS + 1))
+        if mixed is not None:
+            return mixed
     return _decided(
         readings, fits, f"{called}, units of the joint readings and the point", ask, _unit_lines
     )
+
+
+@dataclass(frozen=True)
+class _Case:
+    """One import whose units are to be decided; fields as the arguments of `decide_units`."""
+
+    robot: Robot
+    mapping: Mapping
+    build: Build
+    called: str
+    ask: Ask | None = None
+
+
+def _mixed_units(case: _Case, counts: Sequence[int], stated_only: bool = True) -> Decision | None:
+    """The answer to a question where a few joint columns in another unit make the data fit; None where none do.
+
+    counts: numbers of such columns, tried in this order. Raises InputError where nobody can be asked.
+    """
+    readings, close = _mixed_fits(case, counts, stated_only)
+    if not close:
+        return None
+    question = Question(
+        f"{case.called}: expected one unit of all joint readings that fits the robot, found that none does, but that "
+        f"columns in different units fit ({'; '.join(fit.words for _, fit in close)})",
+        tuple(fit.words for _, fit in close),
+        tuple(_unit_lines(readings[place][1]) for place, _ in close),
+    )
+    chosen = choose(question, case.ask, [place for place, _ in close])
+    ordered = sorted(close, key=lambda item: item[0] != chosen)
+    return Decision(readings[chosen][1], tuple(fit for _, fit in ordered))
+
+
+def _mixed_fits(case: _Case, counts: Sequence[int], stated_only: bool):
+    """(title, mapping) of readings with columns in different units, and index and fit of the best ones that fit."""
+    for count in counts:
+        mappings = mixed_unit_mappings(case.robot, case.mapping, case.build, count, stated_only)
+        readings = [(_unit_title(made), made) for made in mappings]
+        fits = [item for item in compare(case.robot, readings, case.build) if item[1].is_good]
+        if fits:
+            best = fits[0][1]
+            return readings, [fits[0], *(f for f in fits[1:] if not best.clearly_beats(f[1]))]
+    return [], []
+
+
+def _unit_title(mapping: Mapping) -> str:
+    """A reading in words, which names the columns with another unit than most."""
+    title = f"joints in {unit_words(mapping.joints.unit, mapping.joints.columns, _unit_word)}"
+    if mapping.point is None:
+        return title
+    point = unit_words(mapping.point.unit, mapping.point.columns, _unit_word)
+    return f"{title}, point in {point}"
 
 
 def _usual_of(fits: Sequence[tuple[int, CandidateFit]]) -> int:
@@ -96,12 +156,29 @@ def decide_robot(
     fits = _fits_of_robots(mapping, build_with, names)
     good = [item for item in fits if item[1].is_good]
     if not good:
+        _refuse_mixed_units(mapping, build_with, names, where)
         raise InputError(
             f"{where}: expected one of the robots ({'; '.join(names)}) to fit, found none; check units, order and "
             "signs of the joint columns, or add --robot with a robot.toml, a URDF or a Denavit-Hartenberg table."
         )
     lines = [f'robot = "{name}"' for name in names]
     return names[choose_reading(lines, good, f"{where}, robot", ask)]
+
+
+def _refuse_mixed_units(mapping: Mapping, build_with, names, where: str) -> None:
+    """Raise InputError where a robot of the library fits with one joint column in another unit than the others."""
+    found = []
+    for name in names:
+        robot, build = build_with(name)
+        readings, close = _mixed_fits(_Case(robot, mapping, build, where), (1,), stated_only=True)
+        found += [(fit, name, readings[place][1]) for place, fit in close]
+    if found:
+        fit, name, made = min(found, key=lambda item: item[0].improbability)
+        raise InputError(
+            f"{where}: expected one of the robots to fit with one unit of all joint readings, found that only {name} "
+            f"with columns in different units fits ({fit.words}); name it with --robot, and add "
+            f"{_unit_lines(made)} to a mapping file for --map."
+        )
 
 
 def decide_convention(
@@ -177,17 +254,21 @@ def unit_readings(mapping: Mapping, stated_only: bool = True):
     for angle in angle_units(mapping.joints, stated_only):
         for words, point in points:
             made = replace(mapping.updated("joints", unit=angle), point=point)
-            title = f"joints in {_ANGLE_WORDS[angle]}"
+            title = f"joints in {unit_words(angle, mapping.joints.columns, _unit_word)}"
             yield title if words is None else f"{title}, point in {words}", made
 
 
 def _unit_lines(mapping: Mapping) -> str:
-    joints = f'unit = "{mapping.joints.unit}" under [joints]'
+    joints = f"unit = {unit_toml(mapping.joints.unit)} under [joints]"
     if mapping.point is None:
         return joints
     convention = mapping.point.convention
     more = f' and convention = "{convention}"' if convention else ""
-    return f'{joints} and unit = "{mapping.point.unit}"{more} under [point]'
+    return f"{joints} and unit = {unit_toml(mapping.point.unit)}{more} under [point]"
+
+
+def _unit_word(unit: str) -> str:
+    return ANGLE_WORDS.get(unit) or LENGTH_WORDS[unit]
 
 
 def compare(
@@ -204,19 +285,20 @@ def compare(
     return [(places[k], fit) for k, fit in compare_readings(robot, recordings, refined)]
 
 
-def _contradicted_units(robot, mapping, build, called, fits) -> Decision:
+def _contradicted_units(case: _Case, fits) -> Decision:
     """Units that the headers state and that do not fit: another unit may, and is named; else the misfit is kept."""
-    others = list(unit_readings(mapping, stated_only=False))
-    better = compare(robot, others, build)
-    stated = next(iter(unit_readings(mapping, stated_only=True)))
+    others = list(unit_readings(case.mapping, stated_only=False))
+    better = compare(case.robot, others, case.build)
+    stated = next(iter(unit_readings(case.mapping, stated_only=True)))
     if better and better[0][1].is_good and others[better[0][0]][0] != stated[0]:
         found = f"{fits[0][1].words}, but {better[0][1].words}" if fits else better[0][1].words
         raise InputError(
-            f"{called}: expected the units that the headers or the mapping state to fit the robot, found {found}; "
+            f"{case.called}: expected the units that the headers or the mapping state to fit the robot, found {found}; "
             f"add {_unit_lines(others[better[0][0]][1])} to a mapping file and name it with --map, or correct the "
             "headers."
         )
-    return Decision(stated[1], tuple(fit for _, fit in fits))
+    mixed = _mixed_units(case, (1,), stated_only=False)
+    return mixed or Decision(stated[1], tuple(fit for _, fit in fits))
 
 
 def _decided(readings, fits, where: str, ask: Ask | None, line) -> Decision:
@@ -296,7 +378,7 @@ def decide_rotation(
 def _rotation_lines(mapping: Mapping) -> str:
     group = mapping.rotation
     columns = ", ".join(f'"{name}"' for name in group.columns)
-    unit = f', unit = "{group.unit}"' if group.unit else ""
+    unit = f", unit = {unit_toml(group.unit)}" if group.unit else ""
     inverse = ", inverse = true" if group.inverse else ""
     return f'[rotation] columns = [{columns}], convention = "{group.convention}"{unit}{inverse}'
 

@@ -7,6 +7,7 @@ from datasets.columns import KINDS
 from datasets.importers.mapping.conversion import complete_rows
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.source import RawTable
+from datasets.importers.units import LENGTHS
 from datasets.recording import Recording
 from robot_model import builtin_robots, load_robot
 from workbench.core.errors import InputError
@@ -119,7 +120,9 @@ def _candidates(named: str, table: RawTable, mapping: Mapping) -> dict[str, Keys
     candidates = robot_candidates(named, table.file)
     for title, keys in candidates.items():
         called = f"--robot {named}" if len(candidates) == 1 else title
-        _check_count(load_robot(keys, called), mapping, table)
+        robot = load_robot(keys, called)
+        _check_count(robot, mapping, table)
+        _check_units(robot, mapping, table)
     return candidates
 
 
@@ -202,3 +205,17 @@ def _without_measurement(table: RawTable, mapping: Mapping) -> InputError:
         'add [point] columns = ["...", "...", "..."] (or measures = "touch-point", "plane-touch", ...) to a mapping '
         "file and name it with --map, or name the file of the instrument as well."
     )
+
+
+def _check_units(robot, mapping: Mapping, table: RawTable) -> None:
+    """Raise InputError where a rotating joint has a length as its unit, and others have none."""
+    unit = mapping.joints.unit
+    if not isinstance(unit, tuple):
+        return
+    slides = robot.mixing.any(0) & (robot.prismatic @ abs(robot.mixing) > 0)
+    for name, word, is_sliding in zip(mapping.joints.columns, unit, slides):
+        if word in LENGTHS and not is_sliding:
+            raise InputError(
+                f"{table.file}, column {name}: expected an angle of a rotating joint of '{robot.name}', found the "
+                f"unit {word}; correct the header, or state the units under [joints] in a mapping file for --map."
+            )

@@ -17,6 +17,7 @@ from workbench.fitting.plausibility.hypotheses.corrections import (
 _MOST_SIGNS = 8
 ANGLE_UNITS = {
     "radians": 180 / np.pi,
+    "degrees that were converted from radians once too often": np.pi / 180,
     "gon": 0.9,
     "turns": 360.0,
     "tenths of a degree": 0.1,
