@@ -50,7 +50,6 @@ def read(path: str | Path, trust_data: bool = False) -> Recording:
         return read_recording(bundled()[name], trust_data)
     if name.partition(":")[0] in registry.sources():
         return _read_real(name)
-    known = [*bundled(), *registry.sources()]
     if folder.is_file():
         raise complaint(
             name,
@@ -60,9 +59,9 @@ def read(path: str | Path, trust_data: bool = False) -> Recording:
         )
     raise complaint(
         name or "the recording's path",
-        f"a folder in recording/1, or one of {', '.join(known)}",
-        "neither",
-        "correct the path or the name",
+        "the folder of a recording or a name that `workbench datasets` lists",
+        "neither a folder nor such a name",
+        "correct it",
     )
 
 

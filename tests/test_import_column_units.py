@@ -48,9 +48,7 @@ def test_columns_without_a_unit_are_tested_beside_one_with_a_unit(tmp_path, trut
 
 @pytest.mark.parametrize("joint", [2, 5])
 def test_one_column_in_degrees_among_radians_is_named(tmp_path, truth, joint):
-    path = table(
-        tmp_path / "log.csv", truth, with_one_in_degrees(truth, joint), _achse()
-    )
+    path = table(tmp_path / "log.csv", truth, with_one_in_degrees(truth, joint), _achse())
     with pytest.raises(InputError, match=f"'Achse {joint}' in degrees"):
         import_recording([path], tmp_path / "out", UR10)
 
@@ -63,7 +61,9 @@ def test_two_columns_in_radians_among_degrees_are_named(tmp_path, truth):
     readings = degrees(truth)
     readings[:, 3:5] = np.deg2rad(readings[:, 3:5])
     path = table(tmp_path / "log.csv", truth, readings, _achse())
-    with pytest.raises(InputError, match="'Achse 4' in radians, 'Achse 5' in radians|column.*q4_deg.*q5_deg"):
+    with pytest.raises(
+        InputError, match="'Achse 4' in radians, 'Achse 5' in radians|column.*q4_deg.*q5_deg"
+    ):
         import_recording([path], tmp_path / "out", UR10)
 
 

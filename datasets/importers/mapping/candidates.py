@@ -110,7 +110,9 @@ def rotation_candidates(group: Group, table: RawTable, stated_only: bool = True)
         units = angle_units(group, stated_only) if has_unit(convention) else (None,)
         for unit in units:
             for inverse in (group.inverse,) if group.convention and stated_only else (False, True):
-                turn = Turn(Group(tuple(columns), _in_order(unit, group, columns), convention, inverse))
+                turn = Turn(
+                    Group(tuple(columns), _in_order(unit, group, columns), convention, inverse)
+                )
                 try:
                     # adding 0 makes -0 and 0 the same bytes
                     key = (np.round(turn.matrices(table), _SAME_DECIMALS) + 0.0).tobytes()

@@ -8,7 +8,7 @@ import re
 import unicodedata
 from dataclasses import dataclass
 
-from datasets.importers.mapping.words import in_english, without_east_asian
+from datasets.importers.mapping.words import LINKING, in_english, without_east_asian
 from datasets.importers.units import unit_named
 
 FLANGE_WORDS = frozenset(
@@ -34,6 +34,7 @@ _SUFFIX_UNITS = frozenset(
     "degc".split()
 )
 _BRACKETS = re.compile(r"^(.*?)[\[({<]\s*([^\])}>]*)\s*[\])}>]\s*$")
+_INNER_BRACKETS = re.compile(r"^([^\[({<]*?)\s*[\[(]([^\])]*)[\])]\s+(\S.*)$")
 _NUMBER_SIGN = re.compile(r"\bn[°º]|№", re.IGNORECASE)
 _REPEATED = re.compile(r"(.+) (\(\d+\))")
 _UR_JOINTS = {
@@ -70,6 +71,11 @@ _PATTERNS = (
     ("posecomponent", r"(?:pose|frame|vec|vector)([0-6])"),
     ("axis", r"([noa])([xyz])"),
 )
+_OBJECTS = FLANGE_WORDS | MEASURED_WORDS
+_COMPONENTS = frozenset(
+    "rotvec matrix qindex qpart turn joint xyz euler posecomponent axis word".split()
+)
+"""Kinds of headers that name one component of an object."""
 _LONGEST = 200  # letters of a header that can have a meaning
 _NUMBERED = MEASURED_WORDS | frozenset(
     "p xyz pos position positions points coords coordinates translation translations center centre".split()
@@ -167,12 +173,25 @@ def read_header(name: str, unit: str | None = None) -> Header:
     if found is None and len(words) > 2 and words[-1].isdigit() and words[-2] in _SUFFIX_UNITS:
         found = unit_named(words.pop(-2))  # "point_mm 1", the first column of an array
     stated = unit_named(unit) if unit else None
+    words = _object_first(words)
     for count in range(min(4, len(words)), 0, -1):
         core = "".join(words[-count:])
         kind, label = _kind(core)
         if kind:
             return Header(name, kind, label, tuple(words[:-count]), found or stated, core)
     return Header(name, "", "", tuple(words), found or stated, "".join(words))
+
+
+def _object_first(words: list[str]) -> list[str]:
+    """Words with the object in front of its component: "x of the flange" and "x flange" as "flange x"."""
+    kept = [word for word in words if word not in LINKING] if len(words) > 2 else words
+    count = 0
+    while count < len(kept) - 1 and kept[-1 - count] in _OBJECTS:
+        count += 1
+    front = kept[: len(kept) - count]
+    if count == 0 or not any(_kind("".join(front[-k:]))[0] in _COMPONENTS for k in (1, 2, 3)):
+        return kept if count == 0 else words
+    return [*kept[len(kept) - count :], *front]
 
 
 def _plain(name: str) -> str:
@@ -205,6 +224,9 @@ def _split_unit(text: str) -> tuple[str, str | None]:
     if match and match[1].strip():
         unit = None if _is_index(text, match) else unit_named(match[2])
         return (match[1], unit) if unit else (f"{match[1]} {match[2]}", None)
+    inner = _INNER_BRACKETS.match(text)
+    if inner and not inner[2].strip().isdigit() and unit_named(inner[2]):
+        return f"{inner[1]} {inner[3]}", unit_named(inner[2])  # "X (mm) flange"
     return text, None
 
 

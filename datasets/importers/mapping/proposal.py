@@ -7,6 +7,7 @@ import numpy as np
 from datasets.errors import complaint
 from datasets.importers.mapping.column_units import ColumnUnits, joined_units
 from datasets.importers.mapping.headers import Header
+from datasets.importers.mapping.left_out import unused_columns
 from datasets.importers.mapping.model import Group, Mapping
 from datasets.importers.mapping.sets import ColumnSet, find_sets, headers_of
 from datasets.importers.mapping.spherical import is_spherical
@@ -71,7 +72,7 @@ def propose(table: RawTable, has_images: bool = False, has_clouds: bool = False)
         columns=_copied(table, () if point is None else point.names),
     )
     mapping = replace(mapping, measures=_measures(mapping, point, has_images, has_clouds))
-    return Proposal(mapping, _unused(table, mapping))
+    return Proposal(mapping, unused_columns(table, mapping))
 
 
 def _usable(one: ColumnSet, table: RawTable) -> ColumnSet | None:
@@ -221,11 +222,3 @@ def measures_of(mapping: Mapping, by_sensor: bool = False) -> str:
     if by_sensor or "ball" in mapping.columns.values():
         return "ball-centre"
     return "external-point"
-
-
-def _unused(table: RawTable, mapping: Mapping) -> tuple[str, ...]:
-    used = set(mapping.columns)
-    for name in ("joints", "point", "rotation", "axis", "flange_point", "flange_rotation"):
-        group = getattr(mapping, name)
-        used |= set(group.columns) if group is not None else set()
-    return tuple(name for name in table.columns if name not in used)

@@ -27,6 +27,7 @@ LATIN = {
     "charge utile": "payload",
     "fichier": "file",
     "rayon": "radius",
+    "effecteur": "effector",
     # Italian
     "giunto": "joint",
     "asse": "axis",
@@ -42,6 +43,11 @@ LATIN = {
     "sensore": "sensor",
     "flangia": "flange",
     "utensile": "tool",
+    "attrezzo": "tool",
+    "rotazione": "rotation",
+    "orientamento": "orientation",
+    "orientazione": "orientation",
+    "quaternione": "quaternion",
     "imbardata": "yaw",
     "beccheggio": "pitch",
     "rollio": "roll",
@@ -63,6 +69,11 @@ LATIN = {
     "objetivo": "target",
     "brida": "flange",
     "herramienta": "tool",
+    "giro": "rotation",
+    "rotacion": "rotation",
+    "orientacion": "orientation",
+    "cuaternion": "quaternion",
+    "efector": "effector",
     "guinada": "yaw",
     "cabeceo": "pitch",
     "alabeo": "roll",
@@ -81,6 +92,10 @@ LATIN = {
     "alvo": "target",
     "refletor": "reflector",
     "ferramenta": "tool",
+    "rotacao": "rotation",
+    "orientacao": "orientation",
+    "quaternio": "quaternion",
+    "efetuador": "effector",
     "arfagem": "pitch",
     "rolagem": "roll",
     "imagem": "image",
@@ -102,8 +117,16 @@ EAST_ASIAN = {
     "位置": "position",
     "坐标": "coordinate",
     "座標": "coordinate",
-    "姿态": "pose",
-    "姿態": "pose",
+    "位姿": "pose",
+    "姿态编号": "pose number",
+    "姿態編號": "pose number",
+    "姿态": "orientation",
+    "姿態": "orientation",
+    "旋转角": "rotation angle",
+    "旋转": "rotation",
+    "旋轉": "rotation",
+    "四元数": "quaternion",
+    "末端": "flange",
     "时间": "time",
     "時間": "time",
     "日期": "date",
@@ -136,7 +159,12 @@ EAST_ASIAN = {
     "時刻": "time",
     "日時": "datetime",
     "日付": "date",
-    "姿勢": "pose",
+    "姿勢番号": "pose number",
+    "姿勢": "orientation",
+    "回転角": "rotation angle",
+    "回転": "rotation",
+    "クォータニオン": "quaternion",
+    "手先": "flange",
     "負荷": "payload",
     "荷重": "payload",
     "可搬質量": "payload",
@@ -164,6 +192,11 @@ EAST_ASIAN = {
     "米": "m",
     "秒": "s",
 }
+
+LINKING = frozenset(
+    "of the about around de del della dello du des la le les el los il lo da do dos der dem den um autour en of".split()
+)
+"""Articles and prepositions between the component and the object, as in "X of the flange"."""
 
 _MOST_WORDS = max(len(key.split()) for key in LATIN)
 _EAST_ASIAN = re.compile("|".join(sorted(map(re.escape, EAST_ASIAN), key=len, reverse=True)))

@@ -143,17 +143,22 @@ def _propose(sources: Sequence[Path], file: Path, options, json: str | None) -> 
     from tempfile import TemporaryDirectory
 
     from datasets.importers.mapping.model import write_mapping
-    from workbench.recordings.importing.chain import find_mapping
+    from workbench.recordings.importing.chain import find_mapping, never_read
 
     answer.check_target(str(file), "--propose")
     with answer.progress("reading the files"), TemporaryDirectory() as scratch:
         found = find_mapping(sources, options, Path(scratch))
-    unused = ", ".join(found.unused) or "none"
-    comment = f"# Proposed from the headers. Columns that are not used: {unused}\n"
-    write_mapping(found.mapping, file, comment)
+    left = never_read(found, found.mapping, with_times=True)
+    unused = ", ".join(left) or "none"
+    said = (*found.warnings, *found.left_out())
+    lines = ["Proposed from the headers. Columns that are not used: " + unused, *said]
+    write_mapping(found.mapping, file, "".join(f"# {line}\n" for line in lines))
     result = {"command": "import", "mapping": found.mapping.as_keys(), "file": file}
-    answer.deliver({**result, "unused_columns": list(found.unused)}, json)
-    answer.console(json).print(str(file), markup=False, soft_wrap=True)
+    answer.deliver({**result, "unused_columns": list(left), "warnings": list(said)}, json)
+    console = answer.console(json)
+    for sentence in said:
+        console.print(f"Warning: {sentence}", style="bold red", markup=False, soft_wrap=True)
+    console.print(str(file), markup=False, soft_wrap=True)
 
 
 def _import(sources: Sequence[Path], out: Path, options, json: str | None, yes: bool) -> None:

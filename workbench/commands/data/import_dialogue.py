@@ -46,6 +46,8 @@ def show(console, answer: Mapping, result) -> None:
     images = f", {answer['images']} images" if answer["images"] else ""
     head = f"{answer['measures']}, {answer['samples']} samples{images}"
     rows = [list(row) for row in _mapping_rows(answer["mapping"])]
+    for name, link in answer.get("links", {}).items():
+        rows.append([name, ", ".join(link["columns"]), link["read as"]])
     tables.grid(console, head, ["quantity", "columns", "read as"], rows, left=3)
     clocks = answer.get("time_offset")
     if clocks and clocks["sentence"] not in answer["warnings"]:

@@ -163,9 +163,14 @@ def _by_name(images, table: RawTable) -> list[tuple[ImageFile, int]]:
     return _name_column(images, table)[0]
 
 
-def image_column(images: Sequence[ImageFile], table: RawTable) -> tuple[str, ...]:
-    """Name of the column that holds the names of the image files; () where none does."""
-    return _name_column(images, table)[1]
+def file_link(files: Sequence[ImageFile | Path], table: RawTable) -> tuple[tuple[str, ...], str]:
+    """Name of the column that holds the names of images or clouds, () where none does; and how rows find their file."""
+    column = _name_column(files, table)[1]
+    if column:
+        return column, "names of the files"
+    if all(isinstance(file, ImageFile) for file in files) and _by_time(files, table):
+        return (), "the nearest time"
+    return (), "rows and files in the order of their names"
 
 
 def _name_column(images, table: RawTable):

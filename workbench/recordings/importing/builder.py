@@ -32,7 +32,7 @@ class Builder:
     keys: Keys
     robot: Robot
     options: object
-    _others: dict = field(default_factory=dict, repr=False, compare=False)
+    _others: dict = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def positions(self, mapping: Mapping) -> Recording:
         """The recording of the positions alone, for the test of the units."""

@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Callable, Sequence
 from collections.abc import Mapping as Keys
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,6 +12,7 @@ from datasets.formats.recording1 import read_recording
 from datasets.formats.recording1_writer import write
 from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.joining import join_tables, time_columns, zone_sentence
+from datasets.importers.mapping.left_out import left_out_sentences
 from datasets.importers.mapping.model import Mapping, write_mapping
 from datasets.importers.mapping.proposal import measures_of, propose
 from datasets.importers.mapping.sets import find_sets
@@ -20,12 +22,13 @@ from datasets.recording import Recording
 from robot_model import builtin_robots
 from workbench.core.errors import InputError
 from workbench.recordings.importing.ball_clouds import with_ball_centres
-from workbench.recordings.importing.board_poses import image_column, import_images
+from workbench.recordings.importing.board_poses import file_link, import_images
 from workbench.recordings.importing.fits import CandidateFit
 from workbench.recordings.importing.measured_robot import Made, import_table
 from workbench.recordings.importing.questions import Ask
 from workbench.recordings.importing.surface_scans import import_scans, is_scan
 from workbench.recordings.importing.timed_join import ClockDecision, OffsetMode, TimedJoin
+from workbench.recordings.importing.user_columns import in_user_columns
 
 MAPPING_FILE = "import.toml"
 ROBOT_FILES = ("robot.toml", "robot.urdf")
@@ -60,7 +63,8 @@ class ImportOptions:
 class ImportResult:
     """The recording as written, the complete mapping, the fits that decided, and what is worth saying.
 
-    `clocks`: of two tables that are joined by time; None otherwise.
+    `clocks`: of two tables that are joined by time; None otherwise. `links`: "time" and "images" with the columns that
+    they are read from, and how.
     """
 
     recording: Recording
@@ -69,6 +73,7 @@ class ImportResult:
     unused: tuple[str, ...]
     warnings: tuple[str, ...]
     clocks: ClockDecision | None = None
+    links: Keys[str, Keys[str, object]] = field(default_factory=dict)
 
     def as_json(self) -> dict:
         """`mapping`, `conventions` and `questions` of the answer (docs: results)."""
@@ -78,6 +83,7 @@ class ImportResult:
             "samples": self.recording.n,
             "images": len(self.recording.images),
             "mapping": self.mapping.as_keys(),
+            "links": {name: dict(link) for name, link in self.links.items()},
             "conventions": [fit.as_json() for fit in self.fits],
             "questions": [],
             "unused_columns": list(self.unused),
@@ -100,6 +106,17 @@ class Found:
     warnings: tuple[str, ...]
     timed: TimedJoin | None = None
 
+    @property
+    def called(self) -> str:
+        """The table for messages."""
+        return "the images" if self.table is None else self.table.file
+
+    def left_out(self) -> tuple[str, ...]:
+        """Sentences on what the mapping leaves out although it looks like a quantity."""
+        if self.table is None:
+            return ()
+        return left_out_sentences(self.table, self.mapping, bool(self.source.images))
+
 
 def import_recording(
     paths: Sequence[Path],
@@ -114,26 +131,31 @@ def import_recording(
     options = replace(options, name=options.name or folder.name)
     with TemporaryDirectory(prefix="workbench-import-") as scratch:
         found = find_mapping(paths, options, Path(scratch), progress)
-        if found.source.images:
-            made = Made(*import_images(found, options, Path(scratch) / "recording", progress))
-        elif is_scan(found):
-            made = Made(*import_scans(found, options, progress))
-        else:
-            if found.source.clouds:
-                found = with_ball_centres(found, options, progress)
-            made = import_table(found, options, progress)
+        with _user_columns(found):
+            found, made = _made(found, options, Path(scratch) / "recording", progress)
         # without a name of its own, a recording has that of its folder
         recording = replace(made.recording, title=options.title or _title(paths), name="")
         write(recording, folder)
-    read = _read_back(folder, options.trust_data)
+    with _user_columns(found, made.mapping):
+        read = _read_back(folder, options.trust_data)
     comment = (
         "# Mapping of this import. Repeat it with\n"
         f"#   workbench import {_names(paths)} --map {MAPPING_FILE} --out DIR\n"
     )
     write_mapping(_movable(made.mapping, folder), folder / MAPPING_FILE, comment)
-    warnings = tuple(dict.fromkeys((*found.warnings, *made.warnings, *read.warnings)))
-    unused = _never_read(found, made.mapping, "time_s" in recording.columns)
-    return ImportResult(read, made.mapping, made.fits, unused, warnings, made.clocks)
+    called = found.called
+    warnings = (*found.warnings, *made.warnings, *read.warnings)
+    warnings = [in_user_columns(text, called, made.mapping) for text in warnings]
+    warnings = tuple(dict.fromkeys(warnings))
+    unused = never_read(found, made.mapping, "time_s" in recording.columns)
+    links = links_of(found, made.mapping, "time_s" in recording.columns)
+    return ImportResult(read, made.mapping, made.fits, unused, warnings, made.clocks, links)
+
+
+def file_columns(found: Found) -> tuple[str, ...]:
+    """The column with names of images or clouds; () where none has them."""
+    files = found.source.images or found.source.clouds
+    return file_link(files, found.table)[0] if files else ()
 
 
 def _movable(mapping: Mapping, folder: Path) -> Mapping:
@@ -144,11 +166,54 @@ def _movable(mapping: Mapping, folder: Path) -> Mapping:
     return replace(mapping, robot=own[0]) if own else mapping
 
 
-def _never_read(found: Found, mapping: Mapping, with_times: bool) -> tuple[str, ...]:
+def _made(found: "Found", options, folder: Path, progress) -> tuple["Found", Made]:
+    """What was found, with the centres of balls in clouds, and the recording that is made of it. Raises InputError."""
+    if found.source.images:
+        return found, Made(*import_images(found, options, folder, progress))
+    if is_scan(found):
+        return found, Made(*import_scans(found, options, progress))
+    if found.source.clouds:
+        found = with_ball_centres(found, options, progress)
+    return found, import_table(found, options, progress)
+
+
+@contextmanager
+def _user_columns(found: "Found", mapping: Mapping | None = None):
+    """Errors inside name the columns of the user's table instead of those of the recording."""
+    try:
+        yield
+    except InputError as problem:
+        sentence = in_user_columns(str(problem), found.called, mapping or found.mapping)
+        raise InputError(sentence) from None
+
+
+def links_of(found: Found, mapping: Mapping, with_times: bool) -> dict[str, dict]:
+    """Columns with times and with names of images or clouds, and how they are read.
+
+    with_times: whether the recording has times.
+    """
+    table, source = found.table, found.source
+    if table is None:
+        return {}
+    links = {}
+    is_stated = "time_s" in mapping.columns.values()
+    parts = (table,) if found.timed is None else found.timed.parts
+    names = [f"{part.file}: {name}" for part in parts for name in time_columns(part)]
+    if names and (with_times or found.timed is not None) and not is_stated:
+        named = names if len(parts) > 1 else list(time_columns(table))
+        links["time"] = {"columns": named, "read as": "time of the row, s since the first"}
+    for kind, files in (("images", source.images), ("clouds", source.clouds)):
+        if files:
+            columns, words = file_link(files, table)
+            links[kind] = {"columns": list(columns), "read as": words}
+    return links
+
+
+def never_read(found: Found, mapping: Mapping, with_times: bool) -> tuple[str, ...]:
     """Columns that no quantity, time, join or image name was read from; with_times: whether the recording has times."""
     if found.table is None:
         return found.unused
-    read = {found.mapping.join.key, *image_column(found.source.images, found.table)}
+    read = {found.mapping.join.key, *file_columns(found)}
     if with_times or found.mapping.join.by == "time":
         read |= set(time_columns(found.table))
     # a column that several tables have is named "table: column"

@@ -1,6 +1,5 @@
 """Units and rotation convention of an import, decided by the fit to the robot, or asked for."""
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -24,11 +23,17 @@ from workbench.core.errors import InputError
 from workbench.fitting.plausibility import check_plausibility
 from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.recordings.importing.fits import CandidateFit, compare_readings
-from workbench.recordings.importing.mixed_units import MOST_COLUMNS, mixed_unit_mappings
+from workbench.recordings.importing.mixed_units import (
+    MOST_COLUMNS,
+    mixed_unit_mappings,
+    relative_misfit,
+)
 from workbench.recordings.importing.questions import Ask, Question, choose
 
 _SHOWN, _REFINED = 5, 8
 _ABOUT_AS_BAD = 1.5
+_SEARCHED_UNITS = 2
+_DOUBTS = ("stuck-encoder", "copied-column")
 _SCREENED = 40
 _PAIRS = 400
 _SCREEN_FACTOR, _SCREEN_RAD = 3.0, np.deg2rad(1.0)
@@ -67,8 +72,11 @@ def decide_units(
     if fits and not any(fit.is_good for _, fit in fits):
         mixed = _mixed_units(case, (1,))
         if mixed is None:
-            _refuse_mistake(robot, build(readings[_usual_of(fits)][1]), called)
+            close = [readings[place][1] for place in _close_units(case, readings)]
+            doubts = _refuse_mistake(case, close)
             mixed = _mixed_units(case, range(2, MOST_COLUMNS + 1))
+            if mixed is None and doubts:
+                raise InputError(doubts[0].sentence)
         if mixed is not None:
             return mixed
     return _decided(
@@ -127,22 +135,43 @@ def _unit_title(mapping: Mapping) -> str:
     return f"{title}, point in {point}"
 
 
-def _usual_of(fits: Sequence[tuple[int, CandidateFit]]) -> int:
-    """Index of the most usual reading among those that fit about as badly as the best one."""
-    least = min(fit.scale for _, fit in fits)
-    return min(place for place, fit in fits if fit.scale < _ABOUT_AS_BAD * least)
+def _close_units(case: "_Case", readings) -> list[int]:
+    """Indices of the units to search for a mistake under: those that fit about as badly as the best ones.
+
+    A wrong unit makes misfit and points small, so that the misfit is compared in relation to the extent of the points.
+    Radians come first where all readings are within one turn, degrees otherwise; gon, which is rare, only where it is
+    stated.
+    """
+    misfits = np.array([relative_misfit(case.robot, made, case.build) for _, made in readings])
+    limit = _ABOUT_AS_BAD * misfits.min()
+    close = [place for place in range(len(readings)) if misfits[place] <= limit < np.inf]
+    units = [readings[place][1].joints.unit for place in range(len(readings))]
+    if len(set(units)) > 1:
+        close = [place for place in close if units[place] != "gon"] or close
+        close.sort(key=lambda place: units[place] != "rad")
+    return close[:_SEARCHED_UNITS]
 
 
-def _refuse_mistake(robot: Robot, recording: Recording, called: str) -> None:
-    """Raise InputError where one mistake, such as a reversed joint or a left-handed frame, explains a bad fit."""
-    for suspicion in check_plausibility(robot, recording):
-        if suspicion.certain:
-            raise InputError(_renamed(suspicion.sentence, called))
+def _refuse_mistake(case: "_Case", mappings: Sequence[Mapping]) -> list[Suspicion]:
+    """Raise InputError where one mistake, such as a reversed joint or a left-handed frame, explains a bad fit.
 
+    Returns what looks wrong without being certain, such as a column of a joint that stands still.
 
-def _renamed(sentence: str, called: str) -> str:
-    """A sentence on samples.csv as one on the file that is imported."""
-    return re.sub(r"samples\.csv of recording '[^']*'", lambda match: called, sentence)
+    mappings: with each of the units that are possible; of several explanations the one with the fewest mistakes is
+    named.
+    """
+    found, doubts = [], []
+    for mapping in mappings:
+        suspicions = check_plausibility(case.robot, case.build(mapping))
+        found += [(s.cause.count(" and "), s, mapping) for s in suspicions if s.certain]
+        doubts += [s for s in suspicions if s.cause in _DOUBTS]
+        if any(count == 0 for count, _, _ in found):
+            break
+    if not found:
+        return doubts
+    _, suspicion, mapping = min(found, key=lambda item: item[0])
+    units = f" ({_unit_title(mapping)})" if len(mappings) > 1 else ""
+    raise InputError(suspicion.sentence.removesuffix(".") + f"{units}.")
 
 
 def decide_robot(
@@ -201,7 +230,7 @@ def decide_convention(
         if any(suspicion.cause != "robot-file" for _, suspicion in found):
             break
     if found:
-        raise InputError(_mistake_sentence(found, where))
+        raise InputError(_mistake_sentence(found))
     shown = "; ".join(fit.words for _, fit in fits)
     raise InputError(
         f"{where}: expected the robot of the table to fit under one of its conventions, found none ({shown}), and no "
@@ -230,16 +259,17 @@ def _mistakes_under_any_unit(robot: Robot, mapping: Mapping, build: Build) -> li
     fits = compare(robot, readings, build)
     if not fits:
         return []
-    recording = build(readings[_usual_of(fits)][1])
+    places = _close_units(_Case(robot, mapping, build, ""), readings)
+    recording = build(readings[places[0]][1])
     found = check_plausibility(robot, recording)
     return [s for s in found if s.certain and "convention" not in s.cause]
 
 
-def _mistake_sentence(found: Sequence[tuple[str, Suspicion]], where: str) -> str:
+def _mistake_sentence(found: Sequence[tuple[str, Suspicion]]) -> str:
     """The mistake and the convention under which it explains the misfit; a mistake of the data before another robot."""
     ordered = sorted(found, key=lambda item: item[1].cause == "robot-file")
     title, suspicion = ordered[0]
-    sentence = _renamed(suspicion.sentence, where)
+    sentence = suspicion.sentence
     if suspicion.cause == "robot-file":
         return sentence
     convention = title.rpartition(", ")[2]

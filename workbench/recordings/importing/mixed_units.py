@@ -35,7 +35,7 @@ def mixed_unit_mappings(
     """
     screened = []
     for made in _mixed(mapping, count, stated_only):
-        misfit = _relative_misfit(robot, made, build)
+        misfit = relative_misfit(robot, made, build)
         if np.isfinite(misfit):
             screened.append((misfit, made))
     screened.sort(key=lambda item: item[0])
@@ -63,7 +63,7 @@ def _unit_choices(mapping: Mapping, count: int, stated_only: bool) -> Iterator[t
             yield tuple(unit if k in free else stated[k] for k, unit in enumerate(units))
 
 
-def _relative_misfit(robot: Robot, mapping: Mapping, build: Build) -> float:
+def relative_misfit(robot: Robot, mapping: Mapping, build: Build) -> float:
     """Misfit at the nominal geometry as a fraction of the extent of the measured points; inf where it cannot be."""
     try:
         recording = build(mapping)
@@ -86,5 +86,3 @@ def _extent(recording: Recording) -> float:
     points = np.stack([recording.columns[f"{axis}_mm"] for axis in "xyz"])
     spread = np.sqrt(((points - points.mean(1, keepdims=True)) ** 2).sum(0).mean())
     return max(float(spread), 1e-9)
-
-

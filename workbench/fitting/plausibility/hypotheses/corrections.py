@@ -20,7 +20,7 @@ class Correction:
     "has the opposite sign"), `remedy` says what to do. `touches`: what it changes; corrections of
     disjoint sets can be joined. `apply(robot, recording)` returns both as they would be without the
     mistake. `parts`: number of elementary mistakes; fewer are preferred. `magnification`: factor by
-    which measured lengths grow.
+    which measured lengths grow. `pieces`: the single corrections that were joined, () for a single one.
     """
 
     cause: str
@@ -31,6 +31,7 @@ class Correction:
     apply: Callable
     parts: int = 1
     magnification: float = 1.0
+    pieces: tuple["Correction", ...] = ()
 
     def comparable(self, scale: float) -> float:
         """A misfit (mm) in terms of the data as recorded: shorter lengths alone make every misfit smaller."""
@@ -57,7 +58,7 @@ def column_correction(cause, subject, statement, remedy, change, touches, **more
 
 def join(corrections: Iterable[Correction]) -> Correction:
     """Several corrections of disjoint columns as one."""
-    corrections = tuple(corrections)
+    corrections = tuple(one for c in corrections for one in (c.pieces or (c,)))
     if len(corrections) == 1:
         return corrections[0]
 
@@ -75,6 +76,7 @@ def join(corrections: Iterable[Correction]) -> Correction:
         apply,
         sum(c.parts for c in corrections),
         math.prod(c.magnification for c in corrections),
+        corrections,
     )
 
 

@@ -1,0 +1,79 @@
+"""What a proposed mapping leaves out although it looks like a quantity: sentences for the person who completes it."""
+
+import re
+from collections.abc import Iterable
+
+import numpy as np
+
+from datasets.importers.mapping.model import Mapping
+from datasets.importers.mapping.sets import headers_of
+from datasets.importers.source import RawTable
+
+_TOKEN = re.compile(r"[A-Za-z]+|\d+")
+_FEWEST = 3
+
+
+def left_out_sentences(table: RawTable, mapping: Mapping, has_images: bool) -> tuple[str, ...]:
+    """Sentences on a pose without a rotation, and on unused columns that look like components of one quantity.
+
+    has_images: the source holds images of a board, which need poses of the flange.
+    """
+    unused = unused_columns(table, mapping)
+    said = []
+    if mapping.flange_point is not None and mapping.flange_rotation is None:
+        names = ", ".join(mapping.flange_point.columns)
+        need = "a hand-eye calibration" if has_images else "a pose of the flange"
+        said.append(
+            f"The position of the flange ({names}) has no rotation, which {need} needs: no header names one. Add "
+            '[flange_rotation] columns = ["...", "...", "..."] to the mapping.'
+        )
+    for names in similar_columns(table, unused):
+        said.append(
+            f"The columns {', '.join(names)} {_reason(table, names)} and are not used. If they are a point, a "
+            "rotation or joint readings of the recording, add them to the mapping under [point], [rotation], "
+            "[flange_rotation] or [joints]."
+        )
+    return tuple(said)
+
+
+def _reason(table: RawTable, names: Iterable[str]) -> str:
+    """Why columns may be left out, as far as their headers say."""
+    headers = headers_of(table)
+    if any(headers[name].is_nominal for name in names):
+        return "have headers of commanded values"
+    if any(headers[name].is_deviation for name in names):
+        return "have headers of differences, spreads, speeds or loads"
+    return "look like components of one quantity"
+
+
+def unused_columns(table: RawTable, mapping: Mapping) -> tuple[str, ...]:
+    """Columns that no quantity of a mapping is read from."""
+    used = set(mapping.columns)
+    for name in ("joints", "point", "rotation", "axis", "flange_point", "flange_rotation"):
+        group = getattr(mapping, name)
+        used |= set(group.columns) if group is not None else set()
+    return tuple(name for name in table.columns if name not in used)
+
+
+def similar_columns(table: RawTable, names: Iterable[str]) -> list[tuple[str, ...]]:
+    """Three or more columns of numbers each, whose headers differ in one letter or number, as "Turn X", "Turn Y"."""
+    by_stem: dict[str, list[str]] = {}
+    for name in names:
+        cells = table.columns[name]
+        if cells.dtype.kind != "f" or not np.isfinite(cells).any():
+            continue
+        for match in _TOKEN.finditer(name):
+            if len(match[0]) == 1 or match[0].isdigit():
+                stem = f"{name[: match.start()]}*{name[match.end() :]}"
+                by_stem.setdefault(stem, []).append(name)
+        # letters that are joined to a word: "giroX"
+        joined = re.fullmatch(r"(.*[a-z])([XYZABC])", name)
+        if joined:
+            by_stem.setdefault(f"{joined[1]}*", []).append(name)
+    groups, taken = [], set()
+    for group in sorted(by_stem.values(), key=len, reverse=True):
+        left = tuple(name for name in group if name not in taken)
+        if len(left) >= _FEWEST:
+            groups.append(left)
+            taken |= set(left)
+    return groups
