@@ -15,6 +15,7 @@ from robot_model.measurements import samples_of
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility import check_plausibility
+from workbench.fitting.plausibility.far_geometry import CAUSE, OTHER_ROBOT
 from workbench.fitting.start_ambiguity import ambiguity_sentence
 
 # Causes that leave the fit right. Faulty single rows are left out of it, and what stays is compared with the noise; a
@@ -28,12 +29,14 @@ class CheckedSamples:
 
     `doubts`: sentences on what may be wrong with the recording as a whole, for which a solution is not used
     without --force. `warnings`: these, after what reading the recording, leaving out copies and faulty single
-    rows had to say.
+    rows had to say. `far_geometry`: those of the doubts that say that the arm is another one than the robot file
+    describes, for the verdict.
     """
 
     robot: Robot
     recording: Recording
     doubts: tuple[str, ...]
+    far_geometry: str = ""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -57,17 +60,19 @@ def check_samples(
     if ambiguity is not None:
         samples = replace(samples, warnings=(*samples.warnings, ambiguity))
     fitted = samples.select(rows_to_fit(samples, fit_samples, test_samples))
-    doubts = []
+    doubts, far = [], []
     for suspicion in check_plausibility(robot, fitted):
         if suspicion.certain and not trust_data:
             raise InputError(naming_option(suspicion.sentence))
+        if suspicion.cause in (CAUSE, OTHER_ROBOT):
+            far.append(suspicion.sentence)
         if suspicion.cause in _HARMLESS_TO_THE_FIT:
             samples = replace(samples, warnings=(*samples.warnings, suspicion.sentence))
         else:
             doubts.append(
                 accepted_by_option(suspicion.sentence) if suspicion.certain else suspicion.sentence
             )
-    return CheckedSamples(robot, samples, tuple(doubts))
+    return CheckedSamples(robot, samples, tuple(doubts), " ".join(far))
 
 
 def rows_to_fit(

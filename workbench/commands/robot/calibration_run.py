@@ -55,7 +55,7 @@ def solve_into(
 
     Arguments as in `solve`. Raises InputError.
     """
-    from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
+    from workbench.fitting.verdicts.calibration_verdict import calibration_verdict, with_remark
     from workbench.jobs.robot.calibrate import calibrate, save
 
     scans, sensor_keys = None, {}
@@ -64,6 +64,7 @@ def solve_into(
     say(f"calibrating {name}")
     calibration = calibrate(found, progress=say, **options)
     verdict = calibration_verdict(calibration.held_out, calibration.noise, tolerances)
+    verdict = with_remark(verdict, calibration.far_geometry)
     result = {
         **calibration.as_json(),
         **sensor_keys,

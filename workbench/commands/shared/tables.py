@@ -206,15 +206,34 @@ def _cycle(cycle: Mapping, factor: float) -> str:
 
 
 def _parameters(console, parameters: Sequence[Mapping], most: int = 15) -> None:
-    """Print the most significant deviations from nominal; the result files hold all."""
+    """Print the most significant and the largest deviations from nominal; the result files hold all."""
     estimated = [row for row in parameters if row["identifiable"] and row["deviation"] is not None]
     ranked = sorted(estimated, key=_significance, reverse=True)[:most]
+    large = [row for row in _largest_lengths(parameters) if row not in ranked]
     title = f"Deviations from nominal, the {len(ranked)} most significant of {len(estimated)}"
+    if large:
+        title += " and the largest in mm"
     head = ["where", "name", "unit", "value", "deviation", "std"]
-    if ranked:
-        grid(console, title, head, [_parameter(row) for row in ranked], left=3)
+    if ranked or large:
+        grid(console, title, head, [_parameter(row) for row in (*ranked, *large)], left=3)
+    for row in large:
+        if row["tied_to"]:
+            others = ", ".join(row["tied_to"])
+            line = f"{row['where']}.{row['name']} is not identifiable alone: its value holds with {others} at nominal."
+            console.print(line, markup=False)
     if sentence := unidentified(parameters):
         console.print(f"{sentence}\n", markup=False)
+
+
+def _largest_lengths(parameters: Sequence[Mapping], most: int = 3) -> list[Mapping]:
+    """Lengths of the arm with the largest deviations, estimated or only in combination with others."""
+    lengths = [
+        row
+        for row in parameters
+        if row["unit"] == "mm" and row["where"].startswith("joint-") and row["free"]
+    ]
+    moved = [row for row in lengths if row["deviation"]]
+    return sorted(moved, key=lambda row: abs(row["deviation"]), reverse=True)[:most]
 
 
 def _parameter(row: Mapping) -> list:
@@ -222,6 +241,9 @@ def _parameter(row: Mapping) -> list:
     from workbench.report.text import shown_unit  # `--help` must not wait for the reports
 
     unit, factor = shown_unit(row["unit"])
+    if row["std"] is None:
+        value, deviation = factor * row["value"], factor * row["deviation"]
+        return [row["where"], row["name"], unit, f"{value:.4f}", f"{deviation:+.4f}", "–"]
     std = factor * row["std"]
     value, spread = measured(factor * row["value"], std)
     deviation, _ = measured(factor * row["deviation"], std)

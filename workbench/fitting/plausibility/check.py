@@ -11,6 +11,7 @@ from workbench.fitting.plausibility.change_points import (
     find_new_setup,
     time_order,
 )
+from workbench.fitting.plausibility.far_geometry import FAR, far_geometry
 from workbench.fitting.plausibility.fitting import Fit, fit_recording, reach_of, row_mismatch
 from workbench.fitting.plausibility.misfit import (
     doubtful_columns,
@@ -23,11 +24,10 @@ from workbench.fitting.plausibility.sampling import even_rows
 from workbench.fitting.plausibility.small_mistakes import small_mistakes
 from workbench.fitting.plausibility.stated_values import stated_value_suspicions
 from workbench.fitting.plausibility.suspicion import Suspicion
-from workbench.fitting.plausibility.wording import change_point_sentence, deviation_sentence, listed
+from workbench.fitting.plausibility.wording import change_point_sentence, listed
 
 _ROWS, _MANY_STEPS = 240, 60
 _GOOD_MM, _GOOD_REACH, _GOOD_SPREAD = 0.5, 0.001, 0.006
-_DEVIATION = 6.0
 _SIGMA_RATIO = 4.0
 _LEAST_DEGREES = 30
 _LEAST_POSES = 4
@@ -58,7 +58,7 @@ def _fit_suspicions(robot, recording, fit: Fit, good) -> list[Suspicion]:
         fit = _converged(robot, recording, fit)
     if fit.core > good:
         return list(_badly_fitting(robot, recording, fit, good))
-    if np.abs(fit.deviations).max(initial=0.0) > _DEVIATION:
+    if np.abs(fit.deviations).max(initial=0.0) > FAR:
         # the data fit, but only with a geometry that no arm has: another explanation may need none of it
         found = explained_suspicions(robot, recording, fit, good)
         if found:
@@ -106,8 +106,8 @@ def _well_fitting(robot, recording, fit: Fit, good) -> Iterator[Suspicion]:
         yield from found or [_outlying(recording, outliers, reason, named)]
     yield from _rounded(robot, recording, fit, named)
     yield from _sigma_too_large(recording, fit)
-    if (sentence := deviation_sentence(recording, fit, _DEVIATION)) is not None:
-        yield Suspicion(sentence, False, "geometry")
+    if (far := far_geometry(robot, recording, fit)) is not None:
+        yield far.suspicion(recording)
         yield from doubtful_columns(recording, fit, good)
 
 
@@ -149,7 +149,7 @@ def _majority_fit(robot, recording, good) -> Fit | None:
             own = row_mismatch(robot, recording, fit)
         except (np.linalg.LinAlgError, InputError, ValueError):
             continue
-        plausible = np.abs(fit.deviations).max(initial=0.0) < _DEVIATION
+        plausible = np.abs(fit.deviations).max(initial=0.0) < FAR
         if plausible and np.isfinite(fit.scale) and (own < 3 * good).mean() > _MAJORITY:
             return fit
     return None

@@ -8,9 +8,12 @@ __all__ = [
     "change_point_sentence",
     "correction_sentence",
     "deviation_sentence",
+    "far_parameters",
     "fit_words",
     "listed",
 ]
+
+_SHOWN = 4
 
 
 def fit_words(fit) -> str:
@@ -47,18 +50,21 @@ def correction_sentence(recording, recorded, explanation, others) -> str:
 
 def deviation_sentence(recording, fit, limit) -> str | None:
     """Geometry parameters that are many prior standard deviations from the robot file, or None."""
-    keys = np.array(fit.parameters.keys)[fit.parameters.mask]
-    far = np.flatnonzero(np.abs(fit.deviations) > limit)
-    if not len(far):
+    rows = far_parameters(fit, limit)
+    if not rows:
         return None
-    rows = [
-        _deviation(fit.parameters, keys[k])
-        for k in far[np.argsort(-np.abs(fit.deviations[far]))][:4]
-    ]
     return (
         f"robot file of recording '{recording.name}': the data fit only with {listed(rows)}, far more than the errors "
         "of a data sheet; check these numbers of the robot file and the zero position of the arm."
     )
+
+
+def far_parameters(fit, limit) -> tuple[str, ...]:
+    """At most four geometry parameters more than `limit` prior standard deviations from the robot file, in words."""
+    keys = np.array(fit.parameters.keys)[fit.parameters.mask]
+    far = np.flatnonzero(np.abs(fit.deviations) > limit)
+    ordered = far[np.argsort(-np.abs(fit.deviations[far]))][:_SHOWN]
+    return tuple(_deviation(fit.parameters, keys[k]) for k in ordered)
 
 
 def _deviation(parameters, key) -> str:

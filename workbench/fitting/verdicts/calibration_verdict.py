@@ -62,6 +62,14 @@ def calibration_verdict(
     return _failed(verdict) if report.alarms else verdict
 
 
+def with_remark(verdict: Verdict, sentence: str) -> Verdict:
+    """The verdict with one more sentence, which changes nothing else; sentence: "" for none."""
+    if not sentence:
+        return verdict
+    capital = sentence[0].upper() + sentence[1:]
+    return replace(verdict, sentence=f"{verdict.sentence} {capital}")
+
+
 def _failed(verdict: Verdict) -> Verdict:
     """The same as a failure: parameters that are not to be trusted meet no tolerance."""
     sentence = f"{verdict.sentence} Do not use this result: its parameters are not to be trusted."

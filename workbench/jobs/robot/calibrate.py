@@ -98,6 +98,7 @@ class Calibration:
     rotation: Mapping[str, np.ndarray] = field(default_factory=dict)
     fitted: np.ndarray | None = None
     doubts: tuple[str, ...] = ()
+    far_geometry: str = ""
 
     @cached_property
     def noise(self) -> NoiseReport:
@@ -439,6 +440,7 @@ def _calibration(
         rotation,
         split.fit,
         checked.doubts,
+        checked.far_geometry,
     )
 
 

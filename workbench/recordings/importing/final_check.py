@@ -10,6 +10,7 @@ from robot_model.chain import forward
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility import check_plausibility
+from workbench.fitting.plausibility.far_geometry import find_far_geometry
 from workbench.fitting.plausibility.fitting import nominal_scale
 from workbench.recordings.importing.fits import CandidateFit, compare_readings
 
@@ -31,7 +32,8 @@ def check_fit(
         compared = compare_readings(robot, [("as mapped", recording)])
         best = compared[0][1] if compared else None
     if best is not None and best.is_good:
-        return _calculated_points(robot, recording, trust_data)
+        said = _calculated_points(robot, recording, trust_data)
+        return (*said, *_far_geometry(robot, recording, trust_data))
     found = check_plausibility(robot, recording)
     sentence = found[0].sentence if found else _sentence(robot, best)
     if best is None and not found:
@@ -51,6 +53,21 @@ def _sentence(robot: Robot, best: CandidateFit | None) -> str:
         f"The recording does not fit '{robot.name}' under any reading of its columns (best {best.words}); check that "
         "the robot is the right one, that joint and measured rows belong together, and the mapping."
     )
+
+
+def _far_geometry(robot: Robot, recording, trust_data: bool) -> tuple[str, ...]:
+    """A sentence where lengths are far from nominal. Raises InputError where another robot of the library fits.
+
+    trust_data: keep the robot that is named all the same.
+    """
+    found = find_far_geometry(robot, recording)
+    if found is None:
+        return ()
+    if found.other is None:
+        return (found.verdict,)
+    if not trust_data:
+        raise InputError(naming_option(found.verdict))
+    return (accepted_by_option(found.verdict),)
 
 
 def _calculated_points(robot: Robot, recording, trust_data: bool) -> tuple[str, ...]:

@@ -50,7 +50,10 @@ class Inspection:
         count = sum(not need.is_required for need in self.needs)
         noun = "remark says" if count == 1 else "remarks say"
         more = f" {count} {noun} what would improve the result." if count else ""
-        return f"Enough for `workbench {self.job}`.{more}"
+        stated = "".join(
+            f" But {need.what}; {need.action}." for need in self.needs if need.in_verdict
+        )
+        return f"Enough for `workbench {self.job}`.{stated}{more}"
 
     def as_json(self) -> dict:
         """The answer of `workbench check`."""

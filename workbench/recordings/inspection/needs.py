@@ -11,6 +11,7 @@ from robot_model import load_robot
 from robot_model.measurements import samples_of
 from workbench.core.errors import InputError
 from workbench.core.vocabulary import Covariate
+from workbench.fitting.plausibility.far_geometry import find_far_geometry
 from workbench.fitting.plausibility.small_mistakes import untested_signs
 from workbench.fitting.plausibility.wording import fit_words
 from workbench.recordings.inspection.coverage import Coverage, ImageCoverage
@@ -37,12 +38,16 @@ _NOISE_RATIO = 2.0
 
 @dataclass(frozen=True)
 class Need:
-    """One thing that is missing: for which `command`, whether the command cannot do without, and what to do."""
+    """One thing that is missing: for which `command`, whether the command cannot do without, and what to do.
+
+    `in_verdict`: so important that the verdict states it although the command runs without it.
+    """
 
     command: str
     is_required: bool
     what: str
     action: str
+    in_verdict: bool = False
 
     def as_json(self) -> dict:
         """The entry under `missing`."""
@@ -89,7 +94,16 @@ def _calibration_needs(recording: Recording, coverage: Coverage) -> Iterator[Nee
         what = f"the flange keeps its orientation to {coverage.spread_deg:.1f} deg RMS: base and tool are confounded"
         yield Need("calibrate", False, what, "add poses with other orientations")
     if poses >= least:
+        yield from _robot_needs(recording)
         yield from _sign_needs(recording)
+
+
+def _robot_needs(recording: Recording) -> Iterator[Need]:
+    """A robot file whose lengths are far from those of the arm that was measured."""
+    robot = load_robot(recording.robot, f"robot of {recording.name}")
+    found = find_far_geometry(robot, recording)
+    if found is not None:
+        yield Need("calibrate", False, found.what, found.action, in_verdict=True)
 
 
 def _sign_needs(recording: Recording) -> Iterator[Need]:
