@@ -58,6 +58,14 @@ class CalibratedArm:
         )
 
 
+def _noise_keys(noise) -> dict | None:
+    """What the noise makes of the RMS distance and how it is known, as the verdict of the calibration has it."""
+    if noise.known_rms is None:
+        return None
+    value, source = noise.known_rms
+    return {"rms_mm": value, "source": source}
+
+
 def solution_keys(calibration, noise=None) -> dict:
     """What `read_solution` reads back, of a `workbench.jobs.robot.calibrate.Calibration`.
 
@@ -83,6 +91,7 @@ def solution_keys(calibration, noise=None) -> dict:
         "nominal": calibration.nominal,
         "converged": solution.converged,
         "noise_rms_mm": noise.stated_rms,
+        "noise": _noise_keys(noise),
         "discrepancy_rms_mm": noise.discrepancy_rms,
         "warnings": [*calibration.doubts, *noise.alarms],
         "outcome": solution.outcome,

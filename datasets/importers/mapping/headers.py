@@ -30,8 +30,8 @@ DEVIATION_WORDS = frozenset(
 )
 
 _SUFFIX_UNITS = frozenset(
-    "mm cm um m in inch inches zoll deg degree degrees grad rad radian radians gon mrad arcsec arcmin ft feet s ms us ns kg "
-    "degc".split()
+    "mm cm um m in inch inches zoll ft feet deg degree degrees grad rad radian radians gon mrad arcsec arcmin s ms us "
+    "ns kg degc".split()
 )
 _BRACKETS = re.compile(r"^(.*?)[\[({<]\s*([^\])}>]*)\s*[\])}>]\s*$")
 _INNER_BRACKETS = re.compile(r"^([^\[({<]*?)\s*[\[(]([^\])]*)[\])]\s+(\S.*)$")

@@ -80,6 +80,8 @@ def command(
             covariates_of,
             judge_targets,
         )
+        from workbench.jobs.robot.unattainable import unattainable_targets
+        from workbench.machine.progress import paced
 
         tolerances = parse_tolerances(tolerance)
         limits = Limits(max_correction_mm, max_correction_deg, max_sigma_mm)
@@ -87,14 +89,20 @@ def command(
         arm = without_terms(arm, without or (), str(solution))
         programme = read_programme(targets, arm.robot)
         covariates = covariates_of(arm, programme)
-        say("inverting the model")
-        found = compensate(arm, programme.readings, programme.poses, covariates, programme.anywhere)
+        tick = paced(say, f"inverting the model at {len(programme.readings)} targets, step")
+        found = compensate(
+            arm, programme.readings, programme.poses, covariates, programme.anywhere, tick
+        )
         judged = judge_targets(arm, programme, found, limits)
         refused, forced = ({}, judged.refused) if force else (judged.refused, {})
         with runs.opened("compensate", targets.stem, out) as run:
             result = {
                 **_summary(arm, found, refused),
                 "warnings": [*doubts(programme, arm.robot), *judged.warnings, *_forced(forced)],
+                "unattainable": [
+                    one.sentence
+                    for one in unattainable_targets(arm, programme.readings, found, covariates)
+                ],
                 "verdict": _verdict(arm, found, refused, tolerances).as_json(),
                 "targets": targets,
                 "solution": solution,
@@ -158,7 +166,7 @@ def _rows(chosen) -> list[int]:
 
 def _verdict(arm, found, refused, tolerances):
     """The verdict on the largest expected error: held-out error and uncertainty of the target combined."""
-    from workbench.fitting.verdicts.verdict import Noise, Residual, judge, no_verdict
+    from workbench.fitting.verdicts.verdict import Residual, judge, no_verdict
 
     kept = found.reached.copy()
     kept[list(refused)] = False
@@ -166,9 +174,19 @@ def _verdict(arm, found, refused, tolerances):
         return no_verdict("No target is corrected, so there is no error to judge.")
     own = (found.sigma_mm[kept] ** 2 + found.position_left_mm[kept] ** 2).max()
     largest = math.hypot(arm.held_out_mm, math.sqrt(float(own)))
-    stated = arm.keys.get("noise_rms_mm")
-    noise = None if stated is None else Noise(stated)
+    noise = _noise(arm.keys)
     return judge(Residual(largest, "mm", "largest expected position error"), noise, tolerances)
+
+
+def _noise(keys: Mapping):
+    """The noise that the verdict of the calibration used; older solutions hold only a stated one."""
+    from workbench.fitting.verdicts.verdict import Noise
+
+    known = keys.get("noise")
+    if known is not None:
+        return Noise(known["rms_mm"], known["source"])
+    stated = keys.get("noise_rms_mm")
+    return None if stated is None else Noise(stated)
 
 
 def _rms(values) -> float | None:
@@ -207,17 +225,19 @@ def _show(console, result) -> None:
 
 def _show_unreached(console, result) -> None:
     """Targets without readings: beyond the limits of the joints, or not attainable at all."""
-    reasons = {
-        "beyond_limits_rows": "The corrected readings exceed the limits of the joints",
-        "unattainable_rows": f"Not attainable with {result['joints']} joints",
-    }
-    for key, reason in reasons.items():
-        rows = result[key]
-        if not rows:
-            continue
+    rows = result["beyond_limits_rows"]
+    if rows:
         more = f" and {len(rows) - _NAMED} more" if len(rows) > _NAMED else ""
         named = ", ".join(map(str, rows[:_NAMED]))
-        console.print(f"{reason}, no readings in corrected.csv: target {named}{more}.")
+        console.print(
+            "The corrected readings exceed the limits of the joints, no readings in corrected.csv: target "
+            f"{named}{more}."
+        )
+    for sentence in result["unattainable"]:
+        console.print(sentence, markup=False)
+    more = len(result["unattainable_rows"]) - len(result["unattainable"])
+    if more:
+        console.print(f"{more} more targets are not attainable; the JSON answer names them.")
 
 
 def _show_refused(console, refused) -> None:

@@ -10,10 +10,11 @@ import typer
 from workbench.commands.robot.calibrate import Without
 from workbench.commands.robot.compensate import Force
 from workbench.commands.robot.export_arm import FORMATS as ARM_FORMATS
-from workbench.commands.robot.export_arm import ArmOptions, export_arm
+from workbench.commands.robot.export_arm import STEPS, ArmOptions, export_arm
 from workbench.commands.shared import answer
 from workbench.core.errors import InputError
 from workbench.files.runs import replace_file
+from workbench.machine.progress import counted
 
 ARM, CAMERA, HAND_EYE = "calibrated arm", "calibrated camera", "hand-eye transform"
 FORMATS = {
@@ -104,8 +105,9 @@ def command(
     kind, path = _choose(source, to)
     options = ArmOptions(urdf, tip, targets, tuple(without or ()), force)
     frames = _Frames(parent_frame, child_frame)
-    with answer.progress(f"writing {file} and reading it back"):
-        texts, left_out, notes = _made((kind, path), source, (to, file), frames, options)
+    with answer.progress(f"writing {file} and reading it back") as say:
+        step = counted(say, STEPS)
+        texts, left_out, notes = _made((kind, path), source, (to, file), frames, options, step)
     for target, text in texts.items():
         replace_file(target, text)
     more = [target for target in texts if target != file]
@@ -132,10 +134,10 @@ def command(
         console.print(str(target), soft_wrap=True, markup=False)
 
 
-def _made(content, source: Path, output, frames: _Frames, options: ArmOptions):
+def _made(content, source: Path, output, frames: _Frames, options: ArmOptions, step):
     """Texts by file, what the format cannot hold, and notes. InputError for options of another kind of source.
 
-    content: kind of what goes out and its file; output: format and file to write.
+    content: kind of what goes out and its file; output: format and file to write; step: called with every step.
     """
     (kind, path), (to, file) = content, output
     if kind != HAND_EYE and (frames.parent or frames.child):
@@ -153,7 +155,7 @@ def _made(content, source: Path, output, frames: _Frames, options: ArmOptions):
     if kind == CAMERA:
         text, left_out = _camera(path, to)
         return {file: text}, left_out, ()
-    made = export_arm(path, to, file, options)
+    made = export_arm(path, to, file, options, step)
     return made.texts, made.left_out, made.notes
 
 

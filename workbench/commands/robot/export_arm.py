@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from workbench.core.errors import InputError
@@ -45,16 +46,32 @@ def check_options(to: str, options: ArmOptions) -> None:
         )
 
 
-def export_arm(path: Path, to: str, file: Path, options: ArmOptions) -> ArmExport:
-    """The export of a solution.json in a format of `FORMATS`, read back before it is returned. Raises InputError."""
+STEPS = 3
+"""Steps of an export that are reported: read the calibration, write the text, read it back."""
+
+
+def export_arm(
+    path: Path,
+    to: str,
+    file: Path,
+    options: ArmOptions,
+    step: Callable[[str], None] = lambda text: None,
+) -> ArmExport:
+    """The export of a solution.json in a format of `FORMATS`, read back before it is returned.
+
+    step: called with the name of each of the `STEPS`. Raises InputError.
+    """
     from workbench.files.solution_file import read_solution, without_terms
     from workbench.jobs.robot.correction_limits import checked
 
     check_options(to, options)
+    step("reading the calibration")
     arm = checked(read_solution(path), path, options.force)
     arm = without_terms(arm, options.without, str(path))
+    step(f"computing {file.name}")
+    back = partial(step, f"reading {file.name} back and comparing it with the model")
     if to in PROGRAMS:
-        return _program(arm, to, file, options)
+        return _program(arm, to, file, options, back)
     makers: dict[str, Callable[..., ArmExport]] = {
         "urdf": _urdf,
         "mjcf": _mjcf,
@@ -63,20 +80,21 @@ def export_arm(path: Path, to: str, file: Path, options: ArmOptions) -> ArmExpor
         "mdh-json": _table,
         "mdh-csv": _table,
     }
-    return makers[to](arm, file, options, to)
+    return makers[to](arm, file, options, to, back)
 
 
-def _table(arm, file: Path, options: ArmOptions, to: str) -> ArmExport:
+def _table(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
     from workbench.files.exports import mdh_csv, mdh_json
     from workbench.files.exports.check import check_mdh
     from workbench.files.exports.mdh import left_out
 
     text = {"mdh-json": mdh_json, "mdh-csv": mdh_csv}[to](arm)
+    back()
     check_mdh(arm, text)
     return ArmExport({file: text}, left_out(arm))
 
 
-def _urdf(arm, file: Path, options: ArmOptions, to: str) -> ArmExport:
+def _urdf(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
     """The user's own URDF with corrected numbers, where there is one; else a bare one."""
     from workbench.files.exports import urdf
     from workbench.files.exports.check import check_patched_urdf, check_urdf
@@ -86,9 +104,11 @@ def _urdf(arm, file: Path, options: ArmOptions, to: str) -> ArmExport:
     spec = _urdf_spec(arm, options)
     if spec is None:
         text = urdf(arm)
+        back()
         check_urdf(arm, text)
         return ArmExport({file: text}, left_out(arm))
     made = patched_urdf(arm, spec)
+    back()
     check_patched_urdf(arm, made.content, spec, exact="urdf" in arm.keys["robot"] and made.is_whole)
     joints = ", ".join(made.changed) or "none"
     note = f"Only origins were changed, of joints {joints}; all else is as in {spec['urdf']}."
@@ -105,7 +125,7 @@ def _urdf_spec(arm, options: ArmOptions) -> dict | None:
     return own if "urdf" in own else None
 
 
-def _mjcf(arm, file: Path, options: ArmOptions, to: str) -> ArmExport:
+def _mjcf(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
     """The MJCF file and, where terms on joints are no springs, a module that computes the servo targets."""
     from workbench.files.exports.check import check_python
     from workbench.files.exports.mjcf import control_terms, left_out, mjcf
@@ -117,6 +137,7 @@ def _mjcf(arm, file: Path, options: ArmOptions, to: str) -> ArmExport:
     if control:
         module = file.with_name(f"{file.stem.replace('-', '_')}_control.py")
         texts[module] = python_module(arm)
+        back()
         check_python(arm, str(texts[module]))
         notes = (
             f"{', '.join(control)}: on joints and no springs, so that MJCF cannot hold them; {module.name} has them: "
@@ -126,29 +147,31 @@ def _mjcf(arm, file: Path, options: ArmOptions, to: str) -> ArmExport:
     return ArmExport(texts, missing, notes)
 
 
-def _python(arm, file: Path, options: ArmOptions, to: str) -> ArmExport:
+def _python(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
     from workbench.files.exports.check import check_python
     from workbench.files.exports.python import python_module
     from workbench.files.exports.python.module import observed_effects
 
     text = python_module(arm)
+    back()
     check_python(arm, text)
     held = set(map(id, observed_effects(arm)))
     return ArmExport({file: text}, [e.title for e in arm.effects if id(e) not in held])
 
 
-def _ros(arm, file: Path, options: ArmOptions, to: str) -> ArmExport:
+def _ros(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
     from workbench.files.exports.check import check_ur_kinematics
     from workbench.files.exports.mdh import left_out
     from workbench.files.exports.ur_kinematics import ur_kinematics_yaml
 
     text = ur_kinematics_yaml(arm)
+    back()
     check_ur_kinematics(arm, text)
     between = "length and twists between the last axis and the flange"
     return ArmExport({file: text}, [*left_out(arm), between])
 
 
-def _program(arm, to: str, file: Path, options: ArmOptions) -> ArmExport:
+def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
     """A program whose targets are corrected; refused where `workbench compensate` would refuse one of them."""
     from workbench.files.exports.check import check_program
     from workbench.files.exports.programs import Program, program_text
@@ -173,6 +196,7 @@ def _program(arm, to: str, file: Path, options: ArmOptions) -> ArmExport:
     name = file.stem.replace("-", "_")
     program = Program(found.readings, name, arm.robot.name, arm.held_out_mm)
     text = program_text(program, to, arm.robot)
+    back()
     check_program(found.readings, text, to)
     largest = f"{len(found.readings)} targets, largest correction {found.position_mm.max():.3g} mm."
     return ArmExport({file: text}, [], (largest,))

@@ -111,5 +111,3 @@ def _alike(robot: Robot) -> Iterator[tuple[str, Robot]]:
         alike = np.array_equal(known.prismatic, robot.prismatic)
         if alike and known.mixing.shape == robot.mixing.shape and not is_same:
             yield name, known
-
-

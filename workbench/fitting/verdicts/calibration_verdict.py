@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 from workbench.fitting.verdicts.noise_report import NoiseReport, is_above
 from workbench.fitting.verdicts.verdict import (
-    REPLICATES,
     STATED,
     Noise,
     Residual,
@@ -138,11 +137,5 @@ def _too_few_poses(one: _Quantity) -> str:
 
 
 def _noise(report: NoiseReport) -> Noise | None:
-    """Noise of the distance, sqrt(components) times sigma: as stated, else from replicates, else not known."""
-    found = report.findings
-    components = found.components
-    if found.stated is not None:
-        return Noise(math.sqrt(components) * found.stated, STATED)
-    if found.replicates is not None:
-        return Noise(math.sqrt(components) * found.replicates.sigma, REPLICATES)
-    return None
+    """Noise of the distance: as stated, else from replicates, else not known."""
+    return None if report.known_rms is None else Noise(*report.known_rms)

@@ -7,6 +7,7 @@ import numpy as np
 from workbench.core.distributions import chi2, fisher
 from workbench.core.least_squares.adjustment_tests import VarianceTest, effective_degrees, p_text
 from workbench.fitting.verdicts.residual_structure import ORDER, Structure
+from workbench.fitting.verdicts.verdict import REPLICATES, STATED
 
 NONE, NOTICE, ALARM = "none", "notice", "alarm"
 _LEVEL = 0.001
@@ -96,6 +97,16 @@ class NoiseReport:
         """What the stated noise makes of the RMS distance, mm; None where none is stated."""
         found = self.findings
         return None if found.stated is None else float(np.sqrt(found.components) * found.stated)
+
+    @property
+    def known_rms(self) -> tuple[float, str] | None:
+        """What the noise makes of the RMS distance, mm, and how it is known: stated, else from replicates."""
+        found = self.findings
+        if found.stated is not None:
+            return float(np.sqrt(found.components) * found.stated), STATED
+        if found.replicates is not None:
+            return float(np.sqrt(found.components) * found.replicates.sigma), REPLICATES
+        return None
 
     @property
     def discrepancy_rms(self) -> float | None:

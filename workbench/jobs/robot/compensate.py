@@ -5,6 +5,7 @@ under the load that each target carries, and whatever else was calibrated. An ar
 directions reaches the position first, and the orientation as far as its joints allow.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,12 +71,14 @@ def compensate(
     poses: np.ndarray | None = None,
     covariates=None,
     anywhere: bool = False,
+    progress: Callable[[int, int], None] = lambda done, most: None,
 ) -> Compensated:
     """Readings with which the calibrated arm puts its flange where the nominal arm would have put it.
 
     readings (n, R): rad, mm, as programmed, or where to start looking when `poses` (n, 4, 4),
     T_root_flange in mm, are the targets; anywhere: in any posture. covariates: name -> (n,) in file units, `payload_kg`
-    among them; what an effect needs and is not given raises InputError.
+    among them; what an effect needs and is not given raises InputError. progress: called with the number of Newton
+    steps so far and at most.
     """
     nominal = nominal_poses(arm.robot, readings)
     wanted = nominal if poses is None else np.asarray(poses, float)
@@ -84,7 +87,8 @@ def compensate(
     if poses is not None:
         found = _nominal_readings(arm.robot, found, wanted, anywhere, task)
     position, rotation = pose_sizes(_deviation(_model(arm, found, wanted, covariates), arm, task))
-    for _ in range(_STEPS):
+    for done in range(_STEPS):
+        progress(done, _STEPS)
         step, movable = _reading_step(_model(arm, found, wanted, covariates), arm, task)
         if movable.max(initial=0) < _REACHED_MM:
             break

@@ -1,0 +1,91 @@
+"""Why a target has no corrected readings: its distance from the nearest attainable pose, and singular postures."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from robot_model.task_priority import LEVER_MM
+from workbench.jobs.robot.compensate import actual_poses
+
+_STEP_RAD = 1e-4
+_SINGULAR = 0.05
+_MOST_TARGETS = 12
+
+
+@dataclass(frozen=True)
+class Unattainable:
+    """One target (index `row`) that the calibrated arm cannot take.
+
+    `distance_mm`, `rotation_deg`: what remains at the nearest attainable pose. `joint`: number of the joint that can
+    hardly move the flange at the programmed readings, because they are nearly singular; None elsewhere.
+    """
+
+    row: int
+    distance_mm: float
+    rotation_deg: float
+    joint: int | None
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong and what to do."""
+        left = f"{self.distance_mm:.2g} mm and {self.rotation_deg:.2g} deg"
+        found = (
+            f"Target {self.row + 1} has no readings in corrected.csv: the calibrated arm differs from the nominal one, "
+            f"and its nearest attainable pose is {left} away."
+        )
+        if self.joint is None:
+            return f"{found} Move the target into the workspace of the calibrated arm, or choose another posture."
+        return (
+            f"{found} The programmed posture is nearly singular (for example a stretched arm or aligned wrist axes): "
+            f"joint {self.joint} hardly moves the flange in the missing direction. Change the target so that "
+            f"joint {self.joint} is some degrees away from this posture, for example closer to the base."
+        )
+
+
+def unattainable_targets(
+    arm, readings: np.ndarray, found, covariates: Mapping[str, np.ndarray] | None
+) -> list[Unattainable]:
+    """The first unattainable targets of a programme.
+
+    readings (n, R) rad, mm: as programmed, or where the search began; found: the `Compensated` of the programme;
+    covariates: as of `compensate`.
+    """
+    rows = np.flatnonzero(~found.reached & ~found.beyond_limits)[:_MOST_TARGETS]
+    made = []
+    for row in rows:
+        own = {
+            name: np.atleast_1d(np.broadcast_to(v, len(readings))[row])
+            for name, v in (covariates or {}).items()
+        }
+        made.append(_explained(arm, int(row), readings[row], found.poses[row], own))
+    return made
+
+
+def _explained(arm, row: int, start: np.ndarray, wanted: np.ndarray, covariates) -> Unattainable:
+    def residual(reading):
+        """(6,) mm: position, and rotation at a lever's length, of the flange relative to the target."""
+        pose = actual_poses(arm, reading[None], covariates)[0]
+        turn = Rotation.from_matrix(wanted[:3, :3].T @ pose[:3, :3]).as_rotvec()
+        return np.concatenate([pose[:3, 3] - wanted[:3, 3], LEVER_MM * turn])
+
+    nearest = least_squares(residual, start, diff_step=_STEP_RAD, x_scale="jac", max_nfev=60)
+    left = nearest.fun
+    degrees = float(np.rad2deg(np.linalg.norm(left[3:]) / LEVER_MM))
+    return Unattainable(
+        row, float(np.linalg.norm(left[:3])), degrees, _singular_joint(residual, start)
+    )
+
+
+def _singular_joint(residual, reading: np.ndarray) -> int | None:
+    """Number of the joint that takes most part in the weakest motion of the flange; None away from singularities."""
+    steps = _STEP_RAD * np.eye(len(reading))
+    columns = [
+        (residual(reading + step) - residual(reading - step)) / (2 * _STEP_RAD) for step in steps
+    ]
+    _, sizes, directions = np.linalg.svd(np.array(columns).T)
+    if sizes[-1] > _SINGULAR * sizes[0]:
+        return None
+    return int(np.argmax(np.abs(directions[-1]))) + 1
