@@ -489,3 +489,34 @@ def _rows(spec):
         .read_text(encoding="utf-8")
     )
     return tomllib.loads(text)["joint"]
+
+
+# --------------------------------------------------------------------------- targets that the calibrated arm cannot take
+
+
+def test_a_target_at_the_stretched_elbow_says_why_and_what_to_do(workbench, tmp_path):
+    """The calibrated forearm is 0.5 mm shorter: a target that the nominal arm reaches stretched is out of reach."""
+    robot = load_robot(ABB)
+    forearm, offset = robot.geometry[3, 1], robot.geometry[2, 2]
+    stretched = -np.rad2deg(np.arctan2(forearm, offset))
+    solution(tmp_path / "arm", changes={"joint-4.d4": forearm - 0.5})
+    text = f"{JOINTS},payload_kg\n0,10,{stretched:.4f},0,30,0,1\n0,10,10,0,30,0,1\n"
+    answer, rows, _ = answer_of(workbench, tmp_path, text)
+    assert answer["unattainable_rows"] == [1] and rows[1]["reached"] == "1"
+    (sentence,) = answer["unattainable"]
+    assert sentence.startswith("Target 1 has no readings")
+    assert "joint 3 hardly moves the flange" in sentence and "degrees away" in sentence
+
+
+def test_the_noise_of_replicates_is_that_of_the_calibration(workbench, tmp_path):
+    noise = {"rms_mm": 0.049, "source": "from replicates"}
+    solution(tmp_path / "arm", noise=noise, noise_rms_mm=None)
+    text = f"{JOINTS},payload_kg\n0,10,10,0,30,0,1\n"
+    answer, _, _ = answer_of(workbench, tmp_path, text, status=0)
+    assert answer["verdict"]["noise"] == 0.049
+    assert "from replicates" in answer["verdict"]["sentence"]
+
+
+def test_a_calibration_writes_the_noise_that_its_verdict_uses(calibrated):
+    arm = read_solution(calibrated[1])
+    assert arm.keys["noise"] == {"rms_mm": pytest.approx(0.02 * 3**0.5), "source": "stated"}

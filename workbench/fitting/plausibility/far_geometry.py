@@ -18,7 +18,9 @@ CAUSE = "geometry"
 OTHER_ROBOT = "other-robot"
 FAR = 6.0
 """Prior standard deviations beyond which no tolerance of manufacture explains a geometry parameter."""
-_PLAUSIBLE = 5.0
+_UNUSUAL = 3.0
+"""Prior standard deviations from which the robots of the library are tried: a similar model may differ by little."""
+_PLAUSIBLE = 3.0
 _ROWS = 240
 _TESTED = 2
 _AS_GOOD = 1.5
@@ -78,10 +80,13 @@ def find_far_geometry(robot: Robot, recording) -> FarGeometry | None:
 
 def far_geometry(robot: Robot, recording, fit: Fit) -> FarGeometry | None:
     """What is far from the nominal robot in the robust fit of a recording, and a library robot without it."""
-    parameters = far_parameters(fit, FAR)
+    parameters = far_parameters(fit, _UNUSUAL)
     if not parameters:
         return None
-    return FarGeometry(robot.name, parameters, _other_robot(robot, recording, fit))
+    other = _other_robot(robot, recording, fit)
+    if other is None:
+        parameters = far_parameters(fit, FAR)
+    return FarGeometry(robot.name, parameters, other) if parameters else None
 
 
 def _other_robot(robot: Robot, recording, recorded: Fit) -> str | None:

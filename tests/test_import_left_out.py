@@ -1,0 +1,137 @@
+"""Rotations and objects in the words of a laboratory, what a proposed mapping leaves out, and the user's own columns."""
+
+import re
+
+import numpy as np
+import pytest
+
+from datasets.importers.mapping.headers import read_header
+from datasets.importers.mapping.left_out import left_out_sentences
+from datasets.importers.mapping.proposal import propose
+from datasets.importers.source import ImageFile, RawTable
+from import_scenes import SCENE, UR10, degrees, simulated, write_rows
+from workbench.commands.data import import_dialogue
+from workbench.core.errors import InputError
+from workbench.recordings.importing import import_recording
+from workbench.recordings.importing.board_poses import file_link
+from workbench.recordings.importing.user_columns import in_user_columns
+
+
+def table_of(*names, texts=()):
+    cells = {name: np.arange(5.0) + k for k, name in enumerate(names)}
+    cells |= {name: np.array([f"image_{k}.png" for k in range(5)]) for name in texts}
+    return RawTable("poses.txt", cells, np.arange(5) + 2)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        *("Giro X", "Orientación X", "Rotación X [°]", "Rotazione X", "Orientamento X"),
+        *("Rotação X", "Rotation X", "Drehung um X", "旋转X", "回転X", "姿勢 X"),
+    ],
+)
+def test_a_rotation_is_known_by_its_word(header):
+    found = read_header(header)
+    assert (found.kind, found.label) == ("turn", "x")
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        *("X brida", "X de la brida", "X bride", "X flangia", "X (mm) brida", "X flange [mm]"),
+        *("Posición X de la brida", "flange X", "X of the flange", "法兰X"),
+    ],
+)
+def test_the_object_may_stand_behind_the_component(header):
+    found = read_header(header)
+    assert (found.kind, found.label, found.words) == ("xyz", "x", ("flange",))
+
+
+@pytest.mark.parametrize("rotation", ["Giro {}", "R{} brida", "Orientación {}"])
+def test_a_pose_of_the_flange_is_complete_with_its_rotation(rotation):
+    names = [rotation.format(axis) for axis in "XYZ"]
+    table = table_of("X brida", "Y brida", "Z brida", *names, texts=["Imagen"])
+    mapping = propose(table, has_images=True).mapping
+    assert mapping.flange_rotation.columns == tuple(names)
+    assert left_out_sentences(table, mapping, has_images=True) == ()
+
+
+def test_a_pose_without_a_rotation_and_unknown_columns_are_said():
+    names = ["Kierto X", "Kierto Y", "Kierto Z"]
+    table = table_of("Brida X", "Brida Y", "Brida Z", *names)
+    said = left_out_sentences(table, propose(table, has_images=True).mapping, has_images=True)
+    assert "has no rotation" in said[0] and "[flange_rotation]" in said[0]
+    assert "Kierto X, Kierto Y, Kierto Z" in said[1]
+
+
+def test_propose_prints_and_writes_what_is_left_out(workbench, tmp_path):
+    header = [
+        "A1",
+        "A2",
+        "A3",
+        "Messpunkt X",
+        "Messpunkt Y",
+        "Messpunkt Z",
+        "Kulma X",
+        "Kulma Y",
+        "Kulma Z",
+    ]
+    write_rows(tmp_path / "t.csv", header, np.random.default_rng(1).normal(size=(6, 9)))
+    done = workbench("import", "t.csv", "--propose", "map.toml")
+    assert done.returncode == 0
+    for text in (done.stdout, (tmp_path / "map.toml").read_text()):
+        assert "Kulma X, Kulma Y, Kulma Z" in " ".join(text.split())
+
+
+def test_a_file_that_is_not_there_is_one_short_sentence(workbench):
+    done = workbench("check", "nosuch")
+    assert done.returncode == 2
+    assert "workbench datasets" in done.stderr and "irb120" not in done.stderr
+
+
+def test_the_column_with_the_names_of_the_images_is_named(tmp_path):
+    images = [ImageFile(tmp_path / f"image_{k}.png", f"image_{k}.png") for k in range(5)]
+    assert file_link(images, table_of("X", texts=["Foto"])) == (("Foto",), "names of the files")
+    assert file_link(images, table_of("X"))[0] == ()
+
+
+@pytest.fixture(scope="module")
+def truth(tmp_path_factory):
+    return simulated(tmp_path_factory.mktemp("scene"), SCENE)
+
+
+def own_table(path, truth, readings, header):
+    times = [f"{k}.5" for k in range(len(readings))]
+    rows = [[t, *q, *p] for t, q, p in zip(times, readings, truth.points, strict=True)]
+    return write_rows(path, ["Hora", *header, "Punto X", "Punto Y", "Punto Z"], rows)
+
+
+def test_a_mistake_is_named_by_the_header_of_the_user(tmp_path, truth):
+    """Readings in rad, whose unit nothing states, with one reversed joint."""
+    readings = np.deg2rad(degrees(truth)) * [1, 1, -1, 1, 1, 1]
+    path = own_table(tmp_path / "log.csv", truth, readings, [f"Eje {k}" for k in range(1, 7)])
+    with pytest.raises(InputError, match=r"^log.csv, column 'Eje 3'.*opposite sign") as refused:
+        import_recording([path], tmp_path / "out", UR10)
+    assert not re.search(r"q\d_deg|samples\.csv", str(refused.value))
+
+
+def test_the_preview_names_the_column_of_the_times(tmp_path, truth):
+    from rich.console import Console
+
+    header = [f"Eje {k}" for k in range(1, 7)]
+    path = own_table(tmp_path / "log.csv", truth, degrees(truth), header)
+    made = import_recording([path], tmp_path / "out", UR10)
+    assert made.links["time"]["columns"] == ["Hora"]
+    console = Console(record=True, width=120, file=open("/dev/null", "w"))
+    import_dialogue.show(console, made.as_json(), made)
+    assert re.search(r"time +Hora", console.export_text())
+
+
+def test_sentences_on_other_files_keep_their_words(truth):
+    from datasets.importers.mapping.model import Group, Mapping
+
+    mapping = Mapping(joints=Group(("A1", "A2"), "deg"))
+    named = in_user_columns("samples.csv of recording 'x', column q2_deg: bad.", "t.csv", mapping)
+    assert named == "t.csv, column 'A2': bad."
+    other = "robot file of recording 'x': q2_deg."
+    assert in_user_columns(other, "t.csv", mapping) == other
