@@ -239,7 +239,7 @@ def test_points_that_the_controller_calculated_are_refused(truth, tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ((1, 1, -1, 1, 1, 1, 1, 1, 1), "column q3_deg has the opposite sign"),
+        ((1, 1, -1, 1, 1, 1, 1, 1, 1), "column 'A3' has the opposite sign"),
         ((1, 1, 1, 1, 1, 1, 1, -1, 1), "left-handed"),
     ],
 )
@@ -369,9 +369,9 @@ def test_a_mistake_of_the_data_is_found_under_an_open_convention(mistake, truth,
     rows = np.column_stack([readings, points])
     path = write_table(tmp_path / "t.csv", [*JOINTS, "X", "Y", "Z"], *rows)
     expected = {
-        "sign": "q3_deg.*sign",
+        "sign": "'A3'.*sign",
         "milliradians": "milliradians",
-        "swapped": "q4_deg and q5_deg.*(swapped|exchanged|interchanged)",
+        "swapped": "'A4' and 'A5'.*(swapped|exchanged|interchanged)",
         "left-handed": "left-handed",
     }
     with pytest.raises(InputError, match=expected[mistake]) as refusal:

@@ -33,6 +33,7 @@ from workbench.recordings.importing.questions import Ask, Question, choose
 _SHOWN, _REFINED = 5, 8
 _ABOUT_AS_BAD = 1.5
 _SEARCHED_UNITS = 2
+_ABOUT_ONE_TURN = 7.0  # rad
 _DOUBTS = ("stuck-encoder", "copied-column")
 _SCREENED = 40
 _PAIRS = 400
@@ -139,8 +140,8 @@ def _close_units(case: "_Case", readings) -> list[int]:
     """Indices of the units to search for a mistake under: those that fit about as badly as the best ones.
 
     A wrong unit makes misfit and points small, so that the misfit is compared in relation to the extent of the points.
-    Radians come first where all readings are within one turn, degrees otherwise; gon, which is rare, only where it is
-    stated.
+    Radians come first where all readings are within about one turn, degrees otherwise; gon, which is rare, only where
+    it is stated.
     """
     misfits = np.array([relative_misfit(case.robot, made, case.build) for _, made in readings])
     limit = _ABOUT_AS_BAD * misfits.min()
@@ -148,8 +149,16 @@ def _close_units(case: "_Case", readings) -> list[int]:
     units = [readings[place][1].joints.unit for place in range(len(readings))]
     if len(set(units)) > 1:
         close = [place for place in close if units[place] != "gon"] or close
-        close.sort(key=lambda place: units[place] != "rad")
+        close.sort(key=lambda place: _order_of_unit(case, readings[place][1]))
     return close[:_SEARCHED_UNITS]
+
+
+def _order_of_unit(case: "_Case", mapping: Mapping) -> int:
+    """How usual the unit of the joint readings is, the most usual 0."""
+    if mapping.joints.unit != "rad":
+        return 1
+    widest = np.abs(case.build(mapping).joints).max()
+    return 0 if widest < _ABOUT_ONE_TURN else 2
 
 
 def _refuse_mistake(case: "_Case", mappings: Sequence[Mapping]) -> list[Suspicion]:
@@ -259,9 +268,8 @@ def _mistakes_under_any_unit(robot: Robot, mapping: Mapping, build: Build) -> li
     fits = compare(robot, readings, build)
     if not fits:
         return []
-    places = _close_units(_Case(robot, mapping, build, ""), readings)
-    recording = build(readings[places[0]][1])
-    found = check_plausibility(robot, recording)
+    places = _close_units(_Case(robot, mapping, build, ""), readings) or [fits[0][0]]
+    found = check_plausibility(robot, build(readings[places[0]][1]))
     return [s for s in found if s.certain and "convention" not in s.cause]
 
 

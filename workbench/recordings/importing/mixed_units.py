@@ -35,7 +35,7 @@ def mixed_unit_mappings(
     """
     screened = []
     for made in _mixed(mapping, count, stated_only):
-        misfit = relative_misfit(robot, made, build)
+        misfit = relative_misfit(robot, made, build, _WIDEST_DEG)
         if np.isfinite(misfit):
             screened.append((misfit, made))
     screened.sort(key=lambda item: item[0])
@@ -63,13 +63,18 @@ def _unit_choices(mapping: Mapping, count: int, stated_only: bool) -> Iterator[t
             yield tuple(unit if k in free else stated[k] for k, unit in enumerate(units))
 
 
-def relative_misfit(robot: Robot, mapping: Mapping, build: Build) -> float:
-    """Misfit at the nominal geometry as a fraction of the extent of the measured points; inf where it cannot be."""
+def relative_misfit(
+    robot: Robot, mapping: Mapping, build: Build, widest_deg: float = np.inf
+) -> float:
+    """Misfit at the nominal geometry as a fraction of the extent of the measured points; inf where it cannot be.
+
+    widest_deg: a larger angle cannot be either.
+    """
     try:
         recording = build(mapping)
     except InputError:
         return np.inf
-    if np.abs(np.rad2deg(recording.joints)).max() > _WIDEST_DEG and not robot.prismatic.any():
+    if np.abs(np.rad2deg(recording.joints)).max() > widest_deg and not robot.prismatic.any():
         return np.inf
     rows = recording.select(even_rows(recording, _SCREENED_ROWS))
     try:
