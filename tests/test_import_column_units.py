@@ -39,7 +39,7 @@ def test_units_that_headers_state_for_single_columns_are_used(tmp_path, truth):
     assert_same_rows(import_recording([path], tmp_path / "again", again).recording, truth)
 
 
-def test_columns_without_a_unit_are_tested_beside_one_with_a_unit(tmp_path, truth):
+def test_columns_without_a_unit_are_tested_where_one_states_its_unit(tmp_path, truth):
     names = ["q1", "q2", "q3", "q4 [deg]", "q5", "q6"]
     path = table(tmp_path / "log.csv", truth, with_one_in_degrees(truth, 4), names)
     made = import_recording([path], tmp_path / "out", UR10)
@@ -61,9 +61,7 @@ def test_two_columns_in_radians_among_degrees_are_named(tmp_path, truth):
     readings = degrees(truth)
     readings[:, 3:5] = np.deg2rad(readings[:, 3:5])
     path = table(tmp_path / "log.csv", truth, readings, _achse())
-    with pytest.raises(
-        InputError, match="'Achse 4' in radians, 'Achse 5' in radians|column.*q4_deg.*q5_deg"
-    ):
+    with pytest.raises(InputError, match="'Achse 4'.*'Achse 5'"):
         import_recording([path], tmp_path / "out", UR10)
 
 

@@ -1,4 +1,4 @@
-"""Rotations and objects in the words of a laboratory, what a proposed mapping leaves out, and the user's own columns."""
+"""Rotations and objects in the words of a laboratory, columns that a proposed mapping omits, and the user's own columns."""
 
 import re
 
@@ -64,7 +64,7 @@ def test_a_pose_without_a_rotation_and_unknown_columns_are_said():
     assert "Kierto X, Kierto Y, Kierto Z" in said[1]
 
 
-def test_propose_prints_and_writes_what_is_left_out(workbench, tmp_path):
+def test_propose_prints_and_writes_omitted_columns(workbench, tmp_path):
     header = [
         "A1",
         "A2",
