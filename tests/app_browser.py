@@ -278,6 +278,33 @@ def trace(page, figure: str, name: str) -> dict:
     )
 
 
+def choose_option(page, field: str, option: str) -> None:
+    """Open a list by the Enter key, choose an option by the mouse, and wait until the list is closed."""
+    page.get_by_role("combobox", name=field, exact=True).press("Enter")
+    found = page.get_by_role("option", name=option, exact=True)
+    click_option(found)
+    found.wait_for(state="hidden")
+
+
+def click_option(option) -> None:
+    """Click an option of an open list once the list stands still.
+
+    While a list opens, it takes no clicks. Playwright would scroll the page to find a place that does; the list then
+    moves with the page, and a click ends on another option than it began on.
+    """
+    option.wait_for()
+    option.evaluate(_STANDS_STILL)
+    option.click()
+
+
+_STANDS_STILL = """async (option) => {
+    const list = option.closest('.v-overlay__content');
+    while (list.getAnimations().length || getComputedStyle(list).pointerEvents === 'none')
+        await new Promise((later) => requestAnimationFrame(later));
+}"""
+"""Returns once the list of an option has opened."""
+
+
 def emit(page, figure: str, event: str, value: dict) -> None:
     """Have a figure emit an event of plotly, as a click on a mark in space does."""
     plot(page, figure).evaluate(

@@ -7,6 +7,7 @@ import pytest
 
 from app_browser import (
     brush_chart,
+    choose_option,
     click_bin,
     click_mark,
     click_row,
@@ -167,17 +168,9 @@ def test_the_histogram_overlays_fit_and_held_out(page):
     assert sum(fit["y"]) == sum(held_out["y"]) == 300
 
 
-def choose_mode(page, mode: str) -> None:
-    """Choose what a click does to the selection, and wait until the list is closed."""
-    page.get_by_role("combobox", name="Selection mode").press("Enter")
-    page.get_by_role("option", name=mode).click()
-    page.get_by_role("listbox", name="Selection mode").wait_for(state="hidden")
-
-
 def choose_kind(page, kind: str) -> None:
     """Choose a kind of residual, and wait until a click on a bin selects by it."""
-    page.get_by_role("combobox", name="Residual", exact=True).press("Enter")
-    page.get_by_role("option", name=kind, exact=True).click()
+    choose_option(page, "Residual", kind)
     key = {"fit": "fit", "held out": "held_out"}[kind]
     plot(page, "histogram").evaluate(
         """async (one, key) => {
@@ -190,10 +183,10 @@ def choose_kind(page, kind: str) -> None:
 
 def test_adding_to_and_removing_from_a_selection(page):
     for mode, row, count in (("replace", 3, 1), ("add", 5, 2), ("remove", 3, 1)):
-        choose_mode(page, mode)
+        choose_option(page, "Selection mode", mode)
         emit(page, "arrows", "plotly_click", {"points": [{"customdata": row}]})
         wait_for_text(page, "selection", f"{count} of 300 samples selected")
-    choose_mode(page, "replace")
+    choose_option(page, "Selection mode", "replace")
 
 
 @contextmanager

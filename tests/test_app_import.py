@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from app_access import CONTRAST, missed_controls
-from app_browser import opened_app, text_of, trace, wait_for_text
+from app_browser import choose_option, opened_app, text_of, trace, wait_for_text
 from import_tables import nearly_one_orientation
 from workbench.app.wizard.draft import Draft, folder_of, positive
 from workbench.app.wizard.files import Dropped, safe_name
@@ -252,8 +252,7 @@ def _drop_tables(page, tables) -> None:
     """Drop joint log and tracker table, name robot and reflector, and wait until the import is ready."""
     drop(page, tables[0], "joints.csv", "tracker.csv")
     wait_for_text(page, "import-files", "joints.csv, tracker.csv")
-    page.get_by_role("combobox", name="Robot").press("Enter")
-    page.get_by_role("option", name="ur10", exact=True).click()
+    choose_option(page, "Robot", "ur10")
     target = page.get_by_label("Ziel is recorded as")
     target.fill("reflector")
     target.press("Tab")
@@ -288,13 +287,10 @@ def test_text_of_a_filled_wizard_has_a_contrast_of_at_least_4_5(page):
 
 @pages
 def test_a_changed_unit_is_tested_at_once(page):
-    unit = page.get_by_role("combobox", name="Unit of measured point")
-    unit.press("Enter")
-    page.get_by_role("option", name="mm", exact=True).click()
+    choose_option(page, "Unit of measured point", "mm")
     wait_for_text(page, "import", "no reading fits")
     assert page.get_by_role("button", name="Import and open").is_disabled()
-    unit.press("Enter")
-    page.get_by_role("option", name="tested on the robot").click()
+    choose_option(page, "Unit of measured point", "tested on the robot")
     wait_for_text(page, "import", "Ready")
 
 
@@ -303,8 +299,7 @@ def test_a_question_is_answered_by_a_button_of_the_page(page, poses, tables):
     page.get_by_role("button", name="Remove all files").click()
     wait_for_text(page, "import-files", "No files yet.")
     drop(page, poses, POSES)
-    page.get_by_role("combobox", name="Robot").press("Enter")
-    page.get_by_role("option", name="ur10", exact=True).click()
+    choose_option(page, "Robot", "ur10")
     question = page.get_by_role("group", name="Open question")
     question.get_by_role("button").nth(1).click()
     wait_for_text(page, "import", "Ready: external-pose, 30 samples")

@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 
 import datasets
-from app_browser import FRAMES, calibrate_arm, click_bin, opened_app, plot, show_tab, text_of, trace
+from app_browser import (
+    FRAMES,
+    calibrate_arm,
+    choose_option,
+    click_bin,
+    opened_app,
+    plot,
+    show_tab,
+    text_of,
+    trace,
+)
 from app_browser import wait_for_text as wait
 from pose_scenes import pose_scene
 
@@ -44,8 +54,7 @@ def _title(page, figure: str, text: str) -> None:
 @pytest.mark.slow
 def test_residuals_of_the_orientation_are_drawn_counted_and_selected(page):
     show_tab(page, "Residuals")
-    page.get_by_role("combobox", name="Residual", exact=True).press("Enter")
-    page.get_by_role("option", name="held out, orientation").click()
+    choose_option(page, "Residual", "held out, orientation")
     _title(page, "chart", "residual, held out, orientation (deg)")
     _title(page, "histogram", "residual (deg)")
     bars = trace(page, "histogram", "held out")

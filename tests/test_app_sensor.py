@@ -1,11 +1,15 @@
 """The app in a browser on a rendered scanner: images with overlays, light planes, clouds and balls."""
 
+import re
+
 import pytest
 
 from app_browser import (
     brush_chart,
     cancel_run,
+    choose_option,
     click_bin,
+    click_option,
     click_row,
     opened_app,
     plot,
@@ -37,7 +41,7 @@ def _choose_image(page, name: str) -> str:
     field.click()
     field.press("Control+a")
     field.press_sequentially(name)
-    page.get_by_role("option", name=name).first.click()
+    click_option(page.get_by_role("option", name=name).first)
     return wait_for_text(page, "image", name)
 
 
@@ -104,8 +108,7 @@ def test_a_cloud_is_drawn_with_the_ball_fitted_to_it(page):
 def test_another_scan_is_chosen(page):
     show_tab(page, "Sensor")
     before = text_of(page, "scan")
-    page.get_by_role("combobox", name="Scan").press("Enter")
-    page.get_by_role("option", name="scan 2 (").click()
+    choose_option(page, "Scan", re.compile(r"^scan 2 \("))
     page.wait_for_function(
         "(old) => document.querySelector('[data-text=scan]').innerText !== old", arg=before
     )
