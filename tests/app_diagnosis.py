@@ -82,7 +82,8 @@ def write_diagnosis(folder: Path) -> Path:
     head = "sample," + ",".join(
         f"{when}_{axis}_mm" for when in ("before", "after") for axis in "xyz"
     )
-    table = np.column_stack([ids, vectors])
+    head += ",held_out_before_mm,held_out_after_mm"
+    table = np.column_stack([ids, vectors, np.abs(vectors[:, :2]) + 0.1])
     np.savetxt(folder / "residuals.csv", table, fmt="%.6g", delimiter=",", header=head, comments="")
     poses = (
         "joint 1,joint 2,joint 3,joint 4,joint 5,joint 6\n10,20,-10,5,-60,0\n-30,10,-20,15,-70,40\n"

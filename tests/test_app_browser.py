@@ -289,8 +289,10 @@ def test_a_selected_sample_is_shown_in_the_recording(page):
     page.get_by_label("Sample number").press("Tab")
     page.get_by_role("button", name="Select sample").click()
     wait_for_text(page, "selection", "1 of 300")
+    page.evaluate("() => window.scrollTo(0, 300)")
     page.get_by_role("button", name="Show in recording").click()
     assert "Sample 101" in wait_for_text(page, "row", "Sample 101")
+    page.wait_for_function("() => window.scrollY === 0")  # another tab begins at its top
 
 
 def test_scrubbing_moves_the_arm(page):

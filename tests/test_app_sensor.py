@@ -152,9 +152,19 @@ def test_a_click_on_an_arrow_shows_image_with_overlay_pose_and_row(page):
     show_tab(page, "Residuals")
     click_row(page, 5, 30)
     page.get_by_role("heading", name="Sample 5, pose").wait_for()
-    wait_for_text(page, "picked", "images/scan-006-")
+    wait_for_text(page, "picked", "images/scan-006-step-001.png, scan; laser stripe detected")
     plot(page, "picked")
     assert "q1_deg" in page.get_by_role("group", name="Row of the sample").inner_text()
+
+
+def test_every_sample_has_the_image_of_the_light_plane_nearest_to_its_ball(scanner_run):
+    from workbench.app.data.images import overlay
+    from workbench.app.data.opened import open_subject
+
+    opened = open_subject(str(scanner_run))
+    assert list(opened.sample_images) == list(range(30))
+    for number in (0, 7, 21):
+        assert overlay(opened.recording, opened.sample_images[number]).stripe.shape[1] > 100
 
 
 def test_a_bar_and_a_brush_select(page):

@@ -15,6 +15,7 @@ from workbench.app.data import decimate, diagnosis
 from workbench.app.data.arm import arm_pose, joint_coverage
 from workbench.app.data.opened import open_subject
 from workbench.app.data.plan import plan_sentence, stage_items
+from workbench.app.data.residuals import updated_threshold
 from workbench.app.edits.session import read_session
 from workbench.app.figures import diagnosis as diagnosis_figures
 from workbench.app.figures import residuals, robot
@@ -380,6 +381,27 @@ def test_a_diagnosis_run_is_opened_with_its_views(tmp_path):
     assert arms.name == "2 poses to measure"
     assert list(flanges.text) == ["<b>1</b>", "<b>2</b>"]
     assert "joint 2 (deg): 20.00<br>joint 3 (deg): -10.00" in flanges.customdata[0]
+
+
+def test_residuals_of_a_diagnosis_have_places_and_held_out_lengths(run, tmp_path):
+    folder = write_diagnosis(tmp_path / "run")
+    shutil.copy(run / "solution.json", folder)
+    found, calibrated = (open_subject(str(one)).residuals for one in (folder, run))
+    assert np.allclose(found.points, calibrated.points, atol=1e-6)
+    lengths = np.linalg.norm(found.arrows, axis=0)
+    assert np.allclose(lengths, found.lengths["after"])
+    made = residuals.histogram_figure(
+        Workspace(open_subject(str(folder)), tmp_path / "session.toml")
+    )
+    assert [one.name for one in made.data] == ["before, held out", "after, held out", "bins"]
+    assert sum(made.data[1].y) == 300 and found.lengths["held_out_after"].min() >= 0.1
+
+
+def test_a_threshold_follows_the_largest_residual_unless_it_was_chosen():
+    assert updated_threshold(0.8, 0.8, 0.9) == 0.9
+    assert updated_threshold(0.5, 0.8, 0.9) == 0.5
+    assert updated_threshold(0.5, 0.8, 0.3) == 0.3
+    assert updated_threshold(0.0, 1.0, 0.8) == 0.8
 
 
 def test_poses_of_the_next_experiment_are_a_table_with_numbers_and_units(tmp_path):

@@ -136,10 +136,8 @@ class Workspace:
         )
 
     def image_index_of(self, number: int) -> int | None:
-        """Place in images.csv of the middle image that belongs to a sample; None without one."""
-        images = self.opened.recording.images
-        places = [k for k, row in enumerate(images) if row.get("sample") == number]
-        return places[len(places) // 2] if places else None
+        """Place in images.csv of the image that shows a sample best; None without one."""
+        return self.opened.sample_images.get(number)
 
     def pose_of(self, row: int) -> int | None:
         """Number of the pose of a row: as the recording names it, else counted by the run; None without one."""
@@ -156,7 +154,7 @@ class Workspace:
         return int(rows[0]) if len(rows) else None
 
     def image_of(self, number: int) -> str:
-        """Name of the middle image that belongs to a sample, "–" without one."""
+        """Name of the image that shows a sample best, "–" without one."""
         index = self.image_index_of(number)
         return "–" if index is None else self.opened.recording.images[index]["image"]
 

@@ -12,7 +12,7 @@ from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_json
 from workbench.files.runs import RUNS
 
-ANSWER = "answer.json"
+ANSWER, DIAGNOSE = "answer.json", "diagnose"
 CENTRES = "ball-centres"
 
 
@@ -44,7 +44,12 @@ class Opened:
     @cached_property
     def residuals(self) -> Residuals | None:
         """Residuals of the run, one row for each sample that entered it; None where it has none."""
-        return None if self.folder is None else read_residuals(self.folder)
+        found = None if self.folder is None else read_residuals(self.folder)
+        if found is None or found.points is not None or self.command != DIAGNOSE:
+            return found
+        from workbench.app.data.places import with_places
+
+        return with_places(self, found)
 
     @cached_property
     def rows(self) -> np.ndarray:
@@ -73,6 +78,13 @@ class Opened:
         if self.samples is self.recording or "pose" not in self.samples.columns:
             return self.samples.sample_ids[self.rows]
         return self.samples.columns["pose"][self.rows].astype(int)
+
+    @cached_property
+    def sample_images(self) -> dict[int, int]:
+        """Number of a sample of `recording` -> place in images.csv of the image that shows it best."""
+        from workbench.app.data.sample_images import sample_images
+
+        return sample_images(self)
 
     @cached_property
     def robot(self):

@@ -12,6 +12,7 @@ from workbench.files.results import ARROWS
 
 TABLE = "residuals.csv"
 FIT, HELD_OUT, NOMINAL = "fit", "held_out", "nominal"
+HELD_OUT_BEFORE, HELD_OUT_AFTER = "held_out_before", "held_out_after"
 _UNITS = ("_mm", "_px", "_deg")
 ROTATION = "_deg"
 """End of a kind of residual of the orientation, such as "held_out_deg"."""
@@ -22,9 +23,9 @@ class Residuals:
     """Of m samples: `sample` (m,) numbers, `vectors` kind -> (3, m) mm, predicted minus measured.
 
     Kinds are "fit", "held_out" (nan where a row was never held out) and "nominal", or "before" and "after" of a
-    diagnosis. `angles` kind -> (m,) deg, angle of the rotation from measured to predicted orientation, where poses or
+    diagnosis (both of the fit). `angles` kind -> (m,) deg, angle of the rotation from measured to predicted orientation, where poses or
     directions were measured. `points`, `arrows` (3, m) mm in the robot's root frame and `pose` (m,) are None where an
-    older version wrote the run.
+    older version wrote the run. `held_out_lengths` kind -> (m,) mm: of a diagnosis, which states no held-out vectors.
     """
 
     sample: np.ndarray
@@ -33,11 +34,13 @@ class Residuals:
     arrows: np.ndarray | None = None
     pose: np.ndarray | None = None
     angles: Mapping[str, np.ndarray] = field(default_factory=dict)
+    held_out_lengths: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @cached_property
     def lengths(self) -> dict[str, np.ndarray]:
         """Kind -> (m,) mm, 3-D length of the residual; kinds that end in "_deg" are angles in degrees."""
         found = {kind: np.sqrt((vector**2).sum(0)) for kind, vector in self.vectors.items()}
+        found |= self.held_out_lengths
         return found | {f"{kind}{ROTATION}": values for kind, values in self.angles.items()}
 
     @cached_property
@@ -63,7 +66,12 @@ def read_residuals(folder: Path) -> Residuals | None:
         return None
     sample = columns["sample"].astype(int)
     placed = _read_arrows(folder / ARROWS, sample)
-    return Residuals(sample, vectors, *placed, _angles(columns, vectors))
+    held_out = {
+        kind: columns[f"{kind}_mm"]
+        for kind in (HELD_OUT_BEFORE, HELD_OUT_AFTER)
+        if f"{kind}_mm" in columns
+    }
+    return Residuals(sample, vectors, *placed, _angles(columns, vectors), held_out)
 
 
 def _check_columns(path: Path, columns: Mapping[str, np.ndarray]) -> None:
@@ -83,6 +91,15 @@ def _check_columns(path: Path, columns: Mapping[str, np.ndarray]) -> None:
 def unit_of(kind: str) -> str:
     """Unit of a kind of residual."""
     return "deg" if kind.endswith(ROTATION) else "mm"
+
+
+def updated_threshold(threshold: float, largest_before: float, largest: float) -> float:
+    """Outlier threshold, mm, once the largest residual is another one.
+
+    A threshold that a person chose stays; one that excludes nothing becomes the largest residual.
+    """
+    is_chosen = 0 < threshold < largest_before
+    return threshold if is_chosen and threshold <= largest else largest
 
 
 def _angles(columns: Mapping[str, np.ndarray], kinds: Iterable[str]) -> dict[str, np.ndarray]:

@@ -7,7 +7,16 @@ import plotly.graph_objects as go
 
 from workbench.app.data.arm import has_arm, reach
 from workbench.app.data.decimate import MOST_ARROWS, MOST_POINTS, Histogram, thinned
-from workbench.app.data.residuals import FIT, HELD_OUT, NOMINAL, ROTATION, Residuals, unit_of
+from workbench.app.data.residuals import (
+    FIT,
+    HELD_OUT,
+    HELD_OUT_AFTER,
+    HELD_OUT_BEFORE,
+    NOMINAL,
+    ROTATION,
+    Residuals,
+    unit_of,
+)
 from workbench.app.figures import robot, style
 from workbench.app.workspace import Workspace
 
@@ -17,6 +26,8 @@ _NAMES = {
     NOMINAL: "nominal model",
     "before": "before",
     "after": "after",
+    HELD_OUT_BEFORE: "before, held out",
+    HELD_OUT_AFTER: "after, held out",
 }
 _MOST_NAMES = 12
 _DRAWINGS = count(1)
@@ -26,6 +37,8 @@ _COLOURS = {
     NOMINAL: style.GREY,
     "before": style.GREY,
     "after": style.BLUE,
+    HELD_OUT_BEFORE: style.GREY,
+    HELD_OUT_AFTER: style.BLUE,
 }
 
 
@@ -214,9 +227,7 @@ def histogram_figure(work: Workspace, threshold: float | None = None, shown: str
     residuals = work.opened.residuals
     if residuals is None:
         return made
-    end = ROTATION if unit == "deg" else ""
-    wanted = [f"{kind}{end}" for kind in (FIT, HELD_OUT, "before", "after")]
-    kinds = [kind for kind in wanted if kind in residuals.lengths]
+    kinds = _counted_kinds(residuals, ROTATION if unit == "deg" else "")
     counted = work.counts(kinds)
     middle = (counted.edges[:-1] + counted.edges[1:]) / 2
     for kind, counts in counted.counts.items():
@@ -239,6 +250,14 @@ def histogram_figure(work: Workspace, threshold: float | None = None, shown: str
             annotation_position="top left",
         )
     return made
+
+
+def _counted_kinds(residuals: Residuals, end: str) -> list[str]:
+    """Kinds of residual that a histogram shows over one another; of a diagnosis the held-out ones where it has them."""
+    if not end and HELD_OUT_AFTER in residuals.lengths:
+        return [HELD_OUT_BEFORE, HELD_OUT_AFTER]
+    wanted = [f"{kind}{end}" for kind in (FIT, HELD_OUT, "before", "after")]
+    return [kind for kind in wanted if kind in residuals.lengths]
 
 
 def _add_bins(made: go.Figure, counted: Histogram, kind: str, unit: str) -> None:

@@ -80,7 +80,7 @@ def add_arm(made: go.Figure, work: Workspace, with_outer: bool = True) -> None:
     if outer is not None and with_outer:
         _outer(made, opened, outer)
     if has_points(work):
-        _current(made, opened.residuals.points[:, work.current])
+        _current(made, work)
 
 
 def _line(
@@ -100,15 +100,19 @@ def _line(
     )
 
 
-def _current(made: go.Figure, point: np.ndarray) -> None:
-    x, y, z = np.round(point, 2)
+def _current(made: go.Figure, work: Workspace) -> None:
+    """The measured point of the current sample; it covers others, so that a click on it selects its sample."""
+    row = work.current
+    x, y, z = np.round(work.opened.residuals.points[:, row], 2)
     made.add_scatter3d(
         x=[x],
         y=[y],
         z=[z],
         mode="markers",
         name="current sample",
-        hoverinfo="skip",
+        customdata=[row],
+        text=[work.opened.edit_ids[row]],
+        hovertemplate="sample %{text} (current)<extra></extra>",
         marker=dict(size=5, color=style.ORANGE, symbol="diamond"),
     )
 
@@ -181,8 +185,8 @@ def coverage(work: Workspace) -> go.Figure:
     limits = [_limit(k, limit) for k, one in enumerate(joints) for limit in _finite(one["limits"])]
     if views:
         _workspace(made, work, len(joints), views)
-    made.update_xaxes(nticks=4, tickangle=0)
-    made.update_yaxes(nticks=4)
+    made.update_xaxes(nticks=4, tickangle=0, ticklabelstandoff=3)
+    made.update_yaxes(nticks=4, ticklabelstandoff=4)
     made.update_annotations(font_size=12)
     return made.update_layout(
         shapes=limits,

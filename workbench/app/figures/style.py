@@ -35,7 +35,7 @@ def plane(across: str, up: str, view: str) -> go.Figure:
 
 def space(view: str) -> go.Figure:
     """An empty scene in mm with equal axes."""
-    axis = dict(backgroundcolor="#ffffff", gridcolor="#d4d4d8", showspikes=False)
+    axis = dict(backgroundcolor="#ffffff", gridcolor="#d4d4d8", showspikes=False, nticks=6)
     scene = {f"{name}axis": dict(title=dict(text=f"{name} (mm)"), **axis) for name in "xyz"}
     scene |= dict(
         aspectmode="data",
@@ -48,7 +48,7 @@ def space(view: str) -> go.Figure:
             margin=dict(l=0, r=0, t=0, b=64),  # three lines of the legend
             scene=scene,
             uirevision=view,
-            legend=dict(orientation="h", x=0, y=0, yanchor="top"),
+            legend=dict(orientation="h", x=0, y=0, yanchor="top", itemsizing="constant"),
         )
     )
 

@@ -7,14 +7,18 @@ from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
 from workbench.app.data.plan import DIAGNOSE, plan_sentence, stage_items
+from workbench.app.data.residuals import updated_threshold
 from workbench.app.edits.changes import EFFECTS, STAGES
 from workbench.app.figures import residuals
 from workbench.app.jobs import CANCELLED, DONE, RUNNING
 from workbench.app.ui.base import Tab, number_of, raw
 from workbench.app.ui.view import SPACE
 from workbench.app.workspace import CALIBRATE
+from workbench.report.text import counted
 
 _POLL_S = 0.3
+_NOT_YET = "No effects are listed before the first calibration."
+_NO_EFFECTS = "The model of this run has no effects."
 
 
 class EditTab(Tab):
@@ -29,7 +33,7 @@ class EditTab(Tab):
         state.can_undo, state.can_redo = False, False
         state.job_running, state.job_text = False, ""
         state.comparison, state.session_file, state.job_report = [], "", ""
-        state.has_side_by_side, state.plan_text = False, ""
+        state.has_side_by_side, state.plan_text, state.no_effects = False, "", ""
         with v3.VRow():
             with v3.VCol(cols=12, lg=4):
                 self._plan()
@@ -56,7 +60,7 @@ class EditTab(Tab):
         self._checks("stages", self.set_stage)
         html.H2("Effects in the model", classes="text-subtitle-1 font-weight-bold mt-2")
         html.Div("{{ plan_text }}", **raw(data_text="plan"), style="overflow-wrap: anywhere")
-        html.Div("No effects are listed before the first calibration.", v_if="!effects.length")
+        html.Div("{{ no_effects }}", v_if="!effects.length", **raw(data_text="no-effects"))
         with html.Div(style="max-height: 50vh; overflow-y: auto"):
             self._checks("effects", self.set_effect)
         html.Div("The run has no stages; rerun to see them.", v_if="!stages.length")
@@ -158,14 +162,14 @@ class EditTab(Tab):
             one["label"] = one["name"]
         state.stages, state.effects = stages, effects
         state.plan_text = plan_sentence(work.session)
+        state.no_effects = _NO_EFFECTS if work.opened.answer else _NOT_YET
         self.show_changes()
         state.comparison = work.comparison()
         command = work.session.command
         state.session_file = f"Repeat without the app: workbench {command} --session {work.path}"
-        lengths = work.lengths()
-        state.threshold_top = float(lengths.max()) if lengths.size and lengths.max() > 0 else 1.0
-        if not 0 < float(state.threshold) <= state.threshold_top:
-            state.threshold = state.threshold_top
+        top = float(work.lengths().max(initial=0)) or 1.0
+        state.threshold = updated_threshold(float(state.threshold), state.threshold_top, top)
+        state.threshold_top = top
         self._show_threshold()
         self.draw_in_turn(comparison=lambda: residuals.comparison(self.work))
         state.has_side_by_side = residuals.has_side_by_side(work)
@@ -181,7 +185,10 @@ class EditTab(Tab):
     def _show_threshold(self) -> None:
         value = number_of(self.state.threshold, "threshold")
         above = int((self.work.kept & (self.work.lengths() > value)).sum())
-        self.state.threshold_text = f"{above:,} samples have a residual above {value:.4g} mm"
+        verb = "has" if above == 1 else "have"
+        self.state.threshold_text = (
+            f"{counted(above, 'sample')} {verb} a residual above {value:.4g} mm"
+        )
         self.draw_in_turn(threshold=lambda: residuals.histogram_figure(self.work, value))
 
     def _on_threshold(self, **_) -> None:
@@ -199,7 +206,8 @@ class EditTab(Tab):
     def exclude_above(self, threshold) -> None:
         """Exclude the samples whose residual is longer than a threshold, mm."""
         count = self.work.exclude_above(number_of(threshold, "threshold"))
-        self.page.say(f"{count:,} samples are excluded; rerun to see the effect.")
+        verb = "is" if count == 1 else "are"
+        self.page.say(f"{counted(count, 'sample')} {verb} excluded; rerun to see the effect.")
 
     def undo(self) -> None:
         """Take the last change back."""

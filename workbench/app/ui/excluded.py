@@ -13,6 +13,9 @@ _NOTE = (
     "The residual of a sample that is no part of this run is predicted by the model of the run; "
     "of a pose the largest residual of its samples is shown."
 )
+_NOTE_OF_SCANS = (
+    "A scan that is no part of this run has no residual: its ball centres were not determined."
+)
 
 
 class ExcludedList:
@@ -25,10 +28,11 @@ class ExcludedList:
         """Make the widgets, inside a tab."""
         state = self.state
         state.excluded, state.excluded_text, state.wanted_excluded = [], "", ""
+        state.excluded_note = ""
         with html.Div(v_if="excluded_text", classes="mt-4"):
             html.H2("Excluded samples", classes="text-subtitle-1 font-weight-bold")
             html.Div("{{ excluded_text }}", **raw(data_text="excluded", role="status"))
-            html.Div(_NOTE, classes="text-caption", style="color: #3f4650")
+            html.Div("{{ excluded_note }}", classes="text-caption", style="color: #3f4650")
             with html.Div(classes="d-flex flex-wrap align-center mt-2"):
                 v3.VTextField(
                     v_model=("wanted_excluded",),
@@ -66,6 +70,8 @@ class ExcludedList:
         """Send the list; residuals are predicted after the texts of the tab have been sent."""
         items = self.tab.work.excluded_items
         self.state.excluded_text = self._text(items)
+        opened = self.tab.work.opened
+        self.state.excluded_note = _NOTE if opened.samples is opened.recording else _NOTE_OF_SCANS
         if items:
             self.tab.queue("excluded", self._send)
         else:

@@ -122,6 +122,7 @@ def _layout(server, page: Page, tabs) -> None:
         layout.root.style = "background: white"
         client.Style(_STYLE)
         client.ClientTriggers(mounted=page.show)
+        client.ClientStateChange(value="tab", change="window.scrollTo(0, 0)")
         _bar(tabs)
         with v3.VMain():
             v3.VAlert(

@@ -3,6 +3,7 @@
 from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
+from workbench.app.data.residuals import HELD_OUT, HELD_OUT_AFTER
 from workbench.app.figures import residuals
 from workbench.app.ui.base import Tab, number_of, points_of, range_of, raw, whole_number
 from workbench.app.ui.excluded import ExcludedList
@@ -184,7 +185,7 @@ class ResidualsTab(Tab):
         if state.kind not in [one["value"] for one in state.kinds]:
             state.kind = ""
         state.no_arrows = (
-            "This run does not hold the positions of its residuals; a run of calibrate does."
+            "The positions of the residuals of this diagnosis are not known; those of a calibration are."
             if has and work.opened.residuals.points is None
             else ""
         )
@@ -242,11 +243,8 @@ class ResidualsTab(Tab):
         work, found = self.work, self.work.opened.residuals
         pose = work.pose_of(row)
         number = int(work.opened.edit_ids[row])
-        held = (
-            "–"
-            if found is None or "held_out" not in found.lengths
-            else f"{found.lengths['held_out'][row]:.4f}"
-        )
+        lengths = {} if found is None else found.lengths
+        held_out = lengths.get(HELD_OUT, lengths.get(HELD_OUT_AFTER))
         angles = {} if found is None else found.angles
         angle = angles.get("held_out", angles.get("fit", angles.get("after")))
         return {
@@ -255,7 +253,7 @@ class ResidualsTab(Tab):
             "sample": number,
             "pose": "–" if pose is None else pose,
             "length": f"{work.lengths()[row]:.4f}",
-            "held_out": held,
+            "held_out": "–" if held_out is None else f"{held_out[row]:.4f}",
             "image": work.image_of(number),
         }
 
