@@ -22,10 +22,10 @@ ROTATION = "_deg"
 class Residuals:
     """Of m samples: `sample` (m,) numbers, `vectors` kind -> (3, m) mm, predicted minus measured.
 
-    Kinds are "fit", "held_out" (nan where a row was never held out) and "nominal", or "before" and "after" of a
-    diagnosis (both of the fit). `angles` kind -> (m,) deg, angle of the rotation from measured to predicted orientation, where poses or
-    directions were measured. `points`, `arrows` (3, m) mm in the robot's root frame and `pose` (m,) are None where an
-    older version wrote the run. `held_out_lengths` kind -> (m,) mm: of a diagnosis, which states no held-out vectors.
+    Kinds are "fit", "held_out" (nan where a row was never held out) and "nominal", or "before" and "after" of the fit
+    of a diagnosis. `angles` kind -> (m,) deg, angle of the rotation from measured to predicted orientation, where
+    poses or directions were measured. `points`, `arrows` (3, m) mm in the robot's root frame and `pose` (m,) are None
+    where they are not known. `held_out_lengths` kind -> (m,) mm: of a diagnosis, which states no held-out vectors.
     """
 
     sample: np.ndarray
