@@ -22,6 +22,7 @@ from sensors.camera.corners import Corners
 from sensors.camera.curvature import Curved, curved
 from sensors.camera.doubts import FAR
 from sensors.camera.focal_scatter import FocalScatter, focal_scatter
+from sensors.camera.misfit import Misfit, bundle_misfit
 from sensors.camera.model import Camera
 from sensors.camera.shared import UNLIKELY, LensMap, PrintErrors, lens_map, print_errors
 from sensors.camera.start import MODELS, placement_groups
@@ -75,6 +76,7 @@ class CameraCalibration:
     undetermined: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     printed: PrintErrors | None = None
+    shared: Misfit | None = None
     lens: LensMap | None = None
     curved: Curved | None = None
     held_out: HeldOut | None = None
@@ -108,7 +110,9 @@ class CameraCalibration:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(F, F) of the free parameters, in their order, with the errors of the board's print where there are any."""
+        """(F, F) of the free parameters, in their order, with the errors that images share where there are any."""
+        if self.shared is not None and self.shared.significant:
+            return self.shared.covariance
         return self.fit.covariance if self.printed is None else self.printed.covariance
 
     @property
@@ -218,6 +222,7 @@ def calibrate_camera(
     made = replace(
         made,
         printed=printed,
+        shared=bundle_misfit(part.chain, part.fit, effects),
         lens=lens_map(part.chain, part.fit, printed),
         curved=curved(part.chain, part.fit, effects),
         focal=focal_scatter(part.chain, part.fit, effects),
@@ -292,14 +297,29 @@ def _remarks(made: CameraCalibration, folds: int) -> list[str]:
     if made.halves is not None and made.halves.p_value < UNLIKELY:
         said.append(
             f"{made.halves.sentence} (chance does so with probability {made.halves.p_value:.1g}): the lens is "
-            "not of the model fitted, or the corners of a image share errors; neither is in the sigmas, "
-            f"which should be taken as {made.halves.ratio:.1f} times as large"
+            f"not of the model fitted, or the corners of an image share errors; {_on_sigmas(made)}"
         )
+    if made.shared is not None and made.shared.significant and not _names_shared(made):
+        said.append(made.shared.sentence)
     if made.focal is not None and made.focal.significant:
         said.append(made.focal.sentence)
     if not made.fit.converged:
         said.append(made.fit.outcome)
     return [*said, *_on_flatness(made)]
+
+
+def _names_shared(made: CameraCalibration) -> bool:
+    """Whether print or lens are remarked on already."""
+    return any(one is not None and one.significant for one in (made.printed, made.lens))
+
+
+def _on_sigmas(made: CameraCalibration) -> str:
+    """What the stated standard deviations hold of errors that images share."""
+    if made.shared is not None and made.shared.significant:
+        return f"the stated uncertainties include errors that images share ({made.shared.errors.names}, 1 sigma)"
+    return (
+        f"neither is in the sigmas, which should be taken as {made.halves.ratio:.1f} times as large"
+    )
 
 
 def _on_flatness(made: CameraCalibration) -> list[str]:

@@ -213,8 +213,8 @@ class LensMap:
         worst = np.nanmax(np.hypot(*self.value))
         return (
             f"the lens is not of the model fitted: corners at the same place of the image are off alike, by "
-            f"{self.rms_px:.2g} px RMS and {worst:.2g} px at most in means over its {self.value[0].size} cells, which "
-            "is not in the sigmas; try the other model (brown, rational); neither describes a fisheye"
+            f"{self.rms_px:.2g} px RMS and {worst:.2g} px at most in means over its {self.value[0].size} cells; try "
+            "the other model (brown, rational); neither describes a fisheye"
         )
 
 

@@ -18,6 +18,7 @@ from sensors.hand_eye.alternatives import moved_of
 from sensors.hand_eye.chain import BoardChain
 from sensors.hand_eye.corner_noise import board_corners, corner_noise
 from sensors.hand_eye.known import knowledge
+from sensors.hand_eye.misfit import image_misfit, with_misfit
 from sensors.hand_eye.mistakes import Reading, pose_readings
 from sensors.hand_eye.motion import motion
 from sensors.hand_eye.pose_data import PoseData
@@ -34,6 +35,8 @@ __all__ = ["HandEye", "PoseRow", "hand_eye_from_views"]
 KINDS = ("in-hand", "to-hand")
 NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _SCALE = "target.scale"
+# Standard deviations of a camera from the same images, as a multiple of its own: the images enter the adjustment once.
+_LOOSE = 10.0
 _SURE = 2.0  # sigmas from one before the board's scale is tried
 
 
@@ -66,8 +69,11 @@ def hand_eye_from_views(
     """
     flange = _checked(views, flange, kind)
     points = _shape(board, camera)
+    from_same_images = camera_covariance is None and hasattr(camera, "covariance")
     camera, covariance = _camera(camera, camera_covariance)
     views = _same_way_round(views, board, points, camera, flange, kind)
+    if from_same_images:
+        covariance = _LOOSE**2 * covariance
     chain = _chain(views, points, camera, flange, kind, covariance)
     seen = board_poses(chain.board, chain.pixels, chain.pose, camera)
     start, misfit = start_from_boards(flange, seen, points, kind)
@@ -83,7 +89,10 @@ def hand_eye_from_views(
     found, notes = _best(
         chain, parameters, first, most, False if doubts and board_scale is None else board_scale
     )
-    return _result(chain, points, found, doubts, notes)
+    misfit = image_misfit(found[0], camera.size, from_same_images)
+    if misfit.significant:
+        found = (with_misfit(found[0], misfit), *found[1:])
+    return replace(_result(chain, points, found, doubts, notes), misfit=misfit)
 
 
 def _best(chain, parameters, first, most, scale):

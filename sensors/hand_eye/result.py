@@ -7,6 +7,7 @@ import numpy as np
 
 from sensors.camera.model import Camera
 from sensors.hand_eye.known import Known
+from sensors.hand_eye.misfit import Misfit
 from workbench.core.parameters import Parameters
 from workbench.core.rigid import left_jacobian, rotation_matrix, transform
 
@@ -63,6 +64,7 @@ class HandEye:
     radius: float | None = None
     range_scale: float = 0.0
     notes: tuple[str, ...] = field(default=())
+    misfit: Misfit | None = None
 
     @cached_property
     def centre(self) -> np.ndarray:

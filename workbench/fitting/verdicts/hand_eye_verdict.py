@@ -145,10 +145,12 @@ def _held_out(made: HandEye):
 
 def _advice(made: HandEye) -> str:
     place, turn = made.robot_sigma.get("position_mm"), made.robot_sigma.get("rotation_deg")
+    is_misfit = made.misfit is not None and made.misfit.significant
+    them = "it and for the errors that images share" if is_misfit else "it"
     return (
         f"The rest comes from the flange poses, which are off by about {place:.2g} mm and {turn:.2g} deg (1 sigma, "
-        "estimated); the stated uncertainty of the transform accounts for it. To reduce it, calibrate the arm, warm it "
-        "up, and approach all poses from the same side."
+        f"estimated); the stated uncertainty of the transform accounts for {them}. To reduce it, calibrate the arm, "
+        "warm it up, and approach all poses from the same side."
     )
 
 
@@ -171,7 +173,18 @@ def handeye_warnings(run) -> list[str]:
     ]
     open_ones = [f"undetermined: {'; '.join(causes)}; {_lower(_undetermined_remedy(run))}"]
     # a mistake that is named is the likely reason why anything is undetermined
-    return [*suspicions(run), *(open_ones if causes else []), *_few_poses(run), *left_out]
+    return [
+        *suspicions(run),
+        *(open_ones if causes else []),
+        *_misfit(run),
+        *_few_poses(run),
+        *left_out,
+    ]
+
+
+def _misfit(run) -> list[str]:
+    misfit = run.made.misfit
+    return [] if misfit is None or not misfit.significant else [misfit.sentence]
 
 
 def suspicions(run) -> tuple[str, ...]:

@@ -1,0 +1,84 @@
+"""What errors shared by the corners of many images add to the covariance of a hand-eye transform.
+
+The maximum-likelihood adjustment of pixels takes the errors of corners as independent; `shared_errors` says what else
+displaces them and how such variances are propagated.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sensors.camera.shared_effects import shared_effects
+from sensors.camera.shared_errors import CornerRows, SharedErrors, shared_errors, without_poses
+from workbench.core.least_squares.linear_algebra import pseudo_inverse
+from workbench.core.rigid import rotation_matrix
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """`errors` of the corners that images share, and the `covariance` (F, F) of the free parameters that they make."""
+
+    errors: SharedErrors
+    covariance: np.ndarray
+
+    @property
+    def significant(self) -> bool:
+        return self.errors.significant
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong, what it does to the result, what to do."""
+        return (
+            "board or camera model do not fit the images: corners are displaced by the same in many images (1 sigma: "
+            f"{self.errors.names}; independent noise {self.errors.noise:.2g} px), which more images do not average "
+            "out; the stated uncertainty of the transform includes it. Use a flat board of certified accuracy, and "
+            "check the camera model and file"
+        )
+
+
+def image_misfit(adjusted, size: tuple[int, int], from_same_images: bool) -> Misfit:
+    """Of an `Adjusted` board chain with images of `size` px.
+
+    from_same_images: the prior of the camera was estimated from these images, so that shared errors displace its mean.
+    """
+    parameters = adjusted.parameters
+    rows = _rows(adjusted, size)
+    free = [key for key, is_free in zip(parameters.keys, parameters.mask) if is_free]
+    camera = np.array([key.startswith("camera.") for key in free])
+    precision = parameters.precision[parameters.mask]
+    alone = replace(rows, shared=rows.shared[camera])
+    known = np.zeros(camera.sum()) if from_same_images else precision[camera]
+    errors = shared_errors(alone, known)
+    noise = adjusted.variances.noise
+    held = (noise / np.repeat(adjusted.variances.spread, 3)) ** 2
+    pull = rows.pull(without_poses(rows, held)) / noise**2
+    if from_same_images and camera.any():
+        pull[camera] += precision[camera, None] * _calibrated(alone)
+    influence = adjusted.linear.covariance @ pull
+    return Misfit(errors, errors.covariance(influence))
+
+
+def with_misfit(adjusted, misfit: Misfit):
+    """The same adjustment with the shared errors in the covariance of its shared parameters."""
+    linear = adjusted.linear
+    covariance = linear.covariance + misfit.covariance
+    return replace(adjusted, linear=replace(linear, covariance=covariance))
+
+
+def _rows(adjusted, size) -> CornerRows:
+    """Linearised at the adjustment, errors of the poses included."""
+    chain, values = adjusted.chain, adjusted.parameters.values
+    made = chain.with_families({"pose": adjusted.errors}).evaluate(values)
+    turn = rotation_matrix(values[9:12]) * (1 + values[12])
+    by_board = np.einsum("kcn,kj->jcn", made.shared[6:9], turn)
+    effects = shared_effects(chain.board, by_board, chain.pixels, size)
+    point = np.unique(np.round(chain.board[:2], 6), axis=1, return_inverse=True)[1].ravel()
+    free = adjusted.parameters.mask
+    return CornerRows(made.shared[free], made.pose, made.residual, chain.pose, point, effects)
+
+
+def _calibrated(alone: CornerRows) -> np.ndarray:
+    """(C, q) change of a camera that is calibrated from the same corners, with all board poses free, by each effect."""
+    left = without_poses(alone, np.zeros(6))
+    flat = left.reshape(len(left), -1)
+    return pseudo_inverse(flat @ flat.T) @ alone.pull(left)
