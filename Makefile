@@ -35,10 +35,10 @@ test: $(VENV)/.test
 	$(PYTEST) -m "not slow and not long"
 
 test-slow: $(VENV)/.test
-	$(PYTEST) -m slow
+	$(PYTEST) -m "slow and not long"
 
 test-all: $(VENV)/.test
-	$(PYTEST) -m "not long"
+	$(PYTEST) -m "not long" --durations=30 --durations-min=5
 
 test-long: $(VENV)/.test
 	$(PYTEST) -m long

@@ -149,6 +149,7 @@ def test_the_column_tilts_as_its_accelerometer_says(recording, ground):
         assert before > 4 and after <= (1.85 if ground == "seesaw" else 1.45) and t > 5
 
 
+@pytest.mark.long
 def test_24_configurations_prove_nothing_and_the_answer_says_so(recording):
     """What fits some of them does not carry to the others; where it sits is said all the same."""
     made = diagnose(recording("fanuc165f_innopolis"))

@@ -22,6 +22,9 @@ from workbench.diagnosis.search.prior import DEFLECTS
 Key = tuple[str, str]
 _WINDOW = float(np.log(200.0))
 """Log posterior odds against the best set beyond which a set is left out: all of these together are half a percent."""
+_WORTHWHILE = float(np.log(3.0))
+"""Log odds from which on another set is worth a solution: Jeffreys calls less not worth more than a bare mention."""
+_ROUNDS = 3
 _EXPANDED, _SWAPS = 8, 6
 """Sets of the window whose neighbours are weighed, and terms that are tried in place of each, the most alike first."""
 
@@ -64,6 +67,13 @@ class Window:
         logs = np.array([seen[s] for s in sets])
         weights = np.exp(logs - logsumexp(logs))
         return cls(objective, tuple(tuple(sorted(s)) for s in sets), weights)
+
+    def likelier_than(self, count: int) -> Members | None:
+        """The likeliest set, where it is worth more than the set of the first `count` terms; None where it is not."""
+        best = int(np.argmax(self.weights))
+        own = self.objective.value(tuple(range(count)))
+        gain = self.objective.value(self.sets[best]) - own
+        return self.sets[best] if gain > _WORTHWHILE else None
 
     def names(self, accepted: set[Key], keys: Sequence[Key]) -> dict[Key, Name]:
         """Of each key: its probability, and what is present in the sets without it and not accepted."""
@@ -120,10 +130,42 @@ def _share(objective: LogPosterior, i: int, j: int) -> float:
 
 def probabilities_of_names(search) -> dict[Key, Name]:
     """Of every elastic term that might be present, where one is accepted; search: as in `state`."""
-    accepted = [search.own(i) for i in search.everyone]
+    window = _elastic_window(search)
+    if window is None:
+        return {}
+    terms = window.objective.terms
+    held = {h.key for h in search.accepted}
+    return window.names(held, [h.key for h in terms if is_elastic(h)])
+
+
+def exchange_elastic(search) -> None:
+    """Accept the likeliest set of the window of elastic terms, where it is clearly likelier than the accepted one.
+
+    The search exchanges what is at hand, the window all elastic terms: what is accepted and the probabilities of names
+    then agree.
+    """
+    tried: list[set] = []
+    for _ in range(_ROUNDS):
+        window = _elastic_window(search)
+        members = None if window is None else window.likelier_than(len(search.accepted))
+        if members is None:
+            return
+        chosen = [window.objective.terms[i] for i in members]
+        names = {(*h.key, h.label) for h in chosen}
+        if names in tried:
+            return
+        tried.append(names)
+        search.accepted = tuple(chosen)
+        search.say("; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in chosen))
+        search.solve_possible()
+
+
+def _elastic_window(search) -> Window | None:
+    """The sets about the accepted one, whose terms come first; None where no elastic term is accepted."""
     mine = [i for i in search.everyone if is_elastic(search.accepted[i])]
     if not mine:
-        return {}
+        return None
+    accepted = [search.own(i) for i in search.everyone]
     others = tuple(i for i in search.everyone if i not in mine)
     plain: dict[Key, object] = {}
     for h in search.table(others):
@@ -133,10 +175,8 @@ def probabilities_of_names(search) -> dict[Key, Name]:
     terms = [*accepted, *(h for key, h in plain.items() if key not in held)]
     solved = as_solved(search, accepted)
     objective = LogPosterior.of(search.problem.conditional_on(()), terms, accepted=solved)
-    best = tuple(range(len(accepted)))
     open_ = [i for i, h in enumerate(terms) if is_elastic(h)]
-    window = Window.around(objective, best, open_)
-    return window.names(held, [terms[i].key for i in open_])
+    return Window.around(objective, tuple(range(len(accepted))), open_)
 
 
 def is_elastic(h) -> bool:
@@ -148,4 +188,4 @@ def is_elastic(h) -> bool:
     return deflects or (h.effect == TransmissionHarmonic.effect and order == 1.0)
 
 
-__all__ = ["Name", "Window", "is_elastic", "probabilities_of_names"]
+__all__ = ["Name", "Window", "exchange_elastic", "is_elastic", "probabilities_of_names"]

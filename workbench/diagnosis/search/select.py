@@ -34,7 +34,7 @@ from workbench.diagnosis.search.findings import (
 )
 from workbench.diagnosis.search.likeliest import accept_likeliest
 from workbench.diagnosis.search.names import exchange_names
-from workbench.diagnosis.search.posterior import probabilities_of_names
+from workbench.diagnosis.search.posterior import exchange_elastic, probabilities_of_names
 from workbench.diagnosis.search.prior import LAW_ERROR
 from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.search.stepwise import LAW
@@ -68,6 +68,7 @@ def found_terms(bench: Bench, samples: np.ndarray | None = None) -> list[Finding
     search.solve()
     _accept(search)
     exchange_names(search)
+    exchange_elastic(search)
     return with_special_cases([bare_finding(h) for h in search.accepted])
 
 
@@ -97,6 +98,7 @@ def _found(search: Search) -> Found:
     places = located(search.problem, search.table(()))
     first, moving = _accept(search)
     exchange_names(search)
+    exchange_elastic(search)
     names = probabilities_of_names(search)
     each = [with_hidden(search, finding(search, i, names)) for i in search.everyone]
     findings = tuple(with_special_cases(each))
