@@ -89,7 +89,7 @@ def test_python_reads_the_rows_that_were_written(rows):
     ]
 
 
-@settings(max_examples=150)
+@settings(max_examples=150, deadline=None)
 @given(st.lists(st.tuples(TEXTS, st.floats(-1e6, 1e6)), min_size=1, max_size=5))
 def test_a_programme_written_and_read_again_keeps_every_joint_in_its_column(tmp_path_factory, rows):
     """A note with a comma once moved every joint one column to the right."""

@@ -1,14 +1,19 @@
 """Rotations and objects in the words of a laboratory, columns that a proposed mapping omits, and the user's own columns."""
 
+import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from datasets.importers.mapping.headers import read_header
-from datasets.importers.mapping.left_out import left_out_sentences
+from datasets.importers.mapping.left_out import left_out_sentences, unused_rotation_sentences
 from datasets.importers.mapping.proposal import propose
+from datasets.importers.mapping.sets import find_sets
 from datasets.importers.source import ImageFile, RawTable
+from datasets.importers.sources.choice import read_sources
+from datasets.importers.sources.text_tables import numbers_from_text
 from import_scenes import SCENE, UR10, degrees, simulated, write_rows
 from workbench.commands.data import import_dialogue
 from workbench.core.errors import InputError
@@ -62,6 +67,63 @@ def test_a_pose_without_a_rotation_and_unknown_columns_are_said():
     said = left_out_sentences(table, propose(table, has_images=True).mapping, has_images=True)
     assert "has no rotation" in said[0] and "[flange_rotation]" in said[0]
     assert "Kierto X, Kierto Y, Kierto Z" in said[1]
+
+
+def test_a_rotation_that_no_point_takes_is_said():
+    table = table_of("A1", "A2", "A3", "Tracker X", "Tracker Y", "Tracker Z", "phi", "theta", "psi")
+    mapping = propose(table).mapping
+    without = replace(mapping, rotation=None)
+    assert mapping.rotation is not None and unused_rotation_sentences(table, mapping) == ()
+    (said,) = unused_rotation_sentences(table, without)
+    assert "phi, theta, psi are a rotation" in said
+
+
+def test_a_remark_in_brackets_is_no_part_of_the_component():
+    for header, kind in (("Z (calibrated)", "xyz"), ("Axis 3 (measured)", "joint")):
+        assert read_header(header).kind == kind
+    for header in ("X [mm/s]", "J1 [Nm]", "J1 [A]", "J1 [rpm]"):
+        assert read_header(header).kind in ("", "sample"), header
+
+
+@pytest.mark.parametrize("name", ["pouces", "pollici", "pulgadas", "polegadas", "英寸", "インチ"])
+def test_inches_are_known_in_other_languages(name):
+    found = read_header(f"X ({name})")
+    assert (found.kind, found.unit) == ("xyz", "in")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("e0", "e1", "e2", "e3"),
+        ("q_scalar", "q_vec_x", "q_vec_y", "q_vec_z"),
+        ("quat_real", "quat_x", "quat_y", "quat_z"),
+    ],
+)
+def test_names_of_quaternions(names):
+    half = np.deg2rad(np.arange(5.0) * 10)
+    cells = dict(zip(names, (np.cos(half), np.sin(half), 0 * half, 0 * half), strict=True))
+    (found,) = find_sets(RawTable("t.csv", cells, np.arange(5)))
+    assert (found.kind, found.names) == ("quaternion", names)
+
+
+def test_the_axes_of_a_motoman_do_not_hide_other_words():
+    names = [*"SLURBT", "phi", "theta", "psi"]
+    found = find_sets(table_of(*names))
+    assert {one.names for one in found} == {tuple("SLURBT"), ("phi", "theta", "psi")}
+
+
+def test_spaces_and_quotes_group_thousands():
+    cells = ["1 234,5", "-12\u00a0345,25", "7,0", "1\u2009000\u2009000,5"]
+    made = numbers_from_text(cells, "t.csv, column X", [2, 3, 4, 5])
+    assert made.tolist() == [1234.5, -12345.25, 7.0, 1000000.5]
+
+
+def test_objects_inside_records_are_columns(tmp_path):
+    rows = [{"q": [0.1 * k, 0.2, 0.3], "tracker": {"x": k, "y": 2.0, "z": 3.0}} for k in range(6)]
+    path = tmp_path / "t.json"
+    path.write_text(json.dumps(rows))
+    (table,) = read_sources([path], tmp_path).tables
+    assert propose(table).mapping.point.columns == ("tracker x", "tracker y", "tracker z")
 
 
 def test_propose_prints_and_writes_omitted_columns(workbench, tmp_path):

@@ -38,7 +38,10 @@ _NAMES = {
     "cm": ("cm", "centimeter", "zentimeter"),
     "um": ("um", "µm", "μm", "micron", "microns"),
     "ft": ("ft", "foot", "feet"),
-    "in": ("in", "inch", "inches", "zoll", '"'),
+    "in": (
+        *("in", "inch", "inches", "zoll", '"'),
+        *("pouce", "pouces", "pollice", "pollici", "pulgada", "pulgadas", "polegada", "polegadas"),
+    ),
     "deg": (
         *("deg", "degree", "degrees", "°", "grad", "º", "altgrad"),
         *("degre", "degres", "grado", "gradi", "grados", "grau", "graus"),

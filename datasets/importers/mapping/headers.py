@@ -6,10 +6,10 @@ those of other languages.
 
 import re
 import unicodedata
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from datasets.importers.mapping.words import LINKING, in_english, without_east_asian
-from datasets.importers.units import unit_named
+from datasets.importers.units import is_unit, unit_named
 
 FLANGE_WORDS = frozenset(
     "flange flansch robot roboter tcp tool tool0 ee eef effector hand gripper werkzeug arm kuka abb fanuc "
@@ -50,7 +50,7 @@ _PATTERNS = (
     ("matrix", r"(?:r|m|rot|t|a|h|rotation|matrix)([0-4])([0-4])"),
     ("qindex", r"(?:q|quat|quaternion)([0-4])"),
     ("qpart", r"(?:q|quat|quaternion)([rijk])"),
-    ("turn", r"(?:q|quat|quaternion|orientation|orientierung)([wxyz])"),
+    ("turn", r"(?:q|quat|quaternion|orientation|orientierung)(?:v|vec|vector)?([wxyz])"),
     (
         "turn",
         r"(?:r|rot|rotation|rotate|drehung|drehungum|rotationum|rotationabout|winkel|winkelum|angle|ang|euler|ori)"
@@ -67,7 +67,7 @@ _PATTERNS = (
         r"(?:p|pos|position|punkt|point|coord|coordinate|koordinate|trans|translation|t|loc|location|center|centre|"
         r"mittelpunkt)?([xyz])",
     ),
-    ("euler", r"(?:euler|eulerangle|eulerwinkel|e|rpy)([123])"),
+    ("euler", r"(?:euler|eulerangle|eulerwinkel|e|rpy|eulerparameter)([0123])"),
     ("posecomponent", r"(?:pose|frame|vec|vector)([0-6])"),
     ("axis", r"([noa])([xyz])"),
 )
@@ -76,6 +76,8 @@ _COMPONENTS = frozenset(
     "rotvec matrix qindex qpart turn joint xyz euler posecomponent axis word".split()
 )
 """Kinds of headers that name one component of an object."""
+_SHORTEST_REMARK = 4  # letters; shorter ones are units more often than words
+_SCALAR_PART = re.compile(r"(?:q|quat|quaternion)(?:scalar|real|re|s)")
 _LONGEST = 200  # letters of a header that can have a meaning
 _NUMBERED = MEASURED_WORDS | frozenset(
     "p xyz pos position positions points coords coordinates translation translations center centre".split()
@@ -177,8 +179,17 @@ def read_header(name: str, unit: str | None = None) -> Header:
     for count in range(min(4, len(words)), 0, -1):
         core = "".join(words[-count:])
         kind, label = _kind(core)
+        if kind == "joint" and _has_foreign_unit(name, unit):
+            return Header(name, "", "", tuple(words), None, core)
         if kind:
             return Header(name, kind, label, tuple(words[:-count]), found or stated, core)
+    bracket = _BRACKETS.match(name)
+    if bracket and bracket[1].strip() and _is_remark(bracket[2]):
+        # such as "X (calibrated)": the object that the remark names comes first
+        plain = read_header(bracket[1], unit)
+        if plain.kind in _COMPONENTS:
+            remark = tuple(_words(_plain(bracket[2])))
+            return replace(plain, name=name, words=(*plain.words, *remark))
     return Header(name, "", "", tuple(words), found or stated, "".join(words))
 
 
@@ -230,6 +241,18 @@ def _split_unit(text: str) -> tuple[str, str | None]:
     return text, None
 
 
+def _has_foreign_unit(name: str, unit: str | None) -> bool:
+    """Whether brackets or a row of units state a unit that no joint reading has, as of a current or a torque."""
+    bracket = _BRACKETS.match(name)
+    texts = [unit or "", bracket[2] if bracket else ""]
+    return any(is_unit(text) and unit_named(text) is None for text in texts)
+
+
+def _is_remark(text: str) -> bool:
+    """Whether brackets hold a word that is no unit, not even one that columns of forces or currents have."""
+    return text.isalpha() and len(text) >= _SHORTEST_REMARK and not is_unit(text)
+
+
 def _is_index(text: str, match: re.Match) -> bool:
     """Whether brackets hold the index of an array, as in "q[1]", and not the unit 1, as in "qw [1]"."""
     is_attached = not text[: match.end(1)].endswith(" ")
@@ -249,6 +272,8 @@ def _kind(core: str) -> tuple[str, str]:
     plain = core.removesuffix("joint")
     if plain in _UR_JOINTS:
         return "joint", str(_UR_JOINTS[plain])
+    if _SCALAR_PART.fullmatch(core):
+        return "turn", "w"
     for kind, pattern in _PATTERNS:
         match = re.fullmatch(pattern, core)
         if match:

@@ -6,11 +6,12 @@ from collections.abc import Iterable
 import numpy as np
 
 from datasets.importers.mapping.model import Mapping
-from datasets.importers.mapping.sets import headers_of
+from datasets.importers.mapping.sets import find_sets, headers_of
 from datasets.importers.source import RawTable
 
 _TOKEN = re.compile(r"[A-Za-z]+|\d+")
 _FEWEST = 3
+_ROTATIONS = ("angles", "quaternion", "vector", "matrix")
 
 
 def left_out_sentences(table: RawTable, mapping: Mapping, has_images: bool) -> tuple[str, ...]:
@@ -34,6 +35,19 @@ def left_out_sentences(table: RawTable, mapping: Mapping, has_images: bool) -> t
             "[flange_rotation] or [joints]."
         )
     return tuple(said)
+
+
+def unused_rotation_sentences(table: RawTable, mapping: Mapping) -> tuple[str, ...]:
+    """A sentence on each rotation that a mapping without one leaves out; commanded ones excepted."""
+    if mapping.rotation is not None or mapping.flange_rotation is not None:
+        return ()
+    unused = set(unused_columns(table, mapping))
+    return tuple(
+        f"The columns {', '.join(one.names)} are a rotation by their headers and are not used: state whose it is with "
+        "[rotation] or [flange_rotation] in a mapping file for --map, or ignore them."
+        for one in find_sets(table)
+        if one.kind in _ROTATIONS and not one.is_nominal and unused >= set(one.names)
+    )
 
 
 def _reason(table: RawTable, names: Iterable[str]) -> str:

@@ -113,7 +113,8 @@ def _sets_of(headers: Iterable[Header], table: RawTable) -> list[ColumnSet]:
     words = kinds.get("word", {}) | {core: h for h in headers if (core := h.core) in _SLURBT}
     sets = [*_numbered(kinds, table), *_points(kinds), *_rotations(kinds)]
     for name, wanted in _WORD_SETS.items():
-        if all(word in words for word in wanted) and not _is_slurbt(words):
+        is_taken = _is_slurbt(words) and set(wanted) & set(_SLURBT)
+        if all(word in words for word in wanted) and not is_taken:
             sets.append(_set("angles", [words[word] for word in wanted], name))
     if _is_slurbt(words):
         sets.append(_set("joints", [words[word] for word in _SLURBT], "slurbt"))
@@ -162,7 +163,9 @@ def _rotations(kinds: Mapping[str, Mapping[str, Header]]) -> list[ColumnSet]:
         if all(axis in vector for axis in labels):
             sets.append(_set("vector", [vector[axis] for axis in labels], labels))
     euler = kinds.get("euler", {})
-    if all(number in euler for number in "123"):
+    if all(number in euler for number in "0123"):
+        sets.append(_set("quaternion", [euler[number] for number in "0123"], "numbered"))
+    elif all(number in euler for number in "123"):
         sets.append(_set("angles", [euler[number] for number in "123"], "euler"))
     matrix = kinds.get("matrix", {})
     for names in (_MATRIX_NAMES, _MATRIX_FROM_0):

@@ -116,10 +116,11 @@ def read_parquet(path: Path) -> list[RawTable]:
 def read_json_tables(path: Path, content) -> list[RawTable]:
     """Tables of JSON: a list of records with numbers and lists in them, or arrays by name. Raises InputError."""
     if isinstance(content, list) and all(isinstance(row, Mapping) for row in content):
+        content = [flattened(row) for row in content]
         names = dict.fromkeys(name for row in content for name in row)
         content = {name: [row.get(name) for row in content] for name in names}
     arrays, texts = {}, {}
-    for name, value in content.items() if isinstance(content, Mapping) else ():
+    for name, value in flattened(content).items() if isinstance(content, Mapping) else ():
         if isinstance(value, list):
             array = _number_array(value)
             if array is not None:
@@ -131,6 +132,17 @@ def read_json_tables(path: Path, content) -> list[RawTable]:
         same = {name: cells for name, cells in texts.items() if len(cells) == table.n}
         table.columns.update(same)
     return tables
+
+
+def flattened(content: Mapping, prefix: str = "") -> dict:
+    """Values by name; those of an object inside get its name in front: {"tracker": {"x": 1}} as "tracker x"."""
+    made = {}
+    for name, value in content.items():
+        if isinstance(value, Mapping):
+            made |= flattened(value, f"{prefix}{name} ")
+        else:
+            made[f"{prefix}{name}"] = value
+    return made
 
 
 def _number_array(value: list) -> np.ndarray | None:

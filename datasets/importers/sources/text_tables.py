@@ -28,8 +28,8 @@ _SEPARATORS = ("\t", ";", "|", ",", " ")
 _POINT = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 _COMMA = re.compile(r"[+-]?(\d+(,\d*)?|,\d+)([eE][+-]?\d+)?")
 _GROUPED_POINT = re.compile(r"[+-]?\d{1,3}(,\d{3})+\.\d+")
-_GROUPED_QUOTE = re.compile(r"[+-]?\d{1,3}(['’\u202f]\d{3})+(\.\d+)?")
-_QUOTES = str.maketrans("", "", "'’\u202f")
+_GROUPED_QUOTE = re.compile(r"[+-]?\d{1,3}(['’\u202f\u00a0\u2009 ]\d{3})+([.,]\d+)?")
+_QUOTES = str.maketrans("", "", "'’\u202f\u00a0\u2009 ")
 _GROUPED_COMMA = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+")
 _EMPTY = {
     *("", "-", "--", "---", "nan", "na", "n/a", "null", "none", "k.a."),

@@ -12,7 +12,10 @@ from datasets.formats.recording1 import read_recording
 from datasets.formats.recording1_writer import write
 from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.joining import join_tables, time_columns, zone_sentence
-from datasets.importers.mapping.left_out import left_out_sentences
+from datasets.importers.mapping.left_out import (
+    left_out_sentences,
+    unused_rotation_sentences,
+)
 from datasets.importers.mapping.model import Mapping, write_mapping
 from datasets.importers.mapping.proposal import measures_of, propose
 from datasets.importers.mapping.sets import find_sets
@@ -144,7 +147,8 @@ def import_recording(
     )
     write_mapping(_movable(made.mapping, folder), folder / MAPPING_FILE, comment)
     called = found.called
-    warnings = (*found.warnings, *made.warnings, *read.warnings)
+    dropped = () if found.table is None else unused_rotation_sentences(found.table, made.mapping)
+    warnings = (*found.warnings, *made.warnings, *dropped, *read.warnings)
     warnings = [in_user_columns(text, called, made.mapping) for text in warnings]
     warnings = tuple(dict.fromkeys(warnings))
     unused = never_read(found, made.mapping, "time_s" in recording.columns)

@@ -71,15 +71,13 @@ def decide_units(
     if is_stated and not (fits and fits[0][1].is_good):
         return _contradicted_units(case, fits)
     if fits and not any(fit.is_good for _, fit in fits):
-        mixed = _mixed_units(case, (1,))
-        if mixed is None:
-            close = [readings[place][1] for place in _close_units(case, readings)]
-            doubts = _refuse_mistake(case, close)
-            mixed = _mixed_units(case, range(2, MOST_COLUMNS + 1))
-            if mixed is None and doubts:
-                raise InputError(doubts[0].sentence)
+        mixed = _mixed_units(case, range(1, MOST_COLUMNS + 1))
         if mixed is not None:
             return mixed
+        close = [readings[place][1] for place in _close_units(case, readings)]
+        doubts = _refuse_mistake(case, close)
+        if doubts:
+            raise InputError(doubts[0].sentence)
     return _decided(
         readings, fits, f"{called}, units of the joint readings and the point", ask, _unit_lines
     )

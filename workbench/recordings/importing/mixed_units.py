@@ -45,7 +45,7 @@ def mixed_unit_mappings(
 def _mixed(mapping: Mapping, count: int, stated_only: bool) -> Iterator[Mapping]:
     """Every mapping with a few columns in another unit and every unit of the point."""
     points = [None] if mapping.point is None else length_units(mapping.point, stated_only)
-    for units in _unit_choices(mapping, count, stated_only):
+    for units in dict.fromkeys(_unit_choices(mapping, count, stated_only)):
         made = mapping.updated("joints", unit=joined_units(units))
         for point in points:
             yield made if point is None else made.updated("point", unit=point)
