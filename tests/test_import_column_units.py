@@ -106,3 +106,21 @@ def test_a_recording_with_a_column_converted_twice_is_named(truth):
     assert found[0].certain
     assert "q4_deg" in found[0].sentence
     assert "converted from radians" in found[0].sentence
+
+
+def test_the_form_of_the_app_keeps_the_units_of_single_columns():
+    from workbench.app.wizard.form import form_rows, with_cell
+
+    keys = {"joints": {"columns": ["a", "b"], "unit": ["deg", "rad"]}}
+    (row,) = [one for one in form_rows(keys, None) if one["name"] == "joints"]
+    assert row["unit"] == "deg, rad" and {"title": "deg, rad", "value": "deg, rad"} in row["units"]
+    assert with_cell(keys, "joints", "unit", row["unit"]) == keys
+    assert with_cell(keys, "joints", "unit", "gon")["joints"]["unit"] == "gon"
+    taken = with_cell(keys, "point", "columns", ["a"])
+    assert taken["joints"] == {"columns": ["b"], "unit": ["rad"]}
+
+
+def test_a_table_without_a_named_robot_names_robot_and_column(tmp_path, truth):
+    path = table(tmp_path / "log.csv", truth, with_one_in_degrees(truth, 5), _achse())
+    with pytest.raises(InputError, match="only ur10 with columns in different units.*'Achse 5'"):
+        import_recording([path], tmp_path / "out", ImportOptions())

@@ -6,6 +6,7 @@ from datasets.importers.mapping.model import Mapping
 from datasets.importers.mapping.spherical import is_spherical
 
 _INTERNAL = re.compile(r"samples\.csv of recording '[^']*'")
+_LEADING = re.compile(r"^recording '[^']*', (?=robot file of )")
 _QUATERNION = "quaternion "
 
 
@@ -14,6 +15,7 @@ def in_user_columns(sentence: str, called: str, mapping: Mapping) -> str:
 
     called: the file. Sentences on anything but samples.csv are returned as they are.
     """
+    sentence = _LEADING.sub("", sentence)
     if not _INTERNAL.search(sentence):
         return sentence
     named = _INTERNAL.sub(lambda match: called, sentence)
