@@ -105,8 +105,9 @@ def test_a_target_out_of_reach_keeps_no_readings_and_the_answer_is_no(solution, 
         "run",
         folder=tmp_path,
     )
-    assert done.returncode == 1 and "target 2" in done.stdout, done.stderr
+    assert done.returncode == 1 and "Target 2" in done.stdout, done.stderr
     answer = json.loads((tmp_path / "answer.json").read_text())
+    assert "workspace of the arm" in answer["unattainable"][0]
     assert (
         answer["reached"] == 1
         and answer["unreached_rows"] == [2]

@@ -13,6 +13,7 @@ from workbench.jobs.robot.compensate import actual_poses
 _STEP_RAD = 1e-4
 _SINGULAR = 0.05
 _MOST_TARGETS = 12
+_BEYOND_MM, _BEYOND_DEG = 10.0, 1.0  # farther away than any error of a calibrated arm
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,11 @@ class Unattainable:
     def sentence(self) -> str:
         """What is wrong and what to do."""
         left = f"{self.distance_mm:.2g} mm and {self.rotation_deg:.2g} deg"
+        if self.distance_mm > _BEYOND_MM or self.rotation_deg > _BEYOND_DEG:
+            return (
+                f"Target {self.row + 1} has no readings in corrected.csv: it is not attainable with the joints of the "
+                f"arm, and the nearest attainable pose is {left} away. Move it into the workspace of the arm."
+            )
         found = (
             f"Target {self.row + 1} has no readings in corrected.csv: the calibrated arm differs from the nominal one, "
             f"and its nearest attainable pose is {left} away."
