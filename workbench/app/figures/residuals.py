@@ -163,10 +163,10 @@ def chart(work: Workspace, name: str, kind: str) -> go.Figure:
     _name_groups(made, work, name)
     drawn = work.drawn(MOST_POINTS, kind or "")
     chosen = work.selected[drawn]
-    for label, rows, colour, symbol in (
-        ("samples", drawn[kept[drawn] & ~chosen], style.BLUE, "circle"),
-        ("excluded", drawn[~kept[drawn]], style.GREY, "x-thin-open"),
-        ("selected", drawn[chosen], style.ORANGE, "circle-open"),
+    for label, rows, marker in (
+        ("samples", drawn[kept[drawn] & ~chosen], dict(color=style.BLUE, size=5, opacity=0.7)),
+        ("excluded", drawn[~kept[drawn]], _ring(style.GREY)),
+        ("selected", drawn[chosen], _ring(style.ORANGE)),
     ):
         made.add_scattergl(
             x=x[rows],
@@ -175,9 +175,7 @@ def chart(work: Workspace, name: str, kind: str) -> go.Figure:
             name=label,
             customdata=rows,
             text=work.opened.edit_ids[rows],
-            marker=dict(
-                size=5 if label == "samples" else 8, color=colour, symbol=symbol, opacity=0.7
-            ),
+            marker=marker,
             hovertemplate="sample %{text}: %{y:.4f} " + unit + "<extra></extra>",
         )
     centres, means = work.means(name, kind or "")
@@ -190,6 +188,11 @@ def chart(work: Workspace, name: str, kind: str) -> go.Figure:
         hoverinfo="skip",
     )
     return made
+
+
+def _ring(colour: str) -> dict:
+    """A circle without filling: of any other symbol plotly computes the shape again in each drawing, for 60 ms."""
+    return dict(color="rgba(0,0,0,0)", size=8, line=dict(color=colour, width=1.5))
 
 
 def kind_label(residuals: Residuals | None, kind: str) -> str:
