@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -307,6 +308,15 @@ def test_a_question_is_answered_by_a_button_of_the_page(page, poses, tables):
     page.get_by_role("button", name="Remove all files").click()
     wait_for_text(page, "import-files", "No files yet.")
     _drop_tables(page, tables)
+
+
+def test_a_column_of_times_is_said_to_be_read_by_its_header(draft):
+    table = replace(draft.table, columns={**draft.table.columns, "Zeit [s]": np.arange(36.0)})
+    becomes = {row["name"]: row["unnamed"] for row in other_rows(draft.keys, table)}
+    assert becomes.pop("Zeit [s]") == "time_s, by its header"
+    assert set(becomes.values()) == {"not used"}
+    named = with_cell(draft.keys, "time", "columns", ["Zeit [s]"])
+    assert {row["unnamed"] for row in other_rows(named, table)} == {"not used"}
 
 
 @pages

@@ -175,7 +175,8 @@ class ImportTab(Tab):
             v3.VTextField(
                 model_value=("one.target",),
                 label=("one.name + ' is recorded as'",),
-                placeholder="not used",
+                placeholder=("one.unnamed",),
+                persistent_placeholder=True,
                 change=(
                     self.page.handler(self.set_cell),
                     "['columns', one.name, $event.target.value]",

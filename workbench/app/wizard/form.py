@@ -7,6 +7,7 @@ import copy
 from collections.abc import Iterable, Mapping
 
 from datasets.columns import KINDS
+from datasets.importers.mapping.joining import time_columns
 from datasets.importers.mapping.model import QUANTITIES
 from datasets.importers.mapping.rotations import CONVENTIONS
 from datasets.importers.source import RawTable
@@ -27,6 +28,7 @@ _UNITS = {name: tuple(ANGLES) for name in ("joints", "rotation", "flange_rotatio
 _UNITS |= {name: tuple(LENGTHS) for name in ("point", "flange_point")}
 _ROTATIONS = ("rotation", "flange_rotation")
 _TESTED = {"title": "tested on the robot", "value": ""}
+_NOT_USED, _TIME = "not used", "time_s, by its header"
 _SHOWN = 3
 _BETWEEN = ", "
 
@@ -89,13 +91,25 @@ def _text(cell) -> str:
 
 
 def other_rows(keys: Mapping, table: RawTable | None) -> list[dict]:
-    """Columns that no quantity uses: `name`, `target` ("" where it is left out) and first cells."""
+    """Columns that no quantity uses: `name`, `target` ("" where it is left out), first cells, and `unnamed`.
+
+    `unnamed` says what becomes of a column without a name: the importer reads times by their header.
+    """
     if table is None:
         return []
     taken = {name for row in form_rows(keys, None) for name in row["columns"]}
     left = [name for name in table.columns if name not in taken]
     named = keys.get("columns", {})
-    return [{"name": n, "target": named.get(n, ""), "cells": first_cells(table, [n])} for n in left]
+    times = () if "time" in keys else time_columns(table)
+    return [
+        {
+            "name": name,
+            "target": named.get(name, ""),
+            "unnamed": _TIME if name in times else _NOT_USED,
+            "cells": first_cells(table, [name]),
+        }
+        for name in left
+    ]
 
 
 def with_cell(keys: Mapping, name: str, key: str, value: object) -> dict:
