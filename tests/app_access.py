@@ -28,6 +28,11 @@ CONTRAST = """() => {
         .reduce((under, top) => over(top, under), [255, 255, 255]);
     const opacity = (element) => parents(element)
         .reduce((so_far, e) => so_far * getComputedStyle(e).opacity, 1);
+    const contrast = (element, colour, seen) => {
+        const back = ground(element), ink = over([...colour.slice(0, 3), colour[3] * seen], back);
+        const [a, b] = [luminance(ink), luminance(back)].sort((x, y) => y - x);
+        return (a + 0.05) / (b + 0.05);
+    };
     const skipped = '[disabled], .v-btn--disabled, .js-plotly-plot, style, script';
     const found = [];
     const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
@@ -36,11 +41,14 @@ CONTRAST = """() => {
         if (!text || !element.offsetParent || element.closest(skipped)) continue;
         const style = getComputedStyle(element), seen = opacity(element);
         if (style.visibility === 'hidden' || style.display === 'none' || seen < 0.05) continue;
-        const colour = parse(style.color), back = ground(element);
-        const ink = over([colour[0], colour[1], colour[2], colour[3] * seen], back);
-        const [a, b] = [luminance(ink), luminance(back)].sort((x, y) => y - x);
-        const ratio = (a + 0.05) / (b + 0.05);
+        const ratio = contrast(element, parse(style.color), seen);
         if (ratio < 4.5) found.push(`${text.slice(0, 40)}: ${ratio.toFixed(2)}`);
+    }
+    for (const field of document.querySelectorAll('input[placeholder]')) {
+        const style = getComputedStyle(field, '::placeholder'), seen = opacity(field) * style.opacity;
+        if (field.value || !field.offsetParent || seen < 0.05) continue;
+        const ratio = contrast(field, parse(style.color), seen);
+        if (ratio < 4.5) found.push(`${field.placeholder}: ${ratio.toFixed(2)}`);
     }
     return found;
 }"""

@@ -22,6 +22,7 @@ from workbench.app.workspace import Workspace
 _STYLE = """
 :focus-visible { outline: 3px solid #1565a8 !important; outline-offset: 2px; }
 .v-field__outline, .v-selection-control .v-icon { --v-medium-emphasis-opacity: 0.8; }
+.v-field input::placeholder { color: #4b5563 !important; opacity: 1 !important; }
 .v-label { opacity: 1 !important; color: #1b1f24; }
 .v-tab { opacity: 1 !important; }
 """
