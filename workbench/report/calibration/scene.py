@@ -182,7 +182,7 @@ def _add_arm(made, scene):
 
 def axes() -> dict:
     """Equal axes in mm, and the viewpoint."""
-    axis = dict(showbackground=False, showspikes=False)
+    axis = dict(showbackground=False, showspikes=False, nticks=6)
     return dict(
         aspectmode="data",
         camera=dict(eye=dict(x=1.15, y=-1.3, z=0.55), center=dict(x=0, y=0, z=-0.08)),
