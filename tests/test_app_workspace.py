@@ -163,6 +163,23 @@ def test_stages_and_effects_can_be_excluded(work):
     assert stage_items(work.opened, work.session)[0][1]["on"]
 
 
+def test_a_stage_that_a_rerun_left_out_is_listed_and_can_be_included_again(work, run, tmp_path):
+    shutil.copytree(run, tmp_path / "second")
+    answer = json.loads((run / "answer.json").read_text(encoding="utf-8"))
+    answer["stages"] = [row for row in answer["stages"] if row["name"] != "compliance"]
+    (tmp_path / "second" / "answer.json").write_text(json.dumps(answer), encoding="utf-8")
+    work.set_items("stages", ["compliance"], False)
+    work.open_run(open_subject(str(tmp_path / "second")))
+
+    def shown():
+        rows = stage_items(work.opened, work.session, work.runs[:-1])[0]
+        return [(row["name"], row["state"], row["on"]) for row in rows]
+
+    assert shown() == [("geometry", "retained", True), ("compliance", "excluded", False)]
+    work.undo()
+    assert shown()[1] == ("compliance", "part of the next run", True)
+
+
 def test_added_effects_leave_all_samples_in_use(work):
     work.add_effects(
         [{"effect": "zero-shift", "where": "joint-2", "after": 3104.3500000000004}], ""
@@ -390,6 +407,11 @@ def test_residuals_of_a_diagnosis_have_places_and_held_out_lengths(run, tmp_path
     assert np.allclose(found.points, calibrated.points, atol=1e-6)
     lengths = np.linalg.norm(found.arrows, axis=0)
     assert np.allclose(lengths, found.lengths["after"])
+    later = Workspace(open_subject(str(folder)), tmp_path / "later" / "session.toml")
+    later.open_run(open_subject(str(run)))
+    assert not residuals.has_side_by_side(
+        later
+    )  # the arrows after a diagnosis are not those before
     made = residuals.histogram_figure(
         Workspace(open_subject(str(folder)), tmp_path / "session.toml")
     )

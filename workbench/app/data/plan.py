@@ -1,5 +1,7 @@
 """What the next calibration fits: stages and effects of the opened run with those that the session changes."""
 
+from collections.abc import Iterable
+
 from workbench.app.data.opened import Opened
 from workbench.app.edits.apply import labels_of
 from workbench.app.edits.changes import ADDED, EFFECTS, STAGES, effect_label
@@ -10,28 +12,27 @@ from workbench.core.text.structured_text import ContentError, read_json
 DIAGNOSE = "diagnose"
 
 
-def stage_items(opened: Opened, session: Session) -> tuple[list[dict], list[dict]]:
-    """Stages and effects of the next calibration: name, why, whether it was retained, and whether it is included.
+def stage_items(
+    opened: Opened, session: Session, earlier: Iterable[Opened] = ()
+) -> tuple[list[dict], list[dict]]:
+    """Stages and effects of the next calibration: name, why, whether it is included, and the `state` of a stage.
 
     They are those of an opened calibration with those that the session adds. A diagnosis builds a model of its own,
     whose effects are not those of the plan of the next calibration: none of them is listed.
+
+    earlier: runs before the opened one; a stage that it left out is listed as long as the app runs.
     """
     out = session.excluded(STAGES)
-    stages = [
-        {
-            "name": row["name"],
-            "why": row["why"],
-            "retained": row["earned"],
-            "on": row["name"] not in out,
-        }
-        for row in (opened.answer or {}).get("stages", [])
-    ]
-    known = {stage["name"] for stage in stages}
+    rows = {row["name"]: row for run in earlier for row in _stages(run)}
+    fitted = {row["name"]: row for row in _stages(opened)}
     added = {ADDED} if session.added_effects else set()
-    stages += [
-        {"name": name, "why": "", "retained": False, "on": name not in out}
-        for name in sorted((out | added) - known)
+    wanted = sorted((out | added) - rows.keys() - fitted.keys())
+    stages = [
+        {"name": name, "why": row.get("why", ""), "state": _state(fitted.get(name), name in out)}
+        for name, row in (rows | fitted | {name: {} for name in wanted}).items()
     ]
+    for stage in stages:
+        stage["on"] = stage["name"] not in out
     left_out = session.excluded(EFFECTS)
     labels = [effect_label(row) for row in _effects(opened)]
     for row in session.added_effects:
@@ -40,6 +41,17 @@ def stage_items(opened: Opened, session: Session) -> tuple[list[dict], list[dict
     labels += [name for name in sorted(left_out) if name not in labels]
     effects = [{"name": label, "on": label not in left_out} for label in labels]
     return stages, effects
+
+
+def _stages(opened: Opened) -> list[dict]:
+    return (opened.answer or {}).get("stages", [])
+
+
+def _state(fitted: dict | None, is_excluded: bool) -> str:
+    """What became of a stage in the opened run; fitted: its row there, None where the run did not fit it."""
+    if fitted is not None:
+        return "retained" if fitted["earned"] else "not retained"
+    return "excluded" if is_excluded else "part of the next run"
 
 
 def plan_sentence(session: Session) -> str:

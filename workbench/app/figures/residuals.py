@@ -292,9 +292,13 @@ def _add_bins(made: go.Figure, counted: Histogram, kind: str, unit: str) -> None
 
 
 def has_side_by_side(work: Workspace) -> bool:
-    """Whether the newest run and the one before both say where their residuals are; a diagnosis does not."""
+    """Whether the newest run and the one before are calibrations that say where their residuals are.
+
+    A calibration after a diagnosis is compared with its baseline, of which no arrows are known.
+    """
     runs = [run.residuals for run in (work.previous, work.opened) if run is not None]
-    return sum(found is not None and found.points is not None for found in runs) == 2
+    found = [one for one in runs if one is not None and FIT in one.vectors]
+    return sum(one.points is not None for one in found) == 2
 
 
 def side_by_side(work: Workspace) -> go.Figure:

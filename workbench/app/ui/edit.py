@@ -153,11 +153,9 @@ class EditTab(Tab):
 
     def refresh(self) -> None:
         work, state = self.work, self.state
-        stages, effects = stage_items(work.opened, work.session)
+        stages, effects = stage_items(work.opened, work.session, work.runs[:-1])
         for one in stages:
-            one["label"] = (
-                f"{one['name']} (retained)" if one["retained"] else f"{one['name']} (not retained)"
-            )
+            one["label"] = f"{one['name']} ({one['state']})"
         for one in effects:
             one["label"] = one["name"]
         state.stages, state.effects = stages, effects
