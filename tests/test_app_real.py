@@ -50,7 +50,7 @@ def test_arrows_clicks_and_brushes_select_samples(page):
     wait_for_text(page, "selection", "0 of")
     samples = count_of(page)
     drawn = trace(page, "arrows", "measured points")["customdata"]
-    assert 1000 < len(drawn) <= min(samples, 2500) and len(set(drawn)) == len(drawn)
+    assert 1000 < len(drawn) <= min(samples, 1500) and len(set(drawn)) == len(drawn)
     click_row(page, 7, samples)
     brush_chart(page)
     wait_for_text(page, "selection", f"{samples:,} of {samples:,} samples selected")

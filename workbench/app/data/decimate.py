@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 MOST_POINTS = 4000
-MOST_ARROWS = 2500
+MOST_ARROWS = 1500
 MOST_BINS = 60
 _FEWEST_BINS = 8
 _LEAST_IN_BIN = 8

@@ -157,6 +157,7 @@ def chart(work: Workspace, name: str, kind: str) -> go.Figure:
     made = style.plane(style.plain(name), f"residual, {label} ({unit})", f"chart-{name}-{kind}")
     # the browser dims by places within a trace; they are of other samples in every new drawing
     made.update_layout(dragmode="select", selectionrevision=next(_DRAWINGS), clickmode="event")
+    made.update_layout(xaxis_type="linear", yaxis_type="linear")  # plotly finds out in 14 ms else
     if name not in work.quantities:
         return made
     x, y, kept = work.quantities[name], work.lengths(kind), work.kept
