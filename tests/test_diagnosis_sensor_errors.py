@@ -203,8 +203,14 @@ def test_with_jitter_in_the_noise_a_search_finds_no_law_for_it():
         shift = 0.1 * rng.normal(size=(60, 40))[group, chain.labels["step"]]
         moved[name] = replace(chain, pixels=chain.pixels + chain.scan * shift)
     bench = sensor.SensorBench(replace(chains, **moved))
-    plain = SimpleNamespace(findings=(), before=bench.problem(()))
-    wider, found = with_jitter(bench, plain, find)
+    searched = []
+
+    def find_once(one):
+        searched.append(one.jitter_px)
+        return find(one)
+
+    wider, found = with_jitter(bench, find_once)
+    assert searched == [wider.jitter_px]
     assert wider.jitter_px == pytest.approx(0.1, rel=0.2)
     assert not found.findings and found.p_first > 0.005
     term = jitter_term(wider, (), found.before)[0]

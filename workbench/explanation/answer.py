@@ -295,8 +295,7 @@ def _searched(bench: Bench, say: _Reporter, jobs: int) -> tuple[Bench, Found, in
     """The bench, with jitter where images have some, what the first search finds on it, and the processes for its
     repetitions: several only where it takes long."""
     start, progress = time.perf_counter(), elapsed(say, LEAST_FOLDS)
-    found = find(bench, progress=progress)
-    bench, found = with_jitter(bench, found, lambda one: find(one, progress=progress))
+    bench, found = with_jitter(bench, lambda one: find(one, progress=progress))
     say.first(words.preliminary(found))
     spent = time.perf_counter() - start
     jobs = jobs if spent > _LONG_S else 1
