@@ -15,7 +15,7 @@ from workbench.diagnosis.scanner.image_jitter import find_image_jitter
 from workbench.diagnosis.scanner.pose_error import independent_errors
 from workbench.diagnosis.scanner.sensor_simulate import simulated
 from workbench.diagnosis.search.select import find
-from workbench.explanation.answer import _is_much_left, _is_placed, _is_remainder_placed
+from workbench.explanation.answer import _is_much_left, _is_placed, _is_remainder_placed, _size
 from workbench.explanation.result import verdict_of
 from workbench.explanation.sensor_errors import (
     ball_centres,
@@ -216,6 +216,15 @@ def test_with_jitter_in_the_noise_a_search_finds_no_law_for_it():
     term = jitter_term(wider, (), found.before)[0]
     assert term.finding.effect == "mirror-jitter"
     assert "at random from image to image" in statement(term, "the image", "px")
+
+
+def test_the_size_of_a_term_in_px_does_not_depend_on_the_jitter_of_the_noise():
+    effect = CATALOGUE["mirror-encoder-harmonic"]("mirror", order=12)
+    true = {"mirror.mirror-encoder-harmonic.cos12": 4e-4}
+    bench = sensor.SensorBench(simulated(sensor_virtual.chains(), (effect,), true, 2))
+    term = SimpleNamespace(finding=SimpleNamespace(effects=(effect,)))
+    sizes = [_size(one, (effect,), term) for one in (bench, bench.with_jitter(0.4))]
+    assert sizes[1] == pytest.approx(sizes[0], rel=1e-6) and sizes[0] > 0.05
 
 
 def test_the_error_of_a_board_pose_counts_once_for_all_points_of_its_stripes():

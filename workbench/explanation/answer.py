@@ -38,6 +38,7 @@ from workbench.explanation.sensor_errors import (
     jitter_term,
     random_focal_error,
     with_jitter,
+    without_jitter,
 )
 from workbench.explanation.turntable import with_turntable
 from workbench.explanation.visible import smallest
@@ -337,7 +338,7 @@ def _of(row, term: Term, bench) -> bool:
 
 def _size(bench, effects, term: Term) -> float | None:
     """RMS displacement of the measured point (mm, px) that the term makes by itself, to first order."""
-    problem = bench.problem(list(effects), hypotheses=False)
+    problem = without_jitter(bench).problem(list(effects), hypotheses=False)
     own = [i for i, e in enumerate(effects) if any(e is mine for mine in term.finding.effects)]
     if not own or not problem.added:
         return None

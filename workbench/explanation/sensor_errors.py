@@ -94,6 +94,11 @@ def with_jitter(bench, find: Callable[..., Found]) -> tuple[object, Found]:
     return other, find(other)
 
 
+def without_jitter(bench):
+    """The bench for displacements in px: points of one stripe are independent; of an arm the same bench."""
+    return bench if bench.chain is not None else bench.with_jitter(0.0)
+
+
 def jitter_term(bench, terms: Sequence[Term], problem: Problem) -> tuple[Term, ...]:
     """The random displacement of whole stripes next to the terms that were kept, as a term; () where there is none."""
     if bench.chain is not None:
