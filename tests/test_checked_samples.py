@@ -22,10 +22,12 @@ from workbench.jobs.robot.poses import choose_poses
 
 # they take samples, but of a recording that was checked, only its joint readings, or to judge the recording
 UNCHECKED = {
+    "app/data/places.py",
     "app/data/prediction.py",
     "explanation/differences.py",
     "explanation/reference.py",
     "explanation/term_steps.py",
+    "fitting/plausibility/far_geometry.py",
     "fitting/verdicts/diagnosis_verdict.py",
     "jobs/robot/poses.py",
     "jobs/robot/significance.py",

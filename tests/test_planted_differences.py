@@ -44,7 +44,7 @@ def test_attribution_over_a_fixed_population():
     assert sum(prediction < 1.1 for prediction in predictions) >= 9, predictions
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_compensation_over_the_first_half_of_the_published_population():
     """Ten scenes of docs/studies/compensation.md, none left out: every target set improves, most as predicted.
 

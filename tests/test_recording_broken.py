@@ -299,8 +299,8 @@ def test_broken_recording_gets_its_sentence(tmp_path, case):
     assert_sentence(write_good(tmp_path / "cell-4", case.measures), case)
 
 
-def test_folder_that_is_not_there_names_what_is_known():
-    with pytest.raises(InputError, match="irb120_faro"):
+def test_folder_that_is_not_there_names_the_command_that_lists_known_ones():
+    with pytest.raises(InputError, match="no-such-recording.*`workbench datasets`"):
         datasets.read("no-such-recording")
 
 

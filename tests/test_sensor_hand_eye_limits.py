@@ -130,7 +130,10 @@ def at_the_flange(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("pivot", "within"), [("flange", (0.85, 1.15)), ("board", (0.75, 1.3))])
+@pytest.mark.parametrize(
+    ("pivot", "within"),
+    [("flange", (0.85, 1.15)), pytest.param("board", (0.75, 1.3), marks=pytest.mark.long)],
+)
 def test_sigmas_hold_for_errors_at_the_flange(pivot, within):
     """RMS of error over sigma, 60 sets; the robot's errors taken where they are, and where they are not."""
     ratio = []

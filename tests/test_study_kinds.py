@@ -102,7 +102,7 @@ def test_poses_are_drawn_whole_and_with_replacement():
     assert made.n == pytest.approx(per_pose.mean() * len(per_pose), rel=0.2)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_stated_sigmas_hold_for_new_noise(tmp_path):
     study = read("uncertainty-noise")[0]
     found = summary(finished(study, tmp_path / "made", 150))

@@ -94,6 +94,38 @@ def _calibrated_geometry(change: Callable[[pandas.DataFrame], pandas.DataFrame],
         return workbench.calibrate(place, plan=plan, folds=folds)
 
 
+def uncertainty() -> None:
+    """Errors of parameters over their stated standard uncertainty, in simulated recordings of known geometry."""
+    pulls = np.concatenate([_pulls(seed) for seed in range(40)])
+    figure, axes = axes_of(7.5, 3)
+    grid = np.linspace(-4, 4, 200)
+    axes.hist(
+        pulls, np.linspace(-4, 4, 33), density=True, color=BLUE, alpha=0.6, label="parameters"
+    )
+    normal = np.exp(-(grid**2) / 2) / np.sqrt(2 * np.pi)
+    axes.plot(grid, normal, color=ORANGE, label="standard normal distribution")
+    axes.set(xlabel="error of the estimate / stated standard uncertainty", ylabel="density")
+    inside = (np.abs(pulls) < 1).mean()
+    axes.set_title(
+        f"40 simulated recordings: {inside:.0%} within one standard uncertainty", size=10.5
+    )
+    axes.legend(frameon=False)
+    save(figure, "uncertainty")
+
+
+def _pulls(seed: int) -> np.ndarray:
+    """(k,) of the geometry parameters that a simulated recording of a nominal arm determines."""
+    reflectors = [[30.0, -40.0, 100.0], [-50.0, 20.0, 80.0], [10.0, 60.0, 130.0]]
+    scene = {"robot": "abb_irb120", "measures": "external-point", "samples": 60, "seed": seed}
+    recording = _simulated({**scene, "sigma_mm": 0.05, "reflectors": reflectors})
+    with TemporaryDirectory() as folder:
+        plan = Path(folder) / "plan.toml"
+        plan.write_text(GEOMETRY, encoding="utf-8")
+        table = workbench.calibrate(recording, plan=plan, folds=2).parameters.to_frame()
+    known = table[(table["status"] == "estimated") & table["where"].str.startswith("joint")]
+    return (known["deviation"] / known["std"]).to_numpy(float)
+
+
 def excluded() -> None:
     """Errors of the samples when three measured positions are wrong, and the samples that the fit names."""
     made = _calibrated_geometry(_with_wrong_positions, folds=10)
@@ -251,6 +283,7 @@ def diagnosis() -> None:
 CHARTS: dict[str, Callable[[], None]] = {
     "plan-stages": plan_stages,
     "held-out-error": held_out,
+    "uncertainty": uncertainty,
     "excluded-samples": excluded,
     "corrections": corrections,
     "effect-of-a-load": effect_of_a_load,

@@ -210,14 +210,14 @@ def _parameters(console, parameters: Sequence[Mapping], most: int = 15) -> None:
     estimated = [row for row in parameters if row["identifiable"] and row["deviation"] is not None]
     ranked = sorted(estimated, key=_significance, reverse=True)[:most]
     large = [row for row in _largest_lengths(parameters) if row not in ranked]
-    title = f"Deviations from nominal, the {len(ranked)} most significant of {len(estimated)}"
-    if large:
-        title += " and the largest in mm"
+    significant = f"the {len(ranked)} most significant of {len(estimated)}" if ranked else ""
+    chosen = [significant, "the largest in mm" if large else ""]
+    title = f"Deviations from nominal, {' and '.join(filter(None, chosen))}"
     head = ["where", "name", "unit", "value", "deviation", "std"]
     if ranked or large:
         grid(console, title, head, [_parameter(row) for row in (*ranked, *large)], left=3)
     for row in large:
-        if row["tied_to"]:
+        if row.get("tied_to"):
             others = ", ".join(row["tied_to"])
             line = f"{row['where']}.{row['name']} is not identifiable alone: its value holds with {others} at nominal."
             console.print(line, markup=False)
@@ -230,7 +230,7 @@ def _largest_lengths(parameters: Sequence[Mapping], most: int = 3) -> list[Mappi
     lengths = [
         row
         for row in parameters
-        if row["unit"] == "mm" and row["where"].startswith("joint-") and row["free"]
+        if row["unit"] == "mm" and row["where"].startswith("joint-") and row.get("free", True)
     ]
     moved = [row for row in lengths if row["deviation"]]
     return sorted(moved, key=lambda row: abs(row["deviation"]), reverse=True)[:most]
