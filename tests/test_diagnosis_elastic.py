@@ -1,14 +1,17 @@
 """Names of elastic terms: sets of joints, links, bearings and pedestal compared, with masses that are nearly known."""
 
+import numpy as np
 import pytest
 
 import datasets
 from datasets.makers import elastic_arms
 from robot_model.effects import CATALOGUE
+from test_diagnosis_engine import recorded
 from test_real_arm_effects import without_masses
 from workbench.diagnosis.robot import bench
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.robot.library import variants
+from workbench.diagnosis.search.posterior import Window
 from workbench.diagnosis.search.select import find
 
 
@@ -41,6 +44,31 @@ def test_without_masses_the_same_arm_has_its_slip_and_its_compliances_named(elas
     assert {("zero-shift", "joint-2"), ("gravity-compliance", "joint-2")} <= sure
     for one in found.findings:
         assert one.probability >= max((a.probability for a in one.alternatives), default=0) - 0.2
+
+
+class Odd(CATALOGUE["joint-coupling"]):
+    """A law that the library does not have."""
+
+    def basis(self, state):
+        return np.sin(2 * state.variables[3] * state.variables[5])[None, None]
+
+
+def test_an_exchange_of_elastic_terms_keeps_accepted_functions_without_a_law(monkeypatch):
+    """Their effects are fitted functions, which a row of a table does not have."""
+    exchanged = []
+
+    def another(window, count):
+        others = [members for members in window.sets if set(members) != set(range(count))]
+        if exchanged or not others:
+            return None
+        exchanged.append(max(others, key=window.objective.value))
+        return exchanged[0]
+
+    monkeypatch.setattr(Window, "likelier_than", another)
+    effects = [*law("joint-compliance", "joint-2", "joint-3"), Odd("joint-5", joint=4)]
+    found = find(bench_of(recorded(7, effects, [4e-6, 6e-6, 1.5e-3])))
+    assert exchanged and any(one.effect == "unknown" for one in found.findings)
+    assert all(one.effects for one in found.findings)
 
 
 def test_a_link_without_a_length_does_not_bend(elastic_arm):

@@ -50,8 +50,14 @@ def test_the_verdict_of_a_calibration_gets_it(ur10e):
     assert "d4 = " in found.far_geometry and "'ur10e'" in found.far_geometry
 
 
-def test_a_wrong_length_of_a_robot_file_names_no_other_robot(ur10e):
-    """A length 12 mm off in a file of one's own, which no robot of the library explains but the right one."""
+def test_poses_of_another_robot_name_it_too(ur10e):
+    poses = replace(ur10e, measures="external-pose")
+    assert find_far_geometry(load_robot("ur10"), poses).other == "ur10e"
+    assert find_far_geometry(load_robot("ur10e"), poses) is None
+
+
+def test_a_wrong_length_of_a_robot_file_is_stated_with_the_robot_of_the_library(ur10e):
+    """A length 15 mm off in a file of one's own, which no robot of the library explains but the right one."""
     robot = load_robot("ur10e")
     geometry = robot.geometry.copy()
     geometry[2, 2] += 15.0

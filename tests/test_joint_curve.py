@@ -65,7 +65,8 @@ def test_an_end_before_the_start_is_a_sentence():
         (np.linspace(0, 3, 500), 2000, 63),
         (np.linspace(0, 3, 500), 250, 31),  # too few measured numbers
         (np.repeat([0.0, 1.0, 2.0, 3.0], 50), 2000, 3),  # four angles only
-        (np.append(np.linspace(0, 1, 500), [8.0, 9.0]), 2000, 63),  # two poses far from the others
+        (np.append(np.linspace(0, 1, 500), [2.0, 3.0]), 2000, 63),  # two poses far from the others
+        (np.repeat([0.0, 0.02, 1.48, 1.5], 300) + np.tile(np.linspace(0, 0.02, 300), 4), 10**5, 0),
         (np.linspace(0, 3, 64), 2000, 31),  # two poses in each half wave of 31 terms
         (np.linspace(0, 3, 500), 8, 0),
     ],

@@ -112,3 +112,21 @@ def test_restricted_likelihood_finds_variances_and_knows_noise():
     assert found[0.0].p_value > 0.01 > 1e-6 > found[2.0].p_value
     assert found[2.0].noise == pytest.approx(1.0, rel=0.2)
     assert np.sqrt(found[2.0].effects[0]) == pytest.approx(2.0, rel=0.4)
+
+
+def test_lines_of_a_board_of_circles_are_those_of_the_board():
+    """Centres of ellipses are displaced by another amount in each image: the board's own points say what is a line."""
+    random = np.random.default_rng(3)
+    seen, flange = images(3, count=16, noise=NOISE_PX, points=displaced_lines(random))
+    sigma, found = np.full(35, NOISE_PX), []
+    for radius in (
+        0.0,
+        0.5,
+    ):  # small circles: the displacement is far below the noise, but not the same twice
+        views = [
+            View(f"{k}.png", str(k), one.index, one.pixels, CAMERA.size, sigma, radius_mm=radius)
+            for k, one in enumerate(seen)
+        ]
+        found.append(hand_eye_from_views(views, BOARD, CAMERA, flange, "in-hand"))
+    for one in found:
+        assert one.misfit.significant and "lines of the board" in one.misfit.errors.names

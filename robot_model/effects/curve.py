@@ -16,6 +16,7 @@ MOST_TERMS = 63
 _LEAST_TERMS = 3
 _TERMS = (3, 7, 15, 31, 63)
 _RESOLVED = 0.6  # share of the poses that must lie in adjacent visited half waves
+_OCCUPIED = 0.25  # share of all half waves that must be visited: a spectrum of what the prior bridges is the prior's
 _VISITS = 2  # poses within a half wave that count as a visit
 _NUMBERS_PER_TERM = 4  # measured numbers per coefficient of all curves together
 _SAME_POSE = 4  # decimals of rad or mm
@@ -171,7 +172,8 @@ def resolved_terms(angle: np.ndarray, numbers: int) -> int:
         is_visited = np.pad(visits >= _VISITS, 1)
         has_neighbour = is_visited[:-2] | is_visited[2:]
         resolved = visits[is_visited[1:-1] & has_neighbour].sum() / visits.sum()
-        if resolved >= _RESOLVED and terms * _NUMBERS_PER_TERM <= numbers:
+        is_visited_enough = resolved >= _RESOLVED and is_visited[1:-1].mean() >= _OCCUPIED
+        if is_visited_enough and terms * _NUMBERS_PER_TERM <= numbers:
             return terms
         terms //= 2
     return 0

@@ -81,6 +81,7 @@ class _Likelihood:
         noise = self.rest / self.degrees if self.degrees > 0 and self.rest > 0 else white
         excess = max(float(self.score @ self.score) - len(self.score) * noise, 0.1 * noise)
         sizes = np.array([(one**2).sum() for one in self.factors])
+        sizes[sizes == 0] = 1.0  # a component without effects may have any variance
         return np.log(np.r_[noise, excess / len(self.factors) / sizes])
 
     @property

@@ -58,9 +58,14 @@ class SharedErrors:
         return self.p_value < UNLIKELY and bool(self.variances.any())
 
     @property
+    def largest(self) -> float:
+        """RMS displacement by the largest component, in standard deviations of the rows."""
+        return max(size for *_, size in self.effects)
+
+    @property
     def names(self) -> str:
         """The largest components with their standard deviations."""
-        most = max(size for *_, size in self.effects)
+        most = self.largest
         large = {}
         for name, sigma, unit, size in self.effects:
             if size > _LARGE * most:

@@ -78,6 +78,8 @@ class BoardChain:
     Shared: sensor, board, by how much the board is larger than it is said to be, and the camera.
     `modes` (9 or 12, M): changes of the camera's values per unit of each free camera parameter,
     which has a prior of 1: a square root of the covariance with which the camera is known.
+    `printed` (3, n) mm: the points as they are on the board, to which `board` adds what moves the centre of an
+    ellipse in its image; None where that is nothing.
     """
 
     kind: str
@@ -90,6 +92,7 @@ class BoardChain:
     modes: np.ndarray
     pivot: np.ndarray
     noise: float = 1.0
+    printed: np.ndarray | None = None
 
     state = None
     relative = 1.0
@@ -135,6 +138,7 @@ class BoardChain:
             board=self.board[:, samples],
             pixels=self.pixels[:, samples],
             pose=self.pose[samples],
+            printed=None if self.printed is None else self.printed[:, samples],
         )
 
     def camera_at(self, values: np.ndarray) -> Camera:

@@ -209,6 +209,7 @@ def _chain(views, points, camera, flange, kind, covariance):
     points = np.concatenate([points[:, view.index] for view in views], 1)
     pixels = np.concatenate([view.pixels for view in views], 1).astype(float)
     aside, lens = _shifts(views, points, pixels, pose, camera)
+    printed = points
     points, pixels = points + aside, pixels - lens
     modes = np.zeros((len(camera.values), 0)) if covariance is None else _root(covariance)
     return BoardChain(
@@ -221,6 +222,7 @@ def _chain(views, points, camera, flange, kind, covariance):
         np.zeros((len(flange), 6)),
         modes,
         np.zeros((len(flange), 3)),
+        printed=printed,
     )
 
 

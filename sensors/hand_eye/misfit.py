@@ -13,6 +13,9 @@ from sensors.camera.shared_errors import CornerRows, SharedErrors, shared_errors
 from workbench.core.least_squares.linear_algebra import pseudo_inverse
 from workbench.core.rigid import rotation_matrix
 
+_LEAST_PX = 1e-3
+"""RMS displacement of corners by a shared error, below which it is rounding, px."""
+
 
 @dataclass(frozen=True)
 class Misfit:
@@ -23,7 +26,7 @@ class Misfit:
 
     @property
     def significant(self) -> bool:
-        return self.errors.significant
+        return self.errors.significant and self.errors.largest > _LEAST_PX
 
     @property
     def sentence(self) -> str:
@@ -71,8 +74,9 @@ def _rows(adjusted, size) -> CornerRows:
     made = chain.with_families({"pose": adjusted.errors}).evaluate(values)
     turn = rotation_matrix(values[9:12]) * (1 + values[12])
     by_board = np.einsum("kcn,kj->jcn", made.shared[6:9], turn)
-    effects = shared_effects(chain.board, by_board, chain.pixels, size)
-    point = np.unique(np.round(chain.board[:2], 6), axis=1, return_inverse=True)[1].ravel()
+    board = chain.board if chain.printed is None else chain.printed
+    effects = shared_effects(board, by_board, chain.pixels, size)
+    point = np.unique(np.round(board[:2], 6), axis=1, return_inverse=True)[1].ravel()
     free = adjusted.parameters.mask
     return CornerRows(made.shared[free], made.pose, made.residual, chain.pose, point, effects)
 

@@ -16,7 +16,7 @@ from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.least_squares.solver import Fit
 from workbench.core.model import NOISE, Model
 from workbench.core.parameters import Parameters
-from workbench.fitting.linear_posterior import LinearFit, Posterior
+from workbench.fitting.linear_posterior import LinearFit, Posterior, without_free
 
 _WIDEST = 100.0
 """Typical sizes that a prior is widened to at most: nothing that is named an effect is larger."""
@@ -52,8 +52,9 @@ def widened(model: Model, fit: Fit) -> Parameters:
     if len(effects) > 1:  # where none by itself explains enough, all of them together may
         groups.append(np.concatenate(effects))
     wider = linear.precision
+    every = np.concatenate(_rows_of_effects(model, linear))
     for rows in groups:
-        wider = _widest_worthwhile(linear, wider, rows)
+        wider = _widest_worthwhile(linear, wider, rows, np.sort(every))
     if wider is linear.precision:
         return parameters
     table = list(parameters.table)
@@ -104,8 +105,11 @@ def _is_conflict(values, covariance, prior, rows) -> bool:
     return bool(chi2.sf(square, len(rows)) < _SUSPICIOUS)
 
 
-def _widest_worthwhile(linear: LinearFit, precision: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Precisions with those of `rows` lowered where that raises the evidence by enough; else the same object."""
+def _widest_worthwhile(linear: LinearFit, precision, rows, effects) -> np.ndarray:
+    """Precisions with those of `rows` lowered where that raises the evidence by enough; else the same object.
+
+    effects (E,): numbers of the parameters of all linear effects.
+    """
     weak = _weakened(precision, rows)
     starts = (linear.noise, Posterior(linear, weak).next_noise(linear.noise))
     present = Posterior(linear, precision)
@@ -116,19 +120,23 @@ def _widest_worthwhile(linear: LinearFit, precision: np.ndarray, rows: np.ndarra
         trial[rows] = np.maximum(trial[rows] / factor**2, weak[rows])
         posterior = Posterior(linear, trial)
         value = posterior.evidence(starts)
-        if value > best and not _cancels(linear, present, posterior):
+        if value > best and not _cancels(linear, effects, present, posterior):
             best, chosen = value, trial
     return chosen
 
 
-def _cancels(linear: LinearFit, before: Posterior, after: Posterior) -> bool:
-    """Whether parameters change by much that hardly shows in the predictions, since they cancel at the samples.
+def _cancels(linear: LinearFit, effects: np.ndarray, before: Posterior, after: Posterior) -> bool:
+    """Whether effects change by much that hardly shows in the predictions, since they cancel at the samples.
 
     That is no large effect but a fine structure that the effects cannot follow except by differences of large terms,
-    which run away where no sample holds them.
+    which run away where no sample holds them. effects (E,): numbers of their parameters; the other parameters, such as
+    the geometry, are eliminated: an effect that takes its own share back from them is no such difference.
     """
     noise = after.next_noise(linear.noise)
-    change = after.values(noise) - before.values(noise)
-    together = change @ linear.normal @ change
-    one_by_one = change**2 @ np.diag(linear.normal)
+    change = (after.values(noise) - before.values(noise))[effects]
+    of_effects = np.zeros(len(linear.normal), bool)
+    of_effects[effects] = True
+    normal, _ = without_free(linear.normal, of_effects)
+    together = change @ normal @ change
+    one_by_one = change**2 @ np.diag(normal)
     return bool(one_by_one > _CANCELLING * together)

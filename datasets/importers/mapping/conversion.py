@@ -13,6 +13,7 @@ from datasets.importers.mapping.joining import seconds_of
 from datasets.importers.mapping.model import Group, Mapping
 from datasets.importers.mapping.rotations import quaternion_columns
 from datasets.importers.mapping.spherical import is_spherical, points_of
+from datasets.importers.mapping.time_stamps import times_of_column
 from datasets.importers.source import RawTable
 from datasets.importers.units import ANGLES, COVARIATE_UNITS, LENGTHS
 
@@ -120,11 +121,26 @@ def other_columns(table: RawTable, mapping: Mapping) -> dict[str, np.ndarray]:
     columns = {}
     for name, target in mapping.columns.items():
         check_column(table, name, "columns")
-        columns[target] = _in_units_of_recording(table, name, target)
+        is_stamp = target == "time_s" and table.columns[name].dtype.kind != "f"
+        convert = _seconds_of_stamps if is_stamp else _in_units_of_recording
+        columns[target] = convert(table, name, target)
     seconds = seconds_of(table)
     if seconds is not None and "time_s" not in columns and np.isfinite(seconds).all():
         columns["time_s"] = seconds - seconds.min()
     return columns
+
+
+def _seconds_of_stamps(table: RawTable, name: str, target: str) -> np.ndarray:
+    """Seconds since the first moment of a column of time stamps. Raises InputError where one cannot be read."""
+    seconds, _ = times_of_column(table, name)
+    if seconds is None:
+        raise complaint(
+            f"{table.file}, column {name}",
+            f"seconds or time stamps such as 2026-09-14 08:12:05 for {target}",
+            f"'{table.columns[name][0]}' in the first row",
+            "write the times in one of these forms, or leave the column out of [columns]",
+        )
+    return seconds - seconds.min()
 
 
 def _in_units_of_recording(table: RawTable, name: str, target: str) -> np.ndarray:

@@ -6,7 +6,6 @@ at its times, because a log samples a continuous motion (`interpolation`).
 
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import datetime
 
 import numpy as np
 
@@ -14,23 +13,11 @@ from datasets.errors import complaint
 from datasets.importers.mapping.interpolation import interpolated
 from datasets.importers.mapping.model import Join
 from datasets.importers.mapping.sets import headers_of
+from datasets.importers.mapping.time_stamps import times_of
 from datasets.importers.source import RawTable
-from datasets.importers.units import TIMES
 
 _KEYS = ("sample", "name", "pose")
 _OVERLAP = 0.9
-_FORMATS = (
-    "%d.%m.%Y %H:%M:%S.%f",
-    "%d.%m.%Y %H:%M:%S",
-    "%m/%d/%Y %H:%M:%S",
-    "%m/%d/%Y %I:%M:%S %p",
-    "%Y/%m/%d %H:%M:%S.%f",
-    "%Y/%m/%d %H:%M:%S",
-    "%H:%M:%S.%f",
-    "%H:%M:%S",
-    "%Y%m%d%H%M%S",
-)
-_EPOCH_UNITS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
 _GAP = 5.0
 _LEAST_GAP_S = 0.5
 _STEP_OF_RANGE = (
@@ -299,69 +286,10 @@ def _interpolated(
 
 def seconds_of(table: RawTable) -> np.ndarray | None:
     """(n,) times of the rows in s; None where the table has no times, or some that cannot be read."""
-    return _times(table)[0]
+    return times_of(table)[0]
 
 
 def time_columns(table: RawTable) -> tuple[str, ...]:
     """Names of the columns that `seconds_of` reads; () where it finds no times."""
-    seconds, names = _times(table)
+    seconds, names = times_of(table)
     return () if seconds is None else names
-
-
-def _times(table: RawTable) -> tuple[np.ndarray | None, tuple[str, ...]]:
-    """Times in s, or None, and the columns that they are read from."""
-    headers = headers_of(table)
-    names = [name for name, header in headers.items() if header.kind == "time"]
-    dates = [name for name, header in headers.items() if header.kind == "date"]
-    for name in names:
-        cells = table.columns[name]
-        if cells.dtype.kind == "f" and np.isfinite(cells).all():
-            if _is_calendar(cells):
-                return _parsed([f"{cell:.0f}" for cell in cells]), (name,)
-            return cells * _time_factor(headers[name].unit, cells), (name,)
-    if dates and names:
-        joined = [f"{d} {t}" for d, t in zip(table.columns[dates[0]], table.columns[names[0]])]
-        return _parsed(joined), (dates[0], names[0])
-    for name in (*names, *dates):
-        if table.columns[name].dtype.kind != "f":
-            return _parsed([str(cell) for cell in table.columns[name]]), (name,)
-    return None, ()
-
-
-def _is_calendar(cells: np.ndarray) -> bool:
-    """Whether numbers are year, month, day, hour, minute and second in a row (20200714163904)."""
-    low, high = cells.min(), cells.max()
-    is_range = 19000101000000 <= low and high < 21000101000000
-    return bool(
-        is_range and ((cells // 10**8) % 100 <= 12).all() and (cells == np.round(cells)).all()
-    )
-
-
-def _time_factor(unit: str | None, cells: np.ndarray) -> float:
-    if unit in TIMES:
-        return TIMES[unit]
-    for least, factor in _EPOCH_UNITS:
-        if np.abs(cells).min() > least:
-            return factor
-    return 1.0
-
-
-def _parsed(texts: Sequence[str]) -> np.ndarray | None:
-    try:
-        return np.array([_seconds(text.strip().replace(",", ".")) for text in texts])
-    except ValueError:
-        return None
-
-
-def _seconds(text: str) -> float:
-    """Seconds of a time stamp in ISO 8601, German or English writing. Raises ValueError for others."""
-    try:
-        return datetime.fromisoformat(text).replace(tzinfo=None).timestamp()
-    except ValueError:
-        pass
-    for form in _FORMATS:
-        try:
-            return datetime.strptime(text, form).timestamp()
-        except ValueError:
-            continue
-    raise ValueError(text)

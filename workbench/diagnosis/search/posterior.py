@@ -150,7 +150,9 @@ def exchange_elastic(search) -> None:
         members = None if window is None else window.likelier_than(len(search.accepted))
         if members is None:
             return
-        chosen = [window.objective.terms[i] for i in members]
+        # an accepted function without a law is solved with its effect, which its row in a table does not have
+        terms = (*search.accepted, *window.objective.terms[len(search.accepted) :])
+        chosen = [terms[i] for i in members]
         names = {(*h.key, h.label) for h in chosen}
         if names in tried:
             return

@@ -93,7 +93,9 @@ def _other_robot(robot: Robot, recording, recorded: Fit) -> str | None:
     """Name of the most probable robot of the library that fits as well with plausible errors; None without one."""
     chosen = recording.select(even_rows(recording, _ROWS))
     screened = sorted((nominal_scale(known, chosen), name) for name, known in _alike(robot))
-    fits = []
+    # a geometry that no tolerance explains needs no further evidence against it
+    is_far = np.abs(recorded.deviations).max(initial=0.0) > FAR
+    needed, fits = 0.0 if is_far else _EVIDENCE, []
     for _, name in screened[:_TESTED]:
         try:
             fit = fit_recording(load_robot({"builtin": name}), chosen)
@@ -101,7 +103,7 @@ def _other_robot(robot: Robot, recording, recorded: Fit) -> str | None:
             continue
         worst = np.abs(fit.deviations).max(initial=0.0)
         gain = recorded.improbability - fit.improbability
-        if fit.scale < _AS_GOOD * recorded.scale and worst < _PLAUSIBLE and gain > _EVIDENCE:
+        if fit.scale < _AS_GOOD * recorded.scale and worst < _PLAUSIBLE and gain > needed:
             fits.append((fit.improbability, name))
     return min(fits)[1] if fits else None
 

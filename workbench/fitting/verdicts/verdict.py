@@ -220,7 +220,10 @@ def _against_noise(
         return ""
     if noise is None or ratio is None:
         size = f"{residual.value:.3g} {residual.unit}"
-        return f"no noise is stated and there are no repeats to estimate it from: {size} cannot be compared with it"
+        return (
+            "no noise is stated and too few measurements are repeated to estimate it from: "
+            f"{size} cannot be compared with it"
+        )
     stated = f"the noise of {noise.value:.3g} {residual.unit} ({noise.source})"
     far = residual.is_significant
     if far is None:

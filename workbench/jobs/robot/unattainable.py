@@ -20,8 +20,8 @@ _BEYOND_MM, _BEYOND_DEG = 10.0, 1.0  # farther away than any error of a calibrat
 class Unattainable:
     """One target (index `row`) that the calibrated arm cannot take.
 
-    `distance_mm`, `rotation_deg`: what remains at the nearest attainable pose. `joint`: number of the joint that can
-    hardly move the flange at the programmed readings, because they are nearly singular; None elsewhere.
+    `distance_mm`, `rotation_deg`: what remains at the nearest attainable pose. `joint`: number of the joint with the
+    largest part in the motion that hardly moves the flange there; None where all joints move it.
     """
 
     row: int
@@ -45,7 +45,7 @@ class Unattainable:
         if self.joint is None:
             return f"{found} Move the target into the workspace of the calibrated arm, or choose another posture."
         return (
-            f"{found} The programmed posture is nearly singular (for example a stretched arm or aligned wrist axes): "
+            f"{found} There the posture is nearly singular (for example a stretched arm or aligned wrist axes): "
             f"joint {self.joint} hardly moves the flange in the missing direction. Change the target so that "
             f"joint {self.joint} is some degrees away from this posture, for example closer to the base."
         )
@@ -77,21 +77,28 @@ def _explained(arm, row: int, start: np.ndarray, wanted: np.ndarray, covariates)
         turn = Rotation.from_matrix(wanted[:3, :3].T @ pose[:3, :3]).as_rotvec()
         return np.concatenate([pose[:3, 3] - wanted[:3, 3], LEVER_MM * turn])
 
-    nearest = least_squares(residual, start, diff_step=_STEP_RAD, x_scale="jac", max_nfev=60)
+    def derivative(reading):
+        """(6, R) per rad, and per LEVER_MM of a slide."""
+        steps = _STEP_RAD * np.diag(scale)
+        columns = [residual(reading + step) - residual(reading - step) for step in steps]
+        return np.array(columns).T / (2 * _STEP_RAD)
+
+    scale = np.where(arm.robot.prismatic, LEVER_MM, 1.0)[: len(start)]
+    nearest = least_squares(
+        lambda move: residual(start + scale * move),
+        np.zeros(len(start)),
+        jac=lambda move: derivative(start + scale * move),
+        max_nfev=60,
+    )
     left = nearest.fun
     degrees = float(np.rad2deg(np.linalg.norm(left[3:]) / LEVER_MM))
-    return Unattainable(
-        row, float(np.linalg.norm(left[:3])), degrees, _singular_joint(residual, start)
-    )
+    joint = _singular_joint(derivative(start + scale * nearest.x))
+    return Unattainable(row, float(np.linalg.norm(left[:3])), degrees, joint)
 
 
-def _singular_joint(residual, reading: np.ndarray) -> int | None:
+def _singular_joint(derivative: np.ndarray) -> int | None:
     """Number of the joint that takes most part in the weakest motion of the flange; None away from singularities."""
-    steps = _STEP_RAD * np.eye(len(reading))
-    columns = [
-        (residual(reading + step) - residual(reading - step)) / (2 * _STEP_RAD) for step in steps
-    ]
-    _, sizes, directions = np.linalg.svd(np.array(columns).T)
+    _, sizes, directions = np.linalg.svd(derivative, full_matrices=False)
     if sizes[-1] > _SINGULAR * sizes[0]:
         return None
     return int(np.argmax(np.abs(directions[-1]))) + 1

@@ -167,9 +167,18 @@ def _robot_that_fits(table: RawTable, mapping: Mapping, options) -> str:
         return robot, Builder(table, {"builtin": name}, robot, options).positions
 
     count = len(mapping.joints.columns)
-    names = [name for name in builtin_robots() if load_robot(name).mixing.shape[1] == count]
+    known = {name: load_robot(name) for name in builtin_robots()}
+    names = [name for name, robot in known.items() if robot.mixing.shape[1] == count]
     if not names:
         robot_keys(None, table.file)
+    wrong = [_wrong_unit(known[name], mapping) for name in names]
+    if all(wrong):
+        column, word = wrong[0]
+        raise InputError(
+            f"{table.file}, column {column}: expected an angle, as the built-in robots of {count} joints have rotating "
+            f"joints, found the unit {word}; correct the header, or name the file of the robot with --robot."
+        )
+    names = [name for name, mistake in zip(names, wrong) if not mistake]
     return decisions.decide_robot(mapping, build_with, names, table.file, options.ask)
 
 
@@ -209,13 +218,22 @@ def _without_measurement(table: RawTable, mapping: Mapping) -> InputError:
 
 def _check_units(robot, mapping: Mapping, table: RawTable) -> None:
     """Raise InputError where a rotating joint has a length as its unit, and others have none."""
+    found = _wrong_unit(robot, mapping)
+    if found is not None:
+        name, word = found
+        raise InputError(
+            f"{table.file}, column {name}: expected an angle of a rotating joint of '{robot.name}', found the "
+            f"unit {word}; correct the header, or state the units under [joints] in a mapping file for --map."
+        )
+
+
+def _wrong_unit(robot, mapping: Mapping) -> tuple[str, str] | None:
+    """Column of a rotating joint and the length that is its unit; None where there is none."""
     unit = mapping.joints.unit
     if not isinstance(unit, tuple):
-        return
+        return None
     slides = robot.mixing.any(0) & (robot.prismatic @ abs(robot.mixing) > 0)
     for name, word, is_sliding in zip(mapping.joints.columns, unit, slides):
         if word in LENGTHS and not is_sliding:
-            raise InputError(
-                f"{table.file}, column {name}: expected an angle of a rotating joint of '{robot.name}', found the "
-                f"unit {word}; correct the header, or state the units under [joints] in a mapping file for --map."
-            )
+            return name, word
+    return None
