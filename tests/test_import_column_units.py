@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.model import read_mapping
 from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, write_rows
 from workbench.core.errors import InputError
@@ -124,3 +125,9 @@ def test_a_table_without_a_named_robot_names_robot_and_column(tmp_path, truth):
     path = table(tmp_path / "log.csv", truth, with_one_in_degrees(truth, 5), _achse())
     with pytest.raises(InputError, match="only ur10 with columns in different units.*'Achse 5'"):
         import_recording([path], tmp_path / "out", ImportOptions())
+
+
+@pytest.mark.parametrize("unit", ["°C", "K", "s", "kg", "A", "V"])
+def test_another_quantity_of_a_joint_is_no_reading(unit):
+    assert read_header(f"J1 [{unit}]").kind != "joint"
+    assert read_header("J1 [°]").kind == read_header("J1 [mm]").kind == "joint"

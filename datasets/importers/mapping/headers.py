@@ -9,7 +9,7 @@ import unicodedata
 from dataclasses import dataclass, replace
 
 from datasets.importers.mapping.words import LINKING, in_english, without_east_asian
-from datasets.importers.units import is_unit, unit_named
+from datasets.importers.units import ANGLES, LENGTHS, is_unit, unit_named
 
 FLANGE_WORDS = frozenset(
     "flange flansch robot roboter tcp tool tool0 ee eef effector hand gripper werkzeug arm kuka abb fanuc "
@@ -242,10 +242,10 @@ def _split_unit(text: str) -> tuple[str, str | None]:
 
 
 def _has_foreign_unit(name: str, unit: str | None) -> bool:
-    """Whether brackets or a row of units state a unit that no joint reading has, as of a current or a torque."""
+    """Whether brackets or a row of units state a unit that no joint reading has, as of a current or a temperature."""
     bracket = _BRACKETS.match(name)
     texts = [unit or "", bracket[2] if bracket else ""]
-    return any(is_unit(text) and unit_named(text) is None for text in texts)
+    return any(is_unit(text) and unit_named(text) not in (*ANGLES, *LENGTHS) for text in texts)
 
 
 def _is_remark(text: str) -> bool:
