@@ -5,6 +5,8 @@ said of the data themselves (outliers, a place that moves at random) is checked 
 level alone guards it.
 """
 
+import math
+
 MISSING = 0.005
 """Chance that a recording with nothing missing is said to miss something; held-out samples guard it, too."""
 ON_DATA = 1e-3
@@ -17,6 +19,8 @@ ALIKE = 0.9
 """Share of a finding's signature from which on another effect that makes it is an alternative to it."""
 NOTABLE = 0.005
 """Probability from which on an alternative is worth mentioning: half a percent is what rounding to percents hides."""
+WORTHWHILE = math.log(3.0)
+"""Log odds, 3 to 1, from which on another set or name is worth a solution: Jeffreys calls less a bare mention."""
 REAL = 2.0
 """t of paired gains above which a held-out gain counts as significant: one in fifty by chance, for each term."""
 OUTLIER = 0.05

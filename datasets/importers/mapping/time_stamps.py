@@ -35,7 +35,7 @@ def times_of(table: RawTable) -> tuple[np.ndarray | None, tuple[str, ...]]:
         seconds, used = times_of_column(table, name)
         if seconds is not None:
             return seconds, used
-    for name in (*names, *dates):
+    for name in dates:
         if table.columns[name].dtype.kind != "f":
             return seconds_of_stamps([str(cell) for cell in table.columns[name]]), (name,)
     return None, ()

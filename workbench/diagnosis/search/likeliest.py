@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from workbench.core.model import STATE_PORTS
+from workbench.diagnosis.levels import WORTHWHILE
 from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Candidate
@@ -20,8 +21,6 @@ _FIRST, _CONDITIONAL, _UNNAMED = 48, 24, 6
 """Terms taken into the search: the likeliest alone, the likeliest in addition, and functions of each table."""
 _INSTEAD, _WIDE = 4, 6
 """Terms in the place of each accepted one, where no more than so many are accepted: more are exchanged in pairs."""
-_WORTHWHILE = float(np.log(3.0))
-"""Log odds from which on another set is worth a solution: Jeffreys calls less not worth more than a bare mention."""
 _VARIANTS = 4
 """Variants of one effect at one place among these."""
 
@@ -45,9 +44,14 @@ def accept_likeliest(search: Search, thorough: bool = True) -> None:
             break
         tried.append(names)
         search.accepted = tuple(_with_effect(search.bench, h) for h in chosen)
-        search.say("; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in chosen))
+        say_terms(search, chosen)
         search.solve_possible()
-    _order(search)
+    order_by_gain(search)
+
+
+def say_terms(search: Search, terms: Sequence[Hypothesis]) -> None:
+    """A line with what is accepted now."""
+    search.say("; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in terms))
 
 
 def as_solved(search: Search, terms: Sequence[Hypothesis]) -> Accepted:
@@ -69,7 +73,7 @@ def _hardly_likelier(objective: LogPosterior, members: Members, present: Members
     """Whether a set is likelier than the accepted one, but by less than is worth another solution."""
     if not present:
         return False
-    return 0 <= objective.value(members) - objective.value(present) < _WORTHWHILE
+    return 0 <= objective.value(members) - objective.value(present) < WORTHWHILE
 
 
 def _at_hand(search: Search, thorough: bool) -> tuple[list[Hypothesis], tuple[int, ...]]:
@@ -122,7 +126,7 @@ def _with_effect(bench, h: Hypothesis) -> Hypothesis:
     return replace(h, effects=(bench.smooth(*h.source),)) if h.unnamed and not h.effects else h
 
 
-def _order(search: Search) -> None:
+def order_by_gain(search: Search) -> None:
     """What explains most first, then what explains most conditional on it, and so on."""
     left, kept = list(search.everyone), []
     if len(left) < 2:
@@ -144,4 +148,4 @@ def _able(search: Search, left: list[int]) -> list[int]:
     return [i for i in left if not accepted[i].needs_compliance]
 
 
-__all__ = ["accept_likeliest"]
+__all__ = ["accept_likeliest", "as_solved", "order_by_gain", "say_terms"]

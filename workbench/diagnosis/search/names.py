@@ -1,14 +1,11 @@
 """Names by marginal posterior: an accepted law against other effects at its place, summed over their variants."""
 
-import numpy as np
 from scipy.special import logsumexp
 
+from workbench.diagnosis.levels import WORTHWHILE
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.search.posterior import is_elastic
 from workbench.diagnosis.search.state import Search
-
-_WORTHWHILE = float(np.log(3.0))
-"""Log odds from which on another name is worth a solution: Jeffreys calls less not worth more than a bare mention."""
 
 
 def exchange_names(search: Search) -> None:
@@ -42,7 +39,7 @@ def _likelier(search: Search, i: int) -> Hypothesis | None:
         key: float(logsumexp([h.log_weight for h in members])) for key, members in families.items()
     }
     best = max(marginal, key=marginal.get)
-    if marginal[best] - marginal[mine.key] < _WORTHWHILE:
+    if marginal[best] - marginal[mine.key] < WORTHWHILE:
         return None
     return max(families[best], key=lambda h: h.log_weight)
 

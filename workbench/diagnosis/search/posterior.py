@@ -13,18 +13,17 @@ from scipy.special import logsumexp
 from robot_model.effects.transmission import TransmissionHarmonic
 from robot_model.effects.unknown_masses import GravityCompliance
 from workbench.core.least_squares.linear_algebra import pseudo_inverse
-from workbench.diagnosis.levels import NOTABLE, SHOWN
+from workbench.diagnosis.levels import NOTABLE, SHOWN, WORTHWHILE
 from workbench.diagnosis.robot.mass_responses import LABEL
-from workbench.diagnosis.search.likeliest import as_solved
+from workbench.diagnosis.search.likeliest import as_solved, order_by_gain, say_terms
 from workbench.diagnosis.search.objective import LogPosterior, Members
 from workbench.diagnosis.search.prior import DEFLECTS
+from workbench.diagnosis.search.state import name_of
 
 Key = tuple[str, str]
 _WINDOW = float(np.log(200.0))
 """Log posterior odds against the best set beyond which a set is left out: all of these together are half a percent."""
-_WORTHWHILE = float(np.log(3.0))
-"""Log odds from which on another set is worth a solution: Jeffreys calls less not worth more than a bare mention."""
-_ROUNDS = 3
+_ROUNDS = 3  # of exchanges, each about a new solution
 _EXPANDED, _SWAPS = 8, 6
 """Sets of the window whose neighbours are weighed, and terms that are tried in place of each, the most alike first."""
 
@@ -73,7 +72,7 @@ class Window:
         best = int(np.argmax(self.weights))
         own = self.objective.value(tuple(range(count)))
         gain = self.objective.value(self.sets[best]) - own
-        return self.sets[best] if gain > _WORTHWHILE else None
+        return self.sets[best] if gain > WORTHWHILE else None
 
     def names(self, accepted: set[Key], keys: Sequence[Key]) -> dict[Key, Name]:
         """Of each key: its probability, and what is present in the sets without it and not accepted."""
@@ -144,22 +143,24 @@ def exchange_elastic(search) -> None:
     The search exchanges what is at hand, the window all elastic terms: what is accepted and the probabilities of names
     then agree.
     """
-    tried: list[set] = []
+    tried = [{name_of(h) for h in search.accepted}]
     for _ in range(_ROUNDS):
         window = _elastic_window(search)
         members = None if window is None else window.likelier_than(len(search.accepted))
         if members is None:
-            return
+            break
         # an accepted function without a law is solved with its effect, which its row in a table does not have
         terms = (*search.accepted, *window.objective.terms[len(search.accepted) :])
         chosen = [terms[i] for i in members]
-        names = {(*h.key, h.label) for h in chosen}
+        names = {name_of(h) for h in chosen}
         if names in tried:
-            return
+            break
         tried.append(names)
         search.accepted = tuple(chosen)
-        search.say("; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in chosen))
+        say_terms(search, chosen)
         search.solve_possible()
+    if len(tried) > 1:
+        order_by_gain(search)
 
 
 def _elastic_window(search) -> Window | None:

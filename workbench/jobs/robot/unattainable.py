@@ -7,6 +7,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from robot_model.state import sliding
 from robot_model.task_priority import LEVER_MM
 from workbench.jobs.robot.compensate import actual_poses
 
@@ -83,7 +84,7 @@ def _explained(arm, row: int, start: np.ndarray, wanted: np.ndarray, covariates)
         columns = [residual(reading + step) - residual(reading - step) for step in steps]
         return np.array(columns).T / (2 * _STEP_RAD)
 
-    scale = np.where(arm.robot.prismatic, LEVER_MM, 1.0)[: len(start)]
+    scale = np.where(sliding(arm.robot), LEVER_MM, 1.0)
     nearest = least_squares(
         lambda move: residual(start + scale * move),
         np.zeros(len(start)),

@@ -16,6 +16,7 @@ from datasets.importers.mapping.model import Mapping
 from datasets.importers.source import RawTable
 from datasets.recording import Recording
 from robot_model.robot import Robot
+from robot_model.state import sliding
 from workbench.recordings.importing.robots import read_artefact
 
 _EXTERNAL = ("external-point", "external-pose", "partial-pose")
@@ -47,8 +48,7 @@ class Builder:
         """q1_deg ... (qK_mm of a prismatic joint)."""
         stated = None if mapping.point is None else mapping.point.unit
         length = (stated[0] if isinstance(stated, tuple) else stated) or "mm"
-        slides = self.robot.mixing.any(0) & (self.robot.prismatic @ np.abs(self.robot.mixing) > 0)
-        return joint_columns(self.table, mapping.joints, slides, length)
+        return joint_columns(self.table, mapping.joints, sliding(self.robot), length)
 
     def _other_columns(self, mapping: Mapping) -> dict[str, np.ndarray]:
         """Columns that depend neither on units nor on conventions; times take long to read, and are read once."""

@@ -134,7 +134,7 @@ def _unit_title(mapping: Mapping) -> str:
     return f"{title}, point in {point}"
 
 
-def _close_units(case: "_Case", readings) -> list[int]:
+def _close_units(case: _Case, readings) -> list[int]:
     """Indices of the units to search for a mistake under: those that fit about as badly as the best ones.
 
     A wrong unit makes misfit and points small, so that the misfit is compared in relation to the extent of the points.
@@ -151,7 +151,7 @@ def _close_units(case: "_Case", readings) -> list[int]:
     return close[:_SEARCHED_UNITS]
 
 
-def _order_of_unit(case: "_Case", mapping: Mapping) -> int:
+def _order_of_unit(case: _Case, mapping: Mapping) -> int:
     """How usual the unit of the joint readings is, the most usual 0."""
     if mapping.joints.unit != "rad":
         return 1
@@ -159,13 +159,11 @@ def _order_of_unit(case: "_Case", mapping: Mapping) -> int:
     return 0 if widest < _ABOUT_ONE_TURN else 2
 
 
-def _refuse_mistake(case: "_Case", mappings: Sequence[Mapping]) -> list[Suspicion]:
+def _refuse_mistake(case: _Case, mappings: Sequence[Mapping]) -> list[Suspicion]:
     """Raise InputError where one mistake, such as a reversed joint or a left-handed frame, explains a bad fit.
 
-    Returns what looks wrong without being certain, such as a column of a joint that stands still.
-
     mappings: with each of the units that are possible; of several explanations the one with the fewest mistakes is
-    named.
+    named. Returns what looks wrong without being certain, such as the column of a joint that stands still.
     """
     found, doubts = [], []
     for mapping in mappings:

@@ -10,6 +10,7 @@ from datasets.importers.source import RawTable
 from datasets.importers.units import LENGTHS
 from datasets.recording import Recording
 from robot_model import builtin_robots, load_robot
+from robot_model.state import sliding
 from workbench.core.errors import InputError
 from workbench.recordings.importing import decisions
 from workbench.recordings.importing.builder import Builder
@@ -232,8 +233,7 @@ def _wrong_unit(robot, mapping: Mapping) -> tuple[str, str] | None:
     unit = mapping.joints.unit
     if not isinstance(unit, tuple):
         return None
-    slides = robot.mixing.any(0) & (robot.prismatic @ abs(robot.mixing) > 0)
-    for name, word, is_sliding in zip(mapping.joints.columns, unit, slides):
+    for name, word, is_sliding in zip(mapping.joints.columns, unit, sliding(robot)):
         if word in LENGTHS and not is_sliding:
             return name, word
     return None
