@@ -1,8 +1,8 @@
 """The levels of a diagnosis in one table: chances of a false alarm, confidence, and what is only rounding.
 
 Levels differ because they guard against different mistakes. A false name costs more than a missed one, and what is
-said of the data themselves (outliers, a place that moves at random) is checked by no held-out sample, so that its
-level alone guards it.
+said of the data themselves (outliers, a place that moves at random) or of the parameters of a simulation is checked by
+no held-out sample, so that its level alone guards it.
 """
 
 import math
@@ -10,7 +10,8 @@ import math
 MISSING = 0.005
 """Chance that a recording with nothing missing is said to miss something; held-out samples guard it, too."""
 ON_DATA = 1e-3
-"""Chance that something is said about the noise of a recording with nothing wrong: no held-out sample guards it."""
+"""Chance that something is said about the noise of a recording, or about a parameter of its simulation, with nothing
+wrong: no held-out sample guards it."""
 MOVES = 1e-4
 """Chance that a place is said to move at random: its test looks at all places, and its null is only nearly right."""
 CERTAIN = 0.95

@@ -19,13 +19,12 @@ from workbench.core.least_squares.identifiability import identifiability
 from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
+from workbench.diagnosis.levels import ON_DATA
 from workbench.explanation.reference import Reference
 from workbench.explanation.result import Diagnosis
 from workbench.explanation.term_steps import step_of_simulation
 from workbench.fitting.plans import frames_of
 
-LEVEL = 0.01
-"""Chance that a parameter of a reference that is right is named."""
 _ALIKE = 0.95  # squared correlation from which on two parameters are confounded here
 _MOST = 12  # parameters that are named
 
@@ -154,7 +153,7 @@ def _stepwise(columns, white, degrees: int) -> list[int]:
     seen = np.linalg.norm(columns, axis=1)
     usable = np.flatnonzero(seen > 1e-6 * max(seen.max(initial=0), 1e-300))
     chosen: list[int] = []
-    limit = LEVEL / max(len(columns), 1)
+    limit = ON_DATA / max(len(columns), 1)
     while len(chosen) < len(usable):
         others = [int(i) for i in usable if i not in chosen]
         best = min(others, key=lambda i: _left(columns, white, [*chosen, i]))
@@ -267,4 +266,4 @@ def _noise(reference: Reference, moving, chain: RobotChain, fit: Fit) -> dict:
     return {"stated": stated, "found": found, "factor": found / stated, "p_value": float(p)}
 
 
-__all__ = ["LEVEL", "Differences", "differences", "with_differences"]
+__all__ = ["Differences", "differences", "with_differences"]

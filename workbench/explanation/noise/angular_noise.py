@@ -10,11 +10,10 @@ from scipy.stats import norm
 
 from robot_model.effects.instrument import AngularNoise, sight_lines
 from workbench.core.common_effects import NoiseLaw
+from workbench.diagnosis.levels import ON_DATA
 from workbench.diagnosis.linear.problem import Finding
 from workbench.explanation.result import Term
 
-LEVEL = 1e-3
-"""Chance of a false alarm on a recording whose noise has no direction."""
 _ISOTROPIC = 1.01  # ratio of stated sigmas of a sample's axes up to which they are equal
 _LEAST = 30  # samples
 _ROUNDING = 1e-12  # of the mean square, below which the logarithm of a square is rounding
@@ -49,7 +48,7 @@ def angular_noise(bench, residual: np.ndarray, usual: np.ndarray) -> Finding | N
         (p_range if exponent > 0 else 1.0, f"with the range to the power {exponent:.2g}"),
     ]
     least, label = min(labels)
-    if 2 * least > LEVEL:
+    if 2 * least > ON_DATA:
         return None
     return Finding(
         AngularNoise.effect, "noise", label, (), 2 * least, 1 - 2 * least, 0.0, 0.0, ("range",)

@@ -13,12 +13,11 @@ from scipy.stats import chi2
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
+from workbench.diagnosis.levels import ON_DATA
 from workbench.diagnosis.linear.problem import Finding
 from workbench.explanation.noise.replicates import LEAST_REPEATS, replicates
 
 EFFECT, WHERE = "stated-noise", "noise"
-LEVEL = 1e-3
-"""Chance of a false alarm on a recording whose statement is right."""
 RELEVANT = 1.25
 """Ratio of standard deviations from which on a wrong statement matters: noise is seldom known better."""
 _QUANTILES = (0.5, 0.9)
@@ -41,7 +40,7 @@ class NoiseRatio:
     @property
     def is_wrong(self) -> bool:
         """Whether the statement is wrong beyond chance and by more than matters."""
-        return self.p_value < LEVEL and abs(np.log(self.agreed)) > np.log(RELEVANT)
+        return self.p_value < ON_DATA and abs(np.log(self.agreed)) > np.log(RELEVANT)
 
 
 @dataclass(frozen=True)
