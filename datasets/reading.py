@@ -36,20 +36,22 @@ def read(path: str | Path, trust_data: bool = False) -> Recording:
     """The recording at `path`.
 
     path: a folder in recording/1 (or its recording.toml), the name of a bundled recording, or the
-    name of a known real set with its variant ("motoman_leica_ctu:left").
+    name or the folder of a known real set with its variant ("motoman_leica_ctu:left").
     trust_data: accept implausible units, motions and ball distances with a warning.
     Raises InputError: one sentence that says what is wrong and what to do.
     """
     folder, name = Path(path), str(path)
     if folder.name == "recording.toml":
         folder = folder.parent
+    if known := _known_set(name):
+        return _read_real(*known)
     if folder.is_dir():
         _check_imported(folder)
         return read_recording(folder, trust_data)
     if name in bundled():
         return read_recording(bundled()[name], trust_data)
     if name.partition(":")[0] in registry.sources():
-        return _read_real(name)
+        return _read_real(name, registry.find(name))
     if folder.is_file():
         raise complaint(
             name,
@@ -63,6 +65,18 @@ def read(path: str | Path, trust_data: bool = False) -> Recording:
         "neither a folder nor such a name",
         "correct it",
     )
+
+
+def _known_set(path: str) -> tuple[str, Path] | None:
+    """Name with its variant, and folder, of a path to all files of a known real set, as they were downloaded."""
+    place, colon, variant = path.partition(":")
+    folder = Path(place).resolve()
+    source = registry.sources().get(folder.name)
+    if source is None or (folder / "recording.toml").exists():
+        return None
+    if not all((folder / file.path).is_file() for file in source.files):
+        return None
+    return source.name + colon + variant, folder
 
 
 def _check_imported(folder: Path) -> None:
@@ -79,8 +93,8 @@ def _check_imported(folder: Path) -> None:
         )
 
 
-def _read_real(name: str) -> Recording:
-    source, folder = registry.source(name), registry.find(name)
+def _read_real(name: str, folder: Path | None) -> Recording:
+    source = registry.source(name)
     variant = name.partition(":")[2]
     if variant not in source.variants:
         known = ", ".join(f"{source.name}:{v}" if v else source.name for v in source.variants)

@@ -261,6 +261,17 @@ def test_ur10_poses_are_in_order_of_time_with_unit_quaternions():
     assert recording.licence == "MIT" and recording.source.startswith("https://github.com/")
 
 
+def test_a_folder_of_a_known_set_is_read_like_its_name(monkeypatch):
+    named = real("ur10_ipa_tmac_A")
+    assert datasets.read(named.folder).name == named.name
+    monkeypatch.chdir(named.folder)
+    assert datasets.read(".").n == named.n
+    monkeypatch.chdir(named.folder.parent)
+    assert datasets.read(named.name).n == named.n
+    with pytest.raises(datasets.InputError, match="expected one of ur10_ipa_tmac_A, found 'x'"):
+        datasets.read(f"{named.folder}:x")
+
+
 def test_ur10_orientations_agree_with_the_joint_readings():
     """Another order of the Euler angles would leave tens of degrees."""
     from workbench.jobs.robot.calibrate import calibrate

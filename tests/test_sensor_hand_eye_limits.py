@@ -142,9 +142,7 @@ def test_sigmas_hold_for_errors_at_the_flange(pivot, within):
     ratio = []
     for seed in range(300, 360):
         views, flange = at_the_flange(seed)
-        found = hand_eye_from_views(
-            views, board(), CAMERA, flange, pivot=pivot, reviewed=reviewed
-        )
+        found = hand_eye_from_views(views, board(), CAMERA, flange, pivot=pivot, reviewed=reviewed)
         ratio.append(off(found.sensor) / np.sqrt(np.diag(found.covariance)))
     whole = np.sqrt(np.mean(np.square(ratio)))
     assert within[0] < whole < within[1]
