@@ -129,6 +129,25 @@ def test_a_recording_from_arrays_is_that_of_the_file(recording):
         wb.Recording.from_arrays("ur10", joints, points.T)
 
 
+def test_a_recording_from_arrays_is_checked_like_a_file(recording):
+    joints, points = np.rad2deg(recording.joints), recording.points.copy()
+    points[3, 1] = np.nan
+    where = r"from_arrays, row 3 \(sample 4\), column y_mm: expected a finite number, found nan"
+    with pytest.raises(wb.InputError, match=where):
+        wb.Recording.from_arrays(recording.robot, joints, points)
+    with pytest.raises(wb.InputError, match="column q7_deg|7 joint"):
+        seven = np.column_stack([joints, joints[:, 0]])
+        wb.Recording.from_arrays(recording.robot, seven, recording.points)
+    with pytest.raises(wb.InputError, match=r"payload_kg: expected one number or 100 of them"):
+        wb.Recording.from_arrays(recording.robot, joints, recording.points, payload_kg=[1.0, 2.0])
+
+
+def test_a_recording_from_arrays_is_read_by_a_command(recording):
+    joints = np.rad2deg(recording.joints)
+    made = wb.Recording.from_arrays(recording.robot, joints, recording.points, 0.02)
+    assert wb.check(made).answer["samples"] == recording.n
+
+
 def test_linear_algebra_uses_one_thread_in_a_function_and_the_former_number_after_it():
     code = """
 import numpy, scipy.linalg
