@@ -11,6 +11,7 @@ import datasets
 import hand_eye_recordings as recordings
 from workbench.commands import cli
 from workbench.core.rigid import transform
+from workbench.fitting.verdicts.hand_eye_verdict import flange_errors
 
 
 def flat_turns(scene, random) -> np.ndarray:
@@ -83,3 +84,10 @@ def test_a_sound_recording_has_no_such_warning(tmp_path):
     assert status == 0 and answer["warnings"] == []
     assert answer["robot_sigma"]["position_mm"] is not None
     assert "Not determined" not in answer["verdict"]["sentence"]
+
+
+def test_errors_of_the_flange_poses_are_3d_like_the_others():
+    """1 sigma of a coordinate times sqrt(3) is the RMS of the distance, as every other error of the answer."""
+    place, turn = flange_errors({"position_mm": 0.1, "rotation_deg": 0.02})
+    assert place == pytest.approx(0.1732, abs=1e-4) and turn == pytest.approx(0.03464, abs=1e-5)
+    assert flange_errors({"position_mm": 0.1})[1] is None

@@ -144,14 +144,23 @@ def _held_out(made: HandEye):
 
 
 def _advice(made: HandEye) -> str:
-    place, turn = made.robot_sigma.get("position_mm"), made.robot_sigma.get("rotation_deg")
+    place, turn = flange_errors(made.robot_sigma)
     is_misfit = made.misfit is not None and made.misfit.significant
     them = "it and for the errors that images share" if is_misfit else "it"
     return (
-        f"The rest comes from the flange poses, which are off by about {place:.2g} mm and {turn:.2g} deg (1 sigma, "
-        f"estimated); the stated uncertainty of the transform accounts for {them}. To reduce it, calibrate the arm, "
-        "warm it up, and approach all poses from the same side."
+        f"The rest comes from the flange poses, whose estimated RMS errors are {place:.2g} mm (3-D position) and "
+        f"{turn:.2g} deg (angle of the rotation); the stated uncertainty of the transform accounts for {them}. To "
+        "reduce it, calibrate the arm, warm it up, and approach all poses from the same side."
     )
+
+
+def flange_errors(robot_sigma) -> tuple[float, float | None]:
+    """RMS error of the flange poses: 3-D distance (mm) and angle of the rotation (deg), None where it is not estimated.
+
+    robot_sigma: 1 sigma of one coordinate (`position_mm`) and of the rotation about one axis (`rotation_deg`).
+    """
+    place, turn = robot_sigma["position_mm"], robot_sigma.get("rotation_deg")
+    return math.sqrt(3) * place, None if turn is None else math.sqrt(3) * turn
 
 
 def _profiles(made: HandEye, tolerances) -> Verdict:

@@ -6,7 +6,12 @@ import numpy as np
 import plotly.graph_objects as go
 from scipy.spatial.transform import Rotation
 
-from workbench.fitting.verdicts.hand_eye_verdict import robot_sigma, suspicions, undetermined
+from workbench.fitting.verdicts.hand_eye_verdict import (
+    flange_errors,
+    robot_sigma,
+    suspicions,
+    undetermined,
+)
 from workbench.jobs.sensor.hand_eye import TO_HAND, HandEyeRun
 from workbench.report import style
 from workbench.report.provenance import flat
@@ -93,6 +98,15 @@ def _numbers(made):
     yield "sensor’s noise", rounded(made.noise), made.unit
 
 
+def _flange_sentence(spread) -> str:
+    """RMS errors of the flange poses, 3-D like all other errors of the page."""
+    place, turn = flange_errors(spread)
+    start = "The flange poses are modelled with random errors; estimated RMS 3-D position error: "
+    if turn is None:
+        return f"{start}{rounded(place)} mm{_of_radius(spread)}."
+    return f"{start}{rounded(place)} mm, RMS angle of the rotation error: {rounded(turn)}°."
+
+
 def lead(run: HandEyeRun) -> list[str]:
     """Meaning of the numbers."""
     made, poses = run.made, counted(len(run.flange), "pose")
@@ -104,19 +118,7 @@ def lead(run: HandEyeRun) -> list[str]:
         else "distance of the profile points from the common sphere"
     )
     spread = robot_sigma(run)
-    robot = (
-        _NOT_DETERMINED
-        if None in spread.values()
-        else (
-            f"The flange poses are modelled with random errors; estimated 1 σ = "
-            f"{rounded(spread['position_mm'])} mm and {rounded(spread['rotation_deg'])}°."
-        )
-        if "rotation_deg" in spread
-        else (
-            "The flange poses are modelled with random errors; estimated 1 σ = "
-            f"{rounded(spread['position_mm'])} mm{_of_radius(spread)}."
-        )
-    )
+    robot = _NOT_DETERMINED if None in spread.values() else _flange_sentence(spread)
     return [
         f"{what.capitalize()}, over {poses}. Held out: each pose is predicted from the other poses only.",
         robot,
