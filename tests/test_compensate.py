@@ -274,12 +274,12 @@ def test_a_broken_file_is_a_sentence(tmp_path, text, words):
 def test_a_table_with_foreign_headers_gets_the_names_of_its_columns(run, tmp_path):
     """What the table holds is named, and what this robot's table has; `sample` and `note` are no clue."""
     path = tmp_path / "targets.csv"
-    path.write_text("sample,Achse 1,Achse 2,note\n1,10,20,x\n", encoding="utf-8")
+    path.write_text("sample,Wert 1,Wert 2,note\n1,10,20,x\n", encoding="utf-8")
     with pytest.raises(InputError) as caught:
         read_programme(path, read_solution(run[0]).robot)
     sentence = str(caught.value)
     assert "targets.csv: expected joint columns q1_deg ... q6_deg, or pose columns x_mm" in sentence
-    assert "not recognised: Achse 1, Achse 2;" in sentence
+    assert "not recognised: Wert 1, Wert 2;" in sentence
     assert "rename the columns of the joint readings to q1_deg, q2_deg" in sentence
 
 

@@ -409,9 +409,8 @@ def test_the_expected_error_is_compared_with_the_tolerance(workbench, tmp_path):
         answer, rows, done = answer_of(
             workbench, tmp_path, text, "--tolerance", tolerance, status=status
         )
-        assert answer["verdict"]["pass"] is (status == 0) and answer["verdict"][
-            "residual"
-        ] == pytest.approx(0.05, rel=0.05)
+        assert answer["verdict"]["pass"] is (status == 0)
+        assert answer["verdict"]["residual"] == pytest.approx(0.04, rel=0.05)
         assert "Verdict:" in done.stdout and rows[0]["q1_deg"]
 
 
@@ -506,6 +505,28 @@ def test_a_target_at_the_stretched_elbow_says_why_and_what_to_do(workbench, tmp_
     (sentence,) = answer["unattainable"]
     assert sentence.startswith("Target 1 has no readings")
     assert "joint 3 hardly moves the flange" in sentence and "degrees away" in sentence
+
+
+def test_the_expected_error_is_without_the_noise_of_the_instrument(workbench, tmp_path):
+    """A held-out error of 0.05 mm with a noise of 0.03 mm leaves 0.04 mm for the model: 0.04^2 = 0.05^2 - 0.03^2."""
+    text = f"{JOINTS},payload_kg\n0,10,10,0,30,0,1\n"
+    solution(tmp_path / "arm", noise_rms_mm=0.03)
+    known, _, done = answer_of(workbench, tmp_path, text, status=0)
+    assert known["model_error_mm"] == pytest.approx(0.04) and known["noise_mm"] == 0.03
+    own = known["sigma_rms_mm"] ** 2 + known["position_left_rms_mm"] ** 2
+    assert known["verdict"]["residual"] == pytest.approx((0.04**2 + own) ** 0.5)
+    assert "0.03 mm (stated), is no error of the arm" in known["verdict"]["sentence"]
+    assert "of which error of the model" in done.stdout
+
+
+def test_without_a_known_noise_the_expected_error_says_what_it_contains(workbench, tmp_path):
+    solution(tmp_path / "arm", noise_rms_mm=None)
+    text = f"{JOINTS},payload_kg\n0,10,10,0,30,0,1\n"
+    answer, _, _ = answer_of(workbench, tmp_path, text, status=0)
+    assert answer["model_error_mm"] is None and answer["verdict"]["residual"] >= 0.05
+    assert (
+        "contains the noise of the instrument, which is not known" in answer["verdict"]["sentence"]
+    )
 
 
 def test_the_noise_of_replicates_is_that_of_the_calibration(workbench, tmp_path):

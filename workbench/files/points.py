@@ -6,18 +6,18 @@ import numpy as np
 
 from datasets.columns import POINT
 from datasets.errors import complaint
-from datasets.formats.table import read_table
+from datasets.importers.user_tables import read_named_points
 
 LABEL = "point"
 
 
 def read_points(path: Path) -> tuple[list[str] | None, np.ndarray]:
-    """Labels (column `point`; None where there is none) and (n, 3) mm of a CSV or Parquet file with x_mm, y_mm, z_mm.
+    """Labels (column `point`; None where there is none) and (n, 3) mm of a table in any form that the import reads.
 
     Raises InputError with file, row and column.
     """
     path = Path(path)
-    table = read_table(path, path.name, (LABEL, "note"))
+    table = read_named_points(path, (LABEL,))
     for name in POINT:
         if name not in table.columns:
             found = ", ".join(list(table.columns)[:6])

@@ -1,4 +1,4 @@
-"""Robot programmes as tables: targets of `workbench compensate` read from CSV, and corrected ones written."""
+"""Robot programmes as tables: targets of `workbench compensate` read, and corrected ones written as CSV."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -9,7 +9,9 @@ import numpy as np
 from datasets.checks import physical_bounds
 from datasets.columns import POINT, QUATERNION, joint_columns
 from datasets.errors import complaint
-from datasets.formats.table import Table, read_table
+from datasets.formats.table import Table
+from datasets.importers.mapping.model import read_mapping
+from datasets.importers.user_tables import read_targets
 from robot_model.robot import Robot
 from robot_model.state import sliding
 from workbench.core.rigid import transform
@@ -31,16 +33,18 @@ class Programme:
     anywhere: bool = False
 
 
-def read_programme(path: Path, robot: Robot) -> Programme:
-    """Targets of a CSV or Parquet file.
+def read_programme(path: Path, robot: Robot, mapping: Path | None = None) -> Programme:
+    """Targets of a table in any form that `workbench import` reads.
 
     Either joint readings (q1_deg ... as in samples.csv), or flange poses in the robot's root frame
     (x_mm y_mm z_mm qw qx qy qz), or both: then the pose is the target and the readings are where to
     start looking, which chooses the posture. Other numeric columns (payload_kg, ...) are covariates.
+    mapping: file that states columns, units and conventions of a table with other headers.
     Raises InputError with file, row and column.
     """
     path = Path(path)
-    table = read_table(path, path.name, ("note",))
+    stated = None if mapping is None else read_mapping(mapping)
+    table = read_targets(path, sliding(robot).tolist(), stated)
     joints, wants = joint_columns(table.columns), set(POINT + QUATERNION) & set(table.columns)
     if wants and len(wants) < 7:
         missing = sorted(set(POINT + QUATERNION) - wants)[0]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +10,7 @@ import typer
 
 from workbench.commands.robot.calibrate import Without
 from workbench.commands.shared import answer, tables
+from workbench.commands.shared.target_map import TargetMap
 from workbench.files import runs
 
 Solution = Annotated[
@@ -51,13 +53,17 @@ _NAMED = 12
 def command(
     solution: Solution,
     targets: Annotated[
-        Path, typer.Argument(help="Joint readings or flange poses, one row per target (CSV).")
+        Path,
+        typer.Argument(
+            help="Joint readings or flange poses, one row per target: any table that `workbench import` reads."
+        ),
     ],
     force: Force = False,
     without: Without = None,
     max_correction_mm: MaxPosition = 10.0,
     max_correction_deg: MaxRotation = 1.0,
     max_sigma_mm: MaxSigma = None,
+    map: TargetMap = None,
     tolerance: answer.Tolerance = None,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
@@ -87,7 +93,7 @@ def command(
         limits = Limits(max_correction_mm, max_correction_deg, max_sigma_mm)
         arm = checked(read_solution(solution), solution, force, limits)
         arm = without_terms(arm, without or (), str(solution))
-        programme = read_programme(targets, arm.robot)
+        programme = read_programme(targets, arm.robot, map)
         covariates = covariates_of(arm, programme)
         tick = paced(say, f"inverting the model at {len(programme.readings)} targets, step")
         found = compensate(
@@ -154,8 +160,11 @@ def _summary(arm, found, refused) -> dict:
         "sigma_rms_mm": _rms(found.sigma_mm[kept]),
         "uncertainty_rms_mm": _rms(found.uncertainty_mm[kept]),
         "expected_error_mm": arm.held_out_mm,
+        "model_error_mm": _model_error(arm),
+        "noise_mm": _known_noise(arm.keys),
         "nominal_error_mm": arm.keys["nominal"]["rms_mm"],
-        "why_expected": "held-out RMS of the calibration: the model discrepancy remains at every target",
+        "why_expected": "held-out RMS of the calibration, which contains the noise of the instrument; model_error_mm "
+        "is the same without it and remains at every target",
     }
 
 
@@ -165,17 +174,53 @@ def _rows(chosen) -> list[int]:
 
 
 def _verdict(arm, found, refused, tolerances):
-    """The verdict on the largest expected error: held-out error and uncertainty of the target combined."""
+    """The verdict on the largest expected error of a target: what the model misses and its uncertainty there.
+
+    The noise of the instrument is an error of the measurements and moves no arm: where it is known, it is not part of
+    the expected error.
+    """
     from workbench.fitting.verdicts.verdict import Residual, judge, no_verdict
 
     kept = found.reached.copy()
     kept[list(refused)] = False
     if not kept.any():
         return no_verdict("No target is corrected, so there is no error to judge.")
-    own = (found.sigma_mm[kept] ** 2 + found.position_left_mm[kept] ** 2).max()
-    largest = math.hypot(arm.held_out_mm, math.sqrt(float(own)))
+    own = found.sigma_mm[kept] ** 2 + found.position_left_mm[kept] ** 2
+    model = _model_error(arm)
+    remaining = arm.held_out_mm if model is None else model
+    largest = math.hypot(remaining, math.sqrt(float(own.max())))
+    residual = Residual(largest, "mm", "largest expected position error", has_noise=False)
     noise = _noise(arm.keys)
-    return judge(Residual(largest, "mm", "largest expected position error"), noise, tolerances)
+    made = judge(residual, noise, tolerances)
+    return replace(made, sentence=f"{made.sentence} {_composition(remaining, own.max(), noise)}")
+
+
+def _composition(remaining: float, own: float, noise) -> str:
+    """What the largest expected error consists of, and where the noise of the instrument is."""
+    parts = f"{remaining:.3g} mm on unseen poses and {math.sqrt(own):.3g} mm of parameter uncertainty at the target"
+    if noise is None:
+        return (
+            f"It combines {parts}. The first contains the noise of the instrument, which is not known: state sigma_mm "
+            "or repeat some poses to separate them."
+        )
+    return (
+        f"It combines {parts}; the noise of the instrument, {noise.value:.3g} mm ({noise.source}), is no error of the "
+        "arm and is not part of it."
+    )
+
+
+def _model_error(arm) -> float | None:
+    """RMS mm that the model misses on unseen poses, without the noise of the instrument; None where that is unknown."""
+    noise = _known_noise(arm.keys)
+    if noise is None:
+        return None
+    return math.sqrt(max(arm.held_out_mm**2 - noise**2, 0.0))
+
+
+def _known_noise(keys: Mapping) -> float | None:
+    """RMS mm of the noise of the instrument as a 3-D distance; None where it is neither stated nor estimated."""
+    noise = _noise(keys)
+    return None if noise is None else float(noise.value)
 
 
 def _noise(keys: Mapping):
@@ -201,7 +246,8 @@ def _show(console, result) -> None:
     head = ["", "RMS mm"]
     rows = [
         ["error of the nominal arm, held out", result["nominal_error_mm"]],
-        ["error to expect now, held out", result["expected_error_mm"]],
+        ["calibrated arm on held-out samples, measured", result["expected_error_mm"]],
+        *_without_noise(result),
         ["standard uncertainty at these targets", result["uncertainty_rms_mm"]],
         [f"the corrections, at the {result['point']}", result["correction_rms_mm"]],
         ["inverse-kinematics residual", result["left_rms_mm"]],
@@ -221,6 +267,16 @@ def _show(console, result) -> None:
     _show_refused(console, result["refused"])
     answer.show_verdict(console, result["verdict"])
     console.print(str(result["run"]), soft_wrap=True, markup=False)
+
+
+def _without_noise(result) -> list[list]:
+    """Rows on the two parts of the held-out error, none where the noise of the instrument is unknown."""
+    if result["noise_mm"] is None:
+        return []
+    return [
+        ["  of which noise of the instrument", result["noise_mm"]],
+        ["  of which error of the model", result["model_error_mm"]],
+    ]
 
 
 def _show_unreached(console, result) -> None:

@@ -12,6 +12,7 @@ from workbench.commands.robot.compensate import Force
 from workbench.commands.robot.export_arm import FORMATS as ARM_FORMATS
 from workbench.commands.robot.export_arm import STEPS, ArmOptions, export_arm
 from workbench.commands.shared import answer
+from workbench.commands.shared.target_map import TargetMap
 from workbench.core.errors import InputError
 from workbench.files.runs import replace_file
 from workbench.machine.progress import counted
@@ -56,7 +57,9 @@ Tip = Annotated[
 ]
 Targets = Annotated[
     Path | None,
-    typer.Option("--targets", metavar="FILE", help="Targets of a robot program (CSV)."),
+    typer.Option(
+        "--targets", metavar="FILE", help="Targets of a robot program, as for `compensate`."
+    ),
 ]
 
 
@@ -84,6 +87,7 @@ def command(
     urdf: UrdfFile = None,
     tip: Tip = None,
     targets: Targets = None,
+    map: TargetMap = None,
     json: answer.JsonTarget = None,
 ) -> None:
     """Write what was calibrated for another program; it is read back and compared before it is kept.
@@ -103,7 +107,7 @@ def command(
             f"--out {file} expects a file in a folder that exists; make {file.parent} or name another"
         )
     kind, path = _choose(source, to)
-    options = ArmOptions(urdf, tip, targets, tuple(without or ()), force)
+    options = ArmOptions(urdf, tip, targets, tuple(without or ()), force, map)
     frames = _Frames(parent_frame, child_frame)
     with answer.progress(f"writing {file} and reading it back") as say:
         step = counted(say, STEPS)
@@ -147,8 +151,8 @@ def _made(content, source: Path, output, frames: _Frames, options: ArmOptions, s
         )
     if kind != ARM and options != ArmOptions(force=options.force):
         raise InputError(
-            f"--without, --urdf, --tip, --targets: expected with a calibrated arm only, found a {kind} in {source}; "
-            "leave them out"
+            "--without, --urdf, --tip, --targets, --map: expected with a calibrated arm only, found a "
+            f"{kind} in {source}; leave them out"
         )
     if kind == HAND_EYE:
         return *_hand_eye(path, file, frames, options.force), ()

@@ -14,13 +14,15 @@ FORMATS = ("urdf", "mjcf", "python", "ros", *PROGRAMS, "mdh-json", "mdh-csv")
 @dataclass(frozen=True)
 class ArmOptions:
     """What belongs to some formats: `urdf` to be patched and its `tip` link, `targets` of a program, terms switched
-    off by name (`without`), and whether a doubtful calibration is used all the same (`force`)."""
+    off by name (`without`), whether a doubtful calibration is used all the same (`force`), and the mapping of the
+    columns of the targets (`map`)."""
 
     urdf: Path | None = None
     tip: str | None = None
     targets: Path | None = None
     without: Sequence[str] = ()
     force: bool = False
+    map: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -40,9 +42,11 @@ def check_options(to: str, options: ArmOptions) -> None:
         raise InputError(
             f"--targets: expected with --to {', '.join(PROGRAMS)}, found --to {to}; leave it out"
         )
+    if options.map and not options.targets:
+        raise InputError("--map: expected with --targets, found no targets; leave it out")
     if to in PROGRAMS and options.targets is None:
         raise InputError(
-            f"--to {to}: expected --targets FILE with joint readings or flange poses, found none; name a CSV file"
+            f"--to {to}: expected --targets FILE with joint readings or flange poses, found none; name a table"
         )
 
 
@@ -179,7 +183,7 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
     from workbench.jobs.robot.compensate import compensate
     from workbench.jobs.robot.correction_limits import Limits, covariates_of, judge_targets
 
-    programme = read_programme(options.targets, arm.robot)
+    programme = read_programme(options.targets, arm.robot, options.map)
     covariates = covariates_of(arm, programme)
     found = compensate(arm, programme.readings, programme.poses, covariates, programme.anywhere)
     refused = {} if options.force else judge_targets(arm, programme, found, Limits()).refused

@@ -8,6 +8,7 @@ import typer
 from workbench.commands.robot.calibrate import Without
 from workbench.commands.robot.compensate import Force
 from workbench.commands.shared import answer, tables
+from workbench.commands.shared.target_map import TargetMap
 from workbench.core.errors import InputError
 from workbench.files import runs
 from workbench.fitting.verdicts.verdict import no_verdict
@@ -37,11 +38,17 @@ _NO_RESIDUAL = "A stiffness is computed and not measured, so that there is no re
 
 def command(
     solution: Source,
-    targets: Annotated[Path, typer.Argument(help="Joint readings, a row a pose (CSV).")],
+    targets: Annotated[
+        Path,
+        typer.Argument(
+            help="Joint readings, one row per pose: any table that `workbench import` reads."
+        ),
+    ],
     wrench: Wrench = None,
     tool_point: ToolPoint = (0.0, 0.0, 0.0),
     without: Without = None,
     force: Force = False,
+    map: TargetMap = None,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
 ) -> None:
@@ -58,7 +65,7 @@ def command(
         from workbench.jobs.robot.stiffness import cartesian_stiffness, save
 
         arm = _arm(solution, without or (), force)
-        programme = read_programme(targets, arm.robot)
+        programme = read_programme(targets, arm.robot, map)
         if programme.poses is not None:
             raise InputError(
                 f"{targets}: expected joint readings q1_deg ..., found flange poses; correct them with "

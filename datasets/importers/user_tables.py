@@ -1,0 +1,208 @@
+"""Tables of targets and points of a user, in the columns and units of the recording format.
+
+Whatever `workbench import` reads is read here too, by the same readers: any separator, decimal comma, other headers and
+units, Excel, robot programs. Nothing is measured that a unit or a rotation convention could be tested on; so what
+neither header nor format states is asked for, with the line of a mapping file that states it.
+"""
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from datasets.columns import POINT, QUATERNION, joint_columns
+from datasets.errors import complaint
+from datasets.files import read_text
+from datasets.formats.table import Table, read_table
+from datasets.importers.mapping import conversion
+from datasets.importers.mapping.candidates import angle_units, length_units, rotation_candidates
+from datasets.importers.mapping.column_units import unit_toml
+from datasets.importers.mapping.model import QUANTITIES, Mapping
+from datasets.importers.mapping.proposal import propose
+from datasets.importers.source import RawTable
+from datasets.importers.sources.choice import read_sources
+
+_PARQUET = (".parquet", ".pq")
+_DECIMAL_COMMA = re.compile(r"\"[+-]?\d+,\d+\"")
+_REPEATED = re.compile(r"(.+) \(\d+\)")
+_HEAD_CHARACTERS = 100_000
+_MOSTLY = 0.5
+
+
+def read_targets(path: Path, sliding: Sequence[bool], mapping: Mapping | None = None) -> Table:
+    """Joint readings (q1_deg ...) and poses (x_mm ... qz) of a table of targets, and its other columns.
+
+    sliding (R,): which joint readings are lengths. mapping: of `--map`, None for none; its columns of joints and of
+    the flange are used as far as the table has them. Raises InputError with file, row and column.
+    """
+    if mapping is None and _is_native(path, (*POINT, *QUATERNION)):
+        return read_table(path, path.name, ("note",))
+    raw = _one_table(path)
+    _check_cells(raw)
+    found = _mapping(raw, mapping)
+    columns: dict[str, np.ndarray] = {}
+    if found.joints is not None:
+        columns |= _joints(raw, found, sliding)
+    if found.flange_point is not None:
+        columns |= _positions(raw, found)
+    if found.flange_rotation is not None:
+        columns |= _rotations(raw, found)
+    return _table(raw, columns, found)
+
+
+def read_named_points(path: Path, labels: Sequence[str]) -> Table:
+    """Points (x_mm, y_mm, z_mm) and the first column that is one of `labels` or a name, as `labels[0]`.
+
+    Raises InputError with file, row and column.
+    """
+    if _is_native(path, POINT):
+        return read_table(path, path.name, (*labels, "note"))
+    raw = _one_table(path)
+    _check_cells(raw)
+    found = _mapping(raw, None)
+    columns = {} if found.flange_point is None else _positions(raw, found, takes_map=False)
+    names = [name for name, cells in raw.columns.items() if cells.dtype.kind != "f"]
+    own = next((name for name in raw.columns if name.lower() in labels), None) or next(
+        iter(names), None
+    )
+    if own is not None:
+        columns[labels[0]] = raw.columns[own].astype(str)
+    return _table(raw, columns, found)
+
+
+def _is_native(path: Path, others: Sequence[str]) -> bool:
+    """Whether a file is a table of the recording format: comma-separated, with its names, numbers with a point."""
+    if path.suffix.lower() in _PARQUET:
+        return True
+    if path.suffix.lower() != ".csv" or not path.is_file():
+        return path.suffix.lower() == ".csv"
+    head = read_text(path, path.name)[:_HEAD_CHARACTERS]
+    first = next((line for line in head.splitlines() if line.strip()), "")
+    try:
+        names = [name.strip() for name in next(csv.reader([first]), [])]
+    except csv.Error:
+        return True
+    is_ours = bool(joint_columns(names)) or bool(set(others) & set(names))
+    return is_ours and not _DECIMAL_COMMA.search(head)
+
+
+def _one_table(path: Path) -> RawTable:
+    with TemporaryDirectory() as scratch:
+        tables = read_sources([path], Path(scratch)).tables
+    if len(tables) != 1:
+        found = ", ".join(table.file for table in tables) or "none"
+        raise complaint(str(path), "one table", found, "name a file with one table")
+    if tables[0].warnings:
+        raise complaint(
+            tables[0].file,
+            "a table that ends with its last row",
+            tables[0].warnings[0].rstrip("."),
+            "correct or remove these rows",
+        )
+    return tables[0]
+
+
+def _check_cells(raw: RawTable) -> None:
+    """Raise InputError for a column that stands twice, or that is numbers but for some cells."""
+    for name, cells in raw.columns.items():
+        repeated = _REPEATED.fullmatch(name)
+        if repeated and repeated[1] in raw.columns:
+            raise complaint(
+                f"{raw.file}, column {repeated[1]}", "every column once", "it twice", "rename one"
+            )
+        if cells.dtype.kind == "f":
+            continue
+        digits = [bool(re.match(r"[+-]?[.,]?\d", str(cell))) for cell in cells]
+        if np.mean(digits) > _MOSTLY and not all(digits):
+            raw.numbers(name)
+
+
+def _mapping(raw: RawTable, stated: Mapping | None) -> Mapping:
+    """The mapping of the headers, completed by what the user states for columns of this table."""
+    proposed = propose(raw, has_images=True).mapping
+    if stated is None:
+        return proposed
+    kept = {}
+    for quantity in QUANTITIES:
+        group = getattr(stated, quantity)
+        is_here = group is not None and set(group.columns) <= set(raw.columns)
+        kept[quantity] = group if is_here else None
+    columns = {name: target for name, target in stated.columns.items() if name in raw.columns}
+    return replace(stated, **kept, columns=columns).merged(proposed)
+
+
+def _joints(raw: RawTable, found: Mapping, sliding: Sequence[bool]) -> dict[str, np.ndarray]:
+    group = found.joints
+    if len(group.columns) != len(sliding):
+        raise complaint(
+            raw.file,
+            f"{len(sliding)} columns of joint readings, one for each joint of the robot",
+            f"{len(group.columns)} ({', '.join(group.columns)})",
+            "add or remove columns",
+        )
+    units = angle_units(group) if not all(sliding) else (group.unit,)
+    if len(units) != 1:
+        _ask_unit(raw, "joints", group.columns, units)
+    made = replace(group, unit=units[0])
+    return conversion.joint_columns(raw, made, sliding, "mm")
+
+
+def _positions(raw: RawTable, found: Mapping, takes_map: bool = True) -> dict[str, np.ndarray]:
+    """x_mm, y_mm, z_mm; takes_map: whether the command has the option --map."""
+    units = length_units(found.flange_point)
+    if len(units) != 1:
+        _ask_unit(raw, "flange_point" if takes_map else "", found.flange_point.columns, units)
+    return conversion.point_columns(raw, replace(found.flange_point, unit=units[0]))
+
+
+def _rotations(raw: RawTable, found: Mapping) -> dict[str, np.ndarray]:
+    group = found.flange_rotation
+    turns = rotation_candidates(group, raw)
+    if len(turns) != 1:
+        some = ", ".join(turn.title for turn in turns[:4]) or "none"
+        raise complaint(
+            f"{raw.file}, columns {', '.join(group.columns)}",
+            "rotations whose convention is stated",
+            f"{len(turns)} readings ({some}{', ...' if len(turns) > 4 else ''})",
+            'add [flange_rotation] with columns, unit and convention = "intrinsic XYZ", or another, to a mapping file, '
+            "and name it with --map",
+        )
+    return conversion.rotation_columns(raw, turns[0].group)
+
+
+def _ask_unit(raw: RawTable, quantity: str, columns: Sequence[str], units) -> None:
+    """Raise InputError: the question for a unit that nothing states; quantity "" for a command without --map."""
+    first = next(iter(units))
+    shown = first if isinstance(first, str) else unit_toml(first)
+    names = ", ".join(f'"{name}"' for name in columns)
+    remedy = (
+        f', or add [{quantity}] columns = [{names}] and unit = "{shown}" to a mapping file, and name it with --map'
+        if quantity
+        else ""
+    )
+    raise complaint(
+        f"{raw.file}, columns {', '.join(columns)}",
+        f"a unit, which targets cannot be tested for ({', '.join(map(str, units))})",
+        "none in the headers",
+        f'write it into a header, as in "{columns[0]} [{shown}]"{remedy}',
+    )
+
+
+def _table(raw: RawTable, columns: dict[str, np.ndarray], found: Mapping) -> Table:
+    """The converted columns, and all others of the table under their own names."""
+    used = set()
+    for quantity in QUANTITIES:
+        group = getattr(found, quantity)
+        used |= set() if group is None else set(group.columns)
+    copied = {name: target for name, target in found.columns.items() if target not in columns}
+    made = dict(columns)
+    for name, target in copied.items():
+        made |= conversion.other_columns(raw, replace(found, columns={name: target}))
+    for name, cells in raw.columns.items():
+        if name not in used and name not in copied:
+            made.setdefault(name, cells)
+    return Table(raw.file, made, raw.lines)
