@@ -47,6 +47,16 @@ MaxSigma = Annotated[
         help="Refuse targets with a larger standard uncertainty; default: three times the held-out error.",
     ),
 ]
+Start = Annotated[
+    str | None,
+    typer.Option(
+        "--start",
+        metavar="READINGS|RECORDING",
+        help="Where the search for the readings of flange poses starts, which chooses the configuration of the arm: "
+        "joint readings (0,-90,90,0,90,0), or a recording, whose nearest pose is taken. Default: the middle of the "
+        "joint ranges.",
+    ),
+]
 _NAMED = 12
 
 
@@ -64,6 +74,7 @@ def command(
     max_correction_deg: MaxRotation = 1.0,
     max_sigma_mm: MaxSigma = None,
     map: TargetMap = None,
+    start: Start = None,
     tolerance: answer.Tolerance = None,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
@@ -80,20 +91,20 @@ def command(
         from workbench.files.targets import as_csv, corrected_columns, doubts, read_programme
         from workbench.fitting.verdicts.verdict import parse_tolerances
         from workbench.jobs.robot.compensate import compensate
+        from workbench.jobs.robot.configurations import with_start
         from workbench.jobs.robot.correction_limits import (
             Limits,
             checked,
             covariates_of,
             judge_targets,
         )
-        from workbench.jobs.robot.unattainable import unattainable_targets
         from workbench.machine.progress import paced
 
         tolerances = parse_tolerances(tolerance)
         limits = Limits(max_correction_mm, max_correction_deg, max_sigma_mm)
         arm = checked(read_solution(solution), solution, force, limits)
         arm = without_terms(arm, without or (), str(solution))
-        programme = read_programme(targets, arm.robot, map)
+        programme = with_start(read_programme(targets, arm.robot, map), arm.robot, start)
         covariates = covariates_of(arm, programme)
         tick = paced(say, f"inverting the model at {len(programme.readings)} targets, step")
         found = compensate(
@@ -101,18 +112,15 @@ def command(
         )
         judged = judge_targets(arm, programme, found, limits)
         refused, forced = ({}, judged.refused) if force else (judged.refused, {})
+        said = [*judged.warnings, *_changes(arm, programme, found), *_forced(forced)]
         with runs.opened("compensate", targets.stem, out) as run:
             result = {
                 **_summary(arm, found, refused),
-                "warnings": [*doubts(programme, arm.robot), *judged.warnings, *_forced(forced)],
-                "unattainable": [
-                    one.sentence
-                    for one in unattainable_targets(arm, programme.readings, found, covariates)
-                ],
+                "configurations": _configurations(arm, programme, found),
+                "warnings": [*doubts(programme, arm.robot), *said],
+                "unattainable": _unattainable(arm, programme, found, covariates),
                 "verdict": _verdict(arm, found, refused, tolerances).as_json(),
-                "targets": targets,
-                "solution": solution,
-                "run": run.path,
+                **{"targets": targets, "solution": solution, "run": run.path},
                 "corrected": run.path / "corrected.csv",
             }
             columns = corrected_columns(programme, arm.robot, found, refused)
@@ -133,6 +141,26 @@ def _forced(reasons: Mapping[int, list[str]]) -> list[str]:
         f"--force: {len(reasons)} targets are corrected that would be refused; target {row + 1}: "
         f"{'; '.join(reasons[row])}."
     ]
+
+
+def _unattainable(arm, programme, found, covariates) -> list[str]:
+    from workbench.jobs.robot.unattainable import unattainable_targets
+
+    left = unattainable_targets(arm, programme.readings, found, covariates)
+    return [one.sentence for one in left]
+
+
+def _configurations(arm, programme, found) -> list[dict]:
+    """Which configuration the targets take that are poses; targets with readings state their own."""
+    from workbench.jobs.robot.configurations import configurations_json
+
+    return [] if programme.poses is None else configurations_json(arm.robot, found.readings)
+
+
+def _changes(arm, programme, found) -> list[str]:
+    from workbench.jobs.robot.configurations import configuration_changes
+
+    return [] if programme.poses is None else configuration_changes(arm.robot, found.readings)
 
 
 def _summary(arm, found, refused) -> dict:
@@ -197,7 +225,7 @@ def _verdict(arm, found, refused, tolerances):
 
 def _composition(remaining: float, own: float, noise) -> str:
     """What the largest expected error consists of, and where the noise of the instrument is."""
-    parts = f"{remaining:.3g} mm on unseen poses and {math.sqrt(own):.3g} mm of parameter uncertainty at the target"
+    parts = f"{_remaining_words(remaining)} and {math.sqrt(own):.3g} mm of parameter uncertainty at the target"
     if noise is None:
         return (
             f"It combines {parts}. The first contains the noise of the instrument, which is not known: state sigma_mm "
@@ -206,6 +234,14 @@ def _composition(remaining: float, own: float, noise) -> str:
     return (
         f"It combines {parts}; the noise of the instrument, {noise.value:.3g} mm ({noise.source}), is no error of the "
         "arm and is not part of it."
+    )
+
+
+def _remaining_words(remaining: float) -> str:
+    return (
+        f"{remaining:.3g} mm on unseen poses"
+        if remaining
+        else "no error beyond the noise on unseen poses"
     )
 
 
@@ -259,6 +295,13 @@ def _show(console, result) -> None:
         console.print(
             f"Largest correction: {result['largest_correction_mm']:.3g} mm, "
             f"{result['largest_correction_deg']:.3g} deg.",
+            markup=False,
+        )
+    for one in result["configurations"]:
+        count = len(one["rows"])
+        console.print(
+            f"Configuration of the arm at {count} target{'s' if count > 1 else ''}: "
+            f"{one['configuration']} (--start chooses another).",
             markup=False,
         )
     for sentence in result["warnings"]:

@@ -203,4 +203,17 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
     back()
     check_program(found.readings, text, to)
     largest = f"{len(found.readings)} targets, largest correction {found.position_mm.max():.3g} mm."
-    return ArmExport({file: text}, [], (largest,))
+    return ArmExport({file: text}, [], (largest, *_configuration_notes(arm, programme, found)))
+
+
+def _configuration_notes(arm, programme, found) -> list[str]:
+    """Sentences on the configuration of the arm at targets that are poses."""
+    from workbench.jobs.robot.configurations import configuration_changes, configurations_json
+
+    if programme.poses is None:
+        return []
+    named = [
+        f"Configuration of the arm at {len(one['rows'])} targets: {one['configuration']}."
+        for one in configurations_json(arm.robot, found.readings)
+    ]
+    return [*named, *configuration_changes(arm.robot, found.readings)]

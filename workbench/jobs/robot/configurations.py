@@ -1,0 +1,148 @@
+"""Which configuration of the arm the corrected targets take, where the search for readings starts, and what changes."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import groupby
+
+import numpy as np
+
+from robot_model.configuration import (
+    configuration_name,
+    configuration_signs,
+    has_configurations,
+)
+from robot_model.robot import Robot
+from robot_model.state import sliding
+from robot_model.task_priority import LEVER_MM
+from workbench.core.errors import InputError
+from workbench.core.rigid import rotation_vector
+from workbench.jobs.robot.compensate import nominal_poses
+
+_NAMED = 6
+
+
+def with_start(programme, robot: Robot, start: str | None):
+    """The programme with other readings to start from: stated ones, or those of the nearest pose of a recording.
+
+    programme: `workbench.files.targets.Programme`; start: joint readings in deg and mm, separated by commas, or the
+    folder or name of a recording; None keeps what the programme has. Raises InputError.
+    """
+    if start is None:
+        return programme
+    if programme.poses is None:
+        raise InputError(
+            "--start: expected targets that are poses, found joint readings, which state the configuration; leave the "
+            "option out"
+        )
+    stated = _numbers(start)
+    if stated is None:
+        readings = _nearest_readings(programme.poses, robot, start)
+    else:
+        readings = np.tile(_checked(stated, robot), (len(programme.poses), 1))
+    return replace(programme, readings=readings)
+
+
+def _numbers(text: str) -> list[float] | None:
+    """The numbers of a list; None for any other text."""
+    try:
+        return [float(part) for part in text.replace(";", ",").replace(",", " ").split()]
+    except ValueError:
+        return None
+
+
+def _checked(stated: Sequence[float], robot: Robot) -> np.ndarray:
+    """(R,) rad, mm. Raises InputError for another number of readings, or one beyond the limits of its joint."""
+    slides = sliding(robot)
+    if len(stated) != len(slides) or not np.isfinite(stated).all():
+        raise InputError(
+            f"--start: expected {len(slides)} joint readings (deg, mm) or a recording, found {len(stated)} numbers; "
+            "write one for each joint, as in --start 0,-90,90,0,90,0"
+        )
+    readings = np.where(slides, stated, np.deg2rad(stated))
+    low, high = robot.limits.T
+    for k in np.flatnonzero((readings < low - 1e-9) | (readings > high + 1e-9)):
+        raise InputError(
+            f"--start: expected readings within the limits of the joints, found {stated[k]:g} for joint {k + 1}; "
+            "correct it"
+        )
+    return readings
+
+
+def _nearest_readings(poses: np.ndarray, robot: Robot, name: str) -> np.ndarray:
+    """(n, R) readings of the recorded pose that is nearest to each target."""
+    import datasets
+
+    recording = datasets.read(name, False)
+    recorded = recording.joints[recording.moving] if recording.n else np.empty((0, 0))
+    if recorded.size == 0 or recorded.shape[1] != robot.mixing.shape[1]:
+        raise InputError(
+            f"--start {name}: expected a recording with {robot.mixing.shape[1]} joint readings, found "
+            f"{recorded.shape[1]}; name another, or state readings"
+        )
+    seen = nominal_poses(robot, recorded)
+    best = np.empty(len(poses), int)
+    for k, wanted in enumerate(poses):
+        place = np.linalg.norm(seen[:, :3, 3] - wanted[:3, 3], axis=1)
+        relative = wanted[:3, :3].T @ seen[:, :3, :3]
+        angle = np.linalg.norm(rotation_vector(relative), axis=1)
+        best[k] = int(np.argmin(np.hypot(place, LEVER_MM * angle)))
+    return recorded[best]
+
+
+def configurations_json(robot: Robot, readings: np.ndarray) -> list[dict]:
+    """Each configuration with the numbers of its targets, from 1; empty for arms that have no names for theirs.
+
+    readings (n, R), nan where a target has none.
+    """
+    if not has_configurations(robot):
+        return []
+    rows: dict[str, list[int]] = {}
+    for row, name in _named(robot, readings):
+        rows.setdefault(name, []).append(row + 1)
+    return [{"configuration": name, "rows": numbers} for name, numbers in rows.items()]
+
+
+def _named(robot: Robot, readings: np.ndarray) -> list[tuple[int, str]]:
+    """(row, configuration) of the targets that have readings."""
+    rows = np.flatnonzero(np.isfinite(readings).all(1))
+    signs = configuration_signs(robot, readings[rows])
+    return [(int(row), configuration_name(one)) for row, one in zip(rows, signs)]
+
+
+def configuration_changes(robot: Robot, readings: np.ndarray) -> list[str]:
+    """A sentence where the configuration changes from one target to the next, and one where a joint turns far."""
+    return [*_sign_changes(robot, readings), *_far_turns(robot, readings)]
+
+
+def _sign_changes(robot: Robot, readings: np.ndarray) -> list[str]:
+    if not has_configurations(robot):
+        return []
+    runs = [list(run) for _, run in groupby(_named(robot, readings), key=lambda one: one[1])]
+    places = [
+        f"{before[-1][0] + 1} and {after[0][0] + 1} ({before[0][1]}, then {after[0][1]})"
+        for before, after in zip(runs, runs[1:])
+    ]
+    if not places:
+        return []
+    return [
+        f"The configuration of the arm changes between targets {_some(places)}: the arm passes a singular posture or "
+        "moves far there. State readings for these targets, or a start for the search (--start)."
+    ]
+
+
+def _far_turns(robot: Robot, readings: np.ndarray) -> list[str]:
+    """A joint that turns by more than half a revolution between two targets takes another revolution."""
+    rows = np.flatnonzero(np.isfinite(readings).all(1))
+    steps = np.abs(np.diff(readings[rows], axis=0)) * ~sliding(robot)
+    places = [
+        f"{rows[k] + 1} and {rows[k + 1] + 1} (joint {joint + 1}, {np.rad2deg(steps[k, joint]):.0f} deg)"
+        for k, joint in np.argwhere(steps > np.pi)
+    ]
+    if not places:
+        return []
+    return [f"A joint turns by more than 180 deg between targets {_some(places)}."]
+
+
+def _some(places: Sequence[str]) -> str:
+    more = f" and {len(places) - _NAMED} more times" if len(places) > _NAMED else ""
+    return "; ".join(places[:_NAMED]) + more
