@@ -9,9 +9,9 @@ from datasets.errors import complaint
 from datasets.importers.source import RawTable
 from datasets.importers.sources.text_tables import (
     Layout,
+    columns_from_text,
     find_header,
     is_number_text,
-    numbers_from_text,
 )
 from datasets.importers.units import length_unit_in_text
 
@@ -61,17 +61,19 @@ def _sheet_table(path: Path, sheet) -> RawTable | None:
     ]
     lines = [number for number, _ in data]
     called = f"{path.name}, sheet {sheet.title}"
-    columns = {}
+    columns, stated = {}, {}
     for k, name in enumerate(names):
         cells = [row[k] if k < len(row) else None for _, row in data]
         if any(cell is not None for cell in cells):
-            columns[name] = _typed(cells, f"{called}, column {name}", lines)
+            made = _typed(name, cells, called, lines)
+            columns |= made
+            stated |= {own: units[k] for own in made if units[k]}
     unit = length_unit_in_text(" ".join(titles))
     return RawTable(
         path.name,
         columns,
         np.array(lines),
-        units={name: unit for name, unit in zip(names, units) if unit and name in columns},
+        units=stated,
         default_units={"length": unit} if unit else {},
     )
 
@@ -87,12 +89,12 @@ def _as_line(row: Sequence, width: int) -> str:
     return "\t".join(cells)
 
 
-def _typed(cells: Sequence, where: str, lines: Sequence[int]) -> np.ndarray:
-    """Numbers as they are; numbers that were typed as text are read like those of a text file."""
+def _typed(name: str, cells: Sequence, called: str, lines: Sequence[int]) -> dict:
+    """Columns by name: numbers as they are; numbers that were typed as text are read like those of a text file."""
     if all(cell is None or (_is_number(cell) and not isinstance(cell, str)) for cell in cells):
-        return np.array([np.nan if cell is None else float(cell) for cell in cells])
+        return {name: np.array([np.nan if cell is None else float(cell) for cell in cells])}
     texts = ["" if cell is None else _text(cell) for cell in cells]
-    return numbers_from_text(texts, where, lines)
+    return columns_from_text(name, texts, called, lines)
 
 
 def _text(cell) -> str:

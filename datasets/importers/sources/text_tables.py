@@ -20,6 +20,7 @@ from datasets.errors import complaint
 from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.words import names_something
 from datasets.importers.source import RawTable
+from datasets.importers.sources.packed_cells import unpacked
 from datasets.importers.units import is_unit, length_unit_in_text
 
 _SAMPLE_LINES = 400
@@ -65,14 +66,18 @@ def read_text_table(path: Path) -> RawTable:
     columns, lines, warnings = _read_rows(path, encoding, layout)
     names = names or names_without_header(path, layout.width)
     used = _used_columns(columns)
-    table = {names[k]: _typed(columns[k], f"{path.name}, column {names[k]}", lines) for k in used}
+    table, stated = {}, {}
+    for k in used:
+        made = _typed_columns(names[k], columns[k], path.name, lines)
+        table |= made
+        stated |= {name: units[k] for name in made if units[k]}
     comment = " ".join(sample[: layout.first])
     unit = length_unit_in_text(comment)
     return RawTable(
         path.name,
         table,
         np.array(lines),
-        units={names[k]: units[k] for k in used if units[k]},
+        units=stated,
         default_units={"length": unit} if unit else {},
         warnings=tuple(warnings),
     )
@@ -374,11 +379,32 @@ def _used_columns(columns: Sequence[_Column]) -> list[int]:
     return used
 
 
-def _typed(column: _Column, where: str, lines: Sequence[int]) -> np.ndarray:
-    """Numbers where all cells are numbers with one decimal sign, else text."""
+def _typed_columns(name: str, column: _Column, file: str, lines: Sequence[int]) -> dict:
+    """A column by its name: numbers where all cells are numbers with one decimal sign, else text.
+
+    Several columns where its header names the several numbers of each cell.
+    """
     if column.texts is None:
-        return np.array(column.numbers)
-    return numbers_from_text(column.texts, where, lines)
+        return {name: np.array(column.numbers)}
+    return columns_from_text(name, column.texts, file, lines)
+
+
+def columns_from_text(
+    name: str, texts: Sequence[str], file: str, lines: Sequence[int]
+) -> dict[str, np.ndarray]:
+    """One column of cells by its name, or several where its header names the several numbers of each cell.
+
+    Raises InputError where cells may be one number or several, or mix decimal signs.
+    """
+    where = f"{file}, column {name}"
+    filled = ["" if cell.lower() in _EMPTY else cell for cell in texts]
+    several = unpacked(name, filled, where, lines)
+    if several is None:
+        return {name: numbers_from_text(texts, where, lines)}
+    return {
+        own: numbers_from_text(cells, f"{file}, column {own}", lines)
+        for own, cells in zip(*several)
+    }
 
 
 def numbers_from_text(texts: Sequence[str], where: str, lines: Sequence[int]) -> np.ndarray:
