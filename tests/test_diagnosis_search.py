@@ -1,6 +1,7 @@
 """The search for missing terms: its objective against brute force, and sets that a greedy search would miss."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,8 +15,10 @@ from workbench.diagnosis.linear.hypotheses import judged
 from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.findings import with_special_cases
+from workbench.diagnosis.search.likeliest import _varied
 from workbench.diagnosis.search.objective import LogPosterior
 from workbench.diagnosis.search.posterior import Window
+from workbench.diagnosis.search.select import found_terms
 from workbench.diagnosis.search.stepwise import Stepwise
 
 NAMES = "joint-compliance", "link-compliance"
@@ -101,6 +104,30 @@ def test_several_terms_of_one_joint_are_found_together():
     planted = {(effect.effect, "joint-3") for effect in effects}
     assert planted <= {(f.effect, f.where) for f in answer.findings}
     assert {(f.effect, f.where) for f in answer.findings if f.probability > 0.95} <= planted
+
+
+def test_variants_of_one_covariate_leave_room_for_those_of_another():
+    """Joint 2 has backlash by the side of approach and deflects; alone, backlash seated by gravity is likelier.
+
+    Four variants of that kept the right one from the search, and a smooth function of torque and side took its place.
+    """
+    softly = [one_variant("tau2", f"softly {k}") for k in range(6)]
+    by_side = one_variant("approach2", "by the side of approach")
+    kept = _varied([*softly, by_side, *softly], 48)
+    assert by_side in kept and len(kept) == 5
+
+
+def one_variant(covariate: str, label: str) -> SimpleNamespace:
+    return SimpleNamespace(key=("backlash", "joint-2"), reads={covariate}, label=label)
+
+
+@pytest.mark.slow
+def test_a_law_that_another_variant_hides_alone_is_found_with_the_deflection():
+    planted = pytest.importorskip("datasets.makers.planted", reason="MuJoCo makes the recording")
+    recording = planted.make(5009, 1, 3, False).made.recording()
+    names = {(f.effect, f.where) for f in found_terms(bench_of(recording))}
+    laws = {("joint-compliance", "joint-2"), ("backlash", "joint-2"), ("zero-shift", "joint-4")}
+    assert names == laws
 
 
 def test_the_likeliest_set_does_not_depend_on_where_the_search_starts(elastic_arm):

@@ -22,7 +22,7 @@ _FIRST, _CONDITIONAL, _UNNAMED = 48, 24, 6
 _INSTEAD, _WIDE = 4, 6
 """Terms in the place of each accepted one, where no more than so many are accepted: more are exchanged in pairs."""
 _VARIANTS = 4
-"""Variants of one effect at one place among these."""
+"""Variants of one effect at one place among these, of the same covariates."""
 
 
 def accept_likeliest(search: Search, thorough: bool = True) -> None:
@@ -108,13 +108,17 @@ def _likeliest(table: list[Hypothesis], named: int, unnamed: int) -> list[Hypoth
 
 
 def _varied(terms: list[Hypothesis], count: int) -> list[Hypothesis]:
-    """The first so many terms with at most `_VARIANTS` variants of one effect at one place: a step at each of a dozen
-    neighbouring instants would leave no room for other effects."""
+    """The first so many terms with at most `_VARIANTS` variants of one effect at one place that read the same.
+
+    A step at each of a dozen neighbouring instants would leave no room for other effects; a backlash that gravity seats
+    in several ways, none for one that the side of approach seats.
+    """
     seen: Counter = Counter()
     out = []
     for h in terms:
-        seen[h.key] += 1
-        if seen[h.key] <= _VARIANTS:
+        variant = (h.key, frozenset(h.reads))
+        seen[variant] += 1
+        if seen[variant] <= _VARIANTS:
             out.append(h)
         if len(out) == count:
             break
