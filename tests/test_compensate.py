@@ -11,6 +11,7 @@ from datasets.makers import gubankov, liu, ye
 from datasets.mujoco_arm import pose, reflector_points
 from datasets.recording import Recording
 from robot_model import load_robot
+from robot_model.chain import forward
 from robot_model.effects import CATALOGUE
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix
@@ -18,7 +19,12 @@ from workbench.files.solution_file import CalibratedArm, _trust, read_solution
 from workbench.files.targets import doubts, read_programme
 from workbench.fitting.plans import geometry
 from workbench.jobs.robot.calibrate import calibrate, save
-from workbench.jobs.robot.compensate import actual_poses, compensate, nominal_poses
+from workbench.jobs.robot.compensate import (
+    actual_poses,
+    compensate,
+    nominal_poses,
+    position_covariance,
+)
 from workbench.jobs.robot.correction_limits import checked
 
 N = 200
@@ -107,6 +113,45 @@ def test_what_the_model_misses_is_part_of_the_uncertainty(run, made, tmp_path):
         InputError, match="key discrepancy_rms_mm: expected a distance of 0 or more"
     ):
         read_solution(tmp_path)
+
+
+def test_an_empirical_function_is_uncertain_beyond_its_range(run, made):
+    """Joint 2 errs in proportion to its angle, and the function knows it only up to half of the programmed range."""
+    arm, readings = read_solution(run[0]), targets(made)
+    low, high = readings[:, 1].min(), np.median(readings[:, 1])
+    options = {"port": "joint", "names": ["q2"], "spans": [[low, high]], "unit": "rad"}
+    function = CATALOGUE["smooth-function"]("joint-2", **options, sizes=[1e-3])
+    values = arm.values | {p.key: 0.0 for p in function.table(None)}
+    values["joint-2.unknown.q2_0_0"] = 1e-3  # times q2 scaled to -1 ... 1: the linear term
+    with_function = replace(arm, effects=(*arm.effects, function), values=values)
+    known, found = compensate(arm, readings), compensate(with_function, readings)
+    beyond = readings[:, 1] > high + 0.1
+    more = np.sqrt(found.sigma_mm**2 - np.minimum(known.sigma_mm, found.sigma_mm) ** 2)
+    lever = _distance_from_axis_2(arm, readings)
+    scaled = np.minimum(2 * (found.readings[:, 1] - high) / (high - low), 2.0)
+    expected = 1e-3 * scaled * lever
+    assert beyond.sum() > 20
+    np.testing.assert_allclose(more[beyond], expected[beyond], rtol=0.05)
+    inside = (readings[:, 1] < high - 0.1) & (found.readings[:, 1] > low)
+    np.testing.assert_allclose(found.sigma_mm[inside], known.sigma_mm[inside], rtol=0.02)
+
+
+def _distance_from_axis_2(arm, readings):
+    """(n,) mm: distance of the reflector from the axis of joint 2, nominal arm."""
+    frames = forward(arm.robot, arm.robot.mixing @ readings.T)
+    reflector = [arm.values[f"tool.reflector1_{c}"] for c in "xyz"] + [1.0]
+    point = (nominal_poses(arm.robot, readings) @ reflector)[:, :3]
+    return np.linalg.norm(np.cross(point - frames.z_origin[1].T, frames.z[1].T), axis=1)
+
+
+def test_the_covariance_of_places_has_their_sigmas_and_what_they_share(run, made):
+    arm, readings = read_solution(run[0]), targets(made)[:20]
+    done = compensate(arm, readings)
+    covariance = position_covariance(arm, done.readings)
+    variances = np.diag(covariance).reshape(20, 3).sum(1)
+    np.testing.assert_allclose(np.sqrt(variances), done.sigma_mm, rtol=1e-6)
+    twice = position_covariance(arm, done.readings[[0, 0]])
+    np.testing.assert_allclose(twice[:3, 3:], twice[:3, :3], atol=1e-12)
 
 
 def test_the_model_is_inverted_exactly(run, made):

@@ -1,6 +1,7 @@
 """Error curves of joints: the law, its spectrum, recovery on simulated arms, and the real UR10."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -40,6 +41,18 @@ def test_beyond_the_visited_angles_a_curve_is_constant():
     curve, coefficients = fitted(ANGLES, 1e-4 * ANGLES, 15)
     outside = curve.curve(coefficients, np.array([curve.end, curve.end + 1.0, curve.end + 2.0]))
     assert np.ptp(outside) == 0
+
+
+def test_extrapolation_is_the_change_over_the_same_distance_before_the_end():
+    curve, coefficients = fitted(ANGLES, 1e-4 * ANGLES, 15)
+    inside, beyond, far = ANGLES[::40], curve.end + 0.7, curve.start - 100.0
+    angle = np.array([*inside, beyond, far])
+    state = SimpleNamespace(variables=np.stack([np.zeros(len(angle)), angle]))
+    unknown = curve.extrapolation(coefficients, state)[0]
+    ends = curve.curve(coefficients, np.array([curve.end, curve.end - 0.7, curve.start]))
+    assert not unknown[:-2].any()
+    assert unknown[-2] == pytest.approx(ends[0] - ends[1], rel=1e-12)
+    assert unknown[-1] == pytest.approx(ends[2] - ends[0], rel=1e-12)
 
 
 def test_the_spectrum_names_the_cycles_per_revolution_that_are_there():

@@ -6,6 +6,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from robot_model.effects.nonparametric import mirrored_at_ends
 from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
@@ -88,6 +89,12 @@ class JointCurve(Effect):
 
     def basis(self, state):
         return self.cosines(state.variables[self.number - 1])[:, None]
+
+    def extrapolation(self, p, state):
+        """(1, n) change over the distance beyond the domain, mirrored into it."""
+        angle = state.variables[self.number - 1]
+        mirrored = mirrored_at_ends(angle, self.start, self.end)
+        return (self.curve(p, angle) - self.curve(p, mirrored))[None]
 
     def cosines(self, angle: np.ndarray) -> np.ndarray:
         """(terms, n) the terms of the series at joint variables (n,) in rad or mm."""

@@ -59,6 +59,12 @@ def functions(
     return waves, sizes
 
 
+def mirrored_at_ends(x: np.ndarray, low: float, high: float) -> np.ndarray:
+    """(n,) values beyond an interval mirrored at its nearer end, not beyond the other end; the others as they are."""
+    nearest = np.clip(x, low, high)
+    return np.clip(2 * nearest - x, low, high)
+
+
 def _degree(name: str, fine: int) -> int:
     if name.startswith("approach"):
         return 1
@@ -159,11 +165,20 @@ class SmoothFunction(Effect):
 
     def basis(self, state):
         """(slots x functions, slots, n)."""
+        return self._waves([covariate(state, name) for name in self.names])
+
+    def extrapolation(self, p, state):
+        """(slots, n) change over the distance beyond the spans, mirrored into them."""
         values = [covariate(state, name) for name in self.names]
+        mirrored = [mirrored_at_ends(x, *span) for x, span in zip(values, self.spans)]
+        return np.tensordot(p, self._waves(values) - self._waves(mirrored), 1)
+
+    def _waves(self, values) -> np.ndarray:
+        """(slots x functions, slots, n) of covariates (n,) each."""
         waves, _ = functions(self.names, values, self.spans, self._fine)
         slots = len(self.sizes)
         each = np.einsum("st,vn->svtn", np.eye(slots), waves)
-        return each.reshape(slots * len(waves), slots, state.n)
+        return each.reshape(slots * len(waves), slots, waves.shape[1])
 
 
 class PeriodicMotion(Effect):
@@ -216,4 +231,4 @@ class PeriodicMotion(Effect):
         return each.reshape(2 * slots, slots, state.n)
 
 
-__all__ = ["SHARP_DEGREE", "PeriodicMotion", "SmoothFunction", "functions"]
+__all__ = ["SHARP_DEGREE", "PeriodicMotion", "SmoothFunction", "functions", "mirrored_at_ends"]

@@ -221,6 +221,13 @@ class Effect:
             return self.basis(state)
         return numeric_derivative(lambda x: self.delta(x, state), p, self.steps())
 
+    def extrapolation(self, p: np.ndarray, state) -> np.ndarray | None:
+        """(m, n) change of the slots by which an empirical function may differ beyond the range that it was fitted on.
+
+        As much as the function changes over the same distance before the end of the range; 0 within it. None for a law.
+        """
+        return None
+
     def shrinkage_groups(self) -> tuple[str, ...]:
         """Names of the groups in which its parameters share a prior scale, one a parameter; () for one group."""
         return ()

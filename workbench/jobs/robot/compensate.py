@@ -19,8 +19,10 @@ from robot_model.system import RobotChain
 from robot_model.task_priority import LEVER_MM, Task, joint_part, pose_difference, pose_sizes
 from workbench.core.least_squares.linear_algebra import least_squares, solve_positive
 from workbench.core.model import Model
+from workbench.core.parameters import Parameters
 from workbench.core.rigid import transform
 from workbench.files.solution_file import CalibratedArm
+from workbench.jobs.robot.extrapolation import extrapolation_mm
 
 _STEPS = 40
 # starts of the search for a posture, and where a joint without limits may start
@@ -40,10 +42,10 @@ class Compensated:
     for; `correction_mm` (n,) how far the real flange is from them at the nominal arm's readings, the larger of its
     position and of its orientation at a lever of 200 mm; `position_mm` and `rotation_deg` (n,) the two by themselves;
     `left_mm` (n,) what is left of it; `sigma_mm` (n,) 1 sigma of the 3-D place that the parameters'
-    uncertainty makes; `uncertainty_mm` (n,) that combined with the discrepancy of the model, the RMS distance that the
-    calibration left beyond its noise (GUM, JCGM 100:2008, 5.1.2); `reached` (n,) False where no reading within limits
-    gets there, because the search found none or, where `beyond_limits` (n,), because the one it found is outside the
-    limits of the joints.
+    uncertainty and the extrapolation of empirical functions make; `uncertainty_mm` (n,) that combined with the
+    discrepancy of the model, the RMS distance that the calibration left beyond its noise (GUM, JCGM 100:2008,
+    5.1.2); `reached` (n,) False where no reading within limits gets there, because the search found none or, where
+    `beyond_limits` (n,), because the one it found is outside the limits of the joints.
 
     An arm that cannot move its flange in all six directions (`is_deficient`) has reached a target where nothing is left
     in the directions that its joints move; `position_left_mm` and `rotation_left_deg` (n,) are then what is left in
@@ -329,8 +331,30 @@ def _within(robot, readings):
 def _sigma(model, arm) -> np.ndarray:
     """(n,) mm: 1 sigma of the measured point's 3-D place in the world, from the covariance of all parameters.
 
-    Base and tool are in it: they were found together with the arm, and what they share with it cancels.
-    A beam is known across itself and not along, so that there the flange's own place is taken.
+    And from what empirical functions leave open beyond the range that they were fitted on.
+    """
+    rows, covariance, parameters = _uncertain(model, arm)
+    variance = np.einsum("fmn,fg,gmn->n", rows, covariance, rows)
+    return np.hypot(np.sqrt(np.maximum(variance, 0)), extrapolation_mm(model, parameters))
+
+
+def position_covariance(arm: CalibratedArm, readings: np.ndarray, covariates=None) -> np.ndarray:
+    """(3 n, 3 n) mm^2: covariance of the places of the measured point at readings (n, R), x, y and z of each in turn.
+
+    From the covariance of the parameters, whose errors all places share: a difference or a mean over places has its
+    own uncertainty from this matrix. covariates: as of `compensate`.
+    """
+    wanted = nominal_poses(arm.robot, readings)
+    rows, covariance, _ = _uncertain(_model(arm, readings, wanted, covariates), arm)
+    columns = rows.transpose(0, 2, 1).reshape(len(rows), 3 * rows.shape[2])
+    return columns.T @ covariance @ columns
+
+
+def _uncertain(model, arm) -> tuple[np.ndarray, np.ndarray, Parameters]:
+    """Derivative (F, 3, n) of the measured point's place with respect to the F estimated parameters, their covariance.
+
+    And all parameters at their values. Base and tool are in it: they were found together with the arm, and what they
+    share with it cancels. A beam is known across itself and not along, so that there the flange's own place is taken.
     """
     of_a_beam = arm.keys.get("measures") == "laser-spot"
     known = {
@@ -342,14 +366,11 @@ def _sigma(model, arm) -> np.ndarray:
         {k: arm.values[key] for key in arm.values if (k := _called(key)) in model.parameters.index}
     )
     parameters = parameters.only(np.isin(parameters.keys, list(known)))
-    if not known:
-        return np.zeros(model.chain.n)
     order = [
         arm.free.index(known[key]) for key, free in zip(parameters.keys, parameters.mask) if free
     ]
     rows = model.linearise(parameters)[1][:, :3]
-    covariance = _covariance_given_frame(arm)[np.ix_(order, order)]
-    return np.sqrt(np.maximum(np.einsum("fmn,fg,gmn->n", rows, covariance, rows), 0))
+    return rows, _covariance_given_frame(arm)[np.ix_(order, order)], parameters
 
 
 def _covariance_given_frame(arm) -> np.ndarray:
