@@ -14,6 +14,7 @@ from workbench.commands.shared.model_run import is_model_run, scene_of
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.model import Model
+from workbench.core.rigid import rotation_matrix
 from workbench.diagnosis.linear.problem import Finding
 from workbench.explanation.answer import diagnose
 from workbench.explanation.corrected_model import corrected_stages, write_model
@@ -22,7 +23,7 @@ from workbench.files.solution_file import read_solution, without_terms
 from workbench.fitting import plan_file
 from workbench.fitting.plans import read_plan
 from workbench.jobs.robot.calibrate import calibrate
-from workbench.jobs.robot.compensate import actual_poses
+from workbench.jobs.robot.compensate import actual_poses, compensate
 from workbench.jobs.robot.poses import choose_poses
 from workbench.jobs.robot.simulate import simulate
 
@@ -72,6 +73,44 @@ def test_the_run_folder_holds_plan_solution_and_scene(run):
     assert all(result[key].startswith(str(folder)) for key in ("plan", "solution", "scene"))
     assert not result["left_out"] and 0.02 < result["held_out_rms_mm"] < 0.05
     assert is_model_run(folder) and scene_of(folder).is_file()
+
+
+@pytest.mark.slow
+def test_a_refused_term_counts_for_the_uncertainty_of_the_model_without_it(run, tmp_path):
+    """A backlash that is certainly there and not in the model: its uncertainty is the error that it makes."""
+    recording, made, folder, _ = run
+    refused = replace(made.terms[0], kept=False, t=8.0)
+    write_model(replace(made, terms=(), refused=(refused,)), recording, tmp_path)
+    arm, right = read_solution(tmp_path), read_solution(folder)
+    joints = np.deg2rad(np.random.default_rng(8).uniform(-50, 50, (40, 6)))
+    sides = np.random.default_rng(9).choice([-1.0, 1.0], (6, 40))
+    columns = {f"approach{k}": side for k, side in enumerate(sides, 1)}
+    assert not arm.effects and arm.considered.keys == ("joint-3.backlash.half_gap",)
+    wrong_by = measured_points(arm, joints, columns) - measured_points(right, joints, columns)
+    done = compensate(arm, joints, covariates=columns)
+    alone = compensate(replace(arm, considered=None), joints, covariates=columns)
+    added = np.sqrt((done.sigma_mm**2 - alone.sigma_mm**2).mean())
+    assert np.sqrt((wrong_by**2).sum(1).mean()) == pytest.approx(added, rel=0.1)
+    assert added > 3 * np.sqrt((alone.sigma_mm**2).mean())
+
+
+def measured_points(arm, readings, columns):
+    """(n, 3) mm: the reflector of a calibrated arm in the instrument's frame."""
+    base = np.array([arm.values[f"base.{c}"] for c in ("x", "y", "z", "rx", "ry", "rz")])
+    reflector = np.array([arm.values[f"tool.reflector1_{c}"] for c in "xyz"] + [1.0])
+    in_root = (actual_poses(arm, readings, columns) @ reflector)[:, :3]
+    return in_root @ rotation_matrix(base[3:]).T + base[:3]
+
+
+def test_a_damaged_matrix_of_considered_terms_is_a_sentence(run, tmp_path):
+    keys = json.loads((run[2] / "solution.json").read_text())
+    row = {"effect": "backlash", "where": "joint-2", "seat": "approach"}
+    size = len(keys["free"]) + 1
+    considered = {"effects": [row], "free": ["joint-2.backlash.half_gap"]}
+    considered["covariance"] = (-np.eye(size)).tolist()
+    (tmp_path / "solution.json").write_text(json.dumps(keys | {"considered": considered}))
+    with pytest.raises(InputError, match="key considered.covariance: expected a covariance matrix"):
+        read_solution(tmp_path)
 
 
 def test_the_page_shows_the_residual_term_by_term(run, tmp_path):

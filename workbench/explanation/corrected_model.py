@@ -1,7 +1,8 @@
 """What a diagnosis found, in runnable form: a plan, a solution and a scene of the corrected model.
 
 The plan holds the geometry, the effects of the baseline and one stage a term that was kept. The recording is
-calibrated by it, so that the solution has a covariance and held-out errors like that of every calibration.
+calibrated by it, so that the solution has a covariance and held-out errors like that of every calibration. Terms that
+were found and refused are not in the model; the solution states what they add to its uncertainty.
 """
 
 import json
@@ -13,6 +14,7 @@ from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from workbench.core.errors import InputError
 from workbench.core.solution import Stage
+from workbench.explanation.considered_terms import considered_terms
 from workbench.explanation.result import Diagnosis
 from workbench.files.solution_file import NAME as SOLUTION
 from workbench.files.solution_file import robot_keys, solution_keys
@@ -97,6 +99,9 @@ def write_model(
     except InputError as problem:
         return ModelFiles(PLAN, left_out=(*without, f"no solution.json: {problem}"))
     keys = solution_keys(calibration)
+    considered = considered_terms(made.refused, calibration, stages, _row)
+    if considered is not None:
+        keys["considered"] = considered.as_json()
     (folder / SOLUTION).write_text(json.dumps(keys, indent=1), encoding="utf-8")
     title = f"{made.title}: corrected by the diagnosis"
     why = write_scene(corrected_scene(calibration, title), folder)

@@ -15,6 +15,7 @@ from workbench.core.effect import Effect, make_effects
 from workbench.core.errors import InputError
 from workbench.core.terms import switched_off, term_names
 from workbench.core.text.structured_text import ContentError, read_json
+from workbench.files.considered import Considered, read_considered
 
 FORMAT, NAME = "solution/1", "solution.json"
 # Largest plausible correction of the position and of the orientation of the flange, where nobody states another.
@@ -35,6 +36,7 @@ class CalibratedArm:
     arm's, and `why` says so. `fitted_range`: lowest and highest value of every joint reading and covariate that was
     recorded, by column name in file units; None where an older version wrote the file. `discrepancy_mm`: RMS distance
     that the calibration left beyond its noise; 0 where the noise is unknown or an older version wrote the file.
+    `considered`: terms of a diagnosis that are not in the model and count for its uncertainty.
     """
 
     robot: Robot
@@ -49,6 +51,7 @@ class CalibratedArm:
     keys: dict
     fitted_range: Mapping[str, tuple[float, float]] | None = None
     discrepancy_mm: float = 0.0
+    considered: Considered | None = None
 
     @property
     def acting_effects(self) -> tuple[Effect, ...]:
@@ -165,6 +168,7 @@ def read_solution(path: Path) -> CalibratedArm:
             keys,
             ranges,
             float(keys.get("discrepancy_rms_mm") or 0.0),
+            read_considered(keys.get("considered"), len(keys["free"])),
         )
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
         if isinstance(problem, InputError):
@@ -208,6 +212,11 @@ def _check_arm(path: Path, arm: CalibratedArm) -> None:
         raise _unusable(path, "fitted_range", "lowest and highest values", "them exchanged")
     if problem := _covariance_problem(arm.covariance):
         raise _unusable(path, "covariance", "a covariance matrix", problem)
+    if arm.considered is not None:
+        if not np.isfinite(arm.considered.covariance).all():
+            raise _unusable(path, "considered.covariance", "finite numbers", "others")
+        if problem := _covariance_problem(arm.considered.covariance):
+            raise _unusable(path, "considered.covariance", "a covariance matrix", problem)
 
 
 def _covariance_problem(covariance: np.ndarray) -> str:

@@ -21,6 +21,7 @@ from workbench.core.least_squares.linear_algebra import least_squares, solve_pos
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.rigid import transform
+from workbench.files.considered import with_considered
 from workbench.files.solution_file import CalibratedArm
 from workbench.jobs.robot.extrapolation import extrapolation_mm
 
@@ -102,7 +103,7 @@ def compensate(
     reached = is_solved & ~beyond
     # what an inversion that failed ends with is no place to send an arm to
     readings = np.where(reached[:, None], found, np.nan)
-    sigma = _sigma(model, arm)
+    sigma = _sigma(arm, found, wanted, covariates)
     return Compensated(
         readings,
         wanted,
@@ -328,11 +329,15 @@ def _within(robot, readings):
     ).all(1)
 
 
-def _sigma(model, arm) -> np.ndarray:
+def _sigma(arm, readings, wanted, covariates) -> np.ndarray:
     """(n,) mm: 1 sigma of the measured point's 3-D place in the world, from the covariance of all parameters.
 
-    And from what empirical functions leave open beyond the range that they were fitted on.
+    Those of considered terms are among them. And from what empirical functions leave open beyond the range that they
+    were fitted on.
     """
+    model = _model(arm, readings, wanted, covariates)
+    arm = with_considered(arm, model.chain.state)
+    model = _model(arm, readings, wanted, covariates)
     rows, covariance, parameters = _uncertain(model, arm)
     variance = np.einsum("fmn,fg,gmn->n", rows, covariance, rows)
     return np.hypot(np.sqrt(np.maximum(variance, 0)), extrapolation_mm(model, parameters))
@@ -345,6 +350,7 @@ def position_covariance(arm: CalibratedArm, readings: np.ndarray, covariates=Non
     own uncertainty from this matrix. covariates: as of `compensate`.
     """
     wanted = nominal_poses(arm.robot, readings)
+    arm = with_considered(arm, _model(arm, readings, wanted, covariates).chain.state)
     rows, covariance, _ = _uncertain(_model(arm, readings, wanted, covariates), arm)
     columns = rows.transpose(0, 2, 1).reshape(len(rows), 3 * rows.shape[2])
     return columns.T @ covariance @ columns

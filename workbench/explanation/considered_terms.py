@@ -1,0 +1,117 @@
+"""Terms that a diagnosis found likely and did not retain, as a part of the uncertainty of its corrected model.
+
+A refused term is not estimated, but it may be there. Consider covariance analysis (Schmidt, Advances in Control Systems
+3 (1966) 293; Bierman, Factorization Methods (1977), ch. 8): its parameters c stay at their null values with the second
+moment E[c c'], and move the estimates x by S c, S = -P N_xc / s^2, with P the covariance of the estimates, N the normal
+matrix and s the scale of the noise. Errors of the model at a target then hold what the term makes there by itself, and
+what the estimates take over of it.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from workbench.core.distributions import norm
+from workbench.core.effect import Effect
+from workbench.core.errors import InputError
+from workbench.core.least_squares.solver import normal_matrix
+from workbench.core.solution import Stage
+from workbench.diagnosis.validation.terms import Term
+from workbench.files.considered import Considered
+from workbench.jobs.robot.calibrate import Calibration, calibrate
+
+_LEAST = 0.05
+"""Probability below which a refused term is not considered."""
+_FOLDS = 2  # of a calibration whose held-out error nobody reads
+
+
+def considered_terms(
+    refused: Sequence[Term], calibration: Calibration, stages: Sequence[Stage], rows_of
+) -> Considered | None:
+    """What the refused terms add to the covariance of a calibration; None where there is nothing to add.
+
+    stages: of the calibration; rows_of: makes the row of a plan of an effect.
+    """
+    likely = [t for t in refused if t.finding.effects and probability(t) > _LEAST]
+    if not likely:
+        return None
+    added = tuple(
+        Stage(
+            f"refused {number}",
+            term.title,
+            tuple(rows_of(effect) for effect in term.finding.effects),
+            loss=stages[-1].loss,
+            earn=False,
+        )
+        for number, term in enumerate(likely, 1)
+    )
+    try:
+        wider = calibrate(calibration.recording, (*stages, *added), folds=_FOLDS, trust_data=True)
+    except InputError:  # too few samples for a model with the terms
+        return None
+    blocks = [_moments(wider, term.finding.effects, probability(term)) for term in likely]
+    keys = tuple(key for keys, _ in blocks for key in keys)
+    if not keys:
+        return None
+    moments = _block_diagonal([moments for _, moments in blocks])
+    effects = tuple(effect for term in likely for effect in term.finding.effects)
+    return Considered(effects, keys, _covariance(calibration, wider, keys, moments))
+
+
+def probability(term: Term) -> float:
+    """Probability that the model with a refused term predicts better: of its held-out gain, else of its name."""
+    if term.t is None or not np.isfinite(term.t):
+        return float(np.clip(term.finding.probability, 0.0, 1.0))
+    return float(norm.cdf(term.t))
+
+
+def _moments(
+    wider: Calibration, effects: Sequence[Effect], chance: float
+) -> tuple[list[str], np.ndarray]:
+    """Keys (K,) of the estimated parameters of a term, and E[c c'] (K, K) where it is there by chance."""
+    own = {p.key for effect in effects for p in effect.parameters(wider.model.chain)}
+    solution = wider.solution
+    keys = [key for key in _free(wider) if key in own]
+    rows = [_free(wider).index(key) for key in keys]
+    value = np.array([solution.parameters.values[solution.parameters.index[key]] for key in keys])
+    second = np.outer(value, value) + solution.covariance[np.ix_(rows, rows)]
+    return keys, chance * second
+
+
+def _covariance(calibration: Calibration, wider: Calibration, keys, moments) -> np.ndarray:
+    """(F + K, F + K) of the estimates and the considered parameters."""
+    estimated = _free(calibration)
+    # with the sigma of the calibration, which its covariance has
+    model = wider.model.with_chain(calibration.model.chain)
+    model = model if calibration.fitted is None else model.part(calibration.fitted)
+    parameters = wider.solution.parameters
+    parameters = parameters.only(np.isin(parameters.keys, [*estimated, *keys]))
+    order = [_masked(parameters).index(key) for key in (*estimated, *keys)]
+    information = normal_matrix(model, parameters)[np.ix_(order, order)]
+    count, solution = len(estimated), calibration.solution
+    shift = -solution.known.covariance @ information[:count, count:] / solution.noise_scale**2
+    both = np.concatenate([shift, np.eye(len(keys))])
+    covariance = both @ moments @ both.T
+    covariance[:count, :count] += solution.covariance
+    return covariance
+
+
+def _free(calibration: Calibration) -> list[str]:
+    return _masked(calibration.solution.parameters)
+
+
+def _masked(parameters) -> list[str]:
+    return [key for key, free in zip(parameters.keys, parameters.mask) if free]
+
+
+def _block_diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
+    size = sum(len(block) for block in blocks)
+    joined, start = np.zeros((size, size)), 0
+    for block in blocks:
+        end = start + len(block)
+        joined[start:end, start:end] = block
+        start = end
+    return joined
+
+
+__all__ = ["considered_terms", "probability"]
