@@ -135,6 +135,14 @@ class Camera:
         return rows
 
 
+@dataclass(frozen=True, eq=False)
+class StatedCamera:
+    """A camera that is held, as a file states it: `camera`, and the `covariance` (V, V) of its values."""
+
+    camera: Camera
+    covariance: np.ndarray
+
+
 def camera_from_keys(keys: dict, called: str) -> Camera:
     """A camera from `fx_px fy_px cx_px cy_px distortion width_px height_px`; InputError where they are not usable."""
     try:
@@ -186,3 +194,39 @@ def camera_keys(camera: Camera) -> dict:
         "width_px": int(camera.size[0]),
         "height_px": int(camera.size[1]),
     }
+
+
+def covariance_keys(covariance: np.ndarray | None) -> dict:
+    """What `covariance_from_keys` reads, of a covariance (V, V); no key where it is not known."""
+    if covariance is None or not np.isfinite(covariance).all():
+        return {}
+    return {"covariance": covariance.tolist()}
+
+
+def covariance_from_keys(keys: dict, camera: Camera, called: str) -> np.ndarray | None:
+    """(V, V) covariance of the camera's values, `covariance`; None without the key. InputError where it is none."""
+    if "covariance" not in keys:
+        return None
+    count = len(camera.values)
+    try:
+        covariance = np.array(keys["covariance"], float)
+    except (TypeError, ValueError):
+        covariance = np.empty(0)
+    if covariance.shape != (count, count) or not _is_covariance(covariance):
+        raise InputError(
+            f"{called}, key covariance: expected a symmetric, positive matrix of {count} x {count} finite numbers, "
+            f"found another value of shape {covariance.shape}; remove the key or calibrate the camera again"
+        )
+    return covariance
+
+
+_ROUNDING = 1e-6  # of a correlation
+
+
+def _is_covariance(matrix: np.ndarray) -> bool:
+    if not np.isfinite(matrix).all() or (np.diag(matrix) < 0).any():
+        return False
+    std = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    correlation = matrix / np.outer(std, std)
+    is_symmetric = np.allclose(correlation, correlation.T, atol=_ROUNDING)
+    return bool(is_symmetric and np.linalg.eigvalsh(correlation)[0] > -_ROUNDING)

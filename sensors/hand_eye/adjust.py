@@ -259,6 +259,28 @@ def _scaled_covariance(normal, held, typical):
     return covariance_of(normal * size, held * typical**2) * size
 
 
+def with_held_camera(adjusted: Adjusted, modes: np.ndarray) -> Adjusted:
+    """The same adjustment with the errors of its held camera in the covariance of its shared parameters.
+
+    modes (V, M): a square root of the covariance of the camera's values. With N_sc the normal matrix between shared
+    parameters and camera modes, an error e of the modes moves a solution of covariance C by C N_sc e. The noise of
+    the images adds independently, also where the camera was calibrated from the same images: a least-squares
+    estimate of the camera is uncorrelated with what the images say of the board poses given the camera.
+    """
+    old, chain = adjusted.parameters, replace(adjusted.chain, modes=modes)
+    values = np.concatenate([old.values, np.zeros(modes.shape[1])])
+    is_free = np.concatenate([old.mask, np.ones(modes.shape[1], bool)])
+    parameters = replace(chain.parameters, values=values).only(is_free)
+    errors = {POSE: adjusted.errors}
+    made = grams(chain.with_families(errors), parameters)
+    spread = _each(chain, adjusted.variances.spread)
+    normal = solve_linear(made, parameters, adjusted.variances.noise, spread).normal
+    linear, size = adjusted.linear, int(old.mask.sum())
+    influence = linear.covariance @ normal[:size, size:]
+    covariance = linear.covariance + influence @ influence.T
+    return replace(adjusted, linear=replace(linear, covariance=covariance))
+
+
 def leave_out(adjusted: Adjusted, pose: int, full) -> LeftOut:
     """The same adjustment without one pose, variances and all, and how that pose then looks.
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from sensors.boards.circles import centre_shift, lens_shift
 from sensors.boards.detection import relabelled
-from sensors.camera.model import Camera
-from sensors.hand_eye.adjust import Variances, adjust, find_blunders
+from sensors.camera.model import Camera, StatedCamera
+from sensors.hand_eye.adjust import Variances, adjust, find_blunders, with_held_camera
 from sensors.hand_eye.alternatives import moved_of
 from sensors.hand_eye.chain import BoardChain
 from sensors.hand_eye.corner_noise import board_corners, corner_noise
@@ -54,7 +54,8 @@ def hand_eye_from_views(
     """Hand-eye, board and robot's pose error from views of one board.
 
     views: of each pose one with `index` (k,) and `pixels` (2, k); board: with `points` (3, N) mm;
-    camera: Camera, or a calibration with `camera`, `covariance` and the board's `bow`, which is then
+    camera: Camera, a StatedCamera, whose values are held and whose covariance is propagated to the
+    transform, or a calibration with `camera`, `covariance` and the board's `bow`, which is then
     taken over; flange: (P, 4, 4) T_base_flange; kind: "in-hand", the camera on the flange and the board
     fixed in the base, or "to-hand", the board on the flange. camera_covariance (V, V) of
     `camera.values`: the camera is adjusted too, with this as prior; None: that of the calibration, or
@@ -67,6 +68,7 @@ def hand_eye_from_views(
     reviewed: what `review_views` found, None looks for mistakes in the flange poses here.
     InputError for fewer than three poses, poses that are none, or numbers of poses and views that differ.
     """
+    stated, camera = _stated(camera)
     flange = _checked(views, flange, kind)
     points = _shape(board, camera)
     from_same_images = camera_covariance is None and hasattr(camera, "covariance")
@@ -92,6 +94,8 @@ def hand_eye_from_views(
     misfit = image_misfit(found[0], camera.size, from_same_images)
     if misfit.significant:
         found = (with_misfit(found[0], misfit), *found[1:])
+    if stated is not None:
+        found = (with_held_camera(found[0], _root(stated)), *found[1:])
     return replace(_result(chain, points, found, doubts, notes), misfit=misfit)
 
 
@@ -187,6 +191,13 @@ def _shape(board, camera):
     x, y = ((board.points - board.middle[:, None]) / board.half_diagonal)[:2]
     height = [bow.parameters[name] for name in ("xx", "yy", "xy")] @ np.stack([x * x, y * y, x * y])
     return board.points + np.stack([0 * x, 0 * x, height])
+
+
+def _stated(camera):
+    """Covariance (V, V) of a held camera, None without one, and the camera."""
+    if not isinstance(camera, StatedCamera):
+        return None, camera
+    return camera.covariance, camera.camera
 
 
 def _camera(camera, covariance):

@@ -195,6 +195,7 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
         dict(provenance or {}),
         apart.frame,
         stripes.together.named,
+        camera_covariance=_camera_covariance(made),
     )
     about_fit = *_on_mirror(checked), *_on_shared(made, centre), *_on_fit(made)
     sentences = *_on_dropped(dropped), *camera.undetermined, *about_fit
@@ -337,6 +338,12 @@ def _start_planes(points, group, step, count):
         planes[:, k], spread = plane_through(points[:, mine])
         fine[k] = spread[1] > _LINE * spread[0] and planes[3, k] != 0
     return planes, fine
+
+
+def _camera_covariance(made: Adjustment) -> np.ndarray:
+    """(V, V) of the camera's values."""
+    factor = made.joint()[: len(made.camera.values)]
+    return factor @ factor.T
 
 
 def _effects(made: Adjustment):

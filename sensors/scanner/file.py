@@ -12,7 +12,12 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from sensors.camera.model import camera_from_keys, camera_keys
+from sensors.camera.model import (
+    camera_from_keys,
+    camera_keys,
+    covariance_from_keys,
+    covariance_keys,
+)
 from sensors.effects import CATALOGUE
 from sensors.light.mirror import Mirror
 from sensors.scanner.model import Scanner
@@ -113,7 +118,7 @@ def scanner_text(scanner: Scanner) -> str:
     """The text of scanner.toml."""
     keys: dict[str, Any] = {
         "format": FORMAT,
-        "camera": camera_keys(scanner.camera),
+        "camera": camera_keys(scanner.camera) | covariance_keys(scanner.camera_covariance),
         "light": _light_keys(scanner),
     }
     if scanner.mirror is not None:
@@ -265,6 +270,7 @@ def scanner_of(keys: Mapping, where: str) -> Scanner:
         _frame(light, where),
         light.shared_px or {},
         _turntable(file, where),
+        covariance_from_keys(file.camera, camera, f"{where}, [camera]"),
     )
     effects = tuple(_effect(row, bare, where) for row in file.effect)
     return replace(bare, effects=effects)

@@ -33,7 +33,8 @@ class Scanner:
     in the camera's, shift (mm) and turn (rad) about its origin, None where unknown; `volume` (nearest,
     farthest) depth in mm that was calibrated; `scan` (2,) unit vector of the line in which centres are measured, px;
     `shared_px` 1 sigma (px) by which whole stripes on boards erred, by kind (`sensors.light.together`): it is in the
-    covariance. `turntable`: that turns the object, None without one.
+    covariance. `turntable`: that turns the object, None without one. `camera_covariance` (V, V) of the camera's values,
+    None where unknown.
     """
 
     camera: Camera
@@ -50,6 +51,7 @@ class Scanner:
     frame: np.ndarray | None = None
     shared_px: Mapping[str, float] = field(default_factory=dict)
     turntable: Turntable | None = None
+    camera_covariance: np.ndarray | None = None
 
     @cached_property
     def light(self) -> np.ndarray | None:

@@ -9,7 +9,13 @@ import numpy as np
 from datasets.recording import Recording
 from sensors.boards.detection import Rejected, detect_all
 from sensors.camera.calibration import CameraCalibration, calibrate_camera
-from sensors.camera.model import Camera, camera_from_keys, camera_keys
+from sensors.camera.model import (
+    Camera,
+    camera_from_keys,
+    camera_keys,
+    covariance_from_keys,
+    covariance_keys,
+)
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_toml
 from workbench.files.images.images import by_role
@@ -189,13 +195,26 @@ def save(made: CameraRun, folder: Path) -> None:
         **camera_keys(calibration.camera),
         "rms_coordinate_px": calibration.rms_coordinate_px,
         "std": std,
+        **covariance_keys(_camera_covariance(calibration)),
         "provenance": {key: value for key, value in provenance(made.recording).items() if value},
     }
     (folder / FILE).write_text(tomli_w.dumps(text), encoding="utf-8")
 
 
+def _camera_covariance(calibration: CameraCalibration) -> np.ndarray:
+    """(V, V) of the camera's values."""
+    count = len(calibration.camera.values)
+    return calibration.covariance[:count, :count]
+
+
 def read(path: Path) -> Camera:
     """The camera of a camera.toml, or of a scanner.toml. Raises InputError."""
+    return read_stated(path)[0]
+
+
+def read_stated(path: Path) -> tuple[Camera, np.ndarray | None]:
+    """The camera of a camera.toml or a scanner.toml, and the covariance (V, V) of its values; None where the file
+    states none. Raises InputError."""
     try:
         keys = read_toml(path)
     except (OSError, ContentError) as problem:
@@ -204,4 +223,6 @@ def read(path: Path) -> Camera:
             "camera.toml that `workbench camera` writes"
         ) from None
     inner = keys.get("camera", keys)
-    return camera_from_keys(inner if isinstance(inner, Mapping) else keys, str(path))
+    inner = inner if isinstance(inner, Mapping) else keys
+    camera = camera_from_keys(inner, str(path))
+    return camera, covariance_from_keys(inner, camera, str(path))

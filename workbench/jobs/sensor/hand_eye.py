@@ -1,7 +1,7 @@
 """From images of a board, or profiles of a ball, at flange poses to the hand-eye transform: contract and file."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ from datasets.recording import Recording
 from sensors.boards.board import Board
 from sensors.boards.detection import Rejected, View, detect_all
 from sensors.camera.calibration import CameraCalibration, calibrate_camera
-from sensors.camera.model import Camera, camera_from_keys
+from sensors.camera.model import Camera, StatedCamera, camera_from_keys
 from sensors.hand_eye.result import HandEye
 from sensors.hand_eye.review import Review
 from workbench.core.errors import InputError
@@ -36,6 +36,7 @@ IN_HAND, TO_HAND = "in-hand", "to-hand"
 FEWEST = 3
 """Images that a hand-eye transform needs."""
 HELD = "the recording's own guess, held"
+SCANNER = "the scanner's"
 
 
 @dataclass(frozen=True)
@@ -70,9 +71,10 @@ def calibrate(
 ) -> HandEyeRun:
     """The hand-eye of a recording with flange poses or joint readings.
 
-    sensor: a camera.toml, a scanner.toml or a camera, None calibrates the camera from the same images; kind:
-    "in-hand" or "to-hand", None as the recording's [board] says. trust_data: a mistake in the data that explains what
-    the data cannot is reported and does not refuse the recording. Raises InputError.
+    sensor: a camera.toml or a scanner.toml, whose camera is held and whose covariance is propagated to that of the
+    transform; a camera, to which the transform and its covariance are conditional; None calibrates the camera from the
+    same images. kind: "in-hand" or "to-hand", None as the recording's [board] says. trust_data: a mistake in the data
+    that explains what the data cannot is reported and does not refuse the recording. Raises InputError.
     """
     if recording.measures == "ball-surface":
         return _from_surface(recording, kind, progress)
@@ -90,23 +92,23 @@ def calibrate(
             "image was taken at, found none; add the column"
         )
     _check_enough(recording, views, found)
-    camera, source, covariance = _camera(recording, sensor, found, progress)
+    camera, source = _camera(recording, sensor, found, progress)
+    known = camera.camera if isinstance(camera, StatedCamera) else camera
     progress(f"hand-eye from {len(views)} images")
     from sensors.hand_eye.images import hand_eye_from_views
     from workbench.fitting.verdicts.hand_eye_review import Observed, refuse, review_recording
 
     rows = rows_of_samples(recording, [view.row["sample"] for view in views])
     poses = flange[rows]
-    held = source == HELD or isinstance(sensor, Path)
+    held = source == HELD or sensor is not None
     review = review_recording(
-        Observed(recording, found, views, camera, not held, poses, rows, kind), progress
+        Observed(recording, found, views, known, not held, poses, rows, kind), progress
     )
     calibration = camera if isinstance(camera, CameraCalibration) else None
     if not trust_data and is_refused_by(review, calibration):
         refuse(recording, review)
-    made = hand_eye_from_views(
-        views, found.board, camera, poses, kind, camera_covariance=covariance, reviewed=review
-    )
+    made = hand_eye_from_views(views, found.board, camera, poses, kind, reviewed=review)
+    made = replace(made, notes=(*made.notes, *_on_camera(camera, source)))
     return HandEyeRun(
         recording,
         made,
@@ -134,29 +136,35 @@ def _check_enough(recording, views, found) -> None:
 
 
 def _camera(recording, sensor, found, progress):
-    """The camera, and where it comes from: the file named, the recording's own guess, or the same images; and its
-    covariance where it is not the calibration's own."""
+    """The camera, and where it comes from: the file named, the recording's own guess, or the same images."""
     if isinstance(sensor, Camera):
-        own = calibrate_camera(found.views, found.board, found.size, folds=0, progress=progress)
-        size = len(sensor.values)
-        same = len(own.camera.values) == size
-        return sensor, "the scanner's", own.covariance[:size, :size] if same else None
+        return sensor, SCANNER
     if sensor is not None:
-        camera = cameras.read(sensor)
+        camera, covariance = cameras.read_stated(sensor)
         check_size(camera, found.size, recording.name, str(sensor))
-        return camera, f"read from {sensor}", None
+        stated = camera if covariance is None else StatedCamera(camera, covariance)
+        return stated, f"read from {sensor}"
     guess = recording.guess.get("camera")
     try:
         return (
             calibrate_camera(found.views, found.board, found.size, folds=0, progress=progress),
             "calibrated from the same images",
-            None,
         )
     except InputError:
         if guess is None:
             raise
     keys = {"width_px": found.size[0], "height_px": found.size[1], **guess}
-    return camera_from_keys(keys, f"{recording.name}, guess.camera"), HELD, None
+    return camera_from_keys(keys, f"{recording.name}, guess.camera"), HELD
+
+
+def _on_camera(camera, source: str) -> tuple[str, ...]:
+    """A note where the uncertainty of a held camera is not known, so that it is not in that of the transform."""
+    if not isinstance(camera, Camera) or source == SCANNER:
+        return ()
+    return (
+        f"camera {source}: no covariance is stated, so that the stated uncertainty of the transform does not include "
+        "that of the camera; calibrate the camera with this version to include it",
+    )
 
 
 def _from_centres(recording, kind, progress) -> HandEyeRun:
