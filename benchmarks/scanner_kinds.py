@@ -1,11 +1,10 @@
 """Ball centres and hand-eye transforms of six kinds of scanner, on simulated measurements with seeds of their own.
 
-Run `python benchmarks/scanner_kinds.py [SEEDS]`. One row a kind: RMS error of ball centres over the Cramer-Rao bound
-(known radius), mean squared error in stated standard deviations (z2, expected 1), mean error of a free radius with its
-standard error, and the RMS error of the hand-eye transform in stated standard deviations. Exit status 1 where a row is
-outside its limits by more than chance (two standard errors). Stripes have a z2 below 1: the variance of errors that a
-stripe may share beyond its plane counts with its posterior mean, which is above zero also where there are none. The
-simulation is that of the tests: exact geometry, no images, noise along the scan line.
+Run `python benchmarks/scanner_kinds.py [SEEDS [FIRST]]`, FIRST being the first seed. One row a kind: RMS error of ball
+centres over the Cramer-Rao bound (known radius), mean squared error in stated standard deviations (z2, expected 1),
+mean error of a free radius with its standard error, and the RMS error of the hand-eye transform in stated standard
+deviations. Exit status 1 where a row is outside its limits by more than chance (two standard errors). The simulation is
+that of the tests: exact geometry, no images, noise along the scan line.
 """
 
 import os
@@ -56,19 +55,20 @@ def main() -> int:
     root = Path(__file__).resolve().parents[1]
     sys.path[:0] = [str(root), str(root / "tests")]
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 8
+    first = int(sys.argv[2]) if len(sys.argv) > 2 else FIRST_SEED
     print("kind           ratio     z2       radius error     hand-eye")
     within = True
     for kind in (*SWEPT, *MOVED, *OWN):
-        text, is_within = measured(kind, count).row(kind)
+        text, is_within = measured(kind, range(first, first + count)).row(kind)
         within &= is_within
         print(text, flush=True)
     return 0 if within else 1
 
 
-def measured(kind: str, count: int) -> Errors:
-    """Errors of a kind over so many seeds."""
+def measured(kind: str, seeds: range) -> Errors:
+    """Errors of a kind over seeds."""
     errors = Errors()
-    for seed in range(FIRST_SEED, FIRST_SEED + count):
+    for seed in seeds:
         if kind in OWN:
             _own_calibration(kind, seed, errors)
         else:
@@ -159,24 +159,15 @@ def _own_calibration(kind, seed, errors: Errors) -> None:
     import numpy as np
 
     from hand_eye_scenes import off
-    from test_cramer_rao import POSE_SIGMA, joined_bound
-    from workbench.files.images.flange import flange_poses
-    from workbench.jobs.sensor import hand_eye, surface_scan
-    from workbench.jobs.sensor.joined_scans import KnownHandEye, moved_by_robot
-    from workbench.recordings.templates.scanner_kinds import HAND_EYE, example
+    from scanner_kinds import joined_ball
+    from workbench.jobs.sensor import hand_eye
+    from workbench.recordings.templates.scanner_kinds import HAND_EYE
 
     with TemporaryDirectory() as folder:
-        made = example(kind, Path(folder) / "r", lambda text: None, seed)
-        recording, truth = made.recording, made.balls[1]
-        pose = np.unique(recording.poses, return_inverse=True)[1]
-        first = np.unique(pose, return_index=True)[1]
-        known = KnownHandEye(HAND_EYE, np.zeros((6, 6)), POSE_SIGMA)
-        motion = moved_by_robot(flange_poses(recording)[first], known)
-        points = motion.points(recording.points.T, pose)
-        (ball,), _ = surface_scan._balls(recording, motion, points, pose)
-        _add(errors, ball.fit, truth, joined_bound(kind, motion, points, pose, truth))
-        free = surface_scan._fit(motion, points, pose, None)
-        errors.radius.append(1e3 * (free.radius - float(recording.balls[1][3])))
+        joined = joined_ball(kind, Path(folder) / "r", seed)
+        recording = joined.recording
+        _add(errors, joined.fit, joined.truth, joined.least)
+        errors.radius.append(1e3 * (joined.free.radius - float(recording.balls[1][3])))
         found = hand_eye.calibrate(recording, None, None, lambda text: None).made
         away = off(found.sensor, HAND_EYE)
         errors.hand_eye.append(away @ np.linalg.solve(found.covariance, away) / 6)

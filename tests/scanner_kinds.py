@@ -1,18 +1,27 @@
-"""Simulated stripe points on balls, for scanners that move: no images, exact planes, noise along the scan line."""
+"""Simulated points on balls, for scanners that move or are moved: no images, exact planes, noise along the scan line."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from datasets.recording import Recording
+from sensors.ball.fit import BallFit
 from sensors.camera.model import Camera
 from sensors.scanner.cloud import Cloud
 from sensors.scanner.model import Scanner
 from sensors.scanner.motion import Motion
+from workbench.files.images.flange import flange_poses
+from workbench.jobs.sensor import surface_scan
+from workbench.jobs.sensor.joined_scans import KnownHandEye, moved_by_robot
+from workbench.recordings.templates.scanner_kinds import HAND_EYE, example
 
 SIGMA_PX = 0.08
 CAMERA = Camera.of([750.0, 749.3, 241.4, 188.2, -0.15, 0.1, 0.0004, -0.0006, 0.0], (480, 384))
 PLANE = np.array([125.0, 0.0, 69.0, -69.0 * 125.0]) / np.hypot(125.0, 69.0)
 SCANNER = Scanner(CAMERA, np.array([0]), PLANE[:, None], sigma_px=SIGMA_PX)
+POSE_SIGMA, PROFILE_SIGMA, DEPTH_SIGMA = 0.02, 0.006, 0.03
+"""Of flange positions, of points of a profiler and of a 3-D camera in the templates, mm."""
 _ROWS = 384
 _OUTERMOST = 0.85  # radii from the middle of a ball beyond which a plane only grazes it
 _LEAST_COSINE = 0.55  # of the angle of view
@@ -88,3 +97,47 @@ def bound(cloud: Cloud, truth: Truth) -> np.ndarray:
     gain = (outward * cloud.error).sum(0)
     rows = outward / (SIGMA_PX * gain)
     return np.linalg.inv(rows @ rows.T)
+
+
+@dataclass(frozen=True)
+class JoinedBall:
+    """The ball of a template's recording: `fit`, its true centre `truth` (3,), the bound `least` (3, 3) mm^2, and the
+    fit with a `free` radius."""
+
+    recording: Recording
+    fit: BallFit
+    truth: np.ndarray
+    least: np.ndarray
+    free: BallFit
+
+
+def joined_ball(kind: str, folder: Path, seed: int) -> JoinedBall:
+    """Points of a "profiler" or a "3d-camera", joined by flange pose, and the ball in them."""
+    made = example(kind, folder, lambda text: None, seed)
+    recording, truth = made.recording, made.balls[1]
+    pose = np.unique(recording.poses, return_inverse=True)[1]
+    first = np.unique(pose, return_index=True)[1]
+    known = KnownHandEye(HAND_EYE, np.zeros((6, 6)), POSE_SIGMA)
+    motion = moved_by_robot(flange_poses(recording)[first], known)
+    points = motion.points(recording.points.T, pose)
+    (ball,), _ = surface_scan._balls(recording, motion, points, pose)
+    least = joined_bound(kind, motion, points, pose, truth)
+    free = surface_scan._fit(motion, points, pose, None)
+    return JoinedBall(recording, ball.fit, truth, least, free)
+
+
+def joined_bound(kind, motion, points, pose, centre) -> np.ndarray:
+    """(3, 3) mm^2: points with noise along the surface normal (profiler) or the line of sight, poses with a shift."""
+    information = np.zeros((3, 3))
+    for number in np.unique(pose):
+        outward = points[:, pose == number] - centre[:, None]
+        outward = outward / np.linalg.norm(outward, axis=0)
+        sigma = np.full(outward.shape[1], PROFILE_SIGMA)
+        if kind == "3d-camera":
+            sight = points[:, pose == number] - motion.poses[number, :3, 3][:, None]
+            cosine = (outward * sight).sum(0) / np.linalg.norm(sight, axis=0)
+            sigma = DEPTH_SIGMA * np.abs(cosine)
+        rows = (outward / sigma).T
+        one = rows.T @ rows
+        information += one @ np.linalg.inv(np.eye(3) + POSE_SIGMA**2 * one)
+    return np.linalg.inv(information)

@@ -5,19 +5,25 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from conftest import mostly_slow
-from scanner_kinds import CAMERA, SIGMA_PX, Truth, bound, cloud_of, seen_stripes, stripes_on_ball
+from scanner_kinds import (
+    CAMERA,
+    SIGMA_PX,
+    Truth,
+    bound,
+    cloud_of,
+    joined_ball,
+    seen_stripes,
+    stripes_on_ball,
+)
 from sensors.ball.fit import fit_ball
 from sensors.scanner.cloud import Cloud
 from sensors.scanner.model import Scanner
 from sensors.scanner.turntable import Turntable
 from workbench.core.rigid import inverse, transform
-from workbench.files.images.flange import flange_poses
-from workbench.jobs.sensor import surface_scan
 from workbench.jobs.sensor.joined_scans import KnownHandEye, moved_by_robot
-from workbench.recordings.templates.scanner_kinds import HAND_EYE, example
+from workbench.recordings.templates.scanner_kinds import HAND_EYE
 
 FACTOR = 1.3
-POSE_SIGMA, PROFILE_SIGMA, DEPTH_SIGMA = 0.02, 0.006, 0.03
 SEEDS = (7103, 8111, 9127)
 
 
@@ -113,32 +119,7 @@ def test_sensors_with_their_own_calibration(kind, tmp_path):
     """Twelve recordings, each with other poses; noise of the points and of the flange positions in the bound."""
     squares = []
     for seed in range(6001, 6013):
-        made = example(kind, tmp_path / str(seed), lambda text: None, seed)
-        recording = made.recording
-        pose = np.unique(recording.poses, return_inverse=True)[1]
-        first = np.unique(pose, return_index=True)[1]
-        known = KnownHandEye(HAND_EYE, np.zeros((6, 6)), POSE_SIGMA)
-        motion = moved_by_robot(flange_poses(recording)[first], known)
-        points = motion.points(recording.points.T, pose)
-        (ball,), _ = surface_scan._balls(recording, motion, points, pose)
-        least = joined_bound(kind, motion, points, pose, made.balls[1])
-        away = ball.fit.centre - made.balls[1]
-        squares.append(away @ np.linalg.solve(least, away) / 3)
+        joined = joined_ball(kind, tmp_path / str(seed), seed)
+        away = joined.fit.centre - joined.truth
+        squares.append(away @ np.linalg.solve(joined.least, away) / 3)
     assert np.sqrt(np.mean(squares)) < FACTOR
-
-
-def joined_bound(kind, motion, points, pose, centre) -> np.ndarray:
-    """(3, 3) mm^2: points with noise along the surface normal (profiler) or the line of sight, poses with a shift."""
-    information = np.zeros((3, 3))
-    for number in np.unique(pose):
-        outward = points[:, pose == number] - centre[:, None]
-        outward = outward / np.linalg.norm(outward, axis=0)
-        sigma = np.full(outward.shape[1], PROFILE_SIGMA)
-        if kind == "3d-camera":
-            sight = points[:, pose == number] - motion.poses[number, :3, 3][:, None]
-            cosine = (outward * sight).sum(0) / np.linalg.norm(sight, axis=0)
-            sigma = DEPTH_SIGMA * np.abs(cosine)
-        rows = (outward / sigma).T
-        one = rows.T @ rows
-        information += one @ np.linalg.inv(np.eye(3) + POSE_SIGMA**2 * one)
-    return np.linalg.inv(information)

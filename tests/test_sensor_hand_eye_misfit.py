@@ -16,6 +16,9 @@ from workbench.fitting.verdicts.hand_eye_verdict import handeye_warnings
 BOARD = Board("chessboard", 7, 5, 15.0)
 NOISE_PX = 0.03
 SEEDS = range(3)
+LEAST = 0.2
+"""Mean squared error of three sets in stated variances: below it, the stated sigmas are 2.2 times too large. Nine further
+sets, three at a time, had 0.35 to 1.9."""
 
 
 def displaced_lines(random):
@@ -62,7 +65,8 @@ def squared_distance(found) -> float:
 
 @pytest.mark.parametrize("what", ["clean", "lines", "lens"])
 def test_the_truth_lies_within_the_stated_sigmas(runs, what):
-    assert np.mean([squared_distance(found) for _, found in runs[what]]) < 2.0
+    squares = [squared_distance(found) for _, found in runs[what]]
+    assert LEAST < np.mean(squares) < 2.0
 
 
 @pytest.mark.parametrize("what", ["clean", "lines", "lens"])
@@ -71,7 +75,7 @@ def test_the_camera_lies_within_its_stated_sigmas(runs, what):
         (camera.camera.values[:4] - CAMERA.values[:4]) / np.sqrt(np.diag(camera.covariance)[:4])
         for camera, _ in runs[what]
     ]
-    assert np.mean(np.square(pulls)) < 2.5
+    assert LEAST < np.mean(np.square(pulls)) < 2.5
 
 
 @pytest.mark.parametrize(("what", "named"), [("lines", "lines of the board"), ("lens", "lens")])
