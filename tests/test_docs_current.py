@@ -1,6 +1,7 @@
 """The page of the commands in the documentation equals the one that is generated from the command line."""
 
 import os
+import re
 import subprocess
 import sys
 from importlib import metadata
@@ -45,3 +46,15 @@ def test_the_list_of_effects_has_every_error_of_a_turntable():
     assert {error.name.partition(",")[0] for error in ANGLE_ERRORS} == {STEP_ERROR}
     for error in ANGLE_ERRORS:
         assert f"| `{error.name}` | `{error.law}` |" in text
+
+
+def test_the_import_page_names_every_built_in_robot_and_boards_that_are_read():
+    from workbench.recordings.importing.notation import board_keys
+
+    page = (ROOT / "docs" / "how-to" / "import.md").read_text(encoding="utf-8")
+    robots = sorted(path.stem for path in (ROOT / "robot_model" / "robots").glob("*.toml"))
+    listed = re.search(r"Built-in robots: (.*?)\. The", page, re.DOTALL)[1]
+    assert re.findall(r"`(\w+)`", listed) == robots
+    boards = re.findall(r'^\| `"([^"]+)"` \|', page, re.MULTILINE)
+    kinds = {(keys["kind"], keys.get("asymmetric", False)) for keys in map(board_keys, boards)}
+    assert len(kinds) == len(boards) == 5

@@ -51,17 +51,25 @@ def _numbers(made: Inspection) -> Iterator[tuple[str, str, str]]:
         yield "orientation spread", rounded(made.coverage.spread_deg), "deg RMS"
     if np.isfinite(made.repeats.noise_mm):
         yield "noise from repeats", rounded(made.repeats.noise_mm), "mm"
+    motions = made.hand_eye.motions
+    if motions is not None:
+        yield "relative rotations, flange and camera", rounded(motions.angle_gap_deg), "deg apart"
+    if motions is not None and np.isfinite(motions.scale):
+        yield "lengths in the images over the flange's", rounded(motions.scale), ""
 
 
 def _missing(made: Inspection):
-    rows = [
-        (f"workbench {n.command}", "required" if n.is_required else "useful", n.what, n.action)
-        for n in made.needs
-    ]
+    rows = [(f"workbench {n.command}", _rank(n), n.what, n.action) for n in made.needs]
     if rows:
-        yield table(["for", "need", "what is missing", "what to do"], rows, left=4)
+        yield table(["for", "need", "what is missing or wrong", "what to do"], rows, left=4)
     else:
         yield words("Nothing that these checks look for.")
+
+
+def _rank(need) -> str:
+    if need.is_mistake:
+        return "mistake"
+    return "required" if need.is_required else "useful"
 
 
 def _joints(made: Inspection):

@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from workbench.commands.shared import answer, flow, tables
+from workbench.core.text.uncertain import with_std
 
 
 def command(
@@ -49,11 +50,13 @@ def _show(console, result) -> None:
     else:
         console.print(title, style="bold", markup=False)
     _show_images(console, result["images"])
+    _show_hand_eye(console, result["hand_eye"])
     _show_noise(console, result)
     for need in result["missing"]:
-        mark = "Required" if need["required"] else "Useful"
+        mark = "Required for" if need["required"] else "Useful for"
+        mark = "To correct before" if need["mistake"] else mark
         style = "bold red" if need["required"] else None
-        line = f"{mark} for {need['command']}: {need['what']}; {need['action']}."
+        line = f"{mark} {need['command']}: {need['what']}; {need['action']}."
         console.print(line, style=style, markup=False, soft_wrap=True)
 
 
@@ -66,6 +69,17 @@ def _show_images(console, images) -> None:
         f"{100 * images['share_of_field']:.0f} % of the field.",
         markup=False,
     )
+
+
+def _show_hand_eye(console, motions) -> None:
+    """Relative motions of flange and camera, which do not depend on the hand-eye transform."""
+    if motions is None:
+        return
+    angles = f"Flange and camera rotate by the same angles within {motions['angle_gap_deg']:.2g} deg (median)"
+    lengths = ""
+    if motions["scale"] == motions["scale"]:
+        lengths = f"; lengths in the images are {with_std(motions['scale'], motions['scale_std'])} times the flange's"
+    console.print(f"{angles}{lengths}.", markup=False)
 
 
 def _show_noise(console, result) -> None:

@@ -30,8 +30,9 @@ Board = Annotated[
     typer.Option(
         "--board",
         metavar="TEXT",
-        help='Board in the images: "chessboard 11x8 5mm", "circles 7x6 10mm", "charuco 7x5 30mm 22mm '
-        'DICT_5X5_250" or "aprilgrid 6x6 71.5mm 55mm"; "on tool" at the end where the robot holds it.',
+        help='Board in the images: "chessboard 11x8 5mm", "circles 7x6 10mm", "circles 4x11 10mm asymmetric", '
+        '"charuco 7x5 30mm 22mm DICT_5X5_250" or "aprilgrid 6x6 71.5mm 55mm"; "on tool" at the end where the robot '
+        "holds it.",
     ),
 ]
 OutFolder = Annotated[

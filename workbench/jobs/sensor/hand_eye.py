@@ -11,6 +11,11 @@ from sensors.boards.board import Board
 from sensors.boards.detection import Rejected, View, detect_all
 from sensors.camera.calibration import CameraCalibration, calibrate_camera
 from sensors.camera.model import Camera, StatedCamera, camera_from_keys
+from sensors.hand_eye.relative_motions import (
+    EQUAL_REMEDY,
+    equal_poses_sentence,
+    wrong_equal_poses,
+)
 from sensors.hand_eye.result import HandEye
 from sensors.hand_eye.review import Review
 from workbench.core.errors import InputError
@@ -100,6 +105,8 @@ def calibrate(
 
     rows = rows_of_samples(recording, [view.row["sample"] for view in views])
     poses = flange[rows]
+    if not trust_data:
+        _check_equal_poses(recording, views, poses)
     held = source == HELD or sensor is not None
     review = review_recording(
         Observed(recording, found, views, known, not held, poses, rows, kind), progress
@@ -122,6 +129,17 @@ def calibrate(
         source,
         review=review,
     )
+
+
+def _check_equal_poses(recording, views, poses) -> None:
+    """InputError where images in which the board moved have one and the same flange pose."""
+    wrong = wrong_equal_poses(poses, views)
+    if wrong:
+        what = equal_poses_sentence(wrong, [view.image for view in views])
+        raise InputError(
+            f"recording '{recording.name}': expected the flange pose of each image, found that {what}; {EQUAL_REMEDY}, "
+            "or use --trust-data to calibrate with the data as they are"
+        )
 
 
 def _check_enough(recording, views, found) -> None:

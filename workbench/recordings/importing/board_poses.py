@@ -29,6 +29,13 @@ from robot_model import load_robot
 from robot_model.chain import Frames, forward
 from robot_model.measurements.external_pose import ExternalPose
 from robot_model.measurements.multistart import MODEL_ERROR_MM, lever_arm
+from sensors.hand_eye.motion import motion
+from sensors.hand_eye.relative_motions import (
+    EQUAL_REMEDY,
+    equal_poses,
+    relative_motions,
+    scale_gap,
+)
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, transform
 from workbench.machine.progress import paced
@@ -38,6 +45,7 @@ from workbench.recordings.importing.robots import robot_keys
 
 _IMAGES_TESTED = 16
 _FEWEST = 4
+_MOVED_MM = 2.0  # more than the pose of a board from one image errs by
 _KEPT = 0.9
 _GOOD_SHARE, _LEAST_GOOD_MM, _GOOD_DEG = 0.05, 3.0, 3.0
 _IMAGE_GAP_S = 0.2
@@ -83,7 +91,11 @@ def import_images(found, options, folder: Path, progress):
     progress("finding the board in the images")
     views = _board_views(_recording({}, images, board, folder, {}, options.name), options, progress)
     kind = "to-hand" if board.get("fixed_to") == "tool" else "in-hand"
+    if not options.trust_data:
+        _check_equal_poses(readings, views, rows)
     mapping, fits = _decide(readings, views, kind, rows.file, options)
+    chosen = next(poses for _, made, poses in readings if made is mapping)
+    said += _plausible(chosen[views.rows], views, kind)
     columns = {
         "sample": np.arange(1, rows.n + 1, dtype=float),
         **pose_columns(rows, mapping, keys),
@@ -92,6 +104,37 @@ def import_images(found, options, folder: Path, progress):
     columns |= {name: cells for name, cells in others.items() if cells.dtype.kind == "f"}
     recording = _recording(columns, images, board, folder, keys, options.name)
     return recording, mapping, fits, said
+
+
+def _check_equal_poses(readings, views: BoardViews, rows: RawTable) -> None:
+    """Raise InputError where rows have one and the same pose, although the board moved between their images."""
+    poses, seen = readings[0][2][views.rows], views.seen[0]
+    away = np.linalg.norm(seen[:, None, :3, 3] - seen[None, :, :3, 3], axis=-1)
+    wrong = [(a, b) for a, b in equal_poses(poses) if away[a, b] > _MOVED_MM]
+    if not wrong:
+        return
+    first, later = wrong[0]
+    numbers = [int(rows.lines[row]) for row in views.rows]
+    raise InputError(
+        f"{rows.file}, rows {numbers[first]} and {numbers[later]}: expected the flange pose of each image, found one "
+        f"pose in {len(wrong) + 1} rows, although the board moved by {away[first, later]:.0f} mm between the images; "
+        f"{EQUAL_REMEDY}, or repeat with --trust-data."
+    )
+
+
+def _plausible(poses: np.ndarray, views: BoardViews, kind: str) -> tuple[str, ...]:
+    """Sentences on what relative motions and missing rotations say of the poses (k, 4, 4) of the tested images."""
+    said = [
+        f"The flange poses do not determine everything: {one}."
+        for one in motion(poses, kind).sentences
+    ]
+    if said:
+        return tuple(said)
+    measured = inverse(views.seen) if kind == "in-hand" else views.seen
+    labels = agreeing_labels(measured[..., :3, :3], poses[:, :3, :3])
+    seen = views.seen[labels, np.arange(len(views.rows))]
+    gap = scale_gap(relative_motions(poses, seen, kind))
+    return () if gap is None else (f"{gap[0][:1].upper()}{gap[0][1:]}; {gap[1]}.",)
 
 
 def _board(found, options) -> dict:

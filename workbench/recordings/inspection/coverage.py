@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from datasets.columns import joint_columns
 from datasets.recording import Recording
 from robot_model import load_robot
+from sensors.boards.detection import Detection
 from workbench.core.errors import InputError
 from workbench.core.rigid import nearest_rotation
 from workbench.files.images.flange import flange_poses
@@ -114,13 +115,17 @@ def orientation_spread(rotations: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class ImageCoverage:
-    """Images by `roles`; `found` boards, `rejected` (image, reason); `corners` (2, k) px in images of `size`."""
+    """Images by `roles`; `found` boards, `rejected` (image, reason); `corners` (2, k) px in images of `size`.
+
+    `detection`: what was detected in detail, None where nothing was.
+    """
 
     roles: dict[str, int]
     found: int
     rejected: tuple[tuple[str, str], ...]
     corners: np.ndarray
     size: tuple[int, int]
+    detection: Detection | None = None
 
     @property
     def share_of_field(self) -> float:
@@ -159,4 +164,4 @@ def image_coverage(recording: Recording, progress: Callable[[str], None]) -> Ima
         return ImageCoverage(roles, 0, (("all", str(problem)),), np.empty((2, 0)), (1, 1))
     corners = np.concatenate([view.pixels for view in found.views], axis=1)
     rejected = tuple((one.image, one.why) for one in found.rejected)
-    return ImageCoverage(roles, len(found.views), rejected, corners, found.size)
+    return ImageCoverage(roles, len(found.views), rejected, corners, found.size, found)

@@ -13,7 +13,8 @@ from workbench.recordings.inspection.coverage import (
     coverage_of,
     image_coverage,
 )
-from workbench.recordings.inspection.needs import Need, needs_of
+from workbench.recordings.inspection.hand_eye import HandEyePlausibility, inspect_hand_eye
+from workbench.recordings.inspection.needs import Need, needs_of, plausibility_needs
 from workbench.recordings.inspection.repeats import Repeats, repeats_of
 
 _JOBS = {"board-images": "camera", "scan-images": "scanner"}
@@ -28,25 +29,40 @@ class Inspection:
     repeats: Repeats
     images: ImageCoverage | None
     needs: tuple[Need, ...]
+    hand_eye: HandEyePlausibility = HandEyePlausibility(())
 
     @property
     def job(self) -> str:
         """The command that the recording is meant for."""
+        if self.recording.measures == "board-images" and self._has_poses:
+            return "handeye"
         return _JOBS.get(self.recording.measures, "calibrate")
+
+    @property
+    def _has_poses(self) -> bool:
+        """Whether images are linked to flange poses or joint readings, so that the recording is one of a hand-eye."""
+        linked = any("sample" in row for row in self.recording.images)
+        return linked and self.coverage.flange is not None
 
     @property
     def is_sufficient(self) -> bool:
         """Whether that command has what it cannot do without."""
-        return not any(need.is_required and need.command == self.job for need in self.needs)
+        return not self._required
+
+    @property
+    def _required(self) -> list[Need]:
+        """What the command lacks; a hand-eye needs the images that a camera calibration needs."""
+        commands = ("handeye", "camera") if self.job == "handeye" else (self.job,)
+        return [need for need in self.needs if need.is_required and need.command in commands]
 
     @property
     def sentence(self) -> str:
         """The verdict in words."""
-        required = [n for n in self.needs if n.is_required and n.command == self.job]
+        required = self._required
         if required:
-            return (
-                f"Not enough for `workbench {self.job}`: {required[0].what}; {required[0].action}."
-            )
+            first = required[0]
+            verdict = "Not right" if first.is_mistake else "Not enough"
+            return f"{verdict} for `workbench {self.job}`: {first.what}; {first.action}."
         count = sum(not need.is_required for need in self.needs)
         noun = "remark says" if count == 1 else "remarks say"
         more = f" {count} {noun} what would improve the result." if count else ""
@@ -66,6 +82,7 @@ class Inspection:
             "coverage": self.coverage.as_json(),
             "images": None if self.images is None else self.images.as_json(),
             "repeats": self.repeats.as_json(),
+            "hand_eye": self.hand_eye.as_json(),
             "noise_from_repeats_mm": self.repeats.noise_mm,
             "sigma_mm": None if recording.sigma is None else float(np.median(recording.sigma)),
             "missing": [need.as_json() for need in self.needs],
@@ -88,6 +105,11 @@ def inspect_recording(
     nothing = Repeats(0, 0, np.nan, np.nan, np.empty((3, 0)))
     repeats = nothing if is_images else repeats_of(recording)
     images = image_coverage(recording, progress) if is_images else None
-    return Inspection(
-        recording, coverage, repeats, images, needs_of(recording, coverage, repeats, images)
+    hand_eye = HandEyePlausibility(())
+    if recording.measures == "board-images" and images is not None and images.detection:
+        hand_eye = inspect_hand_eye(recording, images.detection, progress)
+    needs = needs_of(recording, coverage, repeats, images)
+    needs = tuple(
+        sorted([*needs, *plausibility_needs(hand_eye)], key=lambda need: not need.is_required)
     )
+    return Inspection(recording, coverage, repeats, images, needs, hand_eye)

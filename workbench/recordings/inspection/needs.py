@@ -40,7 +40,8 @@ _NOISE_RATIO = 2.0
 class Need:
     """One thing that is missing: for which `command`, whether the command cannot do without, and what to do.
 
-    `in_verdict`: so important that the verdict states it although the command runs without it.
+    `in_verdict`: so important that the verdict states it although the command runs without it. `is_mistake`: data are
+    wrong, not missing.
     """
 
     command: str
@@ -48,6 +49,7 @@ class Need:
     what: str
     action: str
     in_verdict: bool = False
+    is_mistake: bool = False
 
     def as_json(self) -> dict:
         """The entry under `missing`."""
@@ -56,6 +58,7 @@ class Need:
             "required": self.is_required,
             "what": self.what,
             "action": self.action,
+            "mistake": self.is_mistake,
         }
 
 
@@ -72,6 +75,12 @@ def needs_of(
         found += _noise_needs(recording, repeats)
         found += _diagnosis_needs(recording, repeats)
     return tuple(sorted(found, key=lambda need: not need.is_required))
+
+
+def plausibility_needs(hand_eye) -> Iterator[Need]:
+    """Mistakes in a hand-eye recording; hand_eye: `HandEyePlausibility`."""
+    for what, action, is_certain in hand_eye.findings:
+        yield Need("handeye", is_certain, what, action, is_mistake=is_certain)
 
 
 def _calibration_needs(recording: Recording, coverage: Coverage) -> Iterator[Need]:
@@ -194,6 +203,13 @@ def _image_needs(recording: Recording, images: ImageCoverage) -> Iterator[Need]:
     elif images.found < _FEW_IMAGES:
         what = f"the board is found in {images.found} images"
         yield Need(command, False, what, f"take {_FEW_IMAGES} or more, tilted by 20 to 45 deg")
+    if images.found >= _LEAST_IMAGES and images.rejected:
+        names = ", ".join(image for image, _ in images.rejected[:3])
+        more = ", ..." if len(images.rejected) > 3 else ""
+        what = f"the board is not found in {len(images.rejected)} images ({names}{more}: {images.rejected[0][1]})"
+        yield Need(
+            command, False, what, "look at these images, and take them again or leave them out"
+        )
     if images.found and images.share_of_field < _FIELD:
         what = f"corners cover {100 * images.share_of_field:.0f} % of the field, so that distortion is extrapolated"
         yield Need(command, False, what, "move the board into the corners of the image")

@@ -1,0 +1,156 @@
+"""Plausibility of hand-eye recordings before a fit: relative motions, equal poses, size of the board."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import datasets
+import hand_eye_recordings as recordings
+from sensors.hand_eye.relative_motions import equal_poses, relative_motions, scale_gap
+from workbench.commands import cli
+from workbench.core.errors import InputError
+from workbench.core.rigid import inverse, transform
+from workbench.recordings.inspection import inspect_recording
+
+COUNT = 14
+
+
+def rigid(random, angle, away):
+    """(COUNT, 4, 4) random poses."""
+    turns = Rotation.from_rotvec(random.uniform(-angle, angle, (COUNT, 3))).as_matrix()
+    return transform(turns, random.uniform(-away, away, (COUNT, 3)))
+
+
+def seen_by(flange, kind, random, scale=1.0):
+    """(COUNT, 4, 4) board poses in the camera, their lengths `scale` times too large, for a random hand-eye."""
+    sensor, board = rigid(random, 2.0, 150.0)[0], rigid(random, 1.0, 600.0)[0]
+    chain = flange if kind == "in-hand" else inverse(flange)
+    seen = inverse(chain @ sensor) @ board
+    seen[:, :3, 3] *= scale
+    return seen
+
+
+@pytest.mark.parametrize("kind", ["in-hand", "to-hand"])
+@pytest.mark.parametrize("scale", [1.0, 0.96, 25.4])
+def test_relative_motions_do_not_depend_on_the_hand_eye(kind, scale):
+    for seed in range(4):
+        random = np.random.default_rng(seed)
+        flange = rigid(random, 0.6, 300.0)
+        found = relative_motions(flange, seen_by(flange, kind, random, scale), kind)
+        assert found.angle_gap_deg < 1e-6
+        assert found.scale == pytest.approx(scale, rel=1e-6)
+        assert (scale_gap(found) is None) == (scale == 1.0)
+
+
+def test_noise_of_board_poses_makes_no_wrong_size():
+    """1 % of wrong verdicts would show in 60 sets: 0.2 mm and 0.03 deg of noise, a board of the right size."""
+    random = np.random.default_rng(5)
+    for _ in range(60):
+        flange = rigid(random, 0.5, 200.0)
+        seen = seen_by(flange, "in-hand", random)
+        noise = Rotation.from_rotvec(np.deg2rad(0.03) * random.normal(size=(COUNT, 3))).as_matrix()
+        seen = seen @ transform(noise, 0.2 * random.normal(size=(COUNT, 3)))
+        assert scale_gap(relative_motions(flange, seen, "in-hand")) is None
+
+
+def test_images_of_other_poses_have_other_angles():
+    random = np.random.default_rng(3)
+    flange = rigid(random, 0.6, 300.0)
+    seen = seen_by(flange, "in-hand", random)
+    assert relative_motions(flange, np.roll(seen, 1, 0), "in-hand").angle_gap_deg > 5
+
+
+def test_equal_poses_are_found_once():
+    flange = rigid(np.random.default_rng(0), 0.6, 300.0)
+    flange[5] = flange[9] = flange[2]
+    assert equal_poses(flange) == [(2, 5), (2, 9)]
+
+
+def changed(recording, change):
+    columns = {
+        name: change(cells.copy()) if name.startswith("flange_") else cells
+        for name, cells in recording.columns.items()
+    }
+    return replace(recording, columns=columns)
+
+
+def with_equal_rows(cells):
+    cells[5] = cells[2]
+    return cells
+
+
+@pytest.fixture(scope="module")
+def right():
+    return recordings.made("chessboard").recording
+
+
+def test_a_right_recording_is_sufficient_for_a_hand_eye(right):
+    made = inspect_recording(right)
+    assert made.job == "handeye" and made.is_sufficient
+    assert made.hand_eye.motions.scale == pytest.approx(1, abs=0.005)
+    assert not any(need.is_mistake for need in made.needs)
+
+
+def test_a_wrong_size_of_the_squares_is_found_by_check(right, tmp_path, capsys):
+    board = {**right.board, "square_mm": 1.04 * right.board["square_mm"]}
+    datasets.write(replace(right, board=board), tmp_path / "wrong")
+    answer = tmp_path / "a.json"
+    words = [
+        "check",
+        str(tmp_path / "wrong"),
+        "--out",
+        str(tmp_path / "out"),
+        "--json",
+        str(answer),
+    ]
+    assert cli.run(words) == 1
+    result = json.loads(answer.read_text())
+    assert (
+        result["verdict"]["pass"] is False
+        and "squares of the board look 1.0" in result["verdict"]["sentence"]
+    )
+    assert result["hand_eye"]["scale"] == pytest.approx(1.04, abs=0.005)
+    assert "Not right for `workbench handeye`" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize("change", [with_equal_rows, lambda cells: np.full_like(cells, cells[0])])
+def test_equal_poses_of_different_images_are_refused_by_their_cause(right, tmp_path, change):
+    from workbench.jobs.sensor import hand_eye
+
+    wrong = changed(right, change)
+    sentence = inspect_recording(wrong).sentence
+    assert "images have a flange pose that another image has too" in sentence
+    with pytest.raises(InputError, match="a flange pose that another image has too"):
+        hand_eye.calibrate(wrong, None, None, lambda text: None)
+
+
+def poses_table(recording, path):
+    names = [name for name in recording.columns if name.startswith("flange_")]
+    head = ["image", *(name.removeprefix("flange_") for name in names)]
+    lines = [",".join(head)]
+    for row, image in enumerate(recording.images):
+        cells = [f"{recording.columns[name][row]:.9g}" for name in names]
+        lines.append(",".join([image["image"].rpartition("/")[2], *cells]))
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_import_names_equal_poses_and_a_wrong_size(right, tmp_path, capsys):
+    images = str(right.folder / "images")
+    table = poses_table(changed(right, with_equal_rows), tmp_path / "equal.csv")
+    words = ["import", images, str(table), "--board", "chessboard 9x6 8mm", "--out"]
+    assert cli.run([*words, str(tmp_path / "a")]) == 2
+    assert "found one pose in 2 rows" in " ".join(capsys.readouterr().err.split())
+    words[2] = str(poses_table(right, tmp_path / "right.csv"))
+    words[4] = "chessboard 9x6 8.32mm"
+    answer = tmp_path / "answer.json"
+    assert cli.run([*words, str(tmp_path / "b"), "--json", str(answer)]) == 0
+    warnings = json.loads(answer.read_text())["warnings"]
+    assert any("Lengths that the images show are 1.04 times" in one for one in warnings)
+    words[4] = "chessboard 9x6 8mm"
+    assert cli.run([*words, str(tmp_path / "c"), "--json", str(answer)]) == 0
+    assert not any("Lengths" in one for one in json.loads(answer.read_text())["warnings"])
+    capsys.readouterr()

@@ -1,0 +1,147 @@
+"""Plausibility of a hand-eye recording before the transform is estimated: relative motions, equal poses, mistakes."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from datasets.recording import Recording
+from sensors.hand_eye.motion import motion
+from sensors.hand_eye.relative_motions import (
+    EQUAL_REMEDY,
+    RelativeMotions,
+    equal_poses,
+    equal_poses_sentence,
+    relative_motions,
+    scale_gap,
+    wrong_equal_poses,
+)
+from workbench.core.errors import InputError
+from workbench.files.images.flange import flange_poses, rows_of_samples
+
+_GAP_DEG = 1.0  # more than an arm of any quality makes
+_FEWEST = 3
+
+
+@dataclass(frozen=True)
+class HandEyePlausibility:
+    """What is wrong or missing, (what, action, is_certain) each, and the `motions`, None where they say nothing."""
+
+    findings: tuple[tuple[str, str, bool], ...]
+    motions: RelativeMotions | None = None
+
+    def as_json(self) -> dict | None:
+        """`hand_eye` of the answer of `check`."""
+        return None if self.motions is None else self.motions.as_json()
+
+
+def inspect_hand_eye(recording: Recording, detection, progress) -> HandEyePlausibility:
+    """Test images with flange poses or joint readings; empty where the recording has neither.
+
+    detection: `sensors.boards.detection.Detection` of the images.
+    """
+    views = [view for view in detection.views if "sample" in view.row]
+    if len(views) < _FEWEST:
+        return HandEyePlausibility(())
+    try:
+        rows = rows_of_samples(recording, [view.row["sample"] for view in views])
+        flange = flange_poses(recording)[rows]
+    except InputError as problem:
+        return HandEyePlausibility(((str(problem).rstrip("."), "correct the recording", True),))
+    names = [view.image for view in views]
+    early = [*_equal(flange, views, names), *_rotations(flange, _kind(recording))]
+    if any(certain for _, _, certain in early):
+        return HandEyePlausibility(tuple(early))
+    return _with_camera(recording, detection, (views, flange, rows), early, progress)
+
+
+def _kind(recording: Recording) -> str:
+    return "to-hand" if (recording.board or {}).get("fixed_to") == "tool" else "in-hand"
+
+
+def _equal(flange: np.ndarray, views: Sequence, names: Sequence[str]) -> Iterator[tuple]:
+    wrong = wrong_equal_poses(flange, views)
+    if wrong:
+        yield equal_poses_sentence(wrong, names), EQUAL_REMEDY, True
+    repeated = equal_poses(flange)
+    if repeated and not wrong:
+        first, later = repeated[0]
+        what = f"{len(repeated)} images repeat a flange pose, such as {names[later]} that of {names[first]}"
+        yield (
+            what,
+            "take images at other poses: a repeated pose adds nothing to the transform",
+            False,
+        )
+
+
+def _rotations(flange: np.ndarray, kind: str) -> Iterator[tuple]:
+    for sentence in motion(flange, kind).sentences:
+        what, _, action = sentence.rpartition("; ")
+        yield what, action, True
+
+
+def _with_camera(recording, detection, linked, early, progress) -> HandEyePlausibility:
+    """The tests that need board poses: relative motions, and the mistakes that `handeye` refuses."""
+    from sensors.camera.calibration import calibrate_camera
+    from workbench.fitting.verdicts.hand_eye_review import Observed, review_recording
+
+    views, flange, rows = linked
+    try:
+        camera = calibrate_camera(
+            detection.views, detection.board, detection.size, folds=0, progress=progress
+        )
+        seen = Observed(
+            recording, detection, tuple(views), camera, True, flange, rows, _kind(recording)
+        )
+        review = review_recording(seen, progress)
+    except InputError as problem:
+        return HandEyePlausibility((*early, (str(problem).rstrip("."), "correct it", False)))
+    board_seen = _board_poses(views, detection.board, camera.camera, flange, _kind(recording))
+    motions = relative_motions(flange, board_seen, _kind(recording))
+    named = [_finding(one) for one in review.findings]
+    found = [*early, *named] if named else [*early, *_disagreements(motions)]
+    return HandEyePlausibility(tuple(found), motions)
+
+
+def _finding(one) -> tuple[str, str, bool]:
+    """A finding of the review, required like the verdict of `handeye`, which fails with any of them."""
+    what, _, action = one.sentence.rpartition("; ")
+    return what or action, action if what else "check them", True
+
+
+def _board_poses(views, board, camera, flange, kind) -> np.ndarray:
+    """(P, 4, 4) T_camera_board; a symmetric board labelled in each image as it agrees with the flange."""
+    from sensors.boards.detection import relabelled
+    from sensors.hand_eye.start import board_poses
+    from workbench.recordings.importing.board_poses import agreeing_labels
+
+    seen = []
+    for turn in range(board.turns):
+        labelled = [relabelled(view, board, turn) for view in views]
+        poses = [
+            board_poses(board.points[:, v.index], v.pixels, np.zeros(len(v.index), int), camera)[0]
+            for v in labelled
+        ]
+        seen.append(poses)
+    seen = np.array(seen)
+    turns = np.swapaxes(seen[..., :3, :3], -1, -2) if kind == "in-hand" else seen[..., :3, :3]
+    chosen = agreeing_labels(turns, flange[:, :3, :3])
+    return seen[chosen, np.arange(len(views))]
+
+
+def _disagreements(motions: RelativeMotions) -> Iterator[tuple]:
+    """What relative motions show that no named mistake explains."""
+    if motions.angle_gap_deg > _GAP_DEG:
+        what = (
+            f"flange and camera rotate by different angles between the same two images, by {motions.angle_gap_deg:.1f} "
+            "deg in the median"
+        )
+        yield (
+            what,
+            "check which pose belongs to which image, and order and unit of the angles",
+            True,
+        )
+        return
+    gap = scale_gap(motions)
+    if gap is not None:
+        yield *gap, True
