@@ -8,13 +8,15 @@ Prints for several openings, each in a new browser, and for each step in seconds
 - `page_cpu`: processor time of the page's main thread until the step, the figure that counts on a busy machine;
 - `server_cpu`: processor time of the server from the opening until everything is drawn.
 
-Then, with the last browser alone, the time from an action to the line that answers it and to the new chart, and the
-peak memory of the server. Needs the extra test and Debian's chromium.
+Then, with the last browser alone, the time from an action to the line that answers it and to the new chart; median and
+largest time in ms over clicks on many samples to the line (`answer`), the ring in space (`mark`), the new chart and the
+new scene; and the peak memory of the server. Needs the extra test and Debian's chromium.
 """
 
 import json
 import os
 import shutil
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -25,6 +27,7 @@ from benchmarks.app import make_run
 _FLAGS = ["--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
 _WAIT_MS = 120_000
 _OPENINGS = 3
+_CLICKS = 24
 _MARKS = """(() => {
     const drawn = (name) => {
         const one = document.querySelector(`[data-figure=${name}] .js-plotly-plot`);
@@ -66,6 +69,7 @@ def main(words: list[str]) -> int:
             for browser in browsers[:-1]:  # every open page draws each change of the selection
                 browser.close()
             _say({"samples": samples, **_act(browsers[-1], process.pid)})
+            _say({"clicks": _CLICKS, **_click_times(browsers[-1])})
             _say({"peak_mib": _peak_mib(process.pid)})
         finally:
             process.terminate()
@@ -215,6 +219,60 @@ def _interaction(page, clock: _Clock, action: str) -> dict:
     on_page = (marks["step-chart_of_action"] - marks["step-action"]) / 1000
     spent = 1000 * sum(new - old for old, new in zip(before, clock.seconds))
     return {"answer": answered, "chart": drawn, "chart_page_cpu": on_page, "all_cpu": spent}
+
+
+_CLICK = """(row) => new Promise((done) => {
+    const begun = performance.now(), times = {};
+    const plot = (name) => document.querySelector(`[data-figure=${name}] .js-plotly-plot`);
+    const line = document.querySelector('[data-tab=residuals]'), text = line.innerText, chart = plot('chart').data;
+    const scene = plot('arrows')._fullLayout.scene._scene.glplot, gl = scene.gl, onrender = scene.onrender;
+    const ring = () => document.querySelector('[data-mark=arrows]');
+    const steps = {
+        answer: () => line.innerText !== text,
+        mark: () => ring() && ring().innerText === `sample ${row + 1}` && ring().style.visibility === 'visible',
+        chart: () => plot('chart').data !== chart,
+    };
+    const painted = (name) => requestAnimationFrame(() => setTimeout(() => {
+        times[name] = performance.now() - begun;
+    }));
+    const isNew = () => plot('arrows')._fullData.some((one) =>
+        one.name && one.name.startsWith('selected') && one.customdata && one.customdata[0] === row);
+    scene.onrender = function () {
+        if (onrender) onrender.apply(this, arguments);
+        if (!isNew()) return;
+        scene.onrender = onrender;
+        setTimeout(() => {  // it is drawn after this function; reading waits for it
+            gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+            painted('scene');
+        });
+    };
+    const look = () => {
+        for (const name of Object.keys(steps)) if (steps[name]()) { delete steps[name]; painted(name); }
+        if (Object.keys(times).length === 4) done(times);
+        else setTimeout(look, 4);
+    };
+    look();
+    plot('arrows').emit('plotly_click', {points: [{customdata: row}]});
+})"""
+
+
+_DRAWN = """() => Array.from(new Set(document.querySelector('[data-figure=arrows] .js-plotly-plot')
+    ._fullData.find((one) => one.name === 'residuals').customdata))"""
+
+
+def _click_times(browser) -> dict:
+    """Median and largest milliseconds from a click on an arrow to each step, over clicks on different samples."""
+    page = browser.contexts[0].pages[0]
+    rows = page.evaluate(_DRAWN)
+    found = []
+    for k in range(_CLICKS):
+        found.append(page.evaluate(_CLICK, rows[(k * len(rows)) // _CLICKS]))
+        page.wait_for_timeout(1000)
+    summary = {}
+    for name in ("answer", "mark", "chart", "scene"):
+        times = [round(one[name]) for one in found]
+        summary[f"{name}_ms"] = {"median": statistics.median(times), "largest": max(times)}
+    return {**summary, "load": round(os.getloadavg()[0], 1)}
 
 
 def _peak_mib(pid: int) -> int:

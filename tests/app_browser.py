@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from workbench.app.figures.arrows import CORNERS
+
 ROOT = Path(__file__).resolve().parent.parent
 CHROMIUM = shutil.which("chromium")
 # Rendered in software, so that the same is drawn on every machine.
@@ -205,12 +207,19 @@ def click_bin(page, place: int) -> None:
     click_at(page, x, y)
 
 
-def click_mark(page, row: int) -> None:
-    """Click on the measured point of a sample among the arrows in space."""
-    x, y = plot(page, "arrows").evaluate(
+def drawn_rows(page) -> list[int]:
+    """Rows of the needles that are drawn in space."""
+    corners = trace(page, "arrows", "residuals")["customdata"]
+    assert len(corners) % CORNERS == 0
+    return corners[::CORNERS]
+
+
+def place_of_needle(page, row: int) -> list[float]:
+    """Where in the window the needle of a sample starts, computed from the camera of the scene."""
+    return plot(page, "arrows").evaluate(
         """(element, row) => {
             const scene = element._fullLayout.scene._scene, {projection, view, model} = scene.glplot.cameraParams;
-            const marks = element._fullData.find((one) => one.name === 'measured points');
+            const marks = element._fullData.find((one) => one.name === 'residuals');
             const place = Array.from(marks.customdata).indexOf(row);
             const point = ['x', 'y', 'z'].map((axis, k) => marks[axis][place] * scene.dataScale[k]);
             const apply = (m, v) => [0, 1, 2, 3].map((i) => [0, 1, 2, 3].reduce((sum, j) => sum + m[4 * j + i] * v[j], 0));
@@ -220,7 +229,11 @@ def click_mark(page, row: int) -> None:
         }""",
         row,
     )
-    click_at(page, x, y)
+
+
+def click_mark(page, row: int) -> None:
+    """Click on the needle of a sample in space, at its measured point."""
+    click_at(page, *place_of_needle(page, row))
 
 
 def brush_chart(page) -> None:

@@ -161,6 +161,23 @@ def arm_run(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def solved_arm(tmp_path_factory):
+    """A run folder of the bundled arm with stages given as values, as `workbench calibrate` writes it."""
+    import datasets
+    from workbench.commands.robot.calibration_run import solve_into
+    from workbench.core.solution import Stage
+
+    stages = (
+        Stage("geometry", "lengths", free=("base.*", "sensor.*", "joint-*.theta*"), earn=False),
+        Stage("compliance", "joints deflect", (("joint-compliance", "joint-2", {}),)),
+    )
+    folder, name = tmp_path_factory.mktemp("solved"), "elastic-arm"
+    options = {"plan": stages, "folds": 3}
+    solve_into(folder, folder, datasets.read(name), name, options, lambda text: None, False)
+    return folder
+
+
+@pytest.fixture(scope="session")
 def scanner_run(tmp_path_factory):
     """A run of `workbench calibrate` on a rendered recording of a line scanner on an arm."""
     import app_browser

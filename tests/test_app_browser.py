@@ -11,9 +11,11 @@ from app_browser import (
     click_bin,
     click_mark,
     click_row,
+    drawn_rows,
     emit,
     open_page,
     opened_app,
+    place_of_needle,
     plot,
     scrub_by_key,
     serve,
@@ -77,15 +79,14 @@ def test_the_bar_names_recording_and_error(page):
 
 
 def test_arrows_are_drawn_for_all_samples_with_their_rows(page):
-    marks = trace(page, "arrows", "measured points")
-    assert marks["customdata"] == list(range(300))
+    assert drawn_rows(page) == list(range(300))
 
 
 def test_arrows_are_coloured_by_the_length_of_the_residual(page):
     colours = plot(page, "arrows").evaluate(
-        "(element) => Array.from(element._fullData.find((one) => one.name === 'residual').line.color)"
+        "(element) => Array.from(element._fullData.find((one) => one.name === 'residuals').intensity)"
     )
-    assert len(colours) == 900 and max(colours) > 2 * min(colours) > 0
+    assert len(colours) == 1200 and max(colours) > 2 * min(colours) > 0
 
 
 def test_a_click_on_an_arrow_selects_its_sample_and_shows_its_row(page):
@@ -161,6 +162,33 @@ def test_a_real_click_on_a_mark_in_space_selects_its_sample(page):
     page.wait_for_timeout(1500)
     click_mark(page, 120)
     wait_for_text(page, "selection", "1 of 300 samples selected")
+
+
+_RING_AND_NEEDLE = """() => {
+    const mark = document.querySelector('[data-mark=arrows]');
+    if (!mark || mark.style.visibility !== 'visible') return null;
+    const box = mark.getBoundingClientRect();
+    return [mark.innerText, box.left, box.top];
+}"""
+
+
+def test_a_ring_marks_the_selected_sample_in_space_and_follows_the_camera(page):
+    click_row(page, 120, 300)
+    page.wait_for_function(f"() => ({_RING_AND_NEEDLE})()?.[0] === 'sample 121'")
+    for _ in range(2):
+        _, *ring = page.evaluate(_RING_AND_NEEDLE)
+        assert ring == pytest.approx(place_of_needle(page, 120), abs=12)  # the needle has a width
+        rotate = page.get_by_role("button", name="Rotate left: Residuals as arrows in space")
+        for _ in range(3):
+            rotate.press("Enter")
+            page.wait_for_timeout(300)
+        page.wait_for_function(
+            f"(old) => Math.hypot(...({_RING_AND_NEEDLE})().slice(1).map((v, k) => v - old[k])) > 15",
+            arg=ring,
+        )
+    page.get_by_role("button", name="Reset view: Residuals as arrows in space").press("Enter")
+    page.get_by_role("button", name="Clear selection").click()
+    page.locator("[data-mark=arrows]").wait_for(state="detached")
 
 
 def test_the_histogram_overlays_fit_and_held_out(page):

@@ -7,6 +7,7 @@ from app_browser import (
     calibrate_arm,
     click_bin,
     click_row,
+    drawn_rows,
     opened_app,
     run_workbench,
     scrub_by_key,
@@ -49,7 +50,7 @@ def test_arrows_clicks_and_brushes_select_samples(page):
     show_tab(page, "Residuals")
     wait_for_text(page, "selection", "0 of")
     samples = count_of(page)
-    drawn = trace(page, "arrows", "measured points")["customdata"]
+    drawn = drawn_rows(page)
     assert 1000 < len(drawn) <= min(samples, 1500) and len(set(drawn)) == len(drawn)
     click_row(page, 7, samples)
     brush_chart(page)

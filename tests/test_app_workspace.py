@@ -2,52 +2,26 @@
 
 import json
 import shutil
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import datasets
-from app_diagnosis import diagnosis_answer, image_diagnosis_answer, write_diagnosis
-from workbench.app.data import decimate, diagnosis
-from workbench.app.data.arm import arm_pose, joint_coverage
+from app_diagnosis import write_diagnosis
 from workbench.app.data.opened import open_subject
 from workbench.app.data.plan import plan_sentence, stage_items
 from workbench.app.data.residuals import updated_threshold
 from workbench.app.edits.session import read_session
-from workbench.app.figures import diagnosis as diagnosis_figures
-from workbench.app.figures import residuals, robot
-from workbench.app.jobs import CANCELLED, DONE, FAILED, Job
+from workbench.app.figures import residuals
 from workbench.app.workspace import EXTEND, REMOVE, Workspace
 from workbench.core.errors import InputError
-from workbench.core.solution import Stage
-from workbench.report.text import p_value
-
-STAGES = (
-    Stage("geometry", "lengths", free=("base.*", "sensor.*", "joint-*.theta*"), earn=False),
-    Stage("compliance", "joints deflect", (("joint-compliance", "joint-2", {}),)),
-)
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """A run folder of the bundled arm, as `workbench calibrate` writes it."""
-    from workbench.commands.robot.calibration_run import solve_into
-
-    folder = tmp_path_factory.mktemp("run")
-    options = {"plan": STAGES, "folds": 3}
-    solve_into(
-        folder,
-        folder,
-        datasets.read("elastic-arm"),
-        "elastic-arm",
-        options,
-        lambda text: None,
-        False,
-    )
-    return folder
+@pytest.fixture
+def run(solved_arm):
+    """A run of the bundled arm, which no test changes."""
+    return solved_arm
 
 
 @pytest.fixture
@@ -282,228 +256,8 @@ def test_a_calibration_after_a_diagnosis_is_compared_with_its_baseline(run, tmp_
     assert not residuals.has_side_by_side(work)
 
 
-def test_figures_hold_every_row_of_a_small_run(work):
-    arrows = residuals.arrows(work)
-    marks = next(one for one in arrows.data if one.name == "measured points")
-    assert list(marks.customdata) == list(range(300))
-    chart = residuals.chart(work, next(iter(work.quantities)), "")
-    assert (
-        sum(len(one.x) for one in chart.data if one.name in ("samples", "excluded", "selected"))
-        == 300
-    )
-    counts = {one.name: sum(one.y) for one in residuals.histogram_figure(work).data}
-    assert counts["fit"] == counts["held out"] == 300
-
-
-def test_excluded_samples_are_marked_and_not_counted(work):
-    work.select(range(10))
-    work.exclude_selected()
-    chart = residuals.chart(work, next(iter(work.quantities)), "")
-    assert sorted(next(one for one in chart.data if one.name == "excluded").customdata) == list(
-        range(10)
-    )
-    assert sum(residuals.histogram_figure(work).data[0].y) == 290
-
-
-def test_the_arm_ends_at_the_flange_and_looks_at_the_measured_ball(work):
-    for row in (0, 17):
-        pose = arm_pose(work.opened, row)
-        assert np.allclose(pose.links[:, -1], pose.flange[:3, 3])
-        point = pose.sensor[:3, :3] @ work.opened.samples.points[row] + pose.sensor[:3, 3]
-        # The nominal arm and the fitted hand-eye put it there up to the arm's own errors.
-        assert np.linalg.norm(point - work.opened.residuals.points[:, row]) < 20
-
-
-def test_the_scene_shows_arm_sensor_and_artefact(work):
-    names = {one.name for one in robot.scene(work).data}
-    assert {"arm at the current sample", "field of the sensor", "balls of the artefact"} <= names
-
-
-def test_coverage_counts_every_reading(work):
-    rows = joint_coverage(work.opened)
-    assert [row["counts"].sum() for row in rows] == [300] * 6
-    assert all(row["limits"][0] <= row["low"] <= row["high"] <= row["limits"][1] for row in rows)
-
-
-def test_decimation_keeps_the_largest_and_the_selected():
-    values = np.random.default_rng(1).random(100_000)
-    drawn = decimate.thinned(len(values), 1000, values, always=[7, 11])
-    assert len(drawn) <= 1100 and {7, 11} <= set(drawn)
-    assert set(np.argsort(values)[-500:]) <= set(drawn)
-    assert decimate.thinned(50, 1000).tolist() == list(range(50))
-
-
-def test_histograms_count_all_samples_whatever_is_drawn():
-    values = {"fit": np.random.default_rng(2).random(10_000), "held_out": np.full(10_000, np.nan)}
-    counted = decimate.histogram(values)
-    assert counted.counts["fit"].sum() == 10_000 and counted.counts["held_out"].sum() == 0
-
-
-def test_bin_means_are_those_of_all_samples():
-    x = np.repeat(np.arange(4.0), 100)
-    y = x**2
-    centres, means = decimate.bin_means(x, y)
-    assert np.allclose(means, centres**2)
-    assert decimate.bin_means(np.full(5, np.nan), np.ones(5))[0].size == 0
-
-
-def test_a_rectangle_holds_its_edges_in_any_order():
-    x = y = np.arange(5.0)
-    assert decimate.within(x, y, (3, 1), (1, 9)).tolist() == [False, True, True, True, False]
-
-
-def test_places_of_a_diagnosis_carry_share_and_findings():
-    found = {place.name: place for place in diagnosis.places(diagnosis_answer(), 6)}
-    assert found["joint-2"].share == 0.59 and found["joint-5"].share == 0  # p = 0.4 may be chance
-    assert [row["decision"] for row in diagnosis.candidates(found["joint-2"])] == [
-        "kept",
-        "alternative",
-    ]
-    assert diagnosis.candidates(found["joint-5"])[0]["why"] == "the held-out error does not fall"
-    values = dict(diagnosis.evidence(found["joint-2"].found[0]))
-    assert (
-        values["p-value"] == "< 1e-6" and values["permutation control"] == "passed (p-value 0.0050)"
-    )
-    assert values["compliance"] == "20.00 ± 0.40 µrad/(N m)"  # as on the report page
-
-
-def test_ticked_terms_become_effects_of_a_plan_that_calibrate_reads(tmp_path):
-    from workbench.fitting.plans import read_plan
-
-    rows = diagnosis.plan_effects(diagnosis_answer(), [0, 1, 1, 99])
-    assert rows == [
-        {"effect": "joint-compliance", "where": "joint-2"},
-        {"effect": "backlash", "where": "joint-5"},
-    ]
-    diagnosis.write_plan(rows, tmp_path / "plan.toml")
-    stages = read_plan(tmp_path / "plan.toml")
-    assert stages[-1].effects == (("joint-compliance", "joint-2", {}), ("backlash", "joint-5", {}))
-
-
-def test_terms_that_no_plan_can_hold_are_named():
-    answer = image_diagnosis_answer(Path("recording"))
-    assert "effects of the arm only" in diagnosis.plan_problem(answer["effects"][0])
-    assert diagnosis.plan_effects(answer, [0]) == []
-    assert diagnosis.plan_problem(diagnosis_answer()["effects"][0]) == ""
-
-
-def test_a_diagnosis_run_is_opened_with_its_views(tmp_path):
-    work = Workspace(
-        open_subject(str(write_diagnosis(tmp_path / "run"))), tmp_path / "session.toml"
-    )
-    made = diagnosis_figures.before_after(work.diagnosis, "time_s")
-    assert {one.name for one in made.data} == {"before", "after", "mean before", "mean after"}
-    poses = diagnosis.next_poses(work.diagnosis.folder, work.diagnosis.robot)
-    arms, flanges = diagnosis_figures.next_poses(work.diagnosis, poses).data
-    assert arms.name == "2 poses to measure"
-    assert list(flanges.text) == ["<b>1</b>", "<b>2</b>"]
-    assert "joint 2 (deg): 20.00<br>joint 3 (deg): -10.00" in flanges.customdata[0]
-
-
-def test_residuals_of_a_diagnosis_have_places_and_held_out_lengths(run, tmp_path):
-    folder = write_diagnosis(tmp_path / "run")
-    shutil.copy(run / "solution.json", folder)
-    found, calibrated = (open_subject(str(one)).residuals for one in (folder, run))
-    assert np.allclose(found.points, calibrated.points, atol=1e-6)
-    lengths = np.linalg.norm(found.arrows, axis=0)
-    assert np.allclose(lengths, found.lengths["after"])
-    later = Workspace(open_subject(str(folder)), tmp_path / "later" / "session.toml")
-    later.open_run(open_subject(str(run)))
-    assert not residuals.has_side_by_side(
-        later
-    )  # the arrows after a diagnosis are not those before
-    made = residuals.histogram_figure(
-        Workspace(open_subject(str(folder)), tmp_path / "session.toml")
-    )
-    assert [one.name for one in made.data] == ["before, held out", "after, held out", "bins"]
-    assert sum(made.data[1].y) == 300 and found.lengths["held_out_after"].min() >= 0.1
-
-
 def test_a_threshold_follows_the_largest_residual_unless_it_was_chosen():
     assert updated_threshold(0.8, 0.8, 0.9) == 0.9
     assert updated_threshold(0.5, 0.8, 0.9) == 0.5
     assert updated_threshold(0.5, 0.8, 0.3) == 0.3
     assert updated_threshold(0.0, 1.0, 0.8) == 0.8
-
-
-def test_poses_of_the_next_experiment_are_a_table_with_numbers_and_units(tmp_path):
-    folder = write_diagnosis(tmp_path / "run")
-    poses = diagnosis.next_poses(folder, open_subject("elastic-arm").robot)
-    assert poses.rows[1] == {
-        "number": 2,
-        "readings": ["-30.00", "10.00", "-20.00", "15.00", "-70.00", "40.00"],
-    }
-    lines = poses.as_csv.splitlines()
-    assert lines[0].startswith("pose,joint 1 (deg),") and lines[2] == "2,-30,10,-20,15,-70,40"
-    table = folder / diagnosis.NEXT_POSES
-    table.write_text("joint 1,joint 2\n10,a\n", encoding="utf-8")
-    with pytest.raises(InputError, match="diagnose again"):
-        diagnosis.next_poses(folder, None)
-    table.write_text("joint 1\n", encoding="utf-8")
-    assert diagnosis.next_poses(folder, None) is None
-
-
-def test_p_values_below_a_millionth_are_not_written_out():
-    assert p_value(9e-159) == p_value(0.0) == "< 1e-6"
-    assert p_value(0.0123) == "0.012"
-    assert p_value(None) == p_value(float("nan")) == "–"
-
-
-@pytest.fixture
-def project(monkeypatch):
-    """Processes that a job starts find this checkout."""
-    root = str(Path(__file__).resolve().parent.parent)
-    monkeypatch.setenv("PYTHONPATH", root)
-
-
-def test_a_job_that_fails_says_why(tmp_path, project):
-    job = Job(["calibrate", "no-such-recording"], tmp_path / "out", tmp_path)
-    assert job.wait(120) == FAILED
-    assert "no-such-recording" in job.last_line and not (tmp_path / "out").exists()
-
-
-def test_a_job_reports_its_progress_and_ends(tmp_path, project):
-    (tmp_path / "plan.toml").write_text(
-        '[[stage]]\nname = "g"\nwhy = "w"\nfree = ["base.*", "sensor.*"]\n'
-    )
-    words = ["calibrate", "elastic-arm", "--plan", "plan.toml", "--folds", "2", "--no-report"]
-    job = Job(words, tmp_path / "out", tmp_path)
-    assert job.wait(300) == DONE
-    assert job.lines[0] == "reading elastic-arm" and any("stage g" in line for line in job.lines)
-    assert json.loads((tmp_path / "out" / "answer.json").read_text())["command"] == "calibrate"
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
-def test_a_cancelled_job_leaves_nothing(tmp_path, project):
-    job = Job(["calibrate", "elastic-arm", "--no-report"], tmp_path / "out", tmp_path)
-    while not any("stage" in line for line in list(job.lines)) and job.state == "running":
-        job._process.poll()
-    job.cancel()
-    assert job.state == CANCELLED
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_without_trame_the_command_says_what_to_install(workbench, tmp_path):
-    blocked = tmp_path / "blocked"
-    blocked.mkdir()
-    for name in ("trame_plotly", "trame_vuetify", "trame"):
-        (blocked / f"{name}.py").write_text(
-            f"raise ModuleNotFoundError('no {name}', name='{name}')\n"
-        )
-    import os
-    import subprocess
-
-    root = Path(__file__).resolve().parent.parent
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(blocked), str(root)])}
-    words = [sys.executable, "-m", "workbench", "open", "elastic-arm"]
-    done = subprocess.run(
-        words, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 2
-    assert "vision-sensor-workbench[app]" in done.stderr and "workbench open" in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
-
-
-def test_a_subject_that_is_nothing_is_refused(workbench):
-    done = workbench("open", "no-such-thing", "--no-browser")
-    assert done.returncode == 2 and "no-such-thing" in done.stderr

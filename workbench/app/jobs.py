@@ -2,6 +2,7 @@
 
 import atexit
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -63,7 +64,10 @@ class Job:
         return time.monotonic() - self.started
 
     def cancel(self) -> None:
-        """Interrupt the command, which then removes what it has written so far; kill it if it does not end."""
+        """Interrupt the command, which then removes what it has written so far.
+
+        A command that does not end in time, as on a busy machine, is killed; what it has written is removed here.
+        """
         if self._process.poll() is not None:
             return
         self.is_cancelled = True
@@ -73,6 +77,7 @@ class Job:
         except subprocess.TimeoutExpired:
             self._signal(signal.SIGKILL if os.name == "posix" else signal.SIGTERM)
             self._process.wait(_PATIENCE_S)
+            shutil.rmtree(self.out, ignore_errors=True)
 
     def wait(self, timeout: float | None = None) -> str:
         """Wait until the command has ended; its state."""

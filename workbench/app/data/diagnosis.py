@@ -137,20 +137,36 @@ def plan_row(term: Mapping) -> dict:
     from workbench.core.effect import make_effects
 
     options = {k: value for k, value in term.get("options", {}).items() if k != "masses_found"}
-    make_effects(CATALOGUE, [(term["effect"], term["where"], options)])
-    return {"effect": term["effect"], "where": term["where"], **options}
+    problems = []
+    for name in _plan_names(term["effect"]):
+        try:
+            make_effects(CATALOGUE, [(name, term["where"], options)])
+        except InputError as problem:
+            problems.append(problem)
+        else:
+            return {"effect": name, "where": term["where"], **options}
+    raise problems[0]
+
+
+def _plan_names(effect: str) -> list[str]:
+    """Names in the catalogue that a plan may give an effect: "warm-up" is another class at the base and at a link."""
+    from robot_model.effects import CATALOGUE
+
+    others = [name for name, kind in CATALOGUE.items() if kind.effect == effect and name != effect]
+    return [effect, *others]
 
 
 def plan_problem(term: Mapping) -> str:
     """Why a term cannot join the plan of `workbench calibrate`, "" where it can."""
     from robot_model.effects import CATALOGUE
 
-    if term["effect"] not in CATALOGUE:
-        return "the plan of a calibration holds effects of the arm only"
     try:
         plan_row(term)
     except InputError as problem:
-        return str(problem)
+        is_known = term["effect"] in CATALOGUE
+        return (
+            str(problem) if is_known else "the plan of a calibration holds effects of the arm only"
+        )
     return ""
 
 

@@ -18,6 +18,7 @@ from workbench.app.data.residuals import (
     unit_of,
 )
 from workbench.app.figures import robot, style
+from workbench.app.figures.arrows import Needles, add_needles, colour_top, rounded
 from workbench.app.workspace import Workspace
 
 _NAMES = {
@@ -30,6 +31,8 @@ _NAMES = {
     HELD_OUT_AFTER: "after, held out",
 }
 _MOST_NAMES = 12
+_MARGIN = 0.1
+"""Room for the tips of arrows around the points, as a share of the diagonal."""
 _DRAWINGS = count(1)
 _COLOURS = {
     FIT: style.GREEN,
@@ -48,96 +51,44 @@ def arrows(work: Workspace) -> go.Figure:
     residuals = work.opened.residuals
     if residuals is None or residuals.points is None:
         return made
-    lengths = residuals.shown
     drawn = work.drawn(MOST_ARROWS)
     drawn = drawn[work.kept[drawn]]
     places, vectors = residuals.points[:, drawn], residuals.arrows[:, drawn]
-    scale = _enlargement(work, places, vectors)
+    low, high = _box(work, places)
+    scale = _enlargement(low, high, vectors)
     numbers = work.opened.edit_ids[drawn]
-    _add_arrows(made, places, scale * vectors, drawn, lengths[drawn])
-    _add_marks(made, places, drawn, lengths[drawn], numbers)
+    needles = Needles(places, scale * vectors, drawn, numbers, residuals.shown[drawn])
+    add_needles(made, needles, float(np.linalg.norm(high - low)), showlegend=True)
     _add_selected(made, work)
     if has_arm(work.opened):
         robot.add_arm(made, work, with_outer=False)
-        style.framed(made, *reach(work.opened, False))
-    text = (
-        f"measured to predicted position, enlarged {scale:,.0f} times; "
-        f"{len(drawn):,} of {work.count:,} samples drawn"
-    )
+    style.framed(made, low, high)
+    text = f"arrows enlarged {scale:,.0f} times; {len(drawn):,} of {work.count:,} samples drawn"
     made.update_layout(title=dict(text=text, x=0.01, y=0.99, yanchor="top", font_size=13))
     return made
 
 
-def _enlargement(work: Workspace, places, vectors) -> float:
-    """How many times arrows are enlarged, so that they can be seen in a scene with the arm too."""
+def _box(work: Workspace, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest (3,) mm of the scene: of the arm in all its poses, else of the points (3, k)."""
+    if has_arm(work.opened):
+        return reach(work.opened, False)
+    if not places.size:
+        return np.zeros(3), np.ones(3)
+    low, high = places.min(axis=1), places.max(axis=1)
+    margin = _MARGIN * float(np.linalg.norm(high - low))
+    return low - margin, high + margin
+
+
+def _enlargement(low: np.ndarray, high: np.ndarray, vectors: np.ndarray) -> float:
+    """How many times arrows (3, k) mm are enlarged, so that they can be seen in a scene with the arm too."""
     from workbench.report.calibration.scene import arrow_scale
 
-    if not vectors.size:
-        return 1.0
-    box = np.stack(reach(work.opened, False), axis=1) if has_arm(work.opened) else places
-    return arrow_scale(box, vectors)
-
-
-def _add_arrows(made, places, vectors, rows, lengths) -> None:
-    """One line with gaps and a colour for each arrow; a short barb makes its head."""
-    tips = places + vectors
-    gap = np.full_like(tips, np.nan)
-    x, y, z = _light(np.stack([places, tips, gap], axis=2).reshape(3, -1))
-    made.add_scatter3d(
-        x=x,
-        y=y,
-        z=z,
-        mode="lines",
-        name="residual",
-        connectgaps=False,
-        showlegend=False,
-        customdata=np.repeat(rows, 3).astype(np.int32),
-        hoverinfo="none",
-        line=dict(
-            color=np.repeat(lengths, 3).astype(np.float32),
-            colorscale=style.LENGTHS,
-            cmin=0,
-            cmax=_top(lengths),
-            width=3,
-        ),
-    )
-
-
-def _light(places: np.ndarray) -> np.ndarray:
-    """Places in mm in single precision, 0.001 mm at 10 m: half as much to send, and more than a screen shows."""
-    return np.round(places, 2).astype(np.float32)
-
-
-def _add_marks(made, places, rows, lengths, numbers) -> None:
-    x, y, z = _light(places)
-    bar = dict(title=dict(text="residual (mm)", side="right"), thickness=14, len=0.7)
-    made.add_scatter3d(
-        x=x,
-        y=y,
-        z=z,
-        mode="markers",
-        name="measured points",
-        customdata=rows,
-        text=numbers,
-        marker=dict(
-            size=3,
-            color=lengths,
-            colorscale=style.LENGTHS,
-            cmin=0,
-            cmax=_top(lengths),
-            colorbar=bar,
-        ),
-        hovertemplate="sample %{text}: %{marker.color:.4f} mm<extra></extra>",
-    )
-
-
-def _top(lengths: np.ndarray) -> float:
-    return float(np.percentile(lengths, 98)) if lengths.size else 1.0
+    return arrow_scale(np.stack([low, high], axis=1), vectors) if vectors.size else 1.0
 
 
 def _add_selected(made, work: Workspace) -> None:
     rows = work.selected_rows[: MOST_ARROWS // 4]
-    x, y, z = np.round(work.opened.residuals.points[:, rows], 2)
+    x, y, z = rounded(work.opened.residuals.points[:, rows])
     made.add_scatter3d(
         x=x,
         y=y,
@@ -146,7 +97,7 @@ def _add_selected(made, work: Workspace) -> None:
         name=f"selected ({work.selected.sum():,})",
         customdata=rows,
         text=work.opened.edit_ids[rows],
-        marker=dict(size=6, color=style.ORANGE, symbol="circle-open"),
+        marker=dict(size=6, color=style.ORANGE, symbol="diamond-open"),
         hovertemplate="sample %{text}<extra></extra>",
     )
 
@@ -312,13 +263,19 @@ def side_by_side(work: Workspace) -> go.Figure:
     runs = [(name, found) for name, found in runs if found is not None and found.points is not None]
     if len(runs) < 2:
         return made
-    top = max(_top(found.shown) for _, found in runs)
+    top = max(colour_top(found.shown) for _, found in runs)
     first = runs[0][1]
     scale = arrow_scale(first.points, first.arrows)
     ends = [one.points + share * one.arrows for _, one in runs for share in (0, scale)]
+    places = np.concatenate(ends, axis=1)
+    low, high = np.nanmin(places, axis=1), np.nanmax(places, axis=1)
     for k, (name, found) in enumerate(runs):
         drawn = thinned(len(found.shown), MOST_ARROWS // 2, found.shown)
-        _add_pair(made, found, drawn, scale, top, k)
+        vectors = scale * found.arrows[:, drawn]
+        numbers = found.sample[drawn]
+        needles = Needles(found.points[:, drawn], vectors, drawn, numbers, found.shown[drawn])
+        scene = dict(name=name, scene=("scene", "scene2")[k], showscale=k == 1)
+        add_needles(made, needles, float(np.linalg.norm(high - low)), cmax=top, **scene)
         made.add_annotation(
             text=f"<b>{name}</b>",
             x=0.25 + 0.5 * k,
@@ -327,33 +284,12 @@ def side_by_side(work: Workspace) -> go.Figure:
             yref="paper",
             showarrow=False,
         )
-    places = np.concatenate(ends, axis=1)
-    style.framed(made, np.nanmin(places, axis=1), np.nanmax(places, axis=1))
+    style.framed(made, low, high)
     scene = made.layout.scene.to_plotly_json()
     for k, key in enumerate(("scene", "scene2")):
         half = [0.5 * k, 0.5 * k + 0.5]
         made.update_layout({key: {**scene, "domain": {"x": half, "y": [0, 0.95]}}})
     return made.update_layout(showlegend=False)
-
-
-def _add_pair(made, found, drawn, scale: float, top: float, place: int) -> None:
-    """Arrows of one of two runs; the colour bar stands at the second."""
-    tips = found.points[:, drawn] + scale * found.arrows[:, drawn]
-    ends = np.stack([found.points[:, drawn], tips, np.full_like(tips, np.nan)], axis=2)
-    x, y, z = np.round(ends.reshape(3, -1), 2)
-    bar = dict(title=dict(text="residual (mm)", side="right"), thickness=14, len=0.7)
-    colours = dict(colorscale=style.LENGTHS, cmin=0, cmax=top, showscale=place == 1)
-    made.add_scatter3d(
-        x=x,
-        y=y,
-        z=z,
-        mode="lines",
-        name=("before", "after")[place],
-        connectgaps=False,
-        hoverinfo="skip",
-        scene=("scene", "scene2")[place],
-        line=dict(color=np.repeat(found.shown[drawn], 3), width=3, colorbar=bar, **colours),
-    )
 
 
 def comparison(work: Workspace) -> go.Figure:

@@ -7,10 +7,13 @@ from itertools import product
 import numpy as np
 import plotly.graph_objects as go
 
+from workbench.app.figures.arrows import CORNERS, shafts
 from workbench.app.figures.style import INK
 
 WIDTH, HEIGHT = 600, 512
 _CLASSES = 12
+_SHAFT = 1.8
+"""Width of the shaft of a needle in px."""
 _FIELD_RAD = np.pi / 4
 """Vertical field of the camera of plotly.js."""
 _GREY = "#d4d4d8"
@@ -21,9 +24,8 @@ def still(made: go.Figure) -> str:
     view = _View(made.layout.scene)
     parts = [_box(view)]
     for trace in made.data:
-        points = np.array([trace.x, trace.y, trace.z], float)
-        if points.size and trace.mode:
-            parts += _marks(view, trace, points)
+        if len(trace.x):
+            parts += _needles(view, trace) if trace.type == "mesh3d" else _marks(view, trace)
     title = escape(made.layout.title.text or "")
     parts.append(
         f'<text x="{8 - WIDTH / 2}" y="{16 - HEIGHT / 2}" font-size="12" fill="{INK}">{title}</text>'
@@ -71,17 +73,25 @@ def _box(view: _View) -> str:
     return "".join(f'<path d="{_path(view.project(path))}" stroke="{_GREY}"/>' for path in paths)
 
 
-def _marks(view: _View, trace, points: np.ndarray) -> list[str]:
+def _needles(view: _View, trace) -> list[str]:
+    """Shafts of the needles of a residual, in few colours so that few elements are drawn."""
+    places = view.project(shafts(trace.x, trace.y, trace.z))
+    lengths = np.repeat(np.asarray(trace.intensity)[::CORNERS], 3)
+    classes = _colours(lengths, trace.cmax, trace.colorscale)
+    return [_element(_path(places[:, chosen]), colour, _SHAFT) for colour, chosen in classes]
+
+
+def _marks(view: _View, trace) -> list[str]:
     """Lines and discs of one trace, in few colours so that few elements are drawn."""
-    places = view.project(points)
+    places = view.project(np.array([trace.x, trace.y, trace.z], float))
     parts = []
     if "lines" in trace.mode:
         width = 0.6 * (trace.line.width or 2)
-        for colour, chosen in _colours(trace.line, len(places[0])):
+        for colour, chosen in _classes(trace.line, len(places[0])):
             parts.append(_element(_path(places[:, chosen]), colour, width))
     if "markers" in trace.mode:
         size = trace.marker.size or 4
-        for colour, chosen in _colours(trace.marker, len(places[0])):
+        for colour, chosen in _classes(trace.marker, len(places[0])):
             dots = np.repeat(places[:, chosen], 3, axis=1)
             dots[:, 2::3] = np.nan
             parts.append(_element(_path(dots), colour, size))
@@ -104,16 +114,19 @@ def _path(places: np.ndarray) -> str:
     return "".join(parts)
 
 
-def _colours(style, n: int):
+def _classes(style, n: int):
     """Colour and (n,) bool of each class of points; one class where all have the same colour."""
     if style.color is None or isinstance(style.color, str):
-        yield style.color or "#000000", np.ones(n, bool)
-        return
-    top = style.cmax or 1.0
-    values = np.clip(np.asarray(style.color, float) / top, 0, 1)
-    classes = np.minimum((values * _CLASSES).astype(int), _CLASSES - 1)
+        return [(style.color or "#000000", np.ones(n, bool))]
+    return _colours(style.color, style.cmax, style.colorscale)
+
+
+def _colours(values, top: float | None, scale):
+    """Colour and (n,) bool of each class of `values` (n,), from 0 to `top`, in a colour scale."""
+    shares = np.clip(np.asarray(values, float) / (top or 1.0), 0, 1)
+    classes = np.minimum((shares * _CLASSES).astype(int), _CLASSES - 1)
     for number in np.unique(classes):
-        yield _mixed(style.colorscale, (number + 0.5) / _CLASSES), classes == number
+        yield _mixed(scale, (number + 0.5) / _CLASSES), classes == number
 
 
 def _mixed(scale, share: float) -> str:

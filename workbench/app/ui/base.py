@@ -6,7 +6,6 @@ import importlib
 import logging
 import threading
 from collections.abc import Callable
-from html import escape as html_escape
 from pathlib import Path
 
 from trame.app import asynchronous
@@ -14,7 +13,9 @@ from trame.widgets import html, plotly
 from trame.widgets import vuetify3 as v3
 
 from workbench.app.figures.still import still
-from workbench.app.ui.view import PLANE, View, buttons, wheel
+from workbench.app.ui.attributes import raw
+from workbench.app.ui.mark import build_mark, set_mark
+from workbench.app.ui.view import PLANE, SPACE, View, buttons, wheel
 from workbench.app.workspace import Workspace
 from workbench.core.errors import InputError
 
@@ -23,18 +24,6 @@ _TURN_S = 0.005
 REPORT = "report.html"
 _STILL = "position: absolute; width: 100%; height: calc(100% - 64px)"
 """Where the scene of a figure in space lies, above its legend."""
-
-
-def raw(**attributes: object) -> dict:
-    """Attributes that trame does not know, such as role and aria-label, as an argument of a widget.
-
-    They stand in the page's template: they are words of this code, never of the data.
-    """
-    lines = []
-    for name, value in attributes.items():
-        dashed = name.replace("_", "-")
-        lines.append(dashed if value is True else f'{dashed}="{html_escape(str(value))}"')
-    return {"raw_attrs": lines}
 
 
 class Page:
@@ -214,6 +203,8 @@ class Tab:
         self._view_of[name] = View()
         with html.Div(style=f"position: relative; height: {height}; width: 100%"):
             self._plot(name, label, view, events)
+            if view == SPACE:
+                build_mark(name, self.state)
             buttons(name, label, view, functools.partial(self._change_view, name))
 
     def _plot(self, name: str, label: str, view: str, events: dict) -> None:
@@ -240,6 +231,10 @@ class Tab:
         """Send a figure in the view that was chosen for it."""
         self._last_made[name] = made
         self.figures[name].update(self._view_of[name].applied(made))
+
+    def mark(self, name: str, place, text: str = "") -> None:
+        """Mark a place (3,) mm of a figure in space, without drawing the figure; None removes the mark."""
+        set_mark(name, self.state, place, text)
 
     def _change_view(self, name: str, action, camera=None) -> None:
         """Zoom, rotate or reset a figure that was drawn."""

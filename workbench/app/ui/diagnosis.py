@@ -5,7 +5,8 @@ from trame.widgets import vuetify3 as v3
 
 from workbench.app.data import diagnosis as data
 from workbench.app.figures import diagnosis
-from workbench.app.ui.base import Tab, points_of, raw, whole_number
+from workbench.app.ui.attributes import raw
+from workbench.app.ui.base import Tab, points_of, whole_number
 from workbench.app.ui.view import SPACE
 from workbench.app.workspace import CALIBRATE, quantities_of
 from workbench.report.text import counted

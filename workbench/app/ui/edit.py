@@ -9,9 +9,11 @@ from trame.widgets import vuetify3 as v3
 from workbench.app.data.plan import DIAGNOSE, plan_sentence, stage_items
 from workbench.app.data.residuals import updated_threshold
 from workbench.app.edits.changes import EFFECTS, STAGES
+from workbench.app.edits.session import CAMERA
 from workbench.app.figures import residuals
 from workbench.app.jobs import CANCELLED, DONE, RUNNING
-from workbench.app.ui.base import Tab, number_of, raw
+from workbench.app.ui.attributes import raw
+from workbench.app.ui.base import Tab, number_of
 from workbench.app.ui.view import SPACE
 from workbench.app.workspace import CALIBRATE
 from workbench.report.text import counted
@@ -32,13 +34,16 @@ class EditTab(Tab):
         state.threshold, state.threshold_top, state.threshold_text = 0.0, 1.0, ""
         state.can_undo, state.can_redo = False, False
         state.job_running, state.job_text = False, ""
+        state.calibrate_label = "Calibrate"
         state.comparison, state.session_file, state.job_report = [], "", ""
+        state.has_residuals = False
         state.has_side_by_side, state.plan_text, state.no_effects = False, "", ""
         with v3.VRow():
             with v3.VCol(cols=12, lg=4):
                 self._plan()
             with v3.VCol(cols=12, lg=4):
-                self._threshold()
+                with html.Div(v_if="has_residuals"):
+                    self._threshold()
                 self._history()
             with v3.VCol(cols=12, lg=4):
                 self._rerun()
@@ -110,7 +115,7 @@ class EditTab(Tab):
     def _rerun(self) -> None:
         html.H2("Rerun", classes="text-subtitle-1 font-weight-bold")
         self.button(
-            "Calibrate",
+            "{{ calibrate_label }}",
             self.start,
             f"['{CALIBRATE}']",
             color="primary",
@@ -145,11 +150,12 @@ class EditTab(Tab):
             with html.Tbody(), html.Tr(v_for="one in comparison", key="one.name"):
                 for key in ("name", "before", "after"):
                     html.Td("{{ one." + key + " }}")
-        html.H2(
-            "Cumulative distribution of the residuals",
-            classes="text-subtitle-1 font-weight-bold mt-2",
-        )
-        self.figure("comparison", "Share of samples by residual, before and after", "38vh")
+        with html.Div(v_if="has_residuals"):
+            html.H2(
+                "Cumulative distribution of the residuals",
+                classes="text-subtitle-1 font-weight-bold mt-2",
+            )
+            self.figure("comparison", "Share of samples by residual, before and after", "38vh")
 
     def refresh(self) -> None:
         work, state = self.work, self.state
@@ -164,12 +170,15 @@ class EditTab(Tab):
         self.show_changes()
         state.comparison = work.comparison()
         command = work.session.command
+        state.calibrate_label = "Calibrate the camera" if command == CAMERA else "Calibrate"
         state.session_file = f"Repeat without the app: workbench {command} --session {work.path}"
         top = float(work.lengths().max(initial=0)) or 1.0
         state.threshold = updated_threshold(float(state.threshold), state.threshold_top, top)
         state.threshold_top = top
-        self._show_threshold()
-        self.draw_in_turn(comparison=lambda: residuals.comparison(self.work))
+        state.has_residuals = work.opened.residuals is not None
+        if state.has_residuals:
+            self._show_threshold()
+            self.draw_in_turn(comparison=lambda: residuals.comparison(self.work))
         state.has_side_by_side = residuals.has_side_by_side(work)
         if state.has_side_by_side:
             self.draw_in_turn(side_by_side=lambda: residuals.side_by_side(self.work))

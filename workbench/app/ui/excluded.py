@@ -4,7 +4,8 @@ from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
 from workbench.app.edits.changes import POSES
-from workbench.app.ui.base import raw, whole_number
+from workbench.app.ui.attributes import raw
+from workbench.app.ui.base import whole_number
 from workbench.report.text import counted
 
 MOST_ROWS = 100

@@ -8,7 +8,8 @@ from trame.widgets import html
 
 from workbench.app.data.images import overlay_of
 from workbench.app.figures import sensor, style
-from workbench.app.ui.base import Tab, points_of, raw
+from workbench.app.ui.attributes import raw
+from workbench.app.ui.base import Tab, points_of
 from workbench.core.errors import InputError
 
 _log = logging.getLogger(__name__)

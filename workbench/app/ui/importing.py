@@ -7,7 +7,8 @@ from trame.app import asynchronous
 from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
-from workbench.app.ui.base import Tab, raw, whole_number
+from workbench.app.ui.attributes import raw
+from workbench.app.ui.base import Tab, whole_number
 from workbench.app.wizard.draft import Draft, folder_of
 from workbench.app.wizard.form import form_rows, kinds, other_rows
 from workbench.core.errors import InputError
@@ -81,6 +82,7 @@ class ImportTab(Tab):
                 clearable=False,
                 **_DENSE,
             )
+            html.Div(style="width: 12px")
             self.button("Remove all files", self.clear, disabled=("!import_names.length",))
         html.Div(
             "{{ import_names.length ? 'Files: ' + import_names.join(', ') : 'No files yet.' }}",

@@ -9,11 +9,13 @@ from trame.widgets import client, html
 from trame.widgets import vuetify3 as v3
 
 from workbench.app.data.opened import Opened
-from workbench.app.ui.base import Page, raw
+from workbench.app.ui.attributes import raw
+from workbench.app.ui.base import Page
 from workbench.app.ui.diagnosis import DiagnosisTab
 from workbench.app.ui.edit import EditTab
 from workbench.app.ui.importing import ImportTab
 from workbench.app.ui.library import defer_charts
+from workbench.app.ui.mark import FOLLOW
 from workbench.app.ui.recording import RecordingTab
 from workbench.app.ui.residuals import ResidualsTab
 from workbench.app.ui.sensor import SensorTab
@@ -122,6 +124,7 @@ def _layout(server, page: Page, tabs) -> None:
     with VAppLayout(server, vuetify_config=_THEME) as layout:
         layout.root.style = "background: white"
         client.Style(_STYLE)
+        client.Script(FOLLOW)
         client.ClientTriggers(mounted=page.show)
         client.ClientStateChange(value="tab", change="window.scrollTo(0, 0)")
         _bar(tabs)

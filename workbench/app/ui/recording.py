@@ -7,7 +7,8 @@ from datasets.columns import joint_columns
 from workbench.app.data.arm import has_arm
 from workbench.app.data.images import image_rows
 from workbench.app.figures import robot
-from workbench.app.ui.base import Tab, points_of, raw, whole_number
+from workbench.app.ui.attributes import raw
+from workbench.app.ui.base import Tab, points_of, whole_number
 from workbench.app.ui.excluded import ExcludedList
 from workbench.app.ui.image_panel import ImagePanel
 from workbench.app.ui.view import SPACE

@@ -4,8 +4,11 @@ from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
 from workbench.app.data.residuals import HELD_OUT, HELD_OUT_AFTER
+from workbench.app.edits.session import CAMERA
 from workbench.app.figures import residuals
-from workbench.app.ui.base import Tab, number_of, points_of, range_of, raw, whole_number
+from workbench.app.figures.robot import has_points
+from workbench.app.ui.attributes import raw
+from workbench.app.ui.base import Tab, number_of, points_of, range_of, whole_number
 from workbench.app.ui.excluded import ExcludedList
 from workbench.app.ui.image_panel import ImagePanel
 from workbench.app.ui.recording import row_table
@@ -25,6 +28,13 @@ _HEADS = {
     "angle": "Orientation (deg)",
     "image": "Image",
 }
+
+
+_HINT = (
+    "An arrow leads from the measured position (wide end) to the predicted one (tip). Click an arrow, a point or a "
+    "bar, or drag over a chart, to select samples. Then exclude them here, and calibrate again in the tab Edit and "
+    "rerun."
+)
 
 
 class ResidualsTab(Tab):
@@ -115,15 +125,17 @@ class ResidualsTab(Tab):
         )
 
     def _selection(self) -> None:
+        html.Div(_HINT, v_if="!no_residuals", classes="text-caption")
         html.Div(
             "{{ selection_text }}", **raw(data_text="selection", role="status"), classes="mb-2"
         )
         with html.Div(classes="d-flex flex-wrap align-center"):
-            self._field("length_from", "Residual from (mm)")
-            self._field("length_to", "to (mm)")
-            self.button(
-                "Select by length", self.select_lengths, "[length_from, length_to, select_mode]"
-            )
+            with html.Div(v_if="!no_residuals", classes="d-flex flex-wrap align-center"):
+                self._field("length_from", "Residual from (mm)")
+                self._field("length_to", "to (mm)")
+                self.button(
+                    "Select by length", self.select_lengths, "[length_from, length_to, select_mode]"
+                )
             self._field("wanted_sample", "Sample number")
             self.button("Select sample", self.select_sample, "[wanted_sample, select_mode]")
         with html.Div(classes="d-flex flex-wrap align-center"):
@@ -173,11 +185,7 @@ class ResidualsTab(Tab):
     def refresh(self) -> None:
         work, state = self.work, self.state
         has = work.opened.residuals is not None
-        state.no_residuals = (
-            ""
-            if has
-            else "This run has no residuals of an arm. Calibrate one in the tab Edit and rerun."
-        )
+        state.no_residuals = "" if has else _no_residuals(work)
         state.quantities = list(work.quantities)
         if state.quantity not in work.quantities:
             state.quantity = next(iter(work.quantities), "")
@@ -229,11 +237,15 @@ class ResidualsTab(Tab):
         work, state = self.work, self.state
         if not work.count or not work.selected[work.current]:
             state.picked_title, state.picked_image, state.picked_row = "", -1, []
+            self.mark("arrows", None)
             return
         shown = self._row(work.current)
         pose = "" if shown["pose"] == "–" else f", pose {shown['pose']}"
         state.picked_title = f"Sample {shown['sample']}{pose}, residual {shown['length']} mm"
         state.picked_row = row_table(work)
+        if has_points(work):
+            place = work.opened.residuals.points[:, work.current]
+            self.mark("arrows", place, f"sample {shown['sample']}")
         index = work.image_index_of(shown["sample"])
         state.picked_image = -1 if index is None else index
         if index is not None:
@@ -329,6 +341,16 @@ class ResidualsTab(Tab):
             if index is not None:
                 self.state.image = index
         self.page.go_to_tab("recording")
+
+
+def _no_residuals(work) -> str:
+    """Why there is nothing to show here, and what to do."""
+    if work.session.command == CAMERA:
+        return (
+            "This run has no residuals of an arm. Residuals of images are in the tab Sensor; "
+            "errors of a hand-eye calibration are on its report page."
+        )
+    return "This run has no residuals of an arm. Calibrate one in the tab Edit and rerun."
 
 
 def _checked_mode(mode: object) -> str:

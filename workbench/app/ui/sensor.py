@@ -6,7 +6,8 @@ from trame.widgets import vuetify3 as v3
 from workbench.app.data.images import image_rows
 from workbench.app.data.sensor import camera_of, scanner_of, scans_of
 from workbench.app.figures import sensor
-from workbench.app.ui.base import Tab, raw
+from workbench.app.ui.attributes import raw
+from workbench.app.ui.base import Tab
 from workbench.app.ui.image_panel import ImagePanel
 from workbench.app.ui.view import SPACE
 from workbench.report.text import counted
