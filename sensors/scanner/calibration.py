@@ -10,6 +10,7 @@ from sensors.light.board_chain import BoardStripeChain
 from sensors.light.board_stripes import BoardStripes, on_the_board, thinned, wrong_points
 from sensors.light.mirror_choice import FEWEST, MirrorCheck, try_mirror
 from sensors.light.planes import plane_through, plane_variance
+from sensors.light.stationary_lines import Centres, StationaryLine, find_stationary_lines
 from sensors.light.straight import straightened, unshaded
 from sensors.light.together import Together
 from sensors.scanner.adjustment import Adjustment, adjust
@@ -31,6 +32,7 @@ _FEWEST_PLACEMENTS = 2
 _FRAME_TAKES = 3  # planes below which six numbers of a frame make up for all of theirs
 _NO_BOARD = "no board: no usable image of the board in their pose"
 _OFF_BOARD = "off the board"
+_FIXED = "next to a line that stays at one place of the image: a scratch or a reflection"
 _NO_PLANE = "their step's plane is not determined: fewer than two board poses, or one line"
 _WRONG = "wrong: far from the course of their stripe or from its plane"
 _STILL = 1e-6  # rad, below which commanded angles say nothing of how the mirror turns
@@ -50,7 +52,7 @@ class ScannerCalibration:
     left without it; the errors that points of a stripe share (`made.board_stripes.together`) are in both;
     `dropped` numbers of points, by reason; `volume` nearest and farthest depth, mm; `sentences` what was
     dropped, what is not determined and what was refused; `commanded` (S,) rad mirror angles of the steps as
-    images.csv states them, None where it does not.
+    images.csv states them, None where it does not; `lines` of the image that were taken for the laser line.
     """
 
     scanner: Scanner
@@ -72,6 +74,7 @@ class ScannerCalibration:
     volume: tuple[float, float]
     sentences: tuple[str, ...] = field(default_factory=tuple)
     commanded: np.ndarray | None = None
+    lines: tuple[StationaryLine, ...] = ()
 
     @property
     def camera(self):
@@ -220,6 +223,7 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
         found.volume,
         sentences,
         found.commanded,
+        found.lines,
     )
 
 
@@ -253,6 +257,7 @@ class _Found:
     commanded: np.ndarray | None
     dropped: dict[str, int]
     plane_width_mm: float
+    lines: tuple[StationaryLine, ...] = ()
 
     @property
     def volume(self) -> tuple[float, float]:
@@ -277,6 +282,18 @@ def _prepared(camera, stripes: BoardStripes, board) -> _Found:
         dropped,
         "see that `placement` of board and board-laser images agree",
     )
+    lines, displaced = _stationary(camera, kept, group, hits[2])
+    kept, group, hits = (
+        _less(kept, ~displaced, dropped, _FIXED),
+        group[~displaced],
+        hits[:, ~displaced],
+    )
+    _some(
+        kept,
+        "points of a laser line that moves in the image with the board",
+        dropped,
+        "clean optics and mirror, or shield stray light, and take the images again",
+    )
     steps, step = np.unique(kept.step, return_inverse=True)
     planes, fine = _start_planes(hits, group, step, len(steps))
     on = fine[step]
@@ -291,8 +308,21 @@ def _prepared(camera, stripes: BoardStripes, board) -> _Found:
     whole = _chain(camera, kept, board, group, np.searchsorted(steps, kept.step), planes[:, fine])
     whole, plane_width = straightened(whole, kept.shape)
     return _Found(
-        whole, wrong_points(whole, whole.at_start), steps, kept.angles(steps), dropped, plane_width
+        whole,
+        wrong_points(whole, whole.at_start),
+        steps,
+        kept.angles(steps),
+        dropped,
+        plane_width,
+        lines,
     )
+
+
+def _stationary(camera, stripes, group, depth):
+    """Lines that stay at one place of the image, and (n,) which points lie next to them; depth (n,) mm there."""
+    image = group * (int(stripes.step.max(initial=0)) + 1) + stripes.step
+    centres = Centres(stripes.pixels, stripes.scan[:, 0], stripes.step, image, depth)
+    return find_stationary_lines(centres, camera.camera.fx)
 
 
 def _some(kept, expected, dropped, remedy):

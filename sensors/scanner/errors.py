@@ -7,6 +7,7 @@ import numpy as np
 from sensors.camera.model import Camera
 from sensors.light.planes import tilt_directions
 from sensors.state import stripe_direction
+from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.rigid import nearest_rotation
 
@@ -143,9 +144,16 @@ def apart_from_frame(
     joint: (P + 3 S, D) factor of the covariance of the camera's values and the planes' tilts and
     offsets. A principal point that is off turns the whole camera frame with all planes in it, which
     no measurement with the scanner notices and a hand-eye calibration takes up. That rigid part is
-    the one that fits the moves of points over the working volume best.
+    the one that fits the moves of points over the working volume best. InputError where the image shows no part of
+    the planes in the working volume.
     """
     points, step = field_points(camera, planes, *volume)
+    if not len(step):
+        near, far = volume
+        raise InputError(
+            f"light planes: expected planes that the image shows at depths of {near:.4g} to {far:.4g} mm, found none; "
+            "see that the line found in the images is the laser's, and no scratch, reflection or margin of the board"
+        )
     some = slice(None, None, -(-len(step) // _SOME))
     points, step = points[:, some], step[some]
     own, count = planes[:, step], len(camera.values)

@@ -83,7 +83,9 @@ def scanner_verdict(
     misfit: lack of fit of the stripes, which then decides whether the residual is larger than the noise explains.
     """
     verdict = _scanner_verdict(calibration, tolerances, misfit)
-    is_poor = _poor_planes(calibration) or _mostly_wrong(calibration)
+    is_poor = (
+        _poor_planes(calibration) or _mostly_wrong(calibration) or _mostly_stationary(calibration)
+    )
     return _refused(verdict) if is_poor or _poor_camera(calibration.start) else verdict
 
 
@@ -140,7 +142,8 @@ def scanner_warnings(
         said.append(f"{_DOUBT_WORDS}: {misfit.sentence}: {_DIAGNOSE}")
     if asymmetry is not None and asymmetry.is_relevant(calibration.scanner.sigma_px):
         said.append(_of_asymmetry(asymmetry))
-    return said
+    first = f"{_POOR_WORDS}: " if _mostly_stationary(calibration) else ""
+    return [*said, *(f"{first}{line.sentence}" for line in calibration.lines)]
 
 
 def _advice(misfit: Misfit | None) -> str:
@@ -176,6 +179,12 @@ def _pixel_part(calibration) -> Verdict:
 
 def _mostly_wrong(calibration) -> bool:
     return float(calibration.wrong.mean()) > _MOST_WRONG
+
+
+def _mostly_stationary(calibration) -> bool:
+    """Whether most centres on boards were of lines that stay in the image: what is left is then hardly the laser's."""
+    stationary = sum(line.centres for line in calibration.lines)
+    return stationary > _MOST_WRONG * (stationary + calibration.stripes.n)
 
 
 def _poor_camera(calibration) -> bool:
