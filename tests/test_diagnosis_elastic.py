@@ -8,10 +8,13 @@ from datasets.makers import elastic_arms
 from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded
 from test_real_arm_effects import without_masses
+from workbench.diagnosis.linear.evidence import Projected
+from workbench.diagnosis.linear.hypotheses import judged
 from workbench.diagnosis.robot import bench
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.robot.library import variants
 from workbench.diagnosis.search.posterior import Window
+from workbench.diagnosis.search.prior import SECOND, elastic_prior
 from workbench.diagnosis.search.select import find
 
 
@@ -107,3 +110,16 @@ def test_combinations_of_masses_are_those_of_some_of_the_samples(monkeypatch):
     monkeypatch.setattr(bench, "_LARGE", 20)
     assert arm.with_masses
     assert "unit_moments" not in arm.chain.state.__dict__
+
+
+def test_once_a_part_deflects_further_ones_are_likely_with_and_without_masses(elastic_arm):
+    """A second joint costs no more prior odds than any second term does: joints of one arm deflect together."""
+    for recording in (elastic_arm.recording, without_masses(elastic_arm.recording)):
+        problem = bench_of(recording).problem()
+        names = ("joint-compliance", "gravity-compliance")
+        joints = [h for h in judged(problem) if h.effect in names and h.where.startswith("joint")]
+        joints = [h for h in joints if not h.label]
+        priors = elastic_prior(problem, Projected(problem), joints)
+        assert priors.elastic.all() and len(joints) > 2
+        np.testing.assert_allclose(priors.conditional((0,)), SECOND, atol=1e-12)
+        assert (priors.conditional(()) < SECOND).all()

@@ -27,7 +27,7 @@ _NO_BAR_MM = 1e-6
 _UNDER_BARS = (
     0.05  # variation, of the greatest moment of the bars, below which no deflection is measurable
 )
-_BEARING_WEIGHT = 0.2  # prior weight of a bearing, relative to the joint
+_OTHER_WEIGHT = 0.2  # prior weight of a bearing, a link or the foot, relative to a joint
 
 
 @lru_cache(maxsize=64)
@@ -127,6 +127,7 @@ class GravityCompliance(Effect):
     )
     stage = "compliance"
     nonnegative = 1
+    compliance_prior = (0.5, None)
 
     @property
     def reads(self):
@@ -214,7 +215,7 @@ class GravityBearing(Effect):
     @classmethod
     def candidates(cls, chain):
         """At every revolute joint whose moment across the axis would vary if the links were uniform bars."""
-        return _of_bars(cls, chain, "of its bearing", _BEARING_WEIGHT)
+        return _of_bars(cls, chain, "of its bearing", _OTHER_WEIGHT)
 
     @classmethod
     def planned(cls, chain):
@@ -254,7 +255,7 @@ class GravityLink(Effect):
     @classmethod
     def candidates(cls, chain):
         """Where the moment of uniform bars varies; none where masses are stated."""
-        return _of_bars(cls, chain)
+        return _of_bars(cls, chain, mass=_OTHER_WEIGHT)
 
     def first(self) -> int:
         """Number from 0 of the first link whose weight acts."""
@@ -286,7 +287,7 @@ class GravityPedestal(Effect):
     @classmethod
     def candidates(cls, chain):
         """Where the moment of uniform bars varies; none where masses are stated."""
-        return _of_bars(cls, chain)
+        return _of_bars(cls, chain, mass=_OTHER_WEIGHT)
 
     def first(self) -> int:
         """Number from 0 of the first link whose weight acts."""

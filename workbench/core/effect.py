@@ -96,7 +96,8 @@ class Effect:
     - `subsumes`: names of effects that are special cases of this one.
     - `mass_dependent`: whether its signature depends on masses, which may be uncertain.
     - `compliance_prior`: of a compliance, the prior probability that it is of a size worth
-      modelling, and its typical size relative to the compliance of a joint.
+      modelling, and its typical size relative to the compliance of a joint; None where it has none
+      in rad/(N m).
     - `needs_compliance`: whether it is observable only where the model holds a compliance.
     - `of_session`: whether it belongs to the measuring session and not to the machine, so that a
       correction of the machine leaves it out.
@@ -127,7 +128,7 @@ class Effect:
     coexists = False
     subsumes: tuple[str, ...] = ()
     mass_dependent = False
-    compliance_prior: tuple[float, float] | None = None
+    compliance_prior: tuple[float, float | None] | None = None
     needs_compliance = False
     of_session = False
     reads: tuple[str, ...] = ()

@@ -93,9 +93,9 @@ def elastic_prior(problem: Problem, projected: Projected, terms: Sequence[Hypoth
     robot = _RobotScale.of(problem, projected)
     log_odds, scale = log_prior.copy(), np.ones(len(terms))
     for i in np.flatnonzero(elastic):
-        chance, _ = _CHANCE[terms[i].effect]
+        chance, relative = _CHANCE[terms[i].effect]
         log_odds[i] = np.log(chance / (1 - chance)) + np.log(terms[i].source.mass)
-        if robot is not None:
+        if robot is not None and relative is not None:
             scale[i] = robot.size(terms[i].source) / float(terms[i].source.typical[0])
     deflects = (
         float(logsumexp(log_prior[elastic]) - logsumexp(log_odds[elastic]))
