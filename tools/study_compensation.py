@@ -23,13 +23,14 @@ from workbench.core.rigid import rotation_matrix  # noqa: E402
 from workbench.explanation.answer import diagnose  # noqa: E402
 from workbench.explanation.corrected_model import write_model  # noqa: E402
 from workbench.files.solution_file import CalibratedArm, read_solution  # noqa: E402
-from workbench.jobs.robot.compensate import compensate  # noqa: E402
+from workbench.jobs.robot.compensate import compensate, position_covariance  # noqa: E402
 
 TABLE = ROOT / "docs" / "studies" / "compensation.csv"
 PAGE = TABLE.with_suffix(".md")
 FIRST_SEED, SCENES, TARGETS = 5000, 20, 60
 LIMIT = 1.2
 """Error over predicted uncertainty up to which the prediction is called right."""
+_DRAWS, _LARGEST = 20000, 100  # of the eigenvalues: a model has fewer parameters
 # numbers of parameters and of effects that differ, and whether the noise is stated wrongly: in turn
 COMBINATIONS = ((2, 1, False), (1, 2, False), (0, 1, False), (2, 0, False), (1, 3, False))
 
@@ -38,13 +39,16 @@ COMBINATIONS = ((2, 1, False), (1, 2, False), (0, 1, False), (2, 0, False), (1, 
 class Executed:
     """RMS 3-D errors (mm) of the measured point at the targets, and the RMS uncertainty that the model predicts.
 
-    `planted` and `named`: effects with their places, joined by "; "; `verdict` of the diagnosis.
+    `chance`: probability that the error of a right model with this covariance is above the limit, since all targets
+    share some thirty estimated parameters. `planted` and `named`: effects with their places, joined by "; "; `verdict`
+    of the diagnosis.
     """
 
     seed: int
     before: float
     after: float
     predicted: float
+    chance: float
     planted: str
     named: str
     verdict: str
@@ -80,15 +84,29 @@ def execute(seed: int, combination) -> Executed:
     after = truth.true_points(np.rad2deg(found.readings[kept]), *sides)
     before = truth.true_points(joints[kept], *sides)
     uncertainty = found.uncertainty_mm[kept]
+    there = {name: values[kept] for name, values in columns.items()}
+    covariance = position_covariance(arm, found.readings[kept], there)
+    predicted = _rms(uncertainty[:, None])
     return Executed(
         seed,
         _rms(before - wanted),
         _rms(after - wanted),
-        _rms(uncertainty[:, None]),
+        predicted,
+        chance_above(LIMIT * predicted, covariance),
         "; ".join(f"{effect} at {where}" for effect, where in truth.physics),
         "; ".join(f"{term.finding.effect} at {term.finding.where}" for term in made.terms),
         made.verdict,
     )
+
+
+def chance_above(limit: float, covariance: np.ndarray) -> float:
+    """Probability that the RMS 3-D error (mm) of places with a covariance (3 n, 3 n) is above a limit.
+
+    The sum of squares is one of independent chi-squares with the eigenvalues as weights; by 20,000 random draws.
+    """
+    weights = np.linalg.eigvalsh(covariance)[-_LARGEST:].clip(min=0) / (len(covariance) / 3)
+    squares = np.random.default_rng(0).chisquare(1, (_DRAWS, len(weights))) @ weights
+    return float((squares > limit**2).mean())
 
 
 def in_instrument(arm: CalibratedArm, flange: np.ndarray) -> np.ndarray:
@@ -117,7 +135,7 @@ def read(table: Path) -> list[Executed]:
     """Scenes of a table; none where there is no file."""
     if not table.is_file():
         return []
-    kinds = {"seed": int, "before": float, "after": float, "predicted": float}
+    kinds = {"seed": int, "before": float, "after": float, "predicted": float, "chance": float}
     with table.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     return [
@@ -152,14 +170,24 @@ measured point over the RMS uncertainty that `compensate` predicts; 1 is expecte
 | | measured |
 |---|---|
 | scenes with a ratio of at most {limit} | {within} of {count} |
+| the same, expected of models with the right terms | {expected:.1f} of {count} |
 | median ratio | {median:.2f} |
 | largest ratio | {largest:.2f} |
 | root mean square of the ratios | {pooled:.2f} |
 | largest share of the error that remains | {share:.1%} |
 
-The predicted uncertainty combines the covariance of the estimated parameters with the discrepancy of the model: the RMS
-distance that the final calibration left beyond the noise. It does not hold what a wrong term hides in the recording and
-shows only at other poses.
+The predicted uncertainty combines four things: the covariance of the estimated parameters; what terms make that the
+diagnosis found and did not retain; what error curves and smooth functions leave open beyond the recorded range; and the
+discrepancy of the model, the RMS distance that the final calibration left beyond the noise. It does not hold an effect
+that the diagnosis did not find at all.
+
+It is a standard uncertainty, and the errors of all targets of a scene come from the same thirty or so parameters.
+Their RMS therefore scatters by a sixth about the prediction, and a model with the right terms is above {limit} in about
+one of twelve scenes. The expected number follows from the covariance of each scene.
+
+Scene 5009 had a ratio of 10.3 and led to changes of the search and of the predicted uncertainty, so that the
+population is not unseen any more. On 20 other scenes, with 60 to 200 poses and run once after these changes, 15 were
+within {limit} (18.4 expected), the largest ratio was 1.37 and the root mean square 1.06.
 
 | seed | ratio | planted effects | terms of the diagnosis | verdict |
 |---|---|---|---|---|
@@ -181,6 +209,7 @@ def page(rows: list[Executed]) -> str:
         last=rows[-1].seed,
         limit=LIMIT,
         within=sum(row.is_within for row in rows),
+        expected=sum(1 - row.chance for row in rows),
         median=np.median(ratios),
         largest=ratios.max(),
         pooled=pooled(rows),
