@@ -194,16 +194,26 @@ def click_at(page, x: float, y: float) -> None:
     page.mouse.up()
 
 
+def settled_place(page, find) -> list[float]:
+    """What `find` says of a place in the window, once it says the same again: figures grow and scenes rotate."""
+    before, place = None, find()
+    while before is None or max(abs(a - b) for a, b in zip(before, place)) > 0.5:
+        page.wait_for_timeout(200)
+        before, place = place, find()
+    return place
+
+
+_MIDDLE_OF_BIN = """(element, place) => {
+    const {xaxis, yaxis} = element._fullLayout, box = element.getBoundingClientRect();
+    const bins = element._fullData.find((one) => one.name === 'bins');
+    return [box.left + xaxis._offset + xaxis.c2p(bins.x[place]), box.top + yaxis._offset + 0.6 * yaxis._length];
+}"""
+
+
 def click_bin(page, place: int) -> None:
     """Click on a bin of the histogram of the residuals, at 40 % of its height."""
-    x, y = plot(page, "histogram").evaluate(
-        """(element, place) => {
-            const {xaxis, yaxis} = element._fullLayout, box = element.getBoundingClientRect();
-            const bins = element._fullData.find((one) => one.name === 'bins');
-            return [box.left + xaxis._offset + xaxis.c2p(bins.x[place]), box.top + yaxis._offset + 0.6 * yaxis._length];
-        }""",
-        place,
-    )
+    bins = plot(page, "histogram")
+    x, y = settled_place(page, lambda: bins.evaluate(_MIDDLE_OF_BIN, place))
     click_at(page, x, y)
 
 
@@ -233,7 +243,7 @@ def place_of_needle(page, row: int) -> list[float]:
 
 def click_mark(page, row: int) -> None:
     """Click on the needle of a sample in space, at its measured point."""
-    click_at(page, *place_of_needle(page, row))
+    click_at(page, *settled_place(page, lambda: place_of_needle(page, row)))
 
 
 def brush_chart(page) -> None:

@@ -416,5 +416,11 @@ def test_text_of_the_data_is_shown_and_never_run(browser, tmp_path):
         stop(made)
 
 
+def test_the_sensor_tab_of_an_arm_without_a_sensor_says_what_to_open(page):
+    show_tab(page, "Sensor")
+    page.get_by_text("This run has no camera and no scanner. Open a run of").wait_for()
+    assert page.locator("[data-tab=sensor] [data-figure]").count() == 0
+
+
 def test_no_script_error_occurred(shared):
     assert shared.problems == []

@@ -107,6 +107,20 @@ def test_residuals_of_images_are_counted_before_and_after(of_images):
     assert of_images.get_by_role("combobox", name="Horizontal axis").count() == 0
 
 
+def test_a_click_on_a_place_of_the_scanner_shows_its_candidates_and_evidence(of_images):
+    emit(of_images, "chain", "plotly_click", {"points": [{"customdata": "camera"}]})
+    wait_for_text(of_images, "place", "camera: 8 %")
+    emit(of_images, "chain", "plotly_click", {"points": [{"customdata": "artefact"}]})
+    wait_for_text(of_images, "place", "artefact: 70 %")
+    of_images.get_by_role("group", name="Candidates at this place").get_by_text("kept").wait_for()
+    assert "< 1e-6" in of_images.get_by_role("group", name="Evidence").inner_text()
+
+
+def test_a_diagnosis_of_a_scanner_without_a_next_experiment_shows_no_empty_table(of_images):
+    assert of_images.locator("[data-figure=next]").count() == 0
+    assert of_images.get_by_role("group", name="Joint readings of the next poses").count() == 0
+
+
 def test_a_term_that_no_plan_can_hold_is_named_and_cannot_be_ticked(of_images):
     of_images.get_by_text(
         "board-bow at artefact: the plan of a calibration holds effects"

@@ -157,6 +157,25 @@ def test_a_click_on_an_arrow_shows_image_with_overlay_pose_and_row(page):
     assert "q1_deg" in page.get_by_role("group", name="Row of the sample").inner_text()
 
 
+def test_the_chart_can_show_any_quantity(page):
+    show_tab(page, "Residuals")
+    choose_option(page, "Horizontal axis", "joint 2 (deg)")
+    page.wait_for_function(
+        "() => document.querySelector('[data-figure=chart] .js-plotly-plot').layout.xaxis.title.text"
+        " === 'joint 2 (deg)'"
+    )
+    drawn = [trace(page, "chart", name)["x"] for name in ("samples", "selected")]
+    assert sum(map(len, drawn)) == 30
+
+
+def test_a_stage_is_excluded_and_the_change_undone(page):
+    show_tab(page, "Edit and rerun")
+    page.get_by_role("checkbox", name=re.compile("^frames ")).click()
+    page.locator("[data-change]", has_text="exclude 1 stage: frames").wait_for()
+    page.get_by_role("button", name="Undo").click()
+    page.locator("[data-change]", has_text="exclude 1 stage: frames").wait_for(state="detached")
+
+
 def test_every_sample_has_the_image_of_the_light_plane_nearest_to_its_ball(scanner_run):
     from workbench.app.data.images import overlay
     from workbench.app.data.opened import open_subject
@@ -255,6 +274,8 @@ def test_a_rerun_of_the_scanner_shows_before_and_after_and_is_repeated(page, ser
     page.get_by_role("button", name="Calibrate").click()
     wait_for_text(page, "job", "Finished after", 400_000)
     assert trace(page, "side_by_side", "before") and trace(page, "side_by_side", "after")
+    link = page.get_by_role("link", name="Report page of this run").get_attribute("href")
+    assert page.request.get(f"{served.origin}/{link}").status == 200
     words = ["--session", served.session, "--out", tmp_path / "again", "--no-report"]
     run_workbench("calibrate", *words, cwd=tmp_path)
     newest = max(served.folder.glob("calibrate-*"), key=lambda path: path.stat().st_mtime)

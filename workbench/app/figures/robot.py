@@ -191,7 +191,7 @@ def coverage(work: Workspace) -> go.Figure:
     return made.update_layout(
         shapes=limits,
         font=dict(family="Roboto, Arial, sans-serif", size=12, color=style.INK),
-        margin=dict(l=44, r=12, t=30, b=30),
+        margin=dict(l=44, r=12, t=52, b=30),  # the button of the view stands above the titles
         bargap=0,
         uirevision="coverage",
     )

@@ -40,8 +40,8 @@ FOLLOW = """(() => {
     };
     const marks = document.getElementsByClassName('mark-in-space');
     const follow = () => {
-        for (const mark of marks) put(mark);
         requestAnimationFrame(follow);
+        for (const mark of marks) put(mark);
     };
     follow();
 })()"""
