@@ -17,6 +17,7 @@ _FEWEST = 20  # centres
 _FEWEST_IMAGES = 3
 _NEAR_PX = 1.5  # from the line, of centres that make it
 _WIDTH_PX = 3.0  # from the line, of centres that it may have displaced
+_GAP_PX = 5.0  # along the line, up to which its centres follow one another
 _SHARE = 0.3  # of the centres that contradict each other, on one line: a wrong step contradicts everywhere
 _MOST = 5  # lines
 _TRIALS = 200
@@ -71,7 +72,8 @@ def find_stationary_lines(
         is_line = near.sum() >= max(_FEWEST, _SHARE * open_.sum()) and images >= _FEWEST_IMAGES
         if not is_line:
             break
-        ends = _ends(line, centres.pixels[:, near])
+        on = _distance(line, centres.pixels) < _NEAR_PX
+        ends = _ends(line, centres.pixels[:, near], centres.pixels[:, on])
         lines.append(StationaryLine(ends, int(near.sum()), images))
         here = _distance(line, centres.pixels) < _WIDTH_PX
         displaced |= here & _is_between(ends, centres.pixels)
@@ -121,11 +123,17 @@ def _distance(line, pixels) -> np.ndarray:
     return np.abs(normal @ (pixels - middle[:, None]))
 
 
-def _ends(line, pixels) -> np.ndarray:
-    """(2, 2) px, one end a column, of the part of a line that pixels (2, n) cover."""
+def _ends(line, pixels, every) -> np.ndarray:
+    """(2, 2) px, one end a column, of the part of a line that pixels (2, n) cover, and `every` (2, m) without a gap."""
     middle, direction = line
     place = direction @ (pixels - middle[:, None])
-    return middle[:, None] + np.outer(direction, [place.min(), place.max()])
+    first, last = place.min(), place.max()
+    covered = np.sort(direction @ (every - middle[:, None]))
+    gaps = np.flatnonzero(np.diff(covered) > _GAP_PX)
+    starts, stops = covered[np.append(0, gaps + 1)], covered[np.append(gaps, len(covered) - 1)]
+    first = starts[starts <= first].max(initial=-np.inf)
+    last = stops[stops >= last].min(initial=np.inf)
+    return middle[:, None] + np.outer(direction, [first, last])
 
 
 def _is_between(ends: np.ndarray, pixels: np.ndarray) -> np.ndarray:

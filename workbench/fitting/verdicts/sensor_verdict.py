@@ -142,8 +142,8 @@ def scanner_warnings(
         said.append(f"{_DOUBT_WORDS}: {misfit.sentence}: {_DIAGNOSE}")
     if asymmetry is not None and asymmetry.is_relevant(calibration.scanner.sigma_px):
         said.append(_of_asymmetry(asymmetry))
-    first = f"{_POOR_WORDS}: " if _mostly_stationary(calibration) else ""
-    return [*said, *(f"{first}{line.sentence}" for line in calibration.lines)]
+    first = _POOR_WORDS if _mostly_stationary(calibration) else _DOUBT_WORDS
+    return [*said, *(f"{first}: {line.sentence}" for line in calibration.lines)]
 
 
 def _advice(misfit: Misfit | None) -> str:
