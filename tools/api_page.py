@@ -38,7 +38,7 @@ recording = wb.Recording.from_arrays(
 )
 ```
 
-Every function runs the command of the same name in a temporary folder, or in `out`, and returns a
+Every command but `open` has a function. It runs the command in a temporary folder, or in `out`, and returns a
 `Result`. A wrong input raises `InputError` with the sentence of the command line.
 
 """

@@ -6,7 +6,7 @@
     calibration = wb.calibrate(recording)
     calibration.held_out.rms_mm
 
-Every command is a function of the same name (with `_` for `-`; `hand_eye` for `handeye`). Names are
+Every command but `open` is a function of the same name (`_` for `-`; `hand_eye`, `import_data`). Names are
 imported when they are first used: `import workbench` loads none of the large libraries.
 """
 
@@ -35,6 +35,8 @@ _FUNCTIONS = (
     "check",
     "compare",
     "compensate",
+    "datasets",
+    "demo",
     "diagnose",
     "doctor",
     "export",

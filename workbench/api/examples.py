@@ -28,6 +28,16 @@ True
 >>> len(corrected)
 3
 """,
+    "datasets": """
+>>> recordings = wb.datasets().answer["datasets"]
+>>> "elastic-arm" in [row["name"] for row in recordings]
+True
+""",
+    "doctor": """
+>>> checked = wb.doctor()
+>>> checked.command
+'doctor'
+""",
     "export": """
 >>> calibration = wb.calibrate("elastic-arm", plan="ye-mdh", folds=4)
 >>> made = wb.export(calibration, "mdh-csv", "geometry.csv")
@@ -52,6 +62,21 @@ True
 >>> chosen = wb.poses("elastic-arm", count=20).table("poses")
 >>> len(chosen)
 20
+""",
+    "register": """
+>>> points = np.random.default_rng(0).uniform(0, 500, (5, 3))
+>>> for name, table in (("cad", points), ("tracker", points + [100.0, 0, 0])):
+...     np.savetxt(f"{name}.csv", table, delimiter=",", header="x_mm,y_mm,z_mm", comments="")
+>>> moved = wb.register("cad.csv", "tracker.csv")
+>>> moved.rms_mm < 1e-3
+True
+""",
+    "stiffness": """
+>>> calibration = wb.calibrate("elastic-arm", folds=4)
+>>> targets = np.array([[0.0, 20.0, 30.0, 0.0, 40.0, 0.0]])
+>>> found = wb.stiffness(calibration, targets)
+>>> found.compliance_largest_mm_per_n > found.compliance_least_mm_per_n > 0
+True
 """,
     "significance": """
 >>> sensitivity = wb.significance("ur10", points=5).parameters.to_frame()

@@ -49,14 +49,20 @@ COMMANDS = {
     "study": "data.study",
     "prove": "data.prove",
     "doctor": "data.doctor",
+    "datasets": "data.datasets:listing",
+    "demo": "data.demo",
 }
+"""Function -> module of its command below `workbench.commands`, with the name of its function where it is no `command`.
+
+`workbench open` serves pages until it is interrupted and has no answer, therefore it has no function."""
 _SAMPLE_LISTS = ("fit_samples", "test_samples")
 
 
 @cache
 def function(name: str) -> Callable[..., Result]:
     """The function of a command, with its parameters, defaults and a docstring that explains each."""
-    command = import_module(f"workbench.commands.{COMMANDS[name]}").command
+    module, _, attribute = COMMANDS[name].partition(":")
+    command = getattr(import_module(f"workbench.commands.{module}"), attribute or "command")
     own = inspect.signature(command)
     parameters = [parameter for parameter in own.parameters.values() if parameter.name != "json"]
 
