@@ -154,3 +154,11 @@ def test_import_names_equal_poses_and_a_wrong_size(right, tmp_path, capsys):
     assert cli.run([*words, str(tmp_path / "c"), "--json", str(answer)]) == 0
     assert not any("Lengths" in one for one in json.loads(answer.read_text())["warnings"])
     capsys.readouterr()
+
+
+def test_profiles_at_flange_poses_are_judged_for_a_hand_eye(tmp_path):
+    from workbench.recordings.templates import write_template
+
+    write_template("profiler", tmp_path / "profiler")
+    made = inspect_recording(datasets.read(tmp_path / "profiler"))
+    assert made.job == "handeye" and made.is_sufficient

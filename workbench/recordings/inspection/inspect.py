@@ -36,6 +36,8 @@ class Inspection:
         """The command that the recording is meant for."""
         if self.recording.measures == "board-images" and self._has_poses:
             return "handeye"
+        if not self.coverage.joints and self.coverage.flange is not None:
+            return "handeye"  # clouds or profiles of a ball at flange poses
         return _JOBS.get(self.recording.measures, "calibrate")
 
     @property
