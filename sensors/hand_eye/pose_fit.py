@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from sensors.hand_eye.pose_data import Freedom, PoseData, PoseFit
-from sensors.hand_eye.start import align, start_from_boards
+from sensors.hand_eye.start import align, holding_rows, start_from_boards
 from workbench.core.least_squares.linear_algebra import least_squares, solve_positive
 from workbench.core.rigid import inverse, rotation_matrix, rotation_vector, transform
 
@@ -129,8 +129,9 @@ def _closed_form_scale(moved, seen, sensor):
     rows = (flange[:, :3, :3] - np.eye(3)).reshape(-1, 3)
     size = max(float(np.abs(flange[:, :3, 3]).max()), 1e-12)
     left = np.column_stack([rows, flange[:, :3, 3].reshape(-1) / size])
+    held = np.column_stack([holding_rows(len(rows)), np.zeros(3)])
     right = (camera[:, :3, 3] @ sensor[:3, :3].T).reshape(-1)
-    solution = least_squares(left, right, 1e-9)
+    solution = least_squares(np.concatenate([left, held]), np.r_[right, np.zeros(3)], 1e-9)
     scale = float(solution[3]) / size
     if not np.isfinite(scale) or scale <= 0:
         return sensor, 1.0

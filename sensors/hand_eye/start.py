@@ -10,6 +10,8 @@ from workbench.core.rigid import inverse, nearest_rotation, rotation_vector, tra
 
 METHODS = ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS")
 STILL = np.radians(0.5)  # below it a turn is what an arm makes when it only moves
+_ROUNDED_TURN = 1e-9  # rad, far below what is recorded and far above rounding
+_FARTHEST_MM = 1e6  # farther off, the rounding of coordinates makes all boards coincide
 _HALF_TURN = np.radians(170.0)  # near a half turn the axis of a relative rotation has no sign
 
 
@@ -81,6 +83,8 @@ def _called(cv2, function, arguments, method):
         cv2.utils.logging.setLogLevel(level)
     matrix = transform(made[-2], made[-1][:, 0])
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3]) - 1) > 1e-3:
+        return None
+    if np.abs(matrix[:3, 3]).max() > _FARTHEST_MM:
         return None
     matrix[:3, :3] = nearest_rotation(matrix[:3, :3])
     return matrix if function.__name__ == "calibrateHandEye" else inverse(matrix)
@@ -273,7 +277,7 @@ def _about(turns, axis, flange, camera):
     right = (np.einsum("sij,kj->kis", turns, camera[:, :3, 3]) - flange[:, :3, 3, None]).reshape(
         len(rows), -1
     )
-    cost = ((rows @ np.linalg.lstsq(rows, right, rcond=1e-9)[0] - right) ** 2).sum(0)
+    cost = ((rows @ _solved(rows, right) - right) ** 2).sum(0)
     k = int(np.argmin(cost))
     before, at, after = (
         cost[k - 1],
@@ -290,5 +294,21 @@ def _translation(turn, flange, camera):
     """Translation (3,) with (R_A - 1) t = R_X t_B - t_A, and what is left (K, 3)."""
     rows = (flange[:, :3, :3] - np.eye(3)).reshape(-1, 3)
     right = (camera[:, :3, 3] @ turn.T - flange[:, :3, 3]).reshape(-1)
-    shift = np.linalg.lstsq(rows, right, rcond=1e-9)[0]
+    shift = _solved(rows, right)
     return shift, (rows @ shift - right).reshape(-1, 3)
+
+
+def _solved(rows, right):
+    """Translations of least squares (3,) or (3, S) from rows R - 1 of rotations; 0 along what no rotation determines.
+
+    The entries are about angles in rad, so that the bound of a determined direction is an angle: one relative to the
+    largest angle would take the rounding of flange poses that never turn for turns.
+    """
+    nothing = np.zeros((3, *right.shape[1:]))
+    stacked = np.concatenate([rows, holding_rows(len(rows))]), np.concatenate([right, nothing])
+    return np.linalg.lstsq(*stacked, rcond=None)[0]
+
+
+def holding_rows(count: int) -> np.ndarray:
+    """(3, 3) rows that hold a translation at 0 where `count` rows R - 1 of rotations are rounding."""
+    return _ROUNDED_TURN * np.sqrt(count) * np.eye(3)
