@@ -154,6 +154,9 @@ def test_a_click_on_an_arrow_shows_image_with_overlay_pose_and_row(page):
     page.get_by_role("heading", name="Sample 5, pose").wait_for()
     wait_for_text(page, "picked", "images/scan-006-step-001.png, scan; laser stripe detected")
     plot(page, "picked")
+    page.wait_for_function(
+        "() => document.querySelector('[data-mark=arrows]')?.style.visibility === 'visible'"
+    )
     assert "q1_deg" in page.get_by_role("group", name="Row of the sample").inner_text()
 
 
