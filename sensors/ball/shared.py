@@ -94,10 +94,7 @@ def solve_shared(
 
 
 def _variances(problem, solved, shared, weight):
-    """(m,) variances of the unknown errors, by restricted maximum likelihood (`components`).
-
-    Not the mean of what they may be: that of a variance which can only be positive lies above it, by 0.8 of its own
-    standard deviation where there are no such errors, and the covariance of every ball would be too large.
+    """(m,) variances of the unknown errors to count on, by restricted maximum likelihood (`components`).
 
     R and g are those of the points' weights W, less what ball and known errors, with derivatives A and
     covariance K, take: Z'W Z - Z'W A K A'W Z and Z'W r - Z'W A K A'W r.
@@ -123,7 +120,7 @@ def _variances(problem, solved, shared, weight):
     whole = taken.T @ _posterior(part, shared.covariance)
     own = normal.groups[np.ix_(new, new)] - whole @ taken
     pull = normal.pull_groups[new] - whole @ np.concatenate([part.pull, part.pull_groups])
-    return components(own, pull, kind[new] - k).variance
+    return components(own, pull, kind[new] - k).expected
 
 
 def _posterior(normal, covariance):

@@ -18,6 +18,7 @@ _FEWEST_IMAGES = 3
 _NEAR_PX = 1.5  # from the line, of centres that make it
 _WIDTH_PX = 3.0  # from the line, of centres that it may have displaced
 _GAP_PX = 5.0  # along the line, up to which its centres follow one another
+_ROUNDING_PX = 1e-6  # the same place, computed twice
 _SHARE = 0.3  # of the centres that contradict each other, on one line: a wrong step contradicts everywhere
 _MOST = 5  # lines
 _TRIALS = 200
@@ -131,8 +132,8 @@ def _ends(line, pixels, every) -> np.ndarray:
     covered = np.sort(direction @ (every - middle[:, None]))
     gaps = np.flatnonzero(np.diff(covered) > _GAP_PX)
     starts, stops = covered[np.append(0, gaps + 1)], covered[np.append(gaps, len(covered) - 1)]
-    first = starts[starts <= first].max(initial=-np.inf)
-    last = stops[stops >= last].min(initial=np.inf)
+    first = starts[starts <= first + _ROUNDING_PX].max(initial=-np.inf)
+    last = stops[stops >= last - _ROUNDING_PX].min(initial=np.inf)
     return middle[:, None] + np.outer(direction, [first, last])
 
 
