@@ -93,8 +93,9 @@ class Beyond:
     @cached_property
     def hat_mixing(self) -> np.ndarray:
         """(A, P) with H H' the inverse of X'X + L: X the columns of these effects, L the precisions of their priors."""
-        precision = self.added.precision[self.held]
-        scale = 1 / np.sqrt(1 + np.minimum(precision, _FIXED))
+        # a column that is zero has a precision beyond 1e200, next to which eigenvectors of all others are rounding
+        precision = np.minimum(self.added.precision[self.held], _FIXED)
+        scale = 1 / np.sqrt(1 + precision)
         gram = self.added.gram[np.ix_(self.held, self.held)] * np.outer(scale, scale)
         values, vectors = symmetric_eigen(gram + np.diag(precision * scale**2))
         seen = values > ROUNDING
