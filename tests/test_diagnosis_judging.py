@@ -150,6 +150,30 @@ def test_a_cause_with_many_numbers_passes_its_permutation_control_with_few_poses
     assert not controls(bench, (), (cause,))[0].passed
 
 
+def test_effects_with_many_parameters_take_from_another_only_what_their_priors_allow():
+    """Thirty coefficients of 40 poses, known to be small, make most of any signal only where they may have any size."""
+    rng = np.random.default_rng(3)
+    others = rng.normal(size=(40, 30))
+    columns = others @ rng.normal(size=(30, 1)) / np.sqrt(30) + 0.1 * rng.normal(size=(40, 1))
+    own, other = CATALOGUE["backlash"]("joint-2"), CATALOGUE["backlash"]("joint-3")
+    signal = columns[:, 0] + 0.3 * rng.normal(size=40)
+
+    def passes(precision: float) -> bool:
+        with_others = replace(
+            problem_with(others, np.zeros(30)),
+            residual=signal,
+            effects=(other,),
+            precisions=(np.full(30, precision),),
+        )
+        with_own = problem_with(columns, np.zeros(1))
+        bench = SimpleNamespace(
+            chain=None, problem=lambda effects, **_: with_own if own in effects else with_others
+        )
+        return bool(controls(bench, (other,), (own,))[0].passed)
+
+    assert passes(1e4) and not passes(0.0)
+
+
 def test_a_term_that_was_removed_for_another_comes_back():
     """Next to a term that is wrong the true one is worse than nothing; without the wrong one it is needed."""
     wrong, true, plain = (

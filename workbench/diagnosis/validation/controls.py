@@ -13,7 +13,7 @@ import numpy as np
 
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect
-from workbench.core.least_squares.linear_algebra import least_squares, symmetric_eigen
+from workbench.core.least_squares.linear_algebra import solve_positive, symmetric_eigen
 from workbench.core.model import NOISE, STATE_PORTS
 from workbench.diagnosis.linear.problem import Bench
 from workbench.diagnosis.validation.folds import judged_part
@@ -41,7 +41,8 @@ def controls(
 ) -> tuple[Control, ...]:
     """The controls that can be made of the effects `own` conditional on a model that holds `others`.
 
-    A linearised gain: the fall of the whitened sum of squares when the effects' columns join. Permuted: 199 times
+    A linearised gain: the fall of the whitened sum of squares when the effects' columns join, all effects with their
+    priors as in the fit: without them others with many parameters would make most of any effect. Permuted: 199 times
     over poses. Passed where fewer than one in a hundred gains as much, and the median trial gains, beyond what as
     many columns gain by chance, less than a fifth. For what reads the clock, 39 times with that moved round: passed
     where three of four of them gain less than a fifth of the own gain, without what they make by being like the effect
@@ -116,14 +117,15 @@ class _Trial:
     """Whitened residual conditional on `others`, and what the effects' columns gain when they read other samples.
 
     `small` (P, k, n): what the effects do to their slots; `rows` (k, m, n) whitened derivatives by the slots. A bench
-    that knows no robot gives the columns themselves, (P, 1, N), whose coordinates are then exchanged.
+    that knows no robot gives the columns themselves, (P, 1, N), whose coordinates are then exchanged. `count`:
+    effective number of coefficients, those that the data and not their priors determine.
     """
 
     def __init__(self, bench, others, own):
         part = judged_part(bench)
         self.problem = bench.problem(others, samples=part, hypotheses=False).conditional_on()
-        self.y = self.problem.clear(self.problem.residual)
-        self._basis = self.problem.whole_basis
+        self.y = self.problem.fitted_residual
+        self._basis = np.hstack(self.problem.fit_columns) @ self.problem.hat_mixing
         self.noise = float(self.y @ self.y) / max(self.problem.degrees, 1)
         self.chain = bench.chain if part is None else bench.chain.at(part)
         self.effects = tuple(own)
@@ -132,10 +134,14 @@ class _Trial:
             self.small, self.rows = _columns(bench, self.problem, others, own), None
         else:
             self.small, self.rows = self.basis(self.chain.state), self._rows(bench, others, part)
+        self._precision = self._precision_of(bench, others, part)
         self.own = self.gain(self.small)
-        columns = self.problem.clear(self.columns(self.small))
-        self.coefficients = least_squares(columns, self.y)
-        self.fitted = columns @ self.coefficients
+        columns = self.columns(self.small)
+        gram = columns.T @ self._left(columns)
+        posterior = gram + np.diag(self._precision)
+        self.count = float(np.trace(solve_positive(posterior, gram)))
+        self.coefficients = solve_positive(posterior, columns.T @ self.y)
+        self.fitted = self._left(columns @ self.coefficients)
 
     def basis(self, state):
         """(P, K, n) the effects side by side, each on slots of its own."""
@@ -158,6 +164,18 @@ class _Trial:
         root = np.sqrt(self.problem.weights)[self.problem.sample] / self.problem.sigma
         return rows * root.reshape(rows.shape[1:])
 
+    def _precision_of(self, bench, others, part) -> np.ndarray:
+        """(P,) precisions of the priors of the effects' parameters next to `others`; 0 where there are none."""
+        none = np.zeros(len(self.small))
+        if self.chain is None:
+            return none
+        whole = bench.problem((*others, *self.effects), samples=part, hypotheses=False)
+        return np.concatenate(whole.precisions[len(others) :] or [none])
+
+    def _left(self, made: np.ndarray) -> np.ndarray:
+        """(N,) or (N, P) what the baseline and the other effects, with their priors, do not fit of it."""
+        return made - self._basis @ (self._basis.T @ made)
+
     def columns(self, small):
         """(N, P) whitened columns."""
         made = (
@@ -168,15 +186,19 @@ class _Trial:
         return made.reshape(len(small), -1).T
 
     def gain(self, small) -> float:
-        """Fall of the whitened sum of squares."""
+        """Fall of the whitened sum of squares and priors."""
         return self._explained(small, self.y)
 
     def _explained(self, small, y: np.ndarray) -> float:
-        """Sum of squares of what columns, the baseline projected out, explain of a y (N,) that is free of it."""
+        """Fall of the sum of squares of a y (N,), from which the others are fitted, when the columns join.
+
+        With the priors of the others, whose hat matrix is B B', and the columns' own, of precisions L:
+        y'X (X'(I - B B')X + L)^-1 X'y.
+        """
         columns = self.columns(small)
         made = self._basis.T @ columns
         raw = columns.T @ columns
-        gram = raw - made.T @ made
+        gram = raw - made.T @ made + np.diag(self._precision)
         length = np.sqrt(np.maximum(np.diagonal(gram), 0.0))
         seen = length > _ABSORBED * np.sqrt(np.diagonal(raw))
         unit = 1 / length[seen]
@@ -187,7 +209,7 @@ class _Trial:
 
     def beyond(self, gain: float) -> float:
         """A gain as a share of the effects' own, both beyond what as many columns gain by chance."""
-        chance = len(self.small) * self.noise
+        chance = self.count * self.noise
         return max(gain - chance, 0.0) / max(self.own - chance, 1e-300)
 
     def by_chance(self, rng) -> float:
@@ -197,7 +219,7 @@ class _Trial:
         """
         shares = []
         for _ in range(_TURNS):
-            made = self.problem.clear(self.columns(self.permuted(rng)) @ self.coefficients)
+            made = self._left(self.columns(self.permuted(rng)) @ self.coefficients)
             length = float(made @ made)
             shares.append(self._explained(self.permuted(rng), made) / max(length, 1e-300))
         return min(float(np.median(shares)), _MOST_BY_CHANCE)
