@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 
 import numpy as np
 import pytest
@@ -82,6 +83,21 @@ def answer_of(workbench, folder, text, *words, status=1):
 
 
 # ------------------------------------------------------------------------------------------- size of the corrections
+
+
+def test_a_small_correction_that_turns_the_wrist_over_is_refused(workbench, tmp_path):
+    """0.3 mm of link 2's twist; where joint 5 is nearly straight, joints 4 and 6 would rotate by tens of degrees."""
+    alpha = load_robot(ABB).geometry[1, 3] + 5e-4
+    solution(tmp_path / "arm", changes={"joint-2.alpha2": alpha})
+    targets = f"{JOINTS}\n30,20,-10,20,0.03,10\n30,20,-10,20,30,10\n"
+    answer, rows, done = answer_of(workbench, tmp_path, targets)
+    assert [one["row"] for one in answer["refused"]] == [1]
+    assert re.search(r"changes joint [46] by \d+(\.\d)? deg, above 10 deg", str(answer["refused"]))
+    assert rows[0]["q4_deg"] == "" and rows[1]["q4_deg"] != ""
+    answer, rows, done = answer_of(
+        workbench, tmp_path, targets, "--max-joint-change-deg", "180", status=0
+    )
+    assert not answer["refused"] and abs(float(rows[0]["q4_deg"]) - 20) > 10
 
 
 def test_a_correction_beyond_the_limits_keeps_no_readings(workbench, tmp_path):

@@ -380,10 +380,17 @@ def test_a_mistake_of_the_data_is_found_under_an_open_convention(mistake, truth,
     assert "t.csv" in str(refusal.value)
 
 
-def test_cells_with_joint_variables_and_fractions_of_pi(tmp_path):
+@pytest.mark.parametrize(
+    "header",
+    [
+        ["i", "alpha i-1", "a i-1", "d", "theta"],
+        ["link", "alpha_prev", "a_prev_mm", "d_mm", "theta_offset"],
+    ],
+)
+def test_cells_with_joint_variables_and_fractions_of_pi(header, tmp_path):
     path = write_table(
         tmp_path / "modified.csv",
-        ["i", "alpha i-1", "a i-1", "d", "theta"],
+        header,
         ["1", "0", "0", "290", "q1"],
         ["2", "-pi/2", "0", "0", "q2 - pi/2"],
         ["3", "0", "270", "0", "q3"],

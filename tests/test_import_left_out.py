@@ -112,6 +112,16 @@ def test_the_axes_of_a_motoman_do_not_hide_other_words():
     assert {one.names for one in found} == {tuple("SLURBT"), ("phi", "theta", "psi")}
 
 
+def test_covariates_by_the_names_of_the_format_are_kept():
+    joints = [f"q{k}_deg" for k in range(1, 7)]
+    own = ["approach3", "qdot2_deg_s", "current1_a", "torque6_nm", "temperature_c"]
+    own += ["temperature_j2_c", "payload_kg"]
+    made = propose(table_of(*joints, "x_mm", "y_mm", "z_mm", *own, "Strom"))
+    assert {name: made.mapping.columns[name] for name in own} == dict(zip(own, own))
+    assert made.unused == ("Strom",)
+    assert read_header("Lufttemp. [°C]").kind == "temperature_c"
+
+
 def test_spaces_and_quotes_group_thousands():
     cells = ["1 234,5", "-12\u00a0345,25", "7,0", "1\u2009000\u2009000,5"]
     made = numbers_from_text(cells, "t.csv, column X", [2, 3, 4, 5])

@@ -132,7 +132,7 @@ _SINGLE = (
     ("cloud", r"cloud|scan|punktwolke|scanfile|pointcloud"),
     (
         "temperature_c",
-        r"temp|temperature|temperatur|ambient|umgebungstemperatur|raumtemperatur|ambienttemperature",
+        r"(?:luft|air|room|raum|umgebungs|ambient)?(?:temp|temperature|temperatur|tempc|temperaturec)|ambient",
     ),
     ("payload_kg", r"payload|load|last|nutzlast|traglast"),
     ("length_mm", r"length|distance|laenge|abstand|dist"),

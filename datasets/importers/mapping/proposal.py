@@ -1,5 +1,6 @@
 """A mapping proposed from the headers of one table; what they leave open is None until the test on the robot."""
 
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +26,10 @@ _COPIED = (
     "length_mm",
     "pair",
 )
+_COVARIATE = re.compile(
+    r"approach\d+|qdot\d+_(deg|mm)_s|current\d+_a|torque\d+_nm|temperature(_\w+)?_c|range_mm|[uv]_px|incidence_deg"
+)
+"""Covariates by the names that the recording format gives them."""
 _SENSOR_WORDS = frozenset("sensor scanner camera kamera ball kugel sphere".split())
 
 
@@ -179,7 +184,12 @@ def _copied(table: RawTable, measured: tuple[str, ...]) -> dict[str, str]:
     headers = headers_of(table)
     kept: dict[str, str] = {}
     for name, header in headers.items():
-        if name in measured or header.is_deviation:
+        if name in measured:
+            continue
+        if _COVARIATE.fullmatch(name) and _is_numeric(table.columns[name]):
+            kept[name] = name
+            continue
+        if header.is_deviation:
             continue
         if header.kind in _COPIED and header.kind not in kept.values():
             if _fits(table, name, header):
@@ -197,6 +207,11 @@ def _fits(table: RawTable, name: str, header: Header) -> bool:
         return False
     if header.kind in ("pose", "repeat", "reflector", "pair") and cells.dtype.kind != "f":
         return all(map(bool, cells))
+    return _is_numeric(cells)
+
+
+def _is_numeric(cells: np.ndarray) -> bool:
+    """Whether all cells are finite numbers."""
     return cells.dtype.kind == "f" and bool(np.isfinite(cells).all())
 
 

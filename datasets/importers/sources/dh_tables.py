@@ -23,7 +23,7 @@ from datasets.importers.units import ANGLES, LENGTHS
 EXTENSIONS = (".csv", ".tsv", ".txt", ".xlsx")
 CONVENTIONS = ("distal", "craig")
 
-_INDEX = r"(?:i|k|j|n)?(?:m?1)?"
+_INDEX = r"(?:(?:i|k|j|n)?(?:m?1)?|prev|previous)"
 _COLUMNS = {
     "theta": rf"(?:theta|th|q|offset|thetaoffset|offsettheta|qoffset|winkel|gelenkwinkel){_INDEX}(?:offset|0)?",
     "d": rf"(?:d|linkoffset|versatz){_INDEX}",
@@ -32,7 +32,7 @@ _COLUMNS = {
 }
 _KIND = r"(?:type|typ|kind|art|sigma)"
 _SIGN = r"(?:sign|vorzeichen|direction|richtung)"
-_PREVIOUS = re.compile(r"(?:i|k|j|n)\s*[-−_ ]\s*1")
+_PREVIOUS = re.compile(r"(?:i|k|j|n)\s*[-−_ ]\s*1|prev")
 _MODIFIED, _STANDARD = ("modified", "craig", "mdh", "proximal"), ("standard", "classic", "distal")
 _PI = re.compile(r"([+-]?\d*\.?\d*)\*?(?:pi|π)(?:/(\d+\.?\d*))?")
 _VARIABLE = re.compile(r"(?:q|θ|theta|th|t)_?\d*\*?")
@@ -94,7 +94,7 @@ def _named_columns(table: RawTable) -> dict[str, Header]:
                 f"{table.file}",
                 "a Denavit-Hartenberg table with the columns theta, d, a and alpha",
                 f"no column {wanted} among {', '.join(table.columns)}",
-                "name the columns so",
+                "name the columns so, or a i-1 and alpha i-1 in the modified convention",
             )
         found[wanted] = matching[0]
     return found

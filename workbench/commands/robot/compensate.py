@@ -39,6 +39,14 @@ MaxRotation = Annotated[
         "--max-correction-deg", metavar="DEG", help="Refuse larger corrections of its orientation."
     ),
 ]
+MaxJointChange = Annotated[
+    float,
+    typer.Option(
+        "--max-joint-change-deg",
+        metavar="DEG",
+        help="Refuse targets that are joint readings where a joint would rotate further than this.",
+    ),
+]
 MaxSigma = Annotated[
     float | None,
     typer.Option(
@@ -73,6 +81,7 @@ def command(
     max_correction_mm: MaxPosition = 10.0,
     max_correction_deg: MaxRotation = 1.0,
     max_sigma_mm: MaxSigma = None,
+    max_joint_change_deg: MaxJointChange = 10.0,
     map: TargetMap = None,
     start: Start = None,
     tolerance: answer.Tolerance = None,
@@ -101,7 +110,7 @@ def command(
         from workbench.machine.progress import paced
 
         tolerances = parse_tolerances(tolerance)
-        limits = Limits(max_correction_mm, max_correction_deg, max_sigma_mm)
+        limits = Limits(max_correction_mm, max_correction_deg, max_sigma_mm, max_joint_change_deg)
         arm = checked(read_solution(solution), solution, force, limits)
         arm = without_terms(arm, without or (), str(solution))
         programme = with_start(read_programme(targets, arm.robot, map), arm.robot, start)

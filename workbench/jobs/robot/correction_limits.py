@@ -32,6 +32,8 @@ _SIGMA_FACTOR = 3.0
 _NEAR, _FAR = 0.1, 1.0
 # Extent of a joint that hardly moved in the recording: the correction itself moves it by part of a degree.
 _LEAST_TURN, _LEAST_SLIDE = np.deg2rad(10.0), 100.0
+LARGEST_JOINT_DEG = 10.0
+"""Change of a joint angle by a correction of at most one degree: ten times as much is a nearly singular posture."""
 _LOAD = "payload_kg"
 _NAMED_TARGETS = 6
 _NO_RANGES = (
@@ -46,18 +48,21 @@ class Limits:
 
     `correction_mm`, `correction_deg`: of the position and the orientation of the flange. `sigma_mm`: largest standard
     uncertainty of a corrected position; None: three times the held-out error, and never above the error of the nominal
-    arm, since a correction that is less certain than the error it removes does no good.
+    arm, since a correction that is less certain than the error it removes does no good. `joint_deg`: change of a
+    programmed joint angle; next to a singular posture a small correction of the flange is a large one of joints.
     """
 
     correction_mm: float = LARGEST_MM
     correction_deg: float = LARGEST_DEG
     sigma_mm: float | None = None
+    joint_deg: float = LARGEST_JOINT_DEG
 
     def __post_init__(self):
         for option, value in (
             ("--max-correction-mm", self.correction_mm),
             ("--max-correction-deg", self.correction_deg),
             ("--max-sigma-mm", self.sigma_mm),
+            ("--max-joint-change-deg", self.joint_deg),
         ):
             if value is not None and not value > 0:
                 raise InputError(
@@ -226,6 +231,8 @@ def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judge
                 f"its {words} is not attainable with {arm.robot.mixing.shape[1]} joints: "
                 f"{values[row]:.3g} {unit} remain, above {largest:.3g} {unit}",
             )
+    for row, reason in _joint_changes(arm, programme, found, limits.joint_deg):
+        refuse(row, reason)
     warnings = _left_by_joints(arm, found)
     for covered in _coverages(arm, programme, found):
         is_refused = found.reached & (covered.outside > _FAR) & covered.is_read
@@ -235,6 +242,25 @@ def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judge
     if arm.fitted_range is None:
         warnings.append(_NO_RANGES)
     return Judgement(refused, warnings)
+
+
+def _joint_changes(arm: CalibratedArm, programme, found, largest: float) -> list[tuple[int, str]]:
+    """Target and reason where a programmed joint angle would change by more than `largest`, deg."""
+    if programme.poses is not None:
+        return []
+    rotates = ~sliding(arm.robot)
+    changes = np.rad2deg(np.abs(found.readings - programme.readings)) * rotates
+    reasons = []
+    for row in np.flatnonzero(found.reached & (changes.max(1) > largest)):
+        joint = int(changes[row].argmax())
+        reasons.append(
+            (
+                int(row),
+                f"its correction changes joint {joint + 1} by {changes[row, joint]:.3g} deg, above {largest:.3g} deg: "
+                "the posture is nearly singular",
+            )
+        )
+    return reasons
 
 
 def _left_by_joints(arm: CalibratedArm, found) -> list[str]:
