@@ -112,6 +112,15 @@ def test_the_axes_of_a_motoman_do_not_hide_other_words():
     assert {one.names for one in found} == {tuple("SLURBT"), ("phi", "theta", "psi")}
 
 
+@pytest.mark.parametrize(
+    ("header", "kind", "is_nominal"),
+    [("X Ist [mm]", "xyz", False), ("Y Soll", "xyz", True), ("J1 actual", "joint", False)],
+)
+def test_actual_and_nominal_may_stand_behind_the_component(header, kind, is_nominal):
+    found = read_header(header)
+    assert (found.kind, found.is_nominal) == (kind, is_nominal)
+
+
 def test_covariates_by_the_names_of_the_format_are_kept():
     joints = [f"q{k}_deg" for k in range(1, 7)]
     own = ["approach3", "qdot2_deg_s", "current1_a", "torque6_nm", "temperature_c"]

@@ -71,7 +71,7 @@ _PATTERNS = (
     ("posecomponent", r"(?:pose|frame|vec|vector)([0-6])"),
     ("axis", r"([noa])([xyz])"),
 )
-_OBJECTS = FLANGE_WORDS | MEASURED_WORDS
+_OBJECTS = FLANGE_WORDS | MEASURED_WORDS | ACTUAL_WORDS | NOMINAL_WORDS
 _COMPONENTS = frozenset(
     "rotvec matrix qindex qpart turn joint xyz euler posecomponent axis word".split()
 )
