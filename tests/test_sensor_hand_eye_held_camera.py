@@ -22,10 +22,12 @@ ROBOTS = ((0.03, 1e-4), (0.1, 3e-4))
 """Sigmas of flange poses, mm and rad, of every second set."""
 
 
-def seen(seed: int, count: int, robot=ROBOTS[0]):
-    """Views of the board and flange poses."""
+def seen(seed: int, count: int, robot=ROBOTS[0], points=BOARD.points):
+    """Views of a board with `points` (3, 35) mm and flange poses."""
     shift, spin = robot
-    simple, flange = images(seed, count=count, noise=NOISE_PX, shift=shift, spin=spin)
+    simple, flange = images(
+        seed, count=count, noise=NOISE_PX, shift=shift, spin=spin, points=points
+    )
     sigma = np.full(35, NOISE_PX)
     views = [
         View(f"{k}.png", str(k), one.index, one.pixels, CAMERA.size, sigma)
@@ -83,13 +85,25 @@ def test_the_camera_is_held_and_its_covariance_propagated(tmp_path):
     assert max(squared_errors(plain)) > 9 > 3 > max(squared_errors(found))
 
 
-def test_a_numerical_derivative_gives_the_same_covariance():
-    """The transform moves with a held camera as its covariance says: one principal point, moved by one sigma."""
-    views, flange = seen(62_001, 14)
+def displaced_lines(random):
+    """Board points (3, 35) of a printed board: columns and rows are each displaced by 0.05 mm (1 sigma)."""
+    column, row = random.normal(0, 0.05, 7), random.normal(0, 0.05, 5)
+    return BOARD.points + np.stack([np.tile(column, 5), np.repeat(row, 7), np.zeros(35)])
+
+
+@pytest.mark.parametrize("board", ["exact", "printed"])
+def test_a_numerical_derivative_gives_the_same_covariance(board):
+    """The transform moves with a held camera as its covariance says: one principal point, moved by one sigma.
+
+    Line errors of a printed board add to the covariance, not to the sensitivity to the camera.
+    """
+    points = displaced_lines(np.random.default_rng(8)) if board == "printed" else BOARD.points
+    views, flange = seen(62_001, 14, points=points)
     sigma = 0.5
     covariance = np.zeros((9, 9))
     covariance[2, 2] = sigma**2
     found = hand_eye_from_views(views, BOARD, StatedCamera(CAMERA, covariance), flange)
+    assert found.misfit.significant == (board == "printed")
     plain = hand_eye_from_views(views, BOARD, CAMERA, flange)
     values = CAMERA.values.copy()
     values[2] += sigma

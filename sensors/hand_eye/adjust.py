@@ -266,6 +266,7 @@ def with_held_camera(adjusted: Adjusted, modes: np.ndarray) -> Adjusted:
     parameters and camera modes, an error e of the modes moves a solution of covariance C by C N_sc e. The noise of
     the images adds independently, also where the camera was calibrated from the same images: a least-squares
     estimate of the camera is uncorrelated with what the images say of the board poses given the camera.
+    C has to be the covariance of the adjustment alone: other contributions are added afterwards.
     """
     old, chain = adjusted.parameters, replace(adjusted.chain, modes=modes)
     values = np.concatenate([old.values, np.zeros(modes.shape[1])])

@@ -92,10 +92,10 @@ def hand_eye_from_views(
         chain, parameters, first, most, False if doubts and board_scale is None else board_scale
     )
     misfit = image_misfit(found[0], camera.size, from_same_images)
+    if stated is not None:  # first: the sensitivity to the camera is that of the adjustment alone
+        found = (with_held_camera(found[0], _root(stated)), *found[1:])
     if misfit.significant:
         found = (with_misfit(found[0], misfit), *found[1:])
-    if stated is not None:
-        found = (with_held_camera(found[0], _root(stated)), *found[1:])
     return replace(_result(chain, points, found, doubts, notes), misfit=misfit)
 
 
