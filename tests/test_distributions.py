@@ -38,6 +38,9 @@ def test_normal_and_student():
     np.testing.assert_allclose(norm.isf(P), stats.norm.isf(P), rtol=1e-10)
     for degrees in (1, 4.5, 300):
         np.testing.assert_allclose(student.sf(X, degrees), stats.t.sf(X, degrees), rtol=1e-9)
+        np.testing.assert_allclose(
+            student.isf(P, degrees), stats.t.isf(P, degrees), rtol=1e-7, atol=1e-12
+        )
 
 
 def test_what_every_command_loads_is_without_scipy_stats():

@@ -59,6 +59,11 @@ class student:
         """Probability of a value above x."""
         return special.stdtr(degrees, np.negative(x))
 
+    @staticmethod
+    def isf(p, degrees):
+        """The value that is exceeded with probability p."""
+        return np.negative(special.stdtrit(degrees, p))
+
 
 class fisher:
     """Fisher's F distribution with `first` and `second` degrees of freedom."""

@@ -17,6 +17,7 @@ from sensors.hand_eye.relative_motions import (
     wrong_equal_poses,
 )
 from workbench.core.errors import InputError
+from workbench.core.rigid import transform
 from workbench.files.images.flange import flange_poses, rows_of_samples
 
 _GAP_DEG = 1.0  # more than an arm of any quality makes
@@ -97,7 +98,8 @@ def _with_camera(recording, detection, linked, early, progress) -> HandEyePlausi
     except InputError as problem:
         return HandEyePlausibility((*early, (str(problem).rstrip("."), "correct it", False)))
     board_seen = _board_poses(views, detection.board, camera.camera, flange, _kind(recording))
-    motions = relative_motions(flange, board_seen, _kind(recording))
+    at_middle = board_seen @ transform(np.eye(3), detection.board.middle)
+    motions = relative_motions(flange, at_middle, _kind(recording))
     named = [_finding(one) for one in review.findings]
     found = [*early, *named] if named else [*early, *_disagreements(motions)]
     return HandEyePlausibility(tuple(found), motions)
