@@ -72,7 +72,7 @@ _PATTERNS = (
     ("axis", r"([noa])([xyz])"),
 )
 _OBJECTS = FLANGE_WORDS | MEASURED_WORDS | ACTUAL_WORDS | NOMINAL_WORDS
-_COMPONENTS = frozenset(
+COMPONENTS = frozenset(
     "rotvec matrix qindex qpart turn joint xyz euler posecomponent axis word".split()
 )
 """Kinds of headers that name one component of an object."""
@@ -187,7 +187,7 @@ def read_header(name: str, unit: str | None = None) -> Header:
     if bracket and bracket[1].strip() and _is_remark(bracket[2]):
         # such as "X (calibrated)": the object that the remark names comes first
         plain = read_header(bracket[1], unit)
-        if plain.kind in _COMPONENTS:
+        if plain.kind in COMPONENTS:
             remark = tuple(_words(_plain(bracket[2])))
             return replace(plain, name=name, words=(*plain.words, *remark))
     return Header(name, "", "", tuple(words), found or stated, "".join(words))
@@ -200,7 +200,7 @@ def _object_first(words: list[str]) -> list[str]:
     while count < len(kept) - 1 and kept[-1 - count] in _OBJECTS:
         count += 1
     front = kept[: len(kept) - count]
-    if count == 0 or not any(_kind("".join(front[-k:]))[0] in _COMPONENTS for k in (1, 2, 3)):
+    if count == 0 or not any(_kind("".join(front[-k:]))[0] in COMPONENTS for k in (1, 2, 3)):
         return kept if count == 0 else words
     return [*kept[len(kept) - count :], *front]
 

@@ -21,8 +21,8 @@ _MATRIX_FROM_0 = tuple(f"{row}{column}" for row in (0, 1, 2) for column in (0, 1
 _TRANSFORMS = ((_MATRIX_NAMES, ("14", "24", "34")), (_MATRIX_FROM_0, ("03", "13", "23")))
 """Names of the rotation and of the last column of homogeneous transforms."""
 _NOA = ("nx", "ox", "ax", "ny", "oy", "ay", "nz", "oz", "az")
-_SLURBT = ("s", "l", "u", "r", "b", "t")
-_WORD_SETS = {
+SLURBT = ("s", "l", "u", "r", "b", "t")
+WORD_SETS = {
     "rpy": ("roll", "pitch", "yaw"),
     "rpy german": ("rollen", "nicken", "gieren"),
     "greek": ("alpha", "beta", "gamma"),
@@ -110,19 +110,19 @@ def _sets_of(headers: Iterable[Header], table: RawTable) -> list[ColumnSet]:
     kinds: dict[str, dict[str, Header]] = {}
     for header in headers:
         kinds.setdefault(header.kind, {}).setdefault(header.label, header)
-    words = kinds.get("word", {}) | {core: h for h in headers if (core := h.core) in _SLURBT}
+    words = kinds.get("word", {}) | {core: h for h in headers if (core := h.core) in SLURBT}
     sets = [*_numbered(kinds, table), *_points(kinds), *_rotations(kinds)]
-    for name, wanted in _WORD_SETS.items():
-        is_taken = _is_slurbt(words) and set(wanted) & set(_SLURBT)
+    for name, wanted in WORD_SETS.items():
+        is_taken = _is_slurbt(words) and set(wanted) & set(SLURBT)
         if all(word in words for word in wanted) and not is_taken:
             sets.append(_set("angles", [words[word] for word in wanted], name))
     if _is_slurbt(words):
-        sets.append(_set("joints", [words[word] for word in _SLURBT], "slurbt"))
+        sets.append(_set("joints", [words[word] for word in SLURBT], "slurbt"))
     return sets
 
 
 def _is_slurbt(words: Mapping) -> bool:
-    return all(word in words for word in _SLURBT)
+    return all(word in words for word in SLURBT)
 
 
 def _set(kind: str, headers: list[Header], labels: str = "") -> ColumnSet:

@@ -1,22 +1,26 @@
 """Cells that hold several numbers: a position written as "101 202 300" in one cell of a table.
 
-Such a cell may also be one number with thousands separators. The header decides where it names as many quantities as
-the cell has groups ("X Y Z", "Position XYZ [mm]"). Where it does not, a column whose cells all have the same three
-groups or more is a question, since numbers of one quantity hardly ever have nine digits in every row.
+Such a cell may also be one number with thousands separators. The header decides: it names several quantities where its
+last words, as many as the cell has groups, are components of one quantity ("X Y Z", "Tracker X Y Z [mm]", "Position
+(x, y, z)", "A1 A2 A3 A4 A5 A6"). A word for the object or the quantity, as in "Point X" or "Time s", and a unit in
+brackets are no components. Where both readings remain possible, the column is a question: two components whose cells
+may all be numbers with thousands separators, or three groups and more under a header that names one quantity.
 """
 
 import re
 from collections.abc import Sequence
 
 from datasets.errors import complaint
-from datasets.importers.mapping.headers import read_header
+from datasets.importers.mapping.headers import COMPONENTS, read_header
+from datasets.importers.mapping.sets import SLURBT, WORD_SETS
 
 _SPACE = " \u00a0\u2009\u202f"
 _GAPS = re.compile(f"[{_SPACE}]+")
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?")
-_GROUPED = re.compile(f"[+-]?\\d{{1,3}}(?:[{_SPACE}]\\d{{3}})+")
+_GROUPED = re.compile(f"[+-]?\\d{{1,3}}(?:[{_SPACE}]\\d{{3}})+(?:[.,]\\d*)?")
 _BRACKETS = re.compile(r"\s*[\[(<{]([^\])>}]*)[\])>}]\s*$")
 _LETTERS = ("xyz", "abc", "wpr", "wxyz", "xyzw")
+_WHOLE_SETS = (set("wxyz"), set(SLURBT))
 _FEWEST = 2
 _MANY = 3
 
@@ -25,7 +29,7 @@ def unpacked(name: str, cells: Sequence[str], where: str, lines: Sequence[int]):
     """(names, columns) of a column whose cells hold several numbers each, where its header names them; else None.
 
     cells (n,), empty ones included; where: the column in error sentences; lines (n,): rows of the file. Raises
-    InputError for a column of a known quantity that may be one number or several.
+    InputError for a column that may be one number or several.
     """
     groups = [_GAPS.split(cell) if cell else [] for cell in cells]
     counts = {len(group) for group in groups if group}
@@ -34,44 +38,86 @@ def unpacked(name: str, cells: Sequence[str], where: str, lines: Sequence[int]):
     if not all(_NUMBER.fullmatch(part) for group in groups for part in group):
         return None
     names = _names_in(name, count)
-    if names is not None:
-        columns = [[group[k] if group else "" for group in groups] for k in range(count)]
-        return names, columns
     filled = [(cell, line) for cell, line in zip(cells, lines) if cell]
-    if count >= _MANY and all(_GROUPED.fullmatch(cell) for cell, _ in filled):
-        _ask(name, filled[0], count, where)
-    return None
+    is_one_number = all(_GROUPED.fullmatch(cell) for cell, _ in filled)
+    if is_one_number and _is_open(name, names, count):
+        raise _question(filled[0], count, where)
+    if names is None:
+        return None
+    columns = [[group[k] if group else "" for group in groups] for k in range(count)]
+    return names, columns
+
+
+def _is_open(header: str, names: Sequence[str] | None, count: int) -> bool:
+    """Whether cells that may be one number with thousands separators may also be `count` numbers.
+
+    Three names and more are a list. Three groups and more under the name of one quantity are hardly one number, since
+    numbers of one quantity hardly ever have nine digits in every row; columns that mean nothing are not asked about.
+    """
+    if names is None:
+        return count >= _MANY and bool(read_header(header).kind)
+    return count < _MANY
 
 
 def _names_in(header: str, count: int) -> list[str] | None:
     """The names of `count` quantities that one header lists, each with its unit; None where it lists others."""
     bracket = _BRACKETS.search(header)
-    is_list = bracket is not None and len(_listed(bracket[1])) == count
     plain = header[: bracket.start()] if bracket else header
-    if is_list:  # "Position (x, y, z)"
-        return [f"{plain} {part}".strip() for part in _listed(bracket[1])]
+    if bracket:
+        inner = _listed(bracket[1])
+        if len(inner) == count and _are_components(inner):  # "Position (x, y, z)"
+            return [f"{plain} {part}".strip() for part in inner]
     unit = f" [{bracket[1]}]" if bracket else ""
     parts = _listed(plain)
-    if len(parts) == count and all(read_header(part).kind for part in parts):
-        return [f"{part}{unit}" for part in parts]
-    if parts and parts[-1].lower() in _LETTERS and len(parts[-1]) == count:
-        front = " ".join(parts[:-1])
-        return [f"{front} {letter}{unit}".strip() for letter in parts[-1]]
-    return None
+    front, last = parts[:-count], parts[-count:]
+    if len(last) < count or not _are_components(last):
+        front, last = parts[:-1], list("".join(parts[-1:]))  # "Position XYZ"
+        if len(last) != count or "".join(last).lower() not in _LETTERS:
+            return None
+    return [" ".join([*front, part]) + unit for part in last]
+
+
+def _are_components(parts: Sequence[str]) -> bool:
+    """Whether words are components of one quantity, or of a position and an orientation: two of a kind or more."""
+    headers = [read_header(part) for part in parts]
+    cores = {header.core for header in headers}
+    if len(cores) < len(parts):
+        return False
+    if cores in _WHOLE_SETS:
+        return True
+    kinds: dict[str, set[str]] = {}
+    for header in headers:
+        kind = (
+            "joint" if header.kind == "qindex" else header.kind
+        )  # q1 to q4 of an arm, or of a quaternion
+        kinds.setdefault(kind, set()).add(header.core)
+    return all(_is_family(kind, names) for kind, names in kinds.items())
+
+
+def _is_family(kind: str, names: set[str]) -> bool:
+    """Whether two names or more are components of a kind: of one set of angles where they are words."""
+    if len(names) < _FEWEST or kind not in COMPONENTS:
+        return False
+    return kind != "word" or any(names <= set(one) for one in WORD_SETS.values())
 
 
 def _listed(text: str) -> list[str]:
     return [part for part in re.split(r"[\s,;/|]+", text) if part]
 
 
-def _ask(name: str, first: tuple[str, int], count: int, where: str) -> None:
-    """Raise InputError for a column of a known quantity; columns that mean nothing are not asked about."""
-    if not read_header(name).kind:
-        return
+def _question(first: tuple[str, int], count: int, where: str):
+    """The InputError for a column whose cells may be one number or several."""
     cell, line = first
-    raise complaint(
+    wanted = "numbers without thousands separators, since the header names 2 quantities"
+    remedy = "write the numbers without spaces, or each in a column of its own"
+    if count >= _MANY:
+        wanted = f"one number, or a header that names {count} quantities"
+        remedy = (
+            f"write the numbers without spaces, or name all {count} in the header, as in 'X Y Z'"
+        )
+    return complaint(
         f"{where}, row {line}",
-        f"one number, or a header that names {count} quantities",
+        wanted,
         f"'{cell}', which may be one number with thousands separators or {count} numbers",
-        f"write the numbers without spaces, or name all {count} in the header, as in 'X Y Z'",
+        remedy,
     )
