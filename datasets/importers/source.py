@@ -1,7 +1,7 @@
 """What every importer returns: tables, images, clouds and a board as their files hold them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ class RawTable:
     `columns`: (n,) float64 with nan for empty cells, or (n,) str. `lines` (n,): line or row number in the file.
     `units`: unit that a row of units or the format states, by column. `conventions`: rotation convention that the
     format states, by the first column of the rotation. `default_units`: unit of a quantity ("length", "angle")
-    that the file states for all its columns.
+    that the file states for all its columns. `frame_question`: why its poses are not known to be those of the flange.
     """
 
     file: str
@@ -26,6 +26,7 @@ class RawTable:
     conventions: Mapping[str, str] = field(default_factory=dict)
     default_units: Mapping[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    frame_question: str = ""
 
     @property
     def n(self) -> int:
@@ -58,15 +59,7 @@ class RawTable:
     def take(self, rows: np.ndarray) -> "RawTable":
         """The table with only `rows`, indices in the wanted order."""
         columns = {name: cells[rows] for name, cells in self.columns.items()}
-        return RawTable(
-            self.file,
-            columns,
-            self.lines[rows],
-            self.units,
-            self.conventions,
-            self.default_units,
-            self.warnings,
-        )
+        return replace(self, columns=columns, lines=self.lines[rows])
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,13 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from datasets.columns import POINT, QUATERNION, joint_columns
-from datasets.errors import complaint
+from datasets.errors import InputError, complaint
 from datasets.files import read_text
 from datasets.formats.table import Table, read_table
 from datasets.importers.mapping import conversion
 from datasets.importers.mapping.candidates import angle_units, length_units, rotation_candidates
 from datasets.importers.mapping.column_units import unit_toml
+from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.model import QUANTITIES, Mapping
 from datasets.importers.mapping.proposal import propose
 from datasets.importers.source import RawTable
@@ -31,6 +32,7 @@ _DECIMAL_COMMA = re.compile(r"\"[+-]?\d+,\d+\"")
 _REPEATED = re.compile(r"(.+) \(\d+\)")
 _HEAD_CHARACTERS = 100_000
 _MOSTLY = 0.5
+_TOOL_WORDS = frozenset("tcp tool ee eef effector gripper werkzeug".split())
 
 
 def read_targets(path: Path, sliding: Sequence[bool], mapping: Mapping | None = None) -> Table:
@@ -48,6 +50,8 @@ def read_targets(path: Path, sliding: Sequence[bool], mapping: Mapping | None = 
     if found.joints is not None:
         columns |= _joints(raw, found, sliding)
     if found.flange_point is not None:
+        if mapping is None or mapping.flange_point is None:
+            _check_body(raw, found.flange_point.columns)
         columns |= _positions(raw, found)
     if found.flange_rotation is not None:
         columns |= _rotations(raw, found)
@@ -96,6 +100,8 @@ def _one_table(path: Path) -> RawTable:
     if len(tables) != 1:
         found = ", ".join(table.file for table in tables) or "none"
         raise complaint(str(path), "one table", found, "name a file with one table")
+    if tables[0].frame_question:
+        raise InputError(tables[0].frame_question)
     if tables[0].warnings:
         raise complaint(
             tables[0].file,
@@ -149,6 +155,20 @@ def _joints(raw: RawTable, found: Mapping, sliding: Sequence[bool]) -> dict[str,
         _ask_unit(raw, "joints", group.columns, units)
     made = replace(group, unit=units[0])
     return conversion.joint_columns(raw, made, sliding, "mm")
+
+
+def _check_body(raw: RawTable, names: Sequence[str]) -> None:
+    """Raise InputError for positions of a tool: they are those of the flange only where the tool has no length."""
+    named = [name for name in names if _TOOL_WORDS & set(read_header(name).words)]
+    if named:
+        columns = ", ".join(f'"{name}"' for name in names)
+        raise complaint(
+            f"{raw.file}, columns {', '.join(names)}",
+            "positions of the flange",
+            "those of a tool",
+            "give joint readings or poses of the flange; where the tool has no length, rename the columns as in "
+            f'"flange X [mm]", or add [flange_point] columns = [{columns}] to a mapping file and name it with --map',
+        )
 
 
 def _positions(raw: RawTable, found: Mapping, takes_map: bool = True) -> dict[str, np.ndarray]:

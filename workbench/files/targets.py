@@ -11,6 +11,7 @@ from datasets.columns import POINT, QUATERNION, joint_columns
 from datasets.errors import complaint
 from datasets.formats.table import Table
 from datasets.importers.mapping.model import read_mapping
+from datasets.importers.sources.robot_programs import CONFIGURATION
 from datasets.importers.user_tables import read_targets
 from robot_model.robot import Robot
 from robot_model.state import sliding
@@ -125,24 +126,31 @@ def _readings(table, joints, robot):
 
 
 def doubts(programme: Programme, robot: Robot) -> list[str]:
-    """What looks wrong with targets that are not impossible: joint readings that may be radians, poses in metres."""
+    """What looks wrong with targets that are not impossible, and configuration data that are not read."""
+    called = programme.table.called
     turning = np.rad2deg(programme.readings[:, ~sliding(robot)])
+    found = []
     if (
         programme.poses is None
         and turning.size
         and np.abs(turning).max() <= 2 * np.pi
         and np.ptp(turning) > 0
     ):
-        return [
-            f"{programme.table.called}: no joint reading is beyond {np.abs(turning).max():.3g} deg; if these are "
-            "radians, multiply them by 57.29578."
-        ]
+        found.append(
+            f"{called}: no joint reading is beyond {np.abs(turning).max():.3g} deg; if these are radians, multiply "
+            "them by 57.29578."
+        )
     if programme.poses is not None and np.abs(programme.poses[:, :3, 3]).max(initial=0) < 10:
-        return [
-            f"{programme.table.called}: every place is within 10 mm of the robot's root; if these are metres, "
-            "multiply them by 1000."
-        ]
-    return []
+        found.append(
+            f"{called}: every place is within 10 mm of the robot's root; if these are metres, multiply them by 1000."
+        )
+    stated = programme.table.columns.get(CONFIGURATION)
+    if programme.anywhere and stated is not None and stated.dtype.kind != "f":
+        found.append(
+            f"{called}: the configuration data of its positions ({stated[0]}, ...) are not read; compare the joint "
+            "readings with them, or state readings to start from (--start)."
+        )
+    return found
 
 
 def _home(robot):

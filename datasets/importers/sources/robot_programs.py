@@ -8,18 +8,27 @@ The makers fix units and rotation conventions, so that nothing about them has to
 | ABB | jointtarget, deg | robtarget: mm; quaternion w x y z |
 | FANUC | J1 = ... deg | X, Y, Z mm; W, P, R = extrinsic XYZ in deg |
 
-Poses are those of the active tool in the active base or user frame, as the controller stored them.
+Poses are those of the active tool in the active base or user frame, as the controller stored them. They are converted
+to poses of the flange where the file states both (`program_frames`), else the table says that it does not.
 """
 
 import re
 from bisect import bisect_left
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from datasets.errors import complaint
 from datasets.importers.source import RawTable
+from datasets.importers.sources.program_frames import (
+    REMEDIES,
+    UNIT_LENGTH,
+    UnstatedFrame,
+    flange_poses,
+)
 from datasets.importers.sources.text_tables import encoding_of
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
@@ -34,10 +43,23 @@ _FANUC = re.compile(
 )
 _FANUC_KEY = re.compile(rf"\b([XYZWPR]|J\d)\s*=\s*({_NUMBER})")
 
-_POSE = ("flange X [mm]", "flange Y [mm]", "flange Z [mm]")
-_KUKA_ANGLES = ("flange A [deg]", "flange B [deg]", "flange C [deg]")
-_FANUC_ANGLES = ("flange W [deg]", "flange P [deg]", "flange R [deg]")
-_QUATERNION = ("flange qw", "flange qx", "flange qy", "flange qz")
+_FANUC_CONFIG = re.compile(r"CONFIG\s*:\s*'([^'\n]{1,80})'")
+
+_POSITION = ("X [mm]", "Y [mm]", "Z [mm]")
+_QUATERNION = ("qw", "qx", "qy", "qz")
+CONFIGURATION = "configuration"
+"""Column with the configuration data of a pose as the program states them: S and T, cf1 to cfx, or CONFIG."""
+
+
+@dataclass(frozen=True)
+class _Position:
+    """A position of a program: `values` in deg, or mm and the rotation of the maker; its configuration data as text."""
+
+    is_joint: bool
+    name: str
+    line: int
+    values: list[float]
+    configuration: str = ""
 
 
 def is_robot_program(path: Path) -> bool:
@@ -52,53 +74,101 @@ def read_robot_program(path: Path) -> list[RawTable]:
     Raises InputError where a position lacks a number.
     """
     text = _text(path, -1)
-    joints: list[tuple[str, int, list[float]]] = []
-    poses: list[tuple[str, int, list[float]]] = []
-    names, convention = (*_POSE, *_QUATERNION), ("flange qw", "quaternion wxyz")
-    for reader, angles, stated in (
-        (_kuka, _KUKA_ANGLES, "intrinsic ZYX"),
-        (_abb, None, ""),
-        (_fanuc, _FANUC_ANGLES, "extrinsic XYZ"),
-    ):
+    joints: list[_Position] = []
+    poses: list[_Position] = []
+    maker = ""
+    for reader, own in ((_kuka, "KUKA"), (_abb, "ABB"), (_fanuc, "FANUC")):
         found = list(reader(text, path))
-        if not found:
-            continue
-        joints += [item[1:] for item in found if item[0] == "joints"]
-        poses += [item[1:] for item in found if item[0] == "pose"]
-        if angles is not None:
-            names, convention = (*_POSE, *angles), (angles[0], stated)
+        maker = own if found else maker
+        joints += [position for position in found if position.is_joint]
+        poses += [position for position in found if not position.is_joint]
     tables = []
     if joints:
-        size = min(len(values) for _, _, values in joints)
-        tables.append(_table(path, joints, [f"J{k + 1} [deg]" for k in range(size)]))
+        size = min(len(position.values) for position in joints)
+        values = np.array([position.values[:size] for position in joints])
+        names = [f"J{k + 1} [deg]" for k in range(size)]
+        tables.append(_table(path, joints, dict(zip(names, values.T))))
     if poses:
-        tables.append(_table(path, poses, names, convention))
+        tables.append(_pose_table(path, maker, text, poses))
     return tables
 
 
-def _table(path, rows, names, convention: tuple[str, str] | None = None) -> RawTable:
-    """The positions of a program; rows of (name, line, values), of which those with `names` are taken."""
-    position_names, lines, values = zip(*rows)
-    columns: dict[str, np.ndarray] = {"position name": np.array(position_names)}
-    for k, name in enumerate(names):
-        columns[name] = np.array([row[k] for row in values])
-    conventions = dict([convention]) if convention else {}
-    return RawTable(path.name, columns, np.array(lines), conventions=conventions)
+def _table(path: Path, rows: Sequence[_Position], columns: Mapping[str, np.ndarray]) -> RawTable:
+    names = np.array([position.name for position in rows])
+    lines = np.array([position.line for position in rows])
+    return RawTable(path.name, {"position name": names, **columns}, lines)
 
 
-def _kuka(text: str, path: Path) -> Iterator[tuple[str, str, int, list[float]]]:
+def _pose_table(path: Path, maker: str, text: str, rows: Sequence[_Position]) -> RawTable:
+    """Poses of the flange, or of the tool with the question that the file leaves open; in mm and quaternions."""
+    poses, question, warning = _matrices(maker, path, rows), "", ""
+    try:
+        poses = flange_poses(maker, text, [position.name for position in rows], poses)
+    except UnstatedFrame as found:
+        question = (
+            f"{path.name}: expected poses of the flange, found those of a tool, whose tool and frame the file does not "
+            f"state ({found}); {REMEDIES[maker]}."
+        )
+        warning = (
+            f"{path.name}: the poses are those of the active tool, not of the flange ({found}). A hand-eye transform "
+            "refers to this tool, which must be one for all positions."
+        )
+    body = "tool" if question else "flange"
+    quaternions = Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True)
+    numbers = np.column_stack([poses[:, :3, 3], quaternions])
+    columns = dict(zip([f"{body} {name}" for name in (*_POSITION, *_QUATERNION)], numbers.T))
+    if any(position.configuration for position in rows):
+        columns[CONFIGURATION] = np.array([position.configuration for position in rows])
+    return replace(
+        _table(path, rows, columns),
+        conventions={f"{body} qw": "quaternion wxyz"},
+        frame_question=question,
+        warnings=(warning,) if warning else (),
+    )
+
+
+def _matrices(maker: str, path: Path, rows: Sequence[_Position]) -> np.ndarray:
+    """(n, 4, 4) poses of the tool in its frame (mm), in the convention of the maker."""
+    values = np.array([position.values for position in rows])
+    poses = np.tile(np.eye(4), (len(values), 1, 1))
+    poses[:, :3, 3] = values[:, :3]
+    if maker == "ABB":
+        _check_quaternions(path, rows, values[:, 3:])
+        turns = Rotation.from_quat(values[:, 3:], scalar_first=True)
+    else:
+        turns = Rotation.from_euler(
+            "ZYX" if maker == "KUKA" else "xyz", values[:, 3:], degrees=True
+        )
+    poses[:, :3, :3] = turns.as_matrix()
+    return poses
+
+
+def _check_quaternions(path: Path, rows: Sequence[_Position], quaternions: np.ndarray) -> None:
+    for position, length in zip(rows, np.linalg.norm(quaternions, axis=1)):
+        if not abs(length - 1) < UNIT_LENGTH:
+            raise complaint(
+                f"{path.name}, row {position.line}, position {position.name}",
+                "a quaternion of length 1",
+                f"length {length:.4g}",
+                "correct the pose",
+            )
+
+
+def _kuka(text: str, path: Path) -> Iterator[_Position]:
+    line_of = _line_counter(text)
     for match in _KUKA.finditer(text):
         keys = {key.upper(): float(value) for key, value in _KUKA_KEY.findall(match[3])}
-        line = text.count("\n", 0, match.start()) + 1
+        line = line_of(match.start())
         is_axis = match[1].upper().endswith("AXIS")
         wanted = [f"A{k}" for k in range(1, 7)] if is_axis else ["X", "Y", "Z", "A", "B", "C"]
         missing = [key for key in wanted if key not in keys]
         if missing:
             raise _incomplete(path, line, match[2], missing[0])
-        yield "joints" if is_axis else "pose", match[2], line, [keys[key] for key in wanted]
+        stated = [f"{key} {keys[key]:g}" for key in "ST" if key in keys and not is_axis]
+        yield _Position(is_axis, match[2], line, [keys[key] for key in wanted], ", ".join(stated))
 
 
-def _abb(text: str, path: Path) -> Iterator[tuple[str, str, int, list[float]]]:
+def _abb(text: str, path: Path) -> Iterator[_Position]:
     line_of = _line_counter(text)
     for match in _ABB.finditer(text):
         line = line_of(match.start())
@@ -107,10 +177,11 @@ def _abb(text: str, path: Path) -> Iterator[tuple[str, str, int, list[float]]]:
         size = 6 if is_joint else 7
         if len(values) < size:
             raise _incomplete(path, line, match[2], f"number {len(values) + 1}")
-        yield "joints" if is_joint else "pose", match[2], line, values[:size]
+        stated = "" if is_joint else ", ".join(f"{value:g}" for value in values[7:11])
+        yield _Position(is_joint, match[2], line, values[:size], stated)
 
 
-def _fanuc(text: str, path: Path) -> Iterator[tuple[str, str, int, list[float]]]:
+def _fanuc(text: str, path: Path) -> Iterator[_Position]:
     line_of = _line_counter(text)
     for match in _FANUC.finditer(text):
         line = line_of(match.start())
@@ -124,7 +195,9 @@ def _fanuc(text: str, path: Path) -> Iterator[tuple[str, str, int, list[float]]]
         missing = [key for key in wanted if key not in keys]
         if missing:
             raise _incomplete(path, line, name, missing[0])
-        yield "joints" if "J1" in keys else "pose", name, line, [keys[key] for key in wanted]
+        stated = _FANUC_CONFIG.search(match[3])
+        values = [keys[key] for key in wanted]
+        yield _Position("J1" in keys, name, line, values, stated[1] if stated else "")
 
 
 def _line_counter(text: str) -> Callable[[int], int]:
