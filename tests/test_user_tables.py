@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from robot_model import load_robot
+from scenes import SLIDING
 from workbench.core.errors import InputError
 from workbench.files.points import read_points
 from workbench.files.targets import read_programme
@@ -125,3 +126,51 @@ def test_points_of_a_registration(tmp_path):
     path.write_text("X;Y;Z\n1,5;2;3\n2,5;2;3\n")
     with pytest.raises(InputError, match=r'as in "X \[mm\]"[^-]*$'):
         read_points(path)
+
+
+SLIDES = load_robot(SLIDING, "test")  # joints 2 and 4 slide
+TWO_ROWS = "\n10;100;20;120;30;40\n11;115;21;125;31;41,5\n"
+
+
+def slide_table(folder, second, first="deg"):
+    units = [first, second, first, second, first, first]
+    names = [f"A{k} [{unit}]" if unit else f"A{k}" for k, unit in enumerate(units, 1)]
+    path = folder / "t.csv"
+    path.write_text(";".join(names) + TWO_ROWS)
+    return path
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("mm", 1), ("m", 1000), ("in", 25.4)])
+def test_lengths_of_slides(tmp_path, unit, factor):
+    readings = read_programme(slide_table(tmp_path, unit), SLIDES).readings
+    np.testing.assert_allclose(readings[:, [1, 3]], factor * np.array([[100, 120], [115, 125]]))
+
+
+def test_a_slide_in_degrees_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"A2 \[deg\]: expected a unit of length, .*found deg"):
+        read_programme(slide_table(tmp_path, "deg"), SLIDES)
+    path = tmp_path / "native.csv"
+    path.write_text(",".join(NATIVE) + "\n10,100,20,120,30,40\n")
+    with pytest.raises(InputError, match="column q2_deg: expected mm, since this joint slides"):
+        read_programme(path, SLIDES)
+
+
+def test_a_rotary_joint_in_millimetres_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"A1 \[mm\]: expected a unit of angle, .*found mm"):
+        read_programme(slide_table(tmp_path, "mm", "mm"), ROBOT)
+
+
+def test_slides_without_a_unit_are_asked_for_a_length(tmp_path):
+    toml = r'unit = \["deg", "mm", "deg", "mm", "deg", "deg"\]'
+    match = rf"columns A2, A4: expected a unit, .*\(mm, m, in, cm\).*A2 \[mm\].*{toml}"
+    with pytest.raises(InputError, match=match):
+        read_programme(slide_table(tmp_path, ""), SLIDES)
+    with pytest.raises(InputError, match=r"\(deg, rad, gon; mm, m, in, cm\)"):
+        read_programme(slide_table(tmp_path, "", ""), SLIDES)
+    columns = [f"A{k}" for k in range(1, 7)]
+    mapping = tmp_path / "map.toml"
+    mapping.write_text(
+        f'format = "import/1"\n[joints]\ncolumns = {columns}\nunit = ["deg","m","deg","m","deg","deg"]\n'
+    )
+    readings = read_programme(slide_table(tmp_path, "", ""), SLIDES, mapping).readings
+    np.testing.assert_allclose(readings[0, [1, 3]], [100_000, 120_000])

@@ -8,7 +8,7 @@ neither header nor format states is asked for, with the line of a mapping file t
 import csv
 import re
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -19,13 +19,25 @@ from datasets.errors import InputError, complaint
 from datasets.files import read_text
 from datasets.formats.table import Table, read_table
 from datasets.importers.mapping import conversion
-from datasets.importers.mapping.candidates import angle_units, length_units, rotation_candidates
-from datasets.importers.mapping.column_units import unit_toml
+from datasets.importers.mapping.candidates import (
+    ANGLE_UNITS,
+    LENGTH_UNITS,
+    length_units,
+    rotation_candidates,
+)
+from datasets.importers.mapping.column_units import (
+    OPEN,
+    ColumnUnits,
+    each_unit,
+    joined_units,
+    unit_toml,
+)
 from datasets.importers.mapping.headers import read_header
-from datasets.importers.mapping.model import QUANTITIES, Mapping
+from datasets.importers.mapping.model import QUANTITIES, Group, Mapping
 from datasets.importers.mapping.proposal import propose
 from datasets.importers.source import RawTable
 from datasets.importers.sources.choice import read_sources
+from datasets.importers.units import ANGLES, LENGTHS
 
 _PARQUET = (".parquet", ".pq")
 _DECIMAL_COMMA = re.compile(r"\"[+-]?\d+,\d+\"")
@@ -150,11 +162,50 @@ def _joints(raw: RawTable, found: Mapping, sliding: Sequence[bool]) -> dict[str,
             f"{len(group.columns)} ({', '.join(group.columns)})",
             "add or remove columns",
         )
-    units = angle_units(group) if not all(sliding) else (group.unit,)
-    if len(units) != 1:
-        _ask_unit(raw, "joints", group.columns, units)
-    made = replace(group, unit=units[0])
+    made = replace(group, unit=_joint_units(raw, group, sliding))
     return conversion.joint_columns(raw, made, sliding, "mm")
+
+
+def _joint_units(raw: RawTable, group: Group, sliding: Sequence[bool]) -> tuple[str, ...]:
+    """The unit of every joint reading: an angle of a joint that rotates, a length of one that slides.
+
+    Raises InputError for a unit of the other kind, and for joints whose unit nothing states.
+    """
+    words = list(each_unit(group.unit, len(group.columns)))
+    for k, (name, slides) in enumerate(zip(group.columns, sliding)):
+        if words[k] in (LENGTHS if slides else ANGLES):
+            continue
+        own = read_header(name, raw.units.get(name)).unit
+        if words[k] and (own == words[k] or isinstance(group.unit, tuple)):
+            raise complaint(
+                f"{raw.file}, column {name}",
+                f"a unit of {'length, since this joint slides' if slides else 'angle, since this joint rotates'}",
+                words[k],
+                "correct the unit, or name the columns in the order of the joints",
+            )
+        words[k] = (
+            OPEN  # one unit that a mapping states for all joints is that of those that it can be
+        )
+    if OPEN in words:
+        _ask_joint_units(raw, group, sliding, words)
+    return tuple(words)
+
+
+def _ask_joint_units(
+    raw: RawTable, group: Group, sliding: Sequence[bool], words: Sequence[str]
+) -> None:
+    """Raise InputError: the question for the units of the joints that have none."""
+    missing = [k for k, word in enumerate(words) if word == OPEN]
+    kinds = {sliding[k]: LENGTH_UNITS if sliding[k] else ANGLE_UNITS for k in missing}
+    usual = [
+        word or (LENGTH_UNITS if slides else ANGLE_UNITS)[0] for word, slides in zip(words, sliding)
+    ]
+    question = _Question(
+        tuple(group.columns[k] for k in missing),
+        "; ".join(", ".join(kinds[slides]) for slides in sorted(kinds)),
+        usual[missing[0]],
+    )
+    raise _unit_question(raw, question, "joints", group.columns, joined_units(usual))
 
 
 def _check_body(raw: RawTable, names: Sequence[str]) -> None:
@@ -175,7 +226,10 @@ def _positions(raw: RawTable, found: Mapping, takes_map: bool = True) -> dict[st
     """x_mm, y_mm, z_mm; takes_map: whether the command has the option --map."""
     units = length_units(found.flange_point)
     if len(units) != 1:
-        _ask_unit(raw, "flange_point" if takes_map else "", found.flange_point.columns, units)
+        group = found.flange_point
+        question = _Question(group.columns, ", ".join(map(str, units)), str(LENGTH_UNITS[0]))
+        quantity = "flange_point" if takes_map else ""
+        raise _unit_question(raw, question, quantity, group.columns, units[0])
     return conversion.point_columns(raw, replace(found.flange_point, unit=units[0]))
 
 
@@ -194,21 +248,31 @@ def _rotations(raw: RawTable, found: Mapping) -> dict[str, np.ndarray]:
     return conversion.rotation_columns(raw, turns[0].group)
 
 
-def _ask_unit(raw: RawTable, quantity: str, columns: Sequence[str], units) -> None:
-    """Raise InputError: the question for a unit that nothing states; quantity "" for a command without --map."""
-    first = next(iter(units))
-    shown = first if isinstance(first, str) else unit_toml(first)
+@dataclass(frozen=True)
+class _Question:
+    """Columns whose unit nothing states, the units that they may have, in words, and the usual one of the first."""
+
+    columns: tuple[str, ...]
+    units: str
+    usual: str
+
+
+def _unit_question(
+    raw: RawTable, question: _Question, quantity: str, columns: Sequence[str], units: ColumnUnits
+):
+    """The InputError that asks for a unit; quantity "" for a command without --map, else its line of a mapping."""
     names = ", ".join(f'"{name}"' for name in columns)
     remedy = (
-        f', or add [{quantity}] columns = [{names}] and unit = "{shown}" to a mapping file, and name it with --map'
+        f", or add [{quantity}] columns = [{names}] and unit = {unit_toml(units)} to a mapping file, and name it with "
+        "--map"
         if quantity
         else ""
     )
-    raise complaint(
-        f"{raw.file}, columns {', '.join(columns)}",
-        f"a unit, which targets cannot be tested for ({', '.join(map(str, units))})",
+    return complaint(
+        f"{raw.file}, columns {', '.join(question.columns)}",
+        f"a unit, which targets cannot be tested for ({question.units})",
         "none in the headers",
-        f'write it into a header, as in "{columns[0]} [{shown}]"{remedy}',
+        f'write it into a header, as in "{question.columns[0]} [{question.usual}]"{remedy}',
     )
 
 

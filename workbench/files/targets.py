@@ -102,6 +102,14 @@ def _readings(table, joints, robot):
             f"{len(joints)}",
             "add or remove columns",
         )
+    for name, slides in zip(joints, sliding(robot).tolist()):
+        if name.endswith("_mm") != slides:
+            raise complaint(
+                f"{table.called}, column {name}",
+                f"{'mm, since this joint slides' if slides else 'deg, since this joint rotates'}",
+                name.rpartition("_")[2],
+                "correct the header and the numbers",
+            )
     factors = np.where(sliding(robot), 1.0, np.pi / 180)
     readings = np.stack([table.columns[name] for name in joints], 1) * factors
     low, high = robot.limits.T
