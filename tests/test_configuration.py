@@ -1,5 +1,7 @@
 """The configuration of an arm: its three signs distinguish all solutions of the inverse kinematics."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -8,6 +10,7 @@ from scipy.spatial.transform import Rotation
 import datasets
 from robot_model import load_robot
 from robot_model.configuration import configuration_name, configuration_signs, has_configurations
+from scenes import SLIDING, scene
 from test_correction_limits import ABB, answer_of, solution
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_vector
@@ -101,19 +104,26 @@ def test_a_stated_start_chooses_the_configuration(workbench, tmp_path):
 
 
 def test_the_start_of_a_recording_is_its_nearest_pose(tmp_path):
-    from scenes import scene
-
     made = scene("external-point", n=40, arm=ABB).recording
     folder = datasets.write(made, tmp_path / "made")
-    poses = nominal_poses(ARM, made.joints[[7, 3]])
-    programme = Programme(None, np.zeros((2, 6)), poses, {}, True)
-    found = with_start(programme, ARM, str(folder))
-    np.testing.assert_allclose(found.readings, made.joints[[7, 3]], atol=1e-9)
+    low, high = ARM.limits.T
+    is_within = ((made.joints > low) & (made.joints < high)).all(1)
+    within, beyond = np.flatnonzero(is_within)[[7, 3]], np.flatnonzero(~is_within)[:1]
+    poses = nominal_poses(ARM, made.joints[np.r_[within, beyond]])
+    programme = Programme(None, np.zeros((3, 6)), poses, {}, True)
+    found = with_start(programme, ARM, str(folder)).readings
+    np.testing.assert_allclose(found[:2], made.joints[within], atol=1e-9)
+    assert ((found[2] > low) & (found[2] < high)).all()
 
 
 @pytest.mark.parametrize(
     ("start", "message"),
-    [("1,2", "expected 6 joint readings"), ("0,0,0,0,0,999", "found 999 for joint 6")],
+    [
+        ("1,2", "expected 6 joint readings"),
+        ("0,0,0,0,0,999", "found 999 for joint 6"),
+        ("nan,0,0,0,0,0", "expected finite joint readings .*found nan in place 1"),
+        ("0,0,0,0,0,inf", "found inf in place 6"),
+    ],
 )
 def test_wrong_starts_are_a_sentence(start, message):
     programme = Programme(None, np.zeros((1, 6)), np.eye(4)[None], {}, True)
@@ -129,3 +139,40 @@ def test_a_start_with_targets_that_are_readings_is_refused():
 def test_targets_without_readings_have_no_sign():
     signs = configuration_signs(ARM, np.full((2, 6), np.nan))
     assert signs.shape == (2, 3) and (signs == 0).all()
+
+
+@pytest.mark.parametrize("arm", [SLIDING, {"builtin": "ur10"}])
+def test_the_start_of_a_recording_of_another_robot_is_refused(tmp_path, arm):
+    folder = datasets.write(scene("external-point", n=20, arm=arm).recording, tmp_path / "other")
+    programme = Programme(None, np.zeros((1, 6)), np.eye(4)[None], {}, True)
+    with pytest.raises(InputError, match="expected a recording of the robot .*found one of"):
+        with_start(programme, ARM, str(folder))
+
+
+def test_the_start_of_a_recording_beyond_the_limits_is_refused(tmp_path):
+    made = scene("external-point", n=20, arm=ABB).recording
+    folder = datasets.write(made, tmp_path / "made")
+    programme = Programme(None, np.zeros((1, 6)), np.eye(4)[None], {}, True)
+    narrow = replace(ARM, limits=np.tile([4.0, 5.0], (6, 1)))
+    with pytest.raises(InputError, match="samples within the limits of the joints, found none"):
+        with_start(programme, narrow, str(folder))
+
+
+def test_a_straight_wrist_has_no_side():
+    """Corrections of 0.001 deg about a straight wrist change no configuration; a bend of 20 deg does."""
+    bends = [0, 1e-3, -1e-3, 0.3]
+    readings = np.deg2rad([[10 * k, 5, 5, 0, bend, 0] for k, bend in enumerate(bends)])
+    assert (configuration_signs(ARM, readings)[:, 2] == 0).all()
+    assert configuration_changes(ARM, readings) == []
+    readings[0, 4], readings[3, 4] = np.deg2rad([20, 20])
+    assert configuration_changes(ARM, readings) == []
+    readings[3, 4] = np.deg2rad(-20)
+    (sentence,) = configuration_changes(ARM, readings)
+    assert "between targets 3 and 4 (" in sentence and "wrist +, then" in sentence
+
+
+def test_few_postures_are_singular():
+    readings = np.random.default_rng(4).uniform(-1.5, 1.5, (50, 6))
+    for name in ("abb_irb120", "ur10", "kuka_kr6_r900"):
+        signs = configuration_signs(load_robot({"builtin": name}, "test"), readings)
+        assert (signs != 0).mean() > 0.95

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import groupby
 
 import numpy as np
 
@@ -11,11 +10,13 @@ from robot_model.configuration import (
     configuration_signs,
     has_configurations,
 )
+from robot_model.loading import load_robot
 from robot_model.robot import Robot
 from robot_model.state import sliding
 from robot_model.task_priority import LEVER_MM
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_vector
+from workbench.files.targets import LIMIT_SLACK
 from workbench.jobs.robot.compensate import nominal_poses
 
 _NAMED = 6
@@ -53,7 +54,11 @@ def _numbers(text: str) -> list[float] | None:
 def _checked(stated: Sequence[float], robot: Robot) -> np.ndarray:
     """(R,) rad, mm. Raises InputError for another number of readings, or one beyond the limits of its joint."""
     slides = sliding(robot)
-    if len(stated) != len(slides) or not np.isfinite(stated).all():
+    for k in np.flatnonzero(~np.isfinite(stated)):
+        raise InputError(
+            f"--start: expected finite joint readings (deg, mm), found {stated[k]:g} in place {k + 1}; correct it"
+        )
+    if len(stated) != len(slides):
         raise InputError(
             f"--start: expected {len(slides)} joint readings (deg, mm) or a recording, found {len(stated)} numbers; "
             "write one for each joint, as in --start 0,-90,90,0,90,0"
@@ -79,6 +84,7 @@ def _nearest_readings(poses: np.ndarray, robot: Robot, name: str) -> np.ndarray:
             f"--start {name}: expected a recording with {robot.mixing.shape[1]} joint readings, found "
             f"{recorded.shape[1]}; name another, or state readings"
         )
+    recorded = _usable_readings(recording, recorded, robot, name)
     seen = nominal_poses(robot, recorded)
     best = np.empty(len(poses), int)
     for k, wanted in enumerate(poses):
@@ -87,6 +93,29 @@ def _nearest_readings(poses: np.ndarray, robot: Robot, name: str) -> np.ndarray:
         angle = np.linalg.norm(rotation_vector(relative), axis=1)
         best[k] = int(np.argmin(np.hypot(place, LEVER_MM * angle)))
     return recorded[best]
+
+
+def _usable_readings(recording, recorded: np.ndarray, robot: Robot, name: str) -> np.ndarray:
+    """The readings (m, R) within the limits of the joints.
+
+    Raises InputError for those of another robot, by its name or its slides, and where none is within the limits.
+    """
+    if recording.robot:
+        other = load_robot(recording.robot, f"--start {name}")
+        if other.name != robot.name or (sliding(other) != sliding(robot)).any():
+            raise InputError(
+                f"--start {name}: expected a recording of the robot '{robot.name}', found one of '{other.name}'; name "
+                "another, or state readings"
+            )
+    low, high = robot.limits.T
+    beyond = (recorded < low - LIMIT_SLACK) | (recorded > high + LIMIT_SLACK)
+    if beyond.any(1).all():
+        joint = int(np.argmax(beyond.sum(0))) + 1
+        raise InputError(
+            f"--start {name}: expected samples within the limits of the joints, found none, most often for joint "
+            f"{joint}; name another recording, or state readings"
+        )
+    return recorded[~beyond.any(1)]
 
 
 def configurations_json(robot: Robot, readings: np.ndarray) -> list[dict]:
@@ -117,11 +146,16 @@ def configuration_changes(robot: Robot, readings: np.ndarray) -> list[str]:
 def _sign_changes(robot: Robot, readings: np.ndarray) -> list[str]:
     if not has_configurations(robot):
         return []
-    runs = [list(run) for _, run in groupby(_named(robot, readings), key=lambda one: one[1])]
-    places = [
-        f"{before[-1][0] + 1} and {after[0][0] + 1} ({before[0][1]}, then {after[0][1]})"
-        for before, after in zip(runs, runs[1:])
-    ]
+    rows = np.flatnonzero(np.isfinite(readings).all(1))
+    signs = configuration_signs(robot, readings[rows])
+    places, last, side = [], None, np.zeros(signs.shape[1], int)
+    for row, one in zip(rows, signs):
+        if (
+            one * side < 0
+        ).any():  # a sign that is singular at a target keeps that of the targets before
+            names = f"{configuration_name(side)}, then {configuration_name(one)}"
+            places.append(f"{last + 1} and {row + 1} ({names})")
+        side, last = np.where(one == 0, side, one), row
     if not places:
         return []
     return [
