@@ -43,16 +43,57 @@ def test_beyond_the_visited_angles_a_curve_is_constant():
     assert np.ptp(outside) == 0
 
 
-def test_extrapolation_is_the_change_over_the_same_distance_before_the_end():
-    curve, coefficients = fitted(ANGLES, 1e-4 * ANGLES, 15)
-    inside, beyond, far = ANGLES[::40], curve.end + 0.7, curve.start - 100.0
-    angle = np.array([*inside, beyond, far])
+def sigma_beyond(curve, coefficients, angle, recorded=None):
+    """(n,) 1 sigma of a curve of joint 2 at angles (n,)."""
     state = SimpleNamespace(variables=np.stack([np.zeros(len(angle)), angle]))
-    unknown = curve.extrapolation(coefficients, state)[0]
-    ends = curve.curve(coefficients, np.array([curve.end, curve.end - 0.7, curve.start]))
-    assert not unknown[:-2].any()
-    assert unknown[-2] == pytest.approx(ends[0] - ends[1], rel=1e-12)
-    assert unknown[-1] == pytest.approx(ends[2] - ends[0], rel=1e-12)
+    return curve.extrapolation(coefficients, state, recorded)[0]
+
+
+def harmonics(rng):
+    """A sum of one to three harmonics of 0.5 to 4 cycles per revolution at random phases, as a function."""
+    count = rng.integers(1, 4)
+    orders, phases = rng.uniform(0.5, 4, count), rng.uniform(0, 2 * np.pi, count)
+    sizes = 3e-4 * rng.uniform(0.3, 1, count)
+    return lambda angle: sizes @ np.sin(np.outer(orders, angle) + phases[:, None])
+
+
+def test_three_sigma_of_the_extrapolation_hold_the_error_beyond_the_recorded_angles():
+    """At 10, 20 and 40 degrees beyond, on either side; 300 curves of sums of harmonics without noise."""
+    rng = np.random.default_rng(17)
+    distance = np.deg2rad([10.0, 20.0, 40.0])
+    errors, sigmas = [], []
+    for _ in range(300):
+        function = harmonics(rng)
+        curve, coefficients = fitted(ANGLES, function(ANGLES), 15)
+        beyond = np.array([ANGLES[-1] + distance, ANGLES[0] - distance])
+        ends = ANGLES[[-1, 0]]
+        constant = function(ends) - curve.curve(coefficients, ends)
+        left = [function(x) - curve.curve(coefficients, x) - c for x, c in zip(beyond, constant)]
+        errors.append(left)
+        sigmas.append([sigma_beyond(curve, coefficients, x) for x in beyond])
+    errors, sigmas = np.abs(errors), np.array(sigmas)
+    assert ((errors <= 3 * sigmas).mean((0, 1)) >= 0.95).all()
+    ratio = np.sqrt((errors**2).mean((0, 1)) / (sigmas**2).mean((0, 1)))
+    assert (ratio > 0.5).all() and (ratio < 1.5).all()
+
+
+def test_extrapolation_starts_at_the_last_recorded_angle_and_never_shrinks():
+    """Not at the end of the domain; and a harmonic is not known again at its period."""
+    curve, coefficients = fitted(ANGLES, 2e-4 * np.sin(6 * ANGLES), 31)
+    assert sigma_beyond(curve, coefficients, ANGLES).max() < 1e-12
+    beyond = ANGLES[-1] + np.linspace(0.01, 2.5, 100)
+    sigma = sigma_beyond(curve, coefficients, beyond)
+    assert beyond[0] < curve.end and sigma[0] > 0 and (np.diff(sigma) >= 0).all()
+    assert sigma[-1] == pytest.approx(2e-4 * np.sqrt(2), rel=0.05)  # the crest: sqrt(2) amplitudes
+    shorter = sigma_beyond(curve, coefficients, np.array([1.3]), {"q2": (-2.0, 1.2)})
+    assert shorter[0] > 0
+
+
+def test_a_linear_curve_is_off_by_its_slope():
+    """An error of the gear ratio goes on beyond the recorded angles."""
+    curve, coefficients = fitted(ANGLES, 1e-4 * ANGLES, 15)
+    sigma = sigma_beyond(curve, coefficients, ANGLES[0] - np.array([0.5, 3.0]))
+    np.testing.assert_allclose(sigma, [0.5e-4, 3e-4], rtol=0.02)
 
 
 def test_the_spectrum_names_the_cycles_per_revolution_that_are_there():

@@ -6,7 +6,11 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from robot_model.effects.nonparametric import mirrored_at_ends
+from robot_model.effects.structure_function import (
+    distance_beyond,
+    extrapolation_sigma,
+    grid_points,
+)
 from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
@@ -90,11 +94,26 @@ class JointCurve(Effect):
     def basis(self, state):
         return self.cosines(state.variables[self.number - 1])[:, None]
 
-    def extrapolation(self, p, state):
-        """(1, n) change over the distance beyond the domain, mirrored into it."""
-        angle = state.variables[self.number - 1]
-        mirrored = mirrored_at_ends(angle, self.start, self.end)
-        return (self.curve(p, angle) - self.curve(p, mirrored))[None]
+    def extrapolation(self, p, state, recorded=None):
+        """(1, n) from the structure function of the curve on the recorded angles.
+
+        The margins of the domain are no part of them, since the series has zero slope at its ends, whatever the data.
+        """
+        low, high = self.supported(recorded)
+        grid = np.linspace(low, high, grid_points(self.terms))
+        distance = distance_beyond(state.variables[self.number - 1], low, high)
+        return extrapolation_sigma(self.curve(p, grid)[None], high - low, distance)
+
+    def supported(self, recorded=None) -> tuple[float, float]:
+        """Lowest and highest recorded angle (rad; mm of a slide) in the domain, as `Effect.extrapolation` has them.
+
+        Where they are unknown, or outside of the domain: the domain less the margins that `curve_options` adds.
+        """
+        margin = MARGIN / (1 + 2 * MARGIN) * (self.end - self.start)
+        inner = self.start + margin, self.end - margin
+        low, high = (recorded or {}).get(f"q{self.number}", inner)
+        low, high = max(low, self.start), min(high, self.end)
+        return (low, high) if low < high else inner
 
     def cosines(self, angle: np.ndarray) -> np.ndarray:
         """(terms, n) the terms of the series at joint variables (n,) in rad or mm."""

@@ -11,6 +11,11 @@ from numpy.polynomial.legendre import legvander
 from pydantic import Field
 
 from robot_model.derived_covariates import covariate
+from robot_model.effects.structure_function import (
+    distance_beyond,
+    extrapolation_sigma,
+    grid_points,
+)
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter
@@ -25,6 +30,7 @@ _FINE_DEGREE, _FINE_PAIR = 15, 5
 _SIGNED = ("move", "tau", "down", "moment")
 # Shares of a half span after which a sign is fully felt.
 _SHARPNESS = (20.0, 200.0)
+_COARSE = 17  # grid points of the covariate over which a structure function is averaged
 
 Port = Literal["joint", "frame", "geometry", "sensor"]
 Span = Annotated[list[float], Field(min_length=2, max_length=2)]
@@ -57,12 +63,6 @@ def functions(
         waves = np.concatenate([waves, *signs])
         sizes = np.append(sizes, np.ones(len(_SHARPNESS)))
     return waves, sizes
-
-
-def mirrored_at_ends(x: np.ndarray, low: float, high: float) -> np.ndarray:
-    """(n,) values beyond an interval mirrored at its nearer end, not beyond the other end; the others as they are."""
-    nearest = np.clip(x, low, high)
-    return np.clip(2 * nearest - x, low, high)
 
 
 def _degree(name: str, fine: int) -> int:
@@ -167,11 +167,24 @@ class SmoothFunction(Effect):
         """(slots x functions, slots, n)."""
         return self._waves([covariate(state, name) for name in self.names])
 
-    def extrapolation(self, p, state):
-        """(slots, n) change over the distance beyond the spans, mirrored into them."""
-        values = [covariate(state, name) for name in self.names]
-        mirrored = [mirrored_at_ends(x, *span) for x, span in zip(values, self.spans)]
-        return np.tensordot(p, self._waves(values) - self._waves(mirrored), 1)
+    def extrapolation(self, p, state, recorded=None):
+        """(slots, n) from the structure functions along each covariate, whose spans are what was recorded."""
+        squares = np.zeros((len(self.sizes), state.n))
+        for axis, ((low, high), name) in enumerate(zip(self.spans, self.names)):
+            distance = distance_beyond(covariate(state, name), low, high)
+            if distance.any():
+                values = self._on_grid(p, axis)
+                squares += extrapolation_sigma(values, high - low, distance) ** 2
+        return np.sqrt(squares)
+
+    def _on_grid(self, p, axis: int) -> np.ndarray:
+        """(slots, G) on a grid over the span; (slots, F, G) for two covariates, the last one along `axis`."""
+        grids = [np.linspace(low, high, _COARSE) for low, high in self.spans]
+        grids[axis] = np.linspace(*self.spans[axis], grid_points(SHARP_DEGREE))
+        values = np.meshgrid(*grids, indexing="ij")
+        waves = self._waves([each.ravel() for each in values])
+        shaped = np.tensordot(p, waves, 1).reshape(len(self.sizes), *values[0].shape)
+        return np.moveaxis(shaped, 1 + axis, -1)
 
     def _waves(self, values) -> np.ndarray:
         """(slots x functions, slots, n) of covariates (n,) each."""
@@ -231,4 +244,4 @@ class PeriodicMotion(Effect):
         return each.reshape(2 * slots, slots, state.n)
 
 
-__all__ = ["SHARP_DEGREE", "PeriodicMotion", "SmoothFunction", "functions", "mirrored_at_ends"]
+__all__ = ["SHARP_DEGREE", "PeriodicMotion", "SmoothFunction", "functions"]

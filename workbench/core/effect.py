@@ -222,10 +222,13 @@ class Effect:
             return self.basis(state)
         return numeric_derivative(lambda x: self.delta(x, state), p, self.steps())
 
-    def extrapolation(self, p: np.ndarray, state) -> np.ndarray | None:
-        """(m, n) change of the slots by which an empirical function may differ beyond the range that it was fitted on.
+    def extrapolation(
+        self, p: np.ndarray, state, recorded: Mapping[str, tuple[float, float]] | None = None
+    ) -> np.ndarray | None:
+        """(m, n) 1 sigma of what an empirical function leaves open beyond its recorded range, in its slots.
 
-        As much as the function changes over the same distance before the end of the range; 0 within it. None for a law.
+        It is the size of the function's changes over such a distance within the range; 0 within it. None for a law.
+        recorded: covariate, `q2` for joint 2, -> lowest and highest value (rad, mm), as far as they are known.
         """
         return None
 

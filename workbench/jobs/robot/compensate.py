@@ -340,7 +340,7 @@ def _sigma(arm, readings, wanted, covariates) -> np.ndarray:
     model = _model(arm, readings, wanted, covariates)
     rows, covariance, parameters = _uncertain(model, arm)
     variance = np.einsum("fmn,fg,gmn->n", rows, covariance, rows)
-    return np.hypot(np.sqrt(np.maximum(variance, 0)), extrapolation_mm(model, parameters))
+    return np.hypot(np.sqrt(np.maximum(variance, 0)), extrapolation_mm(model, parameters, arm))
 
 
 def position_covariance(arm: CalibratedArm, readings: np.ndarray, covariates=None) -> np.ndarray:

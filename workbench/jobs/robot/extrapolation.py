@@ -2,27 +2,51 @@
 
 import numpy as np
 
+from robot_model.state import sliding
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
+from workbench.files.solution_file import CalibratedArm
 
 
-def extrapolation_mm(model: Model, parameters: Parameters) -> np.ndarray:
+def extrapolation_mm(model: Model, parameters: Parameters, arm: CalibratedArm) -> np.ndarray:
     """(n,) mm: 1 sigma of the 3-D place of the measured point from what empirical functions leave open there.
 
-    An error curve of a joint or a smooth function is known where samples support it. Beyond its range it keeps its
-    value at the end, and may differ by as much as it changes over the same distance before the end
-    (`Effect.extrapolation`). Functions of different places are independent.
+    An error curve of a joint or a smooth function is known where samples support it. Beyond the last recorded sample
+    it may differ by as much as it changes over such a distance within the range (`Effect.extrapolation`). Functions of
+    different places, and the slots of one, are independent.
     """
     evaluation = model.evaluate(parameters)
+    recorded = recorded_variables(arm)
     squares = np.zeros(model.chain.n)
     for effect, span in zip(model.effects, model.spans):
-        change = effect.extrapolation(parameters.values[span], model.chain.state)
-        if change is None or not change.any():
+        sigma = effect.extrapolation(parameters.values[span], model.chain.state, recorded)
+        if sigma is None or not sigma.any():
             continue
         slots = np.asarray(effect.slots(model.chain))
-        moved = np.einsum("smn,sn->mn", evaluation.rows(effect.port, slots)[:, :3], change)
-        squares += (moved**2).sum(0)
+        moved = evaluation.rows(effect.port, slots)[:, :3] * sigma[:, None]
+        squares += (moved**2).sum((0, 1))
     return np.sqrt(squares)
 
 
-__all__ = ["extrapolation_mm"]
+def recorded_variables(arm: CalibratedArm) -> dict[str, tuple[float, float]]:
+    """Joint variable (`q2`, rad or mm) -> lowest and highest recorded value.
+
+    Without the joints whose variable combines several readings, and empty where the solution states no ranges.
+    """
+    recorded = arm.fitted_range or {}
+    slides = sliding(arm.robot)
+    found = {}
+    for k, row in enumerate(arm.robot.mixing):
+        readings = np.flatnonzero(row)
+        if len(readings) != 1:
+            continue
+        reading = int(readings[0])
+        name = f"q{reading + 1}_{'mm' if slides[reading] else 'deg'}"
+        if name in recorded:
+            ends = np.array(recorded[name]) * row[reading]
+            ends = ends if slides[reading] else np.deg2rad(ends)
+            found[f"q{k + 1}"] = (float(ends.min()), float(ends.max()))
+    return found
+
+
+__all__ = ["extrapolation_mm", "recorded_variables"]
