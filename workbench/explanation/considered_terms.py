@@ -13,7 +13,6 @@ import numpy as np
 
 from workbench.core.distributions import norm
 from workbench.core.effect import Effect
-from workbench.core.errors import InputError
 from workbench.core.least_squares.solver import normal_matrix
 from workbench.core.solution import Stage
 from workbench.diagnosis.validation.terms import Term
@@ -30,9 +29,11 @@ def considered_terms(
 ) -> Considered | None:
     """What the refused terms add to the covariance of a calibration; None where there is nothing to add.
 
-    stages: of the calibration; rows_of: makes the row of a plan of an effect.
+    stages: of the calibration; rows_of: makes the row of a plan of an effect. Raises InputError where the model with
+    the terms cannot be calibrated.
     """
     likely = [t for t in refused if t.finding.effects and probability(t) > _LEAST]
+    likely = _without_duplicates(likely, calibration)
     if not likely:
         return None
     added = tuple(
@@ -45,10 +46,7 @@ def considered_terms(
         )
         for number, term in enumerate(likely, 1)
     )
-    try:
-        wider = calibrate(calibration.recording, (*stages, *added), folds=_FOLDS, trust_data=True)
-    except InputError:  # too few samples for a model with the terms
-        return None
+    wider = calibrate(calibration.recording, (*stages, *added), folds=_FOLDS, trust_data=True)
     blocks = [_moments(wider, term.finding.effects, probability(term)) for term in likely]
     keys = tuple(key for keys, _ in blocks for key in keys)
     if not keys:
@@ -56,6 +54,22 @@ def considered_terms(
     moments = _block_diagonal([moments for _, moments in blocks])
     effects = tuple(effect for term in likely for effect in term.finding.effects)
     return Considered(effects, keys, _covariance(calibration, wider, keys, moments))
+
+
+def _without_duplicates(terms: Sequence[Term], calibration: Calibration) -> list[Term]:
+    """The terms without those that share a parameter with the model or with a likelier one of them, in their order.
+
+    They are variants of one effect at one place, such as backlash by gravity and by the side of approach.
+    """
+    taken = set(calibration.model.parameters.keys)
+    kept = []
+    for term in sorted(terms, key=probability, reverse=True):
+        effects = term.finding.effects
+        own = {p.key for effect in effects for p in effect.parameters(calibration.model.chain)}
+        if own.isdisjoint(taken):
+            taken |= own
+            kept.append(term)
+    return [term for term in terms if any(term is other for other in kept)]
 
 
 def probability(term: Term) -> float:

@@ -26,6 +26,10 @@ from workbench.jobs.robot.corrected_scene import SCENE, corrected_scene, write_s
 
 _IMAGES = "a diagnosis of images corrects a sensor, which a plan of an arm does not hold"
 _NO_PARAMETERS = "{title}: it has no parameters, so that no model holds it"
+_NOT_CONSIDERED = (
+    "the uncertainty of the corrected model does not contain the terms that were found and not retained, since the "
+    "model with them cannot be calibrated: {problem}"
+)
 
 
 @dataclass(frozen=True)
@@ -99,7 +103,11 @@ def write_model(
     except InputError as problem:
         return ModelFiles(PLAN, left_out=(*without, f"no solution.json: {problem}"))
     keys = solution_keys(calibration)
-    considered = considered_terms(made.refused, calibration, stages, _row)
+    try:
+        considered = considered_terms(made.refused, calibration, stages, _row)
+    except InputError as problem:
+        considered = None
+        without.append(_NOT_CONSIDERED.format(problem=problem))
     if considered is not None:
         keys["considered"] = considered.as_json()
     (folder / SOLUTION).write_text(json.dumps(keys, indent=1), encoding="utf-8")

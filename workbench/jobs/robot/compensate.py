@@ -143,13 +143,27 @@ def covariates_read(arm: CalibratedArm) -> frozenset[str]:
     """The recorded columns that the correction depends on, apart from joint readings and load."""
     if arm.fitted_range is None:
         return frozenset()
+    model, columns = _watched(arm)
+    model.residual(_parameters(model, arm))
+    return frozenset(columns.read & set(arm.fitted_range))
+
+
+def considered_covariates(arm: CalibratedArm) -> frozenset[str]:
+    """The recorded columns that only considered terms read: they change the uncertainty and not the correction."""
+    if arm.considered is None or arm.fitted_range is None:
+        return frozenset()
+    model, columns = _watched(arm)
+    with_considered(arm, model.chain.state)
+    return frozenset(columns.read & set(arm.fitted_range)) - covariates_read(arm)
+
+
+def _watched(arm: CalibratedArm) -> tuple[Model, "_Recorder"]:
+    """The arm at one pose, each recorded column in the middle of its range, and the columns, which note their use."""
     middle = {name: np.array([(low + high) / 2]) for name, (low, high) in arm.fitted_range.items()}
     model = _model(arm, np.zeros((1, arm.robot.mixing.shape[1])), np.eye(4)[None], middle)
     columns = _Recorder(model.chain.state.covariates)
     state = replace(model.chain.state, covariates=columns)
-    watched = replace(model, chain=replace(model.chain, state=state), _bases={})
-    watched.residual(_parameters(watched, arm))
-    return frozenset(columns.read & set(middle))
+    return replace(model, chain=replace(model.chain, state=state), _bases={}), columns
 
 
 class _Recorder(dict):
@@ -332,15 +346,38 @@ def _within(robot, readings):
 def _sigma(arm, readings, wanted, covariates) -> np.ndarray:
     """(n,) mm: 1 sigma of the measured point's 3-D place in the world, from the covariance of all parameters.
 
-    Those of considered terms are among them. And from what empirical functions leave open beyond the range that they
-    were fitted on.
+    Those of considered terms are among them, at the worst value of a column that is missing. And from what empirical
+    functions leave open beyond the range that they were fitted on.
     """
+    covariates = _with_worst_covariates(arm, readings, wanted, covariates)
+    return _sigma_at(arm, readings, wanted, covariates)
+
+
+def _sigma_at(arm, readings, wanted, covariates) -> np.ndarray:
     model = _model(arm, readings, wanted, covariates)
     arm = with_considered(arm, model.chain.state)
     model = _model(arm, readings, wanted, covariates)
     rows, covariance, parameters = _uncertain(model, arm)
     variance = np.einsum("fmn,fg,gmn->n", rows, covariance, rows)
     return np.hypot(np.sqrt(np.maximum(variance, 0)), extrapolation_mm(model, parameters, arm))
+
+
+def _with_worst_covariates(arm, readings, wanted, covariates) -> dict:
+    """The covariates with those that considered terms read and nobody states, at the worst end of their ranges.
+
+    The worst is that with the largest sigma, target by target and one column after the other.
+    """
+    found = dict(covariates or {})
+    missing = sorted(considered_covariates(arm) - set(found))
+    ends = {
+        name: [np.full(len(readings), end) for end in arm.fitted_range[name]] for name in missing
+    }
+    found |= {name: low for name, (low, _) in ends.items()}
+    for name, (low, high) in ends.items():
+        at_low = _sigma_at(arm, readings, wanted, found | {name: low})
+        at_high = _sigma_at(arm, readings, wanted, found | {name: high})
+        found[name] = np.where(at_high > at_low, high, low)
+    return found
 
 
 def position_covariance(arm: CalibratedArm, readings: np.ndarray, covariates=None) -> np.ndarray:
@@ -350,6 +387,7 @@ def position_covariance(arm: CalibratedArm, readings: np.ndarray, covariates=Non
     own uncertainty from this matrix. covariates: as of `compensate`.
     """
     wanted = nominal_poses(arm.robot, readings)
+    covariates = _with_worst_covariates(arm, readings, wanted, covariates)
     arm = with_considered(arm, _model(arm, readings, wanted, covariates).chain.state)
     rows, covariance, _ = _uncertain(_model(arm, readings, wanted, covariates), arm)
     columns = rows.transpose(0, 2, 1).reshape(len(rows), 3 * rows.shape[2])

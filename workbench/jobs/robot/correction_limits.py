@@ -17,7 +17,7 @@ from robot_model.system import geometry_priors
 from workbench.core.errors import InputError
 from workbench.core.vocabulary import Covariate
 from workbench.files.solution_file import LARGEST_DEG, LARGEST_MM, CalibratedArm
-from workbench.jobs.robot.compensate import covariates_read
+from workbench.jobs.robot.compensate import considered_covariates, covariates_read
 
 # No arm deviates from its model by a hundred times the noise of an instrument that is fit to measure it: noise then
 # makes less than a ten-thousandth of the mean square. The noise statement, the data or the model is wrong.
@@ -233,7 +233,7 @@ def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judge
             )
     for row, reason in _joint_changes(arm, programme, found, limits.joint_deg):
         refuse(row, reason)
-    warnings = _left_by_joints(arm, found)
+    warnings = [*_left_by_joints(arm, found), *_worst_assumed(arm, programme)]
     for covered in _coverages(arm, programme, found):
         is_refused = found.reached & (covered.outside > _FAR) & covered.is_read
         for row in np.flatnonzero(is_refused):
@@ -261,6 +261,23 @@ def _joint_changes(arm: CalibratedArm, programme, found, largest: float) -> list
             )
         )
     return reasons
+
+
+def _worst_assumed(arm: CalibratedArm, programme) -> list[str]:
+    """A sentence on columns that are missing and that only the uncertainty depends on, or none."""
+    missing = sorted(considered_covariates(arm) - set(programme.covariates))
+    if not missing:
+        return []
+    ranges = ", ".join(f"{name} ({_ends(arm.fitted_range[name])})" for name in missing)
+    return [
+        f"The targets have no column {ranges}. An effect that the diagnosis found and did not retain depends "
+        "on it; sigma_mm takes the worst end of the recorded range. Add the column with the values that hold when the "
+        "programme runs."
+    ]
+
+
+def _ends(limits) -> str:
+    return f"{limits[0]:.4g} to {limits[1]:.4g}"
 
 
 def _left_by_joints(arm: CalibratedArm, found) -> list[str]:
