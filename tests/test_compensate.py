@@ -105,7 +105,9 @@ def test_compensated_readings_are_as_good_as_the_calibration(run, made):
 
 def test_what_the_model_misses_is_part_of_the_uncertainty(run, made, tmp_path):
     keys = json.loads((run[0] / "solution.json").read_text())
-    (tmp_path / "solution.json").write_text(json.dumps(keys | {"discrepancy_rms_mm": 0.3}))
+    larger = {"held_out": keys["held_out"] | {"rms_mm": 0.5}, "noise": {"rms_mm": 0.4}}
+    larger["noise"]["source"] = "stated"
+    (tmp_path / "solution.json").write_text(json.dumps(keys | larger))
     done = compensate(read_solution(tmp_path), targets(made))
     np.testing.assert_allclose(done.uncertainty_mm**2, done.sigma_mm**2 + 0.3**2)
     (tmp_path / "solution.json").write_text(json.dumps(keys | {"discrepancy_rms_mm": -0.3}))

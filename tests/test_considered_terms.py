@@ -21,6 +21,7 @@ from workbench.fitting.plans import geometry
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.compensate import compensate, considered_covariates, covariates_read
 from workbench.jobs.robot.correction_limits import Limits, judge_targets
+from workbench.jobs.robot.model_error import remaining_error_mm
 from workbench.jobs.robot.simulate import simulate
 
 SCENE = {
@@ -121,3 +122,16 @@ def test_a_missing_column_of_a_considered_term_counts_with_its_worst_value(recor
     assert not any(
         "approach3" in one for one in judge_targets(arm, programme, unknown, Limits()).warnings
     )
+
+
+def test_a_considered_term_that_is_there_counts_once(recording, tmp_path):
+    """It makes most of the held-out error, and sigma at the recorded poses is what it makes there."""
+    calibration, stages = calibrated(recording)
+    arm = arm_with([refused("backlash", "joint-3", 8.0)], calibration, stages, tmp_path)
+    readings, columns = recording.joints, {"approach3": recording.columns["approach3"]}
+    done = compensate(arm, readings, covariates=columns)
+    alone = compensate(replace(arm, considered=None), readings, covariates=columns)
+    added = np.sqrt((done.sigma_mm**2 - alone.sigma_mm**2).mean())
+    assert arm.considered.recorded_rms_mm == pytest.approx(added, rel=0.05)
+    assert remaining_error_mm(arm) < 0.7 * remaining_error_mm(replace(arm, considered=None))
+    assert np.sqrt((done.uncertainty_mm**2).mean()) < 1.3 * arm.held_out_mm

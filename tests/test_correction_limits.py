@@ -545,6 +545,35 @@ def test_without_a_known_noise_the_expected_error_says_what_it_contains(workbenc
     )
 
 
+def test_a_noise_that_the_held_out_error_refutes_is_not_subtracted(workbench, tmp_path):
+    """RMS 0.05 mm on 60 unseen samples refutes a noise of 0.075 mm; two samples would not."""
+    text = f"{JOINTS},payload_kg\n0,10,10,0,30,0,1\n"
+    held_out = {"rms_mm": 0.05, "samples": 60}
+    solution(tmp_path / "arm", noise_rms_mm=0.075, held_out=held_out)
+    answer, _, _ = answer_of(workbench, tmp_path, text, status=0)
+    assert answer["model_error_mm"] is None and answer["noise_mm"] is None
+    assert answer["verdict"]["residual"] >= 0.05 and answer["uncertainty_rms_mm"] >= 0.05
+    assert "0.075 mm (stated) is not subtracted" in answer["verdict"]["sentence"]
+    solution(tmp_path / "arm", noise_rms_mm=0.075, held_out=held_out, replicate_noise_rms_mm=0.03)
+    answer, _, _ = answer_of(workbench, tmp_path, text, status=0)
+    assert answer["noise_mm"] == 0.03 and answer["model_error_mm"] == pytest.approx(0.04)
+    assert "0.03 mm (from replicates)" in answer["verdict"]["sentence"]
+    solution(tmp_path / "arm", noise_rms_mm=0.075, held_out=held_out | {"samples": 2})
+    answer, _, _ = answer_of(workbench, tmp_path, text, status=0)
+    assert answer["noise_mm"] == 0.075 and answer["model_error_mm"] == 0
+
+
+def test_one_error_of_the_model_in_the_whole_answer(workbench, tmp_path):
+    """The uncertainty of each target and the verdict combine sigma with the same error of the model."""
+    solution(tmp_path / "arm", noise_rms_mm=0.03)
+    text = f"{JOINTS},payload_kg\n0,10,10,0,30,0,1\n"
+    answer, rows, _ = answer_of(workbench, tmp_path, text, status=0)
+    expected = (answer["model_error_mm"] ** 2 + answer["sigma_rms_mm"] ** 2) ** 0.5
+    assert float(rows[0]["uncertainty_mm"]) == pytest.approx(expected, rel=1e-3)
+    assert answer["verdict"]["residual"] == pytest.approx(expected, rel=1e-3)
+    assert "(RMS, 1 sigma) of the worst target" in answer["verdict"]["sentence"]
+
+
 def test_the_noise_of_replicates_is_that_of_the_calibration(workbench, tmp_path):
     noise = {"rms_mm": 0.049, "source": "from replicates"}
     solution(tmp_path / "arm", noise=noise, noise_rms_mm=None)

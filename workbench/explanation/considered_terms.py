@@ -53,7 +53,7 @@ def considered_terms(
         return None
     moments = _block_diagonal([moments for _, moments in blocks])
     effects = tuple(effect for term in likely for effect in term.finding.effects)
-    return Considered(effects, keys, _covariance(calibration, wider, keys, moments))
+    return Considered(effects, keys, *_covariance(calibration, wider, keys, moments))
 
 
 def _without_duplicates(terms: Sequence[Term], calibration: Calibration) -> list[Term]:
@@ -92,8 +92,10 @@ def _moments(
     return keys, chance * second
 
 
-def _covariance(calibration: Calibration, wider: Calibration, keys, moments) -> np.ndarray:
-    """(F + K, F + K) of the estimates and the considered parameters."""
+def _covariance(
+    calibration: Calibration, wider: Calibration, keys, moments
+) -> tuple[np.ndarray, float]:
+    """(F + K, F + K) of the estimates and the considered parameters, and RMS mm of these at the recorded poses."""
     estimated = _free(calibration)
     # with the sigma of the calibration, which its covariance has
     model = wider.model.with_chain(calibration.model.chain)
@@ -106,8 +108,17 @@ def _covariance(calibration: Calibration, wider: Calibration, keys, moments) -> 
     shift = -solution.known.covariance @ information[:count, count:] / solution.noise_scale**2
     both = np.concatenate([shift, np.eye(len(keys))])
     covariance = both @ moments @ both.T
+    # the normal matrix sums the squares of whitened residuals
+    share = float(np.sum(information * covariance)) / model.chain.sigma.size
+    recorded_rms_mm = _noise_distance(calibration) * np.sqrt(max(share, 0.0))
     covariance[:count, :count] += solution.covariance
-    return covariance
+    return covariance, float(recorded_rms_mm)
+
+
+def _noise_distance(calibration: Calibration) -> float:
+    """RMS mm of the distance that the sigmas make by which the calibration whitens positions."""
+    positions = calibration.model.chain.sigma[:3]
+    return float(np.sqrt((positions**2).sum(0).mean()))
 
 
 def _free(calibration: Calibration) -> list[str]:

@@ -14,12 +14,14 @@ from workbench.core.errors import InputError
 class Considered:
     """Effects whose K parameters `keys` stay at 0 and are uncertain.
 
-    `covariance` (F + K, F + K): of the F estimated parameters and these, in own units.
+    `covariance` (F + K, F + K): of the F estimated parameters and these, in own units. `recorded_rms_mm`: RMS
+    distance that they make at the recorded poses; 0 where an older version wrote the file.
     """
 
     effects: tuple[Effect, ...]
     keys: tuple[str, ...]
     covariance: np.ndarray
+    recorded_rms_mm: float = 0.0
 
     def as_json(self) -> dict:
         """What `read_considered` reads."""
@@ -31,6 +33,7 @@ class Considered:
             "effects": rows,
             "free": list(self.keys),
             "covariance": self.covariance.tolist(),
+            "recorded_rms_mm": self.recorded_rms_mm,
         }
 
 
@@ -42,7 +45,11 @@ def read_considered(keys: Mapping | None, estimated: int) -> Considered | None:
     effects = make_effects(CATALOGUE, [(row.pop("effect"), row.pop("where"), row) for row in rows])
     names = tuple(str(key) for key in keys["free"])
     size = estimated + len(names)
-    return Considered(effects, names, np.array(keys["covariance"], float).reshape(size, size))
+    covariance = np.array(keys["covariance"], float).reshape(size, size)
+    recorded = float(keys.get("recorded_rms_mm", 0.0))
+    if not recorded >= 0:
+        raise ValueError("considered.recorded_rms_mm")
+    return Considered(effects, names, covariance, recorded)
 
 
 def with_considered(arm, state):

@@ -95,6 +95,7 @@ def solution_keys(calibration, noise=None) -> dict:
         "converged": solution.converged,
         "noise_rms_mm": noise.stated_rms,
         "noise": _noise_keys(noise),
+        "replicate_noise_rms_mm": noise.replicates_rms,
         "discrepancy_rms_mm": noise.discrepancy_rms,
         "warnings": [*calibration.doubts, *noise.alarms],
         "outcome": solution.outcome,

@@ -66,6 +66,7 @@ Start = Annotated[
     ),
 ]
 _NAMED = 12
+_JUDGED = "expected position error (RMS, 1 sigma) of the worst target"
 
 
 def command(
@@ -174,6 +175,9 @@ def _changes(arm, programme, found) -> list[str]:
 
 def _summary(arm, found, refused) -> dict:
     """The main figures; errors are 3-D, of the flange, in mm."""
+    from workbench.jobs.robot.model_error import known_noise, model_error_mm
+
+    noise = known_noise(arm).noise
     reached = found.reached
     kept = reached.copy()
     kept[list(refused)] = False
@@ -197,11 +201,11 @@ def _summary(arm, found, refused) -> dict:
         "sigma_rms_mm": _rms(found.sigma_mm[kept]),
         "uncertainty_rms_mm": _rms(found.uncertainty_mm[kept]),
         "expected_error_mm": arm.held_out_mm,
-        "model_error_mm": _model_error(arm),
-        "noise_mm": _known_noise(arm.keys),
+        "model_error_mm": model_error_mm(arm),
+        "noise_mm": None if noise is None else float(noise.value),
         "nominal_error_mm": arm.keys["nominal"]["rms_mm"],
         "why_expected": "held-out RMS of the calibration, which contains the noise of the instrument; model_error_mm "
-        "is the same without it and remains at every target",
+        "is the same without it and without what considered terms make, and remains at every target",
     }
 
 
@@ -211,38 +215,47 @@ def _rows(chosen) -> list[int]:
 
 
 def _verdict(arm, found, refused, tolerances):
-    """The verdict on the largest expected error of a target: what the model misses and its uncertainty there.
+    """The verdict on the largest standard uncertainty of a target: what the model misses and its uncertainty there.
 
     The noise of the instrument is an error of the measurements and moves no arm: where it is known, it is not part of
     the expected error.
     """
     from workbench.fitting.verdicts.verdict import Residual, judge, no_verdict
+    from workbench.jobs.robot.model_error import known_noise, remaining_error_mm
 
     kept = found.reached.copy()
     kept[list(refused)] = False
     if not kept.any():
         return no_verdict("No target is corrected, so there is no error to judge.")
-    own = found.sigma_mm[kept] ** 2 + found.position_left_mm[kept] ** 2
-    model = _model_error(arm)
-    remaining = arm.held_out_mm if model is None else model
-    largest = math.hypot(remaining, math.sqrt(float(own.max())))
-    residual = Residual(largest, "mm", "largest expected position error", has_noise=False)
-    noise = _noise(arm.keys)
-    made = judge(residual, noise, tolerances)
-    return replace(made, sentence=f"{made.sentence} {_composition(remaining, own.max(), noise)}")
+    own = float((found.sigma_mm[kept] ** 2 + found.position_left_mm[kept] ** 2).max())
+    remaining = remaining_error_mm(arm)
+    largest = math.hypot(remaining, math.sqrt(own))
+    residual = Residual(largest, "mm", _JUDGED, has_noise=False)
+    known = known_noise(arm)
+    made = judge(residual, known.noise, tolerances)
+    return replace(made, sentence=f"{made.sentence} {_composition(remaining, own, known)}")
 
 
-def _composition(remaining: float, own: float, noise) -> str:
+def _composition(remaining: float, own: float, known) -> str:
     """What the largest expected error consists of, and where the noise of the instrument is."""
-    parts = f"{_remaining_words(remaining)} and {math.sqrt(own):.3g} mm of parameter uncertainty at the target"
-    if noise is None:
+    parts = (
+        f"It combines {_remaining_words(remaining)} and {math.sqrt(own):.3g} mm of uncertainty at that target "
+        "(parameters, extrapolation, effects found and not retained, inverse-kinematics residual)"
+    )
+    noise = known.noise
+    if noise is not None:
         return (
-            f"It combines {parts}. The first contains the noise of the instrument, which is not known: state sigma_mm "
-            "or repeat some poses to separate them."
+            f"{parts}; the noise of the instrument, {noise.value:.3g} mm ({noise.source}), is no error of the arm and "
+            "is not part of it."
+        )
+    if known.refuted is not None:
+        return (
+            f"{parts}. The noise of {known.refuted.value:.3g} mm ({known.refuted.source}) is not subtracted, since the "
+            "held-out error is significantly smaller: it is stated too large. Correct sigma_mm or repeat some poses."
         )
     return (
-        f"It combines {parts}; the noise of the instrument, {noise.value:.3g} mm ({noise.source}), is no error of the "
-        "arm and is not part of it."
+        f"{parts}. The first contains the noise of the instrument, which is not known: state sigma_mm or repeat some "
+        "poses to separate them."
     )
 
 
@@ -252,31 +265,6 @@ def _remaining_words(remaining: float) -> str:
         if remaining
         else "no error beyond the noise on unseen poses"
     )
-
-
-def _model_error(arm) -> float | None:
-    """RMS mm that the model misses on unseen poses, without the noise of the instrument; None where that is unknown."""
-    noise = _known_noise(arm.keys)
-    if noise is None:
-        return None
-    return math.sqrt(max(arm.held_out_mm**2 - noise**2, 0.0))
-
-
-def _known_noise(keys: Mapping) -> float | None:
-    """RMS mm of the noise of the instrument as a 3-D distance; None where it is neither stated nor estimated."""
-    noise = _noise(keys)
-    return None if noise is None else float(noise.value)
-
-
-def _noise(keys: Mapping):
-    """The noise that the verdict of the calibration used; older solutions hold only a stated one."""
-    from workbench.fitting.verdicts.verdict import Noise
-
-    known = keys.get("noise")
-    if known is not None:
-        return Noise(known["rms_mm"], known["source"])
-    stated = keys.get("noise_rms_mm")
-    return None if stated is None else Noise(stated)
 
 
 def _rms(values) -> float | None:

@@ -99,6 +99,14 @@ class NoiseReport:
         return None if found.stated is None else float(np.sqrt(found.components) * found.stated)
 
     @property
+    def replicates_rms(self) -> float | None:
+        """What the noise of replicates makes of the RMS distance, mm; None without replicates."""
+        found = self.findings
+        if found.replicates is None:
+            return None
+        return float(np.sqrt(found.components) * found.replicates.sigma)
+
+    @property
     def known_rms(self) -> tuple[float, str] | None:
         """What the noise makes of the RMS distance, mm, and how it is known: stated, else from replicates."""
         found = self.findings

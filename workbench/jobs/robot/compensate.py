@@ -24,6 +24,7 @@ from workbench.core.rigid import transform
 from workbench.files.considered import with_considered
 from workbench.files.solution_file import CalibratedArm
 from workbench.jobs.robot.extrapolation import extrapolation_mm
+from workbench.jobs.robot.model_error import remaining_error_mm
 
 _STEPS = 40
 # starts of the search for a posture, and where a joint without limits may start
@@ -43,9 +44,9 @@ class Compensated:
     for; `correction_mm` (n,) how far the real flange is from them at the nominal arm's readings, the larger of its
     position and of its orientation at a lever of 200 mm; `position_mm` and `rotation_deg` (n,) the two by themselves;
     `left_mm` (n,) what is left of it; `sigma_mm` (n,) 1 sigma of the 3-D place that the parameters'
-    uncertainty and the extrapolation of empirical functions make; `uncertainty_mm` (n,) that combined with the
-    discrepancy of the model, the RMS distance that the calibration left beyond its noise (GUM, JCGM 100:2008,
-    5.1.2); `reached` (n,) False where no reading within limits gets there, because the search found none or, where
+    uncertainty, considered terms and the extrapolation of empirical functions make; `uncertainty_mm` (n,) that combined
+    with the error of the model on unseen poses (`model_error.remaining_error_mm`; GUM, JCGM 100:2008, 5.1.2);
+    `reached` (n,) False where no reading within limits gets there, because the search found none or, where
     `beyond_limits` (n,), because the one it found is outside the limits of the joints.
 
     An arm that cannot move its flange in all six directions (`is_deficient`) has reached a target where nothing is left
@@ -112,7 +113,7 @@ def compensate(
         rotation,
         _larger(position_left, rotation_left),
         sigma,
-        np.hypot(sigma, arm.discrepancy_mm),
+        np.hypot(sigma, remaining_error_mm(arm)),
         reached,
         beyond,
         position_left,

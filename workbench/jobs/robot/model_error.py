@@ -1,0 +1,83 @@
+"""The error of a calibrated model at a target: what its held-out error leaves without noise and known uncertainty."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from workbench.core.distributions import chi2
+from workbench.files.solution_file import CalibratedArm
+from workbench.fitting.verdicts.verdict import REPLICATES, Noise
+
+_LEVEL = 0.001
+_THREE_COORDINATES = ("external-point", "external-pose")
+
+
+@dataclass(frozen=True)
+class KnownNoise:
+    """`noise` of the instrument as an RMS distance in mm, None where it is unknown or refuted.
+
+    `refuted`: a stated noise that is significantly above the held-out error; None where there is none.
+    """
+
+    noise: Noise | None
+    refuted: Noise | None = None
+
+
+def known_noise(arm: CalibratedArm) -> KnownNoise:
+    """The noise that a held-out error contains: stated, unless that error refutes it; then that of replicates.
+
+    A held-out error is the noise and errors of the model together. Chi-square test of its variance, one-sided at 0.1 %.
+    """
+    stated = _of_calibration(arm.keys)
+    if stated is None or not _is_refuted(arm, stated.value):
+        return KnownNoise(stated)
+    replicates = arm.keys.get("replicate_noise_rms_mm")
+    if replicates and not _is_refuted(arm, replicates):
+        return KnownNoise(Noise(float(replicates), REPLICATES), stated)
+    return KnownNoise(None, stated)
+
+
+def model_error_mm(arm: CalibratedArm) -> float | None:
+    """RMS mm that the model misses on unseen poses and that its uncertainty does not state; None: the noise is unknown.
+
+    The held-out error without the noise, and without what considered terms make at the recorded poses: that is part of
+    the uncertainty of every target.
+    """
+    noise = known_noise(arm).noise
+    return None if noise is None else _without(arm.held_out_mm, noise.value, _considered(arm))
+
+
+def remaining_error_mm(arm: CalibratedArm) -> float:
+    """RMS mm that a target has apart from `sigma_mm`: the error of the model, with the noise where that is unknown."""
+    error = model_error_mm(arm)
+    return _without(arm.held_out_mm, _considered(arm)) if error is None else error
+
+
+def _without(whole: float, *parts: float) -> float:
+    return math.sqrt(max(whole**2 - sum(part**2 for part in parts), 0.0))
+
+
+def _considered(arm: CalibratedArm) -> float:
+    return 0.0 if arm.considered is None else arm.considered.recorded_rms_mm
+
+
+def _of_calibration(keys: Mapping) -> Noise | None:
+    """The noise that the verdict of the calibration used; older solutions hold only a stated one."""
+    known = keys.get("noise")
+    if known is not None:
+        return Noise(known["rms_mm"], known["source"])
+    stated = keys.get("noise_rms_mm")
+    return None if stated is None else Noise(stated)
+
+
+def _is_refuted(arm: CalibratedArm, noise: float) -> bool:
+    """Whether the held-out error is significantly below a noise (mm); False where the number of samples is unknown."""
+    samples = arm.keys["held_out"].get("samples") or 0
+    coordinates = 3 if arm.keys.get("measures") in _THREE_COORDINATES else 1
+    degrees = samples * coordinates
+    if not degrees or not noise > 0:
+        return False
+    return bool(chi2.cdf(degrees * (arm.held_out_mm / noise) ** 2, degrees) < _LEVEL)
+
+
+__all__ = ["KnownNoise", "known_noise", "model_error_mm", "remaining_error_mm"]
