@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from datasets.checks import Context, check_samples
-from datasets.formats.table import Table
+from datasets.columns import GROUPS, TEXT
+from datasets.formats.table import Table, number_groups
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_toml
 
@@ -29,11 +30,11 @@ def from_arrays(
     joints_deg: (n, J) joint readings, deg (mm for a prismatic joint). points_mm: (n, 3) measured
     points in the frame of the instrument. quaternions: (n, 4) w x y z of the target, where poses
     are measured. sigma_mm: 1 sigma of a coordinate. columns: further columns of samples.csv, such
-    as `reflector`, `payload_kg`, `temperature_c` or `time_s`, each (n,).
+    as `reflector` (numbers or names), `payload_kg`, `temperature_c` or `time_s`, each (n,).
     Raises InputError where shapes do not agree, a robot file cannot be read, or a value cannot be a
     measurement (nan, a quaternion that is not of length 1); the sentence names row (from 0) and column.
     """
-    joints, points = np.asarray(joints_deg, float), np.asarray(points_mm, float)
+    joints, points = _numbers("joints_deg", joints_deg), _numbers("points_mm", points_mm)
     keys = _robot_keys(robot)
     n = len(points)
     if joints.ndim != 2 or len(joints) != n or points.shape != (n, 3):
@@ -45,17 +46,31 @@ def from_arrays(
     made |= dict(zip(_joint_names(keys, joints.shape[1]), joints.T))
     made |= {name: points[:, i] for i, name in enumerate(("x_mm", "y_mm", "z_mm"))}
     if quaternions is not None:
-        rotations = np.asarray(quaternions, float)
+        rotations = _numbers("quaternions", quaternions)
         if rotations.shape != (n, 4):
             raise InputError(
                 f"Recording.from_arrays: expected quaternions (n, 4) with w first, found {rotations.shape}"
             )
         made |= {name: rotations[:, i] for i, name in enumerate(("qw", "qx", "qy", "qz"))}
     for name, values in columns.items():
+        if name in made and name != "sample":
+            raise InputError(
+                f"{_CALLED}, {name}: expected a further column, found one of joints_deg, points_mm or quaternions; "
+                "leave it out"
+            )
         made[name] = _column(name, values, n)
     measures = "external-point" if quaternions is None else "external-pose"
-    _check(made, Context(measures, keys, sigma_mm=sigma_mm))
-    return kind(measures, made, keys, sigma_mm=sigma_mm, name="arrays")
+    _check_sigma(sigma_mm)
+    table = number_groups(Table(_CALLED, made, np.arange(n)), GROUPS)
+    check_samples(table, Context(measures, keys, sigma_mm=sigma_mm))
+    return kind(
+        measures,
+        dict(table.columns),
+        keys,
+        sigma_mm=sigma_mm,
+        name="arrays",
+        group_names=dict(table.names),
+    )
 
 
 def _joint_names(keys: Mapping, count: int) -> list[str]:
@@ -67,21 +82,72 @@ def _joint_names(keys: Mapping, count: int) -> list[str]:
 
 
 def _column(name: str, values, n: int) -> np.ndarray:
-    """(n,) float64, or text. Raises InputError for another length."""
-    cells = np.asarray(values)
+    """(n,) float64; text where a column may hold it. Raises InputError for another length or other values."""
+    may_be_text = name in (*TEXT, *GROUPS)
+    cells = _texts(name, values) if may_be_text else _numbers(name, values)
     if cells.shape not in ((), (n,)):
         raise InputError(
             f"{_CALLED}, {name}: expected one number or {n} of them, one for each row, found an array "
             f"{cells.shape}; select rows"
         )
-    cells = np.broadcast_to(cells, (n,))
-    return cells if cells.dtype.kind in "US" else cells.astype(float)
+    return np.broadcast_to(cells, (n,))
 
 
-def _check(columns: Mapping[str, np.ndarray], context: Context) -> None:
-    """Raise InputError for the first value that samples.csv could not hold; rows count from 0, samples from 1."""
-    rows = np.arange(len(columns["sample"]))
-    check_samples(Table(_CALLED, dict(columns), rows), context)
+def _texts(name: str, values) -> np.ndarray:
+    """An array of text where a value is text, else of float64. Raises InputError for text next to other values."""
+    cells = _array(name, values)
+    if cells.dtype.kind == "U" or not any(isinstance(cell, str) for cell in cells.flat):
+        return cells if cells.dtype.kind == "U" else _numbers(name, values)
+    other = next((cell for cell in cells.flat if not isinstance(cell, str)), None)
+    if not all(isinstance(cell, str) for cell in cells.flat):
+        raise _wrong_values(name, "names, or numbers", f"both ({other!r})", "name every row")
+    return cells.astype(str)
+
+
+def _numbers(name: str, values) -> np.ndarray:
+    """An array of float64; masked values are nan. Raises InputError for values that are no real numbers."""
+    if isinstance(values, np.ma.MaskedArray):
+        values = np.where(np.ma.getmaskarray(values), np.nan, values.data)
+    cells = _array(name, values)
+    remedy = "convert them to real numbers"
+    if cells.dtype.kind == "c":
+        raise _wrong_values(name, "real numbers", "complex ones", remedy)
+    texts = (
+        [cell for cell in cells.flat if isinstance(cell, str | bytes)] if _is_text(cells) else []
+    )
+    if texts:
+        raise _wrong_values(name, "numbers", f"text ({str(texts[0])!r})", remedy)
+    try:
+        return cells.astype(float)
+    except (TypeError, ValueError):
+        raise _wrong_values(name, "numbers", "other objects", remedy) from None
+
+
+def _is_text(cells: np.ndarray) -> bool:
+    return cells.dtype.kind in "USO"
+
+
+def _array(name: str, values) -> np.ndarray:
+    """The values as an array. Raises InputError for rows of different lengths."""
+    try:
+        return np.asarray(values)
+    except ValueError:
+        raise _wrong_values(
+            name, "rows of one length", "rows of different lengths", "complete them"
+        ) from None
+
+
+def _wrong_values(name: str, expected: str, found: str, remedy: str) -> InputError:
+    return InputError(f"{_CALLED}, {name}: expected {expected}, found {found}; {remedy}")
+
+
+def _check_sigma(sigma_mm) -> None:
+    """Raise InputError for a standard deviation that is no number above zero."""
+    is_number = isinstance(sigma_mm, int | float | np.number) and np.isreal(sigma_mm)
+    if sigma_mm is not None and not (is_number and 0 < sigma_mm < np.inf):
+        raise _wrong_values(
+            "sigma_mm", "a number above zero, or None", repr(sigma_mm), "state 1 sigma in mm"
+        )
 
 
 def _robot_keys(robot: str | Mapping) -> Mapping:

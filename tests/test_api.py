@@ -143,6 +143,52 @@ def test_a_recording_from_arrays_is_checked_like_a_file(recording):
         wb.Recording.from_arrays(recording.robot, joints, recording.points, payload_kg=[1.0, 2.0])
 
 
+@pytest.mark.parametrize(
+    ("columns", "found"),
+    [
+        ({"reflector": np.array(["a", None] * 50, dtype=object)}, "reflector: .*both"),
+        ({"payload_kg": ["2.0"] * 100}, "payload_kg: expected numbers, found text"),
+        ({"payload_kg": np.ones(100) * 1j}, "payload_kg: expected real numbers, found complex"),
+        ({"payload_kg": [[1], [1, 2]]}, "payload_kg: expected rows of one length"),
+        ({"payload_kg": np.array([{}] * 100, dtype=object)}, "expected numbers, found other obj"),
+        ({"sample": [f"p{k}" for k in range(100)]}, "sample: expected numbers, found text"),
+        ({"x_mm": np.zeros(100)}, "x_mm: expected a further column"),
+        ({"sigma_mm": -0.02}, "sigma_mm: expected a number above zero"),
+        ({"sigma_mm": float("nan")}, "sigma_mm: expected a number above zero"),
+        ({"sigma_mm": "0.02"}, "sigma_mm: expected a number above zero"),
+    ],
+)
+def test_wrong_values_of_arrays_are_a_sentence(recording, columns, found):
+    joints = np.rad2deg(recording.joints)
+    with pytest.raises(wb.InputError, match=f"from_arrays, .*{found}"):
+        wb.Recording.from_arrays(recording.robot, joints, recording.points, **columns)
+
+
+@pytest.mark.parametrize(
+    ("joints", "found"),
+    [
+        ([["a"] * 6] * 2, "joints_deg: expected numbers, found text"),
+        ([[1, 2], [1]], "joints_deg: expected rows of one length"),
+    ],
+)
+def test_wrong_joints_of_arrays_are_a_sentence(joints, found):
+    with pytest.raises(wb.InputError, match=found):
+        wb.Recording.from_arrays("ur10", joints, np.zeros((2, 3)))
+
+
+def test_names_of_reflectors_in_arrays_are_numbered_as_in_a_file(recording):
+    joints, names = np.rad2deg(recording.joints), ["b", "a"] * 50
+    made = wb.Recording.from_arrays(recording.robot, joints, recording.points, reflector=names)
+    assert made.columns["reflector"][:3].tolist() == [1, 2, 1]
+    assert made.group_names["reflector"] == ("b", "a")
+
+
+def test_masked_values_of_arrays_are_missing(recording):
+    points = np.ma.masked_greater(recording.points, recording.points.max() - 1)
+    with pytest.raises(wb.InputError, match="expected a finite number, found nan"):
+        wb.Recording.from_arrays(recording.robot, np.rad2deg(recording.joints), points)
+
+
 def test_a_recording_from_arrays_is_read_by_a_command(recording):
     joints = np.rad2deg(recording.joints)
     made = wb.Recording.from_arrays(recording.robot, joints, recording.points, 0.02)

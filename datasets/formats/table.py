@@ -57,9 +57,9 @@ def read_table(
     """
     suffix = path.suffix.lower()
     if suffix == ".csv":
-        table = _numbered(_read_csv(path, called, text + groups, blanks), groups)
+        table = number_groups(_read_csv(path, called, text + groups, blanks), groups)
     elif suffix in (".parquet", ".pq"):
-        table = _numbered(_read_parquet(path, called, text, groups), groups)
+        table = number_groups(_read_parquet(path, called, text, groups), groups)
     else:
         raise complaint(
             called, "a .csv or .parquet file", f"the ending {suffix or 'none'!r}", "save it as one"
@@ -71,7 +71,7 @@ def read_table(
     return table
 
 
-def _numbered(table: Table, groups: tuple[str, ...]) -> Table:
+def number_groups(table: Table, groups: tuple[str, ...]) -> Table:
     """The table with names of groups replaced by numbers 1, 2, ... in the order in which they first occur."""
     columns, names = dict(table.columns), {}
     for group in groups:
