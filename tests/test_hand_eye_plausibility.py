@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,12 @@ from scipy.spatial.transform import Rotation
 
 import datasets
 import hand_eye_recordings as recordings
-from sensors.hand_eye.relative_motions import equal_poses, relative_motions, scale_gap
+from sensors.hand_eye.relative_motions import (
+    displacement_px,
+    equal_poses,
+    relative_motions,
+    scale_gap,
+)
 from workbench.commands import cli
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, transform
@@ -108,6 +114,16 @@ def test_equal_poses_are_found_once():
     assert equal_poses(flange) == [(2, 5), (2, 9)]
 
 
+def test_a_rotation_of_the_board_about_its_middle_is_a_displacement():
+    x, y = np.meshgrid(np.arange(9) * 20.0, np.arange(6) * 20.0)
+    corners = np.stack([x.ravel() - 80, y.ravel() - 50])
+    rotated = Rotation.from_euler("z", 40, degrees=True).as_matrix()[:2, :2] @ corners
+    seen = [SimpleNamespace(index=np.arange(54), pixels=pixels) for pixels in (corners, rotated)]
+    assert displacement_px(*seen) > 20
+    reversed_order = SimpleNamespace(index=np.arange(54), pixels=corners[:, ::-1])
+    assert displacement_px(seen[0], reversed_order) == 0
+
+
 def changed(recording, change):
     columns = {
         name: change(cells.copy()) if name.startswith("flange_") else cells
@@ -182,7 +198,9 @@ def test_import_names_equal_poses_and_a_wrong_size(right, tmp_path, capsys):
     table = poses_table(changed(right, with_equal_rows), tmp_path / "equal.csv")
     words = ["import", images, str(table), "--board", "chessboard 9x6 8mm", "--out"]
     assert cli.run([*words, str(tmp_path / "a")]) == 2
-    assert "found one pose in 2 rows" in " ".join(capsys.readouterr().err.split())
+    assert "found the pose of an earlier row in 1 of 12 rows" in " ".join(
+        capsys.readouterr().err.split()
+    )
     words[2] = str(poses_table(right, tmp_path / "right.csv"))
     words[4] = "chessboard 9x6 8.32mm"
     answer = tmp_path / "answer.json"

@@ -92,16 +92,21 @@ def equal_poses(flange: np.ndarray) -> list[tuple[int, int]]:
 def displacement_px(first, second) -> float:
     """px, median displacement of the corners that two views of a board share; nan where they share none.
 
-    A board that looks the same after a rotation may be labelled otherwise: its centre counts, of equal sets of corners.
+    A board that looks the same after a rotation may be labelled in the other order: with equal sets of corners, each
+    corner is then compared with the nearest one.
     """
     shared, mine, its = np.intersect1d(first.index, second.index, return_indices=True)
     if not shared.size:
         return float("nan")
-    away = np.linalg.norm(first.pixels[:, mine] - second.pixels[:, its], axis=0)
-    centre = np.linalg.norm(first.pixels[:, mine].mean(1) - second.pixels[:, its].mean(1))
-    return float(
-        min(np.median(away), centre) if len(shared) == len(first.index) else np.median(away)
-    )
+    before, after = first.pixels[:, mine], second.pixels[:, its]
+    away = float(np.median(np.linalg.norm(before - after, axis=0)))
+    if len(shared) < len(first.index):
+        return away
+    between = np.linalg.norm(before[:, :, None] - after[:, None, :], axis=0)
+    nearest = between.argmin(1)
+    if len(np.unique(nearest)) < len(nearest):
+        return away
+    return min(away, float(np.median(between.min(1))))
 
 
 def wrong_equal_poses(flange: np.ndarray, views: Sequence) -> list[tuple[int, int, float]]:

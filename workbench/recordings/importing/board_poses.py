@@ -116,9 +116,9 @@ def _check_equal_poses(readings, views: BoardViews, rows: RawTable) -> None:
     first, later = wrong[0]
     numbers = [int(rows.lines[row]) for row in views.rows]
     raise InputError(
-        f"{rows.file}, rows {numbers[first]} and {numbers[later]}: expected the flange pose of each image, found one "
-        f"pose in {len(wrong) + 1} rows, although the board moved by {away[first, later]:.0f} mm between the images; "
-        f"{EQUAL_REMEDY}, or repeat with --trust-data."
+        f"{rows.file}, rows {numbers[first]} and {numbers[later]}: expected the flange pose of each image, found the "
+        f"pose of an earlier row in {len(wrong)} of {len(poses)} rows, although the board moved by "
+        f"{away[first, later]:.0f} mm between the images; {EQUAL_REMEDY}, or repeat with --trust-data."
     )
 
 
