@@ -64,9 +64,10 @@ class Job:
         return time.monotonic() - self.started
 
     def cancel(self) -> None:
-        """Interrupt the command, which then removes what it has written so far.
+        """Interrupt the command, and remove what it has written so far.
 
-        A command that does not end in time, as on a busy machine, is killed; what it has written is removed here.
+        A command that does not end in time, as on a busy machine, is killed. It removes its folder itself, but for an
+        interruption between making the folder and entering it.
         """
         if self._process.poll() is not None:
             return
@@ -77,7 +78,7 @@ class Job:
         except subprocess.TimeoutExpired:
             self._signal(signal.SIGKILL if os.name == "posix" else signal.SIGTERM)
             self._process.wait(_PATIENCE_S)
-            shutil.rmtree(self.out, ignore_errors=True)
+        shutil.rmtree(self.out, ignore_errors=True)
 
     def wait(self, timeout: float | None = None) -> str:
         """Wait until the command has ended; its state."""
