@@ -15,6 +15,7 @@ from sensors.hand_eye.relative_motions import (
     equal_poses,
     relative_motions,
     scale_gap,
+    wrong_equal_poses,
 )
 from workbench.commands import cli
 from workbench.core.errors import InputError
@@ -122,6 +123,17 @@ def test_a_rotation_of_the_board_about_its_middle_is_a_displacement():
     assert displacement_px(*seen) > 20
     reversed_order = SimpleNamespace(index=np.arange(54), pixels=corners[:, ::-1])
     assert displacement_px(seen[0], reversed_order) == 0
+
+
+@pytest.mark.parametrize(("mm", "is_wrong"), [(0.05, False), (5.0, True)])
+def test_a_pose_that_was_taken_twice_is_no_mistake_in_a_fine_image(mm, is_wrong):
+    """At 30 px/mm the repeatability of an arm moves the board of 40 mm by more than a pixel."""
+    x, y = np.meshgrid(np.arange(9) * 5.0, np.arange(6) * 5.0)
+    corners = 30 * np.stack([x.ravel(), y.ravel()])
+    shift = 30 * mm * np.array([[1.0], [1.0]])
+    seen = [SimpleNamespace(index=np.arange(54), pixels=one) for one in (corners, corners + shift)]
+    found = wrong_equal_poses(np.stack([np.eye(4)] * 2), seen)
+    assert bool(found) == is_wrong and displacement_px(*seen) > 2
 
 
 def changed(recording, change):

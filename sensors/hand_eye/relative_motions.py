@@ -17,8 +17,9 @@ from workbench.core.rigid import inverse, rotation_vector
 # rad: below it the axis of a rotation is uncertain; two poses that agree to this, and to this in mm, are one
 _LEAST_TURN = np.deg2rad(5.0)
 _SAME_RAD, _SAME_MM = np.deg2rad(0.002), 0.002
-# px by which a board that stands still, before a camera that stands still, moves in the image
-_STILL_PX = 2.0
+# Displacement of a board in the image up to which it stands still before a camera that stands still: px, and a share
+# of the board's extent in the image, which no arm's repeatability reaches (0.4 mm of a board of 40 mm).
+_STILL_PX, _STILL_SHARE = 2.0, 0.01
 _FEWEST_PAIRS = 10
 # a share of a length: more than an arm or a board of any quality makes
 _SCALE = 0.01
@@ -112,7 +113,13 @@ def displacement_px(first, second) -> float:
 def wrong_equal_poses(flange: np.ndarray, views: Sequence) -> list[tuple[int, int, float]]:
     """(first, later, px) of equal flange poses (P, 4, 4) between whose `views` (P) the board moves in the image."""
     found = [(a, b, displacement_px(views[a], views[b])) for a, b in equal_poses(flange)]
-    return [one for one in found if one[2] > _STILL_PX]
+    return [(a, b, px) for a, b, px in found if px > _still_px(views[a])]
+
+
+def _still_px(view) -> float:
+    """px up to which the board of a view stands still."""
+    extent = float(np.linalg.norm(np.ptp(view.pixels, axis=1)))
+    return max(_STILL_PX, _STILL_SHARE * extent)
 
 
 def equal_poses_sentence(wrong: Sequence[tuple[int, int, float]], names: Sequence[str]) -> str:
