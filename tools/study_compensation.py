@@ -178,8 +178,8 @@ measured point over the RMS uncertainty that `compensate` predicts; 1 is expecte
 
 The predicted uncertainty combines four things: the covariance of the estimated parameters; what terms make that the
 diagnosis found and did not retain; what error curves and smooth functions leave open beyond the recorded range; and the
-error of the model, the held-out RMS error beyond the noise. It does not hold an effect that the diagnosis did not find at
-all.
+error of the model, the held-out RMS error beyond the noise. It does not hold an effect that the diagnosis did not find
+at all.
 
 It is a standard uncertainty, and the errors of all targets of a scene come from the same thirty or so parameters.
 Their RMS therefore scatters by a sixth about the prediction, and a model with the right terms is above {limit} in about
