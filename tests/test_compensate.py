@@ -109,7 +109,12 @@ def test_what_the_model_misses_is_part_of_the_uncertainty(run, made, tmp_path):
     larger["noise"]["source"] = "stated"
     (tmp_path / "solution.json").write_text(json.dumps(keys | larger))
     done = compensate(read_solution(tmp_path), targets(made))
-    np.testing.assert_allclose(done.uncertainty_mm**2, done.sigma_mm**2 + 0.3**2)
+    held_out = keys["held_out"]
+    fitted = held_out["samples"] * (1 - 1 / held_out["folds"])
+    uncertain = 0.4**2 * len(read_solution(tmp_path).free) / (3 * fitted)  # sigma^2 p/n
+    remaining = done.uncertainty_mm**2 - done.sigma_mm**2
+    np.testing.assert_allclose(remaining, remaining[0])
+    assert 0.3**2 - uncertain <= remaining[0] < 0.3**2 - 0.3 * uncertain
     (tmp_path / "solution.json").write_text(json.dumps(keys | {"discrepancy_rms_mm": -0.3}))
     with pytest.raises(
         InputError, match="key discrepancy_rms_mm: expected a distance of 0 or more"

@@ -556,7 +556,9 @@ def test_a_noise_that_the_held_out_error_refutes_is_not_subtracted(workbench, tm
     assert "0.075 mm (stated) is not subtracted" in answer["verdict"]["sentence"]
     solution(tmp_path / "arm", noise_rms_mm=0.075, held_out=held_out, replicate_noise_rms_mm=0.03)
     answer, _, _ = answer_of(workbench, tmp_path, text, status=0)
-    assert answer["noise_mm"] == 0.03 and answer["model_error_mm"] == pytest.approx(0.04)
+    parameters = 0.03**2 * len(read_solution(tmp_path / "arm").free) / (3 * 60 * (1 - 1 / 2))
+    expected = (0.05**2 - 0.03**2 - parameters) ** 0.5
+    assert answer["noise_mm"] == 0.03 and answer["model_error_mm"] == pytest.approx(expected)
     assert "0.03 mm (from replicates)" in answer["verdict"]["sentence"]
     solution(tmp_path / "arm", noise_rms_mm=0.075, held_out=held_out | {"samples": 2})
     answer, _, _ = answer_of(workbench, tmp_path, text, status=0)

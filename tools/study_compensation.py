@@ -182,8 +182,8 @@ error of the model, the held-out RMS error beyond the noise. It does not hold an
 at all.
 
 It is a standard uncertainty, and the errors of all targets of a scene come from the same thirty or so parameters.
-Their RMS therefore scatters by a sixth about the prediction, and a model with the right terms is above {limit} in about
-one of twelve scenes. The expected number follows from the covariance of each scene.
+Their RMS therefore scatters by a sixth about the prediction, and a model with the right terms is above {limit} in some
+scenes. The expected number follows from the covariance of each scene.
 
 Scene 5009 had a ratio of 10.3 and led to changes of the search and of the predicted uncertainty, so that the
 population is not unseen any more. On 20 other scenes, with 60 to 200 poses and run once after these changes, 15 were

@@ -205,7 +205,8 @@ def _summary(arm, found, refused) -> dict:
         "noise_mm": None if noise is None else float(noise.value),
         "nominal_error_mm": arm.keys["nominal"]["rms_mm"],
         "why_expected": "held-out RMS of the calibration, which contains the noise of the instrument; model_error_mm "
-        "is the same without it and without what considered terms make, and remains at every target",
+        "is the same without it and without what uncertain parameters and considered terms make, and remains at every "
+        "target",
     }
 
 

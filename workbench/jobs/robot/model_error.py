@@ -4,12 +4,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from workbench.core.distributions import chi2
 from workbench.files.solution_file import CalibratedArm
 from workbench.fitting.verdicts.verdict import REPLICATES, Noise
 
 _LEVEL = 0.001
 _THREE_COORDINATES = ("external-point", "external-pose")
+_MEASURED_POINTS = (*_THREE_COORDINATES, "ball-centre")
 
 
 @dataclass(frozen=True)
@@ -40,11 +43,15 @@ def known_noise(arm: CalibratedArm) -> KnownNoise:
 def model_error_mm(arm: CalibratedArm) -> float | None:
     """RMS mm that the model misses on unseen poses and that its uncertainty does not state; None: the noise is unknown.
 
-    The held-out error without the noise, and without what considered terms make at the recorded poses: that is part of
-    the uncertainty of every target.
+    The held-out error without the noise, and without what the uncertainty of the parameters and considered terms make
+    at the recorded poses: both are part of the uncertainty of every target.
     """
     noise = known_noise(arm).noise
-    return None if noise is None else _without(arm.held_out_mm, noise.value, _considered(arm))
+    if noise is None:
+        return None
+    return _without(
+        arm.held_out_mm, noise.value, _of_parameters(arm, noise.value), _considered(arm)
+    )
 
 
 def remaining_error_mm(arm: CalibratedArm) -> float:
@@ -55,6 +62,26 @@ def remaining_error_mm(arm: CalibratedArm) -> float:
 
 def _without(whole: float, *parts: float) -> float:
     return math.sqrt(max(whole**2 - sum(part**2 for part in parts), 0.0))
+
+
+def _of_parameters(arm: CalibratedArm, noise: float) -> float:
+    """RMS mm of what the uncertainty of the parameters makes of the held-out error.
+
+    The mean variance of a prediction at the n fitted measurements is that of the noise times p/n, the mean of the
+    hat matrix's diagonal (Hoaglin & Welsch, Am. Stat. 32 (1978) 17); a fold fits n less its own. p: effective number of
+    parameters, each less the share of its prior in its precision. 0 where the number of measurements is unknown.
+    """
+    folds = max(arm.keys["held_out"].get("folds") or 0, 2)
+    samples = (arm.keys["held_out"].get("samples") or 0) * (1 - 1 / folds)
+    if not samples or arm.keys.get("measures") not in _MEASURED_POINTS:
+        return 0.0
+    priors = arm.keys.get("priors", {})
+    variances = np.diag(arm.covariance)
+    shares = [
+        v / priors[key] ** 2 if priors.get(key) else 0.0 for key, v in zip(arm.free, variances)
+    ]
+    effective = sum(max(1.0 - share, 0.0) for share in shares)
+    return noise * math.sqrt(effective / (3 * samples))
 
 
 def _considered(arm: CalibratedArm) -> float:
