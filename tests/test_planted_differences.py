@@ -29,8 +29,8 @@ def test_the_made_recording_is_the_nominal_arm_but_for_what_was_planted():
 def test_attribution_over_a_fixed_population():
     """Ten scenes, one of every combination, with seeds that were fixed before any of them was run.
 
-    The published table (docs/studies/differences.md) has 45 of 48 right: with that share, fewer than eight of ten
-    have a probability of 2 %.
+    The published table (docs/studies/differences.md) has 58 of 60 right: with that share, fewer than eight of ten
+    have a probability of 0.4 %.
     """
     import study_differences
 
