@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from conftest import ROOT
-from workbench.core.distributions import chi2, fisher, norm, student
+from workbench.core.distributions import chi2, fisher, norm, signed_rank_sf, student
 
 X = np.array([-1.0, 0.0, 0.3, 1.0, 4.0, 30.0, 200.0])
 P = np.array([1e-12, 1e-6, 0.05, 0.5, 0.9, 0.999])
@@ -41,6 +41,22 @@ def test_normal_and_student():
         np.testing.assert_allclose(
             student.isf(P, degrees), stats.t.isf(P, degrees), rtol=1e-7, atol=1e-12
         )
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 10, 50, 51, 200])
+def test_signed_ranks(count):
+    rng = np.random.default_rng(count)
+    for shift in (-0.5, 0.0, 0.4, 2.0):
+        differences = rng.normal(shift, 1.0, count)
+        expected = stats.wilcoxon(differences, alternative="greater").pvalue
+        assert signed_rank_sf(differences) == pytest.approx(expected, rel=1e-9)
+
+
+def test_signed_ranks_with_ties_and_zeros():
+    differences = np.array([0.0, 1.0, 1.0, -1.0, 2.0, 3.0, 3.0, -2.0, 0.0, 5.0, 6.0, 7.0])
+    expected = stats.wilcoxon(differences, alternative="greater", method="asymptotic").pvalue
+    assert signed_rank_sf(differences) == pytest.approx(expected, rel=1e-9)
+    assert signed_rank_sf(np.zeros(6)) == 1.0
 
 
 def test_what_every_command_loads_is_without_scipy_stats():

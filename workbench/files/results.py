@@ -211,9 +211,6 @@ def save_arrows(calibration, folder: Path) -> None:
     Columns sample, pose, x_mm, y_mm, z_mm and dx_mm, dy_mm, dz_mm: the held-out residual where there is one, else
     that of the fit.
     """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     recording = calibration.recording
     columns = {"sample": recording.sample_ids, "pose": recording.poses}
     columns |= {
@@ -223,11 +220,24 @@ def save_arrows(calibration, folder: Path) -> None:
         f"d{axis}_mm": row
         for axis, row in zip("xyz", np.asarray(calibration.residual_in_root, float))
     }
-    pq.write_table(
-        pa.table({name: np.ascontiguousarray(values) for name, values in columns.items()}),
-        folder / ARROWS,
-        write_page_checksum=True,
-    )
+    _write_parquet(columns, folder / ARROWS)
+
+
+def _write_parquet(columns: dict[str, np.ndarray], path: Path) -> None:
+    """Write columns (n,) of numbers as Parquet with page checksums.
+
+    From their memory: pyarrow imports pandas to find out what an array is, a quarter of a second in every command.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    arrays = []
+    for values in columns.values():
+        held = np.ascontiguousarray(values)
+        kind = pa.from_numpy_dtype(held.dtype)
+        arrays.append(pa.Array.from_buffers(kind, len(held), [None, pa.py_buffer(held)]))
+    table = pa.Table.from_arrays(arrays, names=list(columns))
+    pq.write_table(table, path, write_page_checksum=True)
 
 
 def _residual_columns(calibration):

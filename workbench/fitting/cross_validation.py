@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from workbench.core.distributions import signed_rank_sf
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
@@ -98,9 +99,7 @@ class HeldOut:
         t = falls.mean() / max(falls.std(ddof=1) / np.sqrt(len(falls)), 1e-300)
         if t > 2:
             return True
-        from scipy.stats import wilcoxon  # takes half a second to import
-
-        return bool(wilcoxon(falls, alternative="greater").pvalue < 0.05)
+        return signed_rank_sf(falls) < 0.05
 
     def is_materially_worse_than(self, other: "HeldOut") -> bool:
         """Whether the mean square is larger by more than `_MATERIAL` of it, whichever folds that comes from.
