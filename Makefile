@@ -51,6 +51,7 @@ check: $(VENV)/.test
 	$(BIN)/python tools/check_names.py
 	$(BIN)/python tools/check_language.py
 	$(BIN)/python tools/effects_page.py --check
+	$(BIN)/python tools/api_stub.py --check
 
 fuzz: $(VENV)/.test
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tools/fuzz.py --inputs 20000 --minutes 600
@@ -60,7 +61,6 @@ language: $(VENV)/.test
 
 docs: $(VENV)/.docs
 	$(BIN)/python tools/commands_page.py
-	$(BIN)/python tools/api_page.py
 	$(BIN)/python tools/schema_page.py
 	$(BIN)/mkdocs build --strict --quiet
 	@echo site/index.html

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from datasets.columns import BOOKKEEPING, FLANGE, MEASURED, OTHER, SIGMAS, joint_columns
 from datasets.errors import complaint
@@ -13,7 +14,17 @@ from workbench.core.rigid import transform
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Samples of one arm, all in file units (deg, mm); the properties below are in rad and mm."""
+    """Samples of one arm, all in file units (deg, mm); the properties are in rad and mm.
+
+    Examples:
+        >>> recording = wb.load_example("elastic-arm")
+        >>> recording.measures, recording.n, recording.points.shape
+        ('ball-centre', 300, (300, 3))
+        >>> joints_deg = np.rad2deg(recording.joints)
+        >>> made = wb.Recording.from_arrays(recording.robot, joints_deg, recording.points, sigma_mm=0.02)
+        >>> made.select(np.arange(10)).n
+        10
+    """
 
     measures: str
     """What a sample is: "ball-centre", "external-point", … (`datasets.columns.KINDS`)."""
@@ -22,6 +33,7 @@ class Recording:
     robot: Mapping
     """Keys of robot.toml, or {"builtin": name}, or {"urdf": path, "joints": [...], "tip": link}."""
     title: str = ""
+    """One line that says what was measured."""
     sigma_mm: float | None = None
     """1 sigma of one measured coordinate; None where unknown."""
     balls: Mapping[int, tuple[float, float, float, float]] = field(default_factory=dict)
@@ -31,10 +43,15 @@ class Recording:
     board: Mapping | None = None
     """Keys of [board]; `fixed_to` is "tool" where the arm holds the board and the camera stands."""
     guess: Mapping = field(default_factory=dict)
+    """Keys of [guess]: start values of the fit."""
     name: str = ""
+    """Name of the recording, for messages."""
     folder: Path | None = None
+    """Folder that it was read from; None for one in memory."""
     source: str = ""
+    """Where the measurements are from."""
     licence: str = ""
+    """Licence of the measurements."""
     sha256: str = ""
     """Of the files that the numbers were read from."""
     warnings: tuple[str, ...] = ()
@@ -142,8 +159,28 @@ class Recording:
         return {k: v for k, v in self.columns.items() if k not in known and v.dtype.kind == "f"}
 
     @classmethod
-    def from_arrays(cls, robot, joints_deg, points_mm, sigma_mm=None, **more) -> "Recording":
-        """A recording from arrays: see `datasets.from_arrays.from_arrays` for shapes and units."""
+    def from_arrays(
+        cls,
+        robot: str | Mapping,
+        joints_deg: ArrayLike,
+        points_mm: ArrayLike,
+        sigma_mm: float | None = None,
+        **more: ArrayLike,
+    ) -> "Recording":
+        """A recording of points or poses that an external instrument measured, from arrays in memory.
+
+        Args:
+            robot: Name of a built-in robot, path of a robot.toml or URDF, or the keys of a robot.toml.
+            joints_deg: (n, J) joint readings, deg (mm for a prismatic joint).
+            points_mm: (n, 3) measured points in the frame of the instrument, mm.
+            sigma_mm: 1 sigma of one measured coordinate, mm; None where unknown.
+            **more: `quaternions` (n, 4) w x y z where poses are measured, and further columns of samples.csv, each
+                (n,): `reflector` (numbers or names), `payload_kg`, `temperature_c`, `time_s`, ...
+
+        Raises:
+            InputError: Shapes do not agree, the robot cannot be read, or a value cannot be a measurement; the
+                sentence names row (from 0) and column.
+        """
         from datasets.from_arrays import from_arrays
 
         return from_arrays(cls, robot, joints_deg, points_mm, sigma_mm, **more)

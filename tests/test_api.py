@@ -109,7 +109,7 @@ def test_an_array_of_joint_readings_becomes_a_table_of_targets(tmp_path):
 
     path = as_argument(np.array([[1.0, 2.0], [3.0, 4.5]]), "targets", tmp_path)
     assert path.read_text() == "q1_deg,q2_deg\n1.0,2.0\n3.0,4.5\n"
-    with pytest.raises(wb.InputError, match="one row for each target"):
+    with pytest.raises(wb.InputError, match="with one row for each"):
         as_argument(np.zeros(3), "targets", tmp_path)
 
 

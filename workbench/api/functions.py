@@ -12,17 +12,19 @@ import json
 import tempfile
 import typing
 from collections.abc import Callable
+from enum import Enum
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 
 import typer
 
-from workbench.api.examples import example
-from workbench.api.inputs import as_argument, sample_list
-from workbench.api.results import Result
+from workbench.api.inputs import as_argument, sample_list, sources_list
+from workbench.api.results import ANSWER, SUMMARY, Result
+from workbench.api.signatures import docstring_of, plain_type, signature_of
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_json
+from workbench.files import runs
 from workbench.machine.processes import limited_blas_threads
 
 COMMANDS = {
@@ -56,6 +58,7 @@ COMMANDS = {
 
 `workbench open` serves pages until it is interrupted and has no answer, therefore it has no function."""
 _SAMPLE_LISTS = ("fit_samples", "test_samples")
+_PROCESSES = ("jobs", "workers")
 
 
 @cache
@@ -63,19 +66,16 @@ def function(name: str) -> Callable[..., Result]:
     """The function of a command, with its parameters, defaults and a docstring that explains each."""
     module, _, attribute = COMMANDS[name].partition(":")
     command = getattr(import_module(f"workbench.commands.{module}"), attribute or "command")
-    own = inspect.signature(command)
-    parameters = [parameter for parameter in own.parameters.values() if parameter.name != "json"]
+    signature = signature_of(command, Result)
 
     def call(*args, **options) -> Result:
         bound = signature.bind(*args, **options)
         return run(command, bound.arguments)
 
-    plain = [_without_typer(parameter) for parameter in parameters]
-    signature = inspect.Signature(plain, return_annotation=Result)
     call.__signature__ = signature
     call.__name__ = call.__qualname__ = name
     call.__module__ = "workbench"
-    call.__doc__ = _docstring(command, parameters, name)
+    call.__doc__ = docstring_of(command, name)
     return call
 
 
@@ -85,30 +85,42 @@ def run(command: Callable, arguments: dict) -> Result:
     folder = Path(owner.name)
     accepted = inspect.signature(command).parameters
     given = {
-        name: _as_path(_argument(name, value, folder), accepted[name])
+        name: _converted(_argument(name, value, folder), accepted[name])
         for name, value in arguments.items()
     }
-    if "out" in accepted and given.get("out") is None and accepted["out"].default is None:
+    if "out" in accepted and given.get("out") is None and _is_run_folder(accepted["out"]):
         given["out"] = folder / "run"
-    if "jobs" in accepted and "jobs" not in given:
-        given["jobs"] = (
-            1  # worker processes import the caller's script again, which may not expect it
-        )
+    for (
+        name
+    ) in _PROCESSES:  # worker processes import the caller's script again, which may not expect it
+        if name in accepted and given.get(name) is None:
+            given[name] = 1
     answer_file = folder / "answer.json"
     if "json" in accepted:
         given["json"] = str(answer_file)
     text, status = io.StringIO(), 0
-    with contextlib.redirect_stdout(text), limited_blas_threads():
+    with contextlib.redirect_stdout(text), limited_blas_threads(), runs.placed_in(folder):
         try:
             command(**given)
         except typer.Exit as end:
             status = end.exit_code
     answer = json.loads(answer_file.read_text(encoding="utf-8")) if answer_file.exists() else {}
-    out = given.get("out")
-    written = Path(out) if out is not None and Path(out).is_dir() else None
-    return Result(
-        answer, written, _without_path(text.getvalue(), folder), status == 0, function, owner
-    )
+    printed = _without_path(text.getvalue(), folder)
+    return Result(answer, _folder_of(answer, given), printed, status == 0, function, owner)
+
+
+def _is_run_folder(out: inspect.Parameter) -> bool:
+    """Whether --out names an optional folder, and not a file."""
+    extras = getattr(out.annotation, "__metadata__", ())
+    return out.default is None and not any("FILE" in str(extra.metavar) for extra in extras)
+
+
+def _folder_of(answer: dict, given: dict) -> Path | None:
+    """The run folder: what the command says, else the folder of its parameter `out`."""
+    for place in (answer.get("run"), given.get("out")):
+        if isinstance(place, str | Path) and Path(place).is_dir():
+            return Path(place)
+    return None
 
 
 def _without_path(text: str, folder: Path) -> str:
@@ -122,16 +134,25 @@ def _without_path(text: str, folder: Path) -> str:
 def load(folder: str | Path) -> Result:
     """The result in a run folder, of a command line or of `Result.save`.
 
-    Raises InputError where the folder has no answer.json.
+    Raises:
+        InputError: The folder has no answer.json.
+
+    Examples:
+        >>> wb.calibrate("elastic-arm", plan="ye-mdh", folds=4, out="arm").samples
+        300
+        >>> wb.load("arm").recording
+        'elastic-arm'
     """
-    path = Path(folder) / "answer.json"
+    path = Path(folder) / ANSWER
     try:
         answer = read_json(path)
     except (OSError, ContentError) as error:
         raise InputError(
             f"{path}: expected the answer of a workbench command, found {error}; name a run folder"
         ) from error
-    return Result(answer, Path(folder), commands=function)
+    text = Path(folder) / SUMMARY
+    said = text.read_text(encoding="utf-8") if text.exists() else ""
+    return Result(answer, Path(folder), said, commands=function)
 
 
 def _argument(name: str, value, folder: Path):
@@ -141,41 +162,32 @@ def _argument(name: str, value, folder: Path):
         return [value] if isinstance(value, str) else value
     if name == "out" and value is not None:
         return Path(value)
+    if name == "sources":
+        return sources_list(value, folder)
+    if isinstance(value, list):
+        return [as_argument(item, f"{name}-{k}", folder) for k, item in enumerate(value, 1)]
     return as_argument(value, name, folder)
 
 
-def _as_path(value, parameter: inspect.Parameter):
-    """Text as a path, where the command takes a path or a list of them."""
-    wanted = _without_typer(parameter).annotation
+def _converted(value, parameter: inspect.Parameter):
+    """Text as a path or as the member of an enumeration, where the command takes one; lists likewise."""
+    wanted = plain_type(parameter)
     kinds = {wanted, *typing.get_args(wanted)}
+    if isinstance(value, str) and isinstance(wanted, type) and issubclass(wanted, Enum):
+        return _member(value, wanted, parameter.name)
     if isinstance(value, str) and Path in kinds and str not in kinds:
         return Path(value)
-    if isinstance(value, list | tuple) and any(typing.get_args(kind) == (Path,) for kind in kinds):
-        return [Path(item) for item in value]
-    return value
+    if isinstance(value, list | tuple):
+        if any(typing.get_args(kind) == (Path,) for kind in kinds):
+            return [Path(item) for item in value]
+        if any(typing.get_args(kind) == (str,) for kind in kinds):
+            return [str(item) for item in value]
+    return str(value) if isinstance(value, Path) and str in kinds and Path not in kinds else value
 
 
-def _without_typer(parameter: inspect.Parameter) -> inspect.Parameter:
-    """The parameter with its plain type; required ones stay positional."""
-    annotation = parameter.annotation
-    if typing.get_origin(annotation) is typing.Annotated:
-        annotation = typing.get_args(annotation)[0]
-    return parameter.replace(annotation=annotation)
-
-
-def _docstring(command: Callable, parameters, name: str) -> str:
-    """The description of the command, one line for each parameter, and an example."""
-    lines = [inspect.cleandoc(command.__doc__ or ""), "", "Args:"]
-    for parameter in parameters:
-        lines.append(f"    {parameter.name}: {_help(parameter)}")
-    lines += ["", "Returns:", "    The answer as a `Result`.", "", "Raises:"]
-    lines.append("    InputError: the input or the call is wrong; the sentence says what to do.")
-    lines += example(name)
-    return "\n".join(lines)
-
-
-def _help(parameter: inspect.Parameter) -> str:
-    for extra in getattr(parameter.annotation, "__metadata__", ()):
-        if getattr(extra, "help", None):
-            return extra.help
-    return "see the command"
+def _member(value: str, wanted: type[Enum], name: str) -> Enum:
+    try:
+        return wanted(value)
+    except ValueError as error:
+        known = ", ".join(str(member.value) for member in wanted)
+        raise InputError(f"{name}: expected one of {known}, found {value}; name one") from error

@@ -13,8 +13,8 @@ def as_argument(value, name: str, folder: Path):
     """What a command takes for a Python value.
 
     value: a path, a text, a number, a `Recording`, a result of this API, a DataFrame or an array of
-    joint readings in degrees (n, J). name: of the parameter; folder: where files are written for
-    values that exist only in memory. Raises InputError for values of another type.
+    joint readings in degrees (n, J), or of points (n, 3) in mm for `source` and `target`. name: of the parameter;
+    folder: where files are written for values that exist only in memory. Raises InputError for arrays of another shape.
     """
     if hasattr(value, "answer") and hasattr(value, "folder"):
         return _run_of(value, name)
@@ -25,8 +25,15 @@ def as_argument(value, name: str, folder: Path):
         value.to_csv(path, index=False)
         return path
     if isinstance(value, np.ndarray):
-        return _written_readings(value, name, folder)
+        return _written_array(value, name, folder)
     return value
+
+
+def sources_list(values, folder: Path) -> list:
+    """Sources of an import: one or several files, folders or tables; a table becomes a file."""
+    if isinstance(values, (str, Path)) or hasattr(values, "to_csv"):
+        values = [values]
+    return [as_argument(value, f"table-{k}", folder) for k, value in enumerate(values, 1)]
 
 
 def sample_list(values: Sequence[int] | Path | str | None, name: str, folder: Path) -> Path | None:
@@ -58,13 +65,18 @@ def _written_recording(recording, folder: Path) -> Path:
     return path
 
 
-def _written_readings(values: np.ndarray, name: str, folder: Path) -> Path:
-    if values.ndim != 2:
+_POINTS = ("source", "target")
+
+
+def _written_array(values: np.ndarray, name: str, folder: Path) -> Path:
+    if values.ndim != 2 or (name in _POINTS and values.shape[1] != 3):
+        wanted = "points (n, 3) in mm" if name in _POINTS else "joint readings in degrees (n, J)"
         raise InputError(
-            f"{name}: expected an array of joint readings in degrees with one row for each target, "
-            f"found {values.ndim} dimensions; reshape it"
+            f"{name}: expected an array of {wanted}, with one row for each, found shape {values.shape}; reshape it"
         )
-    header = [f"q{k}_deg" for k in range(1, values.shape[1] + 1)]
+    header = ["x_mm", "y_mm", "z_mm"]
+    if name not in _POINTS:
+        header = [f"q{k}_deg" for k in range(1, values.shape[1] + 1)]
     path = folder / f"{name}.csv"
     path.write_text(csv_text(header, values.tolist()), encoding="utf-8")
     return path

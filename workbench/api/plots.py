@@ -4,8 +4,6 @@ import base64
 
 import numpy as np
 
-from workbench.core.errors import InputError
-
 _KINDS = ("nominal", "fit", "held_out", "before", "after")
 
 
@@ -41,11 +39,12 @@ def _errors(result) -> dict[str, np.ndarray]:
 
 
 def _summary_image(result):
+    """The summary image of the run folder as a figure, or the main table where there is none."""
     import plotly.graph_objects as go
 
     path = None if result.folder is None else result.folder / "summary.png"
     if path is None or not path.exists():
-        raise InputError(f"the result of {result.command} has nothing to plot; print it instead")
+        return _table(result.to_frame())
     source = "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode()
     figure = go.Figure()
     figure.add_layout_image(
@@ -54,3 +53,17 @@ def _summary_image(result):
     figure.update_xaxes(visible=False)
     figure.update_yaxes(visible=False)
     return figure
+
+
+def _table(frame):
+    """A figure with the columns of a DataFrame that hold one number or text a row; numbers with four digits."""
+    import plotly.graph_objects as go
+
+    cells = {}
+    for name, column in frame.items():
+        values = column.tolist()
+        if not any(isinstance(value, list | dict) for value in values):
+            cells[str(name)] = [f"{v:.4g}" if isinstance(v, float) else v for v in values]
+    return go.Figure(
+        go.Table(header={"values": list(cells)}, cells={"values": list(cells.values())})
+    )

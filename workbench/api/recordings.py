@@ -1,13 +1,44 @@
 """Recordings for the Python API: read from a folder or by name."""
 
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-def read(recording, trust_data: bool = False):
-    """The recording in a folder, or of a known name. Raises InputError."""
+if TYPE_CHECKING:
+    from datasets.recording import Recording
+
+
+def read(recording: str | Path, trust_data: bool = False) -> "Recording":
+    """The recording in a folder, or of a known name (`wb.datasets()` lists them).
+
+    Args:
+        recording: Folder with a recording.toml, or a known name.
+        trust_data: Warn instead of refusing where the recorded data are implausible.
+
+    Returns:
+        The samples in file units (deg, mm); its properties are in rad and mm.
+
+    Raises:
+        InputError: A file is missing, or a value cannot be a measurement; the sentence names file, row and column.
+
+    Examples:
+        >>> template = wb.new("external-point", "my-robot", robot="ur10")
+        >>> wb.read("my-robot").points.shape
+        (36, 3)
+    """
     import datasets
 
     return datasets.read(recording, trust_data)
 
 
-def load_example(name: str = "elastic-arm"):
-    """A recording that comes with the workbench, or another known one. Raises InputError."""
+def load_example(name: str = "elastic-arm") -> "Recording":
+    """A recording that comes with the workbench, or another known one.
+
+    Raises:
+        InputError: The name is unknown, or the recording is not on this machine.
+
+    Examples:
+        >>> recording = wb.load_example("elastic-arm")
+        >>> recording.n, recording.joints.shape
+        (300, (300, 6))
+    """
     return read(name)

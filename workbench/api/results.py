@@ -1,13 +1,16 @@
 """Results of the Python API: the answer of a command, its tables, and its run folder."""
 
 import html
+import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from workbench.api.answers import TABLES
 from workbench.core.errors import InputError
 
+ANSWER, SUMMARY = "answer.json", "summary.txt"
 _SHOWN_ROWS = 30
 
 
@@ -79,11 +82,25 @@ class Table(Sequence):
 
 
 class Result:
-    """What a command answered. Parts of the answer are attributes: `result.held_out.rms_mm`.
+    """What a command answered. Entries of the answer are attributes: `result.held_out.rms_mm`.
 
-    `command`: its name. `answer`: the JSON object of the command. `folder`: the run folder, None
-    for a command that writes none. `passed`: False where a tolerance is not met or a target was
-    refused (exit status 1 of the command). `commands`: gives the function of a command by name.
+    Lengths are in mm and angles in the unit at the end of a name (`_deg`, `_rad`). The functions of the commands
+    say which entries their results have, and in which frame.
+
+    Attributes:
+        answer: The JSON object of the command.
+        folder: The run folder; None for a command that writes none.
+        passed: False where a tolerance is not met or a target was refused (exit status 1 of the command).
+
+    Examples:
+        >>> calibration = wb.calibrate("elastic-arm", plan="ye-mdh", folds=4)
+        >>> calibration.held_out.rms_mm == calibration.answer["held_out"]["rms_mm"]
+        True
+        >>> made = calibration.save("my-run")
+        >>> wb.load("my-run").held_out.samples
+        300
+        >>> bool(calibration.to_frame()["std"].min() > 0)
+        True
     """
 
     def __init__(
@@ -120,36 +137,36 @@ class Result:
         return self.summary()
 
     def _repr_html_(self) -> str:
+        """What a notebook shows: the text of the command."""
         return f"<pre>{html.escape(self.summary())}</pre>"
 
     def to_frame(self):
-        """The main table as a pandas DataFrame: parameters, terms or the largest other table."""
-        for name in ("parameters", "terms"):
-            if isinstance(self.answer.get(name), list) and self.answer[name]:
-                return viewed(self.answer[name]).to_frame()
-        tables = [value for value in self.answer.values() if isinstance(viewed(value), Table)]
-        if not tables:
-            return View(self.answer).to_frame()
-        return Table(max(tables, key=len)).to_frame()
+        """The main table as a pandas DataFrame: parameters, effects, images, corrected targets, ...
+
+        A result without a table gives one row for each entry of the answer.
+        """
+        name = TABLES.get(self.command, "")
+        if name.endswith(".csv"):
+            return self.table(name.removesuffix(".csv"))
+        if isinstance(self.answer.get(name), list):
+            return Table(self.answer[name]).to_frame()
+        return View(self.answer).to_frame()
 
     def table(self, name: str):
-        """A CSV file of the run folder as a pandas DataFrame, such as "residuals".
+        """A CSV file of the run folder as a pandas DataFrame, such as "residuals" or "corrected".
 
-        Raises InputError where there is none of that name.
+        Columns carry their unit in the name. Raises InputError where there is none of that name.
         """
         path = self._file(f"{name}.csv")
         return _pandas().read_csv(path)
 
     @property
     def residuals(self) -> "CsvTable":
-        """Residuals of each sample, in mm; `to_frame()` makes a DataFrame."""
+        """Residuals of the n samples, predicted minus measured, in mm; `to_frame()` makes a DataFrame of n rows."""
         return CsvTable(self._file("residuals.csv"))
 
     def plot(self):
-        """A plotly figure: the distribution of the errors where there are residuals, else the summary image.
-
-        Raises InputError for a result that has neither.
-        """
+        """A plotly figure: the distribution of the errors (mm) where there are residuals, else the main table."""
         from workbench.api.plots import figure_of
 
         return figure_of(self)
@@ -159,21 +176,37 @@ class Result:
         return Path(shutil.copyfile(self._file("report.html"), path))
 
     def save(self, folder: str | Path) -> Path:
-        """Copy the run folder to a new place, where `load` finds it. Raises InputError."""
-        if self.folder is None:
-            raise InputError(f"{self.command} writes no run folder, so there is nothing to save")
+        """Copy the run folder to a new place, where `load` finds it; the place.
+
+        The result of a command without a run folder is saved as its answer and its text alone. Raises InputError
+        where the place holds files.
+        """
         target = Path(folder)
-        if target.exists() and any(target.iterdir()):
+        if target.exists() and (not target.is_dir() or any(target.iterdir())):
             raise InputError(f"{target} holds files; name a new folder")
-        shutil.copytree(self.folder, target, dirs_exist_ok=True)
+        if self.folder is None:
+            target.mkdir(parents=True, exist_ok=True)
+        else:
+            shutil.copytree(self.folder, target, dirs_exist_ok=True)
+        if not (target / ANSWER).exists():
+            (target / ANSWER).write_text(json.dumps(dict(self.answer)), encoding="utf-8")
+        (target / SUMMARY).write_text(self.summary(), encoding="utf-8")
         return target
 
     def compensate(self, targets, **options) -> "Result":
-        """Correct targets with this calibration: see `workbench.compensate`."""
+        """Correct targets with this calibration, or with the model of this diagnosis: see `workbench.compensate`.
+
+        targets: (n, J) joint readings in deg (mm for a prismatic joint), a DataFrame, or a table in a file.
+        options: those of `workbench.compensate`. Raises InputError.
+        """
         return self._commands("compensate")(self, targets, **options)
 
     def export(self, path: str | Path, to: str | None = None, **options) -> "Result":
-        """Write the result in a format of another program; `to` follows from the suffix where it is clear."""
+        """Write the result in a format of another program: see `workbench.export`.
+
+        path: of the new file. to: the format; it follows from the suffixes .urdf, .py, .xml (MJCF), .csv and
+        .json (Denavit-Hartenberg table). Raises InputError for a format that the result cannot give.
+        """
         return self._commands("export")(self, to or _format_of(Path(path)), Path(path), **options)
 
     @property

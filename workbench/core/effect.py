@@ -83,29 +83,41 @@ class Effect:
     `delta` alone. `delta` is exactly 0 at the null of all its parameters. Which slots those are,
     the chain says: it alone knows how its ports are numbered.
 
-    Class attributes: `effect` and `port` (words of the vocabulary), `needs` (covariates that must
-    be recorded), `surface` (required knowledge of the surface: "normals", "ball"), `equation`,
-    `source`, `places` (what `where` may be: "joint", "link", "base", ...).
+    The attributes below `source` describe the effect to the diagnosis and to the blind benchmark, which hold no list of
+    effects of their own.
 
-    For the diagnosis, which holds no list of effects of its own:
+    Attributes:
+        effect: Name, a word of the vocabulary.
+        port: What it perturbs, a word of the vocabulary: "joint", "geometry", "pixel", ...
+        places: What `where` may be: "joint", "link", "base", ...
+        needs: Covariates that must be recorded.
+        surface: Required knowledge of the surface: "normals", "ball".
+        components: Which components of its port at its place; () for all of them.
+        turning: Whether it speaks of a rotation of its joint, which a prismatic joint does not make.
+        by_moves: Whether it reads the last moves of the joints, which the order of the samples tells.
+        elastic: Whether it reads torques or moments, so that gravity and masses act through it.
+        equation: Its law.
+        source: Publication of the law.
+        nonnegative: How many of its first parameters cannot be negative (a compliance).
+        family: Name of the family of variants that it belongs to; its own name where empty.
+        coexists: Whether several variants may act at one place (orders of a harmonic).
+        subsumes: Names of effects that are special cases of this one.
+        mass_dependent: Whether its signature depends on masses, which may be uncertain.
+        compliance_prior: Of a compliance, the prior probability that it is of a size worth modelling, and its typical
+            size relative to the compliance of a joint; None where it has none in rad/(N m).
+        needs_compliance: Whether it is observable only where the model holds a compliance.
+        of_session: Whether it belongs to the measuring session and not to the machine, so that a correction of the
+            machine leaves it out.
+        reads: Names or kinds of the covariates that its law is a function of, recorded or derived.
+        unrecorded: The kind of covariate without which it may look like random scatter at its place.
+        stage: The stage of the default plan that fits it, where `planned` says.
+        plant_weight: How often the blind benchmark plants it into real recordings, as `planted` says.
 
-    - `candidates`, `grids`: the variants that are worth testing on a recording.
-    - `nonnegative`: how many of its first parameters cannot be negative (a compliance).
-    - `family`: name of the family of variants that it belongs to; its own name where empty.
-    - `coexists`: whether several variants may act at one place (orders of a harmonic).
-    - `subsumes`: names of effects that are special cases of this one.
-    - `mass_dependent`: whether its signature depends on masses, which may be uncertain.
-    - `compliance_prior`: of a compliance, the prior probability that it is of a size worth
-      modelling, and its typical size relative to the compliance of a joint; None where it has none
-      in rad/(N m).
-    - `needs_compliance`: whether it is observable only where the model holds a compliance.
-    - `of_session`: whether it belongs to the measuring session and not to the machine, so that a
-      correction of the machine leaves it out.
-    - `reads`: names or kinds of the covariates that its law is a function of, recorded or derived.
-    - `unrecorded`: the kind of covariate without which it may look like random scatter at its place.
-
-    `stage`, `planned`: the stage of the default plan that fits it, and where. `plant_weight`,
-    `planted`: how often the blind benchmark plants it into real recordings, and how.
+    Examples:
+        >>> from robot_model.effects.elastic import JointCompliance
+        >>> effect = JointCompliance("joint-2")
+        >>> isinstance(effect, wb.Effect), effect.port, effect.number
+        (True, 'joint', 2)
     """
 
     effect = ""

@@ -6,6 +6,13 @@ class InputError(ValueError):
 
     The message is one sentence that names the file, the row or key, what was expected, what was
     found and what to do; a command prints it and ends with status 2.
+
+    Examples:
+        >>> try:
+        ...     wb.read("no-such-recording")
+        ... except wb.InputError as error:
+        ...     print("no-such-recording" in str(error))
+        True
     """
 
     def __init__(self, sentence: str):

@@ -51,7 +51,20 @@ class Chain(Protocol):
 
 @dataclass(frozen=True)
 class Model:
-    """A chain bound to n samples, with the modelled effects."""
+    """A chain bound to n samples, with the modelled effects.
+
+    Attributes:
+        chain: Robot or scanner: its own parameters, the state at n samples, and the residual.
+        effects: Modelled effects; each perturbs one port of the chain.
+
+    Examples:
+        >>> from robot_model.loading import load_robot
+        >>> from robot_model.system import bind
+        >>> recording = wb.load_example("elastic-arm")
+        >>> model = wb.Model(bind(load_robot(recording.robot), recording))
+        >>> model.residual(model.parameters).shape  # (m, n), mm, predicted minus measured
+        (3, 300)
+    """
 
     chain: Chain
     effects: tuple[Effect, ...] = ()

@@ -31,7 +31,20 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Parameters:
-    """Ordered, frozen table of P parameters: `values` (P,), `mask` (P,) True where free."""
+    """Ordered, frozen table of P parameters. Methods return a changed copy.
+
+    Attributes:
+        table: Key, unit, null value, typical size and prior of each parameter.
+        values: (P,) each in the unit of its parameter (mm, rad, ...).
+        mask: (P,) True where free, that is, estimated by a solve.
+
+    Examples:
+        >>> from workbench.core.parameters import Parameter
+        >>> table = [Parameter("joint-1.d", "mm", null=290.0), Parameter("joint-1.theta", "rad")]
+        >>> parameters = wb.Parameters.of(table).free("*.theta").update({"joint-1.theta": 0.01})
+        >>> parameters["joint-1.d"], parameters.pack().tolist()
+        (290.0, [0.01])
+    """
 
     table: tuple[Parameter, ...]
     values: np.ndarray
@@ -57,6 +70,7 @@ class Parameters:
 
     @property
     def keys(self) -> tuple[str, ...]:
+        """(P,) keys in order, `<where>.<name>`."""
         return tuple(self.index)
 
     @cached_property

@@ -19,11 +19,23 @@ _STATED = 20.0
 class Stage:
     """One step of a plan: which effects join, what is free, and why.
 
-    `effects` are (name, where, options) rows; `free` shell patterns of parameter keys;
-    `canonical` True leaves out of the solve what earlier parameters already make; `earn` True:
-    the stage stays in the result only where it lowers the held-out error. `hold`: (pattern, value)
-    of parameters that the whole plan takes as known, such as a base that is the instrument's frame.
-    `choose`: gives further rows of effects, from the model and the parameters that the stages before have fitted.
+    Attributes:
+        name: Of the stage, as in the table of a calibration.
+        why: Reason for it, as a sentence.
+        effects: (effect, where, options) rows of the effects that join the model.
+        free: Shell patterns of the keys of the parameters that are estimated.
+        loss: "linear", or the name of a robust loss.
+        canonical: True leaves out of the solve what earlier parameters already make.
+        earn: True keeps the stage only where it lowers the held-out error.
+        steps: Largest number of steps of the solve.
+        hold: (pattern, value) of parameters that the whole plan takes as known, in their own units.
+        choose: Gives further rows of effects, from the model and the parameters that the stages before have fitted.
+
+    Examples:
+        >>> rows = (("joint-compliance", "joint-2", {}),)
+        >>> stage = wb.Stage("compliance", "joints deflect under gravity", effects=rows)
+        >>> stage.earn
+        True
     """
 
     name: str
@@ -48,12 +60,25 @@ class Stage:
 class Solution:
     """Result of a solve.
 
-    `parameters` with the free mask of the solve; `scores` (F, F) the outer products of the poses'
-    gradients, None where every pose has one sample; `shrunk` keys of terms of a series, which their common prior makes
-    identifiable; `all_known` what the data determine of all
-    parameters that a stage freed, also of those then held because others make them; `residual`
-    (m, n) predicted minus measured (mm, rad); `outcome` a sentence; `provenance` versions, hash of
-    the data, date.
+    Attributes:
+        parameters: At the minimum, with the free mask of the solve (F parameters free); lengths in mm, angles in rad.
+        fit: Residuals (m, n), normal matrix and outcome of the last solve.
+        all_known: What the data determine of all parameters that a stage freed, also of those then held because
+            others make them.
+        provenance: Versions, hash of the data, date.
+        scores: (F, F) outer products of the poses' gradients; None where every pose has one sample.
+        shrunk: Keys of terms of a series, which their common prior makes identifiable.
+
+    Examples:
+        >>> from workbench.jobs.robot.calibrate import calibrate
+        >>> from workbench.fitting.plans import read_plan
+        >>> stages = read_plan("ye-mdh")
+        >>> solution = calibrate(wb.load_example("elastic-arm"), stages, folds=4).solution
+        >>> solution.residual.shape, solution.converged
+        ((3, 300), True)
+        >>> key = solution.known.keys[0]
+        >>> key, solution.std[key] < 1.0
+        ('base.x', True)
     """
 
     parameters: Parameters
@@ -65,18 +90,22 @@ class Solution:
 
     @property
     def residual(self) -> np.ndarray:
+        """(m, n) predicted minus measured: mm, rad."""
         return self.fit.residual
 
     @property
     def history(self) -> tuple[float, ...]:
+        """Cost after each step."""
         return self.fit.history
 
     @property
     def outcome(self) -> str:
+        """Why the solve ended, as a sentence."""
         return self.fit.outcome
 
     @property
     def converged(self) -> bool:
+        """Whether the solve reached a minimum."""
         return self.fit.converged
 
     @property

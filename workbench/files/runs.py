@@ -11,6 +11,7 @@ import re
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -23,6 +24,7 @@ except ImportError:  # Windows: a temporary folder that is left behind has to be
     fcntl = None
 
 RUNS = Path("runs")
+_root: ContextVar[Path | None] = ContextVar("root", default=None)
 _MANY_FILES = 200
 
 
@@ -54,6 +56,16 @@ def opened(command: str, subject: str | Path, out: Path | None = None) -> Iterat
         _move_into_place(run)
     finally:
         _release(run)
+
+
+@contextmanager
+def placed_in(folder: Path) -> Iterator[None]:
+    """Runs without a name of their own are written below `folder` instead of `runs` meanwhile."""
+    before = _root.set(folder)
+    try:
+        yield
+    finally:
+        _root.reset(before)
 
 
 def check_place(out: Path | None) -> None:
@@ -135,8 +147,9 @@ def _named(out: Path) -> Run:
 
 def _numbered(name: str) -> Run:
     """The first free name; making the partial folder is what reserves it among processes."""
+    root = (_root.get() or RUNS).resolve()
     for number in range(1, 1000):
-        path = RUNS.resolve() / (name if number == 1 else f"{name}-{number}")
+        path = root / (name if number == 1 else f"{name}-{number}")
         partial = path.with_name(f".partial-{path.name}")
         if partial.exists() or path.exists():
             continue
@@ -144,7 +157,7 @@ def _numbered(name: str) -> Run:
         if lock is None and fcntl is not None:
             continue
         return Run(path, partial, made, lock)
-    raise InputError(f"{RUNS.resolve()} holds a thousand runs named {name}; name one with --out.")
+    raise InputError(f"{root} holds a thousand runs named {name}; name one with --out.")
 
 
 def _reserve(partial: Path) -> tuple[tuple[Path, ...], int | None]:

@@ -40,12 +40,25 @@ _SAME_RATIO = 1e-9
 class Fit:
     """What a solve returns.
 
-    `residual` (m, n) in the units of the measurement; `weights` (n,) of the robust loss, 1 where
-    none; `normal` (F, F) the whitened normal matrix of the data in the free parameters' own units;
-    `sigma_scale` by which the stated sigmas have to be multiplied to agree with the residuals;
-    `history` the cost after each step; `outcome` a sentence; `degrees` of freedom that are left; `gradient` (F,) of
-    half the whitened sum of squares at `parameters`, in the free parameters' own units, None with a robust loss and
-    where `normal` has other sigmas.
+    Attributes:
+        parameters: At the minimum, with the free mask of the solve (F parameters free).
+        residual: (m, n) predicted minus measured, in the units of the measurement (mm, rad).
+        weights: (n,) of the robust loss, 1 where there is none.
+        normal: (F, F) whitened normal matrix of the data, in the units of the free parameters.
+        sigma_scale: Factor of the stated sigmas with which they agree with the residuals.
+        history: Cost after each step.
+        outcome: Why the solve ended, as a sentence.
+        degrees: Degrees of freedom of the residual.
+        gradient: (F,) of half the whitened sum of squares at `parameters`, in the units of the free parameters; None
+            with a robust loss and where `normal` has other sigmas.
+
+    Examples:
+        >>> from workbench.core.parameters import Parameter
+        >>> parameters = wb.Parameters.of([Parameter("tool.x", "mm")]).free("*")
+        >>> residual = np.zeros((3, 10))
+        >>> fit = wb.Fit(parameters, residual, np.ones(10), normal=np.eye(1), sigma_scale=1.0)
+        >>> fit.converged
+        True
     """
 
     parameters: Parameters
@@ -60,6 +73,7 @@ class Fit:
 
     @property
     def converged(self) -> bool:
+        """Whether the solve reached a minimum."""
         return self.outcome in (CONVERGED, SETTLED, STALLED)
 
     def with_sigma(self, before: np.ndarray, after: np.ndarray) -> "Fit":
