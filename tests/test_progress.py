@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from conftest import ROOT
-from workbench.machine.progress import counted, elapsed, staged
+from workbench.machine.progress import counted, elapsed, paced, staged
 
 SCRIPT = """
 import time
@@ -54,6 +54,24 @@ def test_without_a_terminal_nothing_is_printed():
     assert done.returncode == 0 and done.stderr.strip() == "" and done.stdout == ""
 
 
+def test_the_pace_leaves_out_the_preparation_before_the_first_of_many_steps():
+    said, seconds = [], iter([0.0, 30.0, 31.0, 40.0])
+    tick = paced(said.append, "image", lambda: next(seconds))
+    for done in (1, 2, 11):
+        tick(done, 101)
+    assert said == [
+        "image 1 of 101",
+        "image 2 of 101, about 2 min left",
+        "image 11 of 101, about 2 min left",
+    ]
+
+
+def test_the_first_of_few_steps_gives_a_pace():
+    said, seconds = [], iter([0.0, 30.0])
+    paced(said.append, "case", lambda: next(seconds))(1, 3)
+    assert said == ["case 1 of 3, about 60 s left"]
+
+
 def said_by_steps(total: int, steps: dict[float, str]) -> list[str]:
     """What is reported of `total` steps that begin at given seconds."""
     said, now = [], [0.0]
@@ -85,7 +103,7 @@ def test_each_kind_of_steps_has_its_own_remaining_time():
     tick("exchanging pose", 1, 2)
     now[0] += 4.0
     tick("exchanging pose", 1, 2)
-    assert said[2] == "choosing pose 3 of 4, about 2 s left"
+    assert said[2] == "choosing pose 3 of 4, about 3 s left"
     assert said[3] == "exchanging pose 1 of 2"
     assert said[4] == "exchanging pose 1 of 2, about 4 s left"
 

@@ -259,7 +259,7 @@ def test_time_left_is_shown_once_there_is_an_estimate():
     tick = paced(said.append, "image", lambda: next(seconds))
     for done in (1, 2, 4):
         tick(done, 4)
-    assert said == ["image 1 of 4", "image 2 of 4, about 10 s left", "image 4 of 4"]
+    assert said == ["image 1 of 4", "image 2 of 4, about 18 s left", "image 4 of 4"]
 
 
 @pytest.mark.parametrize(

@@ -4,20 +4,31 @@ import time
 from collections.abc import Callable
 
 _BEFORE_A_GUESS_S = 2.0
+_FEW = 10
+"""Steps so few that the first one, preparation included, says something about the others."""
 
 
 def paced(say: Callable[[str], None], what: str, clock: Callable[[], float] = time.monotonic):
     """A function of (done, total) that reports `what`, the counts, and the remaining time.
 
+    The pace is that of the steps after the first report, which includes the preparation.
     say: takes one line; what: "image", "scan" …; clock: seconds.
     """
     start = clock()
+    first: list[tuple[int, float]] = []
 
     def tick(done: int, total: int) -> None:
-        spent = clock() - start
+        now = clock()
         line = f"{what} {done} of {total}"
-        if 0 < done < total and spent > _BEFORE_A_GUESS_S:
-            line += f", about {duration(spent / done * (total - done))} left"
+        steps, seconds = done, now - start
+        later = first and done > first[0][0]
+        if later:
+            steps, seconds = done - first[0][0], now - first[0][1]
+        has_pace = steps > 0 and (later or total <= _FEW)
+        if has_pace and done < total and now - start > _BEFORE_A_GUESS_S:
+            line += f", about {duration(seconds / steps * (total - done))} left"
+        if not first:
+            first.append((done, now))
         say(line)
 
     return tick
