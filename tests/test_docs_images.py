@@ -75,3 +75,13 @@ def test_no_image_is_left_that_no_tool_draws():
 def test_an_unknown_image_is_refused(capsys):
     assert page_images.main(["no-such-image"]) == 2
     assert "no-such-image" in capsys.readouterr().err
+
+
+def test_every_link_of_the_readme_leads_somewhere():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    targets = re.findall(r"\]\(([^)#\s]+)", text)
+    here = [target for target in targets if "://" not in target]
+    assert len(here) > 10
+    made = {f"docs/{page}" for page in GENERATED}
+    missing = [target for target in here if target not in made and not (ROOT / target).exists()]
+    assert not missing
