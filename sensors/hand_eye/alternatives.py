@@ -175,10 +175,14 @@ def permutation_alternatives(data: PoseData, recorded: PoseFit, named) -> Iterat
         yield _permutation(order, fit, named)
 
 
+def outlying(recorded: PoseFit) -> np.ndarray:
+    """(P,) True for images whose distance is several times the median of all."""
+    return recorded.distance > _OUTLYING * float(np.median(recorded.distance))
+
+
 def outlier_alternative(data: PoseData, recorded: PoseFit) -> Iterator[Alternative]:
     """The images that fit worst left out, at most a quarter of them: no mistake of all poses."""
-    median = float(np.median(recorded.distance))
-    wrong = recorded.distance > _OUTLYING * median
+    wrong = outlying(recorded)
     count = int(wrong.sum())
     if not 0 < count <= data.count - kept_images(data.count):
         return

@@ -17,6 +17,7 @@ from sensors.hand_eye.alternatives import (
     Alternative,
     change_alternatives,
     outlier_alternative,
+    outlying,
     permutation_alternatives,
     reading_alternatives,
     scale_alternative,
@@ -43,11 +44,15 @@ UNEXPLAINED = "unexplained"
 
 @dataclass(frozen=True)
 class Finding:
-    """What looks wrong: `cause` a short name, `sentence` for people; `certain`: the recorded data cannot be right."""
+    """What looks wrong: `cause` a short name, `sentence` for people; `certain`: the recorded data cannot be right.
+
+    `corrected_mm`: scatter of the board with the mistake undone, nan where that is not known.
+    """
 
     cause: str
     sentence: str
     certain: bool
+    corrected_mm: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,8 @@ class Review:
     """The recorded data against the model.
 
     `scatter_mm`: RMS scatter of the estimated board's corners as recorded, `trimmed_mm` of the best three quarters of
-    the images. `noise`: what the corner noise alone makes of it. `findings`: the most likely first.
+    the images. `noise`: what the corner noise alone makes of it. `findings`: the most likely first. `outliers`: images,
+    counted from 0, without which the others fit, so that these alone are wrong.
     """
 
     scatter_mm: float
@@ -63,6 +69,7 @@ class Review:
     noise: CornerNoise
     findings: tuple[Finding, ...]
     fit: PoseFit | None = None
+    outliers: tuple[int, ...] = ()
 
     @property
     def expected_mm(self) -> float:
@@ -108,7 +115,11 @@ def review(
     if made.scatter_mm > _NOISY * made.expected_mm:
         fitted += permutation_alternatives(data, recorded, named)
         fitted += reading_alternatives(data, readings, named.kind)
-    finding = _best_finding(made, fitted, _arm(data, recorded))
+    best, others = _best_alternative(made, fitted, _arm(data, recorded))
+    if best is not None and best.cause == OUTLIERS:  # the adjustment names them one by one
+        made = replace(made, outliers=tuple(np.flatnonzero(outlying(recorded)).tolist()))
+        best = None
+    finding = None if best is None else _finding(made, best, others, _arm(data, recorded))
     finding = finding or _unexplained(made, data, _arm(data, recorded))
     return made if finding is None else replace(made, findings=(finding,))
 
@@ -120,23 +131,24 @@ def _arm(data, fit) -> float:
     return _ARM_MM + _ARM_SHARE * min(float(np.median(lever)), 3000.0)
 
 
-def _best_finding(made: Review, fitted: list[Alternative], arm: float) -> Finding | None:
+def _best_alternative(made: Review, fitted: list[Alternative], arm: float):
+    """The accepted alternative that explains the data best, None where none does, and what explains them as well."""
     accepted = [
         one for one in fitted if _is_better(made, one, len(fitted)) and _is_named(made, one, arm)
     ]
     if not accepted:
-        return None
+        return None, []
     least = min(one.misfit for one in accepted)
     close = [one for one in accepted if one.misfit <= _CLOSE * least]
     best = min(close, key=lambda one: (one.rank, one.misfit))
-    if best.cause == OUTLIERS:  # the adjustment names them one by one
-        return None
-    others = sorted(
-        {one.seems for one in close if one.cause != best.cause and one.rank <= best.rank}
-    )
+    others = {one.seems for one in close if one.cause != best.cause and one.rank <= best.rank}
+    return best, sorted(others)
+
+
+def _finding(made: Review, best: Alternative, others: Sequence[str], arm: float) -> Finding:
     near = _is_near(made, best, arm)
     certain = near and best.recorded(made) > max(arm, _CERTAIN * best.misfit)
-    return Finding(best.cause, _sentence(made, best, others, near), certain)
+    return Finding(best.cause, _sentence(made, best, others, near), certain, best.misfit)
 
 
 def _is_near(made, one: Alternative, arm: float) -> bool:

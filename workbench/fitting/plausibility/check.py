@@ -162,7 +162,7 @@ def _outlying(recording, outliers, reason, named) -> Suspicion:
         f"the median is {outliers.median:.2g} mm ({named_samples(recording, outliers.rows)}); {reason.sentence}; "
         "correct or remove these rows."
     )
-    return Suspicion(sentence, False, reason.cause)
+    return Suspicion(sentence, False, reason.cause, rows=tuple(outliers.rows.tolist()))
 
 
 def _rounded(robot, recording, fit, named):

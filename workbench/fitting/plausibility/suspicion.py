@@ -11,10 +11,12 @@ class Suspicion:
     `certain`: True where the recorded data cannot be right: one correction fits position and orientation as
     well as plausible geometry errors allow, and the data as recorded do not. A calibration then refuses.
     `cause`: the kind of mistake as one term, for example "joint-sign" or "rows-shifted". `alternatives`: causes that
-    the sentence names as equally good explanations.
+    the sentence names as equally good explanations. `rows`: indices of the rows that the sentence names, () where it
+    is about all rows.
     """
 
     sentence: str
     certain: bool
     cause: str = ""
     alternatives: tuple[str, ...] = ()
+    rows: tuple[int, ...] = ()

@@ -39,11 +39,12 @@ from sensors.hand_eye.relative_motions import (
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, transform
 from workbench.machine.progress import paced
+from workbench.recordings.importing.board_review import likely_mistake, pose_warnings
 from workbench.recordings.importing.decisions import choose_reading, least_misfits, turn_misfits
 from workbench.recordings.importing.fits import CandidateFit
 from workbench.recordings.importing.robots import robot_keys
 
-_IMAGES_TESTED = 16
+_IMAGES_TESTED = 60
 _FEWEST = 4
 _MOVED_MM = 2.0  # more than the pose of a board from one image errs by
 _KEPT = 0.9
@@ -62,11 +63,14 @@ _REMEDY = (
 class BoardViews:
     """Board poses `seen` (T, k, 4, 4) T_camera_board of the rows `rows` (k,) of the table.
 
-    T: in how many ways the board can be labelled, 1 unless it looks the same after a rotation.
+    T: in how many ways the board can be labelled, 1 unless it looks the same after a rotation. `found`: the detection
+    with the views, and `camera` the calibration from them.
     """
 
     seen: np.ndarray
     rows: np.ndarray
+    found: object = None
+    camera: object = None
 
 
 def import_images(found, options, folder: Path, progress):
@@ -93,9 +97,16 @@ def import_images(found, options, folder: Path, progress):
     kind = "to-hand" if board.get("fixed_to") == "tool" else "in-hand"
     if not options.trust_data:
         _check_equal_poses(readings, views, rows)
-    mapping, fits = _decide(readings, views, kind, rows.file, options)
+    try:
+        mapping, fits = _decide(readings, views, kind, rows.file, options)
+    except InputError as problem:
+        probable = [readings[place] for place, _ in _compared(readings, views, kind)]
+        named = likely_mistake(probable, views, kind, rows)
+        raise problem if named is None else InputError(named) from None
     chosen = next(poses for _, made, poses in readings if made is mapping)
     said += _plausible(chosen[views.rows], views, kind)
+    progress("comparing flange poses and images")
+    said += pose_warnings(chosen, views, kind, rows)
     columns = {
         "sample": np.arange(1, rows.n + 1, dtype=float),
         **pose_columns(rows, mapping, keys),
@@ -313,12 +324,14 @@ def _board_views(recording: Recording, options, progress) -> BoardViews:
     found = detect_all(some, lambda done, total, name: tick(done, total), said_in=said_in)
     numbers = {image["image"]: row for row, image in zip(rows, some.images)}
     progress("calibrating a camera to test the poses")
-    camera = calibrate_camera(found.views, found.board, found.size, folds=0).camera
+    calibration = calibrate_camera(found.views, found.board, found.size, folds=0)
+    camera = calibration.camera
     seen = []
     for turn in range(found.board.turns):
         labelled = [relabelled(view, found.board, turn) for view in found.views]
         seen.append([_pose_of(view, found.board, camera) for view in labelled])
-    return BoardViews(np.array(seen), np.array([numbers[view.image] for view in found.views]))
+    tested = np.array([numbers[view.image] for view in found.views])
+    return BoardViews(np.array(seen), tested, found, calibration)
 
 
 def _pose_of(view, board, camera) -> np.ndarray:

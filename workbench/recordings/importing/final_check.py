@@ -10,22 +10,26 @@ from robot_model.chain import forward
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility import check_plausibility
-from workbench.fitting.plausibility.far_geometry import find_far_geometry
+from workbench.fitting.plausibility.far_geometry import CAUSE, OTHER_ROBOT, find_far_geometry
 from workbench.fitting.plausibility.fitting import nominal_scale
+from workbench.fitting.plausibility.suspicion import Suspicion
+from workbench.fitting.plausibility.wording import listed
 from workbench.recordings.importing.fits import CandidateFit, compare_readings
 
 _EXTERNAL = ("external-point", "external-pose")
 _LEAST_MM, _MOST_MM = 0.003, 0.03
 _ROUNDING_FACTOR = 1.5
 _MOST_DECIMALS = 6
+_NAMED_ROWS = 12
 
 
 def check_fit(
-    robot: Robot, recording, fits: Sequence[CandidateFit], trust_data: bool
+    robot: Robot, recording, fits: Sequence[CandidateFit], trust_data: bool, lines: np.ndarray
 ) -> tuple[str, ...]:
     """Sentences on what is unusual. Raises InputError where the recording does not fit its robot.
 
     fits: of the readings that were compared, empty where nothing had to be decided. trust_data: a misfit is a warning.
+    lines (n,): row of the user's table that each sample was read from.
     """
     best = fits[0] if fits else None
     if best is None:
@@ -33,7 +37,8 @@ def check_fit(
         best = compared[0][1] if compared else None
     if best is not None and best.is_good:
         said = _calculated_points(robot, recording, trust_data)
-        return (*said, *_far_geometry(robot, recording, trust_data))
+        far = _far_geometry(robot, recording, trust_data)
+        return (*said, *far, *_implausible_rows(robot, recording, lines))
     found = check_plausibility(robot, recording)
     sentence = found[0].sentence if found else _sentence(robot, best)
     if best is None and not found:
@@ -41,6 +46,25 @@ def check_fit(
     if not trust_data:
         raise InputError(naming_option(sentence))
     return (accepted_by_option(sentence),)
+
+
+def _implausible_rows(robot: Robot, recording, lines: np.ndarray) -> tuple[str, ...]:
+    """Sentences on what `check_plausibility` finds in a recording most of whose rows fit, with the user's rows."""
+    found = check_plausibility(robot, recording)
+    return tuple(
+        _with_lines(one, recording, lines) for one in found if one.cause not in (CAUSE, OTHER_ROBOT)
+    )
+
+
+def _with_lines(suspicion: Suspicion, recording, lines: np.ndarray) -> str:
+    """The sentence of a suspicion, and the rows of the table that hold the samples where numbers differ."""
+    rows = np.array(suspicion.rows, int)
+    if not len(rows) or (lines[rows] == recording.sample_ids[rows]).all():
+        return suspicion.sentence
+    named = [str(line) for line in lines[rows[:_NAMED_ROWS]]]
+    more = [f"{len(rows) - _NAMED_ROWS} more"] if len(rows) > _NAMED_ROWS else []
+    noun = "rows" if len(rows) > 1 else "row"
+    return f"{suspicion.sentence} In the file: {noun} {listed([*named, *more])}."
 
 
 def _sentence(robot: Robot, best: CandidateFit | None) -> str:

@@ -18,6 +18,7 @@ from workbench.recordings.importing.final_check import check_fit
 from workbench.recordings.importing.fits import CandidateFit
 from workbench.recordings.importing.robots import robot_candidates, robot_keys
 from workbench.recordings.importing.timed_join import ClockDecision, decide_offset
+from workbench.recordings.importing.unit_changes import check_unit_changes
 
 _OTHER_KIND = {"external-point": "ball-centre", "ball-centre": "external-point"}
 
@@ -82,7 +83,7 @@ def _with_clocks(found, table, mapping, candidates, clocks, options, progress) -
         used = replace(found.timed, join=decision.mapping.join)
         speeds = used.speeds(builder, decision.mapping)
         recording = replace(recording, columns={**speeds, **recording.columns})
-    checked = check_fit(robot, recording, decision.fits, options.trust_data)
+    checked = check_fit(robot, recording, decision.fits, options.trust_data, table.lines)
     said = (*incomplete, *decided, *checked)
     return Made(recording, decision.mapping, decision.fits, said, clocks)
 
@@ -106,6 +107,8 @@ def _decide(builder: Builder, mapping: Mapping, options, progress) -> decisions.
     """Units and rotation convention. Raises InputError where the data do not decide and nobody can be asked."""
     progress("testing units on the robot")
     robot, table = builder.robot, builder.table
+    readings = list(decisions.unit_readings(mapping, stated_only=True))
+    check_unit_changes(robot, table, mapping, readings, builder.positions)
     decision = decisions.decide_units(robot, mapping, builder.positions, table.file, options.ask)
     fits = decision.fits
     if options.mapping.measures is None and fits and not fits[0].is_good:

@@ -7,6 +7,7 @@ import numpy as np
 
 from datasets.recording import Recording
 from sensors.hand_eye.motion import motion
+from sensors.hand_eye.outlier_words import outlier_sentence
 from sensors.hand_eye.relative_motions import (
     EQUAL_REMEDY,
     RelativeMotions,
@@ -87,6 +88,7 @@ def _with_camera(recording, detection, linked, early, progress) -> HandEyePlausi
     from workbench.fitting.verdicts.hand_eye_review import Observed, review_recording
 
     views, flange, rows = linked
+    names = [view.image for view in views]
     try:
         camera = calibrate_camera(
             detection.views, detection.board, detection.size, folds=0, progress=progress
@@ -100,9 +102,17 @@ def _with_camera(recording, detection, linked, early, progress) -> HandEyePlausi
     board_seen = _board_poses(views, detection.board, camera.camera, flange, _kind(recording))
     at_middle = board_seen @ transform(np.eye(3), detection.board.middle)
     motions = relative_motions(flange, at_middle, _kind(recording))
+    early = [*early, *_outliers(review, names)]
     named = [_finding(one) for one in review.findings]
     found = [*early, *named] if named else [*early, *_disagreements(motions)]
     return HandEyePlausibility(tuple(found), motions)
+
+
+def _outliers(review, names: Sequence[str]) -> Iterator[tuple]:
+    sentence = outlier_sentence(review, names)
+    if sentence is not None:
+        what, _, action = sentence.rpartition("; ")
+        yield what, action, False
 
 
 def _finding(one) -> tuple[str, str, bool]:
