@@ -39,6 +39,7 @@ _FUNCTIONS = (
     "demo",
     "diagnose",
     "doctor",
+    "evaluate",
     "export",
     "hand_eye",
     "identifiability",

@@ -38,6 +38,12 @@ True
 >>> bool(checks.loc[checks["name"] == "Python", "ok"].all())
 True
 """,
+    "evaluate": """
+>>> calibration = wb.calibrate("elastic-arm", plan="ye-mdh", folds=4)
+>>> evaluated = wb.evaluate(calibration, "elastic-arm", refit="base-and-tool")
+>>> evaluated.error.rms_mm < evaluated.nominal.rms_mm
+True
+""",
     "export": """
 >>> calibration = wb.calibrate("elastic-arm", plan="ye-mdh", folds=4)
 >>> made = wb.export(calibration, "mdh-csv", "geometry.csv")

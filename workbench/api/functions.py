@@ -33,6 +33,7 @@ COMMANDS = {
     "compare": "robot.compare",
     "compensate": "robot.compensate",
     "diagnose": "robot.diagnose",
+    "evaluate": "robot.evaluate",
     "export": "robot.export",
     "identifiability": "robot.identifiability",
     "poses": "robot.poses",

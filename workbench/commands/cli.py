@@ -33,6 +33,7 @@ from workbench.commands.robot import (
     compare,
     compensate,
     diagnose,
+    evaluate,
     export,
     identifiability,
     poses,
@@ -84,6 +85,9 @@ app.command("calibrate-large", short_help="Calibrate from millions of samples.")
     calibrate_large.command
 )
 app.command("compare", short_help="Several plans on one recording, same splits.")(compare.command)
+app.command("evaluate", short_help="A finished model on another recording, errors in mm out.")(
+    evaluate.command
+)
 app.command("camera", short_help="Images of a board in, a camera out.")(camera.command)
 app.command("scanner", short_help="Boards under the laser in, a scanner out.")(scanner.command)
 app.command("scan", short_help="Images of scans in, clouds and balls out.")(scan.command)

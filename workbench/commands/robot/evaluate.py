@@ -1,0 +1,89 @@
+"""`workbench evaluate`: how well a finished model predicts a recording that it was not fitted to."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from workbench.commands.shared import answer, flow, tables
+
+
+class Refit(StrEnum):
+    """What is estimated again on the recording."""
+
+    NONE = "none"
+    BASE = "base"
+    TOOL = "tool"
+    BOTH = "base-and-tool"
+
+
+Solution = Annotated[
+    Path,
+    typer.Argument(
+        help="Run folder of `workbench calibrate` or `workbench diagnose`, or its solution.json."
+    ),
+]
+RefitOption = Annotated[
+    Refit,
+    typer.Option(
+        "--refit",
+        help="Estimate where the instrument stands (base), what is on the flange (tool), or both on the recording.",
+    ),
+]
+
+
+def command(
+    solution: Solution,
+    recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
+    refit: RefitOption = Refit.NONE,
+    out: answer.OutFolder = None,
+    json: answer.JsonTarget = None,
+    tolerance: answer.Tolerance = None,
+    trust_data: answer.TrustData = False,
+    no_report: answer.NoReport = False,
+) -> None:
+    """Predict a recording by a finished model and state its errors in mm; nothing of the arm is fitted.
+
+    The nominal arm is shown next to it, with base and tool estimated on the recording.
+    """
+
+    def work(run, say) -> dict:
+        import datasets
+        from workbench.files.solution_file import read_solution
+        from workbench.jobs.robot.evaluate import evaluate, save
+
+        arm = read_solution(solution)
+        read = datasets.read(recording, trust_data)
+        tolerances = answer.read_tolerances(tolerance, read.measures)
+        say(f"predicting {read.n} samples")
+        made = evaluate(arm, read, str(refit))
+        save(made, run.partial)
+        result = made.as_json(tolerances)
+        if not no_report:
+            from workbench.report.page import write_sheet
+            from workbench.report.planning import evaluation
+
+            write_sheet(evaluation.page(made, result), run.partial)
+        return {**result, "solution": solution}
+
+    flow.run("evaluate", recording, out, json, work, _show)
+
+
+def _show(console, result) -> None:
+    title = f"{result['recording']}: {result['samples']} samples, refit: {result['refit']}"
+    models = (
+        ("calibrated arm", result["error"]),
+        ("the same, base and tool estimated here", result["refitted"]),
+        ("nominal arm, base and tool estimated here", result["nominal"]),
+    )
+    for unit, prefix in (("mm", ""), ("deg", "rotation_")):
+        keys = [f"{prefix}{name}_{unit}" for name in ("rms", "mean", "p95", "max")]
+        if keys[0] not in result["error"]:
+            continue
+        rows = [[name, *(errors[key] for key in keys)] for name, errors in models]
+        tables.grid(console, title, ["model", f"RMS {unit}", "mean", "95 %", "max"], rows)
+        title = "Orientation"
+    rows = [[row["joint"], *row["rms_mm"]] for row in result["by_joint"]]
+    head = ["joint", "lowest third", "middle", "highest third"]
+    tables.grid(console, "RMS position error by joint reading, mm", head, rows)

@@ -1,0 +1,98 @@
+"""The page of `workbench evaluate`: errors of a fixed model on another recording, by joint reading and by time."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from datasets.columns import joint_columns
+from workbench.jobs.robot.evaluate import Evaluated
+from workbench.report import style
+from workbench.report.sections import Page, Section, facts, figure, table, words
+from workbench.report.text import rounded, sentence
+
+_STATISTICS = ("rms", "mean", "p95", "max")
+
+
+def page(made: Evaluated, answer: Mapping) -> Page:
+    """The whole page. answer: `Evaluated.as_json`."""
+    error, nominal = answer["error"], answer["nominal"]
+    numbers = (
+        ("RMS position error", rounded(error["rms_mm"]), "mm"),
+        ("95 %", rounded(error["p95_mm"]), "mm"),
+        ("nominal arm, RMS", rounded(nominal["rms_mm"]), "mm"),
+    )
+    lead = (answer["verdict"]["sentence"],)
+    sections = (
+        Section("errors", "Errors", tuple(_errors(made, answer))),
+        Section("joints", "Errors by joint reading", tuple(_by_joint(made))),
+        Section("time", "Errors in the order of measurement", tuple(_by_time(made))),
+        Section("provenance", "Provenance", (_source(made, answer),)),
+    )
+    recording = made.recording
+    title = recording.title or recording.name
+    warning = " ".join(map(sentence, answer["warnings"]))
+    return Page("Evaluation of a model", title, numbers, lead, sections, warning=warning)
+
+
+def _errors(made: Evaluated, answer: Mapping) -> Iterator[dict]:
+    models = (
+        ("calibrated arm", answer["error"]),
+        ("the same, base and tool estimated here", answer["refitted"]),
+        ("nominal arm, base and tool estimated here", answer["nominal"]),
+    )
+    for unit, prefix in (("mm", ""), ("deg", "rotation_")):
+        keys = [f"{prefix}{name}_{unit}" for name in _STATISTICS]
+        if keys[0] not in answer["error"]:
+            continue
+        rows = [[name, *(rounded(errors[key]) for key in keys)] for name, errors in models]
+        yield table(["model", f"RMS {unit}", "mean", "95 %", "max"], rows)
+    yield words("Geometry and effects of the calibrated arm are fixed.", quiet=True)
+    drawn = style.figure(340, "3-D position error (mm)", "share of samples below (%)")
+    for name, values, colour in _series(made):
+        ordered = np.sort(values)
+        share = 100 * np.arange(1, len(ordered) + 1) / len(ordered)
+        drawn.add_scatter(x=ordered, y=share, mode="lines", name=name, line_color=colour)
+    drawn.update_xaxes(rangemode="tozero")
+    yield figure("distribution", drawn, "Cumulative distribution of the position error.")
+
+
+def _series(made: Evaluated):
+    return (
+        ("calibrated", made.distances, style.BLUE),
+        ("nominal", made.nominal_distances, style.GREY),
+    )
+
+
+def _by_joint(made: Evaluated) -> Iterator[dict]:
+    for name in joint_columns(made.recording.columns):
+        unit = name.rpartition("_")[2]
+        yield _scatter(made, made.recording.columns[name], f"{name.partition('_')[0]} ({unit})")
+
+
+def _by_time(made: Evaluated) -> Iterator[dict]:
+    times = made.recording.columns.get("time_s")
+    if times is None:
+        yield _scatter(made, np.arange(1, made.recording.n + 1), "row")
+    else:
+        yield _scatter(made, times, "time (s)")
+
+
+def _scatter(made: Evaluated, across: np.ndarray, title: str) -> dict:
+    drawn = style.figure(260, title, "position error (mm)")
+    kept = style.thinned(made.recording.n)
+    for name, values, colour in _series(made)[::-1]:
+        marker = dict(size=5, color=colour, opacity=0.7)
+        drawn.add_scatter(x=across[kept], y=values[kept], mode="markers", name=name, marker=marker)
+    drawn.update_yaxes(rangemode="tozero")
+    return figure(f"errors-{title.split()[0]}", drawn, f"Position error of each sample by {title}.")
+
+
+def _source(made: Evaluated, answer: Mapping) -> dict:
+    return facts(
+        [
+            ("recording", made.recording.name),
+            ("kind", made.recording.measures),
+            ("calibrated on", str(answer["calibrated_on"])),
+            ("estimated on this recording", answer["refit"]),
+        ]
+    )
