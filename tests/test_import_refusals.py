@@ -8,7 +8,7 @@ import pytest
 from datasets.importers.mapping import headers
 from datasets.importers.mapping.model import read_mapping
 from datasets.importers.sources.text_tables import is_number_text, read_text_table
-from import_scenes import SCENE, UR10, degrees, simulated, tracker, write_rows
+from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, tracker, write_rows
 from import_tables import nearly_one_orientation
 from workbench.commands.cli import run
 from workbench.core.errors import InputError
@@ -110,6 +110,11 @@ def test_a_table_without_joints_or_header_says_which_line_to_add(truth, tmp_path
     np.savetxt(
         tmp_path / "plain.csv", np.column_stack([degrees(truth), truth.points]), delimiter=","
     )
+    made = import_recording([tmp_path / "plain.csv"], tmp_path / "found", UR10)
+    assert_same_rows(made.recording, truth)
+    assert made.warnings[0].startswith("No header names joint readings or the measured point.")
+    noise = np.random.default_rng(0).normal(size=(truth.n, 3)) * 500
+    np.savetxt(tmp_path / "plain.csv", np.column_stack([degrees(truth), noise]), delimiter=",")
     with pytest.raises(InputError, match=r"\[joints\]"):
         import_recording([tmp_path / "plain.csv"], tmp_path / "out", UR10)
 

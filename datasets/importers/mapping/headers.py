@@ -24,6 +24,9 @@ ACTUAL_WORDS = frozenset("actual act ist istwert istposition feedback state real
 NOMINAL_WORDS = frozenset(
     "soll sollwert nominal nom cmd commanded command setpoint ref reference desired theo programmed".split()
 )
+_POSITION_WORDS = frozenset(
+    "position coordinate coordinates coord koordinate koordinaten value wert component komponente".split()
+)
 DEVIATION_WORDS = frozenset(
     "d dev deviation abweichung delta diff difference error fehler residual std stdev sigma rms min max speed velocity "
     "vel qd qdd acceleration current strom moment torque force effort geschwindigkeit".split()
@@ -53,7 +56,8 @@ _PATTERNS = (
     ("turn", r"(?:q|quat|quaternion|orientation|orientierung)(?:v|vec|vector)?([wxyz])"),
     (
         "turn",
-        r"(?:r|rot|rotation|rotate|drehung|drehungum|rotationum|rotationabout|winkel|winkelum|angle|ang|euler|ori)"
+        r"(?:r|rot|rotation|rotate|drehung|drehungum|drehwinkel|drehwinkelum|rotationswinkel|rotationum|rotationabout|"
+        r"winkel|winkelum|angle|ang|euler|ori)"
         r"([wxyz])",
     ),
     (
@@ -175,7 +179,7 @@ def read_header(name: str, unit: str | None = None) -> Header:
     if found is None and len(words) > 2 and words[-1].isdigit() and words[-2] in _SUFFIX_UNITS:
         found = unit_named(words.pop(-2))  # "point_mm 1", the first column of an array
     stated = unit_named(unit) if unit else None
-    words = _object_first(words)
+    words = _without_position(_object_first(words))
     for count in range(min(4, len(words)), 0, -1):
         core = "".join(words[-count:])
         kind, label = _kind(core)
@@ -203,6 +207,13 @@ def _object_first(words: list[str]) -> list[str]:
     if count == 0 or not any(_kind("".join(front[-k:]))[0] in COMPONENTS for k in (1, 2, 3)):
         return kept if count == 0 else words
     return [*kept[len(kept) - count :], *front]
+
+
+def _without_position(words: list[str]) -> list[str]:
+    """Words without a noun after their component: "x coordinate" and "x position" as "x"."""
+    if len(words) > 1 and words[-1] in _POSITION_WORDS and words[-2] in ("x", "y", "z"):
+        return words[:-1]
+    return words
 
 
 def _plain(name: str) -> str:

@@ -1,7 +1,9 @@
 """What `workbench import` shows and asks at a terminal."""
 
+import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 from workbench.commands.shared import tables
 from workbench.core.errors import InputError
@@ -37,6 +39,17 @@ def is_confirmed(console) -> bool:
     import typer
 
     return typer.confirm("Is this right?", default=True, err=True)
+
+
+def next_command(recording, folder: Path) -> str:
+    """The command that calibrates an imported recording, in full."""
+    has_poses = any("sample" in row for row in recording.images) or recording.flange is not None
+    commands = {"board-images": "handeye" if has_poses else "camera", "scan-images": "scanner"}
+    name = commands.get(recording.measures, "calibrate")
+    if recording.measures == "ball-surface" and not recording.joints.shape[1]:
+        name = "handeye"
+    target = f"{folder.name}-{name}"
+    return shlex.join(["workbench", name, str(folder), "--out", target])
 
 
 def show(console, answer: Mapping, result) -> None:

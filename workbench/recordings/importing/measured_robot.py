@@ -19,6 +19,7 @@ from workbench.recordings.importing.fits import CandidateFit
 from workbench.recordings.importing.robots import robot_candidates, robot_keys
 from workbench.recordings.importing.timed_join import ClockDecision, decide_offset
 from workbench.recordings.importing.unit_changes import check_unit_changes
+from workbench.recordings.importing.unnamed_columns import find_unnamed, refuse_wrong_slides
 
 _OTHER_KIND = {"external-point": "ball-centre", "ball-centre": "external-point"}
 
@@ -43,7 +44,8 @@ def import_table(found, options, progress) -> Made:
     found, options: `Found` and `ImportOptions` of the import. Raises InputError where columns are missing, a question
     is open or nothing fits the robot.
     """
-    table, mapping = found.table, found.mapping
+    mapping, assigned = _with_unnamed(found, options, progress)
+    table, found = found.table, replace(found, mapping=mapping)
     if mapping.joints is None:
         raise _without_joints(table, mapping)
     measures = mapping.measures
@@ -68,7 +70,24 @@ def import_table(found, options, progress) -> Made:
         if clocks is None or clocks.applied or not clocks.is_warning:
             raise
         raise InputError(f"{problem} {clocks.sentence}") from None
-    return replace(made, warnings=(*said, *made.warnings))
+    return replace(made, warnings=(*assigned, *said, *made.warnings))
+
+
+def _with_unnamed(found, options, progress) -> tuple[Mapping, tuple[str, ...]]:
+    """The mapping with columns whose headers are unknown, where one set of them fits the robot, and a sentence."""
+    named = options.robot or found.mapping.robot
+    if named is None or found.timed is not None or options.mapping.measures is not None:
+        return found.mapping, ()
+    progress("comparing columns with unknown headers on the robot")
+    candidates = robot_candidates(named, found.table.file)
+    robots = [(load_robot(keys, title), keys) for title, keys in candidates.items()]
+
+    def positions(robot, rows, mapping):
+        own = next(one for candidate, one in robots if candidate is robot)
+        return Builder(rows, own, robot, options).positions(mapping)
+
+    arms = [robot for robot, _ in robots]
+    return find_unnamed(found.table, found.mapping, arms, positions, options.ask)
 
 
 def _with_clocks(found, table, mapping, candidates, clocks, options, progress) -> Made:
@@ -127,6 +146,7 @@ def _candidates(named: str, table: RawTable, mapping: Mapping) -> dict[str, Keys
         robot = load_robot(keys, called)
         _check_count(robot, mapping, table)
         _check_units(robot, mapping, table)
+        refuse_wrong_slides(table, mapping, robot, sliding(robot))
     return candidates
 
 

@@ -1,0 +1,101 @@
+"""Import of tables whose headers are unknown: columns are found by how well they fit the robot, never guessed."""
+
+import numpy as np
+import pytest
+
+from datasets.importers.mapping.headers import read_header
+from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, write_rows
+from workbench.commands.cli import run
+from workbench.core.errors import InputError
+from workbench.recordings.importing import ImportOptions, import_recording
+
+JOINTS = ["Grundachse", "Schulter", "Ellbogen", "Hand A", "Hand B", "Hand C"]
+
+
+@pytest.fixture(scope="module")
+def truth(tmp_path_factory):
+    return simulated(tmp_path_factory.mktemp("scene"), SCENE)
+
+
+def table(path, truth, joints=JOINTS, point=("Ost", "Nord", "Höhe"), more=()):
+    """A table with two further columns of numbers, whose points are in m."""
+    noise = np.random.default_rng(0).normal(size=(truth.n, 2 + len(more)))
+    noise[:, 2:] *= 100
+    cells = [noise[:, :1], degrees(truth), truth.points / 1000, noise[:, 1:]]
+    header = ["Strom", *joints, *point, "Feuchte", *more]
+    return write_rows(path, header, np.column_stack(cells))
+
+
+def test_points_without_a_known_header_are_found_by_their_fit(truth, tmp_path):
+    names = [f"J{k} [deg]" for k in range(1, 7)]
+    made = import_recording([table(tmp_path / "t.csv", truth, names)], tmp_path / "out", UR10)
+    assert made.mapping.point.columns == ("Ost", "Nord", "Höhe")
+    assert made.mapping.point.unit == "m"
+    assert_same_rows(made.recording, truth)
+    assert made.warnings[0].startswith("No header names the measured point.")
+
+
+def test_joints_and_points_without_known_headers_are_found_by_their_fit(truth, tmp_path):
+    made = import_recording([table(tmp_path / "t.csv", truth)], tmp_path / "out", UR10)
+    assert made.mapping.joints.columns == tuple(JOINTS)
+    assert_same_rows(made.recording, truth)
+    assert "joint readings" in made.warnings[0]
+
+
+def test_northing_before_easting_is_exchanged(truth, tmp_path):
+    points = truth.points[:, [1, 0, 2]] / 1000
+    header = [*(f"J{k}" for k in range(1, 7)), "Nord", "Ost", "Höhe"]
+    path = write_rows(tmp_path / "t.csv", header, np.column_stack([degrees(truth), points]))
+    made = import_recording([path], tmp_path / "out", UR10)
+    assert made.mapping.point.columns == ("Ost", "Nord", "Höhe")
+    assert_same_rows(made.recording, truth)
+
+
+def test_columns_that_do_not_fit_are_not_used(truth, tmp_path):
+    noise = np.random.default_rng(1).normal(size=(truth.n, 3)) * 500
+    header = [*(f"J{k}" for k in range(1, 7)), "Ost", "Nord", "Höhe"]
+    path = write_rows(tmp_path / "t.csv", header, np.column_stack([degrees(truth), noise]))
+    with pytest.raises(InputError, match="expected columns with a measured point"):
+        import_recording([path], tmp_path / "out", UR10)
+
+
+def test_two_sets_that_fit_are_a_question(truth, tmp_path):
+    shifted = truth.points + [10.0, 20.0, 30.0]
+    header = [*(f"J{k}" for k in range(1, 7)), "Ost", "Nord", "Höhe", "Ost'", "Nord'", "Höhe'"]
+    cells = np.column_stack([degrees(truth), truth.points, shifted])
+    path = write_rows(tmp_path / "t.csv", header, cells)
+    with pytest.raises(InputError, match="several sets of columns that fit"):
+        import_recording([path], tmp_path / "out", UR10)
+
+
+@pytest.mark.parametrize(
+    "header, kind, label",
+    [
+        ("x-Koordinate in mm", "xyz", "x"),
+        ("y-Position", "xyz", "y"),
+        ("Z coordinate (mm)", "xyz", "z"),
+        ("Drehwinkel um z", "turn", "z"),
+    ],
+)
+def test_a_noun_after_the_component_is_understood(header, kind, label):
+    found = read_header(header)
+    assert (found.kind, found.label) == (kind, label)
+
+
+def test_the_next_command_is_printed_in_full(truth, tmp_path, capsys):
+    path, out = table(tmp_path / "t.csv", truth), tmp_path / "my robot"
+    assert run(["import", str(path), "--robot", "ur10", "--out", str(out)]) == 0
+    assert (
+        f"Next: workbench calibrate '{out}' --out 'my robot-calibrate'" in capsys.readouterr().out
+    )
+
+
+def test_an_angle_in_the_header_of_a_prismatic_joint_is_refused(truth, tmp_path):
+    table_of_links = tmp_path / "gantry_standard.csv"
+    rows = "1,0,0,0,-90,prismatic\n2,90,0,0,90,prismatic\n3,0,300,100,0,\n4,0,0,250,0,\n"
+    table_of_links.write_text("joint,theta,d [mm],a [mm],alpha [deg],type\n" + rows)
+    header = ["J1 [deg]", "J2 [mm]", "J3 [deg]", "J4 [deg]", "X", "Y", "Z"]
+    cells = np.random.default_rng(0).normal(size=(20, 7)) * 50
+    path = write_rows(tmp_path / "t.csv", header, cells)
+    with pytest.raises(InputError, match=r"J1 \[deg\]: expected a length of a prismatic joint"):
+        import_recording([path], tmp_path / "out", ImportOptions(robot=str(table_of_links)))

@@ -1,0 +1,163 @@
+"""Joint readings and measured points whose headers are unknown: found by how well they fit the robot.
+
+Candidates are neighbouring columns of numbers that nothing else is read from. A set is used only where it fits and no
+other set does; a wrong set of columns leaves a misfit of many millimetres.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+
+import numpy as np
+
+from datasets.importers.mapping.column_units import joined_units
+from datasets.importers.mapping.conversion import complete_rows
+from datasets.importers.mapping.left_out import unused_columns
+from datasets.importers.mapping.model import Group, Mapping
+from datasets.importers.mapping.proposal import measures_of
+from datasets.importers.mapping.sets import headers_of
+from datasets.importers.source import RawTable
+from datasets.importers.units import ANGLES, LENGTHS
+from robot_model.robot import Robot
+from workbench.core.errors import InputError
+from workbench.recordings.importing import decisions
+from workbench.recordings.importing.fits import CandidateFit
+from workbench.recordings.importing.questions import Question, choose
+
+_MOST_TESTED = 300
+_SCREENED_FITS = 4
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A completed mapping, its fit, and the mapping in words."""
+
+    mapping: Mapping
+    fit: CandidateFit
+
+    @property
+    def words(self) -> str:
+        point, joints = self.mapping.point, self.mapping.joints
+        return (
+            f"joints {joints.columns[0]} ... {joints.columns[-1]}, point {', '.join(point.columns)} "
+            f"({self.fit.words})"
+        )
+
+
+def find_unnamed(
+    table: RawTable,
+    mapping: Mapping,
+    robots: Sequence[Robot],
+    positions: Callable[[Robot, RawTable, Mapping], object],
+    ask,
+) -> tuple[Mapping, tuple[str, ...]]:
+    """The mapping with joint readings and point where headers name none, and a sentence; unchanged where none fit.
+
+    robots: those that may be meant. positions: makes the recording of the positions under a mapping. ask: as of
+    `ImportOptions`. Raises InputError where several sets fit and nobody can be asked.
+    """
+    is_open = mapping.joints is None or mapping.point is None
+    if not is_open or mapping.measures is not None or mapping.flange_point is not None:
+        return mapping, ()
+    found = [one for robot in robots for one in _fitting(table, mapping, robot, positions)]
+    best = _best_of_each(found)
+    if not best:
+        return mapping, ()
+    chosen = best[0]
+    if len(best) > 1:
+        lines = [f"[point] columns = {list(one.mapping.point.columns)}" for one in best]
+        question = Question(
+            f"{table.file}: expected headers that name joint readings and the measured point, found several sets of "
+            f"columns that fit the robot ({'; '.join(one.words for one in best)})",
+            tuple(one.words for one in best),
+            tuple(lines),
+        )
+        chosen = choose(question, ask, best)
+    made = chosen.mapping
+    which = [("joint readings", made.joints)] if mapping.joints is None else []
+    which += [("the measured point", made.point)] if mapping.point is None else []
+    named = " and ".join(f"{', '.join(group.columns)} as {what}" for what, group in which)
+    return made, (
+        f"No header names {' or '.join(what for what, _ in which)}. Of the columns with numbers only one set fits the "
+        f"robot, and the import reads {named} ({chosen.fit.words}). If that is wrong, state the columns in a mapping "
+        "file and name it with --map.",
+    )
+
+
+def _best_of_each(found: Sequence[_Found]) -> list[_Found]:
+    """The best fit of each set of columns, the most probable first; without those that fit clearly worse."""
+    ordered = sorted(found, key=lambda one: one.fit.improbability)
+    kept: dict[tuple, _Found] = {}
+    for one in ordered:
+        columns = (one.mapping.joints.columns, one.mapping.point.columns)
+        kept.setdefault(columns, one)
+    every = list(kept.values())
+    return [one for one in every if one is every[0] or not every[0].fit.clearly_beats(one.fit)]
+
+
+def _fitting(table, mapping: Mapping, robot: Robot, positions) -> Iterator[_Found]:
+    """Mappings that fit a robot, with their units undecided."""
+    count = robot.mixing.shape[1]
+    tried = 0
+    for joints, point in product(_joint_groups(table, mapping, count), _points(table, mapping)):
+        if set(joints.columns) & set(point.columns) or tried >= _MOST_TESTED:
+            continue
+        tried += 1
+        made = replace(mapping, joints=joints, point=point)
+        made = replace(made, measures=measures_of(made))
+        rows = complete_rows(table, made)[0]
+        readings = list(decisions.unit_readings(made))
+        build = partial(positions, robot, rows)
+        fits = decisions.compare(robot, readings, build, _SCREENED_FITS)
+        if fits and fits[0][1].is_good:
+            yield _Found(made, fits[0][1])
+
+
+def _joint_groups(table: RawTable, mapping: Mapping, count: int) -> list[Group]:
+    if mapping.joints is not None:
+        return [mapping.joints] if len(mapping.joints.columns) == count else []
+    return [_group(table, names) for names in _neighbours(table, mapping, count, ANGLES)]
+
+
+def _points(table: RawTable, mapping: Mapping) -> list[Group]:
+    """Three neighbouring columns in their order, and with the first two exchanged (northing before easting)."""
+    if mapping.point is not None:
+        return [mapping.point]
+    found = []
+    for first, second, third in _neighbours(table, mapping, 3, LENGTHS):
+        found.append(_group(table, (first, second, third)))
+        found.append(_group(table, (second, first, third)))
+    return found
+
+
+def _group(table: RawTable, names: Sequence[str]) -> Group:
+    headers = headers_of(table)
+    return Group(tuple(names), joined_units([headers[name].unit for name in names]), None)
+
+
+def _neighbours(table: RawTable, mapping: Mapping, count: int, units) -> list[tuple[str, ...]]:
+    """Neighbouring columns of numbers that change, hold no commanded value and state no unit but `units`."""
+    headers = headers_of(table)
+    unused = unused_columns(table, mapping)
+    usable = []
+    for name in table.columns:
+        cells, header = table.columns[name], headers[name]
+        is_number = name in unused and cells.dtype.kind == "f" and np.isfinite(cells).sum() > count
+        fits = is_number and np.nanmax(cells) > np.nanmin(cells)
+        said = header.is_nominal or header.is_deviation or header.kind in ("time", "sample")
+        usable.append(name if fits and not said and header.unit in (None, *units) else None)
+    windows = [tuple(usable[k : k + count]) for k in range(len(usable) - count + 1)]
+    return [names for names in windows if None not in names]
+
+
+def refuse_wrong_slides(table: RawTable, mapping: Mapping, robot: Robot, is_sliding) -> None:
+    """Raise InputError where the header of a prismatic joint states an angle. is_sliding (R,): of the readings."""
+    headers = headers_of(table)
+    for name, slides in zip(mapping.joints.columns, is_sliding):
+        unit = headers[name].unit if name in headers else None
+        if slides and unit in ANGLES:
+            raise InputError(
+                f"{table.file}, column {name}: expected a length of a prismatic joint of '{robot.name}', found the "
+                f"unit {unit}; correct the header, or the order of the joint columns."
+            )
