@@ -1,6 +1,7 @@
 """`workbench evaluate`: a finished model predicts a recording that it was not fitted to."""
 
 import csv
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -91,3 +92,18 @@ def test_a_recording_of_another_arm_is_refused(runs):
 def test_an_unknown_refit_is_refused(runs, capsys):
     assert run(["evaluate", str(runs / "run"), str(runs / "second"), "--refit", "arm"]) == 2
     assert "base-and-tool" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "block, words",
+    [
+        ({}, "key considered.effects: expected a value, found none"),
+        ([1, 2], "key considered: expected the effects, free keys and covariance"),
+        ({"effects": [], "free": ["a"], "covariance": [[1.0]]}, "key considered: expected"),
+    ],
+)
+def test_a_broken_block_of_considered_terms_is_named(runs, tmp_path, block, words):
+    keys = json.loads((runs / "run" / "solution.json").read_text())
+    (tmp_path / "solution.json").write_text(json.dumps(keys | {"considered": block}))
+    with pytest.raises(InputError, match=words):
+        wb.evaluate(tmp_path / "solution.json", str(runs / "second"), no_report=True)

@@ -159,3 +159,16 @@ def test_command_ends_with_status_1_where_the_recording_is_not_enough(templates,
     command = ["check", str(tmp_path / "few"), "--no-report", "--out", str(tmp_path / "out")]
     assert run(command) == 1
     assert "Not enough for `workbench calibrate`" in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_page_states_a_failing_verdict_once(tmp_path):
+    import datasets
+    from workbench.recordings.inspection import inspect_recording
+    from workbench.report import inspection
+
+    write_template("external-point", tmp_path / "few", robot="ur10")
+    few = datasets.read(tmp_path / "few").select(np.arange(4))
+    made = inspect_recording(few)
+    page = inspection.page(made)
+    assert page.warning == made.sentence
+    assert made.sentence not in page.lead

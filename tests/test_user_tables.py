@@ -174,3 +174,23 @@ def test_slides_without_a_unit_are_asked_for_a_length(tmp_path):
     )
     readings = read_programme(slide_table(tmp_path, "", ""), SLIDES, mapping).readings
     np.testing.assert_allclose(readings[0, [1, 3]], [100_000, 120_000])
+
+
+def test_a_mapping_with_a_column_that_the_targets_do_not_have_is_refused(tmp_path):
+    names = [f"A{k}" for k in range(1, 7)]
+    (tmp_path / "t.csv").write_text("A1,A2,A3,B4,A5,A6\n1,2,3,4,5,6\n2,3,4,5,6,7\n")
+    mapping = tmp_path / "map.toml"
+    mapping.write_text(f'format = "import/1"\n[joints]\ncolumns = {names}\nunit = "deg"\n')
+    with pytest.raises(InputError, match=r"--map, key joints.columns: .* found A4, which is not"):
+        read_programme(tmp_path / "t.csv", load_robot("ur10"), mapping)
+
+
+def test_the_mapping_of_a_measurement_reads_targets_without_the_point(tmp_path):
+    names = [f"A{k}" for k in range(1, 7)]
+    (tmp_path / "t.csv").write_text("A1,A2,A3,A4,A5,A6\n1,2,3,4,5,6\n2,3,4,5,6,7\n")
+    mapping = tmp_path / "map.toml"
+    point = '[point]\ncolumns = ["X", "Y", "Z"]\nunit = "mm"\n'
+    joints = f'[joints]\ncolumns = {names}\nunit = "deg"\n'
+    mapping.write_text(f'format = "import/1"\n{joints}{point}')
+    programme = read_programme(tmp_path / "t.csv", load_robot("ur10"), mapping)
+    assert np.allclose(np.rad2deg(programme.readings[1]), [2, 3, 4, 5, 6, 7])

@@ -144,6 +144,7 @@ def _mapping(raw: RawTable, stated: Mapping | None) -> Mapping:
     proposed = propose(raw, has_images=True).mapping
     if stated is None:
         return proposed
+    _check_stated(raw, stated)
     kept = {}
     for quantity in QUANTITIES:
         group = getattr(stated, quantity)
@@ -151,6 +152,26 @@ def _mapping(raw: RawTable, stated: Mapping | None) -> Mapping:
         kept[quantity] = group if is_here else None
     columns = {name: target for name, target in stated.columns.items() if name in raw.columns}
     return replace(stated, **kept, columns=columns).merged(proposed)
+
+
+def _check_stated(raw: RawTable, stated: Mapping) -> None:
+    """Raise InputError where a quantity of the mapping has some of its columns in the table, or none of them all has.
+
+    The mapping of a measurement also names columns, such as those of the point, that a table of targets does not have.
+    """
+    groups = {quantity: getattr(stated, quantity) for quantity in QUANTITIES}
+    groups = {quantity: group.columns for quantity, group in groups.items() if group is not None}
+    present = {quantity: set(names) & set(raw.columns) for quantity, names in groups.items()}
+    for quantity, names in groups.items():
+        missing = [name for name in names if name not in raw.columns]
+        if missing and (present[quantity] or not any(present.values())):
+            shown = ", ".join(list(raw.columns)[:12])
+            raise complaint(
+                f"--map, key {quantity}.columns",
+                f"columns of {raw.file}",
+                f"{missing[0]}, which is not among them ({shown})",
+                "correct the name in the mapping file",
+            )
 
 
 def _joints(raw: RawTable, found: Mapping, sliding: Sequence[bool]) -> dict[str, np.ndarray]:

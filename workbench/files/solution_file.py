@@ -169,7 +169,7 @@ def read_solution(path: Path) -> CalibratedArm:
             keys,
             ranges,
             float(keys.get("discrepancy_rms_mm") or 0.0),
-            read_considered(keys.get("considered"), len(keys["free"])),
+            _considered(path, keys),
         )
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
         if isinstance(problem, InputError):
@@ -180,6 +180,18 @@ def read_solution(path: Path) -> CalibratedArm:
         ) from None
     _check_arm(path, arm)
     return arm
+
+
+def _considered(path: Path, keys: Mapping) -> Considered | None:
+    """The terms that are not in the model. Raises InputError with the key where they are not usable."""
+    try:
+        return read_considered(keys.get("considered"), len(keys["free"]))
+    except KeyError as problem:
+        raise _unusable(path, f"considered.{problem.args[0]}", "a value", "none") from None
+    except (TypeError, ValueError, AttributeError, InputError) as problem:
+        expected = "the effects, free keys and covariance that `workbench diagnose` writes"
+        found = f"a block that cannot be read ({problem})".rstrip(".")
+        raise _unusable(path, "considered", expected, found) from None
 
 
 def _check_arm(path: Path, arm: CalibratedArm) -> None:

@@ -35,10 +35,16 @@ def page(made: Inspection) -> Page:
         f"Check of a recording · {recording.measures}",
         recording.title or recording.name,
         tuple(_numbers(made)),
-        (made.sentence, "Nothing is fitted: these are properties of the recording alone."),
+        _lead(made),
         tuple(sections),
         warning="" if made.is_sufficient else made.sentence,
     )
+
+
+def _lead(made: Inspection) -> tuple[str, ...]:
+    """The verdict, unless the warning above states it, and what the page is about."""
+    about = "Nothing is fitted: these are properties of the recording alone."
+    return (made.sentence, about) if made.is_sufficient else (about,)
 
 
 def _numbers(made: Inspection) -> Iterator[tuple[str, str, str]]:
