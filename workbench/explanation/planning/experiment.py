@@ -37,6 +37,10 @@ FEW = (
     "Measure more poses, spread over the workspace: from {poses} a law that fits some of them does not carry to the "
     "others."
 )
+UNTESTED = (
+    "Backlash was not tested by the side of approach and cannot be distinguished from hysteresis: the recording has no "
+    "columns approach1 ... Reach some poses from both sides and record the side to test it."
+)
 CLEAN = "Nothing is missing that these data can show; the table of smallest sizes says what they cannot."
 
 
@@ -62,7 +66,7 @@ def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: flo
         return Experiment(few if p_first < MISSING else CLEAN)
     doubtful = [term for term in terms if not term.certain or term.finding.effect == "unknown"]
     if not doubtful:
-        return Experiment(NOTHING)
+        return Experiment(" ".join(filter(None, (NOTHING, untested_backlash(bench.chain)))))
     missing = _missing(doubtful)
     asked = sorted(doubtful, key=lambda one: (not one.finding.effects, one.finding.probability))[
         :_ASKED
@@ -83,6 +87,17 @@ def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: flo
     sentence = describe_comparison(doubt, rows) + (f" {missing}" if missing else "")
     figures = tuple({k: v for k, v in row.items() if k != "poses"} for row, _ in rows)
     return Experiment(sentence, figures, scene, plan.listing(best["poses"]), robot)
+
+
+def untested_backlash(chain) -> str:
+    """What to record where a robot's recording does not state the side of approach; "" where it does.
+
+    chain: of the bench; None or a scanner's where no joint has backlash.
+    """
+    if not hasattr(chain, "robot"):
+        return ""
+    is_recorded = any(name.startswith("approach") for name in chain.state.covariates)
+    return "" if is_recorded else UNTESTED
 
 
 def _asked(bench, terms, term: Term, problem: Problem, kinds: Sequence[Plan]):
