@@ -58,6 +58,7 @@ def test_one_error_of_the_model_in_the_whole_answer(workbench, tmp_path):
     answer, rows, _ = answer_of(workbench, tmp_path, text, status=0)
     expected = (answer["model_error_mm"] ** 2 + answer["sigma_rms_mm"] ** 2) ** 0.5
     assert float(rows[0]["uncertainty_mm"]) == pytest.approx(expected, rel=1e-3)
+    assert float(rows[0]["expanded_uncertainty_mm"]) == pytest.approx(2 * expected, rel=1e-3)
     assert answer["verdict"]["residual"] == pytest.approx(expected, rel=1e-3)
     assert "(RMS, 1 sigma) of the worst target" in answer["verdict"]["sentence"]
 

@@ -204,6 +204,7 @@ def corrected_columns(
         "rotation_left_deg": found.rotation_left_deg,
         "sigma_mm": found.sigma_mm,
         "uncertainty_mm": found.uncertainty_mm,
+        "expanded_uncertainty_mm": found.expanded_uncertainty_mm,
         "reached": found.reached.astype(float),
         "refused": is_refused.astype(float),
     }

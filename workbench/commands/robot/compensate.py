@@ -175,6 +175,7 @@ def _changes(arm, programme, found) -> list[str]:
 
 def _summary(arm, found, refused) -> dict:
     """The main figures; errors are 3-D, of the flange, in mm."""
+    from workbench.jobs.robot.compensate import COVERAGE_FACTOR
     from workbench.jobs.robot.model_error import known_noise, model_error_mm
 
     noise = known_noise(arm).noise
@@ -200,6 +201,8 @@ def _summary(arm, found, refused) -> dict:
         "rotation_left_rms_deg": _rms(found.rotation_left_deg[kept]),
         "sigma_rms_mm": _rms(found.sigma_mm[kept]),
         "uncertainty_rms_mm": _rms(found.uncertainty_mm[kept]),
+        "coverage_factor": COVERAGE_FACTOR,
+        "expanded_uncertainty_max_mm": _largest(found.expanded_uncertainty_mm[kept]),
         "expected_error_mm": arm.held_out_mm,
         "model_error_mm": model_error_mm(arm),
         "noise_mm": None if noise is None else float(noise.value),

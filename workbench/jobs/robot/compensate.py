@@ -26,6 +26,8 @@ from workbench.files.solution_file import CalibratedArm
 from workbench.jobs.robot.extrapolation import extrapolation_mm
 from workbench.jobs.robot.model_error import remaining_error_mm
 
+COVERAGE_FACTOR = 2
+"""Expanded uncertainty over standard uncertainty (GUM, JCGM 100:2008, 6.2)."""
 _STEPS = 40
 # starts of the search for a posture, and where a joint without limits may start
 _TRIES, _OPEN = 20, (-np.pi, np.pi)
@@ -46,6 +48,7 @@ class Compensated:
     `left_mm` (n,) what is left of it; `sigma_mm` (n,) 1 sigma of the 3-D place that the parameters'
     uncertainty, considered terms and the extrapolation of empirical functions make; `uncertainty_mm` (n,) that combined
     with the error of the model on unseen poses (`model_error.remaining_error_mm`; GUM, JCGM 100:2008, 5.1.2);
+    `expanded_uncertainty_mm` is that times the coverage factor 2 (6.2 there);
     `reached` (n,) False where no reading within limits gets there, because the search found none or, where
     `beyond_limits` (n,), because the one it found is outside the limits of the joints.
 
@@ -67,6 +70,11 @@ class Compensated:
     position_left_mm: np.ndarray
     rotation_left_deg: np.ndarray
     is_deficient: bool
+
+    @property
+    def expanded_uncertainty_mm(self) -> np.ndarray:
+        """(n,) mm: uncertainty of the 3-D place with the coverage factor; it holds 95 % of the errors or more."""
+        return COVERAGE_FACTOR * self.uncertainty_mm
 
 
 def compensate(
