@@ -2,7 +2,8 @@
 
 `python tools/gallery.py` writes every page, `python tools/gallery.py touch-point unified` the named ones.
 Each page runs the commands that it shows, so that text, numbers and images come from the present code.
-`rendered-scanner` keeps its parts in docs/gallery/.parts and resumes there; all pages together take hours.
+`rendered-scanner` and the scans of `unified` keep their parts in docs/gallery/.parts and resume there; all pages
+together take hours.
 """
 
 import sys
@@ -59,9 +60,15 @@ def unified() -> None:
     """docs/gallery/unified-kinematic-compliance.md: Ye et al. 2024."""
     import gallery_ye as figures
     import gallery_ye_page as text
+    import gallery_ye_scanner as scanner
+    import gallery_ye_sections as sections
 
-    answers, draws = figures.collect()
-    page = text.page(answers, draws, figures.readings(), figures.printed_sign())
+    found = scanner.collect(PARTS)
+    answers, draws, made = figures.collect(sections.recordings)
+    errors = sections.held_out_errors(made)
+    sections.draw_all(made, errors, found)
+    paper = sections.texts(made, errors, found)
+    page = text.page(answers, draws, figures.readings(), figures.printed_sign(), paper)
     figures.PAGE.write_text(page, encoding="utf-8")
 
 

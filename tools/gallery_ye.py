@@ -1,7 +1,8 @@
 """Writes docs/gallery/unified-kinematic-compliance.md with its images: the models of Ye et al., Sensors 24, 2559.
 
 `python tools/gallery.py unified` runs the page's own commands in an empty folder and writes every number of the page.
-Needs MuJoCo. Six minutes, three more where the real recording irb120_faro is at hand.
+Needs MuJoCo. Six minutes, three more where the real recording irb120_faro is at hand, ten for the
+images of the scanner.
 """
 
 import json
@@ -69,8 +70,11 @@ def run(command: str, folder: Path) -> None:
     )
 
 
-def collect() -> tuple[dict, dict]:
-    """JSON answers by experiment, and held-out errors over random draws by experiment."""
+def collect(read) -> tuple[dict, dict, dict]:
+    """JSON answers by experiment, held-out errors over random draws by experiment, and what `read` makes.
+
+    read: called with the folder in which the commands ran, before it is gone.
+    """
     real = datasets.find(REAL) is not None
     with tempfile.TemporaryDirectory() as folder:
         for command in (*COMMANDS, *([REAL_COMMAND] if real else [])):
@@ -81,7 +85,8 @@ def collect() -> tuple[dict, dict]:
             made = Path(folder) / f"compared-{name}"
             answers[number] = json.loads((made / "answer.json").read_text(encoding="utf-8"))
             shutil.copy(made / "comparison.png", PAGE.with_name(f"unified-{name}.png"))
-    return answers, {k: (drawn(k), drawn(k, reading=True)) for k in (1, 2)}
+        made = read(Path(folder))
+    return answers, {k: (drawn(k), drawn(k, reading=True)) for k in (1, 2)}, made
 
 
 def drawn(experiment: int, reading: bool = False) -> dict[str, np.ndarray]:

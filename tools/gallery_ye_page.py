@@ -17,10 +17,36 @@ from gallery_ye import (
     WIDE,
 )
 
-_TEXT = """# Kinematics, gears and compliance in one model
+_TEXT = """# Scanner, kinematics, gears and compliance: from images to the tables of Ye 2024
 
 *Ye, Jia, Wang, Chen & Xi, Sensors 2024, 24, 2559. This page and its numbers are written by
 `python tools/gallery.py unified`.*
+
+## From images to ball centres
+
+The paper calibrates its scanner from images of a chessboard and then measures four ceramic balls in 50 scans each. No
+public images of its scanner exist, so they are rendered with its camera and mirror
+([docs/scenes/ye-scanner.toml](../scenes/ye-scanner.toml)), here with half of its pixels in each direction and 24 of its
+120 light planes. Every figure comes from the images alone. The page [rendered scanner](rendered-scanner.md) has the
+whole camera, 120 planes and six scans.
+
+| | published | reached |
+|---|---|---|
+| corners, RMS of a coordinate | 0.06 px | {corner:.4f} px |
+| light planes over the working volume, RMS | 0.004 mm | {plane:.5f} mm |
+| ball form, RMS over 200 scans | 0.0114 mm | {form:.4f} mm |
+| ball form, standard deviation over the scans | 0.0049 mm | {form_std:.4f} mm |
+
+![Ball centres of 200 scans and radius errors of their points](unified-scanner.png)
+
+Repeatability of a ball centre over 50 scans from 50 directions and places in the working volume, as the paper moves its
+arm between scans. *In space* is the root of the sum of squares over the axes. Errors are in the camera frame after one
+rigid alignment of the scanner, which a hand-eye calibration absorbs. The paper prints no standard deviation of the
+centres; its Figure 10 shows the radius errors.
+
+{repeatability}
+
+## The four models
 
 The paper compares four models of a robot with a scanner: kinematics alone (MDH), with waves of the gears of joints 1 to
 3 (NTM), with compliance under load and self-weight (RFCM), and with both (all, its own). Here they are
@@ -34,6 +60,16 @@ the least active joint at about 50°, as the paper says of its own; `tracker-wid
 {commands}
 ```
 
+### Spread of the samples in joint space
+
+Range of each joint's readings (standard deviation), deg, as in the paper's Figure 14.
+
+{spread}
+
+![Samples in joint space](unified-joints.png)
+
+### Held-out errors
+
 ![First experiment](unified-balls.png)
 
 ![Second experiment](unified-tracker.png)
@@ -46,6 +82,24 @@ Held-out RMS, mm, and its ratio to MDH; *over {draws} draws* of the fitted poses
 The noise floor is {floor1:.4f} and {floor2:.4f} mm; the wide box is counted as the second experiment.
 
 {table}
+
+Statistics of the 3-D errors in mm, as the paper's Tables 5 and 8 have them, of one draw; the `Std` column of `workbench
+compare` is the same:
+
+{statistics}
+
+The panels of the paper's Figures 11 and 15 for the same draw, first experiment and second in the wide box:
+
+![Errors of the first experiment by sample, distribution, direction and model](unified-errors.png)
+
+![Errors of the second experiment, wide box](unified-errors-tracker.png)
+
+With the errors of the 200 rendered scans on the ball centres in place of the noise, the held-out RMS of the first
+experiment in mm is
+{scanned}.
+What is left is the model, not the scanner. The paper prints a residual of its whole model that is {share:.0f} times the
+RMS error of these ball centres. It therefore comes from other sources than those that are rendered, such as the
+repeatability of the arm, the speckle of its laser, or effects that its model does not hold.
 
 - **Order.** MDH > NTM, RFCM > all: {order1} in the first experiment; in the second {order2} in the narrow box and
   {wide_order} in the wide one (with NTM fitted to what MDH left, as the paper's stage 2 does: {wide_way}). In the
@@ -119,8 +173,11 @@ frames; full torques with all joints, bearing compliance and a drift of the base
 """
 
 
-def page(answers, drawn, readings, sign) -> str:
-    """The page's text; drawn: experiment -> draws as printed, and under the reading that comes nearest."""
+def page(answers, drawn, readings, sign, paper: dict) -> str:
+    """The page's text; drawn: experiment -> draws as printed, and under the reading that comes nearest.
+
+    paper: texts and figures of `gallery_ye_sections.texts`.
+    """
     printed, read = (
         {k: {name: _rms(v) for name, v in drawn[k][j].items()} for k in drawn} for j in (0, 1)
     )
@@ -129,6 +186,7 @@ def page(answers, drawn, readings, sign) -> str:
     wins = {k: int((drawn[k][0]["arm-torsion"] < drawn[k][0]["ye-2024"]).sum()) for k in drawn}
     wins[3] = int((drawn[2][1]["arm-torsion"] < drawn[2][1]["ye-2024"]).sum())
     return _TEXT.format(
+        **paper,
         noise1=NOISE[1],
         noise2=NOISE[2],
         commands="\n".join(COMMANDS),
