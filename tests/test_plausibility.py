@@ -49,6 +49,15 @@ def assert_warned(robot, recording, cause, *words):
         assert word in found[0].sentence
 
 
+def test_a_planned_recording_is_not_warned_of_its_stated_noise():
+    """Its residuals are rounding errors of computed values; those of a measurement are named."""
+    made = scene("external-point", n=60, sigma=0.05)
+    assert not suspicions(made.robot, made.recording)
+    rng = np.random.default_rng(0)
+    noise = {key: made.recording.columns[key] + rng.normal(0, 0.001, 60) for key in XYZ}
+    assert_warned(made.robot, changed(made.recording, **noise), "sigma", "times the scatter")
+
+
 @pytest.mark.parametrize("measures, joint", mostly_slow(product(KINDS, (1, 3, 4)), 4))
 def test_a_joint_of_the_other_sign_is_named(measures, joint):
     robot, recording = erring(measures, 1)

@@ -30,6 +30,9 @@ _ROWS, _MANY_STEPS = 240, 60
 _GOOD_MM, _GOOD_REACH, _GOOD_SPREAD = 0.5, 0.001, 0.006
 _SIGMA_RATIO = 4.0
 _LEAST_DEGREES = 30
+_COMPUTED_MM = (
+    1e-9  # no instrument resolves less: smaller residuals are rounding errors of computed values
+)
 _LEAST_POSES = 4
 _EFFECT = 3.0
 _MAJORITY = 0.6
@@ -180,6 +183,8 @@ def _rounded(robot, recording, fit, named):
 def _sigma_too_large(recording, fit):
     if recording.sigma is None or fit.degrees < _LEAST_DEGREES or not fit.scale > 0:
         return
+    if fit.scale < _COMPUTED_MM:
+        return  # nothing is measured yet: the recording is a plan
     stated = float(np.median(recording.sigma)) * np.sqrt(3)
     if stated > _SIGMA_RATIO * fit.scale:
         yield Suspicion(

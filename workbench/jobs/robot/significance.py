@@ -18,7 +18,7 @@ from workbench.machine.progress import paced
 
 COLUMNS = ("theta", "d", "a", "alpha", "beta")
 PARTS = ("position", "x", "y", "z")
-"""What is moved: the place of the end (mm), then the unit vectors of its x, y and z axis."""
+"""What is moved: the position of the flange (mm), then the unit vectors of its x, y and z axis."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ def image(found: Significance):
 
     made = Figure(figsize=(11, 6.4), facecolor="white", layout="constrained")
     names, unseen = [key.split(".")[1] for key in found.keys], found.unseen()
-    titles = ("place of the end (mm)", "x axis (NP)", "y axis (OP)", "z axis")
+    titles = ("position of the flange", "x axis (NP)", "y axis (OP)", "z axis")
     charts = made.subplots(2, 2, sharex=True).ravel()
     for axes, part, title, column in zip(charts, PARTS, titles, found.index.T):
         none = np.isin(found.keys, unseen[part])
@@ -194,6 +194,7 @@ def image(found: Significance):
         marks = {"marker": "x", "s": 26, "color": "#d9730d", "zorder": 3, "label": "no effect"}
         axes.scatter(np.flatnonzero(none), np.zeros(none.sum()), **marks)
         axes.set_title(title, size=10.5)
+        axes.set_ylabel("displacement (mm)" if part == "position" else "change of unit vector (1)")
         if part == "position":  # tenths of a millimetre next to tens
             axes.set_yscale("log")
             axes.set_ylim(0.3 * min(column[~none]), None)
