@@ -140,6 +140,25 @@ def test_a_calibration_that_failed_is_refused_unless_forced(solution, tmp_path):
     assert run("compensate", "bad.json", targets, "--force", folder=tmp_path).returncode == 0
 
 
+def test_the_exported_model_runs_in_mujoco(solution, tmp_path):
+    mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo")
+    done = run("export", solution, "--to", "mjcf", "--out", "arm.xml", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+    mujoco.mj_forward(model, mujoco.MjData(model))
+    assert model.nu == 6
+
+
+def test_the_exported_module_runs_in_a_fresh_interpreter(solution, tmp_path):
+    done = run("export", solution, "--to", "python", "--out", "arm.py", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    code = "import arm; print(arm.flange_poses([[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]]).shape)"
+    alone = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env={}, capture_output=True, text=True
+    )
+    assert alone.stdout.strip() == "(1, 4, 4)", alone.stderr
+
+
 @pytest.mark.parametrize("name", ["urdf", "mdh-json", "mdh-csv"])
 def test_arms_are_exported(solution, tmp_path, name):
     done = run("export", solution, "--to", name, "--out", "arm.out", folder=tmp_path)
