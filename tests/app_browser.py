@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from workbench.app.figures.arrows import CORNERS
@@ -224,26 +225,53 @@ def drawn_rows(page) -> list[int]:
     return corners[::CORNERS]
 
 
-def place_of_needle(page, row: int) -> list[float]:
-    """Where in the window the needle of a sample starts, computed from the camera of the scene."""
-    return plot(page, "arrows").evaluate(
-        """(element, row) => {
-            const scene = element._fullLayout.scene._scene, {projection, view, model} = scene.glplot.cameraParams;
-            const marks = element._fullData.find((one) => one.name === 'residuals');
-            const place = Array.from(marks.customdata).indexOf(row);
-            const point = ['x', 'y', 'z'].map((axis, k) => marks[axis][place] * scene.dataScale[k]);
-            const apply = (m, v) => [0, 1, 2, 3].map((i) => [0, 1, 2, 3].reduce((sum, j) => sum + m[4 * j + i] * v[j], 0));
-            const seen = [model, view, projection].reduce((v, m) => apply(m, v), [...point, 1]);
-            const box = scene.container.getBoundingClientRect();
-            return [box.left + box.width * (0.5 + 0.5 * seen[0] / seen[3]), box.top + box.height * (0.5 - 0.5 * seen[1] / seen[3])];
-        }""",
-        row,
-    )
+_ENDS_OF_NEEDLES = """(element, corners) => {
+    const scene = element._fullLayout.scene._scene, {projection, view, model} = scene.glplot.cameraParams;
+    const marks = element._fullData.find((one) => one.name === 'residuals');
+    const box = scene.container.getBoundingClientRect();
+    const apply = (m, v) => [0, 1, 2, 3].map((i) => [0, 1, 2, 3].reduce((sum, j) => sum + m[4 * j + i] * v[j], 0));
+    const place = (vertex) => {
+        const point = ['x', 'y', 'z'].map((axis, k) => marks[axis][vertex] * scene.dataScale[k]);
+        const seen = [model, view, projection].reduce((v, m) => apply(m, v), [...point, 1]);
+        return [box.left + box.width * (0.5 + 0.5 * seen[0] / seen[3]), box.top + box.height * (0.5 - 0.5 * seen[1] / seen[3])];
+    };
+    const found = {};
+    for (let first = 0; first < marks.customdata.length; first += corners)
+        found[marks.customdata[first]] = [place(first), place(first + corners - 1)];
+    return found;
+}"""
+"""Row -> where in the window its needle starts and ends, computed from the camera of the scene."""
 
 
-def click_mark(page, row: int) -> None:
-    """Click on the needle of a sample in space, at its measured point."""
-    click_at(page, *settled_place(page, lambda: place_of_needle(page, row)))
+def ends_of_needles(page) -> dict[int, np.ndarray]:
+    """Row -> (2, 2) px: where in the window the needle of a sample starts, and where its tip is."""
+    found = plot(page, "arrows").evaluate(_ENDS_OF_NEEDLES, CORNERS)
+    return {int(row): np.array(ends) for row, ends in found.items()}
+
+
+def place_of_needle(page, row: int, share: float = 0.0) -> list[float]:
+    """Where in the window a needle is, at a share of its length from the measured point."""
+    start, tip = ends_of_needles(page)[row]
+    return (start + share * (tip - start)).tolist()
+
+
+def clearest_needle(page, share: float) -> int:
+    """Row of the needle that is, at a share of its length, farthest from all other needles in the window."""
+    ends = ends_of_needles(page)
+    along = np.linspace(0, 1, 21)[:, None]
+    shafts = {row: start + along * (tip - start) for row, (start, tip) in ends.items()}
+
+    def distance(row: int) -> float:
+        start, tip = ends[row]
+        others = np.concatenate([shaft for other, shaft in shafts.items() if other != row])
+        return np.linalg.norm(others - (start + share * (tip - start)), axis=1).min()
+
+    return max(ends, key=distance)
+
+
+def click_mark(page, row: int, share: float = 0.0) -> None:
+    """Click on the needle of a sample in space, at a share of its length from the measured point."""
+    click_at(page, *settled_place(page, lambda: place_of_needle(page, row, share)))
 
 
 def brush_chart(page) -> None:

@@ -8,13 +8,17 @@ from app_browser import (
     brush_chart,
     cancel_run,
     choose_option,
+    clearest_needle,
     click_bin,
+    click_mark,
     click_option,
     click_row,
     opened_app,
+    place_of_needle,
     plot,
     run_workbench,
     scrub_by_key,
+    settled_place,
     show_tab,
     text_of,
     trace,
@@ -158,6 +162,31 @@ def test_a_click_on_an_arrow_shows_image_with_overlay_pose_and_row(page):
         "() => document.querySelector('[data-mark=arrows]')?.style.visibility === 'visible'"
     )
     assert "q1_deg" in page.get_by_role("group", name="Row of the sample").inner_text()
+
+
+_ALONG = 0.7
+"""Needles of the balls of one artefact start at the same few places and part towards their tips."""
+_IS_MARKED = """(text) => {
+    const mark = document.querySelector('[data-mark=arrows]');
+    return mark?.style.visibility === 'visible' && mark.innerText === text;
+}"""
+
+
+def test_a_real_click_in_space_shows_image_with_overlay_pose_and_row(page):
+    show_tab(page, "Residuals")
+    page.get_by_role("button", name="Clear selection").click()
+    wait_for_text(page, "selection", "0 of 30 samples selected")
+    settled_place(page, lambda: place_of_needle(page, 0))
+    row = clearest_needle(page, _ALONG)
+    click_mark(page, row, _ALONG)
+    wait_for_text(page, "selection", "1 of 30 samples selected")
+    page.get_by_role("heading", name=f"Sample {row}, pose").wait_for()
+    wait_for_text(page, "picked", ", scan; laser stripe detected")
+    assert len(trace(page, "picked", "stripe")["x"]) > 50
+    cells = page.get_by_role("group", name="Selected samples").locator("tbody tr td")
+    assert cells.first.inner_text() == str(row) and "scan-" in cells.last.inner_text()
+    assert "q1_deg" in page.get_by_role("group", name="Row of the sample").inner_text()
+    page.wait_for_function(_IS_MARKED, arg=f"sample {row}")
 
 
 def test_the_chart_can_show_any_quantity(page):
