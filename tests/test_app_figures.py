@@ -1,12 +1,15 @@
 """Figures of the app without their page: needles, charts, the arm, and which of many samples are drawn."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from workbench.app.data import decimate
 from workbench.app.data.arm import arm_pose, joint_coverage
 from workbench.app.data.opened import open_subject
-from workbench.app.figures import residuals, robot
+from workbench.app.data.sensor import camera_of
+from workbench.app.figures import residuals, robot, style
 from workbench.app.figures.arrows import CORNERS, corners, shafts
 from workbench.app.workspace import Workspace
 
@@ -103,3 +106,31 @@ def test_bin_means_are_those_of_all_samples():
 def test_a_rectangle_holds_its_edges_in_any_order():
     x = y = np.arange(5.0)
     assert decimate.within(x, y, (3, 1), (1, 9)).tolist() == [False, True, True, True, False]
+
+
+@pytest.mark.parametrize("high", [(100, 100, 900), (900, 900, 100), (1000, 20, 20)])
+def test_a_framed_scene_fits_the_default_view_with_equal_scales(high):
+    made = style.framed(style.space("any"), (0, 0, 0), high)
+    ratio = np.array([made.layout.scene.aspectratio[axis] for axis in "xyz"])
+    assert np.linalg.norm(ratio) <= 1.61 and ratio[2] <= 1.2
+    shares = np.array(high) / max(high)
+    assert np.allclose(ratio / ratio.max(), np.maximum(shares, 0.05 / ratio.max()))
+    ticks = [made.layout.scene[f"{axis}axis"].nticks for axis in "xyz"]
+    assert max(ticks) == 6 and min(ticks) >= 2
+
+
+def test_the_camera_of_a_hand_eye_calibration_is_read_from_its_answer(tmp_path):
+    keys = {
+        "fx_px": 750.0,
+        "fy_px": 749.0,
+        "cx_px": 240.0,
+        "cy_px": 188.0,
+        "distortion": [-0.15, 0.16, 0.0, 0.0, -0.4],
+        "width_px": 480,
+        "height_px": 384,
+    }
+    answers = ({"camera": keys}, {"camera": None}, {}, None)
+    runs = [SimpleNamespace(folder=tmp_path, answer=answer) for answer in answers]
+    found = [camera_of(run) for run in runs]
+    assert (found[0].fx, found[0].cy, tuple(found[0].size)) == (750.0, 188.0, (480, 384))
+    assert found[1:] == [None, None, None]

@@ -17,13 +17,23 @@ _SHELL_MM = 1.0
 
 
 def camera_of(opened: Opened):
-    """The calibrated camera of the run; None where it has none."""
+    """The calibrated camera of the run, that of a hand-eye calibration too; None where it has none."""
     path = _file_of(opened, SCANNER) or _file_of(opened, CAMERA)
     if path is None:
-        return None
+        return _camera_in_answer(opened)
     from workbench.jobs.sensor.camera import read
 
     return read(path)
+
+
+def _camera_in_answer(opened: Opened):
+    """The camera that a run without a file of it states in its answer; None where it states none."""
+    keys = (opened.answer or {}).get("camera")
+    if not isinstance(keys, Mapping) or "fx_px" not in keys:
+        return None
+    from sensors.camera.model import camera_from_keys
+
+    return camera_from_keys(keys, f"{opened.folder}/answer.json")
 
 
 def scanner_of(opened: Opened):

@@ -13,6 +13,8 @@ from workbench.app.figures import style
 from workbench.app.workspace import quantities_of
 from workbench.report.diagnosis.chain import side
 
+_MARGIN = 0.05
+"""Room around the poses of the next experiment for their numbers, as a share of the diagonal."""
 _SHORT = {"joint": "J", "link": "L"}
 
 
@@ -117,7 +119,9 @@ def next_poses(opened: Opened, poses: NextPoses | None) -> go.Figure:
     links = _links(robot, poses.readings)
     _add_arms(made, links)
     _add_numbers(made, links[-1], poses)
-    return style.framed(made, links.min(axis=(0, 2)), links.max(axis=(0, 2)))
+    low, high = links.min(axis=(0, 2)), links.max(axis=(0, 2))
+    margin = _MARGIN * float(np.linalg.norm(high - low))
+    return style.framed(made, low - margin, high + margin)
 
 
 def _links(robot, readings: np.ndarray) -> np.ndarray:

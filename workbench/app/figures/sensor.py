@@ -15,8 +15,10 @@ from workbench.report.sensor import space
 _NEAR_MM = 1.0
 _SIGNED = [[0, style.BLUE], [0.5, "#c3c7cd"], [1, "#b3261e"]]
 """Colours from negative to positive deviations; zero is grey, so that it stands out on white."""
-_FROM_SENSOR = dict(eye=dict(x=0.85, y=-0.6, z=-1.9), up=dict(x=0, y=-1, z=0))
-"""The view from the sensor, whose z axis points to the object."""
+_FROM_SENSOR = dict(
+    eye=dict(x=0.95, y=-0.5, z=-2.1), up=dict(x=0, y=-1, z=0), center=dict(x=0, y=0.12, z=0)
+)
+"""The view from the sensor, whose z axis points to the object; low enough for the title of the lowest axis."""
 _WHOLE = dict(eye=dict(x=1.8, y=-1.9, z=0.8), center=dict(x=0, y=0, z=-0.1))
 
 

@@ -35,7 +35,7 @@ def plane(across: str, up: str, view: str) -> go.Figure:
 
 def space(view: str) -> go.Figure:
     """An empty scene in mm with equal axes."""
-    axis = dict(backgroundcolor="#ffffff", gridcolor="#d4d4d8", showspikes=False, nticks=6)
+    axis = dict(backgroundcolor="#ffffff", gridcolor="#d4d4d8", showspikes=False, nticks=_TICKS)
     scene = {f"{name}axis": dict(title=dict(text=f"{name} (mm)"), **axis) for name in "xyz"}
     scene |= dict(
         aspectmode="data",
@@ -55,16 +55,22 @@ def space(view: str) -> go.Figure:
 
 _IN_VIEW = 1.6
 """Length of the diagonal of a scene that the default view holds, in plotly's units."""
+_TALLEST = 1.2
+"""Height of a scene that the default view holds, which looks at the scene from slightly above."""
+_TICKS = 6
+"""Ticks of the longest axis; shorter ones have fewer, so that their numbers do not overlap."""
 
 
 def framed(made: go.Figure, low, high) -> go.Figure:
     """Show the box from `low` (3,) to `high` (3,) mm completely, with the same scale on all axes."""
     spans = [max(float(b - a), 1e-3) for a, b in zip(low, high)]
     length = sum(span**2 for span in spans) ** 0.5
-    scene = {
-        f"{name}axis": dict(range=[float(a), float(b)]) for name, a, b in zip("xyz", low, high)
-    }
-    ratio = {name: max(_IN_VIEW * span / length, 0.05) for name, span in zip("xyz", spans)}
+    scale = min(_IN_VIEW / length, _TALLEST / spans[2])
+    scene = {}
+    for name, a, b, span in zip("xyz", low, high, spans):
+        ticks = max(round(_TICKS * span / max(spans)), 2)
+        scene[f"{name}axis"] = dict(range=[float(a), float(b)], nticks=ticks)
+    ratio = {name: max(scale * span, 0.05) for name, span in zip("xyz", spans)}
     return made.update_layout(scene=dict(aspectmode="manual", aspectratio=ratio, **scene))
 
 

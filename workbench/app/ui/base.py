@@ -24,6 +24,12 @@ _TURN_S = 0.005
 REPORT = "report.html"
 _STILL = "position: absolute; width: 100%; height: calc(100% - 64px)"
 """Where the scene of a figure in space lies, above its legend."""
+_PIXEL_RATIO = "Math.max(1, Math.min(window.devicePixelRatio, 2))"
+"""Pixels of WebGL for each pixel of the page: those of the screen.
+
+plotly always takes 2. On a screen with a ratio of 1 these are four times the pixels, which are drawn, smoothed and
+copied in each frame; where WebGL is rendered in software this is most of the time of a frame.
+"""
 
 
 class Page:
@@ -224,6 +230,7 @@ class Tab:
                 display_logo=("false",),
                 display_mode_bar=("false",),  # its buttons cannot be reached by keyboard
                 scroll_zoom=("true",),  # of what `wheel` lets through
+                **raw(**{":plot-gl-pixel-ratio": _PIXEL_RATIO}),
                 **events,
             )
 
@@ -266,6 +273,19 @@ class Tab:
         """
         for name, make in makers.items():
             self.queue(name, functools.partial(self._make_and_draw, name, make))
+
+    def draw_together(self, **makers: Callable) -> None:
+        """Make figures in the background and send them in one message, so that the browser paints them in one frame.
+
+        Of figures with WebGL each frame costs the page the time of copying its image.
+        """
+
+        def act():
+            made = {name: make() for name, make in makers.items()}
+            for name, figure in made.items():
+                self.draw(name, figure)
+
+        self.queue(" ".join(makers), act)
 
     def _make_and_draw(self, name: str, make: Callable) -> None:
         self.draw(name, make())

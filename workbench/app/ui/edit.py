@@ -31,6 +31,7 @@ class EditTab(Tab):
     def build(self) -> None:
         state = self.state
         state.stages, state.effects, state.changes = [], [], []
+        state.has_plan = False
         state.threshold, state.threshold_top, state.threshold_text = 0.0, 1.0, ""
         state.can_undo, state.can_redo = False, False
         state.job_running, state.job_text = False, ""
@@ -39,7 +40,7 @@ class EditTab(Tab):
         state.has_residuals = False
         state.has_side_by_side, state.plan_text, state.no_effects = False, "", ""
         with v3.VRow():
-            with v3.VCol(cols=12, lg=4):
+            with v3.VCol(cols=12, lg=4, v_if="has_plan"):
                 self._plan()
             with v3.VCol(cols=12, lg=4):
                 with html.Div(v_if="has_residuals"):
@@ -62,13 +63,13 @@ class EditTab(Tab):
 
     def _plan(self) -> None:
         html.H2("Stages", classes="text-subtitle-1 font-weight-bold")
+        html.Div("The run has no stages; rerun to see them.", v_if="!stages.length")
         self._checks("stages", self.set_stage)
         html.H2("Effects in the model", classes="text-subtitle-1 font-weight-bold mt-2")
         html.Div("{{ plan_text }}", **raw(data_text="plan"), style="overflow-wrap: anywhere")
         html.Div("{{ no_effects }}", v_if="!effects.length", **raw(data_text="no-effects"))
         with html.Div(style="max-height: 50vh; overflow-y: auto"):
             self._checks("effects", self.set_effect)
-        html.Div("The run has no stages; rerun to see them.", v_if="!stages.length")
 
     def _checks(self, items: str, method) -> None:
         with html.Div(v_for=f"one in {items}", key="one.name"):
@@ -165,6 +166,7 @@ class EditTab(Tab):
         for one in effects:
             one["label"] = one["name"]
         state.stages, state.effects = stages, effects
+        state.has_plan = work.session.command == CALIBRATE
         state.plan_text = plan_sentence(work.session)
         state.no_effects = _NO_EFFECTS if work.opened.answer else _NOT_YET
         self.show_changes()

@@ -204,7 +204,7 @@ class ResidualsTab(Tab):
         if not state.no_arrows:
             self.draw_still("arrows", lambda: residuals.arrows(self.work))
         self._draw_histogram()
-        self.draw_in_turn(chart=self._chart, arrows=lambda: residuals.arrows(self.work))
+        self.draw_together(chart=self._chart, arrows=lambda: residuals.arrows(self.work))
 
     def prepare(self) -> None:
         if self.work.opened.residuals is not None:
