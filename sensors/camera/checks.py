@@ -122,9 +122,16 @@ def opencv_camera(chain: Corners) -> Camera:
     pixels = [np.ascontiguousarray(chain.pixels[:, g].T, np.float32) for g in groups]
     # neither 5 nor 8 coefficients need a flag that shares its value with another in some release of OpenCV
     flags = cv2.CALIB_RATIONAL_MODEL if len(chain.camera.values) == RATIONAL else 0
-    _, matrix, distortion, *_ = cv2.calibrateCamera(
-        points, pixels, chain.camera.size, None, None, flags=flags
-    )
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(
+        1
+    )  # several add up the images in changing order, and round differently each time
+    try:
+        _, matrix, distortion, *_ = cv2.calibrateCamera(
+            points, pixels, chain.camera.size, None, None, flags=flags
+        )
+    finally:
+        cv2.setNumThreads(threads)
     lens = distortion.ravel()[: len(chain.camera.distortion)]
     return Camera.of(
         [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *lens], chain.camera.size
