@@ -481,6 +481,57 @@ def doctor() -> Result:
         True
     """
 
+def evaluate(
+    solution: Result | Path | str,
+    recording: Recording | Path | str,
+    refit: Literal["none", "base", "tool", "base-and-tool"] = "none",
+    out: Path | str | None = None,
+    tolerance: Sequence[str] | str | None = None,
+    trust_data: bool = False,
+    no_report: bool = False,
+) -> Result:
+    r"""Predict a recording by a finished model and state its errors in mm; nothing of the arm is
+    fitted.
+
+    The nominal arm is shown next to it, with base and tool estimated on the recording.
+
+    Args:
+        solution: Run folder of `workbench calibrate` or `workbench diagnose`, or its solution.json.
+        recording: Folder of a recording, or a known name.
+        refit: Estimate where the instrument stands (base), what is on the flange (tool), or both on
+            the recording.
+        out: Folder to write; default: a temporary one, which is removed with the result.
+        tolerance: Largest accepted error, such as 0.1mm, 0.05deg or 0.3px; `passed` is False if it
+            is exceeded. One per unit.
+        trust_data: Continue with a warning if the recorded data are implausible.
+        no_report: Do not write a report page.
+
+    Returns:
+        The answer of the command, with the entries below.
+
+    Raises:
+        InputError: input or call are wrong; the sentence says what to do.
+
+    Entries of the result:
+
+    - `error`: 3-D position errors `rms_mm`, `mean_mm`, `p95_mm`, `max_mm` of the calibrated arm on
+      the recording, none of which was fitted.
+    - `refitted`: the same with base and tool estimated on the recording.
+    - `nominal`: the same of the nominal arm, base and tool estimated on the recording.
+    - `held_out`: the same as the calibration stated it for its own samples.
+    - `by_joint`: one row for each joint: `edges` of thirds of its readings (deg; mm for a prismatic
+      joint), `rms_mm` in each.
+    - `verdict`: `residual` compared with `noise` and `tolerance` in `unit`; `pass`; `sentence`.
+
+    Method: prediction by the calibrated model with its parameters fixed.
+
+    Examples:
+        >>> calibration = wb.calibrate("elastic-arm", plan="ye-mdh", folds=4)
+        >>> evaluated = wb.evaluate(calibration, "elastic-arm", refit="base-and-tool")
+        >>> evaluated.error.rms_mm < evaluated.nominal.rms_mm
+        True
+    """
+
 def export(
     source: DataFrame | ndarray | Path | str,
     to: str,

@@ -143,6 +143,15 @@ ANSWERS: dict[str, dict[str, str]] = {
     "datasets": {
         "datasets": "one row for each recording: `name`, `measures`, `variants`, `licence`, `folder` (None: not here).",
     },
+    "evaluate": {
+        "error": f"{_ERRORS} of the calibrated arm on the recording, none of which was fitted.",
+        "refitted": "the same with base and tool estimated on the recording.",
+        "nominal": "the same of the nominal arm, base and tool estimated on the recording.",
+        "held_out": "the same as the calibration stated it for its own samples.",
+        "by_joint": "one row for each joint: `edges` of thirds of its readings (deg; mm for a prismatic joint), `rms_mm` "
+        "in each.",
+        "verdict": _VERDICT,
+    },
     "demo": {
         "held_out": f"{_ERRORS} of the arm, on samples that no fit has seen.",
         "from_pictures": "the same from rendered images, None without images.",
@@ -157,6 +166,7 @@ SOURCES = {
     "compare": "corrected resampled t-test (Nadeau & Bengio, Machine Learning 52, 2003).",
     "compensate": "inverse kinematics of the calibrated model by damped least squares.",
     "diagnose": "posterior probability of sets of effects, nested cross-validation.",
+    "evaluate": "prediction by the calibrated model with its parameters fixed.",
     "identifiability": "observability indices as of Sun & Hollerbach (ICRA 2008).",
     "poses": "D-optimal design, or the observability indices of Sun & Hollerbach (ICRA 2008).",
     "register": "Kabsch (Acta Cryst. A32, 1976); Umeyama (IEEE PAMI 13, 1991); ICP where points have no names.",
