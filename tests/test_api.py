@@ -76,7 +76,9 @@ def test_tables_become_frames(calibration, recording):
 
 def test_a_result_shows_itself(calibration):
     assert "held out" in calibration.summary()
-    assert "<pre>" in calibration._repr_html_()
+    shown = calibration._repr_html_()
+    assert shown.startswith("<p><b>Held-out RMS") and "data:image/png;base64," in shown
+    assert "<th>where</th>" in shown and "<pre>" in shown
     assert {line.name for line in calibration.plot().data} == {"nominal", "fit", "held out"}
 
 

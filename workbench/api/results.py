@@ -1,5 +1,7 @@
 """Results of the Python API: the answer of a command, its tables, and its run folder."""
 
+import base64
+import csv
 import html
 import json
 import shutil
@@ -11,6 +13,8 @@ from workbench.api.answers import TABLES
 from workbench.core.errors import InputError
 
 ANSWER, SUMMARY = "answer.json", "summary.txt"
+_IMAGE = "summary.png"
+_NOTEBOOK_ROWS, _NOTEBOOK_COLUMNS = 12, 8
 _SHOWN_ROWS = 30
 
 
@@ -137,8 +141,49 @@ class Result:
         return self.summary()
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: the text of the command."""
-        return f"<pre>{html.escape(self.summary())}</pre>"
+        """What a notebook shows: verdict, image of the run, main table, and the text of the command folded up."""
+        parts = [f"<p><b>{html.escape(self.verdict_sentence)}</b></p>", self._image(), self._main()]
+        text = html.escape(self.summary())
+        parts.append(
+            f"<details><summary>workbench {self.command}</summary><pre>{text}</pre></details>"
+        )
+        return "".join(parts)
+
+    @property
+    def verdict_sentence(self) -> str:
+        """The verdict in one sentence; empty for a command that judges nothing."""
+        for key in ("verdict_details", "verdict"):
+            verdict = self.answer.get(key)
+            if isinstance(verdict, Mapping) and verdict.get("sentence"):
+                return str(verdict["sentence"])
+        return ""
+
+    def _image(self) -> str:
+        """The image of the run, at the width of a notebook; nothing where the run has none."""
+        path = None if self.folder is None else self.folder / _IMAGE
+        if path is None or not path.is_file():
+            return ""
+        data = base64.b64encode(path.read_bytes()).decode()
+        return f'<img src="data:image/png;base64,{data}" style="max-width: 100%" alt="{_IMAGE}">'
+
+    def _main(self) -> str:
+        """The main table, at most so many rows."""
+        name = TABLES.get(self.command, "")
+        rows = self.answer.get(name)
+        if name.endswith(".csv"):
+            with self._file(name).open(encoding="utf-8", newline="") as lines:
+                rows = list(csv.DictReader(lines))
+        if not isinstance(rows, list) or not rows or not isinstance(rows[0], Mapping):
+            return ""
+        shown = rows[:_NOTEBOOK_ROWS]
+        names = [key for key in rows[0] if _fits_a_cell([row.get(key) for row in shown])]
+        kept = names[:_NOTEBOOK_COLUMNS]
+        cells = [
+            ["–" if row.get(key) is None else _short(row[key]) for key in kept] for row in shown
+        ]
+        left = f"<p>{len(shown)} of {len(rows)} rows; to_frame() has all.</p>"
+        more = left if len(rows) > len(shown) else ""
+        return _html_table(kept, cells) + more
 
     def to_frame(self):
         """The main table as a pandas DataFrame: parameters, effects, images, corrected targets, ...
@@ -266,6 +311,13 @@ def _short(value) -> str:
     if isinstance(value, (list, tuple)):
         return f"{len(value)} entries"
     return str(value)
+
+
+def _fits_a_cell(values: Sequence) -> bool:
+    """Whether a column holds single numbers or short texts."""
+    known = [value for value in values if value not in (None, "", [])]
+    simple = all(isinstance(value, (str, int, float)) for value in known)
+    return bool(known) and simple and not isinstance(known[0], bool)
 
 
 def _html_table(names: Sequence[str], rows) -> str:
