@@ -95,6 +95,15 @@ def calibrate_scanner(folder: Path) -> Path:
     return calibrate_arm(str(folder / "recording"), folder, FRAMES)
 
 
+def calibrate_hand_eye(folder: Path) -> Path:
+    """Run folder of a hand-eye calibration from images of a board at flange poses."""
+    from workbench.recordings.templates import write_template
+
+    write_template("board-images", folder / "recording")
+    run_workbench("handeye", folder / "recording", "--out", folder / "run", cwd=folder)
+    return folder / "run"
+
+
 def serve(subject, folder: Path) -> Served:
     """`workbench open SUBJECT` with its session in `folder`; skips where trame is not installed."""
     folder.mkdir(parents=True, exist_ok=True)

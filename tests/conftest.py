@@ -178,6 +178,14 @@ def solved_arm(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def hand_eye_run(tmp_path_factory):
+    """A run of `workbench handeye` on the template of images of a board, which lies next to it."""
+    import app_browser
+
+    return app_browser.calibrate_hand_eye(tmp_path_factory.mktemp("hand-eye"))
+
+
+@pytest.fixture(scope="session")
 def scanner_run(tmp_path_factory):
     """A run of `workbench calibrate` on a rendered recording of a line scanner on an arm."""
     import app_browser

@@ -1,7 +1,6 @@
 """What is open, selected and edited: the state of the app without its page."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from threading import RLock
@@ -33,7 +32,8 @@ from workbench.app.edits.changes import (
 )
 from workbench.app.edits.excluded import Excluded, excluded_items
 from workbench.app.edits.history import History
-from workbench.app.edits.session import CALIBRATE, CAMERA, NAME, Session, read_session
+from workbench.app.edits.session import CALIBRATE, CAMERA, HAND_EYE, Session
+from workbench.app.edits.start import first_session
 from workbench.app.jobs import DONE, RUNNING, Job
 from workbench.core.errors import InputError
 
@@ -46,6 +46,15 @@ _COMPARED = {
         (_ORIENTATION, "held_out", "rotation_rms_deg"),
     ),
     CAMERA: (("images used", "views"), ("corners", "corners"), ("RMS (px)", "rms_px")),
+    HAND_EYE: (
+        ("poses", "poses"),
+        ("RMS of the fit (px)", "fit", "rms_px"),
+        ("held-out RMS (px)", "held_out", "rms_px"),
+        ("RMS of the fit (mm)", "fit"),
+        ("held-out RMS (mm)", "held_out"),
+        ("held-out board or ball position (mm)", "held_out", "centre_mm"),
+        ("held-out board rotation (deg)", "held_out", "turn_deg"),
+    ),
 }
 _UNKNOWN = "–"
 _BASELINE = {"rms_mm": "before_mm", "rotation_rms_deg": "before_deg"}
@@ -64,7 +73,7 @@ class Workspace:
         self.path = Path(path)
         self._lock = RLock()
         self.runs: list[Opened] = [opened]
-        self.history = History(_first_session(opened, self.path))
+        self.history = History(first_session(opened, self.path))
         self.job: Job | None = None
         self.diagnosis: Opened | None = opened if opened.command == DIAGNOSE else None
         self._select_none()
@@ -343,7 +352,7 @@ class Workspace:
         return self.job is not None and self.job.state == RUNNING
 
     def start(self, command: str = CALIBRATE) -> Job:
-        """Start a rerun in the background: `workbench calibrate --session`, or a diagnosis of what is not excluded."""
+        """Start a rerun in the background: `workbench COMMAND --session`, or a diagnosis of what is not excluded."""
         if self.is_busy:
             raise InputError("A run is in progress; wait for it or cancel it")
         self._save()
@@ -378,7 +387,7 @@ class Workspace:
         rows = []
         for name, *keys in _COMPARED[self.session.command]:
             before, after = (_figure(run.answer, *keys) for run in (self.previous, self.opened))
-            if name != _ORIENTATION or (before, after) != (_UNKNOWN, _UNKNOWN):
+            if (before, after) != (_UNKNOWN, _UNKNOWN):  # not of this kind of recording
                 rows.append({"name": name, "before": before, "after": after})
         return rows
 
@@ -453,36 +462,3 @@ def _figure(answer, key: str, inner: str = "rms_mm") -> str:
     if value is None:
         return _UNKNOWN
     return f"{value:,}" if isinstance(value, int) else f"{value:.4g}"
-
-
-def _first_session(opened: Opened, path: Path) -> Session:
-    """The session at `path`, else the one that the run was made with, else a new one. Raises InputError."""
-    if path.is_file():
-        session = read_session(path)
-        if session.recording != opened.subject:
-            raise InputError(
-                f"session {path}, key recording: expected '{opened.subject}', found '{session.recording}'; "
-                "name another file with --session"
-            )
-        return located(session)
-    if opened.folder is not None and (opened.folder / NAME).is_file():
-        return located(read_session(opened.folder / NAME))
-    options = (opened.answer or {}).get("options", {})
-    session = Session(
-        opened.subject,
-        options.get("plan") or "",
-        options.get("scanner") or "",
-        int(options.get("folds") or 10),
-        bool(options.get("trust_data")),
-        command=CAMERA if opened.recording.measures == "board-images" else CALIBRATE,
-    )
-    return located(session)
-
-
-def located(session: Session) -> Session:
-    """The session with whole paths of its plan and scanner: a rerun runs in the folder of the session."""
-    from workbench.fitting.plans import plan_location
-
-    plan = plan_location(session.plan) if session.plan else ""
-    scanner = str(Path(session.scanner).resolve()) if session.scanner else ""
-    return replace(session, plan=plan, scanner=scanner)

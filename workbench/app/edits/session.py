@@ -23,7 +23,10 @@ from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_toml
 from workbench.files.runs import RUNS, replace_file, slug
 
-CALIBRATE, CAMERA = "calibrate", "camera"
+CALIBRATE, CAMERA, HAND_EYE = "calibrate", "camera", "handeye"
+COMMANDS = (CALIBRATE, CAMERA, HAND_EYE)
+"""Commands that repeat a session."""
+KINDS_OF_HAND_EYE = ("in-hand", "to-hand")
 FORMAT, NAME = "session/1", "session.toml"
 _TYPES = {
     "format": str,
@@ -31,6 +34,8 @@ _TYPES = {
     "recording": str,
     "plan": str,
     "scanner": str,
+    "camera": str,
+    "kind": str,
     "folds": int,
     "trust_data": bool,
     "changes": list,
@@ -41,8 +46,9 @@ _TYPES = {
 class Session:
     """What `workbench calibrate --session` does.
 
-    `recording`: folder or known name; `plan` and `scanner`: files, "" for none; `folds` of the
-    cross-validation; `changes` in the order in which they were made; `command` "calibrate" or "camera".
+    `recording`: folder or known name; `plan`, `scanner` and `camera`: files, "" for none; `folds` of the
+    cross-validation; `changes` in the order in which they were made; `command` "calibrate", "camera" or "handeye";
+    `kind` of a hand-eye calibration, "in-hand" or "to-hand", "" as the recording says.
     """
 
     recording: str
@@ -52,6 +58,8 @@ class Session:
     trust_data: bool = False
     changes: tuple[Change, ...] = ()
     command: str = CALIBRATE
+    camera: str = ""
+    kind: str = ""
 
     def with_change(self, change: Change) -> "Session":
         """The session with one more change."""
@@ -93,9 +101,13 @@ class Session:
             "folds": self.folds,
             "trust_data": self.trust_data,
         }
-        head |= {
-            key: value for key, value in (("plan", self.plan), ("scanner", self.scanner)) if value
+        texts = {
+            "plan": self.plan,
+            "scanner": self.scanner,
+            "camera": self.camera,
+            "kind": self.kind,
         }
+        head |= {key: value for key, value in texts.items() if value}
         lines = [f"  {change_line(change)},\n" for change in self.changes]
         note = f"# Repeat without the app: workbench {self.command} --session FILE\n"
         return f"{note}{tomli_w.dumps(head)}changes = [\n{''.join(lines)}]\n"
@@ -112,9 +124,14 @@ def _included_by(change: Change, kind: str) -> set[str]:
     return {effect_label(row) for row in change.items} if kind == EFFECTS else set()
 
 
-def session_path(subject: str) -> Path:
-    """Where edits of a recording are kept: a folder of its own under runs/."""
-    return RUNS / f"{slug(subject)}-session" / NAME
+def session_path(subject: str, command: str = "") -> Path:
+    """Where edits of a recording are kept: a folder of its own under runs/.
+
+    command: that made the opened run. Edits of a hand-eye calibration lie apart from those of the camera of the same
+    images.
+    """
+    words = f"{slug(subject)}-{HAND_EYE}" if command == HAND_EYE else slug(subject)
+    return RUNS / f"{words}-session" / NAME
 
 
 def read_session(path: Path, command: str = "") -> Session:
@@ -155,9 +172,15 @@ def read_session(path: Path, command: str = "") -> Session:
 
 def _check_command(path: Path, keys: Mapping, command: str) -> None:
     found = keys.get("command", CALIBRATE)
-    if found not in (CALIBRATE, CAMERA):
+    if found not in COMMANDS:
+        expected = f"{', '.join(COMMANDS[:-1])} or {COMMANDS[-1]}"
         raise InputError(
-            f"session {path}, key command: expected {CALIBRATE} or {CAMERA}, found '{found}'; correct it"
+            f"session {path}, key command: expected {expected}, found '{found}'; correct it"
+        )
+    if keys.get("kind", KINDS_OF_HAND_EYE[0]) not in KINDS_OF_HAND_EYE:
+        expected = " or ".join(KINDS_OF_HAND_EYE)
+        raise InputError(
+            f"session {path}, key kind: expected {expected}, found '{keys['kind']}'; correct it"
         )
     if command and found != command:
         raise InputError(

@@ -9,7 +9,7 @@ from trame.widgets import vuetify3 as v3
 from workbench.app.data.plan import DIAGNOSE, plan_sentence, stage_items
 from workbench.app.data.residuals import updated_threshold
 from workbench.app.edits.changes import EFFECTS, STAGES
-from workbench.app.edits.session import CAMERA
+from workbench.app.edits.session import CAMERA, HAND_EYE
 from workbench.app.figures import residuals
 from workbench.app.jobs import CANCELLED, DONE, RUNNING
 from workbench.app.ui.attributes import raw
@@ -21,6 +21,7 @@ from workbench.report.text import counted
 _POLL_S = 0.3
 _NOT_YET = "No effects are listed before the first calibration."
 _NO_EFFECTS = "The model of this run has no effects."
+_LABELS = {CAMERA: "Calibrate the camera", HAND_EYE: "Calibrate the hand-eye transform"}
 
 
 class EditTab(Tab):
@@ -172,7 +173,7 @@ class EditTab(Tab):
         self.show_changes()
         state.comparison = work.comparison()
         command = work.session.command
-        state.calibrate_label = "Calibrate the camera" if command == CAMERA else "Calibrate"
+        state.calibrate_label = _LABELS.get(command, "Calibrate")
         state.session_file = f"Repeat without the app: workbench {command} --session {work.path}"
         top = float(work.lengths().max(initial=0)) or 1.0
         state.threshold = updated_threshold(float(state.threshold), state.threshold_top, top)

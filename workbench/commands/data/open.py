@@ -38,7 +38,7 @@ def command(
     """Look at a run in a local web page: robot and residuals in 3-D, edit the samples, run again, compare.
 
     The page is served on 127.0.0.1 only; nothing is fetched from the network. The edits are kept in a session.toml,
-    which `workbench calibrate --session` repeats.
+    which `workbench calibrate --session` repeats (`camera` and `handeye --session` those of their runs).
     """
     import trame_plotly  # noqa: F401  reported as a missing package before anything is read
     import trame_vuetify  # noqa: F401
@@ -48,7 +48,7 @@ def command(
     from workbench.app.server import Options, serve
 
     opened = None if _is_first(subject, recording) else open_subject(subject, recording)
-    path = session or (None if opened is None else session_path(opened.subject))
+    path = session or (None if opened is None else session_path(opened.subject, opened.command))
     serve(opened, Options(path, port, not no_browser), lambda text: print(text, flush=True))
 
 

@@ -82,6 +82,24 @@ def session_of(path: Path | None, command: str, recording: str | None, scanner: 
     return read_session(path)
 
 
+def session_stated(path: Path | None, command: str, given: Mapping):
+    """The session that states all options of a command; None where a recording is named.
+
+    given: option -> value, None where left out; the recording is RECORDING. Raises InputError where both or neither
+    are named, and for a session of another command.
+    """
+    if path is None:
+        if given["RECORDING"] is None:
+            raise InputError(
+                f"workbench {command}: expected a recording or --session FILE, found neither; name one."
+            )
+        return None
+    from workbench.app.edits.session import read_session
+
+    check_unused(path, given)
+    return read_session(path, command)
+
+
 def edited(session, recording):
     """The recording without what the session excludes; itself without a session. Raises InputError."""
     if session is None:

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
+from workbench.commands.robot import edit_session
 from workbench.commands.shared import answer, flow, sensor_tables
-from workbench.core.errors import InputError
 
 
 class Lens(StrEnum):
@@ -52,19 +52,15 @@ def command(
     from workbench.fitting.verdicts import sensor_verdict, verdict
 
     tolerances = verdict.parse_tolerances(tolerance, sensor_verdict.CAMERA_UNITS)
-    edits = _edits(session, recording)
+    edits = edit_session.session_stated(session, "camera", {"RECORDING": recording})
     recording = recording if edits is None else edits.recording
 
     def work(run, say) -> dict:
         import datasets
-        from workbench.app.edits.apply import edited_recording
-        from workbench.app.edits.session import NAME
         from workbench.jobs.sensor import camera
 
-        read = datasets.read(recording)
-        if edits is not None:
-            read = edited_recording(edits, read)
-            edits.save(run.partial / NAME)
+        read = edit_session.edited(edits, datasets.read(recording))
+        edit_session.keep(edits, run.partial)
         made = camera.calibrate(read, model.value, say)
         camera.save(made, run.partial)
         if not no_report:
@@ -78,21 +74,6 @@ def command(
         return flow.with_reading_warnings(result, read)
 
     flow.run("camera", recording, out, json, work, sensor_tables.camera)
-
-
-def _edits(path: Path | None, recording: str | None):
-    """The edit session that is repeated; None without one. Raises InputError."""
-    from workbench.app.edits.session import CAMERA, read_session
-    from workbench.commands.robot.edit_session import check_unused
-
-    if path is None and recording is None:
-        raise InputError(
-            "workbench camera: expected a recording or --session FILE, found neither; name one."
-        )
-    if path is None:
-        return None
-    check_unused(path, {"RECORDING": recording})
-    return read_session(path, CAMERA)
 
 
 def _report(made, folder) -> None:

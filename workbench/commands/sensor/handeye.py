@@ -1,12 +1,16 @@
 """`workbench handeye`: images of a board, or profiles of a ball, at flange poses in; the hand-eye transform out."""
 
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from workbench.commands.robot import edit_session
 from workbench.commands.shared import answer, flow, sensor_tables
+
+HAND_EYE = "handeye"
 
 
 class Kind(StrEnum):
@@ -17,7 +21,7 @@ class Kind(StrEnum):
 
 
 Recording = Annotated[
-    str,
+    str | None,
     typer.Argument(
         help="Folder of a recording with flange poses or joint readings, or a known name."
     ),
@@ -37,10 +41,19 @@ Where = Annotated[
         help="Sensor on the flange or stationary; default: key fixed_to of [board].",
     ),
 ]
+SessionFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--session",
+        metavar="FILE",
+        help="Repeat an edit session of `workbench open` (session.toml); replaces RECORDING, --camera, --scanner and "
+        "--kind.",
+    ),
+]
 
 
 def command(
-    recording: Recording,
+    recording: Recording = None,
     camera: CameraFile = None,
     scanner: answer.ScannerFile = None,
     kind: Where = None,
@@ -49,28 +62,58 @@ def command(
     trust_data: answer.TrustData = False,
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
+    session: SessionFile = None,
 ) -> None:
     """Estimate the pose of the sensor on the flange, and its prediction error on held-out poses."""
+    given = {"RECORDING": recording, "--camera": camera, "--scanner": scanner, "--kind": kind}
+    given["--trust-data"] = trust_data or None
+    edits = edit_session.session_stated(session, HAND_EYE, given)
+    options = _options(given) if edits is None else _session_options(edits)
+    recording = recording if edits is None else edits.recording
 
     def work(run, say) -> dict:
         import datasets
         from workbench.fitting.verdicts import hand_eye_verdict, verdict
         from workbench.jobs.sensor import hand_eye
 
-        read = datasets.read(recording, trust_data)
+        read = edit_session.edited(edits, datasets.read(recording, options["trust_data"]))
         is_profile = read.measures in ("ball-surface", "ball-centre")
         units = hand_eye_verdict.PROFILE_UNITS if is_profile else hand_eye_verdict.UNITS
         tolerances = verdict.parse_tolerances(tolerance, units)
-        made = hand_eye.calibrate(read, camera or scanner, kind and kind.value, say, trust_data)
+        sensor = options["camera"] or options["scanner"]
+        made = hand_eye.calibrate(
+            read, sensor and Path(sensor), options["kind"], say, options["trust_data"]
+        )
         hand_eye.save(made, run.partial)
+        edit_session.keep(edits, run.partial)
         if not no_report:
             say("writing the report")
             _report(made, run.partial)
-        return flow.with_reading_warnings(
-            {"recording": recording, **hand_eye.as_json(made, tolerances)}, read
-        )
+        stated = {"recording": recording, "options": options}
+        return flow.with_reading_warnings({**stated, **hand_eye.as_json(made, tolerances)}, read)
 
-    flow.run("handeye", recording, out, json, work, sensor_tables.handeye)
+    flow.run(HAND_EYE, recording, out, json, work, sensor_tables.handeye)
+
+
+def _options(given: Mapping) -> dict:
+    """Options of the command line, with files as whole paths, so that a rerun in another folder finds them."""
+    files = {name: given[f"--{name}"] for name in ("camera", "scanner")}
+    kind = given["--kind"]
+    return {
+        **{name: None if path is None else str(path.resolve()) for name, path in files.items()},
+        "kind": None if kind is None else kind.value,
+        "trust_data": bool(given["--trust-data"]),
+    }
+
+
+def _session_options(edits) -> dict:
+    """The same options as an edit session states them."""
+    return {
+        "camera": edits.camera or None,
+        "scanner": edits.scanner or None,
+        "kind": edits.kind or None,
+        "trust_data": edits.trust_data,
+    }
 
 
 def _report(made, folder) -> None:
