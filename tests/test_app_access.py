@@ -1,15 +1,15 @@
-"""Keyboard and contrast of every tab of the app, on runs of an arm, of a scanner and of a diagnosis."""
+"""Keyboard and contrast of every tab of the app, on runs of an arm, of a scanner, of a diagnosis and of a hand-eye calibration."""
 
 import pytest
 
 from app_access import CONTRAST, missed_controls
-from app_browser import TABS, click_row, opened_app, plot, show_tab
+from app_browser import TABS, click_row, emit, opened_app, plot, show_tab, wait_for_text
 from app_diagnosis import write_diagnosis
 
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module", params=["arm", "scanner", "diagnosis"])
+@pytest.fixture(scope="module", params=["arm", "scanner", "diagnosis", "hand_eye"])
 def page(request, browser, tmp_path_factory):
     """A page of each kind of run with a selected sample, so that no control is disabled for want of one."""
     folder = tmp_path_factory.mktemp(request.param)
@@ -19,8 +19,12 @@ def page(request, browser, tmp_path_factory):
         else request.getfixturevalue(f"{request.param}_run")
     )
     with opened_app(browser, run, folder / "session", "Residuals") as page:
-        if request.param != "diagnosis":  # it does not hold the positions of its residuals
+        if request.param == "hand_eye":
+            emit(page, "pose_errors", "plotly_click", {"points": [{"customdata": 1}]})
+            wait_for_text(page, "selection", "1 of 14 samples selected")
+        elif request.param != "diagnosis":  # it does not hold the positions of its residuals
             click_row(page, 1, 30 if request.param == "scanner" else 300)
+        page.chart = "pose_errors" if request.param == "hand_eye" else "chart"
         yield page
 
 
@@ -49,7 +53,7 @@ def test_text_has_a_contrast_of_at_least_4_5(page, tab):
 
 def test_text_in_figures_has_a_contrast_of_at_least_4_5(page):
     show_tab(page, "Residuals")
-    colours = plot(page, "chart").evaluate(
+    colours = plot(page, page.chart).evaluate(
         "(one) => Array.from(one.querySelectorAll('text')).map((text) => getComputedStyle(text).fill)"
     )
     assert colours and set(colours) <= {"rgb(27, 31, 36)"}

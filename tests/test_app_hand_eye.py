@@ -5,7 +5,16 @@ import json
 import pytest
 
 import app_browser
-from app_browser import opened_app, show_tab, wait_for_text
+from app_browser import (
+    click_at,
+    opened_app,
+    plot,
+    scrub_by_key,
+    settled_place,
+    show_tab,
+    trace,
+    wait_for_text,
+)
 from workbench.app.data.opened import open_subject
 from workbench.app.workspace import Workspace
 from workbench.core.errors import InputError
@@ -82,3 +91,45 @@ def test_a_rerun_in_the_app_shows_before_and_after(page):
     wait_for_text(page, "job", "Finished after", 120_000)
     table = page.get_by_role("group", name="Before and after").inner_text()
     assert "held-out RMS (px)" in table and "14" in table and "13" in table
+
+
+_MIDDLE_OF_BAR = """(element, place) => {
+    const {xaxis, yaxis} = element._fullLayout, box = element.getBoundingClientRect();
+    const bar = element._fullData.find((one) => one.name === 'held out');
+    return [box.left + xaxis._offset + xaxis.c2p(place + 0.2),
+            box.top + yaxis._offset + yaxis.c2p(bar.y[place] / 2)];
+}"""
+
+
+def test_a_real_click_on_a_bar_shows_image_with_overlay_pose_and_row(
+    browser, hand_eye_run, tmp_path
+):
+    with opened_app(browser, hand_eye_run, tmp_path / "session", "Residuals") as page:
+        wait_for_text(page, "selection", "0 of 14")
+        errors = open_subject(str(hand_eye_run)).answer["errors"]
+        bars = trace(page, "pose_errors", "held out")
+        assert bars["y"] == pytest.approx([one["held_out"] for one in errors])
+        figure = plot(page, "pose_errors")
+        x, y = settled_place(page, lambda: figure.evaluate(_MIDDLE_OF_BAR, 4))
+        click_at(page, x, y)
+        wait_for_text(page, "selection", "1 of 14 samples selected")
+        page.get_by_role(
+            "heading", name=f"Sample 5, residual {errors[4]['residual']:.4f} px"
+        ).wait_for()
+        wait_for_text(page, "picked", "images/board-005.png")
+        wait_for_text(page, "picked", "54 corners detected")
+        row = page.get_by_role("group", name="Row of the sample")
+        row.get_by_text("flange x, mm").wait_for()
+        page.get_by_role("button", name="images/board-009.png").press("Enter")
+        page.get_by_role("heading", name="Sample 9").wait_for()
+        page.get_by_role("button", name="Exclude selected samples").click()
+        wait_for_text(page, "selection", "1 excluded")
+        assert page.problems == []
+
+
+def test_flange_camera_and_board_are_drawn_and_move(page):
+    for name in ("flange of all samples", "camera of each pose", "board"):
+        show_tab(page, "Recording")
+        assert trace(page, "scene", name), name
+    scrub_by_key(page, "flange x at the current sample")
+    scrub_by_key(page, "camera at the current sample")

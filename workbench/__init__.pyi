@@ -586,7 +586,7 @@ def export(
     """
 
 def hand_eye(
-    recording: Recording | Path | str,
+    recording: Recording | Path | str | None = None,
     camera: Path | str | None = None,
     scanner: Path | str | None = None,
     kind: Literal["in-hand", "to-hand"] | None = None,
@@ -594,6 +594,7 @@ def hand_eye(
     tolerance: Sequence[str] | str | None = None,
     trust_data: bool = False,
     no_report: bool = False,
+    session: Path | str | None = None,
 ) -> Result:
     r"""Estimate the pose of the sensor on the flange, and its prediction error on held-out poses.
 
@@ -607,6 +608,8 @@ def hand_eye(
             is exceeded. One per unit.
         trust_data: Continue with a warning if the recorded data are implausible.
         no_report: Do not write a report page.
+        session: Repeat an edit session of `workbench open` (session.toml); replaces `recording`,
+            `camera`, `scanner` and `kind`.
 
     Returns:
         The answer of the command, with the entries below.

@@ -187,6 +187,8 @@ def coverage(work: Workspace) -> go.Figure:
         _workspace(made, work, len(joints), views)
     made.update_xaxes(nticks=4, tickangle=0, ticklabelstandoff=3)
     made.update_yaxes(nticks=4, ticklabelstandoff=4)
+    for place in range(len(joints), len(titles)):  # a flat subplot has room for one tick of four
+        made.update_yaxes(nticks=6, row=place // _ACROSS + 1, col=place % _ACROSS + 1)
     made.update_annotations(font_size=12)
     return made.update_layout(
         shapes=limits,

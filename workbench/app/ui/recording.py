@@ -5,8 +5,10 @@ from trame.widgets import vuetify3 as v3
 
 from datasets.columns import joint_columns
 from workbench.app.data.arm import has_arm
+from workbench.app.data.hand_eye import has_flange
 from workbench.app.data.images import image_rows
-from workbench.app.figures import robot
+from workbench.app.edits.session import HAND_EYE
+from workbench.app.figures import hand_eye, robot
 from workbench.app.ui.attributes import raw
 from workbench.app.ui.base import Tab, points_of, whole_number
 from workbench.app.ui.excluded import ExcludedList
@@ -46,7 +48,7 @@ class RecordingTab(Tab):
         with html.Div(v_if="has_arm"):
             self.figure(
                 "scene",
-                "Robot at the current sample",
+                "Robot or flange at the current sample",
                 "62vh",
                 SPACE,
                 click=(self.page.handler(self.on_click), points_of()),
@@ -117,7 +119,7 @@ class RecordingTab(Tab):
         self.panel.build("70vh", self.on_image_click, "image")
 
     def refresh(self) -> None:
-        self.state.has_arm = has_arm(self.work.opened)
+        self.state.has_arm = has_arm(self.work.opened) or has_flange(self.work.opened)
         self.state.has_joints = bool(joint_columns(self.work.opened.samples.columns))
         self.state.images = [
             {"title": f"{row['name']} ({row['role']})", "value": row["index"]}
@@ -126,8 +128,8 @@ class RecordingTab(Tab):
         self._describe()
         self.excluded.refresh()
         if self.state.has_arm:
-            self.draw_still("scene", lambda: robot.scene(self.work))
-            self.draw_in_turn(scene=lambda: robot.scene(self.work))
+            self.draw_still("scene", lambda: _scene(self.work))
+            self.draw_in_turn(scene=lambda: _scene(self.work))
         is_new = self._covered is not self.work.opened
         if self.state.has_joints and is_new:  # no edit changes it
             self._covered = self.work.opened
@@ -136,8 +138,8 @@ class RecordingTab(Tab):
             self._show_image()
 
     def prepare(self) -> None:
-        if has_arm(self.work.opened):
-            robot.scene(self.work)
+        if has_arm(self.work.opened) or has_flange(self.work.opened):
+            _scene(self.work)
 
     def _describe(self) -> None:
         work = self.work
@@ -202,6 +204,13 @@ class RecordingTab(Tab):
             self.go_to(rows[0])
 
 
+def _scene(work):
+    """Flange, camera and board of a hand-eye run or of flange poses without an arm; else the arm."""
+    if work.opened.command == HAND_EYE or not has_arm(work.opened):
+        return hand_eye.scene(work)
+    return robot.scene(work)
+
+
 def _steps(name: str, last: str) -> tuple[str, str]:
     """Expressions of the browser that move a field back and on by one.
 
@@ -211,11 +220,32 @@ def _steps(name: str, last: str) -> tuple[str, str]:
     return back, f"{name} = Math.min(({name} || 0) + 1, {last})"
 
 
+_UNITS = {
+    "mm": "mm",
+    "deg": "deg",
+    "s": "s",
+    "kg": "kg",
+    "px": "px",
+    "C": "°C",
+    "degC": "°C",
+    "c": "°C",
+    "K": "K",
+}
+
+
 def row_table(work) -> list[dict]:
     """Name and value of each column of the current sample."""
     row = int(work.opened.rows[work.current])
     columns = work.opened.samples.columns
-    return [{"name": name, "value": _text(values[row])} for name, values in columns.items()]
+    return [{"name": _label(name), "value": _text(values[row])} for name, values in columns.items()]
+
+
+def _label(name: str) -> str:
+    """A column of samples.csv as quantity and unit: "q1_deg" -> "q1, deg", "flange_qw" -> "flange qw"."""
+    stem, _, unit = name.rpartition("_")
+    if stem and unit in _UNITS:
+        return f"{stem.replace('_', ' ')}, {_UNITS[unit]}"
+    return name.replace("_", " ")
 
 
 def _text(value) -> str:

@@ -3,6 +3,7 @@
 from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
+from workbench.app.data.hand_eye import error_of_row
 from workbench.app.data.residuals import HELD_OUT, HELD_OUT_AFTER
 from workbench.app.edits.session import CAMERA
 from workbench.app.figures import residuals
@@ -11,6 +12,7 @@ from workbench.app.ui.attributes import raw
 from workbench.app.ui.base import Tab, number_of, points_of, range_of, whole_number
 from workbench.app.ui.excluded import ExcludedList
 from workbench.app.ui.image_panel import ImagePanel
+from workbench.app.ui.pose_errors import PoseErrors
 from workbench.app.ui.recording import row_table
 from workbench.app.ui.view import SPACE
 from workbench.app.workspace import EXTEND, REMOVE, REPLACE
@@ -23,8 +25,8 @@ _MODES = [
 _HEADS = {
     "sample": "Sample",
     "pose": "Pose",
-    "length": "Residual (mm)",
-    "held_out": "Held out (mm)",
+    "length": "Residual ({{ residual_unit }})",
+    "held_out": "Held out ({{ residual_unit }})",
     "angle": "Orientation (deg)",
     "image": "Image",
 }
@@ -46,6 +48,7 @@ class ResidualsTab(Tab):
         super().__init__(page)
         self.panel = ImagePanel(self, "picked")
         self.excluded = ExcludedList(self)
+        self.errors = PoseErrors(self)
 
     def build(self) -> None:
         state = self.state
@@ -55,15 +58,16 @@ class ResidualsTab(Tab):
         state.select_modes = _MODES
         state.length_from, state.length_to, state.wanted_sample = "", "", ""
         state.no_residuals, state.no_arrows = "", ""
-        state.selected_count = 0
+        state.selected_count, state.residual_unit = 0, "mm"
         state.picked_title, state.picked_image, state.picked_row = "", -1, []
         v3.VAlert(
             "{{ no_residuals }}",
-            v_if="no_residuals",
+            v_if="no_residuals && !pose_errors.length",
             type="info",
             variant="outlined",
             classes="mb-2",
         )
+        self.errors.build()
         with v3.VRow(v_if="!no_residuals"):
             with v3.VCol(cols=12, lg=6):
                 html.Div("{{ no_arrows }}", v_if="no_arrows", **raw(data_text="no-arrows"))
@@ -185,6 +189,7 @@ class ResidualsTab(Tab):
     def refresh(self) -> None:
         work, state = self.work, self.state
         has = work.opened.residuals is not None
+        state.residual_unit = state.pose_error_unit if self.errors.refresh() else "mm"
         state.no_residuals = "" if has else _no_residuals(work)
         state.quantities = list(work.quantities)
         if state.quantity not in work.quantities:
@@ -241,7 +246,9 @@ class ResidualsTab(Tab):
             return
         shown = self._row(work.current)
         pose = "" if shown["pose"] == "–" else f", pose {shown['pose']}"
-        state.picked_title = f"Sample {shown['sample']}{pose}, residual {shown['length']} mm"
+        state.picked_title = (
+            f"Sample {shown['sample']}{pose}, residual {shown['length']} {state.residual_unit}"
+        )
         state.picked_row = row_table(work)
         if has_points(work):
             place = work.opened.residuals.points[:, work.current]
@@ -264,9 +271,10 @@ class ResidualsTab(Tab):
             "angle": "–" if angle is None else f"{angle[row]:.4f}",
             "sample": number,
             "pose": "–" if pose is None else pose,
-            "length": f"{work.lengths()[row]:.4f}",
+            "length": "–" if found is None else f"{work.lengths()[row]:.4f}",
             "held_out": "–" if held_out is None else f"{held_out[row]:.4f}",
             "image": work.image_of(number),
+            **_of_pose(work.opened, row),
         }
 
     def _on_choice(self, **_) -> None:
@@ -276,6 +284,10 @@ class ResidualsTab(Tab):
 
     def _chart(self):
         return residuals.chart(self.work, self.state.quantity, self.state.kind)
+
+    def select_rows(self, rows, mode=REPLACE) -> None:
+        """Select some rows, as the chosen mode says."""
+        self.work.select(rows, _checked_mode(mode))
 
     def on_click(self, rows, mode=REPLACE) -> None:
         """Select the sample of a mark or an arrow."""
@@ -348,9 +360,18 @@ def _no_residuals(work) -> str:
     if work.session.command == CAMERA:
         return (
             "This run has no residuals of an arm. Residuals of images are in the tab Sensor; "
-            "errors of a hand-eye calibration are on its report page."
+            "those of a hand-eye calibration are here once its run is open."
         )
     return "This run has no residuals of an arm. Calibrate one in the tab Edit and rerun."
+
+
+def _of_pose(opened, row: int) -> dict:
+    """Residuals of the image or pose of a row of a hand-eye run; {} of any other run."""
+    error = error_of_row(opened, row)
+    if error is None:
+        return {}
+    values = {"length": error.residual, "held_out": error.held_out}
+    return {key: "–" if value is None else f"{value:.4f}" for key, value in values.items()}
 
 
 def _checked_mode(mode: object) -> str:
