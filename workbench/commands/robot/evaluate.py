@@ -57,7 +57,7 @@ def command(
         read = datasets.read(recording, trust_data)
         tolerances = answer.read_tolerances(tolerance, read.measures)
         say(f"predicting {read.n} samples")
-        made = evaluate(arm, read, str(refit))
+        made = evaluate(arm, read, str(refit), trust_data)
         save(made, run.partial)
         result = made.as_json(tolerances)
         if not no_report:

@@ -1,6 +1,6 @@
 """Prediction of a recording by a calibrated arm that was not fitted to it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -8,22 +8,45 @@ import numpy as np
 
 from datasets.columns import joint_columns
 from datasets.recording import Recording
+from robot_model import load_robot
 from robot_model.measurements import measurement_of, samples_of
 from robot_model.system import bind
+from workbench.core.distributions import fisher
 from workbench.core.errors import InputError
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.text.csv_text import csv_text
 from workbench.files.solution_file import CalibratedArm
+from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.cross_validation import error_summary
 from workbench.fitting.plausibility.fitting import base_and_tool, tool_patterns
-from workbench.fitting.verdicts.verdict import Noise, Residual, Tolerance, Verdict, combine, judge
+from workbench.fitting.verdicts.verdict import (
+    STATED,
+    Noise,
+    Residual,
+    Tolerance,
+    Verdict,
+    combine,
+    judge,
+)
+from workbench.jobs.robot.compensate import covariates_read
 
 REFITS = ("none", "base", "tool", "base-and-tool")
 """What is estimated again on the recording: where the instrument stands, what is on the flange, or both."""
 _BINS = 3
-_MOVED = 2.0
+_MOVED_LEVEL = 1e-3
+"""Chance of the better fit with another base and tool from which on neither has moved."""
+_MATERIAL = 1.25
+"""Ratio of the error to that with another base and tool up to which the difference does not matter."""
+_EXPLAINED = 3.0
+"""Error with base and tool estimated, in held-out errors of the calibration, that a move alone may leave."""
+_SIGNIFICANT = 3.1  # standard deviations that chance exceeds once in a thousand times
+_LOAD = "payload_kg"
+_MOVED = (
+    "the instrument or the target has moved since, or errors of the model act like such a move in these poses; repeat "
+    "with --refit base, tool or base-and-tool"
+)
 _ADVICE = (
     "the model does not describe this recording as well as its noise allows; run `workbench diagnose` on it, or "
     "calibrate with both recordings"
@@ -37,7 +60,9 @@ class Evaluated:
     `residual` (m, n) of the calibrated arm, mm and then rad, with the parameters of `refit` estimated on the
     recording. `nominal` (m, n): of the nominal arm, whose base and tool are always estimated on it. `with_base`
     (m, n): of the calibrated arm with base and tool estimated on it. `outside`: covariates and joint readings beyond
-    the range of the calibration.
+    the range of the calibration. `parameter_spread`: C J' J (F, F), mm^2, with the covariance C of the F parameters
+    of the calibration and the derivative J of the lengths with respect to them. `estimated`, `most_estimated`:
+    numbers of parameters of `refit`, and of base and tool.
     """
 
     recording: Recording
@@ -47,6 +72,9 @@ class Evaluated:
     nominal: np.ndarray
     with_base: np.ndarray
     outside: tuple[str, ...]
+    parameter_spread: np.ndarray
+    estimated: int
+    most_estimated: int
 
     @property
     def distances(self) -> np.ndarray:
@@ -62,31 +90,103 @@ class Evaluated:
     def warnings(self) -> tuple[str, ...]:
         """Sentences on what limits the comparison."""
         said = [*self.recording.warnings]
-        errors, refitted = error_summary(self.residual), error_summary(self.with_base)
-        if self.refit == "none" and errors["rms_mm"] > _MOVED * refitted["rms_mm"]:
-            said.append(
-                f"The RMS position error is {errors['rms_mm']:.3g} mm with base and tool of the calibration, and "
-                f"{refitted['rms_mm']:.3g} mm with both estimated on this recording: the instrument or the target has "
-                "moved since. Repeat with --refit base, tool or base-and-tool."
-            )
+        if self._fits_better_elsewhere():
+            said.append(self._better_elsewhere())
         if self.outside:
             said.append(
                 f"Beyond the range of the calibration: {', '.join(self.outside)}. The model is extrapolated there."
             )
         return tuple(said)
 
+    def _fits_better_elsewhere(self) -> bool:
+        """Whether another base and tool explain materially more than chance does: F test of nested models."""
+        if self.refit != "none":
+            return False
+        fixed, refitted = (self._squares(held) for held in (self.residual, self.with_base))
+        left = self._coordinates - self.most_estimated
+        if fixed / self._coordinates <= _MATERIAL**2 * refitted / left:
+            return False
+        statistic = max(fixed - refitted, 0.0) / self.most_estimated / max(refitted / left, 1e-300)
+        return fisher.sf(statistic, self.most_estimated, left) < _MOVED_LEVEL
+
+    @property
+    def _has_moved(self) -> bool:
+        """Whether a move of instrument or target explains the error: what is left is like the calibration's own."""
+        if not self._fits_better_elsewhere():
+            return False
+        left = self._coordinates - self.most_estimated
+        unbiased = np.sqrt(self._squares(self.with_base) / left * len(self.residual[:3]))
+        return bool(unbiased <= _EXPLAINED * self.arm.keys["held_out"]["rms_mm"])
+
+    def _better_elsewhere(self) -> str:
+        """What the better fit with another base and tool says, and what to do."""
+        errors, refitted = error_summary(self.residual), error_summary(self.with_base)
+        said = (
+            f"The RMS position error is {errors['rms_mm']:.3g} mm with base and tool of the calibration, and "
+            f"{refitted['rms_mm']:.3g} mm with both estimated on this recording"
+        )
+        if self._has_moved:
+            return f"{said}: {_MOVED}."
+        return (
+            f"{said}: base and tool alone do not explain it (the calibration states "
+            f"{self.arm.keys['held_out']['rms_mm']:.3g} mm). Look for another load, other units, another arm or a "
+            "change of the arm; `workbench check` tests the recording."
+        )
+
+    @property
+    def _coordinates(self) -> int:
+        """Number of measured lengths."""
+        return self.residual[:3].size
+
+    def _squares(self, residual: np.ndarray) -> float:
+        """Sum of squares of the lengths, mm^2."""
+        return float((residual[:3] ** 2).sum())
+
     def verdict(self, tolerances: Sequence[Tolerance] = ()) -> Verdict:
-        """RMS errors against the tolerances and, where the recording states it, against the noise."""
+        """RMS errors against the tolerances and, where the recording states it, against the noise.
+
+        An error with base or tool estimated on the recording is enlarged by sqrt(N / (N - p)) for N coordinates and p
+        estimated parameters, which take up their share of it.
+        """
         errors = error_summary(self.residual)
-        sigma = self.recording.sigma
-        noise = None if sigma is None else Noise(float(np.sqrt(3 * np.mean(np.square(sigma)))))
-        parts = [judge(_residual(errors, "rms_mm", "position"), noise, tolerances, _ADVICE)]
+        left = self._coordinates - self.estimated
+        share = float(np.sqrt(self._coordinates / left))
+        noise, is_significant = self._expected(errors["rms_mm"] * share)
+        position = Residual(
+            errors["rms_mm"] * share,
+            name=_name("position", share),
+            degrees=left,
+            is_significant=is_significant,
+        )
+        advice = _MOVED if self._has_moved else _ADVICE
+        parts = [judge(position, noise, tolerances, advice)]
         if "rotation_rms_deg" in errors:
-            angle = replace(
-                _residual(errors, "rotation_rms_deg", "orientation"), unit="deg", has_noise=False
+            angle = Residual(
+                errors["rotation_rms_deg"] * share,
+                "deg",
+                _name("orientation", share),
+                has_noise=False,
             )
-            parts.append(judge(angle, None, tolerances, _ADVICE))
+            parts.append(judge(angle, None, tolerances, advice))
         return combine(parts)
+
+    def _expected(self, rms: float) -> tuple[Noise | None, bool | None]:
+        """RMS error to expect from noise and calibrated parameters, and whether `rms`, mm, is significantly above it.
+
+        With variance s^2 of the noise of each coordinate and S = J C J' of the parameters, the sum of squares has the
+        mean N s^2 + tr S and the variance 2 (N s^4 + 2 s^2 tr S + tr S^2). None where the noise is not stated.
+        """
+        if self.recording.sigma is None:
+            return None, None
+        variance, count = float(np.mean(np.square(self.recording.sigma))), self._coordinates
+        parameters = float(np.trace(self.parameter_spread))
+        mean = count * variance + parameters
+        both = float(np.sum(self.parameter_spread * self.parameter_spread.T))
+        spread = np.sqrt(2 * (count * variance**2 + 2 * variance * parameters + both))
+        samples = self.residual.shape[1]
+        is_significant = (rms**2 * samples - mean) / max(spread, 1e-300) > _SIGNIFICANT
+        source = f"{STATED}, with the uncertainty of the calibration"
+        return Noise(float(np.sqrt(mean / samples)), source), bool(is_significant)
 
     def as_json(self, tolerances: Sequence[Tolerance] = ()) -> dict:
         """The answer of `workbench evaluate`."""
@@ -118,28 +218,89 @@ class Evaluated:
         return rows
 
 
-def evaluate(arm: CalibratedArm, recording: Recording, refit: str = "none") -> Evaluated:
+def evaluate(
+    arm: CalibratedArm, recording: Recording, refit: str = "none", trust_data: bool = False
+) -> Evaluated:
     """Errors of a calibrated arm on a recording that it was not fitted to; the geometry and all effects are fixed.
 
-    refit: one of `REFITS`. Raises InputError where the recording measures another arm, lacks a covariate of an effect
-    or measures targets that the calibration does not know.
+    refit: one of `REFITS`. trust_data: also for data that are implausible. Raises InputError where the recording
+    states another arm, lacks a covariate of an effect, has too few samples, cannot be right, or measures targets that
+    the calibration does not know.
     """
     if refit not in REFITS:
         raise InputError(f"--refit {refit}: expected {' or '.join(REFITS)}; correct it.")
-    samples = samples_of(recording)
-    if samples.n == 0:
+    if recording.n == 0:
         raise InputError(f"recording '{recording.name}': expected samples, found none; add rows.")
-    free = _patterns(samples, refit)
+    samples = samples_of(recording)
+    _check_arm(arm, samples)
+    _check_covariates(arm, samples)
     both = base_and_tool(samples)
+    most = _count(arm, samples, both)
+    nominal = _predicted(replace(arm, values={}), samples, (), both)
+    _check_number(samples, len(nominal[:3]), most)
+    doubts = check_samples(recording, trust_data).doubts
+    free = _patterns(samples, refit)
+    residual = _predicted(arm, samples, arm.effects, free)
     return Evaluated(
-        samples,
+        replace(samples, warnings=tuple(dict.fromkeys((*samples.warnings, *doubts)))),
         arm,
         refit,
-        _predicted(arm, samples, arm.effects, free),
-        _predicted(replace(arm, values={}), samples, (), both),
+        residual,
+        nominal,
         _predicted(arm, samples, arm.effects, both),
         _outside(arm, samples),
+        _parameter_spread(arm, samples, free),
+        _count(arm, samples, free),
+        most,
     )
+
+
+def _check_arm(arm: CalibratedArm, samples: Recording) -> None:
+    """InputError where the recording states another nominal geometry than that of the calibration."""
+    stated = load_robot(samples.robot, f"robot of {samples.name}")
+    if stated.joints != arm.robot.joints:
+        raise InputError(
+            f"recording '{samples.name}': expected the arm of the calibration with {arm.robot.joints} joints, found "
+            f"one with {stated.joints}; evaluate a recording of the same arm."
+        )
+    if not np.allclose(stated.geometry, arm.robot.geometry, rtol=0, atol=1e-6):
+        raise InputError(
+            f"recording '{samples.name}', robot: expected the nominal geometry of the arm of the calibration "
+            f"({arm.robot.name}), found another one ({stated.name}); correct the robot of the recording, or evaluate "
+            "a recording of the same arm."
+        )
+
+
+def _check_covariates(arm: CalibratedArm, samples: Recording) -> None:
+    """InputError where a column is missing on which the model depends."""
+    fitted = arm.fitted_range or {}
+    needed = set(covariates_read(arm))
+    if _LOAD in fitted and any(effect.elastic for effect in arm.acting_effects):
+        needed.add(_LOAD)
+    for name in sorted(needed - set(samples.columns)):
+        low, high = fitted[name]
+        raise InputError(
+            f"recording '{samples.name}', samples.csv: expected column {name}, on which the calibrated model depends "
+            f"({low:.4g} to {high:.4g} in its recording), found none; add it."
+        )
+
+
+def _check_number(samples: Recording, each: int, count: int) -> None:
+    """InputError where so few coordinates, `each` a pose, are measured that base and tool (`count`) fit all."""
+    poses = len(np.unique(samples.poses))
+    if each * poses <= count:
+        raise InputError(
+            f"recording '{samples.name}': expected at least {count // each + 1} poses, found {poses}: base and tool "
+            f"have {count} parameters, so that fewer fit any arm; measure more."
+        )
+
+
+def _count(arm: CalibratedArm, samples: Recording, free: tuple[str, ...]) -> int:
+    """Number of parameters that match some patterns."""
+    if not free:
+        return 0
+    parameters = Model(bind(arm.robot, samples, None), arm.effects).parameters
+    return int(parameters.matching(*free).sum())
 
 
 def _patterns(samples: Recording, refit: str) -> tuple[str, ...]:
@@ -160,6 +321,23 @@ def _predicted(
     if free:
         parameters = solve(model, parameters.only(parameters.matching(*free))).parameters
     return model.residual(parameters)
+
+
+def _parameter_spread(arm: CalibratedArm, samples: Recording, free: tuple[str, ...]) -> np.ndarray:
+    """C J' J (F, F), mm^2, of the parameters that the calibration estimated and that do not match `free`."""
+    model = Model(bind(arm.robot, samples, _start(arm, samples, free)), arm.effects)
+    state = replace(model.chain.state, load_centre=arm.load_centre)
+    model = replace(model, chain=replace(model.chain, state=state))
+    parameters = _with_values(arm, model.parameters, free)
+    again = parameters.matching(*free) if free else np.zeros(len(parameters), bool)
+    known = {key: place for place, key in enumerate(arm.free)}
+    estimated = np.array([key in known for key in parameters.keys]) & ~again
+    chosen = parameters.only(estimated)
+    _, derivative = model.linearise(chosen)
+    columns = derivative[:, :3].reshape(len(derivative), -1)
+    keys = [key for key, is_one in zip(parameters.keys, estimated) if is_one]
+    places = [known[key] for key in keys]
+    return arm.covariance[np.ix_(places, places)] @ (columns @ columns.T)
 
 
 def _start(arm: CalibratedArm, samples: Recording, free: tuple[str, ...]) -> np.ndarray | None:
@@ -199,9 +377,11 @@ def _unknown_target(samples: Recording | None, key: str) -> InputError:
 
 
 def _outside(arm: CalibratedArm, samples: Recording) -> tuple[str, ...]:
-    """Columns that leave the range of the calibration, with both ranges."""
+    """Columns that leave the range of the calibration, with both ranges; a load that it did not have."""
+    fitted = dict(arm.fitted_range or {})
+    fitted.setdefault(_LOAD, (0.0, 0.0))
     found = []
-    for name, (low, high) in (arm.fitted_range or {}).items():
+    for name, (low, high) in fitted.items():
         values = samples.columns.get(name)
         if values is None or name in ("row", "time_s"):
             continue
@@ -222,8 +402,10 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
 
 
-def _residual(errors: Mapping[str, float], key: str, what: str) -> Residual:
-    return Residual(errors[key], name=f"RMS {what} error on a recording that was not fitted")
+def _name(what: str, share: float) -> str:
+    """The statistic that is judged."""
+    enlarged = ", enlarged for the parameters estimated on it" if share > 1 else ""
+    return f"RMS {what} error on a recording that was not fitted{enlarged}"
 
 
 def save(evaluated: Evaluated, folder: Path) -> None:
