@@ -87,6 +87,23 @@ def test_what_images_share_is_named_and_said_to_be_in_the_sigma(runs, what, name
         assert found.misfit.sentence in handeye_warnings(run)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_shared_errors_far_below_those_of_the_robot_are_a_note(seed):
+    """Flange poses with errors of 0.4 mm: 0.01 mm of the board is significant in the corners and hardly matters."""
+    random = np.random.default_rng(40 + seed)
+    points = BOARD.points + (displaced_lines(random) - BOARD.points) / 3
+    seen, flange = images(40 + seed, count=10, noise=0.0, shift=0.4, spin=5e-4, points=points)
+    sigma = np.full(35, 0.01)
+    views = []
+    for k, view in enumerate(seen):
+        pixels = view.pixels + random.normal(0, 0.01, view.pixels.shape)
+        views.append(View(f"{k}.png", str(k), view.index, pixels, CAMERA.size, sigma))
+    found = hand_eye_from_views(views, BOARD, CAMERA, flange)
+    run = SimpleNamespace(made=found, calibration=None, board=None, names=(), review=None)
+    assert found.misfit.significant and found.misfit.note in found.notes
+    assert not any("displaced" in warning for warning in handeye_warnings(run))
+
+
 def test_sound_images_have_no_such_warning(runs):
     assert not any(found.misfit.significant for _, found in runs["clean"])
 

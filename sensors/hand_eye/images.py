@@ -96,6 +96,7 @@ def hand_eye_from_views(
         found = (with_held_camera(found[0], _root(stated)), *found[1:])
     if misfit.significant:
         found = (with_misfit(found[0], misfit), *found[1:])
+        notes = notes if misfit.is_relevant else (*notes, misfit.note)
     return replace(_result(chain, points, found, doubts, notes), misfit=misfit)
 
 

@@ -15,18 +15,42 @@ from workbench.core.rigid import rotation_matrix
 
 _LEAST_PX = 1e-3
 """RMS displacement of corners by a shared error, below which it is rounding, px."""
+_RELEVANT = 0.5
+"""Share of the independent errors in the predicted corners, above which shared errors limit the result."""
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """`errors` of the corners that images share, and the `covariance` (F, F) of the free parameters that they make."""
+    """`errors` of the corners that images share, and the `covariance` (F, F) of the free parameters that they make.
+
+    `share`: RMS error of the corners that the calibration predicts by shared errors, over that by independent ones.
+    """
 
     errors: SharedErrors
     covariance: np.ndarray
+    share: float
 
     @property
     def significant(self) -> bool:
         return self.errors.significant and self.errors.largest > _LEAST_PX
+
+    @property
+    def is_relevant(self) -> bool:
+        """Whether shared errors are significant and not small compared with the independent ones in the result.
+
+        Corners have hundredths of a pixel of noise, so that errors of any real board or lens are significant; beside
+        the errors of the flange poses they hardly change what the calibration predicts.
+        """
+        return self.significant and self.share > _RELEVANT
+
+    @property
+    def note(self) -> str:
+        """Of shared errors that are significant and hardly change the result."""
+        return (
+            f"corners are displaced by the same in many images (1 sigma: {self.errors.names}); this makes "
+            f"{self.share:.2g} of the error of predicted corners that independent errors make, and the stated "
+            "uncertainty includes it"
+        )
 
     @property
     def sentence(self) -> str:
@@ -58,7 +82,17 @@ def image_misfit(adjusted, size: tuple[int, int], from_same_images: bool) -> Mis
     if from_same_images and camera.any():
         pull[camera] += precision[camera, None] * _calibrated(alone)
     influence = adjusted.linear.covariance @ pull
-    return Misfit(errors, errors.covariance(influence))
+    covariance = errors.covariance(influence)
+    own = _predicted(rows, adjusted.linear.covariance)
+    shared = _predicted(rows, covariance)
+    return Misfit(errors, covariance, shared / max(own, 1e-300))
+
+
+def _predicted(rows: CornerRows, covariance: np.ndarray) -> float:
+    """px: RMS error of predicted corners by parameters of this covariance (F, F); free of gauge directions."""
+    by_parameter = rows.shared.reshape(len(rows.shared), -1)
+    variance = np.einsum("fn,fg,gn->n", by_parameter, covariance, by_parameter, optimize=True)
+    return float(np.sqrt(max(variance.mean(), 0.0)))
 
 
 def with_misfit(adjusted, misfit: Misfit):

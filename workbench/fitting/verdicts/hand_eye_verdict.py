@@ -192,11 +192,11 @@ def handeye_warnings(run) -> list[str]:
 
 
 def _misfit(run) -> list[str]:
-    """Errors that images share; where the transform is undetermined, its residuals say nothing of them."""
+    """Errors that images share and that limit the result; where the transform is undetermined, its residuals say nothing of them."""
     misfit = run.made.misfit
     if undetermined_causes(run):
         return []
-    return [] if misfit is None or not misfit.significant else [misfit.sentence]
+    return [] if misfit is None or not misfit.is_relevant else [misfit.sentence]
 
 
 def suspicions(run) -> tuple[str, ...]:
