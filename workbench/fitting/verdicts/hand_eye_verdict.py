@@ -192,7 +192,10 @@ def handeye_warnings(run) -> list[str]:
 
 
 def _misfit(run) -> list[str]:
-    """Errors that images share and that limit the result; where the transform is undetermined, its residuals say nothing of them."""
+    """Errors that images share and that limit the result.
+
+    Where the transform is undetermined, its residuals say nothing of them.
+    """
     misfit = run.made.misfit
     if undetermined_causes(run):
         return []
