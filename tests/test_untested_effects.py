@@ -1,6 +1,7 @@
 """The diagnosis says which effects a recording without their columns cannot show."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -8,7 +9,11 @@ from import_scenes import SCENE, simulated
 from robot_model import load_robot
 from robot_model.measurements import samples_of
 from robot_model.system import bind
-from workbench.explanation.planning.experiment import UNTESTED, untested_backlash
+from workbench.explanation.planning.experiment import (
+    UNTESTED,
+    _resembles_backlash,
+    untested_backlash,
+)
 
 
 def test_backlash_without_sides_of_approach_is_named(tmp_path):
@@ -22,3 +27,16 @@ def test_backlash_without_sides_of_approach_is_named(tmp_path):
 
 def test_a_chain_without_a_robot_has_no_backlash():
     assert untested_backlash(None) == ""
+
+
+def finding(effect, depends_on):
+    return SimpleNamespace(effect=effect, depends_on=depends_on)
+
+
+def test_backlash_is_asked_for_only_where_it_would_explain_what_is_seen():
+    assert _resembles_backlash(finding("joint-hysteresis", ()))
+    assert _resembles_backlash(finding("unknown", ("move2_wound_1", "q2_deg")))
+    assert _resembles_backlash(finding("unknown", ()))
+    assert not _resembles_backlash(finding("unknown", ("q2_deg",)))
+    assert not _resembles_backlash(finding("unknown", ("time_s",)))
+    assert not _resembles_backlash(finding("joint-compliance", ("tau2",)))

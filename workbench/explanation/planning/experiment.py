@@ -17,6 +17,7 @@ from workbench.core.least_squares.design import choose, normal_of
 from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
+from workbench.core.vocabulary import Covariate
 from workbench.diagnosis.levels import MISSING
 from workbench.diagnosis.linear.problem import Problem
 from workbench.explanation.planning.planned import Plan, plans
@@ -63,11 +64,13 @@ def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: flo
     """
     if all(term.share is not None and not term.remainder for term in terms):
         few = FEW.format(poses=len(np.unique(bench.pose)))
-        return Experiment(few if p_first < MISSING else CLEAN)
+        untested = untested_backlash(bench.chain) if _may_be_backlash(terms) else ""
+        return Experiment(" ".join(filter(None, (few if p_first < MISSING else CLEAN, untested))))
     doubtful = [term for term in terms if not term.certain or term.finding.effect == "unknown"]
     if not doubtful:
         return Experiment(" ".join(filter(None, (NOTHING, untested_backlash(bench.chain)))))
-    missing = _missing(doubtful)
+    untested = untested_backlash(bench.chain) if _may_be_backlash(terms) else ""
+    missing = " ".join(filter(None, (_missing(doubtful), untested)))
     asked = sorted(doubtful, key=lambda one: (not one.finding.effects, one.finding.probability))[
         :_ASKED
     ]
@@ -81,12 +84,25 @@ def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: flo
     )  # rather one that these poses leave open than one that they tell already
     term, (others, doubt, rows) = asked[k], tried[k]
     if not rows:
-        return Experiment(missing or _by_word(term))
+        asked_for = _missing(doubtful) or _by_word(term)
+        return Experiment(" ".join(filter(None, (asked_for, untested))))
     best, plan = rows[0]
     scene, robot = scene_of(bench, others, doubt, plan, len(best["poses"]))
     sentence = describe_comparison(doubt, rows) + (f" {missing}" if missing else "")
     figures = tuple({k: v for k, v in row.items() if k != "poses"} for row, _ in rows)
     return Experiment(sentence, figures, scene, plan.listing(best["poses"]), robot)
+
+
+def _may_be_backlash(terms: Sequence[Term]) -> bool:
+    """Whether backlash would explain a term: hysteresis, a function of the last move, or what no place explains."""
+    return any(_resembles_backlash(term.finding) for term in terms)
+
+
+def _resembles_backlash(found) -> bool:
+    if found.effect == "joint-hysteresis":
+        return True
+    kinds = {Covariate.of(name).kind for name in found.depends_on}
+    return found.effect == "unknown" and (not kinds or "move" in kinds)
 
 
 def untested_backlash(chain) -> str:
