@@ -95,4 +95,4 @@ def test_a_target_at_the_stretched_elbow_says_why_and_what_to_do(workbench, tmp_
     assert answer["unattainable_rows"] == [1] and rows[1]["reached"] == "1"
     (sentence,) = answer["unattainable"]
     assert sentence.startswith("Target 1 has no readings")
-    assert "joint 3 hardly moves the flange" in sentence and "degrees away" in sentence
+    assert "joint 3 is at " in sentence and "degrees away" in sentence

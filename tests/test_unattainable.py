@@ -5,7 +5,8 @@ import numpy as np
 from export_scenes import arm_with
 from scenes import ABB
 from test_fewer_joints import SCARA, TOOL, _joint, calibrated
-from workbench.jobs.robot.compensate import compensate, nominal_poses
+from workbench.jobs.robot.compensate import actual_poses, compensate, negligible_mm, nominal_poses
+from workbench.jobs.robot.singularity import singular_joint
 from workbench.jobs.robot.unattainable import _explained, unattainable_targets
 
 SEVEN = {
@@ -62,3 +63,27 @@ def test_targets_without_readings_are_judged_where_they_are_nearly_attained():
     found = compensate(arm, home, moved_out(poses, shoulder, 3.0), None, True)
     (one,) = unattainable_targets(arm, home, found, None)
     assert one.joint == 3 and one.distance_mm < 4
+
+
+def test_joint_5_of_aligned_wrist_axes_is_named():
+    """Joints 4 and 6 make the motion that leaves the flange in place; joint 5 leads out of the singularity."""
+    arm = arm_of(ABB)
+    assert singular_joint(arm.robot, np.array([0.1, 0.4, 0.3, 0.5, 0.0, 0.2])) == 5
+    stretched = np.array(
+        [0.1, 0.5, -np.arctan2(arm.robot.geometry[3, 1], arm.robot.geometry[2, 2])]
+    )
+    assert singular_joint(arm.robot, np.array([*stretched, 0.4, 0.9, 0.2])) == 3
+    assert singular_joint(arm.robot, np.array([0.1, 0.4, 0.3, 0.5, 0.9, 0.2])) is None
+
+
+def test_an_error_below_the_uncertainty_is_no_reason_to_refuse():
+    """A stretched arm that misses its target by a third of the negligible error, and by six times that error."""
+    arm = arm_of(ABB)
+    elbow = -np.arctan2(arm.robot.geometry[3, 1], arm.robot.geometry[2, 2])
+    stretched = np.array([[0.1, 0.5, elbow, 0.4, 0.9, 0.2]])
+    poses = actual_poses(arm, stretched)
+    shoulder = np.array([0, 0, 290.0]) + 72 * poses[0, :3, 2]
+    allowed = negligible_mm(compensate(arm, stretched).uncertainty_mm)[0]
+    for factor, is_reached in ((0.3, True), (6.0, False)):
+        found = compensate(arm, stretched, moved_out(poses, shoulder, factor * allowed))
+        assert found.reached[0] == is_reached, (factor, allowed, found.left_mm)

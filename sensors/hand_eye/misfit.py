@@ -38,8 +38,8 @@ class Misfit:
     def is_relevant(self) -> bool:
         """Whether shared errors are significant and not small compared with the independent ones in the result.
 
-        Corners have hundredths of a pixel of noise, so that errors of any real board or lens are significant; beside
-        the errors of the flange poses they hardly change what the calibration predicts.
+        Corners have hundredths of a pixel of noise, so that errors of any real board or lens are significant; compared
+        with the errors of the flange poses they hardly change what the calibration predicts.
         """
         return self.significant and self.share > _RELEVANT
 

@@ -99,8 +99,8 @@ def _readings(table, joints, robot):
         raise complaint(
             table.called,
             f"{robot.mixing.shape[1]} joint columns as {robot.name} has",
-            f"{len(joints)}",
-            "add or remove columns",
+            f"{len(joints)}: {', '.join(joints)}",
+            _joint_remedy(joints, robot),
         )
     for name, slides in zip(joints, sliding(robot).tolist()):
         if name.endswith("_mm") != slides:
@@ -131,6 +131,21 @@ def _readings(table, joints, robot):
             "correct the target",
         )
     return readings
+
+
+def _joint_remedy(joints, robot: Robot) -> str:
+    """Which joints have no column, or which columns are too many."""
+    slides = sliding(robot).tolist()
+    expected = [f"q{k}_{'mm' if slide else 'deg'}" for k, slide in enumerate(slides, 1)]
+    missing = [name for name in expected if name.partition("_")[0] not in _numbers(joints)]
+    if missing:
+        return f"add {', '.join(missing)}"
+    return f"remove {', '.join(name for name in joints if name not in expected)}"
+
+
+def _numbers(joints) -> set[str]:
+    """The joints of these columns: q1, q2, ..."""
+    return {name.partition("_")[0] for name in joints}
 
 
 def doubts(programme: Programme, robot: Robot) -> list[str]:

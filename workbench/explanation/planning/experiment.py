@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from robot_model.effects.friction import JointHysteresis
 from robot_model.system import RobotChain, bind
 from workbench.core.errors import InputError
 from workbench.core.least_squares.design import choose, normal_of
@@ -99,7 +100,7 @@ def _may_be_backlash(terms: Sequence[Term]) -> bool:
 
 
 def _resembles_backlash(found) -> bool:
-    if found.effect == "joint-hysteresis":
+    if found.effect == JointHysteresis.effect:
         return True
     kinds = {Covariate.of(name).kind for name in found.depends_on}
     return found.effect == "unknown" and (not kinds or "move" in kinds)

@@ -34,6 +34,8 @@ _TRIES, _OPEN = 20, (-np.pi, np.pi)
 # a target counts as reached within a hundredth of a micrometre, and as much a lever's length away
 _REACHED_MM = 1e-5
 _ROOT = ("joint-1.theta1", "joint-1.d1")
+# What is left of the error is negligible up to this share of the standard uncertainty: both together are then 4 % more.
+_NEGLIGIBLE, _LEAST_MM = 0.3, 1e-3
 # a joint that stood still in the recording has an unknown axis: of a redundant arm the others are moved instead
 _STILL_RAD, _STILL_MM, _STILL_WEIGHT = 1e-3, 0.1, 1e-3
 
@@ -49,7 +51,8 @@ class Compensated:
     uncertainty, considered terms and the extrapolation of empirical functions make; `uncertainty_mm` (n,) that combined
     with the error of the model on unseen poses (`model_error.remaining_error_mm`; GUM, JCGM 100:2008, 5.1.2);
     `expanded_uncertainty_mm` is that times the coverage factor 2 (6.2 there);
-    `reached` (n,) False where no reading within limits gets there, because the search found none or, where
+    `reached` (n,) False where no reading within limits gets there but for `negligible_mm`, because the search found
+    none or, where
     `beyond_limits` (n,), because the one it found is outside the limits of the joints.
 
     An arm that cannot move its flange in all six directions (`is_deficient`) has reached a target where nothing is left
@@ -99,20 +102,26 @@ def compensate(
     if poses is not None:
         found = _nominal_readings(arm.robot, found, wanted, anywhere, task)
     position, rotation = pose_sizes(_deviation(_model(arm, found, wanted, covariates), arm, task))
+    best, least = found, np.full(len(found), np.inf)
     for done in range(_STEPS):
         progress(done, _STEPS)
         step, movable = _reading_step(_model(arm, found, wanted, covariates), arm, task)
+        # a step next to a singular posture may lead away: the nearest readings are kept
+        best = np.where((movable < least)[:, None], found, best)
+        least = np.fmin(movable, least)
         if movable.max(initial=0) < _REACHED_MM:
             break
         found = found - np.clip(step, -_reach(arm.robot), _reach(arm.robot))
+    found = best
     model = _model(arm, found, wanted, covariates)
     position_left, rotation_left = pose_sizes(_deviation(model, arm, task))
-    is_solved = _reading_step(model, arm, task)[1] < 1e-3
+    sigma = _sigma(arm, found, wanted, covariates)
+    uncertainty = np.hypot(sigma, remaining_error_mm(arm))
+    is_solved = _reading_step(model, arm, task)[1] < negligible_mm(uncertainty)
     beyond = is_solved & ~_within(arm.robot, found)
     reached = is_solved & ~beyond
     # what an inversion that failed ends with is no place to send an arm to
     readings = np.where(reached[:, None], found, np.nan)
-    sigma = _sigma(arm, found, wanted, covariates)
     return Compensated(
         readings,
         wanted,
@@ -121,13 +130,18 @@ def compensate(
         rotation,
         _larger(position_left, rotation_left),
         sigma,
-        np.hypot(sigma, remaining_error_mm(arm)),
+        uncertainty,
         reached,
         beyond,
         position_left,
         rotation_left,
         task.is_deficient,
     )
+
+
+def negligible_mm(uncertainty: np.ndarray) -> np.ndarray:
+    """(n,) mm: what may be left of the error of a target whose standard uncertainty is `uncertainty` (n,) mm."""
+    return np.fmax(_NEGLIGIBLE * uncertainty, _LEAST_MM)
 
 
 def _larger(position, rotation) -> np.ndarray:
@@ -320,13 +334,16 @@ def _nominal_readings(robot, start, wanted, anywhere, task):
 def _searched(robot, start, wanted, task):
     """Readings (n, R) of the nominal arm nearest to the wanted poses, and (n,) whether it may and does get there."""
     bare = CalibratedArm(robot, (), {}, (), np.zeros((0, 0)), np.zeros(3), 0.0, True, "", {})
-    found = start
+    found = best = start
+    least = np.full(len(start), np.inf)
     for _ in range(3 * _STEPS):
         step, movable = _reading_step(_model(bare, found, wanted, None), bare, task)
+        best = np.where((movable < least)[:, None], found, best)
+        least = np.fmin(movable, least)
         if movable.max(initial=0) < 1e-3:
             break
         found = found - np.clip(step, -0.3 * _reach(robot), 0.3 * _reach(robot))
-    found = _turned_back(robot, found)
+    found = _turned_back(robot, best)
     movable = _reading_step(_model(bare, found, wanted, None), bare, task)[1]
     return found, (movable < 1e-2) & _within(robot, found)
 

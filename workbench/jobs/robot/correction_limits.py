@@ -18,6 +18,7 @@ from workbench.core.errors import InputError
 from workbench.core.vocabulary import Covariate
 from workbench.files.solution_file import LARGEST_DEG, LARGEST_MM, CalibratedArm
 from workbench.jobs.robot.compensate import considered_covariates, covariates_read
+from workbench.jobs.robot.singularity import reading_words, singular_joint
 
 # No arm deviates from its model by a hundred times the noise of an instrument that is fit to measure it: noise then
 # makes less than a ten-thousandth of the mean square. The noise statement, the data or the model is wrong.
@@ -257,10 +258,21 @@ def _joint_changes(arm: CalibratedArm, programme, found, largest: float) -> list
             (
                 int(row),
                 f"its correction changes joint {joint + 1} by {changes[row, joint]:.3g} deg, above {largest:.3g} deg: "
-                "the posture is nearly singular",
+                f"the posture is nearly singular{_singular(arm.robot, programme.readings[row])}",
             )
         )
     return reasons
+
+
+def _singular(robot, reading) -> str:
+    """The joint at its singular position, and what to do; "" where the posture has none."""
+    joint = singular_joint(robot, reading)
+    if joint is None:
+        return ""
+    value = reading_words(robot, reading, joint)
+    return (
+        f", with joint {joint} at {value}; move joint {joint} some degrees away from this position"
+    )
 
 
 def _worst_assumed(arm: CalibratedArm, programme) -> list[str]:

@@ -1,7 +1,7 @@
 """Why a target has no corrected readings: its distance from the nearest attainable pose, and singular postures."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from robot_model.state import sliding
 from robot_model.task_priority import LEVER_MM
-from workbench.jobs.robot.compensate import actual_poses
+from workbench.jobs.robot.compensate import actual_poses, negligible_mm
+from workbench.jobs.robot.singularity import reading_words, singular_joint
 
 _STEP_RAD = 1e-4
-_SINGULAR = 0.05
 _MOST_TARGETS = 12
 _BEYOND_MM, _BEYOND_DEG = 10.0, 1.0  # farther away than any error of a calibrated arm
 
@@ -21,14 +21,17 @@ _BEYOND_MM, _BEYOND_DEG = 10.0, 1.0  # farther away than any error of a calibrat
 class Unattainable:
     """One target (index `row`) that the calibrated arm cannot take.
 
-    `distance_mm`, `rotation_deg`: what remains at the nearest attainable pose. `joint`: number of the joint with the
-    largest part in the motion that hardly moves the flange there; None where all joints move it.
+    `distance_mm`, `rotation_deg`: what remains at the nearest attainable pose. `joint`: number of the joint that is at
+    its singular position there, None where no joint is; `reading`: its value with the unit. `allowed_mm`: what might
+    remain, conditional on the uncertainty of the target.
     """
 
     row: int
     distance_mm: float
     rotation_deg: float
     joint: int | None
+    reading: str = ""
+    allowed_mm: float | None = None
 
     @property
     def sentence(self) -> str:
@@ -41,14 +44,23 @@ class Unattainable:
             )
         found = (
             f"Target {self.row + 1} has no readings in corrected.csv: the calibrated arm differs from the nominal one, "
-            f"and its nearest attainable pose is {left} away."
+            f"and its nearest attainable pose is {left} away{self._limit}."
         )
         if self.joint is None:
             return f"{found} Move the target into the workspace of the calibrated arm, or choose another posture."
         return (
             f"{found} There the posture is nearly singular (for example a stretched arm or aligned wrist axes): "
-            f"joint {self.joint} hardly moves the flange in the missing direction. Change the target so that "
-            f"joint {self.joint} is some degrees away from this posture, for example closer to the base."
+            f"joint {self.joint} is at {self.reading}, and the arm cannot move the flange in the missing direction. "
+            f"Change the target so that joint {self.joint} is some degrees away from this position."
+        )
+
+    @property
+    def _limit(self) -> str:
+        if self.allowed_mm is None:
+            return ""
+        return (
+            f"; compared with the uncertainty of the target, {self.allowed_mm:.2g} mm (rotation at {LEVER_MM:g} mm included) "
+            "would be negligible"
         )
 
 
@@ -67,7 +79,9 @@ def unattainable_targets(
             name: np.atleast_1d(np.broadcast_to(v, len(readings))[row])
             for name, v in (covariates or {}).items()
         }
-        made.append(_explained(arm, int(row), readings[row], found.poses[row], own))
+        one = _explained(arm, int(row), readings[row], found.poses[row], own)
+        allowed = float(negligible_mm(found.uncertainty_mm[row]))
+        made.append(replace(one, allowed_mm=allowed))
     return made
 
 
@@ -93,13 +107,7 @@ def _explained(arm, row: int, start: np.ndarray, wanted: np.ndarray, covariates)
     )
     left = nearest.fun
     degrees = float(np.rad2deg(np.linalg.norm(left[3:]) / LEVER_MM))
-    joint = _singular_joint(derivative(start + scale * nearest.x))
-    return Unattainable(row, float(np.linalg.norm(left[:3])), degrees, joint)
-
-
-def _singular_joint(derivative: np.ndarray) -> int | None:
-    """Number of the joint that takes most part in the weakest motion of the flange; None away from singularities."""
-    _, sizes, directions = np.linalg.svd(derivative, full_matrices=False)
-    if sizes[-1] > _SINGULAR * sizes[0]:
-        return None
-    return int(np.argmax(np.abs(directions[-1]))) + 1
+    reading = start + scale * nearest.x
+    joint = singular_joint(arm.robot, reading)
+    words = "" if joint is None else reading_words(arm.robot, reading, joint)
+    return Unattainable(row, float(np.linalg.norm(left[:3])), degrees, joint, words)
