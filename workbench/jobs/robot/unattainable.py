@@ -59,7 +59,7 @@ class Unattainable:
         if self.allowed_mm is None:
             return ""
         return (
-            f"; compared with the uncertainty of the target, {self.allowed_mm:.2g} mm (rotation at {LEVER_MM:g} mm included) "
+            f"; compared with the uncertainty of the target, {self.allowed_mm:.2g} mm "
             "would be negligible"
         )
 
