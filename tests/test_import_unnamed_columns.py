@@ -5,8 +5,10 @@ import pytest
 
 from datasets.importers.mapping.headers import read_header
 from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, write_rows
+from robot_model import load_robot
 from workbench.commands.cli import run
 from workbench.core.errors import InputError
+from workbench.jobs.robot.compensate import nominal_poses
 from workbench.recordings.importing import ImportOptions, import_recording
 
 JOINTS = ["Grundachse", "Schulter", "Ellbogen", "Hand A", "Hand B", "Hand C"]
@@ -99,3 +101,28 @@ def test_an_angle_in_the_header_of_a_prismatic_joint_is_refused(truth, tmp_path)
     path = write_rows(tmp_path / "t.csv", header, cells)
     with pytest.raises(InputError, match=r"J1 \[deg\]: expected a length of a prismatic joint"):
         import_recording([path], tmp_path / "out", ImportOptions(robot=str(table_of_links)))
+
+
+def test_joints_that_hardly_move_are_a_question(truth, tmp_path):
+    """Joints 4 and 6 of a parked wrist are not distinguishable by any fit, so that nobody may guess their order."""
+    rng = np.random.default_rng(4)
+    readings = truth.joints.copy()
+    readings[:, [3, 5]] = rng.normal(size=(truth.n, 2)) * 5e-5
+    flange = nominal_poses(load_robot({"builtin": "ur10"}), readings)
+    points = flange[:, :3, :3] @ [10.0, 40.0, 130.0] + flange[:, :3, 3]
+    points += rng.normal(size=points.shape) * 0.05
+    path = write_rows(
+        tmp_path / "t.csv",
+        [*JOINTS, "Ost", "Nord", "Höhe"],
+        np.column_stack([np.rad2deg(readings), points / 1000]),
+    )
+    with pytest.raises(InputError, match="found several sets of columns that fit"):
+        import_recording([path], tmp_path / "out", UR10)
+
+
+def test_a_left_handed_frame_is_said(truth, tmp_path):
+    points = truth.points * [1.0, 1.0, -1.0] / 1000
+    cells = np.column_stack([degrees(truth), points])
+    path = write_rows(tmp_path / "t.csv", [*JOINTS, "Ost", "Nord", "Tiefe"], cells)
+    made = import_recording([path], tmp_path / "out", UR10)
+    assert "form a left-handed frame" in made.warnings[0]

@@ -7,7 +7,7 @@ other set does; a wrong set of columns leaves a misfit of many millimetres.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 
@@ -31,16 +31,17 @@ _SCREENED_FITS = 4
 
 @dataclass(frozen=True)
 class _Found:
-    """A completed mapping, its fit, and the mapping in words."""
+    """A completed mapping, its fit to a robot, and the mapping in words."""
 
     mapping: Mapping
     fit: CandidateFit
+    robot: Robot
 
     @property
     def words(self) -> str:
         point, joints = self.mapping.point, self.mapping.joints
         return (
-            f"joints {joints.columns[0]} ... {joints.columns[-1]}, point {', '.join(point.columns)} "
+            f"joints {', '.join(joints.columns)}, point {', '.join(point.columns)} "
             f"({self.fit.words})"
         )
 
@@ -64,9 +65,15 @@ def find_unnamed(
     best = _best_of_each(found)
     if not best:
         return mapping, ()
+    if mapping.joints is None:
+        best += _exchanged(table, best[0], positions)
     chosen = best[0]
     if len(best) > 1:
-        lines = [f"[point] columns = {list(one.mapping.point.columns)}" for one in best]
+        lines = [
+            f"[joints] columns = {list(one.mapping.joints.columns)}, "
+            f"[point] columns = {list(one.mapping.point.columns)}"
+            for one in best
+        ]
         question = Question(
             f"{table.file}: expected headers that name joint readings and the measured point, found several sets of "
             f"columns that fit the robot ({'; '.join(one.words for one in best)})",
@@ -80,9 +87,34 @@ def find_unnamed(
     named = " and ".join(f"{', '.join(group.columns)} as {what}" for what, group in which)
     return made, (
         f"No header names {' or '.join(what for what, _ in which)}. Of the columns with numbers only one set fits the "
-        f"robot, and the import reads {named} ({chosen.fit.words}). If that is wrong, state the columns in a mapping "
-        "file and name it with --map.",
+        f"robot, and the import reads {named} ({chosen.fit.words}).{_handedness(table, made.point)} If that is wrong, "
+        "state the columns in a mapping file and name it with --map.",
     )
+
+
+def _handedness(table: RawTable, point: Group) -> str:
+    """A sentence where the coordinates are not in the order of the file."""
+    place = [list(table.columns).index(name) for name in point.columns]
+    if place == sorted(place):
+        return ""
+    return (
+        " In the order of the file the axes of the point form a left-handed frame: the first two are exchanged, which "
+        "is right for northing before easting; where one axis is inverted instead, invert it in the file."
+    )
+
+
+def _exchanged(table: RawTable, best: _Found, positions) -> list[_Found]:
+    """The set with two joint columns exchanged, for each pair where it fits about as well: joints that hardly move."""
+    columns = best.mapping.joints.columns
+    found = []
+    for i, j in combinations(range(len(columns)), 2):
+        order = list(columns)
+        order[i], order[j] = order[j], order[i]
+        joints = replace(best.mapping.joints, columns=tuple(order))
+        made = _fitted(table, replace(best.mapping, joints=joints), best.robot, positions)
+        if made is not None and not best.fit.clearly_beats(made.fit):
+            found.append(made)
+    return found
 
 
 def _best_of_each(found: Sequence[_Found]) -> list[_Found]:
@@ -104,14 +136,19 @@ def _fitting(table, mapping: Mapping, robot: Robot, positions) -> Iterator[_Foun
         if set(joints.columns) & set(point.columns) or tried >= _MOST_TESTED:
             continue
         tried += 1
-        made = replace(mapping, joints=joints, point=point)
-        made = replace(made, measures=measures_of(made))
-        rows = complete_rows(table, made)[0]
-        readings = list(decisions.unit_readings(made))
-        build = partial(positions, robot, rows)
-        fits = decisions.compare(robot, readings, build, _SCREENED_FITS)
-        if fits and fits[0][1].is_good:
-            yield _Found(made, fits[0][1])
+        made = _fitted(table, replace(mapping, joints=joints, point=point), robot, positions)
+        if made is not None:
+            yield made
+
+
+def _fitted(table, mapping: Mapping, robot: Robot, positions) -> _Found | None:
+    """A mapping with its best fit to a robot, its units undecided; None where it does not fit."""
+    made = replace(mapping, measures=measures_of(mapping))
+    rows = complete_rows(table, made)[0]
+    readings = list(decisions.unit_readings(made))
+    build = partial(positions, robot, rows)
+    fits = decisions.compare(robot, readings, build, _SCREENED_FITS)
+    return _Found(made, fits[0][1], robot) if fits and fits[0][1].is_good else None
 
 
 def _joint_groups(table: RawTable, mapping: Mapping, count: int) -> list[Group]:
