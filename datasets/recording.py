@@ -12,7 +12,7 @@ from datasets.errors import complaint
 from workbench.core.rigid import transform
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Recording:
     """Samples of one arm, all in file units (deg, mm); the properties are in rad and mm.
 
@@ -60,6 +60,12 @@ class Recording:
     """Column of groups (reflector, pose, ...) -> its names in the file; name k stands for the number k + 1."""
     is_resampled: bool = False
     """True where rows were drawn with replacement (bootstrap): equal rows then count as often as they were drawn."""
+
+    def __repr__(self) -> str:
+        robot = self.robot.get("builtin") or self.robot.get("name") or "no robot named"
+        columns = ", ".join(self.columns)
+        name = self.title or self.name or "recording"
+        return f"<Recording {name}: {self.n} samples, {self.measures}, {robot}; columns {columns}>"
 
     @property
     def n(self) -> int:

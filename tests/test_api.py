@@ -82,6 +82,12 @@ def test_a_result_shows_itself(calibration):
     assert {line.name for line in calibration.plot().data} == {"nominal", "fit", "held out"}
 
 
+def test_a_recording_shows_itself_in_a_line(recording):
+    shown = repr(recording)
+    assert f"{recording.n} samples, {recording.measures}" in shown
+    assert "q1_deg, q2_deg" in shown and "\n" not in shown
+
+
 def test_nothing_is_printed(recording, capsys):
     wb.identifiability(recording)
     assert capsys.readouterr().out == ""
