@@ -29,6 +29,7 @@ UNCHECKED = {
     "explanation/term_steps.py",
     "fitting/plausibility/far_geometry.py",
     "fitting/verdicts/diagnosis_verdict.py",
+    "jobs/robot/evaluate.py",  # checks them, and states the errors of all rows, faulty ones included
     "jobs/robot/poses.py",
     "jobs/robot/significance.py",
     "recordings/inspection/needs.py",
@@ -123,7 +124,7 @@ def test_no_module_takes_samples_without_the_check():
 
 
 def test_every_command_that_may_refuse_names_the_option(workbench):
-    for command in COMMANDS:
+    for command in (*COMMANDS, "evaluate"):
         assert TRUST_DATA in workbench(command, "--help").stdout, command
 
 
