@@ -149,3 +149,31 @@ def test_a_load_that_the_calibration_did_not_have_is_said(runs):
     columns = dict(second.columns) | {"payload_kg": np.full(second.n, 4.0)}
     found = evaluate(arm, replace(second, columns=columns))
     assert any("payload_kg (4 to 4, calibrated 0 to 0)" in said for said in found.warnings)
+
+
+def test_the_fitted_recording_is_not_called_unseen(runs):
+    arm = read_solution(runs / "run")
+    fitted = evaluate(arm, datasets.read(runs / "first"))
+    assert "The calibration was fitted to this recording" in fitted.warnings[0]
+    assert "on the fitted recording" in fitted.verdict().sentence
+    other = evaluate(arm, datasets.read(runs / "second"))
+    assert not any("was fitted to" in said for said in other.warnings)
+    assert "on a recording that was not fitted" in other.verdict().sentence
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("refit", ["none", "base", "base-and-tool"])
+def test_the_expected_error_is_that_of_a_right_model(tmp_path, refit):
+    """Mean of (error / expected)^2 over six arms: 1 within 0.3, for any number of parameters estimated again."""
+    ratios = []
+    for seed in range(200, 206):
+        home = tmp_path / str(seed)
+        home.mkdir()
+        scene = pose_scene("ur10", 90, seed).replace("external-pose", "external-point")
+        every = simulated(home, scene)
+        datasets.write(replace(every.select(np.arange(50)), name="first"), home / "first")
+        wb.calibrate(str(home / "first"), out=str(home / "run"), folds=3, no_report=True)
+        second = every.select(np.arange(50, 90))
+        verdict = evaluate(read_solution(home / "run"), second, refit).verdict()
+        ratios.append(verdict.residual / verdict.noise)
+    assert np.mean(np.square(ratios)) == pytest.approx(1.0, abs=0.3)

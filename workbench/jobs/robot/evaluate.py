@@ -43,6 +43,10 @@ _EXPLAINED = 3.0
 """Error with base and tool estimated, in held-out errors of the calibration, that a move alone may leave."""
 _SIGNIFICANT = 3.1  # standard deviations that chance exceeds once in a thousand times
 _LOAD = "payload_kg"
+_FITTED = (
+    "The calibration was fitted to this recording: its errors are not held out, and say nothing about other poses. "
+    "Evaluate another recording; the held-out error stands in the answer of the calibration."
+)
 _MOVED = (
     "the instrument or the target has moved since, or errors of the model act like such a move in these poses; repeat "
     "with --refit base, tool or base-and-tool"
@@ -58,7 +62,7 @@ class Evaluated:
     """Errors of fixed models on the n moving rows of a recording.
 
     `residual` (m, n) of the calibrated arm, mm and then rad, with the parameters of `refit` estimated on the
-    recording. `nominal` (m, n): of the nominal arm, whose base and tool are always estimated on it. `with_base`
+    recording. `nominal` (m, n): of the nominal arm, whose base and tool are always estimated on it. `refitted`
     (m, n): of the calibrated arm with base and tool estimated on it. `outside`: covariates and joint readings beyond
     the range of the calibration. `parameter_spread`: C J' J (F, F), mm^2, with the covariance C of the F parameters
     of the calibration and the derivative J of the lengths with respect to them. `estimated`, `most_estimated`:
@@ -70,7 +74,7 @@ class Evaluated:
     refit: str
     residual: np.ndarray
     nominal: np.ndarray
-    with_base: np.ndarray
+    refitted: np.ndarray
     outside: tuple[str, ...]
     parameter_spread: np.ndarray
     estimated: int
@@ -90,6 +94,8 @@ class Evaluated:
     def warnings(self) -> tuple[str, ...]:
         """Sentences on what limits the comparison."""
         said = [*self.recording.warnings]
+        if self.is_fitted_data:
+            said.append(_FITTED)
         if self._fits_better_elsewhere():
             said.append(self._better_elsewhere())
         if self.outside:
@@ -98,11 +104,17 @@ class Evaluated:
             )
         return tuple(said)
 
+    @property
+    def is_fitted_data(self) -> bool:
+        """Whether the calibration was fitted to the very files of this recording."""
+        fitted = (self.arm.keys.get("provenance") or {}).get("data_sha256")
+        return bool(fitted) and fitted == self.recording.sha256
+
     def _fits_better_elsewhere(self) -> bool:
         """Whether another base and tool explain materially more than chance does: F test of nested models."""
         if self.refit != "none":
             return False
-        fixed, refitted = (self._squares(held) for held in (self.residual, self.with_base))
+        fixed, refitted = self._squares(self.residual), self._squares(self.refitted)
         left = self._coordinates - self.most_estimated
         if fixed / self._coordinates <= _MATERIAL**2 * refitted / left:
             return False
@@ -115,12 +127,12 @@ class Evaluated:
         if not self._fits_better_elsewhere():
             return False
         left = self._coordinates - self.most_estimated
-        unbiased = np.sqrt(self._squares(self.with_base) / left * len(self.residual[:3]))
+        unbiased = np.sqrt(self._squares(self.refitted) / left * len(self.residual[:3]))
         return bool(unbiased <= _EXPLAINED * self.arm.keys["held_out"]["rms_mm"])
 
     def _better_elsewhere(self) -> str:
         """What the better fit with another base and tool says, and what to do."""
-        errors, refitted = error_summary(self.residual), error_summary(self.with_base)
+        errors, refitted = error_summary(self.residual), error_summary(self.refitted)
         said = (
             f"The RMS position error is {errors['rms_mm']:.3g} mm with base and tool of the calibration, and "
             f"{refitted['rms_mm']:.3g} mm with both estimated on this recording"
@@ -154,7 +166,7 @@ class Evaluated:
         noise, is_significant = self._expected(errors["rms_mm"] * share)
         position = Residual(
             errors["rms_mm"] * share,
-            name=_name("position", share),
+            name=self._statistic("position", share),
             degrees=left,
             is_significant=is_significant,
         )
@@ -164,29 +176,39 @@ class Evaluated:
             angle = Residual(
                 errors["rotation_rms_deg"] * share,
                 "deg",
-                _name("orientation", share),
+                self._statistic("orientation", share),
                 has_noise=False,
             )
             parts.append(judge(angle, None, tolerances, advice))
         return combine(parts)
 
+    def _statistic(self, what: str, share: float) -> str:
+        """Name of the error that is judged."""
+        data = "the fitted recording" if self.is_fitted_data else "a recording that was not fitted"
+        enlarged = ", enlarged for the parameters estimated on it" if share > 1 else ""
+        return f"RMS {what} error on {data}{enlarged}"
+
     def _expected(self, rms: float) -> tuple[Noise | None, bool | None]:
         """RMS error to expect from noise and calibrated parameters, and whether `rms`, mm, is significantly above it.
 
-        With variance s^2 of the noise of each coordinate and S = J C J' of the parameters, the sum of squares has the
-        mean N s^2 + tr S and the variance 2 (N s^4 + 2 s^2 tr S + tr S^2). None where the noise is not stated.
+        With variance s^2 of the noise of each coordinate, S = J C J' of the parameters and p parameters estimated on
+        the recording, the sum of squares has the mean (N - p) s^2 + tr S and the variance
+        2 ((N - p) s^4 + 2 s^2 tr S + tr S^2). `rms` and the result are enlarged by sqrt(N / (N - p)). None where the
+        noise is not stated.
         """
         if self.recording.sigma is None:
             return None, None
-        variance, count = float(np.mean(np.square(self.recording.sigma))), self._coordinates
+        variance = float(np.mean(np.square(self.recording.sigma)))
+        count, samples = self._coordinates, self.residual.shape[1]
+        left = count - self.estimated
         parameters = float(np.trace(self.parameter_spread))
-        mean = count * variance + parameters
         both = float(np.sum(self.parameter_spread * self.parameter_spread.T))
-        spread = np.sqrt(2 * (count * variance**2 + 2 * variance * parameters + both))
-        samples = self.residual.shape[1]
-        is_significant = (rms**2 * samples - mean) / max(spread, 1e-300) > _SIGNIFICANT
-        source = f"{STATED}, with the uncertainty of the calibration"
-        return Noise(float(np.sqrt(mean / samples)), source), bool(is_significant)
+        mean = left * variance + parameters
+        spread = np.sqrt(2 * (left * variance**2 + 2 * variance * parameters + both))
+        squares = rms**2 * samples * left / count
+        is_significant = bool((squares - mean) / max(spread, 1e-300) > _SIGNIFICANT)
+        expected = float(np.sqrt(mean / samples * count / left))
+        return Noise(expected, f"{STATED}, with the uncertainty of the calibration"), is_significant
 
     def as_json(self, tolerances: Sequence[Tolerance] = ()) -> dict:
         """The answer of `workbench evaluate`."""
@@ -199,7 +221,7 @@ class Evaluated:
             "refit": self.refit,
             "error": error_summary(self.residual),
             "nominal": error_summary(self.nominal),
-            "refitted": error_summary(self.with_base),
+            "refitted": error_summary(self.refitted),
             "held_out": self.arm.keys["held_out"],
             "by_joint": self.by_joint(),
             "warnings": list(self.warnings),
@@ -309,35 +331,56 @@ def _patterns(samples: Recording, refit: str) -> tuple[str, ...]:
     return {"none": (), "base": base, "tool": tool, "base-and-tool": (*base, *tool)}[refit]
 
 
-def _predicted(
+def _model(
     arm: CalibratedArm, samples: Recording, effects: tuple, free: tuple[str, ...]
-) -> np.ndarray:
-    """(m, n) residual at the values of the arm, parameters that match `free` estimated on the samples."""
+) -> tuple[Model, Parameters]:
+    """Model of the samples and its parameters at the values of the arm; those that match `free` are at their start."""
     model = Model(bind(arm.robot, samples, _start(arm, samples, free)), effects)
     if arm.values:
         state = replace(model.chain.state, load_centre=arm.load_centre)
         model = replace(model, chain=replace(model.chain, state=state))
-    parameters = _with_values(arm, model.parameters, free)
+    return model, _with_values(arm, model.parameters, free)
+
+
+def _predicted(
+    arm: CalibratedArm, samples: Recording, effects: tuple, free: tuple[str, ...]
+) -> np.ndarray:
+    """(m, n) residual at the values of the arm, parameters that match `free` estimated on the samples."""
+    model, parameters = _model(arm, samples, effects, free)
     if free:
         parameters = solve(model, parameters.only(parameters.matching(*free))).parameters
     return model.residual(parameters)
 
 
 def _parameter_spread(arm: CalibratedArm, samples: Recording, free: tuple[str, ...]) -> np.ndarray:
-    """C J' J (F, F), mm^2, of the parameters that the calibration estimated and that do not match `free`."""
-    model = Model(bind(arm.robot, samples, _start(arm, samples, free)), arm.effects)
-    state = replace(model.chain.state, load_centre=arm.load_centre)
-    model = replace(model, chain=replace(model.chain, state=state))
-    parameters = _with_values(arm, model.parameters, free)
+    """C J' J (F, F), mm^2, of the parameters that the calibration estimated and that do not match `free`.
+
+    What parameters that match `free` take up, estimated on the samples, is projected out of J.
+    """
+    model, parameters = _model(arm, samples, arm.effects, free)
     again = parameters.matching(*free) if free else np.zeros(len(parameters), bool)
     known = {key: place for place, key in enumerate(arm.free)}
     estimated = np.array([key in known for key in parameters.keys]) & ~again
-    chosen = parameters.only(estimated)
-    _, derivative = model.linearise(chosen)
-    columns = derivative[:, :3].reshape(len(derivative), -1)
+    columns = _lengths_by(model, parameters.only(estimated))
+    if again.any():
+        taken = _orthonormal_basis(_lengths_by(model, parameters.only(again)))
+        columns = columns - taken @ (taken.T @ columns)
     keys = [key for key, is_one in zip(parameters.keys, estimated) if is_one]
     places = [known[key] for key in keys]
-    return arm.covariance[np.ix_(places, places)] @ (columns @ columns.T)
+    return arm.covariance[np.ix_(places, places)] @ (columns.T @ columns)
+
+
+def _lengths_by(model: Model, parameters: Parameters) -> np.ndarray:
+    """(N, F) derivative of the lengths with respect to the free parameters."""
+    _, rows = model.linearise(parameters)
+    return rows[:, :3].reshape(len(rows), -1).T
+
+
+def _orthonormal_basis(columns: np.ndarray) -> np.ndarray:
+    """(N, R) orthonormal basis of what columns (N, F) make."""
+    scaled = columns / np.maximum(np.sqrt((columns**2).sum(0)), 1e-300)
+    u, sizes, _ = np.linalg.svd(scaled, full_matrices=False)
+    return u[:, sizes > 1e-9]
 
 
 def _start(arm: CalibratedArm, samples: Recording, free: tuple[str, ...]) -> np.ndarray | None:
@@ -400,12 +443,6 @@ def lengths(residual: np.ndarray) -> np.ndarray:
 
 def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
-
-
-def _name(what: str, share: float) -> str:
-    """The statistic that is judged."""
-    enlarged = ", enlarged for the parameters estimated on it" if share > 1 else ""
-    return f"RMS {what} error on a recording that was not fitted{enlarged}"
 
 
 def save(evaluated: Evaluated, folder: Path) -> None:
