@@ -29,6 +29,8 @@ _FLOOR = 1e-4
 # Squared sigmas that a step moves: below the first it need not be taken, and after one below the
 # second the next would be far below the first, since the steps shrink quadratically.
 _DONE, _NEARLY = 1e-4, 1e-2
+_LEAST_FACTOR = 1 / 8
+"""Of the damping after a step that lowers the cost as predicted."""
 _NOISE_ROUNDS = 3
 # Times the stated sigma: a residual of this size is rounding, and its square may be zero in floating point.
 _NO_RESIDUAL = 1e-100
@@ -271,7 +273,7 @@ class _Problem:
                 and self.finished(move, decrement, unit)
             ):
                 return
-            if self.accept(move):
+            if self.accept(move, decrement):
                 if abs(before - self.cost) < max(
                     1e-5 * before, 0.02 * max(1.0, self.cost / self.residual.size)
                 ):
@@ -294,14 +296,21 @@ class _Problem:
         self.outcome = CONVERGED
         return True
 
-    def accept(self, move):
-        """Move there if that lowers the cost; the derivative is computed only then."""
+    def accept(self, move, decrement):
+        """Move there if that lowers the cost; the derivative is computed only then.
+
+        The damping falls by as much as the quadratic model predicted the cost: Madsen, Nielsen & Tingleff, Methods for
+        Non-Linear Least Squares Problems (2004), eq. 2.21.
+        """
         candidate = self.parameters.unpack(self.parameters.pack() + move * self.scale)
         residual, derivative = self.model.residual_and_derivative(candidate)
         cost = self.cost_of(candidate, residual)
         if not cost < self.cost:
             return False
-        self.damping = self.damping / 8 if self.damping > 1e-10 * self.normal.max() else 0.0
+        predicted = decrement + self.damping * float(move @ move)
+        gain = (self.cost - cost) / max(predicted, 1e-300)
+        factor = max(_LEAST_FACTOR, 1 - (2 * gain - 1) ** 3)
+        self.damping = self.damping * factor if self.damping > 1e-10 * self.normal.max() else 0.0
         weights = self.robust_weights(residual * self.inverse_sigma)
         self.take(candidate, residual, derivative(), weights)
         return True
