@@ -78,13 +78,18 @@ def difference(printed: str, output: str) -> str | None:
     larger of 5 % and two units of the last digit of the page, whole numbers above 100 by 1 %. Numbers below 1e-6 are
     zero. All other words and numbers are equal.
     """
-    expected, found = _words(shortened(printed)), _words(shortened(output))
+    return text_difference(shortened(printed), shortened(output))
+
+
+def text_difference(printed: str, output: str) -> str | None:
+    """The first difference between two texts, or None; numbers may differ as in `difference`."""
+    expected, found = _words(printed), _words(output)
     for k, (one, other) in enumerate(zip(expected, found)):
         if not _agree(one, other):
             near = " ".join(expected[max(k - 6, 0) : k])
-            return f"after '{near}': the page prints '{one}', the command '{other}'"
+            return f"after '{near}': the page prints '{one}', now it is '{other}'"
     if len(expected) != len(found):
-        return f"the page prints {len(expected)} words, the command {len(found)}"
+        return f"the page prints {len(expected)} words, now there are {len(found)}"
     return None
 
 
