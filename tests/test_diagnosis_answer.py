@@ -469,6 +469,17 @@ def test_what_is_not_certain_is_never_said_to_need_nothing(bench):
     assert next_experiment(bench, (), problem, 0.5).sentence.startswith("Nothing is missing")
 
 
+def test_what_was_found_and_not_retained_is_open(bench):
+    problem = bench.problem(())
+    sure = Term(Finding("joint-compliance", "joint-2", "", (), 1e-9, 0.999, 0.3, 40.0))
+    open_yet = Term(Finding("backlash", "joint-3", "", (), 1e-9, 0.9, 0.02, 9.0), kept=False)
+    said = next_experiment(bench, (sure,), problem, 1e-9).sentence
+    assert said.startswith("No finding is in doubt")
+    said = next_experiment(bench, (sure,), problem, 1e-9, (open_yet,)).sentence
+    assert said.startswith("Of the findings that are retained none is in doubt.")
+    assert "Open is backlash at joint 3, which was found and not retained" in said
+
+
 def test_noise_findings_are_described_in_words():
     hidden = Alternative("backlash", "joint-3", "", 0.5, 1.0, "", "approach")
     moving = Term(

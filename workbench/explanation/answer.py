@@ -159,7 +159,7 @@ def _whole(
     say("the next experiment")
     certain = [e for t in terms if t.certain for e in t.finding.effects]
     known = bench.problem(certain, judged_part(bench))
-    experiment = next_experiment(bench, terms, known, found.p_first)
+    experiment = next_experiment(bench, terms, known, found.p_first, refused)
     made = Diagnosis(
         recording.name,
         recording.title or recording.name,

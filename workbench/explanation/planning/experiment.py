@@ -35,6 +35,10 @@ _LIKELY, _ALIKE = (
 )  # probability, or share of the signature, from which on an alternative is plausible
 _BROAD = 10.0  # typical sizes: what is known of the sizes of the two before measuring
 NOTHING = "No finding is in doubt, so that no further recording is needed to distinguish it from anything else."
+REFUSED = (
+    "Of the findings that are retained none is in doubt. Open is {names}, which was found and not retained, because the "
+    "held-out samples do not show it clearly: more poses, spread over the workspace, decide whether it is there."
+)
 FEW = (
     "Measure more poses, spread over the workspace: from {poses} a law that fits some of them does not carry to the "
     "others."
@@ -57,11 +61,18 @@ class Doubt:
     other: str
 
 
-def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: float) -> Experiment:
+def next_experiment(
+    bench,
+    terms: Sequence[Term],
+    problem: Problem,
+    p_first: float,
+    refused: Sequence[Term] = (),
+) -> Experiment:
     """The experiment that separates the least certain finding from its likeliest alternative.
 
-    problem: of the model with the findings but those that are in doubt, or of the baseline. A bench that knows no
-    robot, an unnamed alternative and a missing column get their sentence without a computation.
+    problem: of the model with the findings but those that are in doubt, or of the baseline. refused: what was found
+    and not retained. A bench that knows no robot, an unnamed alternative and a missing column get their sentence
+    without a computation.
     """
     if all(term.share is not None and not term.remainder for term in terms):
         few = FEW.format(poses=len(np.unique(bench.pose)))
@@ -69,7 +80,8 @@ def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: flo
         return Experiment(" ".join(filter(None, (few if p_first < MISSING else CLEAN, untested))))
     doubtful = [term for term in terms if not term.certain or term.finding.effect == "unknown"]
     if not doubtful:
-        return Experiment(" ".join(filter(None, (NOTHING, untested_backlash(bench.chain)))))
+        said = (_nothing(refused), untested_backlash(bench.chain))
+        return Experiment(" ".join(filter(None, said)))
     untested = untested_backlash(bench.chain) if _may_be_backlash(terms) else ""
     missing = " ".join(filter(None, (_missing(doubtful), untested)))
     asked = sorted(doubtful, key=lambda one: (not one.finding.effects, one.finding.probability))[
@@ -92,6 +104,17 @@ def next_experiment(bench, terms: Sequence[Term], problem: Problem, p_first: flo
     sentence = describe_comparison(doubt, rows) + (f" {missing}" if missing else "")
     figures = tuple({k: v for k, v in row.items() if k != "poses"} for row, _ in rows)
     return Experiment(sentence, figures, scene, plan.listing(best["poses"]), robot)
+
+
+def _nothing(refused: Sequence[Term]) -> str:
+    """That no retained finding is in doubt, with the names of those that were not retained."""
+    names = [_called(term.finding) for term in refused]
+    return REFUSED.format(names=listed(names)) if names else NOTHING
+
+
+def _called(found) -> str:
+    name = "an unnamed effect" if found.effect == "unknown" else found.effect
+    return f"{name} at {place(found.where)}"
 
 
 def _may_be_backlash(terms: Sequence[Term]) -> bool:
