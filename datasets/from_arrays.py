@@ -26,7 +26,7 @@ def from_arrays(
     """A recording of points or poses that an external instrument measured.
 
     kind: `datasets.recording.Recording`, which this makes. robot: name of a built-in robot, path of
-    a robot.toml or URDF, or the keys of a robot.toml.
+    a robot.toml, URDF or MJCF file, or the keys of a robot.toml.
     joints_deg: (n, J) joint readings, deg (mm for a prismatic joint). points_mm: (n, 3) measured
     points in the frame of the instrument. quaternions: (n, 4) w x y z of the target, where poses
     are measured. sigma_mm: 1 sigma of a coordinate. columns: further columns of samples.csv, such
@@ -155,7 +155,7 @@ def _robot_keys(robot: str | Mapping) -> Mapping:
     if isinstance(robot, Mapping):
         return robot
     path = Path(robot)
-    if path.suffix.lower() == ".urdf":
+    if path.suffix.lower() in (".urdf", ".xml", ".mjcf"):
         return {"urdf": str(path)}
     if path.suffix.lower() != ".toml":
         return {"builtin": str(robot)}

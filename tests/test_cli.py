@@ -300,7 +300,7 @@ def test_a_calibration_is_shown_in_numbers():
     console = Console(record=True, width=100)
     tables.calibration(console, result)
     said = console.export_text()
-    assert "0.02134" in said and "joint-3" in said and "1 of 2 parameters have no estimate" in said
+    assert "0.02134" in said and "joint-3" in said and "1 of 2 parameters are estimated" in said
 
 
 def test_the_doctor_says_what_is_missing(workbench):

@@ -5,6 +5,7 @@ import pytest
 import tomli_w
 
 import datasets
+from datasets.recording import Recording
 from export_scenes import arm_with, flanges, readings_of
 from robot_model import load_robot
 from robot_model.chain import forward
@@ -166,3 +167,10 @@ def test_a_recording_of_an_mjcf_cell_is_written_and_read(cell_file, tmp_path):
     again = datasets.read(datasets.write(made, tmp_path / "recording"))
     np.testing.assert_allclose(again.points, made.points, atol=1e-5)
     assert load_robot(again.robot).joints == 6
+
+
+def test_arrays_with_the_path_of_an_mjcf_file_make_a_recording(cell_file):
+    rng = np.random.default_rng(5)
+    joints, points = rng.uniform(-5, 5, (9, 6)), rng.uniform(-100, 100, (9, 3))
+    made = Recording.from_arrays(str(cell_file), joints, points)
+    assert load_robot(made.robot).joints == 6

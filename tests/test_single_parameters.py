@@ -94,7 +94,7 @@ def test_no_table_without_rows():
     console = Console(record=True, width=80)
     tables._parameters(console, [parameter("a2", False)])
     said = console.export_text()
-    assert "most significant" not in said and "1 of 1 parameters have no estimate" in said
+    assert "most significant" not in said and "0 of 1 parameters are estimated" in said
 
 
 def test_combinations_of_the_geometry_are_stated():

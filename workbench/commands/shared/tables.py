@@ -252,14 +252,16 @@ def _parameter(row: Mapping) -> list:
 
 
 def unidentified(parameters: Sequence[Mapping]) -> str:
-    """Number of parameters without an estimate, and the reason; "" if all are estimated."""
+    """How many parameters are estimated, and what of the others; "" if all are estimated."""
     missing = [row for row in parameters if not row["identifiable"]]
     if not missing:
         return ""
     held = sum(row["status"] == "held" for row in missing)
+    estimated = len(parameters) - len(missing)
     return (
-        f"{len(missing)} of {len(parameters)} parameters have no estimate: {len(missing) - held} are not identifiable "
-        f"from this recording and {held} are held by the plan. The report gives the reasons."
+        f"{estimated} of {len(parameters)} parameters are estimated. {len(missing) - held} are not "
+        "identifiable: in the recorded poses they act like the others together, or not at all; some always do. "
+        f"{held} are held by the plan. The report gives the reasons."
     )
 
 

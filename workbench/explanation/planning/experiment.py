@@ -36,8 +36,8 @@ _LIKELY, _ALIKE = (
 _BROAD = 10.0  # typical sizes: what is known of the sizes of the two before measuring
 NOTHING = "No finding is in doubt, so that no further recording is needed to distinguish it from anything else."
 REFUSED = (
-    "Of the findings that are retained none is in doubt. Open is {names}, which was found and not retained, because the "
-    "held-out samples do not show it clearly: more poses, spread over the workspace, decide whether it is there."
+    "Of the findings that are retained none is in doubt. Open is {names}, which was found and not retained, because "
+    "the held-out samples do not show it clearly: more poses, spread over the workspace, decide whether it is there."
 )
 FEW = (
     "Measure more poses, spread over the workspace: from {poses} a law that fits some of them does not carry to the "
@@ -108,13 +108,8 @@ def next_experiment(
 
 def _nothing(refused: Sequence[Term]) -> str:
     """That no retained finding is in doubt, with the names of those that were not retained."""
-    names = [_called(term.finding) for term in refused]
+    names = [_called(term) for term in refused]
     return REFUSED.format(names=listed(names)) if names else NOTHING
-
-
-def _called(found) -> str:
-    name = "an unnamed effect" if found.effect == "unknown" else found.effect
-    return f"{name} at {place(found.where)}"
 
 
 def _may_be_backlash(terms: Sequence[Term]) -> bool:
