@@ -8,6 +8,7 @@ from datasets import registry
 from datasets.errors import complaint
 from datasets.formats.recording1 import read_recording
 from datasets.recording import Recording
+from workbench.core.text.structured_text import ContentError, read_json
 
 _FOREIGN = {
     ".csv",
@@ -83,6 +84,7 @@ def _check_imported(folder: Path) -> None:
     """Raise InputError for a folder of foreign files: tables or images without recording.toml."""
     if (folder / "recording.toml").exists():
         return
+    _check_no_results(folder)
     found = sorted({file.suffix.lower() for file in folder.iterdir() if file.is_file()} & _FOREIGN)
     if found:
         raise complaint(
@@ -91,6 +93,25 @@ def _check_imported(folder: Path) -> None:
             f"only other files ({', '.join(found)})",
             "make a recording of them first: run `workbench import` on this folder",
         )
+
+
+def _check_no_results(folder: Path) -> None:
+    """Raise InputError for the run folder of a command, whose answer.json names the command and its input."""
+    file = folder / "answer.json"
+    try:
+        answer = read_json(file) if file.is_file() else {}
+    except (OSError, ContentError):
+        return  # another program's file of this name
+    if not isinstance(answer, dict) or not isinstance(answer.get("command"), str):
+        return
+    given = answer.get("input")
+    remedy = f"pass {given}, which it was made of" if isinstance(given, str) else "pass its input"
+    raise complaint(
+        folder.name or str(folder),
+        "the folder of a recording",
+        f"results of `workbench {answer['command']}`",
+        remedy,
+    )
 
 
 def _read_real(name: str, folder: Path | None) -> Recording:

@@ -1,6 +1,7 @@
 """Where recordings come from: the registry, downloading, and the readers of real sets where those are present."""
 
 import hashlib
+import json
 import re
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 import datasets
 from datasets import registry
+from datasets.errors import InputError
 
 VARIANTS = [
     f"{s.name}:{v}" if v else s.name
@@ -295,3 +297,19 @@ def test_hilti_lift_and_tilt():
     }
     lift = [m["ratio"] for m in recording.robot["mimic"].values()]
     assert sum(lift) == 1 and sum(m["offset"] for m in recording.robot["mimic"].values()) == -1.442
+
+
+def test_a_run_folder_is_said_to_be_one_and_its_recording_named(tmp_path):
+    answer = {"command": "calibrate", "input": "/data/cell-4"}
+    (tmp_path / "answer.json").write_text(json.dumps(answer))
+    (tmp_path / "residuals.csv").write_text("sample\n1\n")
+    with pytest.raises(InputError, match="results of `workbench calibrate`; pass /data/cell-4"):
+        datasets.read(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["{", "[1]", '{"command": 3}'])
+def test_another_file_called_answer_does_not_hide_tables_to_import(tmp_path, text):
+    (tmp_path / "answer.json").write_text(text)
+    (tmp_path / "residuals.csv").write_text("sample\n1\n")
+    with pytest.raises(InputError, match="run `workbench import` on this folder"):
+        datasets.read(tmp_path)
