@@ -63,6 +63,7 @@ def test_residuals_are_those_of_the_stated_errors(runs, tmp_path):
     assert len(rows) == 30
     assert np.sqrt(np.mean(distances**2)) == pytest.approx(found.error.rms_mm)
     assert (tmp_path / "run" / "report.html").is_file()
+    np.testing.assert_allclose(found.to_frame()["distance_mm"], distances)
 
 
 def test_an_instrument_that_was_moved_is_said_and_refitted_on_request(runs):

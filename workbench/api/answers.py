@@ -186,6 +186,7 @@ TABLES = {
     "demo": "parameters",
     "diagnose": "effects",
     "doctor": "checks",
+    "evaluate": "residuals.csv",
     "handeye": "errors",
     "identifiability": "stages",
     "import": "conventions",
