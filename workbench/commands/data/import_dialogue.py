@@ -75,7 +75,7 @@ def show(console, answer: Mapping, result) -> None:
 def _fits(console, conventions: Sequence[Mapping]) -> None:
     """The readings that fit best, and how many more were tested."""
     fits = [[fit["name"], fit["rms_mm"], fit["rms_deg"]] for fit in conventions[:_SHOWN_FITS]]
-    tables.grid(console, "Fit to the robot", ["reading", "RMS mm", "RMS deg"], fits)
+    tables.grid(console, "Fit before calibration", ["reading", "RMS mm", "RMS deg"], fits)
     if len(conventions) > len(fits):
         more = len(conventions) - len(fits)
         console.print(f"{more} other readings fit worse; --json lists all.", markup=False)
