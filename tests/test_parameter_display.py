@@ -53,7 +53,7 @@ def test_sentence_counts_only_parameters_without_an_estimate(rows):
     missing = [row for row in rows if not row["identifiable"]]
     held = [row for row in missing if row["status"] == "held"]
     said = tables.unidentified(rows)
-    assert f"{len(missing)} of {len(rows)} parameters" in said
+    assert f"{len(rows) - len(missing)} of {len(rows)} parameters are estimated" in said
     assert (
         f"{len(missing) - len(held)} are not identifiable" in said
         and f"{len(held)} are held by the plan" in said
