@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from datasets.importers.mapping.candidates import (
     ANGLE_WORDS,
@@ -420,16 +421,22 @@ def _rotation_lines(mapping: Mapping) -> str:
 def _rotation_fits(robot, mapping, table, turns: Sequence[Turn], build: Build):
     readings = [(turn.title, replace(mapping, rotation=turn.group)) for turn in turns]
     kept = screened_turns(
-        _flange_rotations(robot, build(readings[0][1])), [t.matrices(table) for t in turns]
+        flange_rotations(robot, build(readings[0][1])), [t.matrices(table) for t in turns]
     )
     chosen = [readings[k] for k in kept]
     return compare(robot, chosen, build), chosen
 
 
-def _flange_rotations(robot: Robot, recording: Recording) -> np.ndarray:
+def flange_rotations(robot: Robot, recording: Recording) -> np.ndarray:
     """(n, 3, 3) rotations of the nominal flange."""
     frames = forward(robot, robot.mixing @ recording.joints.T)
     return np.stack(frames.end, -1).transpose(1, 0, 2)
+
+
+def measured_rotations(recording: Recording) -> np.ndarray:
+    """(n, 3, 3) rotations of a recording of poses."""
+    quaternions = np.stack([recording.columns[f"q{axis}"] for axis in "xyzw"], axis=1)
+    return Rotation.from_quat(quaternions).as_matrix()
 
 
 def screened_turns(

@@ -16,9 +16,12 @@ from workbench.recordings.importing import decisions
 from workbench.recordings.importing.builder import Builder
 from workbench.recordings.importing.final_check import check_fit
 from workbench.recordings.importing.fits import CandidateFit
+from workbench.recordings.importing.reading_changes import (
+    refuse_changed_rotation,
+    refuse_changed_units,
+)
 from workbench.recordings.importing.robots import robot_candidates, robot_keys
 from workbench.recordings.importing.timed_join import ClockDecision, decide_offset
-from workbench.recordings.importing.unit_changes import check_unit_changes
 from workbench.recordings.importing.unnamed_columns import find_unnamed, refuse_wrong_slides
 
 _OTHER_KIND = {"external-point": "ball-centre", "ball-centre": "external-point"}
@@ -126,16 +129,31 @@ def _decide(builder: Builder, mapping: Mapping, options, progress) -> decisions.
     """Units and rotation convention. Raises InputError where the data do not decide and nobody can be asked."""
     progress("testing units on the robot")
     robot, table = builder.robot, builder.table
-    readings = list(decisions.unit_readings(mapping, stated_only=True))
-    check_unit_changes(robot, table, mapping, readings, builder.positions)
-    decision = decisions.decide_units(robot, mapping, builder.positions, table.file, options.ask)
+    try:
+        decision = decisions.decide_units(
+            robot, mapping, builder.positions, table.file, options.ask
+        )
+    except InputError:
+        progress("looking for a unit that changes at a row")
+        refuse_changed_units(builder, mapping, None)
+        raise
     fits = decision.fits
-    if options.mapping.measures is None and fits and not fits[0].is_good:
+    is_good = bool(fits) and fits[0].is_good
+    refuse_changed_units(builder, mapping, decision if is_good else None)
+    if options.mapping.measures is None and fits and not is_good:
         _refuse_other_kind(robot, mapping, builder, fits[0])
     if mapping.rotation is None or mapping.measures != "external-pose":
         return decision
     progress("testing rotation conventions on the robot")
-    return decisions.decide_rotation(robot, decision.mapping, table, builder.complete, options.ask)
+    try:
+        turned = decisions.decide_rotation(
+            robot, decision.mapping, table, builder.complete, options.ask
+        )
+    except InputError:
+        refuse_changed_rotation(builder, decision.mapping, None)
+        raise
+    refuse_changed_rotation(builder, decision.mapping, turned)
+    return turned
 
 
 def _candidates(named: str, table: RawTable, mapping: Mapping) -> dict[str, Keys]:
