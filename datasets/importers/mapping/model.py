@@ -38,7 +38,7 @@ from workbench.core.text.structured_text import ContentError, read_toml
 
 FORMAT = "import/1"
 QUANTITIES = ("joints", "point", "rotation", "axis", "flange_point", "flange_rotation", "time")
-JOINS = ("index", "key", "time")
+JOINS = ("index", "key", "time", "append")
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Join:
-    """How two tables become one: by row number, by a column that both have, or by time.
+    """How two tables become one: by row number, by a column that both have, by time, or with their rows appended.
 
     `time_offset_s` is added to the times of the shorter table; None where nothing states it.
     """

@@ -16,8 +16,9 @@ from datasets.importers.mapping.left_out import (
     left_out_sentences,
     unused_rotation_sentences,
 )
-from datasets.importers.mapping.model import Mapping, write_mapping
+from datasets.importers.mapping.model import Join, Mapping, write_mapping
 from datasets.importers.mapping.proposal import measures_of, propose
+from datasets.importers.mapping.sessions import APPEND, appended, are_sessions
 from datasets.importers.mapping.sets import find_sets
 from datasets.importers.source import RawTable, Source
 from datasets.importers.sources import read_sources
@@ -29,6 +30,7 @@ from workbench.recordings.importing.board_poses import file_link, import_images
 from workbench.recordings.importing.fits import CandidateFit
 from workbench.recordings.importing.measured_robot import Made, import_table
 from workbench.recordings.importing.questions import Ask
+from workbench.recordings.importing.sessions import import_sessions
 from workbench.recordings.importing.surface_scans import import_scans, is_scan
 from workbench.recordings.importing.timed_join import ClockDecision, OffsetMode, TimedJoin
 from workbench.recordings.importing.user_columns import in_user_columns
@@ -99,7 +101,8 @@ class ImportResult:
 class Found:
     """Everything that was read: the source, one joined table (None without tables), the mapping so far.
 
-    `timed`: the two tables where they are joined by time; sentences on their rows are not in `warnings`.
+    `timed`: the two tables where they are joined by time; sentences on their rows are not in `warnings`. `sessions`:
+    tables with the same columns, whose rows stand below each other in `table`, and `proposed`, the mapping of each.
     """
 
     source: Source
@@ -108,6 +111,8 @@ class Found:
     unused: tuple[str, ...]
     warnings: tuple[str, ...]
     timed: TimedJoin | None = None
+    sessions: tuple[RawTable, ...] = ()
+    proposed: tuple[Mapping, ...] = ()
 
     @property
     def called(self) -> str:
@@ -178,6 +183,8 @@ def _made(found: "Found", options, folder: Path, progress) -> tuple["Found", Mad
         return found, Made(*import_scans(found, options, progress))
     if found.source.clouds:
         found = with_ball_centres(found, options, progress)
+    if found.sessions:
+        return found, import_sessions(found, options, progress)
     return found, import_table(found, options, progress)
 
 
@@ -253,6 +260,11 @@ def find_mapping(
     mapping = options.mapping
     if not source.tables:
         return Found(source, None, mapping, (), tuple(warnings))
+    is_plain = not source.images and not source.clouds
+    if is_plain and mapping.join.by in (None, APPEND) and are_sessions(source.tables, mapping):
+        return _found_sessions(source, options, warnings)
+    if mapping.join.by == APPEND and len(source.tables) > 1:
+        raise _not_alike(source)
     tables, ignored = _useful(source, mapping)
     warnings += [sentence for table in tables for sentence in table.warnings]
     if ignored:
@@ -262,24 +274,49 @@ def find_mapping(
         seconds = options.time_offset if isinstance(options.time_offset, float) else None
         wanted = replace(wanted, time_offset_s=seconds)
     table, join, said = join_tables(tables, wanted)
-    proposal = propose(table, bool(source.images), bool(source.clouds))
-    mapping = mapping.merged(proposal.mapping)
-    if mapping.point is not None and mapping.measures in (None, "external-point"):
-        # the mapping file may name a point or a rotation that no header shows
-        stated = options.mapping.measures
-        mapping = replace(mapping, measures=stated or measures_of(mapping))
-    unused = tuple(name for name in proposal.unused if not _is_mapped(mapping, name))
+    mapping, unused = _proposed(table, source, options)
     if len(tables) > 1:
         # an offset is part of the mapping only where it was stated or estimated
         stated = replace(join, time_offset_s=options.mapping.join.time_offset_s)
         mapping = replace(mapping, join=stated)
-    is_plain = not source.images and not source.clouds
     if len(tables) == 2 and join.by == "time" and is_plain:
         timed = TimedJoin((tables[0], tables[1]), join)
         zone = timed.join.time_offset_s - (wanted.time_offset_s or 0.0)
         warnings += [zone_sentence(timed.short, timed.log, zone)] if zone else []
         return Found(source, table, mapping, unused, tuple(warnings), timed)
     return Found(source, table, mapping, unused, (*warnings, *said))
+
+
+def _found_sessions(source: Source, options: ImportOptions, warnings: Sequence[str]) -> Found:
+    """Tables with the same columns: their rows below each other, and the mapping of each."""
+    tables = source.tables
+    table = appended(tables)
+    proposed = [_proposed(one, source, options)[0] for one in tables]
+    mapping, unused = _proposed(table, source, options)
+    join = Join(APPEND)
+    proposed = [replace(one, join=join) for one in proposed]
+    mapping = replace(mapping, join=join)
+    said = (*warnings, *table.warnings)
+    return Found(source, table, mapping, unused, said, sessions=tables, proposed=tuple(proposed))
+
+
+def _proposed(table: RawTable, source: Source, options: ImportOptions):
+    """The user's mapping, completed by what the headers of a table suggest, and the columns that it leaves out."""
+    proposal = propose(table, bool(source.images), bool(source.clouds))
+    mapping = options.mapping.merged(proposal.mapping)
+    if mapping.point is not None and mapping.measures in (None, "external-point"):
+        # the mapping file may name a point or a rotation that no header shows
+        stated = options.mapping.measures
+        mapping = replace(mapping, measures=stated or measures_of(mapping))
+    return mapping, tuple(name for name in proposal.unused if not _is_mapped(mapping, name))
+
+
+def _not_alike(source: Source) -> InputError:
+    names = ", ".join(table.file for table in source.tables)
+    return InputError(
+        f'{names}: expected several tables with the same columns for [join] by = "{APPEND}", each with joint readings '
+        "and a measurement, found others; correct the headers, or remove the key from the mapping file."
+    )
 
 
 def _useful(source: Source, mapping: Mapping) -> tuple[list[RawTable], list[str]]:

@@ -41,39 +41,61 @@ class Made:
     clocks: ClockDecision | None = None
 
 
+@dataclass(frozen=True)
+class DecidedTable:
+    """One table with its decision: `builder` of its complete rows, and sentences on rows left out and assumptions."""
+
+    builder: Builder
+    decision: decisions.Decision
+    said: tuple[str, ...]
+
+
 def import_table(found, options, progress) -> Made:
     """The recording of a robot that an instrument or a sensor on its flange measured.
 
     found, options: `Found` and `ImportOptions` of the import. Raises InputError where columns are missing, a question
     is open or nothing fits the robot.
     """
-    mapping, assigned = _with_unnamed(found, options, progress)
+    mapping, candidates, said = _with_robot(found, options, progress)
     table, found = found.table, replace(found, mapping=mapping)
-    if mapping.joints is None:
-        raise _without_joints(table, mapping)
-    measures = mapping.measures
-    if measures is None or measures not in KINDS or KINDS[measures].images:
-        raise _without_measurement(table, mapping)
-    said: tuple[str, ...] = ()
-    named = options.robot or mapping.robot
-    if named is None:
-        progress("comparing the built-in robots")
-        named = _robot_that_fits(complete_rows(table, mapping)[0], mapping, options)
-        said = (f"No robot was named; of the built-in ones {named} fits.",)
-    mapping = replace(mapping, robot=named)
-    candidates = _candidates(named, table, mapping)
     clocks = _decide_clocks(found, mapping, candidates, options, progress)
     if clocks is not None:
         table, joined = found.timed.joined_at(clocks.seconds)
         mapping = replace(mapping, join=replace(mapping.join, time_offset_s=clocks.seconds))
         said = (*said, *joined, *((clocks.sentence,) if clocks.is_warning else ()))
     try:
-        made = _with_clocks(found, table, mapping, candidates, clocks, options, progress)
+        decided = _decided(table, mapping, candidates, options, progress)
+        made = _finished(decided, found, clocks, options)
     except InputError as problem:
         if clocks is None or clocks.applied or not clocks.is_warning:
             raise
         raise InputError(f"{problem} {clocks.sentence}") from None
-    return replace(made, warnings=(*assigned, *said, *made.warnings))
+    return replace(made, warnings=(*said, *made.warnings))
+
+
+def decide_table(found, options, progress) -> DecidedTable:
+    """Robot, units and rotation convention of one table, before its recording is made. Raises as `import_table`."""
+    mapping, candidates, said = _with_robot(found, options, progress)
+    decided = _decided(found.table, mapping, candidates, options, progress)
+    return replace(decided, said=(*said, *decided.said))
+
+
+def _with_robot(found, options, progress):
+    """The mapping with columns and robot, every robot that the name may mean, and sentences on what was assumed."""
+    mapping, said = _with_unnamed(found, options, progress)
+    table = found.table
+    if mapping.joints is None:
+        raise _without_joints(table, mapping)
+    measures = mapping.measures
+    if measures is None or measures not in KINDS or KINDS[measures].images:
+        raise _without_measurement(table, mapping)
+    named = options.robot or mapping.robot
+    if named is None:
+        progress("comparing the built-in robots")
+        named = _robot_that_fits(complete_rows(table, mapping)[0], mapping, options)
+        said = (*said, f"No robot was named; of the built-in ones {named} fits.")
+    mapping = replace(mapping, robot=named)
+    return mapping, _candidates(named, table, mapping), said
 
 
 def _with_unnamed(found, options, progress) -> tuple[Mapping, tuple[str, ...]]:
@@ -93,20 +115,27 @@ def _with_unnamed(found, options, progress) -> tuple[Mapping, tuple[str, ...]]:
     return find_unnamed(found.table, found.mapping, arms, positions, options.ask)
 
 
-def _with_clocks(found, table, mapping, candidates, clocks, options, progress) -> Made:
-    """`import_table` after the offset between the clocks was decided; table, mapping: with that offset."""
+def _decided(table: RawTable, mapping: Mapping, candidates, options, progress) -> DecidedTable:
+    """The decision on the complete rows of a table."""
     table, incomplete = complete_rows(table, mapping)
     keys, decided = _robot_of(candidates, table, mapping, options)
     robot = load_robot(keys, f"--robot {mapping.robot}")
     builder = Builder(table, keys, robot, options)
     decision = _decide(builder, mapping, options, progress)
+    return DecidedTable(builder, decision, (*incomplete, *decided))
+
+
+def _finished(decided: DecidedTable, found, clocks: ClockDecision | None, options) -> Made:
+    """The recording of a decided table, after the last check."""
+    builder, decision = decided.builder, decided.decision
     recording = builder.complete(decision.mapping)
     if clocks is not None:
         used = replace(found.timed, join=decision.mapping.join)
         speeds = used.speeds(builder, decision.mapping)
         recording = replace(recording, columns={**speeds, **recording.columns})
-    checked = check_fit(robot, recording, decision.fits, options.trust_data, table.lines)
-    said = (*incomplete, *decided, *checked)
+    lines = builder.table.lines
+    checked = check_fit(builder.robot, recording, decision.fits, options.trust_data, lines)
+    said = (*decided.said, *checked)
     return Made(recording, decision.mapping, decision.fits, said, clocks)
 
 

@@ -91,6 +91,14 @@ def refuse_changed_rotation(
         raise InputError(_sentence(builder, segments, readings))
 
 
+def reading_words(mapping: Mapping) -> str:
+    """Units and rotation convention of a complete mapping in words."""
+    words = [f"{_short(names)} in {said}" for names, said in _unit_words(mapping).items()]
+    if mapping.rotation is not None and mapping.rotation.convention:
+        words += [f"rotation {said}" for said in _rotation_words(mapping).values()]
+    return ", ".join(words)
+
+
 def _has_rows_off(builder: Builder, recording: Recording) -> bool:
     """Whether two neighbouring rows differ from the others by much more than a sound arm does."""
     robot = builder.robot
@@ -201,7 +209,7 @@ def _sentence(builder: Builder, segments: Sequence[Segment], readings: Sequence[
     return (
         f"{table.file}, columns {names}: expected one unit and convention in all rows, found "
         f"{_listed(found)}, with which the robot fits{also}; convert one of the parts, or import each as a "
-        "table of its own."
+        "table of its own, which tests the units of each table."
     )
 
 
@@ -215,8 +223,15 @@ def _set_up_sentence(file: str, ranges: Sequence[str]) -> str:
 
 
 def _row_ranges(table, segments: Sequence[Segment]) -> list[str]:
-    lines = table.lines
-    return [f"rows {lines[one.first]} to {lines[one.last]}" for one in segments]
+    """In words: "rows 2 to 31", or "rows 2 to 31 of monday.csv" where the table is made of several."""
+    ranges = []
+    for one in segments:
+        first, _, file = str(table.lines[one.first]).partition(" of ")
+        last, _, other = str(table.lines[one.last]).partition(" of ")
+        start = f"{first} of {file}" if file != other else first
+        end = f"{last} of {other}" if other else last
+        ranges.append(f"rows {start} to {end}")
+    return ranges
 
 
 def _described(words: Words, differing: Sequence[tuple[str, ...]]) -> str:
