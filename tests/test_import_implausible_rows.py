@@ -6,8 +6,10 @@ from scipy.spatial.transform import Rotation
 
 import hand_eye_recordings
 from import_scenes import SCENE, UR10, degrees, simulated, write_rows
+from workbench.commands.cli import run
 from workbench.core.errors import InputError
 from workbench.recordings.importing import ImportOptions, import_recording
+from workbench.recordings.inspection import inspect_recording
 
 HEADER = [*(f"J{k}" for k in range(1, 7)), "X", "Y", "Z"]
 
@@ -98,3 +100,29 @@ def test_exchanged_flange_poses_are_named_with_their_rows_and_images(tmp_path):
     options = ImportOptions(board=dict(recording.board))
     with pytest.raises(InputError, match=r"row 4 \(03.png\) and row 9 \(08.png\) look exchanged"):
         import_recording([recording.folder / "images", path], tmp_path / "out", options)
+
+
+def test_what_to_do_about_a_warning_comes_before_the_next_command(truth, tmp_path, capsys):
+    points = truth.points.copy()
+    points[[4, 20]] = points[[20, 4]]
+    points[30] = np.nan
+    path, out = table(tmp_path / "t.csv", truth, points), tmp_path / "made"
+    assert run(["import", str(path), "--robot", "ur10", "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert said.index("Note: t.csv: 1 rows with an empty cell") < said.index("Warning: ")
+    first, then = said.index("First: do what the warning above asks for"), said.index("Then: ")
+    assert said.index("Warning: ") < first < then
+    assert "workbench calibrate" in said[then:]
+    assert "Next:" not in said
+
+
+def test_check_names_rows_that_are_exchanged(truth, tmp_path):
+    points = truth.points.copy()
+    points[[4, 20]] = points[[20, 4]]
+    path = table(tmp_path / "t.csv", truth, points)
+    made = inspect_recording(import_recording([path], tmp_path / "out", UR10).recording)
+    (mistake,) = [need for need in made.needs if need.is_mistake]
+    assert made.is_sufficient
+    assert "sample 5 holds that of 21" in mistake.what
+    assert mistake.action == "correct or remove these rows"
+    assert "First look at what may be wrong" in made.sentence

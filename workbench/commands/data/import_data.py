@@ -184,7 +184,6 @@ def _import(sources: Sequence[Path], out: Path, options, json: str | None, yes: 
             "it with --map."
         )
     answer.deliver(summary, json)
-    console.print(
-        f"Next: {import_dialogue.next_command(result.recording, out)}", markup=False, soft_wrap=True
-    )
+    for line in import_dialogue.next_lines(result, sources, out):
+        console.print(line, markup=False, soft_wrap=True)
     console.print(str(out), markup=False, soft_wrap=True)

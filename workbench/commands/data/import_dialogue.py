@@ -52,9 +52,30 @@ def next_command(recording, folder: Path) -> str:
     return shlex.join(["workbench", name, str(folder), "--out", target])
 
 
+def next_lines(result, sources: Sequence[Path], folder: Path) -> list[str]:
+    """What to do next: what the warnings ask for first, then the command that calibrates."""
+    command = next_command(result.recording, folder)
+    if not result.doubts:
+        return [f"Next: {command}"]
+    count = len(result.doubts)
+    warned = "the warning" if count == 1 else f"each of the {count} warnings"
+    again = shlex.join(
+        ["workbench", "import", *map(str, sources), "--map", str(folder / "import.toml")]
+    )
+    return [
+        f"First: do what {warned} above asks for: correct or remove the rows in the files and repeat the import "
+        f"({again} --out NEW-DIR), or make sure that the data are right. `workbench check {folder}` shows them.",
+        f"Then: {command}",
+    ]
+
+
 def show(console, answer: Mapping, result) -> None:
     """Warnings, mapping, fit of each candidate and the first rows."""
+    doubts = answer.get("doubts", ())
     for sentence in answer["warnings"]:
+        if sentence not in doubts:
+            console.print(f"Note: {sentence}", markup=False, soft_wrap=True)
+    for sentence in doubts:
         console.print(f"Warning: {sentence}", style="bold red", markup=False, soft_wrap=True)
     images = f", {answer['images']} images" if answer["images"] else ""
     head = f"{answer['measures']}, {answer['samples']} samples{images}"

@@ -42,6 +42,7 @@ from workbench.machine.progress import paced
 from workbench.recordings.importing.board_review import likely_mistake, pose_warnings
 from workbench.recordings.importing.decisions import choose_reading, least_misfits, turn_misfits
 from workbench.recordings.importing.fits import CandidateFit
+from workbench.recordings.importing.measured_robot import Made
 from workbench.recordings.importing.robots import robot_keys
 
 _IMAGES_TESTED = 60
@@ -73,7 +74,7 @@ class BoardViews:
     camera: object = None
 
 
-def import_images(found, options, folder: Path, progress):
+def import_images(found, options, folder: Path, progress) -> Made:
     """Recording, complete mapping, fits and warnings of a folder of images with or without poses.
 
     folder: an empty place for the images until they are written. Raises InputError where the board is not described,
@@ -84,7 +85,7 @@ def import_images(found, options, folder: Path, progress):
     mapping = replace(mapping, board=board)
     if found.table is None:
         images = _linked_images(found.source.images, folder)
-        return _recording({}, images, board, folder, {}, options.name), mapping, (), ()
+        return Made(_recording({}, images, board, folder, {}, options.name), mapping, (), ())
     table, said = _matched_rows(found, mapping)
     images = _linked_images([image for image, _ in table], folder)
     rows = found.table.take(np.array([row for _, row in table]))
@@ -104,9 +105,9 @@ def import_images(found, options, folder: Path, progress):
         named = likely_mistake(probable, views, kind, rows)
         raise problem if named is None else InputError(named) from None
     chosen = next(poses for _, made, poses in readings if made is mapping)
-    said += _plausible(chosen[views.rows], views, kind)
+    doubts = _plausible(chosen[views.rows], views, kind)
     progress("comparing flange poses and images")
-    said += pose_warnings(chosen, views, kind, rows)
+    doubts += pose_warnings(chosen, views, kind, rows)
     columns = {
         "sample": np.arange(1, rows.n + 1, dtype=float),
         **pose_columns(rows, mapping, keys),
@@ -114,7 +115,7 @@ def import_images(found, options, folder: Path, progress):
     others = other_columns(rows, mapping)
     columns |= {name: cells for name, cells in others.items() if cells.dtype.kind == "f"}
     recording = _recording(columns, images, board, folder, keys, options.name)
-    return recording, mapping, fits, said
+    return Made(recording, mapping, fits, (*said, *doubts), doubts=doubts)
 
 
 def _check_equal_poses(readings, views: BoardViews, rows: RawTable) -> None:

@@ -68,6 +68,7 @@ class ImportOptions:
 class ImportResult:
     """The recording as written, the complete mapping, the fits that decided, and what is worth saying.
 
+    `doubts`: those of `warnings` that say what may be wrong with the data and is to be looked at before a calibration.
     `clocks`: of two tables that are joined by time; None otherwise. `links`: "time" and "images" with the columns that
     they are read from, and how.
     """
@@ -79,6 +80,7 @@ class ImportResult:
     warnings: tuple[str, ...]
     clocks: ClockDecision | None = None
     links: Keys[str, Keys[str, object]] = field(default_factory=dict)
+    doubts: tuple[str, ...] = ()
 
     def as_json(self) -> dict:
         """`mapping`, `conventions` and `questions` of the answer (docs: results)."""
@@ -93,6 +95,7 @@ class ImportResult:
             "questions": [],
             "unused_columns": list(self.unused),
             "warnings": list(self.warnings),
+            "doubts": list(self.doubts),
             **clocks,
         }
 
@@ -153,12 +156,25 @@ def import_recording(
     write_mapping(_movable(made.mapping, folder), folder / MAPPING_FILE, comment)
     called = found.called
     dropped = () if found.table is None else unused_rotation_sentences(found.table, made.mapping)
-    warnings = (*found.warnings, *made.warnings, *dropped, *read.warnings)
-    warnings = [in_user_columns(text, called, made.mapping) for text in warnings]
-    warnings = tuple(dict.fromkeys(warnings))
+    own = _UserWords(called, made.mapping)
+    warnings = own.of((*found.warnings, *made.warnings, *dropped, *read.warnings))
+    doubts = own.of((*made.doubts, *read.warnings))
     unused = never_read(found, made.mapping, "time_s" in recording.columns)
     links = links_of(found, made.mapping, "time_s" in recording.columns)
-    return ImportResult(read, made.mapping, made.fits, unused, warnings, made.clocks, links)
+    return ImportResult(read, made.mapping, made.fits, unused, warnings, made.clocks, links, doubts)
+
+
+@dataclass(frozen=True)
+class _UserWords:
+    """Sentences with the name of the user's file and its headers."""
+
+    called: str
+    mapping: Mapping
+
+    def of(self, sentences: Sequence[str]) -> tuple[str, ...]:
+        """The sentences, each once."""
+        named = [in_user_columns(text, self.called, self.mapping) for text in sentences]
+        return tuple(dict.fromkeys(named))
 
 
 def file_columns(found: Found) -> tuple[str, ...]:
@@ -178,7 +194,7 @@ def _movable(mapping: Mapping, folder: Path) -> Mapping:
 def _made(found: "Found", options, folder: Path, progress) -> tuple["Found", Made]:
     """What was found, with the centres of balls in clouds, and the recording that is made of it. Raises InputError."""
     if found.source.images:
-        return found, Made(*import_images(found, options, folder, progress))
+        return found, import_images(found, options, folder, progress)
     if is_scan(found):
         return found, Made(*import_scans(found, options, progress))
     if found.source.clouds:

@@ -31,7 +31,8 @@ _OTHER_KIND = {"external-point": "ball-centre", "ball-centre": "external-point"}
 class Made:
     """The recording, the complete mapping, the fits that decided, and what is worth saying.
 
-    `clocks`: of two tables that are joined by time; None otherwise.
+    `doubts`: those of `warnings` that say what may be wrong with the data. `clocks`: of two tables that are joined by
+    time; None otherwise.
     """
 
     recording: Recording
@@ -39,6 +40,7 @@ class Made:
     fits: tuple[CandidateFit, ...]
     warnings: tuple[str, ...]
     clocks: ClockDecision | None = None
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,9 @@ def import_table(found, options, progress) -> Made:
         if clocks is None or clocks.applied or not clocks.is_warning:
             raise
         raise InputError(f"{problem} {clocks.sentence}") from None
-    return replace(made, warnings=(*said, *made.warnings))
+    is_open = clocks is not None and clocks.is_warning and not clocks.applied
+    doubts = (*made.doubts, clocks.sentence) if is_open else made.doubts
+    return replace(made, warnings=(*said, *made.warnings), doubts=doubts)
 
 
 def decide_table(found, options, progress) -> DecidedTable:
@@ -136,7 +140,7 @@ def _finished(decided: DecidedTable, found, clocks: ClockDecision | None, option
     lines = builder.table.lines
     checked = check_fit(builder.robot, recording, decision.fits, options.trust_data, lines)
     said = (*decided.said, *checked)
-    return Made(recording, decision.mapping, decision.fits, said, clocks)
+    return Made(recording, decision.mapping, decision.fits, said, clocks, checked)
 
 
 def _decide_clocks(found, mapping, candidates, options, progress) -> ClockDecision | None:

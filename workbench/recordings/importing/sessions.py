@@ -88,7 +88,8 @@ def _together(parts: Sequence[DecidedTable], largest: int, options) -> Made:
     said = [sentence for one in parts for sentence in one.said]
     said += [_counted(tables), *_differences(tables, mappings), *timed, *checked]
     shown = [fit for one in parts for fit in _own_fits(one)]
-    return Made(recording, _merged(mappings), (*shown, *fits), tuple(dict.fromkeys(said)))
+    warnings = tuple(dict.fromkeys(said))
+    return Made(recording, _merged(mappings), (*shown, *fits), warnings, doubts=checked)
 
 
 def _own_fits(one: DecidedTable):

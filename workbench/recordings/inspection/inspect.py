@@ -14,7 +14,12 @@ from workbench.recordings.inspection.coverage import (
     image_coverage,
 )
 from workbench.recordings.inspection.hand_eye import HandEyePlausibility, inspect_hand_eye
-from workbench.recordings.inspection.needs import Need, needs_of, plausibility_needs
+from workbench.recordings.inspection.needs import (
+    Need,
+    needs_of,
+    plausibility_needs,
+    sample_needs,
+)
 from workbench.recordings.inspection.repeats import Repeats, repeats_of
 
 _JOBS = {"board-images": "camera", "scan-images": "scanner"}
@@ -65,12 +70,16 @@ class Inspection:
             first = required[0]
             verdict = "Not right" if first.is_mistake else "Not enough"
             return f"{verdict} for `workbench {self.job}`: {first.what}; {first.action}."
-        count = sum(not need.is_required for need in self.needs)
+        mistakes = [need for need in self.needs if need.is_mistake]
+        count = sum(not need.is_mistake for need in self.needs)
         noun = "remark says" if count == 1 else "remarks say"
         more = f" {count} {noun} what would improve the result." if count else ""
         stated = "".join(
             f" But {need.what}; {need.action}." for need in self.needs if need.in_verdict
         )
+        if mistakes:
+            first = mistakes[0]
+            stated = f" First look at what may be wrong: {first.what}; {first.action}.{stated}"
         return f"Enough for `workbench {self.job}`.{stated}{more}"
 
     def as_json(self) -> dict:
@@ -111,7 +120,7 @@ def inspect_recording(
     if recording.measures == "board-images" and images is not None and images.detection:
         hand_eye = inspect_hand_eye(recording, images.detection, progress)
     needs = needs_of(recording, coverage, repeats, images)
-    needs = tuple(
-        sorted([*needs, *plausibility_needs(hand_eye)], key=lambda need: not need.is_required)
-    )
+    progress("looking for implausible rows")
+    wrong = [*sample_needs(recording), *plausibility_needs(hand_eye)]
+    needs = tuple(sorted([*wrong, *needs], key=lambda need: not need.is_required))
     return Inspection(recording, coverage, repeats, images, needs, hand_eye)

@@ -11,7 +11,8 @@ from robot_model import load_robot
 from robot_model.measurements import samples_of
 from workbench.core.errors import InputError
 from workbench.core.vocabulary import Covariate
-from workbench.fitting.plausibility.far_geometry import find_far_geometry
+from workbench.fitting.plausibility import check_plausibility
+from workbench.fitting.plausibility.far_geometry import CAUSE, OTHER_ROBOT, find_far_geometry
 from workbench.fitting.plausibility.small_mistakes import untested_signs
 from workbench.fitting.plausibility.wording import fit_words
 from workbench.recordings.inspection.coverage import Coverage, ImageCoverage
@@ -41,7 +42,7 @@ class Need:
     """One thing that is missing: for which `command`, whether the command cannot do without, and what to do.
 
     `in_verdict`: so important that the verdict states it although the command runs without it. `is_mistake`: data are
-    wrong, not missing.
+    wrong or implausible, not missing.
     """
 
     command: str
@@ -81,6 +82,27 @@ def plausibility_needs(hand_eye) -> Iterator[Need]:
     """Mistakes in a hand-eye recording; hand_eye: `HandEyePlausibility`."""
     for what, action, is_certain in hand_eye.findings:
         yield Need("handeye", is_certain, what, action, is_mistake=is_certain)
+
+
+def sample_needs(recording: Recording) -> Iterator[Need]:
+    """What may be wrong with the samples of a robot: gross errors, exchanged rows, a moved instrument, ..."""
+    if KINDS[recording.measures].images or not joint_columns(recording.columns):
+        return
+    robot = load_robot(recording.robot, f"robot of {recording.name}")
+    try:
+        found = check_plausibility(robot, samples_of(recording))
+    except (np.linalg.LinAlgError, InputError, ValueError):
+        return  # no fit is possible: other needs say why
+    for one in found:
+        if one.cause not in (CAUSE, OTHER_ROBOT):
+            what, action = _what_and_action(one.sentence)
+            yield Need("calibrate", one.certain, what, action, is_mistake=True)
+
+
+def _what_and_action(sentence: str) -> tuple[str, str]:
+    """A sentence "what was found; what to do." in its two parts."""
+    what, _, action = sentence.rstrip().removesuffix(".").rpartition("; ")
+    return (what, action) if what else (action, "look at these data before you calibrate")
 
 
 def _calibration_needs(recording: Recording, coverage: Coverage) -> Iterator[Need]:
