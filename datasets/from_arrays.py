@@ -8,6 +8,7 @@ import numpy as np
 from datasets.checks import Context, check_samples
 from datasets.columns import GROUPS, TEXT
 from datasets.formats.table import Table, number_groups
+from workbench.core.builtin_names import check_builtin_name
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_toml
 
@@ -153,11 +154,14 @@ def _check_sigma(sigma_mm) -> None:
 def _robot_keys(robot: str | Mapping) -> Mapping:
     """What `Recording.robot` holds for a built-in name, a file or keys. Raises InputError."""
     if isinstance(robot, Mapping):
+        if "builtin" in robot:
+            check_builtin_name(robot["builtin"], f"{_CALLED}, robot")
         return robot
     path = Path(robot)
     if path.suffix.lower() in (".urdf", ".xml", ".mjcf"):
         return {"urdf": str(path)}
     if path.suffix.lower() != ".toml":
+        check_builtin_name(str(robot), f"{_CALLED}, robot")
         return {"builtin": str(robot)}
     try:
         return read_toml(path)

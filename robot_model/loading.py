@@ -8,6 +8,7 @@ from pathlib import Path
 from robot_model.robot import Robot, wrong
 from robot_model.robot_file import read_robot_keys, robot_from_keys
 from robot_model.urdf import robot_from_urdf
+from workbench.core.builtin_names import check_builtin_name
 
 DESCRIPTIONS = (".urdf", ".xml", ".mjcf")
 """Suffixes of files that describe an arm as a tree of links: URDF and MJCF."""
@@ -50,7 +51,7 @@ def _load_named(path: Path) -> Robot:
 
 
 def _load_builtin(spec: Mapping, where: str) -> Robot:
-    name, known = spec["builtin"], builtin_robots()
+    name = spec["builtin"]
     if len(spec) > 1:
         raise wrong(
             f"{where}: key builtin",
@@ -58,12 +59,6 @@ def _load_builtin(spec: Mapping, where: str) -> Robot:
             ", ".join(map(str, spec)),
             "remove the others",
         )
-    if name not in known:
-        raise wrong(
-            f"{where}: key builtin",
-            f"one of {', '.join(known)}",
-            repr(name),
-            "name one, or give a file",
-        )
+    check_builtin_name(name, f"{where}: key builtin", builtin_robots())
     file = resources.files("robot_model").joinpath("robots", f"{name}.toml")
     return robot_from_keys(read_robot_keys(file), f"{name}.toml")

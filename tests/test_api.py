@@ -138,6 +138,16 @@ def test_a_recording_from_arrays_is_that_of_the_file(recording):
         wb.Recording.from_arrays("ur10", joints, points.T)
 
 
+def test_an_unknown_robot_is_refused_with_the_nearest_names():
+    joints, points = np.zeros((5, 6)), np.ones((5, 3))
+    with pytest.raises(wb.InputError, match="found 'nosuch'; name one, or give a file"):
+        wb.Recording.from_arrays("nosuch", joints, points)
+    with pytest.raises(wb.InputError, match="did you mean ur10 or ur10e"):
+        wb.Recording.from_arrays("UR10", joints, points)
+    with pytest.raises(wb.InputError, match="did you mean fanuc_lr_mate_200id"):
+        wb.Recording.from_arrays({"builtin": "fanuc"}, joints, points)
+
+
 def test_a_recording_from_arrays_is_checked_like_a_file(recording):
     joints, points = np.rad2deg(recording.joints), recording.points.copy()
     points[3, 1] = np.nan

@@ -20,7 +20,7 @@ _HOMES = {
     "InputError": "workbench.core.errors",
     "Model": "workbench.core.model",
     "Parameters": "workbench.core.parameters",
-    "Recording": "datasets.recording",
+    "Recording": "workbench.api.recordings",
     "Result": "workbench.api.results",
     "Solution": "workbench.core.solution",
     "Stage": "workbench.core.solution",

@@ -17,8 +17,8 @@ from typing import Literal
 from numpy import ndarray
 from pandas import DataFrame
 
-from datasets.recording import Recording as Recording
 from workbench.api.functions import load as load
+from workbench.api.recordings import Recording as Recording
 from workbench.api.recordings import load_example as load_example
 from workbench.api.recordings import read as read
 from workbench.api.results import Result as Result

@@ -1,13 +1,18 @@
 """Recordings for the Python API: read from a folder or by name."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from datasets.recording import Recording
+from datasets.recording import Recording
+from robot_model import builtin_robots
+from workbench.core.builtin_names import state_builtin_names
+
+__all__ = ["Recording", "load_example", "read"]
+
+# recordings may not import robots: `Recording.from_arrays` checks the name of a robot by what is stated here
+state_builtin_names(builtin_robots)
 
 
-def read(recording: str | Path, trust_data: bool = False) -> "Recording":
+def read(recording: str | Path, trust_data: bool = False) -> Recording:
     """The recording in a folder, or of a known name (`wb.datasets()` lists them).
 
     Args:
@@ -30,7 +35,7 @@ def read(recording: str | Path, trust_data: bool = False) -> "Recording":
     return datasets.read(recording, trust_data)
 
 
-def load_example(name: str = "elastic-arm") -> "Recording":
+def load_example(name: str = "elastic-arm") -> Recording:
     """A recording that comes with the workbench, or another known one.
 
     Raises:

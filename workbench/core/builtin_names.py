@@ -1,0 +1,38 @@
+"""Names of the built-in robots, for layers that may not import the robots.
+
+The public API states the names. A layer that may not import the robots, such as the recordings, then refuses an unknown
+name by `check_builtin_name`, which accepts every name as long as nobody has stated any.
+"""
+
+import difflib
+from collections.abc import Callable, Sequence
+
+from workbench.core.errors import complaint
+
+_SIMILARITY = 0.5
+_stated: list[Callable[[], Sequence[str]]] = []
+
+
+def state_builtin_names(names: Callable[[], Sequence[str]]) -> None:
+    """State the function that lists the names of the built-in robots."""
+    _stated[:] = [names]
+
+
+def check_builtin_name(name: object, where: str, known: Sequence[str] = ()) -> None:
+    """Raise InputError with the nearest names where no built-in robot has this name.
+
+    where: what to call the place of the name in the sentence. known: the names; empty for those that are stated.
+    """
+    known = known or [one for names in _stated for one in names()]
+    if not known or name in known:
+        return
+    wanted = str(name).lower()
+    similar = difflib.get_close_matches(wanted, known, 3, _SIMILARITY)
+    near = [one for one in known if wanted and wanted in one] or similar
+    meant = f"did you mean {' or '.join(near)}? Otherwise " if near else ""
+    raise complaint(
+        where,
+        f"one of {', '.join(known)}",
+        repr(name),
+        f"{meant}name one, or give a file (robot.toml, URDF, MJCF)",
+    )
