@@ -145,3 +145,20 @@ def test_images_of_a_board_are_counted_by_check(tmp_path):
     said = []
     inspect_recording(read_recording(tmp_path / "board"), said.append)
     assert any(line.startswith("board in image 14 of 14") for line in said)
+
+
+def test_the_last_steps_of_a_calibration_report_every_fold_and_section(tmp_path):
+    import datasets
+    from workbench.jobs.robot.calibrate import calibrate
+    from workbench.report import write_report
+
+    said = []
+    calibration = calibrate(datasets.read("elastic-arm"), folds=4, progress=said.append)
+    folds = [line for line in said if line.startswith("cross-validation of the result, fold")]
+    assert [line.split(",")[1] for line in folds] == [f" fold {k} of 4" for k in (1, 2, 3, 4)]
+    assert said.index("cross-validation of the nominal geometry") > said.index(folds[-1])
+    assert said[-1] == "uncertainty of the parameters"
+    said.clear()
+    write_report(calibration, tmp_path, progress=said.append)
+    assert said[0] == "writing the report: headline (1 of 8)"
+    assert said[-1] == "drawing the summary image"

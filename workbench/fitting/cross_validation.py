@@ -1,6 +1,6 @@
 """Held-out errors: blocks of consecutive poses; all measurements of one static pose share a block."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -170,16 +170,20 @@ def cross_validate(
     loss: str,
     steps: int = 50,
     settle: bool = False,
+    tick: Callable[[int, int], None] = lambda done, total: None,
 ) -> HeldOut:
     """Fit on all folds but one and predict that one, for every fold; start from `start`.
 
-    settle: every fit finds by itself how large effects of one kind are (`workbench.fitting.shrinkage`).
+    settle: every fit finds by itself how large effects of one kind are (`workbench.fitting.shrinkage`). tick: called
+    with the numbers of finished and of all folds after every fold.
     """
     residual, located = no_residual(model), {}
-    for k in np.unique(fold[fold >= 0]):
+    numbers = np.unique(fold[fold >= 0])
+    for done, k in enumerate(numbers, 1):
         test, fit_on = fold == k, (fold >= 0) & (fold != k)
         residual[:, test], found = _predict(model, start, test, fit_on, loss, steps, settle)
         located |= found
+        tick(done, len(numbers))
     return HeldOut(residual, fold, located, stated_sigma(model))
 
 

@@ -1,9 +1,10 @@
 """Assembles the sections into one self-contained HTML file."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from workbench.files.runs import replace_file
+from workbench.machine.progress import counted
 from workbench.report import provenance
 from workbench.report.calibration import errors as spread
 from workbench.report.calibration import headline, history, parameters, residuals, scene, stages
@@ -11,16 +12,25 @@ from workbench.report.calibration.summary_image import write_summary
 from workbench.report.sections import Page, Section
 
 PAGE, IMAGE = "report.html", "summary.png"
+Progress = Callable[[str], None]
 
 
-def write_report(calibration, folder: Path, more: Sequence[Section] = ()) -> Path:
+def silent(text: str) -> None:
+    """Report no progress."""
+
+
+def write_report(
+    calibration, folder: Path, more: Sequence[Section] = (), progress: Progress = silent
+) -> Path:
     """Write `report.html`, and `summary.png` if it can be drawn, into an existing folder.
 
     calibration: a `workbench.jobs.robot.calibrate.Calibration`; more: further sections, placed before the provenance.
+    progress: called with one line a step.
     Returns the path of the page. Raises InputError if the folder is not writable.
     """
     path = Path(folder) / PAGE
-    replace_file(path, page(calibration, more))
+    replace_file(path, page(calibration, more, progress))
+    progress("drawing the summary image")
     write_summary(calibration, spread.errors_of(calibration), path.with_name(IMAGE))
     return path
 
@@ -32,9 +42,9 @@ def write_sheet(made: Page, folder: Path) -> Path:
     return path
 
 
-def page(calibration, more: Sequence[Section] = ()) -> str:
+def page(calibration, more: Sequence[Section] = (), progress: Progress = silent) -> str:
     """The HTML text of the report."""
-    return _rendered("page.html.j2", more=more, **sections(calibration))
+    return _rendered("page.html.j2", more=more, **sections(calibration, progress))
 
 
 def _rendered(template: str, **values) -> str:
@@ -52,16 +62,22 @@ def _rendered(template: str, **values) -> str:
     return environment.get_template(template).render(plotly=get_plotlyjs(), **values)
 
 
-def sections(calibration) -> dict[str, dict]:
-    """Content of each section, by its name in the template."""
+def sections(calibration, progress: Progress = silent) -> dict[str, dict]:
+    """Content of each section, by its name in the template; progress: called with one line before each."""
     errors, rotation = spread.errors_of(calibration), spread.rotation_errors_of(calibration)
-    return {
-        "headline": headline.section(calibration, errors, rotation),
-        "stages": stages.section(calibration),
-        "spread": spread.section(calibration, errors, rotation),
-        "parameters": parameters.section(calibration),
-        "residuals": residuals.section(calibration, errors, rotation),
-        "scene": scene.section(calibration, errors),
-        "history": history.section(calibration),
-        "provenance": provenance.section(calibration),
+    made = {
+        "headline": lambda: headline.section(calibration, errors, rotation),
+        "stages": lambda: stages.section(calibration),
+        "spread": lambda: spread.section(calibration, errors, rotation),
+        "parameters": lambda: parameters.section(calibration),
+        "residuals": lambda: residuals.section(calibration, errors, rotation),
+        "scene": lambda: scene.section(calibration, errors),
+        "history": lambda: history.section(calibration),
+        "provenance": lambda: provenance.section(calibration),
     }
+    begin = counted(progress, len(made))
+    found = {}
+    for name, section in made.items():
+        begin(f"writing the report: {name}")
+        found[name] = section()
+    return found

@@ -63,6 +63,7 @@ def solve_into(
         scans, sensor_keys, found, options = _centres(found, scanner, folder, path, options, say)
     say(f"calibrating {name}")
     calibration = calibrate(found, progress=say, **options)
+    say("comparing the residual with the noise")
     verdict = calibration_verdict(calibration.held_out, calibration.noise, tolerances)
     verdict = with_remark(verdict, calibration.far_geometry)
     result = {
@@ -76,7 +77,7 @@ def solve_into(
     save(calibration, folder)
     if report:
         say("writing the report")
-        _report(calibration, scans, folder)
+        _report(calibration, scans, folder, say)
     runs.replace_file(folder / "answer.json", answer.as_text(result))
     return result
 
@@ -122,7 +123,7 @@ def deliver(result: dict, run: runs.Run, json: str | None) -> None:
     answer.conclude(console, result, run.path)
 
 
-def _report(calibration, scans, folder: Path) -> None:
+def _report(calibration, scans, folder: Path, say) -> None:
     from workbench.report import write_report
 
     more = ()
@@ -130,4 +131,4 @@ def _report(calibration, scans, folder: Path) -> None:
         from workbench.report.sensor.scan import chain
 
         more = chain(scans)
-    write_report(calibration, folder, more)
+    write_report(calibration, folder, more, say)

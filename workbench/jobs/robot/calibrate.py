@@ -53,7 +53,7 @@ from workbench.fitting.trial_fits import fit_with_noise
 from workbench.fitting.verdicts.fit_quality import noise_report
 from workbench.fitting.verdicts.noise_report import NoiseReport
 from workbench.fitting.verdicts.residual_structure import in_root
-from workbench.machine.progress import counted
+from workbench.machine.progress import counted, paced
 
 # times the robust spread: a blunder (a lost beam, a wrong ball), not what a model has yet to explain
 _OUTLIER = 15.0
@@ -163,7 +163,7 @@ def calibrate(
         split = clean
         nominal = _first(Model(chain), split, stages)
         step, results = _run(nominal, stages, split, progress)
-    made = _calibration(checked, nominal, step, results, split)
+    made = _calibration(checked, nominal, step, results, split, progress)
     doubts = *parallelism_warnings(stages, robot), *missing_mass_warnings(stages, chain.state)
     return replace(made, warnings=(*made.warnings, *doubts))
 
@@ -253,6 +253,7 @@ def _prune(nominal: _Step, step: _Step, rows, split, progress):
     stage predicts well is no significant gain, but the model without it fails there.
     """
     tests = sum(stage.earn for stage, _ in rows)
+    begin = counted(progress, max(1, sum(s.earn and r.earned for s, r in rows[:-1])))
     for k, (stage, result) in enumerate(rows):
         others = [s for i, (s, r) in enumerate(rows) if r.earned and i != k]
         if not (
@@ -261,7 +262,7 @@ def _prune(nominal: _Step, step: _Step, rows, split, progress):
             and any(s is later for s in others for later, _ in rows[k + 1 :])
         ):
             continue
-        progress(f"the result without {stage.name}")
+        begin(f"the result without {stage.name}")
         fewer = _without_effects(step.model, [s for s, r in rows if r.earned], stage)
         merged = _merged(others, nominal)
         without = _try(replace(step, model=fewer), merged, split)
@@ -367,12 +368,18 @@ def _held_out(model, fit, split, loss, steps, settle=False) -> HeldOut:
     return cross_validate_linearised(model, fit.parameters, split.judged, steps, settle)
 
 
-def _final_held_out(step: _Step, split: Split) -> HeldOut:
-    """The error on the named test samples, else that over the folds of all fitted samples."""
+def _final_held_out(step: _Step, split: Split, progress, what: str) -> HeldOut:
+    """The error on the named test samples, else that over the folds of all fitted samples.
+
+    what: of the model, for the line of progress.
+    """
     model, start, loss = step.model, step.fit.parameters, step.loss
     if split.test.any():
+        progress(f"error of {what} on the test samples")
         return hold_out(model, step.parameters, split.test, split.fit, loss, settle=step.settle)
-    return cross_validate(model, start, split.fold, loss, settle=step.settle)
+    progress(f"cross-validation of {what}")
+    folds = paced(progress, f"cross-validation of {what}, fold")
+    return cross_validate(model, start, split.fold, loss, settle=step.settle, tick=folds)
 
 
 def _stage_result(stage, before: _Step, after: _Step, earned) -> StageResult:
@@ -400,10 +407,12 @@ def _stage_result(stage, before: _Step, after: _Step, earned) -> StageResult:
 
 
 def _calibration(
-    checked: CheckedSamples, nominal: _Step, step: _Step, stages, split
+    checked: CheckedSamples, nominal: _Step, step: _Step, stages, split, progress
 ) -> Calibration:
     recording, robot = checked.recording, checked.robot
-    held_out = _final_held_out(step, split)
+    held_out = _final_held_out(step, split, progress, "the result")
+    before = _final_held_out(nominal, split, progress, "the nominal geometry")
+    progress("uncertainty of the parameters")
     parameters = step.parameters.update(held_out.located)
     scores = pose_scores(step.model.part(split.fit), step.fit, recording.poses[split.fit])
     known = _all_known(step, parameters, split)
@@ -427,7 +436,7 @@ def _calibration(
         tuple(parameter_rows(solution)),
         error_summary(step.fit.residual) | repeat_summary(recording, position["fit"]),
         _held_out_summary(held_out),
-        error_summary(_final_held_out(nominal, split).residual),
+        error_summary(before.residual),
         position["fit"],
         position["held_out"],
         position["nominal"],
