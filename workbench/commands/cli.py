@@ -161,7 +161,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 def _failed(error: Exception) -> int:
     if isinstance(error, InputError):
-        return _say(str(error), 2)
+        status = _say(str(error), 2)
+        if error.example:
+            print(f"\n{error.example}", file=sys.stderr)
+        return status
     if isinstance(error, Stopped):
         return _say(str(error), INTERRUPTED)
     if isinstance(error, typer.TyperException):

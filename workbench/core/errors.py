@@ -13,10 +13,15 @@ class InputError(ValueError):
         ... except wb.InputError as error:
         ...     print("no-such-recording" in str(error))
         True
+
+    `example`: lines of a file that would be right, which a command prints below the sentence.
     """
 
-    def __init__(self, sentence: str):
+    def __init__(self, sentence: str, example: str = ""):
         super().__init__(sentence if sentence.endswith(".") else f"{sentence}.")
+        self.example = example
+        if example:
+            self.add_note(example)
 
 
 def complaint(where: object, expected: str, found: object, do: str) -> InputError:

@@ -153,13 +153,27 @@ def _propose(sources: Sequence[Path], file: Path, options, json: str | None) -> 
     unused = ", ".join(left) or "none"
     said = (*found.warnings, *found.left_out())
     lines = ["Proposed from the headers. Columns that are not used: " + unused, *said]
-    write_mapping(found.mapping, file, "".join(f"# {line}\n" for line in lines))
+    comment = "".join(f"# {line}\n" for line in lines)
+    write_mapping(found.mapping, file, comment + _commented_example(found, options))
     result = {"command": "import", "mapping": found.mapping.as_keys(), "file": file}
     answer.deliver({**result, "unused_columns": list(left), "warnings": list(said)}, json)
     console = answer.console(json)
     for sentence in said:
         console.print(f"Warning: {sentence}", style="bold red", markup=False, soft_wrap=True)
     console.print(str(file), markup=False, soft_wrap=True)
+
+
+def _commented_example(found, options) -> str:
+    """Comment lines with a complete mapping file where the headers leave quantities of a robot open."""
+    from workbench.recordings.importing.header_problems import table_example
+
+    mapping, source = found.mapping, found.source
+    is_robot = found.table is not None and not source.images and not source.clouds
+    if not is_robot or (mapping.joints is not None and mapping.measures is not None):
+        return ""
+    text = table_example(found.table, mapping, options.robot or mapping.robot)
+    rows = "".join(f"# {line}".rstrip() + "\n" for line in text.splitlines())
+    return f"# A complete file; correct the lines with CHECK and FILL IN and remove the number signs:\n#\n{rows}"
 
 
 def _import(sources: Sequence[Path], out: Path, options, json: str | None, yes: bool) -> None:

@@ -42,6 +42,7 @@ from workbench.machine.progress import paced
 from workbench.recordings.importing.board_review import likely_mistake, pose_warnings
 from workbench.recordings.importing.decisions import choose_reading, least_misfits, turn_misfits
 from workbench.recordings.importing.fits import CandidateFit
+from workbench.recordings.importing.header_problems import pose_error
 from workbench.recordings.importing.measured_robot import Made
 from workbench.recordings.importing.robots import robot_keys
 
@@ -54,6 +55,10 @@ _IMAGE_GAP_S = 0.2
 _HOPELESS_RAD, _SHOWN = np.deg2rad(10.0), 8
 _SWEEPS, _MOST_GAP_RAD = 10, np.deg2rad(20.0)
 """A wrong board pose does not decide the labels of the other images."""
+_NO_BOARD = (
+    "The board in the images is not described, so that no image can be used; add --board "
+    '"chessboard 11x8 5mm" (kind, inner corners or circles, distance in mm), or name a Kalibr target file.'
+)
 _REMEDY = (
     "check that each row belongs to its image (a column image with the file names connects them), the size of the "
     "board, and the columns of the mapping"
@@ -81,6 +86,9 @@ def import_images(found, options, folder: Path, progress) -> Made:
     images and rows do not correspond, or the poses fit under no reading.
     """
     mapping = replace(found.mapping, measures="board-images")
+    if found.table is not None and not _has_poses(mapping):
+        has_board = options.board or mapping.board or found.source.board
+        raise pose_error(found.table, mapping, () if has_board else (_NO_BOARD,))
     board = _board(found, options)
     mapping = replace(mapping, board=board)
     if found.table is None:
@@ -152,11 +160,14 @@ def _plausible(poses: np.ndarray, views: BoardViews, kind: str) -> tuple[str, ..
 def _board(found, options) -> dict:
     board = options.board or found.mapping.board or found.source.board
     if board is None:
-        raise InputError(
-            "The board in the images is not described, so that no image can be used; add --board "
-            '"chessboard 11x8 5mm" (kind, inner corners or circles, distance in mm), or name a Kalibr target file.'
-        )
+        raise InputError(_NO_BOARD)
     return dict(board)
+
+
+def _has_poses(mapping: Mapping) -> bool:
+    """Whether the mapping names flange poses, or joint readings."""
+    has_flange = mapping.flange_point is not None and mapping.flange_rotation is not None
+    return has_flange or mapping.joints is not None
 
 
 def _linked_images(images: Sequence[ImageFile], folder: Path) -> list[dict]:
@@ -267,13 +278,6 @@ def _readings(rows: RawTable, mapping: Mapping, options):
     """Robot keys, mapping, and (title, mapping, poses (n, 4, 4)) of every reading of poses or joint readings."""
     if mapping.flange_point is not None and mapping.flange_rotation is not None:
         return {}, replace(mapping, joints=None), flange_readings(rows, mapping)
-    if mapping.joints is None:
-        shown = ", ".join(list(rows.columns)[:16])
-        raise InputError(
-            f"{rows.file}: expected flange poses (X, Y, Z and a rotation) or joint readings for the images, found "
-            f"{shown}; add [flange_point] and [flange_rotation] with their columns to a mapping file and name it "
-            "with --map."
-        )
     named = options.robot or mapping.robot
     keys = robot_keys(named, rows.file)
     robot = load_robot(keys, f"--robot {named}")

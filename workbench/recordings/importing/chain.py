@@ -28,6 +28,7 @@ from workbench.core.errors import InputError
 from workbench.recordings.importing.ball_clouds import with_ball_centres
 from workbench.recordings.importing.board_poses import file_link, import_images
 from workbench.recordings.importing.fits import CandidateFit
+from workbench.recordings.importing.header_problems import header_error
 from workbench.recordings.importing.measured_robot import Made, import_table
 from workbench.recordings.importing.questions import Ask
 from workbench.recordings.importing.sessions import import_sessions
@@ -211,7 +212,7 @@ def _user_columns(found: "Found", mapping: Mapping | None = None):
         yield
     except InputError as problem:
         sentence = in_user_columns(str(problem), found.called, mapping or found.mapping)
-        raise InputError(sentence) from None
+        raise InputError(sentence, problem.example) from None
 
 
 def links_of(found: Found, mapping: Mapping, with_times: bool) -> dict[str, dict]:
@@ -345,16 +346,17 @@ def _useful(source: Source, mapping: Mapping) -> tuple[list[RawTable], list[str]
     if not useful:
         if len(source.tables) == 1 or source.images:
             return list(source.tables[:1]), []
-        raise _nothing_known(source.tables[0])
+        raise _nothing_known(source.tables[0], mapping)
     return useful, [t.file for t in source.tables if not any(t is one for one in useful)]
 
 
-def _nothing_known(table: RawTable) -> InputError:
+def _nothing_known(table: RawTable, mapping: Mapping) -> InputError:
     shown = ", ".join(list(table.columns)[:12])
-    return InputError(
+    sentence = (
         f"{table.file}: expected headers that name joint readings and points, found {shown}; write a mapping file "
         'with [joints] columns = ["...", ...] and [point] columns = ["...", "...", "..."] and name it with --map.'
     )
+    return header_error(table, mapping, mapping.robot, [sentence])
 
 
 def _is_mapped(mapping: Mapping, name: str) -> bool:

@@ -16,6 +16,7 @@ from workbench.recordings.importing import decisions
 from workbench.recordings.importing.builder import Builder
 from workbench.recordings.importing.final_check import check_fit
 from workbench.recordings.importing.fits import CandidateFit
+from workbench.recordings.importing.header_problems import header_error
 from workbench.recordings.importing.reading_changes import (
     refuse_changed_rotation,
     refuse_changed_units,
@@ -88,12 +89,10 @@ def _with_robot(found, options, progress):
     """The mapping with columns and robot, every robot that the name may mean, and sentences on what was assumed."""
     mapping, said = _with_unnamed(found, options, progress)
     table = found.table
-    if mapping.joints is None:
-        raise _without_joints(table, mapping)
-    measures = mapping.measures
-    if measures is None or measures not in KINDS or KINDS[measures].images:
-        raise _without_measurement(table, mapping)
     named = options.robot or mapping.robot
+    missing = _missing(table, mapping)
+    if missing:
+        raise header_error(table, mapping, named, missing)
     if named is None:
         progress("comparing the built-in robots")
         named = _robot_that_fits(complete_rows(table, mapping)[0], mapping, options)
@@ -108,7 +107,12 @@ def _with_unnamed(found, options, progress) -> tuple[Mapping, tuple[str, ...]]:
     if named is None or found.timed is not None or options.mapping.measures is not None:
         return found.mapping, ()
     progress("comparing columns with unknown headers on the robot")
-    candidates = robot_candidates(named, found.table.file)
+    try:
+        candidates = robot_candidates(named, found.table.file)
+    except InputError:
+        if _missing(found.table, found.mapping):
+            return found.mapping, ()  # the error of the headers states that of the robot, too
+        raise
     robots = [(load_robot(keys, title), keys) for title, keys in candidates.items()]
 
     def positions(robot, rows, mapping):
@@ -268,22 +272,34 @@ def _check_count(robot, mapping: Mapping, table: RawTable) -> None:
         )
 
 
-def _without_joints(table: RawTable, mapping: Mapping) -> InputError:
+def _missing(table: RawTable, mapping: Mapping) -> list[str]:
+    """Sentences on joint readings and measurement as far as neither headers nor mapping name them."""
+    missing = []
+    if mapping.joints is None:
+        missing.append(_without_joints(table, mapping))
+    measures = mapping.measures
+    if measures is None or measures not in KINDS or KINDS[measures].images:
+        missing.append(_without_measurement(table, mapping))
+    return missing
+
+
+def _without_joints(table: RawTable, mapping: Mapping) -> str:
     shown = ", ".join(list(table.columns)[:16])
     if mapping.flange_point is not None and mapping.point is not None:
-        return InputError(
+        return (
             f"{table.file}: expected joint readings, which a calibration of the robot needs, found poses of the flange "
             f"({', '.join(mapping.flange_point.columns)}) only; export the joint angles of the same rows too."
         )
-    return InputError(
+    return (
         f"{table.file}: expected columns with joint readings such as J1 ... J6, found {shown}; add [joints] columns = "
         '["...", ...] to a mapping file and name it with --map, or name the file with the joint log as well.'
     )
 
 
-def _without_measurement(table: RawTable, mapping: Mapping) -> InputError:
-    shown = ", ".join(name for name in table.columns if name not in mapping.joints.columns)
-    return InputError(
+def _without_measurement(table: RawTable, mapping: Mapping) -> str:
+    read = () if mapping.joints is None else mapping.joints.columns
+    shown = ", ".join([name for name in table.columns if name not in read][:16])
+    return (
         f"{table.file}: expected columns with a measured point such as X, Y, Z, found "
         f"{shown or 'joint readings only'}; "
         'add [point] columns = ["...", "...", "..."] (or measures = "touch-point", "plane-touch", ...) to a mapping '
