@@ -39,13 +39,15 @@ FOLLOW = """(() => {
         mark.style.visibility = at ? 'visible' : 'hidden';
     };
     const marks = document.getElementsByClassName('mark-in-space');
-    const follow = () => {
-        requestAnimationFrame(follow);
-        for (const mark of marks) put(mark);
-    };
-    follow();
+    const follow = new MutationObserver(() => { for (const mark of marks) put(mark); });
+    const attributeFilter = ['viewBox', 'data-x', 'data-y', 'data-z'];
+    follow.observe(document.body, {childList: true, subtree: true, attributes: true, attributeFilter});
 })()"""
-"""Script of the page: places every mark where the camera of its scene sees it, before each frame."""
+"""Script of the page: places every mark where the camera of its scene sees it, in the frame in which either changes.
+
+plotly sets the viewBox of the axis labels of a scene in each frame that it draws, before the frame is painted. A loop
+over all frames would have the browser work while nothing moves.
+"""
 
 
 def build_mark(name: str, state) -> None:
