@@ -61,8 +61,8 @@ def main(words: list[str]) -> int:
     with tempfile.TemporaryDirectory() as name, sync_playwright() as started:
         folder = Path(name)
         make_run(folder, samples)
-        browsers = [_browser(started) for _ in range(_OPENINGS)]
-        process, address = _serve(folder)
+        browsers = [new_browser(started) for _ in range(_OPENINGS)]
+        process, address = serve(folder)
         try:
             for browser in browsers:
                 _say(_open(browser, address, process.pid))
@@ -70,7 +70,7 @@ def main(words: list[str]) -> int:
                 browser.close()
             _say({"samples": samples, **_act(browsers[-1], process.pid)})
             _say({"clicks": _CLICKS, **_click_times(browsers[-1])})
-            _say({"peak_mib": _peak_mib(process.pid)})
+            _say({"peak_mib": peak_mib(process.pid)})
         finally:
             process.terminate()
             process.wait(30)
@@ -81,7 +81,7 @@ def _say(made: dict) -> None:
     print(json.dumps(made), flush=True)
 
 
-def _browser(started):
+def new_browser(started):
     """A browser with an empty page: its own start is no part of the figures."""
     browser = started.chromium.launch(executable_path=shutil.which("chromium"), args=_FLAGS)
     page = browser.new_page(viewport={"width": 1400, "height": 900})
@@ -92,7 +92,8 @@ def _browser(started):
     return browser
 
 
-def _serve(folder: Path) -> tuple[subprocess.Popen, str]:
+def serve(folder: Path) -> tuple[subprocess.Popen, str]:
+    """`workbench open` on the run in a folder: its process and its address."""
     words = ["open", str(folder / "run"), "--no-browser", "--session", str(folder / "session.toml")]
     process = subprocess.Popen(
         [sys.executable, "-m", "workbench", *words],
@@ -107,10 +108,10 @@ def _serve(folder: Path) -> tuple[subprocess.Popen, str]:
 def _open(browser, address: str, pid: int) -> dict:
     """Wall time and processor time of each step of one opening."""
     page = browser.contexts[0].pages[0]
-    before = _server_seconds(pid)
+    before = server_seconds(pid)
     page.goto(address)
     page.wait_for_function("() => performance.getEntriesByName('step-all_figures').length")
-    spent = _server_seconds(pid) - before
+    spent = server_seconds(pid) - before
     marks = page.evaluate(
         "() => performance.getEntriesByType('mark').map((one) => [one.name, one.startTime])"
     )
@@ -145,7 +146,7 @@ def _act(browser, pid: int) -> dict:
     return _interactions(page, _Clock(page, pid))
 
 
-def _server_seconds(pid: int) -> float:
+def server_seconds(pid: int) -> float:
     """Processor seconds of a process so far, on Linux."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
@@ -162,7 +163,7 @@ class _Clock:
     def seconds(self) -> tuple[float, float]:
         """Of the server, and of the page."""
         metrics = self._session.send("Performance.getMetrics")["metrics"]
-        server = _server_seconds(self._pid)
+        server = server_seconds(self._pid)
         return server, next(one["value"] for one in metrics if one["name"] == "ProcessTime")
 
 
@@ -280,7 +281,7 @@ def _click_times(browser) -> dict:
     return {**summary, "load": round(os.getloadavg()[0], 1)}
 
 
-def _peak_mib(pid: int) -> int:
+def peak_mib(pid: int) -> int:
     """Peak resident memory of a process, on Linux."""
     for line in Path(f"/proc/{pid}/status").read_text().splitlines():
         if line.startswith("VmHWM:"):

@@ -364,10 +364,14 @@ def points_of(*names: str) -> str:
     return f"[{', '.join([marks, *names])}]"
 
 
-def range_of(*names: str) -> str:
-    """Arguments of a brush, for the browser: the rectangle or null, then the values of the fields `names`."""
-    box = "$event && $event.range ? $event.range : null"
-    return f"[{', '.join([box, *names])}]"
+def brush_of(handle: Callable, server, *names: str) -> str:
+    """What the browser does after a brush: a call of `handle` with the rectangle and the values of the fields `names`.
+
+    plotly also says that something was selected, without a rectangle, whenever it draws a figure with a selection.
+    That is no brush: to answer it would draw the figure a second time.
+    """
+    arguments = ", ".join(["$event.range", *names])
+    return f"$event && $event.range && trigger('{server.trigger_name(handle)}', [{arguments}])"
 
 
 def whole_number(value: object, low: int, high: int, name: str) -> int:

@@ -9,7 +9,7 @@ from workbench.app.edits.session import CAMERA
 from workbench.app.figures import residuals
 from workbench.app.figures.robot import has_points
 from workbench.app.ui.attributes import raw
-from workbench.app.ui.base import Tab, number_of, points_of, range_of, whole_number
+from workbench.app.ui.base import Tab, brush_of, number_of, points_of, whole_number
 from workbench.app.ui.excluded import ExcludedList
 from workbench.app.ui.image_panel import ImagePanel
 from workbench.app.ui.pose_errors import PoseErrors
@@ -118,15 +118,18 @@ class ResidualsTab(Tab):
             "Residual of each sample over the chosen quantity",
             "32vh",
             click=(handler(self.on_click), points_of("select_mode")),
-            selected=(handler(self.on_brush), range_of("select_mode", "quantity", "kind")),
+            selected=self._brush(self.on_brush, "select_mode", "quantity", "kind"),
         )
         self.figure(
             "histogram",
             "Histogram of the residuals of the fit and held out",
             "30vh",
             click=(handler(self.on_bar), points_of("select_mode")),
-            selected=(handler(self.on_brush_lengths), range_of("select_mode", "kind")),
+            selected=self._brush(self.on_brush_lengths, "select_mode", "kind"),
         )
+
+    def _brush(self, method, *names: str) -> str:
+        return brush_of(self.page.handler(method), self.page.server, *names)
 
     def _selection(self) -> None:
         html.Div(_HINT, v_if="!no_residuals", classes="text-caption")
