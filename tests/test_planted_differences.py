@@ -79,3 +79,25 @@ def test_a_shift_is_named_by_all_instants_together():
     recording = planted.make(4006, 1, 2, False).made.recording()
     found = {(term.finding.effect, term.finding.where) for term in diagnose(recording).terms}
     assert found == {("joint-compliance", "joint-2"), ("zero-shift", "joint-4")}
+
+
+@pytest.mark.slow
+def test_a_rigid_joint_does_not_hide_the_compliance_of_another():
+    """Joint 2 carries half of the load and is rigid: its estimate, noise alone, bounded the size of a compliance.
+
+    The compliance of joint 3 was then too large for its law and called an unknown function of its torque.
+    """
+    import study_differences
+
+    found = study_differences.scene(770225, (1, 2, False))
+    assert found.is_right, (found.wrong_names, found.missed)
+
+
+def test_what_joints_usually_deflect_comes_from_those_that_do():
+    from workbench.diagnosis.search.prior import _usual_compliance
+
+    load, std = np.array([3300.0, 2500.0, 180.0, 14.0]), np.full(4, 1e-7)
+    assert _usual_compliance(np.array([3e-5, 4e-5, 5e-5, 9e-4]), std, load) == 3e-5
+    assert _usual_compliance(np.array([2e-9, 3e-5, 0.0, 0.0]), std, load) > 1e-5
+    assert _usual_compliance(np.array([2e-9, 3e-9, 0.0, 9e-4]), std, load) < 3e-6
+    assert _usual_compliance(np.array([2e-9, 3e-9, 0.0, 1e-8]), std, load) == 0.0

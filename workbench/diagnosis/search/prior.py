@@ -40,6 +40,7 @@ _MOST_OF_USUAL = 3.0
 Any first harmonic of a joint that carries next to nothing looks like a large compliance. The joints with load say what
 is usual.
 """
+_SIGNIFICANT = 3.0  # standard deviations from which on a joint counts as compliant
 LAW_ERROR = 0.01
 """Relative error of every law that is computed: joint angles are off by tenths of a degree, lengths by a millimetre."""
 
@@ -133,8 +134,11 @@ class _RobotScale:
         spent = np.log1p(spread * values).sum(1)
         gained = (along**2 * spread / (1 + spread * values)).sum(1)
         best = int(np.argmax(log_evidence_each(spent, gained, projected)))
-        found = np.maximum(-vectors @ (along / (values + _SCALES[best] ** -2)), 0.0)
-        usual = _weighted_median(found, np.array([c.load for c in joints]))
+        inverse = 1 / (values + _SCALES[best] ** -2)
+        found = np.maximum(-vectors @ (along * inverse), 0.0)
+        variance = max(projected.yy - gained[best], 0.0) / projected.degrees
+        std = np.sqrt(variance * (vectors**2 @ inverse))
+        usual = _usual_compliance(found, std, np.array([c.load for c in joints]))
         most = _MOST_OF_USUAL * usual if usual > 0 else float(_SCALES[best])
         reference = []
         for candidate, value, size in zip(joints, np.minimum(found, most), sizes):
@@ -145,6 +149,18 @@ class _RobotScale:
         """Prior size of an elastic law's compliance, rad/(N m)."""
         _, relative = _CHANCE[candidate.effect]
         return self.common * relative * max(candidate.load, 1e-3) ** _SIZE_BY_LOAD
+
+
+def _usual_compliance(found: np.ndarray, std: np.ndarray, load: np.ndarray) -> float:
+    """Weighted median of compliances (K,) with standard deviations (K,) and loads (K,) as weights; 0 where none is
+    significant.
+
+    A compliance that is not significant counts as zero. Where that makes the median zero, the weighted mean takes its
+    place: a joint with next to no load has next to no share in it.
+    """
+    deflecting = np.where(found > _SIGNIFICANT * std, found, 0.0)
+    median = _weighted_median(deflecting, load)
+    return median if median > 0 else float(deflecting @ load / load.sum())
 
 
 def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
