@@ -162,6 +162,21 @@ def test_the_fitted_recording_is_not_called_unseen(runs):
     assert "on a recording that was not fitted" in other.verdict().sentence
 
 
+def test_samples_that_a_calibration_left_out_are_not_fitted(runs, tmp_path):
+    """One file, of which every other pose was fitted: the rest is held out, the whole is partly fitted."""
+    first = datasets.read(runs / "first")
+    even = first.sample_ids[::2]
+    words = {"fit_samples": even, "test_samples": first.sample_ids[1::2], "no_report": True}
+    wb.calibrate(str(runs / "first"), out=str(tmp_path / "run"), folds=3, **words)
+    arm = read_solution(tmp_path / "run")
+    assert arm.fitted_samples.tolist() == [[k, k] for k in even]
+    unseen = evaluate(arm, first.select(np.arange(1, 60, 2)))
+    assert not unseen.is_fitted_data
+    assert unseen.as_json()["error"]["rms_mm"] == pytest.approx(arm.held_out_mm, abs=1e-6)
+    assert "fitted to 30 of these 60 samples" in evaluate(arm, first).warnings[0]
+    assert evaluate(arm, first.select(np.arange(0, 60, 2))).is_fitted_data
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("refit", ["none", "base", "base-and-tool"])
 def test_the_expected_error_is_that_of_a_right_model(tmp_path, refit):

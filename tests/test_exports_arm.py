@@ -11,7 +11,6 @@ import pytest
 
 from export_scenes import CURVE, GEOMETRY, arm_with, covariates_of, exported, flanges, readings_of
 from robot_model import load_robot
-from robot_model.measurements import samples_of
 from scenes import ABB, CRAIG, SLIDING
 from workbench.core.errors import InputError
 from workbench.files.exports.check import check_python
@@ -306,26 +305,3 @@ def test_the_nominal_file_is_the_one_that_the_maker_publishes():
     np.testing.assert_allclose(places[3][:3, 3], [-572.3, 0, 163.941], atol=0.1)
     np.testing.assert_allclose(places[4][:3, 3], [0, -115.7, 0], atol=0.1)
     np.testing.assert_allclose(places[5][:3, 3], [0, 92.2, 0], atol=0.1)
-
-
-@pytest.mark.slow
-def test_the_module_of_one_half_predicts_the_other_as_calibrate_does(recording, tmp_path):
-    """irb120_faro: fitted on the first half, exported, and the second half predicted by the module."""
-    from workbench.files.solution_file import read_solution
-    from workbench.jobs.robot.calibrate import calibrate, save
-
-    measured = recording("irb120_faro")
-    moving = samples_of(measured)
-    is_first = moving.poses <= np.median(moving.poses)
-    first, second = moving.sample_ids[is_first], moving.sample_ids[~is_first]
-    calibration = calibrate(measured, "arm-torsion", fit_samples=first, test_samples=second)
-    save(calibration, tmp_path)
-    arm = read_solution(tmp_path)
-    module: dict = {"__name__": "exported"}
-    exec(python_module(arm), module)
-    unseen = calibration.recording.select(np.isin(calibration.recording.sample_ids, second))
-    tool = [[arm.values[f"tool.reflector{r}_{axis}"] for axis in "xyz"] for r in unseen.reflector]
-    found = module["measured_points"](np.rad2deg(unseen.joints), tool)
-    error = np.sqrt(((found - unseen.points) ** 2).sum(1).mean())
-    assert error == pytest.approx(calibration.held_out["rms_mm"], abs=1e-6)
-    assert 0.1 < error < 0.2

@@ -54,14 +54,17 @@ class LinkThermalGrowth(Effect):
 class BaseDrift(Effect):
     """The base drifts: a twist about its origin, in the base frame, of Legendre polynomials P_1 to P_order in time.
 
-    t runs from -1 at `start` to 1 at `end`, which are instants in the unit of the clock.
+    t runs from -1 at `start` to 1 at `end`, which are instants in the unit of the clock. Before and after them the base
+    stays where it was last: a polynomial predicts nothing beyond the instants that it was fitted to.
     """
 
     effect = "base-drift"
     port = "frame"
     places = ("base",)
-    equation = "twist = sum_k c_k P_k(t)"
-    source = "Legendre polynomials on the span of the recording, constant left to the base pose"
+    equation = "twist = sum_k c_k P_k(t), constant before t = -1 and after t = 1"
+    source = (
+        "Legendre polynomials on the span of the fitted samples, constant left to the base pose"
+    )
     reads = ("time",)
     of_session = True
     stage = "drift"
@@ -110,7 +113,7 @@ class BaseDrift(Effect):
 
     def basis(self, state):
         time = 2 * (clock(state) - self.start) / max(self.end - self.start, 1e-12) - 1
-        waves = np.polynomial.legendre.legvander(time, self.order).T[1:]
+        waves = np.polynomial.legendre.legvander(np.clip(time, -1.0, 1.0), self.order).T[1:]
         return np.concatenate([np.eye(6)[:, :, None] * wave for wave in waves])
 
 

@@ -37,6 +37,8 @@ class CalibratedArm:
     recorded, by column name in file units; None where an older version wrote the file. `discrepancy_mm`: RMS distance
     that the calibration left beyond its noise; 0 where the noise is unknown or an older version wrote the file.
     `considered`: terms of a diagnosis that are not in the model and count for its uncertainty.
+    `fitted_samples` (k, 2): first and last number of each run of samples that were fitted; None where an older version
+    wrote the file.
     """
 
     robot: Robot
@@ -52,6 +54,7 @@ class CalibratedArm:
     fitted_range: Mapping[str, tuple[float, float]] | None = None
     discrepancy_mm: float = 0.0
     considered: Considered | None = None
+    fitted_samples: np.ndarray | None = None
 
     @property
     def acting_effects(self) -> tuple[Effect, ...]:
@@ -105,13 +108,26 @@ def solution_keys(calibration, noise=None) -> dict:
             p.key: p.prior for p in calibration.model.parameters.table if p.prior is not None
         },
         "fitted_range": _fitted_range(calibration),
+        "fitted_samples": _fitted_samples(calibration),
     }
 
 
+def _fitted_samples(calibration) -> list[list[int]]:
+    """First and last number of each run of consecutive sample numbers that the calibration was fitted to."""
+    numbers = calibration.recording.sample_ids
+    if calibration.fitted is not None:
+        numbers = numbers[calibration.fitted]
+    numbers = np.sort(np.asarray(numbers, int))
+    runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+    return [[int(run[0]), int(run[-1])] for run in runs if len(run)]
+
+
 def _fitted_range(calibration) -> dict[str, list[float]]:
-    """Lowest and highest value of joint readings and covariates, without the samples that were left out."""
+    """Lowest and highest value of joint readings and covariates over the samples that were fitted."""
     recording = calibration.recording
     kept = ~np.isin(recording.sample_ids, calibration.suspects)
+    if calibration.fitted is not None:
+        kept &= calibration.fitted
     names = [*joint_columns(recording.columns), *recording.covariates]
     found: dict[str, list[float]] = {}
     for name in names:
@@ -170,6 +186,7 @@ def read_solution(path: Path) -> CalibratedArm:
             ranges,
             float(keys.get("discrepancy_rms_mm") or 0.0),
             _considered(path, keys),
+            _runs_of_samples(keys.get("fitted_samples")),
         )
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
         if isinstance(problem, InputError):
@@ -180,6 +197,13 @@ def read_solution(path: Path) -> CalibratedArm:
         ) from None
     _check_arm(path, arm)
     return arm
+
+
+def _runs_of_samples(rows) -> np.ndarray | None:
+    """(k, 2) of the key fitted_samples. Raises ValueError or TypeError for another shape."""
+    if rows is None:
+        return None
+    return np.array(rows, float).reshape(len(rows), 2)
 
 
 def _considered(path: Path, keys: Mapping) -> Considered | None:
@@ -207,6 +231,7 @@ def _check_arm(path: Path, arm: CalibratedArm) -> None:
         "covariance": arm.covariance,
         "load_centre_mm": arm.load_centre,
         "fitted_range": ranges,
+        "fitted_samples": [] if arm.fitted_samples is None else arm.fitted_samples,
         "discrepancy_rms_mm": [arm.discrepancy_mm],
     }
     for key, given in numbers.items():

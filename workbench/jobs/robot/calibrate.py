@@ -149,7 +149,7 @@ def calibrate(
     moving, robot = checked.recording, checked.robot
     split = everyone = _split(moving, fit_samples, test_samples, folds)
     chain = bind(robot, moving, start_on=split.fit)
-    stages = _stages(plan, chain)
+    stages = _stages(plan, Model(chain).part(split.fit).chain)
     progress("base and tool at the nominal geometry")
     nominal = _first(Model(chain), split, stages)
     step, results = _run(nominal, stages, split, progress)

@@ -44,7 +44,7 @@ _EXPLAINED = 3.0
 _SIGNIFICANT = 3.1  # standard deviations that chance exceeds once in a thousand times
 _LOAD = "payload_kg"
 _FITTED = (
-    "The calibration was fitted to this recording: its errors are not held out, and say nothing about other poses. "
+    "The calibration was fitted to {share}: its errors are not held out, and say nothing about other poses. "
     "Evaluate another recording; the held-out error stands in the answer of the calibration."
 )
 _MOVED = (
@@ -95,7 +95,9 @@ class Evaluated:
         """Sentences on what limits the comparison."""
         said = [*self.recording.warnings]
         if self.is_fitted_data:
-            said.append(_FITTED)
+            count, samples = int(self.fitted.sum()), self.recording.n
+            share = "this recording" if count == samples else f"{count} of these {samples} samples"
+            said.append(_FITTED.format(share=share))
         if self._fits_better_elsewhere():
             said.append(self._better_elsewhere())
         if self.outside:
@@ -106,9 +108,22 @@ class Evaluated:
 
     @property
     def is_fitted_data(self) -> bool:
-        """Whether the calibration was fitted to the very files of this recording."""
-        fitted = (self.arm.keys.get("provenance") or {}).get("data_sha256")
-        return bool(fitted) and fitted == self.recording.sha256
+        """Whether the calibration was fitted to some of the samples, of the very files of this recording."""
+        return bool(self.fitted.any())
+
+    @property
+    def fitted(self) -> np.ndarray:
+        """(n,) bool: samples that the calibration was fitted to."""
+        digest = (self.arm.keys.get("provenance") or {}).get("data_sha256")
+        if not digest or digest != self.recording.sha256:
+            return np.zeros(self.recording.n, bool)
+        runs, numbers = self.arm.fitted_samples, self.recording.sample_ids
+        if runs is None:  # an older version wrote the file
+            return np.ones(len(numbers), bool)
+        if not len(runs):
+            return np.zeros(len(numbers), bool)
+        nearest = np.searchsorted(runs[:, 0], numbers, "right") - 1
+        return (nearest >= 0) & (numbers <= runs[nearest, 1])
 
     def _fits_better_elsewhere(self) -> bool:
         """Whether another base and tool explain materially more than chance does: F test of nested models."""
