@@ -31,7 +31,7 @@ def load_robot(spec: Mapping | str | PathLike, where: str = "robot") -> Robot:
     Raises InputError where the arm is not known or its numbers cannot be right.
     """
     if not isinstance(spec, Mapping):
-        return _load_named(Path(spec))
+        return _load_named(Path(spec), where)
     if "urdf" in spec:
         return robot_from_urdf(spec, where)
     if "builtin" in spec:
@@ -39,7 +39,7 @@ def load_robot(spec: Mapping | str | PathLike, where: str = "robot") -> Robot:
     return robot_from_keys(spec, where)
 
 
-def _load_named(path: Path) -> Robot:
+def _load_named(path: Path, where: str) -> Robot:
     if path.suffix.lower() in DESCRIPTIONS:
         return load_robot({"urdf": str(path)}, str(path))
     if path.suffix.lower() == ".toml":
@@ -47,6 +47,7 @@ def _load_named(path: Path) -> Robot:
         if isinstance(keys.get("urdf"), str):
             keys["urdf"] = str(path.parent / keys["urdf"])
         return load_robot(keys, str(path))
+    check_builtin_name(str(path), where, builtin_robots())
     return load_robot({"builtin": str(path)})
 
 

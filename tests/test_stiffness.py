@@ -112,6 +112,11 @@ def test_the_files_hold_what_was_computed(tmp_path):
     import pyvista
 
     mesh = pyvista.read(tmp_path / "map.vtk")
+    moved = sum(found.deflection(WRENCH).values())[:, :3]
+    np.testing.assert_allclose(mesh["deflection_vector_mm"], moved, rtol=1e-6, atol=1e-12)
+    models = np.genfromtxt(tmp_path / "models.csv", delimiter=",", names=True)
+    assert models.dtype.names == ("rigid_mm", *MODEL_COLUMNS)
+    np.testing.assert_allclose(models[MODEL_COLUMNS[-1]], columns["deflection_mm"], rtol=1e-8)
     np.testing.assert_allclose(mesh.points, found.points, rtol=1e-6)
     np.testing.assert_allclose(mesh["deflection_mm"], columns["deflection_mm"], rtol=1e-6)
     assert (
@@ -164,6 +169,13 @@ def solution_of(arm):
     }
 
 
+MODEL_COLUMNS = (
+    "joints_mm",
+    "joints_and_bearings_mm",
+    "joints_bearings_links_and_pedestal_mm",
+)
+
+
 PUBLISHED = """
 robot = "abb_irb120"
 source = "made up for this test"
@@ -207,6 +219,16 @@ def test_published_stiffness_is_an_input_and_models_stand_side_by_side(tmp_path)
         ("[link]", "[links]", "found the key links"),
         ('robot = "abb_irb120"', "", "found no key robot"),
         ("[joint]", "[joint", "cannot be read"),
+        (
+            '"abb_irb120"',
+            '"abb_irb12"',
+            "k.toml, key robot: expected one of .* did you mean abb_irb120",
+        ),
+        (
+            '"abb_irb120"',
+            '"own.urdf"',
+            "k.toml, key robot: expected the path of a file .*own.urdf",
+        ),
     ],
 )
 def test_a_wrong_stiffness_file_is_a_sentence(old, new, words, tmp_path):
@@ -232,7 +254,42 @@ def test_the_command_takes_published_stiffness(workbench, tmp_path):
         answer["first_pose"]["stiffness"]
     )
     np.testing.assert_allclose(product, np.eye(6), atol=1e-6)
+    assert answer["robot"] == "ABB IRB 120" and answer["source"] == "made up for this test"
+    table = np.genfromtxt(tmp_path / "out" / "stiffness.csv", delimiter=",", names=True)
+    assert table["q2_deg"].tolist() == [10, -10] and (table["deflection_z_mm"] > 0).all()
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"models.pdf", "models.svg", "map.pdf", "map.svg", "map.vtk", "stiffness.npy"} <= names
     done = workbench("stiffness", "absent.toml", "t.csv")
     assert done.returncode == 2 and "absent.toml" in done.stderr
+
+
+TWO_LINKS = """
+<robot name="planar">
+  <link name="base"/><link name="upper"/><link name="fore"/><link name="tip"/>
+  <joint name="shoulder" type="revolute">
+    <parent link="base"/><child link="upper"/><origin xyz="0 0 0.4"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" effort="1" velocity="1"/>
+  </joint>
+  <joint name="elbow" type="revolute">
+    <parent link="upper"/><child link="fore"/><origin xyz="0.6 0 0"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" effort="1" velocity="1"/>
+  </joint>
+  <joint name="end" type="fixed">
+    <parent link="fore"/><child link="tip"/><origin xyz="0.5 0 0"/>
+  </joint>
+</robot>
+"""
+
+
+def test_an_own_urdf_with_measured_stiffness_deflects_as_by_hand(workbench, tmp_path):
+    """Two joints, stretched out: 200 N down make F (l^2 / k1 + l2^2 / k2)."""
+    (tmp_path / "own.urdf").write_text(TWO_LINKS)
+    (tmp_path / "k.toml").write_text('robot = "own.urdf"\n[joint]\n1 = 1e5\n2 = 4e4\n')
+    (tmp_path / "t.csv").write_text("q1_deg,q2_deg\n0,0\n20,-30\n")
+    wrench = ("--wrench", "0", "0", "-200", "0", "0", "0")
+    done = workbench("stiffness", "k.toml", "t.csv", *wrench, "--out", "out")
+    assert done.returncode == 0, done.stderr
+    table = np.genfromtxt(tmp_path / "out" / "stiffness.csv", delimiter=",", names=True)
+    by_hand = -200 * (1.1**2 / 1e5 + 0.5**2 / 4e4) * 1e3
+    assert table["deflection_z_mm"][0] == pytest.approx(by_hand, rel=1e-6)
+    assert table["deflection_x_mm"][0] == pytest.approx(0, abs=1e-9)

@@ -1116,8 +1116,8 @@ def stiffness(
     joint, bearing, link and pedestal.
 
     Writes stiffness.csv, compliance.npy and stiffness.npy (n, 6, 6), a map of the workspace and a
-    comparison of the rigid, joint, joint and bearing, and complete models as PDF and SVG, and
-    map.vtk.
+    comparison of the rigid, joint, joint and bearing, and complete models as PDF and SVG,
+    models.csv and map.vtk.
 
     Args:
         solution: Run folder of `workbench calibrate` or `workbench diagnose`, its solution.json, or

@@ -22,6 +22,7 @@ import numpy as np
 
 from robot_model import load_robot
 from robot_model.effects import elastic
+from robot_model.loading import DESCRIPTIONS
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_toml
@@ -97,6 +98,10 @@ def _robot(keys: Mapping, path: Path) -> Robot:
             f"{path}, key robot: expected a built-in name or a file, found {name!r}; correct it"
         )
     file = Path(path).parent / name
+    if file.suffix.lower() in (*DESCRIPTIONS, ".toml") and not file.is_file():
+        raise InputError(
+            f"{path}, key robot: expected the path of a file relative to this one, found no file {file}; correct it"
+        )
     return load_robot(file if file.is_file() else name, f"{path}, key robot")
 
 

@@ -56,11 +56,12 @@ def command(
     link and pedestal.
 
     Writes stiffness.csv, compliance.npy and stiffness.npy (n, 6, 6), a map of the workspace and a comparison of the
-    rigid, joint, joint and bearing, and complete models as PDF and SVG, and map.vtk.
+    rigid, joint, joint and bearing, and complete models as PDF and SVG, models.csv and map.vtk.
     """
     answer.check_target(json)
     runs.check_place(out)
     with answer.progress(f"reading {solution}"):
+        from datasets.columns import joint_columns
         from workbench.files.targets import read_programme
         from workbench.jobs.robot.stiffness import cartesian_stiffness, save
 
@@ -73,8 +74,13 @@ def command(
             )
         found = cartesian_stiffness(arm, programme.readings, tool_point)
         with runs.opened("stiffness", targets.stem, out) as run:
-            save(found, wrench, run.partial)
-            result = {**_summary(found, wrench), "targets": targets, "run": run.path}
+            joints = {
+                name: programme.table.columns[name]
+                for name in joint_columns(programme.table.columns)
+            }
+            save(found, wrench, run.partial, joints)
+            stated = {"robot": arm.robot.name, "source": arm.keys.get("source", "")}
+            result = {**_summary(found, wrench), **stated, "targets": targets, "run": run.path}
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
     _show(answer.console(json), result)

@@ -143,7 +143,7 @@ def _outer(axis: np.ndarray, lever: np.ndarray) -> np.ndarray:
 
 
 def stiffness_columns(found: CartesianStiffness, wrench) -> dict[str, np.ndarray]:
-    """Columns of stiffness.csv: tool point, compliance along the axes and its extremes, deflection by part."""
+    """Columns of stiffness.csv: tool point, compliance along the axes and its extremes, deflection by part and axis."""
     columns = {f"{axis}_mm": row for axis, row in zip("xyz", found.points.T)}
     for k, axis in enumerate("xyz"):
         columns[f"compliance_{axis}_mm_per_n"] = found.total[:, k, k]
@@ -154,16 +154,37 @@ def stiffness_columns(found: CartesianStiffness, wrench) -> dict[str, np.ndarray
         for part in PARTS:
             columns[f"deflection_{part}_mm"] = np.linalg.norm(moved[part][:, _FORCE], axis=1)
         total = sum(moved.values())
+        for axis, row in zip("xyz", total.T):
+            columns[f"deflection_{axis}_mm"] = row
         columns["deflection_mm"] = np.linalg.norm(total[:, _FORCE], axis=1)
         columns["deflection_deg"] = np.rad2deg(np.linalg.norm(total[:, _MOMENT], axis=1))
     return columns
 
 
-def save(found: CartesianStiffness, wrench, folder: Path) -> None:
-    """Write stiffness.csv, compliance.npy and stiffness.npy (n, 6, 6), map.vtk, and map and models as PDF and SVG."""
-    columns = stiffness_columns(found, wrench)
-    lines = [[f"{value:.9g}" for value in row] for row in zip(*columns.values())]
-    (folder / "stiffness.csv").write_text(csv_text(list(columns), lines), encoding="utf-8")
+def model_columns(found: CartesianStiffness, wrench) -> dict[str, np.ndarray]:
+    """Columns of models.csv: the translation of each model under a wrench, or its largest per newton of force."""
+    unit = "mm_per_n" if wrench is None else "mm"
+    names = {name: name.replace(", ", "_").replace(" ", "_") for name in MODELS}
+    return {f"{names[name]}_{unit}": values for name, values in found.models(wrench).items()}
+
+
+def save(
+    found: CartesianStiffness,
+    wrench,
+    folder: Path,
+    readings: Mapping[str, np.ndarray] | None = None,
+) -> None:
+    """Write stiffness.csv, models.csv, compliance.npy and stiffness.npy (n, 6, 6), map.vtk, and map and models as PDF
+    and SVG.
+
+    readings: joint columns (n,) in file units, which the tables repeat.
+    """
+    columns, readings = stiffness_columns(found, wrench), dict(readings or {})
+    tables = {"stiffness": columns, "models": model_columns(found, wrench)}
+    for name, table in tables.items():
+        whole = readings | table
+        lines = [[f"{value:.9g}" for value in row] for row in zip(*whole.values())]
+        (folder / f"{name}.csv").write_text(csv_text(list(whole), lines), encoding="utf-8")
     np.save(folder / "compliance.npy", found.total)
     np.save(folder / "stiffness.npy", found.stiffness)
     (folder / "map.vtk").write_text(_vtk(found.points, columns), encoding="utf-8")
@@ -174,7 +195,7 @@ def save(found: CartesianStiffness, wrench, folder: Path) -> None:
 
 
 def _vtk(points: np.ndarray, columns: Mapping[str, np.ndarray]) -> str:
-    """Legacy VTK text: the tool points as vertices, every column as a scalar field."""
+    """Legacy VTK text: the tool points as vertices, every column as a scalar field, the deflection also as a vector."""
     n = len(points)
     lines = ["# vtk DataFile Version 3.0", "Cartesian compliance", "ASCII", "DATASET POLYDATA"]
     lines += [f"POINTS {n} double", *(" ".join(f"{v:.9g}" for v in row) for row in points)]
@@ -182,6 +203,10 @@ def _vtk(points: np.ndarray, columns: Mapping[str, np.ndarray]) -> str:
     for name, values in columns.items():
         lines += [f"SCALARS {name} double 1", "LOOKUP_TABLE default"]
         lines += [f"{value:.9g}" for value in values]
+    if "deflection_x_mm" in columns:
+        moved = zip(*(columns[f"deflection_{axis}_mm"] for axis in "xyz"))
+        lines += ["VECTORS deflection_vector_mm double"]
+        lines += [" ".join(f"{v:.9g}" for v in row) for row in moved]
     return "\n".join(lines) + "\n"
 
 
