@@ -22,8 +22,8 @@ the paper prints; a tracker measures one reflector with {noise} mm a coordinate.
 ```
 
 {first}
-| criterion | gain over random sets of {chosen} | processor seconds |
-|---|---|---|
+| criterion | gain over random sets of {chosen} |
+|---|---|
 {gains}
 
 D counts the volume of what stays uncertain, a parameter at a time: (det)^(1/F).
@@ -57,7 +57,7 @@ Measured, with an arm whose lengths and angles alone are wrong: true error in th
 240 mm in its place (`cell` without `--cell`), mm RMS over {draws} draws of the noise and of the random sets, ± the
 standard error of that; in brackets what was predicted.
 
-| candidates | tasks | {chosen} for the tasks | {twice} at random | least that any {chosen} could | better in |
+| candidates | tasks | {chosen} for the tasks | {twice} at random | lower bound for any {chosen} | better in |
 |---|---|---|---|---|---|
 {sets}
 
@@ -80,9 +80,9 @@ is the RMS over draws.
 
 {corrected}
 `corrected.csv` holds the readings to send instead, how far each target is moved, the inverse-kinematics residual (a
-hundredth of a micrometre), and 1 sigma of the place that is left uncertain. A target out of reach gets no readings,
-and the exit status is then 1. Sent to 100 other targets, over {arms} arms calibrated on 200 samples each (RMS of the
-true error, mm):
+hundredth of a micrometre), and 1 sigma of the place that is left uncertain. A target that is out of reach, or whose
+correction is refused as implausible, gets no readings, and the exit status is then 1. Sent to 100 other targets, over
+{arms} arms calibrated on 200 samples each (RMS of the true error, mm):
 
 | before | after | after / held-out error | after / held-out error without noise | sigma, predicted |
 |---|---|---|---|---|
@@ -134,9 +134,7 @@ def page(said, answers, gains, pools, cases) -> str:
         left="\n".join(line for text in kept for line in textwrap.wrap(text, 116)),
         first=_first(answers),
         corrected=_corrected(answers["corrected"]),
-        gains="\n".join(
-            f"| {name} | {gain:.2f} × | {seconds:.1f} |" for name, gain, seconds in gains
-        ),
+        gains="\n".join(f"| {name} | {gain:.2f} × |" for name, gain in gains),
         before=rms([rms(c.before) for c in cases]),
         after=after,
         ratio=after / held_out,
@@ -203,7 +201,7 @@ def _predicted(text: str) -> str:
     last = next(
         i
         for i, line in enumerate(lines)
-        if line.startswith(("Not determined", "Everything", "No candidates"))
+        if line.startswith(("Excluded candidates", "Not identifiable", "All parameters"))
     )
     return "\n".join(line for line in lines[first:last] if line)
 
