@@ -305,3 +305,16 @@ def test_the_nominal_file_is_the_one_that_the_maker_publishes():
     np.testing.assert_allclose(places[3][:3, 3], [-572.3, 0, 163.941], atol=0.1)
     np.testing.assert_allclose(places[4][:3, 3], [0, -115.7, 0], atol=0.1)
     np.testing.assert_allclose(places[5][:3, 3], [0, 92.2, 0], atol=0.1)
+
+
+def test_an_arm_is_asked_for_as_it_is_after_the_recording():
+    """Without a recorded time the row is the clock: a joint that shifted in the recording stays shifted."""
+    shifted = arm_with(ABB, [("zero-shift", "joint-1", {"after": 50.5})])
+    shifted = replace(shifted, rows=120)
+    readings = readings_of(shifted.robot, 3)
+    before, after = ({"row": np.full(3, row)} for row in (0.0, 120.0))
+    wanted = actual_poses(shifted, readings, after)
+    assert np.abs(wanted - actual_poses(shifted, readings, before)).max() > 0.05
+    np.testing.assert_array_equal(actual_poses(shifted, readings), wanted)
+    flange_poses = exported(shifted)["flange_poses"]
+    np.testing.assert_allclose(flange_poses(np.rad2deg(readings)), wanted, atol=1e-7)

@@ -38,7 +38,7 @@ class CalibratedArm:
     that the calibration left beyond its noise; 0 where the noise is unknown or an older version wrote the file.
     `considered`: terms of a diagnosis that are not in the model and count for its uncertainty.
     `fitted_samples` (k, 2): first and last number of each run of samples that were fitted; None where an older version
-    wrote the file.
+    wrote the file. `rows`: number of rows of the recording; the row is the clock where no time was recorded.
     """
 
     robot: Robot
@@ -55,6 +55,7 @@ class CalibratedArm:
     discrepancy_mm: float = 0.0
     considered: Considered | None = None
     fitted_samples: np.ndarray | None = None
+    rows: int = 0
 
     @property
     def acting_effects(self) -> tuple[Effect, ...]:
@@ -109,6 +110,7 @@ def solution_keys(calibration, noise=None) -> dict:
         },
         "fitted_range": _fitted_range(calibration),
         "fitted_samples": _fitted_samples(calibration),
+        "rows": int(recording.n),
     }
 
 
@@ -187,6 +189,7 @@ def read_solution(path: Path) -> CalibratedArm:
             float(keys.get("discrepancy_rms_mm") or 0.0),
             _considered(path, keys),
             _runs_of_samples(keys.get("fitted_samples")),
+            int(keys.get("rows") or 0),
         )
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
         if isinstance(problem, InputError):
@@ -241,6 +244,8 @@ def _check_arm(path: Path, arm: CalibratedArm) -> None:
         raise _unusable(path, "load_centre_mm", "three numbers", f"{arm.load_centre.size}")
     if arm.held_out_mm < 0:
         raise _unusable(path, "held_out.rms_mm", "an error of 0 or more", f"{arm.held_out_mm:g}")
+    if arm.rows < 0:
+        raise _unusable(path, "rows", "a number of 0 or more", f"{arm.rows}")
     if arm.discrepancy_mm < 0:
         found = f"{arm.discrepancy_mm:g}"
         raise _unusable(path, "discrepancy_rms_mm", "a distance of 0 or more", found)

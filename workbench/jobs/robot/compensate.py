@@ -217,7 +217,7 @@ def _model(arm, readings, wanted, covariates) -> Model:
     covariates = {
         name: np.broadcast_to(np.asarray(v, float), (n,)) for name, v in (covariates or {}).items()
     }
-    covariates.setdefault("row", np.zeros(n))
+    covariates.setdefault("row", np.full(n, float(arm.rows)))  # after the recording
     payload = arm.robot.payload_mass + covariates.get("payload_kg", np.zeros(n))
     measurement = ExternalPose(wanted[:, :3, 3].T.copy(), wanted[:, :3, :3])
     blank = np.zeros((3, n))

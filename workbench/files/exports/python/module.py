@@ -98,6 +98,7 @@ def arm_data(arm: CalibratedArm, ranges: Mapping | None = None) -> dict:
         "load_centre": _plain(arm.load_centre),
         "ranges": {} if ranges is None else ranges,
         "largest_correction": [LARGEST_MM, LARGEST_DEG],
+        "rows": arm.rows,
     }
 
 

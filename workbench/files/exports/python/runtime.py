@@ -60,7 +60,7 @@ class CorrectedArm:
 
     data: keys `robot` (fields of a Robot), `values` (parameters by key; mm, rad), `load_centre` (3,) mm, `ranges`
     (recorded column -> lowest and highest value, of joint readings and of covariates that a term uses; empty where
-    unknown), `largest_correction` (mm and deg).
+    unknown), `largest_correction` (mm and deg), `rows` of the recording, after which the arm is asked for.
     effects: those that move the flange. observed: these and the drift of the base in the instrument's frame.
     control: those on joints that are no springs, which change the targets of servos.
     """
@@ -75,6 +75,7 @@ class CorrectedArm:
         self.robot = Robot(**fields)
         self.values, self.load_centre = data["values"], np.array(data["load_centre"], float)
         self.ranges, self.largest = data["ranges"], data["largest_correction"]
+        self.rows = float(data["rows"])
         self.task = Task.of(self.robot, self.values)
         self.effects, self.observed, self.control = tuple(effects), tuple(observed), tuple(control)
 
@@ -251,7 +252,7 @@ class CorrectedArm:
         columns = {
             k: np.broadcast_to(np.asarray(v, float), (n,)) for k, v in (covariates or {}).items()
         }
-        columns.setdefault("row", np.zeros(n))
+        columns.setdefault("row", np.full(n, self.rows))
         payload = self.robot.payload_mass + columns.get("payload_kg", np.zeros(n))
         blank, ones = np.zeros((3, n)), np.ones((1, n))
         state = State(
