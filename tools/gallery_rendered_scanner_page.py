@@ -75,6 +75,8 @@ its value, and what is left. Bold is more than 3 σ off.
   and balls of this row are therefore not errors, nor are the points of the other effects that move the light.
 - `subsurface-scatter` acts on balls alone. No board shows it: it is seen in the free radius and is to be found from
   balls.
+- `plane-bow` is retained by the scanner calibration itself where the stripes on boards support it. Both columns of
+  points are therefore those of a model with it.
 - `board-bow` is always in the model; what happens without it is said at the top.
 - `window-refraction` is nearly a camera that stands further back: only what goes with the cube of the angle shows.
 {directions}
@@ -226,12 +228,13 @@ def _effects(rows) -> str:
         [
             f"| {' | '.join(heads)} |",
             "|---" * len(heads) + "|",
-            *(_row(*one) for one in rows.items()),
+            *(effect_row(*one) for one in rows.items()),
         ]
     )
 
 
-def _row(name, made) -> str:
+def effect_row(name, made) -> str:
+    """A row of the table of effects, of the figures of one part."""
     ball, form, radius = (made[key] for key in ("ball_mm", "form_mm", "radius_mm"))
     cells = [
         name,
