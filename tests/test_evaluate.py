@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 import datasets
 import workbench as wb
 from import_scenes import pose_scene, simulated
+from robot_model.effects.drift import BaseDrift
 from robot_model.effects.elastic import JointCompliance
 from workbench.commands.cli import run
 from workbench.core.errors import InputError
@@ -175,6 +176,25 @@ def test_samples_that_a_calibration_left_out_are_not_fitted(runs, tmp_path):
     assert unseen.as_json()["error"]["rms_mm"] == pytest.approx(arm.held_out_mm, abs=1e-6)
     assert "fitted to 30 of these 60 samples" in evaluate(arm, first).warnings[0]
     assert evaluate(arm, first.select(np.arange(0, 60, 2))).is_fitted_data
+
+
+def test_a_drift_of_the_calibration_is_not_repeated_on_a_later_recording(runs):
+    """A base that moved by -1 to 1 mm during the calibration is 1 mm away in every row measured after it."""
+    arm = read_solution(runs / "run")
+    drift = BaseDrift("base", start=0, end=59, order=1)
+    values = {p.key: float(p.key.endswith(".x_t1")) for p in drift.parameters(None)}
+    drifting = replace(arm, effects=(*arm.effects, drift), values={**arm.values, **values})
+
+    def moved_mm(name):
+        recording = datasets.read(runs / name)
+        columns = {k: v for k, v in recording.columns.items() if k != "time_s"}
+        recording = replace(recording, columns=columns)
+        change = evaluate(drifting, recording).residual - evaluate(arm, recording).residual
+        return np.linalg.norm(change[:3], axis=0)
+
+    expected = np.abs(np.linspace(-1, 1, 60))
+    np.testing.assert_allclose(moved_mm("first"), expected, atol=1e-6)
+    np.testing.assert_allclose(moved_mm("second"), 1.0, atol=1e-6)
 
 
 @pytest.mark.slow

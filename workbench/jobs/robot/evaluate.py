@@ -114,8 +114,7 @@ class Evaluated:
     @property
     def fitted(self) -> np.ndarray:
         """(n,) bool: samples that the calibration was fitted to."""
-        digest = (self.arm.keys.get("provenance") or {}).get("data_sha256")
-        if not digest or digest != self.recording.sha256:
+        if not _is_the_same_data(self.arm, self.recording):
             return np.zeros(self.recording.n, bool)
         runs, numbers = self.arm.fitted_samples, self.recording.sample_ids
         if runs is None:  # an older version wrote the file
@@ -352,9 +351,26 @@ def _model(
     """Model of the samples and its parameters at the values of the arm; those that match `free` are at their start."""
     model = Model(bind(arm.robot, samples, _start(arm, samples, free)), effects)
     if arm.values:
-        state = replace(model.chain.state, load_centre=arm.load_centre)
+        covariates = model.chain.state.covariates | _rows_after(arm, samples, model.chain.state.n)
+        state = replace(model.chain.state, load_centre=arm.load_centre, covariates=covariates)
         model = replace(model, chain=replace(model.chain, state=state))
     return model, _with_values(arm, model.parameters, free)
+
+
+def _rows_after(arm: CalibratedArm, samples: Recording, n: int) -> dict[str, np.ndarray]:
+    """(n,) The clock of another recording without times: all its rows come after those of the calibration.
+
+    Its own row numbers would repeat a drift, or undo a shift, that happened during the calibration.
+    """
+    if _is_the_same_data(arm, samples) or not arm.rows:
+        return {}
+    return {"row": np.full(n, float(arm.rows))}
+
+
+def _is_the_same_data(arm: CalibratedArm, recording: Recording) -> bool:
+    """Whether the calibration was made from the very files of a recording."""
+    digest = (arm.keys.get("provenance") or {}).get("data_sha256")
+    return bool(digest) and digest == recording.sha256
 
 
 def _predicted(
