@@ -7,10 +7,12 @@ import tomli_w
 from robot_model.effects import CATALOGUE
 from test_mjcf import MJCF_CELL
 from workbench.core.errors import InputError
+from workbench.explanation.alternatives import alternative_sets
 from workbench.explanation.answer import diagnose
 from workbench.explanation.differences import differences
 from workbench.explanation.reference import reference_of
 from workbench.jobs.robot.simulate import simulate
+from workbench.report.diagnosis.page import page
 
 SCENE = {
     "robot": "abb_irb120",
@@ -115,6 +117,9 @@ def test_the_answer_has_three_parts_and_the_solution_that_holds_beta_is_found_ou
     assert result["noise"]["factor"] == pytest.approx(1, abs=0.12)
     assert [(one["effect"], one["where"]) for one in result["physics"]] == [("backlash", "joint-3")]
     assert any("servos are taken as rigid" in sentence for sentence in made.warnings)
+    sections = {section.name: section for section in page(made).sections}
+    shown = repr(sections["against"])
+    assert "joint-2 theta2" in shown and "factor" in shown and "backlash at joint-3" in shown
     names = [step.name for step in made.views.steps]
     assert "cell.xml, base and tool fitted" in names[0] and names[1] == "baseline"
     sizes = [step.rms for step in made.views.steps]
@@ -142,3 +147,31 @@ def test_parameters_of_an_earlier_solution_that_were_held_are_suspects(tmp_path)
     assert found.parameters and found.parameters[0]["name"] == "beta2"
     assert found.parameters[0]["value"] == pytest.approx(8e-4, rel=0.2)
     assert np.isfinite(found.parameters[0]["std"])
+
+
+def test_a_parameter_that_stands_for_two_others_names_them(tmp_path):
+    """A length of joint 4 explains nearly what an angle and a length of joint 3 make together in few noisy poses."""
+    columns, white = sets_of_columns()
+    found = alternative_sets(columns, white, [2], 2)
+    assert (0, 1) in found and all(2 not in one for one in found)
+    # with little noise the data distinguish them
+    assert alternative_sets(columns, 30 * white, [2], 2) == [(0, 1)]
+
+
+def test_an_alternative_contains_no_smaller_one_and_no_column_without_evidence():
+    columns, white = sets_of_columns()
+    found = alternative_sets(columns, white, [2], 2)
+    assert not any(set(a) < set(b) for a in found for b in found)
+    assert not any(3 in one for one in found), found
+    # a candidate that the others make exactly adds nothing and does not make the solution singular
+    twice = np.vstack([columns, columns[0] + columns[1]])
+    assert (4,) in alternative_sets(twice, white, [2], 2)
+
+
+def sets_of_columns():
+    """Four columns; the third is near the sum of the first two, which make the residual; the last is independent."""
+    rng = np.random.default_rng(4)
+    columns = rng.normal(size=(4, 300)) / np.sqrt(300)
+    columns[2] = columns[0] + columns[1] + 0.2 * columns[2]
+    white = 9 * (columns[0] + columns[1]) + rng.normal(size=300)
+    return columns, white

@@ -66,19 +66,27 @@ class Scene:
         """Parameters and effects that were named and are not there."""
         there = set(self.parameters.split()) | set(self.physics.split())
         named = (*self.found_parameters.split(), *self.found_physics.split())
-        return [name for name in named if not there & set(name.split("|"))]
+        return [name for name in named if not _right(name, there)]
 
     @property
     def missed(self) -> list[str]:
         """What is there and was not named."""
-        named = f"{self.found_parameters} {self.found_physics}".replace("|", " ").split()
-        return [n for n in (*self.parameters.split(), *self.physics.split()) if n not in named]
+        there = [*self.parameters.split(), *self.physics.split()]
+        found = (*self.found_parameters.split(), *self.found_physics.split())
+        named = {one for name in found for one in _right(name, set(there))}
+        return [name for name in there if name not in named]
 
     @property
     def is_right(self) -> bool:
         """Whether everything was attributed as it is: parameters, physics, and whether the noise is as stated."""
         noise = self.noise_is_named == (self.factor != 1.0)
         return not self.wrong_names and not self.missed and noise
+
+
+def _right(name: str, there: set[str]) -> set[str]:
+    """What is there of a name with alternatives: an alternative of several parameters counts where all are there."""
+    sets = [set(one.split("+")) for one in name.split("|")]
+    return set().union(*(one for one in sets if one <= there))
 
 
 def nominal_arm(robot_keys) -> CalibratedArm:
@@ -122,7 +130,9 @@ def scene(seed: int, combination) -> Scene:
 
 
 def _names(row) -> list[str]:
-    return [f"{row['where']}.{row['name']}", *row["confounded_with"]]
+    """The parameter and what may stand in its place; the members of a set are joined by "+"."""
+    others = [other.replace(" + ", "+") for other in row["confounded_with"]]
+    return [f"{row['where']}.{row['name']}", *others]
 
 
 def predicted(truth, arm: CalibratedArm) -> float:

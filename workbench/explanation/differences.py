@@ -20,12 +20,12 @@ from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.diagnosis.levels import ON_DATA
+from workbench.explanation.alternatives import alternative_sets
 from workbench.explanation.reference import Reference
 from workbench.explanation.result import Diagnosis
 from workbench.explanation.term_steps import step_of_simulation
 from workbench.fitting.plans import frames_of
 
-_ALIKE = 0.95  # squared correlation from which on two parameters are confounded here
 _MOST = 12  # parameters that are named
 
 
@@ -118,21 +118,28 @@ def _free(model: _Compared, start: Parameters, keys: Sequence[str]) -> Parameter
 def _selected(model: _Compared, start: Parameters, candidates: Sequence[str]) -> list[str]:
     """Keys of the parameters that the data need, by stepwise selection about the solution with frames and effects."""
     placed = solve(model, _free(model, start, ())).parameters
-    residual, rows = model.linearise(_free(model, placed, candidates))
-    sigma = np.broadcast_to(model.sigma(placed), residual.shape)
-    white = (residual / sigma).ravel()
-    columns = (rows / sigma).reshape(len(rows), -1) * _typical(model, placed, candidates)
-    keys = [k for k, free in zip(placed.keys, _free(model, placed, candidates).mask) if free]
-    is_candidate = np.isin(keys, candidates)
-    left, rest = _cleared(columns[~is_candidate], columns[is_candidate], white)
-    names = [key for key, wanted in zip(keys, is_candidate) if wanted]
-    degrees = white.size - int((~is_candidate).sum())
+    names, left, rest, degrees = _projected(model, placed, candidates)
     return [names[i] for i in _stepwise(left, rest, degrees)]
 
 
-def _typical(model: _Compared, parameters: Parameters, candidates) -> np.ndarray:
+def _projected(
+    model: _Compared, parameters: Parameters, candidates: Sequence[str]
+) -> tuple[list[str], np.ndarray, np.ndarray, int]:
+    """Keys of the C candidates, their whitened columns (C, N) and the whitened residual (N,) at some parameters.
+
+    All that is always estimated is projected out of both; columns are for one typical size. Last, the degrees of
+    freedom of the residual.
+    """
     free = _free(model, parameters, candidates)
-    return free.typical[free.mask][:, None]
+    residual, rows = model.linearise(free)
+    sigma = np.broadcast_to(model.sigma(parameters), residual.shape)
+    white = (residual / sigma).ravel()
+    columns = (rows / sigma).reshape(len(rows), -1) * free.typical[free.mask][:, None]
+    keys = [key for key, is_free in zip(free.keys, free.mask) if is_free]
+    is_candidate = np.isin(keys, candidates)
+    left, rest = _cleared(columns[~is_candidate], columns[is_candidate], white)
+    names = [key for key, wanted in zip(keys, is_candidate) if wanted]
+    return names, left, rest, white.size - int((~is_candidate).sum())
 
 
 def _cleared(always, columns, white) -> tuple[np.ndarray, np.ndarray]:
@@ -208,7 +215,7 @@ def _rows(model, start, fit: Fit, candidates, chosen) -> list[dict]:
     """A row a parameter: difference, standard deviation, sigmas, RMS displacement, what it is confounded with."""
     known = identifiability(fit.normal, fit.parameters, 1.0)
     std = dict(zip(known.keys, np.sqrt(np.diag(known.covariance))))
-    alike = _confounded(model, fit.parameters, candidates, chosen)
+    alike = _confounded(model, start, fit, candidates, chosen)
     made = []
     for key in chosen:
         at = start.index[key]
@@ -230,23 +237,20 @@ def _rows(model, start, fit: Fit, candidates, chosen) -> list[dict]:
     return sorted(made, key=lambda row: -row["sigmas"])
 
 
-def _confounded(model, parameters, candidates, chosen) -> dict[str, list[str]]:
-    """Candidates whose signature is nearly that of a chosen one, once frames and effects have taken their part."""
-    free = _free(model, parameters, candidates)
-    residual, rows = model.linearise(free)
-    sigma = np.broadcast_to(model.sigma(parameters), residual.shape)
-    keys = [k for k, is_free in zip(free.keys, free.mask) if is_free]
-    columns = (rows / sigma).reshape(len(rows), -1) * _typical(model, parameters, candidates)
-    is_candidate = np.isin(keys, candidates)
-    left, _ = _cleared(columns[~is_candidate], columns[is_candidate], (residual / sigma).ravel())
-    left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-300)
-    names = [key for key, wanted in zip(keys, is_candidate) if wanted]
-    alike = (left @ left.T) ** 2
-    return {
-        key: [other for j, other in enumerate(names) if other != key and alike[i, j] > _ALIKE]
-        for i, key in enumerate(names)
-        if key in chosen
-    }
+def _confounded(model, start, fit: Fit, candidates, chosen) -> dict[str, list[str]]:
+    """Named parameter -> what may stand in its place: single candidates and, joined by " + ", sets of two or three."""
+    names, left, white, _ = _projected(model, fit.parameters, candidates)
+    change = fit.parameters.values - start.values
+    typical = fit.parameters.typical
+    for key in chosen:  # the residual without the named parameters
+        place = start.index[key]
+        white = white - left[names.index(key)] * change[place] / typical[place]
+    numbers = [names.index(key) for key in chosen]
+    found = {}
+    for key, number in zip(chosen, numbers):
+        sets = alternative_sets(left, white, numbers, number)
+        found[key] = [" + ".join(names[i] for i in one) for one in sets]
+    return found
 
 
 def _noise(reference: Reference, moving, chain: RobotChain, fit: Fit) -> dict:

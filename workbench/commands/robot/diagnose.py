@@ -249,6 +249,13 @@ def _show_differences(console, found) -> None:
         tables.grid(console, title, head, rows)
     else:
         console.print("No parameter of the geometry differs significantly.")
+    for row in found["parameters"]:
+        if others := row["confounded_with"]:
+            console.print(
+                f"{row['where']} {row['name']} may stand for {', or '.join(others)}: they explain this recording about "
+                "as well.",
+                markup=False,
+            )
     noise = found["noise"]
     if noise["factor"] is not None:
         console.print(

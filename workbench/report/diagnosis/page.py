@@ -15,6 +15,7 @@ from workbench.explanation.result import (
 from workbench.report.diagnosis import figures as figures
 from workbench.report.diagnosis import turntable
 from workbench.report.diagnosis.chain import chain
+from workbench.report.diagnosis.differences import three_parts
 from workbench.report.diagnosis.terms import before_and_after
 from workbench.report.sections import Page, Section, facts, figure, note, pair, table, words
 from workbench.report.text import counted, p_value, rounded, sentence
@@ -220,6 +221,7 @@ def _difference(made: Diagnosis):
             (m["name"], rounded(m["before"]), rounded(m["after"]), m["unit"]) for m in shares.moved
         ]
         yield table(["parameter", "reference", "this recording", "unit"], rows)
+    yield from three_parts(made)
 
 
 def _validation(made: Diagnosis):

@@ -1,0 +1,61 @@
+"""What a recording and its simulation differ by, on the page of a diagnosis: parameters, noise, physics."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from workbench.explanation.result import Diagnosis
+from workbench.report.sections import table, words
+from workbench.report.text import counted, p_value, rounded
+
+_DEGREES = {"rad": ("deg", float(np.rad2deg(1.0)))}
+
+
+def three_parts(made: Diagnosis):
+    """Blocks of the three parts; none where the recording was not compared with a simulation or a solution."""
+    found = made.as_json()["differences"]
+    if found is None:
+        return
+    yield from _parameters(found)
+    yield words(_noise(found["noise"]))
+    names = ", ".join(f"{one['effect']} at {one['where']}" for one in found["physics"])
+    yield words(f"Physics that is not in the simulation: {names or 'none found'}.")
+
+
+def _parameters(found: Mapping):
+    tested = counted(found["parameters_tested"], "parameter")
+    if not found["parameters"]:
+        yield words(f"None of {tested} differs significantly (partial F-tests).")
+        return
+    yield words(
+        f"Of {tested}, these differ significantly from the simulation (partial F-tests, recording minus simulation). "
+        "The size is the RMS displacement of the measured point. An alternative explains this recording about as well."
+    )
+    head = ["parameter", "difference", "standard deviation", "sigmas", "size (mm RMS)"]
+    rows = [_row(one) for one in found["parameters"]]
+    yield table([*head, "alternatives"], rows)
+
+
+def _row(one: Mapping) -> tuple[str, ...]:
+    unit, factor = _DEGREES.get(one["unit"], (one["unit"], 1.0))
+    return (
+        f"{one['where']} {one['name']}",
+        f"{rounded(one['value'] * factor)} {unit}",
+        f"{rounded(one['std'] * factor)} {unit}",
+        f"{one['sigmas']:.1f}",
+        rounded(one["size_mm"]),
+        "; ".join(one["confounded_with"]) or "–",
+    )
+
+
+def _noise(noise: Mapping) -> str:
+    """The noise of one coordinate as a sentence."""
+    if noise["factor"] is None:
+        return f"Noise (1 sigma of a coordinate): {rounded(noise['found'])} mm; none is stated."
+    return (
+        f"Noise (1 sigma of a coordinate): stated {rounded(noise['stated'])} mm, found {rounded(noise['found'])} mm, "
+        f"factor {rounded(noise['factor'])} (p of the statement: {p_value(noise['p_value'])})."
+    )
+
+
+__all__ = ["three_parts"]
