@@ -44,11 +44,12 @@ def test_a_noise_that_the_held_out_error_refutes_is_not_subtracted(workbench, tm
     answer, _, _ = answer_of(workbench, tmp_path, text, status=0)
     parameters = 0.03**2 * len(read_solution(tmp_path / "arm").free) / (3 * 60 * (1 - 1 / 2))
     expected = (0.05**2 - 0.03**2 - parameters) ** 0.5
-    assert answer["noise_mm"] == 0.03 and answer["model_error_mm"] == pytest.approx(expected)
+    assert answer["noise_mm"] == 0.03
+    assert answer["model_error_mm"] == pytest.approx(expected, rel=0.02)
     assert "0.03 mm (from replicates)" in answer["verdict"]["sentence"]
     solution(tmp_path / "arm", noise_rms_mm=0.075, held_out=held_out | {"samples": 2})
     answer, _, _ = answer_of(workbench, tmp_path, text, status=0)
-    assert answer["noise_mm"] == 0.075 and answer["model_error_mm"] == 0
+    assert answer["noise_mm"] == 0.075 and 0 < answer["model_error_mm"] < 0.075
 
 
 def test_one_error_of_the_model_in_the_whole_answer(workbench, tmp_path):

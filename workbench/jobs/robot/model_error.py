@@ -8,6 +8,7 @@ import numpy as np
 
 from workbench.core.distributions import chi2
 from workbench.files.solution_file import CalibratedArm
+from workbench.fitting.discrepancy import expected_discrepancy
 from workbench.fitting.verdicts.verdict import REPLICATES, Noise
 
 _LEVEL = 0.001
@@ -41,17 +42,21 @@ def known_noise(arm: CalibratedArm) -> KnownNoise:
 
 
 def model_error_mm(arm: CalibratedArm) -> float | None:
-    """RMS mm that the model misses on unseen poses and that its uncertainty does not state; None: the noise is unknown.
+    """RMS mm that the model misses on unseen poses beyond its uncertainty; None: the noise is unknown.
 
-    The held-out error without the noise, and without what the uncertainty of the parameters and considered terms make
-    at the recorded poses: both are part of the uncertainty of every target.
+    The held-out error contains the noise, and what the uncertainty of the parameters and considered terms make at the
+    recorded poses: both are part of the uncertainty of every target. What it misses beyond them is a posterior mean
+    (`expected_discrepancy`), since the held-out error is itself uncertain.
     """
     noise = known_noise(arm).noise
     if noise is None:
         return None
-    return _without(
-        arm.held_out_mm, noise.value, _of_parameters(arm, noise.value), _considered(arm)
-    )
+    causes = noise.value, _of_parameters(arm, noise.value), _considered(arm)
+    count = _coordinates(arm)
+    if not count:
+        return _without(arm.held_out_mm, *causes)
+    known = sum(cause**2 for cause in causes)
+    return math.sqrt(expected_discrepancy(arm.held_out_mm**2, known, noise.value**2, count))
 
 
 def remaining_error_mm(arm: CalibratedArm) -> float:
@@ -97,11 +102,15 @@ def _of_calibration(keys: Mapping) -> Noise | None:
     return None if stated is None else Noise(stated)
 
 
+def _coordinates(arm: CalibratedArm) -> int:
+    """Number of measured lengths that the held-out error is of; 0 where it is unknown."""
+    samples = arm.keys["held_out"].get("samples") or 0
+    return samples * (3 if arm.keys.get("measures") in _THREE_COORDINATES else 1)
+
+
 def _is_refuted(arm: CalibratedArm, noise: float) -> bool:
     """Whether the held-out error is significantly below a noise (mm); False where the number of samples is unknown."""
-    samples = arm.keys["held_out"].get("samples") or 0
-    coordinates = 3 if arm.keys.get("measures") in _THREE_COORDINATES else 1
-    degrees = samples * coordinates
+    degrees = _coordinates(arm)
     if not degrees or not noise > 0:
         return False
     return bool(chi2.cdf(degrees * (arm.held_out_mm / noise) ** 2, degrees) < _LEVEL)
