@@ -26,6 +26,7 @@ from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.compensate import actual_poses, compensate
 from workbench.jobs.robot.poses import choose_poses
 from workbench.jobs.robot.simulate import simulate
+from workbench.jobs.robot.switched_off import switched_off_warning
 
 HALF_GAP = 4e-4
 SCENE = {
@@ -204,6 +205,24 @@ def test_poses_are_chosen_for_the_terms_of_the_model(run):
 def test_a_scene_with_an_unknown_parameter_is_a_sentence(tmp_path):
     with pytest.raises(InputError, match="key geometry: expected parameters of the arm"):
         recorded(tmp_path, SCENE | {"geometry": {"joint-9.a9": 1.0}})
+
+
+def test_what_a_switched_off_term_moves_is_said_and_not_in_the_uncertainty(run):
+    """A gap of 0.4 mrad at joint 3 moves the flange, 0.4 m away, by 0.1 to 0.3 mm."""
+    arm = read_solution(run[2])
+    bare = without_terms(arm, ["joint-3.backlash"], "run")
+    readings = np.random.default_rng(0).uniform(-1, 1, (20, 6))
+    sides = {f"approach{k}": np.ones(20) for k in range(1, 7)}
+    said = switched_off_warning(arm, bare, readings, sides)
+    assert "joint-3.backlash" in said and "do not contain this" in said
+    largest = float(said.split("by up to ")[1].split(" mm")[0])
+    moved = actual_poses(arm, readings, sides) - actual_poses(bare, readings, sides)
+    assert largest == pytest.approx(np.linalg.norm(moved[:, :3, 3], axis=1).max(), rel=0.01)
+    assert 0.1 < largest < 0.3
+    readings[0] = np.nan  # a target that is not reached
+    assert "by up to" in switched_off_warning(arm, bare, readings, sides)
+    assert "do not determine" in switched_off_warning(arm, bare, readings, {})
+    assert switched_off_warning(arm, arm, readings, sides) == ""
 
 
 def test_smooth_functions_are_part_of_the_model_files(run, tmp_path):

@@ -17,6 +17,7 @@ from workbench.commands.cli import run
 from workbench.core.errors import InputError
 from workbench.files.solution_file import read_solution
 from workbench.jobs.robot.evaluate import evaluate
+from workbench.jobs.robot.session_clock import on_session_clock
 
 
 @pytest.fixture(scope="module")
@@ -178,23 +179,77 @@ def test_samples_that_a_calibration_left_out_are_not_fitted(runs, tmp_path):
     assert evaluate(arm, first.select(np.arange(0, 60, 2))).is_fitted_data
 
 
+def drifting(arm, end):
+    """The arm with a base that moved by -1 to 1 mm from 0 to `end` on the clock of the calibration."""
+    drift = BaseDrift("base", start=0, end=end, order=1)
+    values = {p.key: float(p.key.endswith(".x_t1")) for p in drift.parameters(None)}
+    return replace(arm, effects=(*arm.effects, drift), values={**arm.values, **values})
+
+
+def moved_mm(changed, arm, recording, **options):
+    """(n,) mm by which a change of the arm moves the predictions."""
+    change = evaluate(changed, recording, **options).residual - evaluate(arm, recording).residual
+    return np.linalg.norm(change[:3], axis=0)
+
+
+def without_times(recording):
+    return replace(recording, columns={k: v for k, v in recording.columns.items() if k != "time_s"})
+
+
 def test_a_drift_of_the_calibration_is_not_repeated_on_a_later_recording(runs):
     """A base that moved by -1 to 1 mm during the calibration is 1 mm away in every row measured after it."""
     arm = read_solution(runs / "run")
-    drift = BaseDrift("base", start=0, end=59, order=1)
-    values = {p.key: float(p.key.endswith(".x_t1")) for p in drift.parameters(None)}
-    drifting = replace(arm, effects=(*arm.effects, drift), values={**arm.values, **values})
-
-    def moved_mm(name):
-        recording = datasets.read(runs / name)
-        columns = {k: v for k, v in recording.columns.items() if k != "time_s"}
-        recording = replace(recording, columns=columns)
-        change = evaluate(drifting, recording).residual - evaluate(arm, recording).residual
-        return np.linalg.norm(change[:3], axis=0)
-
+    first, second = (without_times(datasets.read(runs / name)) for name in ("first", "second"))
     expected = np.abs(np.linspace(-1, 1, 60))
-    np.testing.assert_allclose(moved_mm("first"), expected, atol=1e-6)
-    np.testing.assert_allclose(moved_mm("second"), 1.0, atol=1e-6)
+    moving = drifting(arm, 59)
+    np.testing.assert_allclose(moved_mm(moving, arm, first), expected, atol=1e-6)
+    np.testing.assert_allclose(moved_mm(moving, arm, second), 1.0, atol=1e-6)
+    assert any("as measured after those" in said for said in evaluate(moving, second).warnings)
+    assert not any("as measured after" in said for said in evaluate(moving, first).warnings)
+
+
+def test_a_part_of_the_calibrated_recording_keeps_its_instants(runs):
+    """Every third sample, in another order, was measured where the complete recording has it."""
+    arm = read_solution(runs / "run")
+    first = without_times(datasets.read(runs / "first"))
+    chosen = np.arange(57, -1, -3)
+    expected = np.abs(np.linspace(-1, 1, 60))[chosen]
+    part = first.select(chosen)
+    np.testing.assert_allclose(moved_mm(drifting(arm, 59), arm, part), expected, atol=1e-6)
+    # numbers of samples that are not the rows: 101, 102, ... after 1, 2, ...
+    runs_of = np.array([[101.0, 130.0], [1.0, 30.0]])
+    numbers = {"sample": np.array([130.0, 101.0, 1.0, 30.0])}
+    named = replace(first.select(np.arange(4)), columns=first.columns | numbers)
+    clock = on_session_clock(replace(arm, recorded_samples=runs_of), named).columns["row"]
+    np.testing.assert_array_equal(clock, [29, 0, 30, 59])
+
+
+def test_times_of_a_clock_that_was_started_again_are_warned_of(runs):
+    """Times from 0 on are those of one clock until --later says that all samples came after the calibration."""
+    arm = read_solution(runs / "run")
+    first, second = (datasets.read(runs / name) for name in ("first", "second"))
+    last = float(first.columns["time_s"].max()) if "time_s" in first.columns else 590.0
+    arm = replace(arm, fitted_range={**arm.fitted_range, "time_s": (0.0, last)})
+    moving = drifting(arm, last)
+    again = second.columns | {"time_s": np.linspace(0, last, second.n)}
+    again = replace(second, columns=again)
+    expected = np.abs(np.linspace(-1, 1, second.n))
+    np.testing.assert_allclose(moved_mm(moving, arm, again), expected, atol=1e-6)
+    assert any("repeat with --later" in said for said in evaluate(moving, again).warnings)
+    assert not any("--later" in said for said in evaluate(arm, again).warnings)
+    np.testing.assert_allclose(moved_mm(moving, arm, again, later=True), 1.0, atol=1e-6)
+    assert not any("--later" in said for said in evaluate(moving, again, later=True).warnings)
+    after = replace(again, columns=again.columns | {"time_s": last + 10 + np.arange(second.n)})
+    np.testing.assert_allclose(moved_mm(moving, arm, after), 1.0, atol=1e-6)
+    assert not any("--later" in said for said in evaluate(moving, after).warnings)
+
+
+def test_times_say_nothing_to_a_model_that_counts_rows(runs):
+    arm = read_solution(runs / "run")
+    arm = replace(arm, fitted_range={k: v for k, v in arm.fitted_range.items() if k != "time_s"})
+    second = datasets.read(runs / "second")
+    timed = replace(second, columns=second.columns | {"time_s": np.arange(float(second.n))})
+    np.testing.assert_allclose(moved_mm(drifting(arm, 59), arm, timed), 1.0, atol=1e-6)
 
 
 @pytest.mark.slow

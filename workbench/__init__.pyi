@@ -485,6 +485,7 @@ def evaluate(
     solution: Result | Path | str,
     recording: Recording | Path | str,
     refit: Literal["none", "base", "tool", "base-and-tool"] = "none",
+    later: bool = False,
     out: Path | str | None = None,
     tolerance: Sequence[str] | str | None = None,
     trust_data: bool = False,
@@ -500,6 +501,8 @@ def evaluate(
         recording: Folder of a recording, or a known name.
         refit: Estimate where the instrument stands (base), what is on the flange (tool), or both on
             the recording.
+        later: All samples were measured after those of the calibration, whatever their times: a
+            drift stays where it was last, a shift remains.
         out: Folder to write; default: a temporary one, which is removed with the result.
         tolerance: Largest accepted error, such as 0.1mm, 0.05deg or 0.3px; `passed` is False if it
             is exceeded. One per unit.

@@ -39,6 +39,7 @@ class CalibratedArm:
     `considered`: terms of a diagnosis that are not in the model and count for its uncertainty.
     `fitted_samples` (k, 2): first and last number of each run of samples that were fitted; None where an older version
     wrote the file. `rows`: number of rows of the recording; the row is the clock where no time was recorded.
+    `recorded_samples` (k, 2): runs of the numbers of all samples in the order of these rows, or None like the others.
     """
 
     robot: Robot
@@ -56,6 +57,7 @@ class CalibratedArm:
     considered: Considered | None = None
     fitted_samples: np.ndarray | None = None
     rows: int = 0
+    recorded_samples: np.ndarray | None = None
 
     @property
     def acting_effects(self) -> tuple[Effect, ...]:
@@ -111,6 +113,7 @@ def solution_keys(calibration, noise=None) -> dict:
         "fitted_range": _fitted_range(calibration),
         "fitted_samples": _fitted_samples(calibration),
         "rows": int(recording.n),
+        "recorded_samples": _runs(recording.sample_ids),
     }
 
 
@@ -119,8 +122,13 @@ def _fitted_samples(calibration) -> list[list[int]]:
     numbers = calibration.recording.sample_ids
     if calibration.fitted is not None:
         numbers = numbers[calibration.fitted]
-    numbers = np.sort(np.asarray(numbers, int))
-    runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+    return _runs(np.sort(numbers))
+
+
+def _runs(numbers: np.ndarray) -> list[list[int]]:
+    """First and last number of each run of consecutive sample numbers, in their order."""
+    numbers = np.asarray(numbers, int)
+    runs = np.split(numbers, np.flatnonzero(np.diff(numbers) != 1) + 1)
     return [[int(run[0]), int(run[-1])] for run in runs if len(run)]
 
 
@@ -190,6 +198,7 @@ def read_solution(path: Path) -> CalibratedArm:
             _considered(path, keys),
             _runs_of_samples(keys.get("fitted_samples")),
             int(keys.get("rows") or 0),
+            _runs_of_samples(keys.get("recorded_samples")),
         )
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
         if isinstance(problem, InputError):

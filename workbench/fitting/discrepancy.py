@@ -1,10 +1,10 @@
 """The variance that a model misses, estimated from its mean squared error on unseen samples and a known noise.
 
 Of N independent coordinates with the variance v = known + x, the mean square H has the likelihood
-v^(-N/2) exp(-N H / (2 v)). H minus the known variance scatters by sqrt(2 / N) of it, which is as much as thirty parameters
-add to the error of a hundred poses. Cut off at zero, such a difference adds a discrepancy to every second model that
-has none, and nothing to the others. Its posterior mean is used instead. The prior has two parts of equal probability:
-no discrepancy, and one whose size in units of the noise is half-Cauchy (Mitchell and Beauchamp, J. Am. Stat. Assoc. 83
+v^(-N/2) exp(-N H / (2 v)). H minus the known variance scatters by sqrt(2 / N) of it, as much as thirty parameters add
+to the error of a hundred poses. Cut off at zero, such a difference adds a discrepancy to every second model that has
+none, and nothing to the others. Its posterior mean is used instead. The prior has two parts of equal probability: no
+discrepancy, and one whose size in units of the noise is half-Cauchy (Mitchell and Beauchamp, J. Am. Stat. Assoc. 83
 (1988) 1023; Gelman, Bayesian Analysis 1 (2006) 515).
 """
 

@@ -108,12 +108,13 @@ def command(
             covariates_of,
             judge_targets,
         )
+        from workbench.jobs.robot.switched_off import switched_off_warning
         from workbench.machine.progress import paced
 
         tolerances = parse_tolerances(tolerance)
         limits = Limits(max_correction_mm, max_correction_deg, max_sigma_mm, max_joint_change_deg)
-        arm = checked(read_solution(solution), solution, force, limits)
-        arm = without_terms(arm, without or (), str(solution))
+        whole = checked(read_solution(solution), solution, force, limits)
+        arm = without_terms(whole, without or (), str(solution))
         programme = with_start(read_programme(targets, arm.robot, map), arm.robot, start)
         covariates = covariates_of(arm, programme)
         tick = paced(say, f"inverting the model at {len(programme.readings)} targets, step")
@@ -123,6 +124,8 @@ def command(
         judged = judge_targets(arm, programme, found, limits)
         refused, forced = ({}, judged.refused) if force else (judged.refused, {})
         said = [*judged.warnings, *_changes(arm, programme, found), *_forced(forced)]
+        if off := switched_off_warning(whole, arm, found.readings, covariates):
+            said.append(off)
         with runs.opened("compensate", targets.stem, out) as run:
             result = {
                 **_summary(arm, found, refused),

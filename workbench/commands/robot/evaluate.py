@@ -32,11 +32,21 @@ RefitOption = Annotated[
     ),
 ]
 
+Later = Annotated[
+    bool,
+    typer.Option(
+        "--later",
+        help="All samples were measured after those of the calibration, whatever their times: a drift stays where it "
+        "was last, a shift remains.",
+    ),
+]
+
 
 def command(
     solution: Solution,
     recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
     refit: RefitOption = Refit.NONE,
+    later: Later = False,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
     tolerance: answer.Tolerance = None,
@@ -57,7 +67,7 @@ def command(
         read = datasets.read(recording, trust_data)
         tolerances = answer.read_tolerances(tolerance, read.measures)
         say(f"predicting {read.n} samples")
-        made = evaluate(arm, read, str(refit), trust_data)
+        made = evaluate(arm, read, str(refit), trust_data, later)
         save(made, run.partial)
         result = made.as_json(tolerances)
         if not no_report:

@@ -31,6 +31,7 @@ from workbench.fitting.verdicts.verdict import (
     judge,
 )
 from workbench.jobs.robot.compensate import covariates_read
+from workbench.jobs.robot.session_clock import clock_warning, is_same_recording, on_session_clock
 
 REFITS = ("none", "base", "tool", "base-and-tool")
 """What is estimated again on the recording: where the instrument stands, what is on the flange, or both."""
@@ -114,7 +115,7 @@ class Evaluated:
     @property
     def fitted(self) -> np.ndarray:
         """(n,) bool: samples that the calibration was fitted to."""
-        if not _is_the_same_data(self.arm, self.recording):
+        if not is_same_recording(self.arm, self.recording):
             return np.zeros(self.recording.n, bool)
         runs, numbers = self.arm.fitted_samples, self.recording.sample_ids
         if runs is None:  # an older version wrote the file
@@ -255,11 +256,16 @@ class Evaluated:
 
 
 def evaluate(
-    arm: CalibratedArm, recording: Recording, refit: str = "none", trust_data: bool = False
+    arm: CalibratedArm,
+    recording: Recording,
+    refit: str = "none",
+    trust_data: bool = False,
+    later: bool = False,
 ) -> Evaluated:
     """Errors of a calibrated arm on a recording that it was not fitted to; the geometry and all effects are fixed.
 
-    refit: one of `REFITS`. trust_data: also for data that are implausible. Raises InputError where the recording
+    refit: one of `REFITS`. trust_data: also for data that are implausible. later: all samples were measured after those
+    of the calibration, whatever their times. Raises InputError where the recording
     states another arm, lacks a covariate of an effect, has too few samples, cannot be right, or measures targets that
     the calibration does not know.
     """
@@ -275,10 +281,14 @@ def evaluate(
     nominal = _predicted(replace(arm, values={}), samples, (), both)
     _check_number(samples, len(nominal[:3]), most)
     doubts = check_samples(recording, trust_data).doubts
+    if not later and (doubt := clock_warning(arm, samples)):
+        doubts = (*doubts, doubt)
+    recording = replace(samples, warnings=tuple(dict.fromkeys((*samples.warnings, *doubts))))
+    samples = on_session_clock(arm, samples, later)
     free = _patterns(samples, refit)
     residual = _predicted(arm, samples, arm.effects, free)
     return Evaluated(
-        replace(samples, warnings=tuple(dict.fromkeys((*samples.warnings, *doubts)))),
+        recording,
         arm,
         refit,
         residual,
@@ -351,26 +361,9 @@ def _model(
     """Model of the samples and its parameters at the values of the arm; those that match `free` are at their start."""
     model = Model(bind(arm.robot, samples, _start(arm, samples, free)), effects)
     if arm.values:
-        covariates = model.chain.state.covariates | _rows_after(arm, samples, model.chain.state.n)
-        state = replace(model.chain.state, load_centre=arm.load_centre, covariates=covariates)
+        state = replace(model.chain.state, load_centre=arm.load_centre)
         model = replace(model, chain=replace(model.chain, state=state))
     return model, _with_values(arm, model.parameters, free)
-
-
-def _rows_after(arm: CalibratedArm, samples: Recording, n: int) -> dict[str, np.ndarray]:
-    """(n,) The clock of another recording without times: all its rows come after those of the calibration.
-
-    Its own row numbers would repeat a drift, or undo a shift, that happened during the calibration.
-    """
-    if _is_the_same_data(arm, samples) or not arm.rows:
-        return {}
-    return {"row": np.full(n, float(arm.rows))}
-
-
-def _is_the_same_data(arm: CalibratedArm, recording: Recording) -> bool:
-    """Whether the calibration was made from the very files of a recording."""
-    digest = (arm.keys.get("provenance") or {}).get("data_sha256")
-    return bool(digest) and digest == recording.sha256
 
 
 def _predicted(

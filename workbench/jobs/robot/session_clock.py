@@ -1,0 +1,87 @@
+"""The clock of samples that a calibrated model predicts: time in s or number of the row, counted as in its recording.
+
+A drift and a shift belong to instants of the recording that was calibrated. Samples of that recording keep their
+instants. All others are later: their own row numbers, or times of a clock that was started again, would repeat the
+drift or undo the shift.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from datasets.recording import Recording
+from workbench.files.solution_file import CalibratedArm
+
+_TIME, _ROW = "time_s", "row"
+
+
+def is_same_recording(arm: CalibratedArm, recording: Recording) -> bool:
+    """Whether the calibration was made from the very files of a recording."""
+    digest = (arm.keys.get("provenance") or {}).get("data_sha256")
+    return bool(digest) and digest == recording.sha256
+
+
+def on_session_clock(arm: CalibratedArm, samples: Recording, later: bool = False) -> Recording:
+    """The samples with the clock of the calibrated recording in the columns `row` and `time_s`, in their own order.
+
+    later: all samples are later than the calibrated ones, whatever their times. A model that was calibrated without
+    times counts rows; the times of other samples then only say in which order they were measured.
+    """
+    columns = dict(samples.columns)
+    times = columns.get(_TIME, np.arange(samples.n, dtype=float))
+    if arm.fitted_range is not None and _TIME not in arm.fitted_range:
+        columns.pop(_TIME, None)
+    if is_same_recording(arm, samples) and not later:
+        columns[_ROW] = _rows_of(arm, samples)
+    else:
+        columns[_ROW] = arm.rows + np.argsort(np.argsort(times, kind="stable")).astype(float)
+    if later and _TIME in columns:
+        columns[_TIME] = _end(arm) + times - times.min()
+    return replace(samples, columns=columns)
+
+
+def _rows_of(arm: CalibratedArm, samples: Recording) -> np.ndarray:
+    """(n,) number of the row of each sample in the calibrated recording, from 0; in order where it is unknown."""
+    runs = arm.recorded_samples
+    if runs is None:
+        return np.arange(samples.n, dtype=float)
+    first, last = runs.T
+    before = np.cumsum(last - first + 1) - (last - first + 1)  # rows of the runs before
+    order = np.argsort(first, kind="stable")
+    run = order[np.searchsorted(first[order], samples.sample_ids, "right").clip(min=1) - 1]
+    return before[run] + samples.sample_ids - first[run]
+
+
+def _end(arm: CalibratedArm) -> float:
+    """s: just after the calibrated samples."""
+    _, last = (arm.fitted_range or {}).get(_TIME, (0.0, 0.0))
+    return last + 1.0
+
+
+def clock_effects(arm: CalibratedArm) -> tuple[str, ...]:
+    """Titles of the effects whose law is a function of the time."""
+    return tuple(effect.title for effect in arm.effects if "time" in effect.reads)
+
+
+def clock_warning(arm: CalibratedArm, samples: Recording) -> str:
+    """Sentence on what the clock of another recording is taken for, where the model depends on it; "" elsewhere."""
+    named = ", ".join(clock_effects(arm))
+    if not named or is_same_recording(arm, samples):
+        return ""
+    known, times = (arm.fitted_range or {}).get(_TIME), samples.columns.get(_TIME)
+    if known is None or times is None:
+        return (
+            f"The calibrated model depends on the order of its samples ({named}). Neither recording states times that "
+            "both share: all samples are taken as measured after those of the calibration."
+        )
+    if times.min() > known[1]:
+        return ""
+    return (
+        f"The calibrated model depends on time ({named}), and the times of this recording ({times.min():.6g} to "
+        f"{times.max():.6g} s) overlap those of the calibration ({known[0]:.6g} to {known[1]:.6g} s). They are taken "
+        "as times of one clock. If the clock was started again, repeat with --later: all samples then count as "
+        "measured after the calibration."
+    )
+
+
+__all__ = ["clock_effects", "clock_warning", "is_same_recording", "on_session_clock"]
