@@ -114,7 +114,8 @@ def test_what_the_model_misses_is_part_of_the_uncertainty(run, made, tmp_path):
     uncertain = 0.4**2 * len(read_solution(tmp_path).free) / (3 * fitted)  # sigma^2 p/n
     remaining = done.uncertainty_mm**2 - done.sigma_mm**2
     np.testing.assert_allclose(remaining, remaining[0])
-    assert 0.3**2 - uncertain <= remaining[0] < 0.3**2 - 0.3 * uncertain
+    # a posterior mean: the half-Cauchy prior favours less by a few percent
+    assert 0.95 * (0.3**2 - uncertain) <= remaining[0] < 0.3**2 - 0.3 * uncertain
     (tmp_path / "solution.json").write_text(json.dumps(keys | {"discrepancy_rms_mm": -0.3}))
     with pytest.raises(
         InputError, match="key discrepancy_rms_mm: expected a distance of 0 or more"
