@@ -6,7 +6,7 @@ transforms are small twists: a point p of the frame moves by t + w x p.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -15,8 +15,19 @@ from sensors.ball.point_errors import plane_error, stripe_error
 from sensors.ball.shared import Shared
 from sensors.scanner.errors import frame_moves
 
-if TYPE_CHECKING:
-    from sensors.scanner.model import Scanner
+
+class LightPlanes(Protocol):
+    """What a motion needs of a `sensors.scanner.model.Scanner`; the attributes are described there."""
+
+    steps: np.ndarray
+    planes: np.ndarray
+    scan: np.ndarray
+    frame: np.ndarray | None
+    covariance: np.ndarray | None
+
+    def places(self, steps: np.ndarray) -> np.ndarray: ...
+
+    def by_stripe(self, points: np.ndarray, steps: np.ndarray) -> np.ndarray: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +65,7 @@ class Motion:
         """(Q, 3, n) mm by which points (3, n) of the frame move for one unit of each error of their own image."""
         return _moved(self.own[image], points)
 
-    def own_errors(self, scanner: "Scanner", local: np.ndarray, seen: "Seen") -> Shared:
+    def own_errors(self, scanner: LightPlanes, local: np.ndarray, seen: "Seen") -> Shared:
         """What points (3, n) mm of one image share and no other image does, for `fit_ball`: the error of its pose,
         and that of its stripe, whose size is estimated. local: in the camera frame of each image."""
         label = np.unique(seen.image, return_inverse=True)[1]
@@ -75,7 +86,7 @@ class Motion:
         return _of_centre(_moved(self.common[image], points), self.common_covariance, outward)
 
     def centre_covariance(
-        self, scanner: "Scanner", local: np.ndarray, seen: "Seen", outward: np.ndarray
+        self, scanner: LightPlanes, local: np.ndarray, seen: "Seen", outward: np.ndarray
     ) -> np.ndarray:
         """(3, 3) mm^2 of a ball's centre from errors that all images share: light planes, camera frame, and motion.
 
@@ -85,7 +96,7 @@ class Motion:
         moves, covariance = self._systematic(scanner, local, seen)
         return _of_centre(moves, covariance, outward)
 
-    def _systematic(self, scanner: "Scanner", local, seen) -> tuple[np.ndarray, np.ndarray]:
+    def _systematic(self, scanner: LightPlanes, local, seen) -> tuple[np.ndarray, np.ndarray]:
         """Derivative (K, 3, n) of the points by K errors that all images share, and their covariance (K, K)."""
         plane, of_plane = _of_planes(scanner, local, scanner.places(seen.steps))
         frame = np.zeros((6, 6)) if scanner.frame is None else scanner.frame
@@ -102,7 +113,7 @@ def _of_centre(moves, covariance, outward) -> np.ndarray:
     return gain @ covariance @ gain.T
 
 
-def _of_planes(scanner: "Scanner", local, place) -> tuple[np.ndarray, np.ndarray]:
+def _of_planes(scanner: LightPlanes, local, place) -> tuple[np.ndarray, np.ndarray]:
     """Derivative (3 S, 3, n) by tilts and offset of each of the S light planes seen, and their covariance."""
     used, column = np.unique(place, return_inverse=True)
     size = 3 * len(scanner.steps)

@@ -18,6 +18,7 @@ from workbench.app.data.decimate import (
 from workbench.app.data.opened import Opened, open_subject
 from workbench.app.data.plan import DIAGNOSE
 from workbench.app.data.prediction import lengths_by_number, predicted_lengths
+from workbench.app.data.sample_images import sample_images
 from workbench.app.edits.apply import kept_rows
 from workbench.app.edits.changes import (
     ADD,
@@ -146,7 +147,12 @@ class Workspace:
 
     def image_index_of(self, number: int) -> int | None:
         """Place in images.csv of the image that shows a sample best; None without one."""
-        return self.opened.sample_images.get(number)
+        return self._sample_images.get(number)
+
+    @cached_property
+    def _sample_images(self) -> dict[int, int]:
+        """Number of a sample -> place in images.csv of the image that shows it best."""
+        return sample_images(self.opened)
 
     def pose_of(self, row: int) -> int | None:
         """Number of the pose of a row: as the recording names it, else counted by the run; None without one."""
@@ -377,7 +383,8 @@ class Workspace:
     def open_run(self, opened: Opened) -> None:
         """Show another run of the same recording; the selection is lost."""
         self.runs.append(opened)
-        self.__dict__.pop("quantities", None)
+        for name in ("quantities", "_sample_images"):
+            self.__dict__.pop(name, None)
         self._select_none()
 
     def comparison(self) -> list[dict]:

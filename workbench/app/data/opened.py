@@ -80,13 +80,6 @@ class Opened:
         return self.samples.columns["pose"][self.rows].astype(int)
 
     @cached_property
-    def sample_images(self) -> dict[int, int]:
-        """Number of a sample of `recording` -> place in images.csv of the image that shows it best."""
-        from workbench.app.data.sample_images import sample_images
-
-        return sample_images(self)
-
-    @cached_property
     def robot(self):
         """The nominal robot; None where the recording has none."""
         if not self.recording.robot:

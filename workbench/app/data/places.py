@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from workbench.app.data.prediction import MOST_SAMPLES
 from workbench.app.data.residuals import Residuals
 from workbench.core.errors import InputError
 
 AFTER = "after"
+MOST_SAMPLES = 20_000
+"""The whole recording is bound to the model: of a larger one it would take longer than a person waits for a click."""
 
 
 def with_places(opened, found: Residuals) -> Residuals:

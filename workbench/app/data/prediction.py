@@ -5,11 +5,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from workbench.app.data.opened import Opened
+from workbench.app.data.places import MOST_SAMPLES
 from workbench.app.edits.session import CALIBRATE
 from workbench.core.errors import InputError
-
-MOST_SAMPLES = 20_000
-"""The whole recording is bound to the model: of a larger one it would take longer than a person waits for a click."""
 
 
 def lengths_by_number(opened: Opened, numbers: Iterable[int]) -> dict[int, float]:
