@@ -250,25 +250,16 @@ def test_large_law_that_is_likelier_is_an_alternative_to_a_function_at_its_place
     monkeypatch, where, evidence, size, declared
 ):
     label = "a smooth function of mirror and along"
-    law = Hypothesis(
-        "a law", where, "", "", (), (), "", False, None, -3.0, 0.1, evidence, 1e-9, 80.0, 3
-    )
+    law = Hypothesis("a law", where, evidence=evidence, gain=80.0, rank=3, log_prior=-3.0)
     own = Hypothesis(
         "unknown",
         "mirror",
         label,
-        "",
-        (),
-        ("mirror", "along"),
-        "",
-        True,
-        None,
-        -5.0,
-        0.1,
-        20.0,
-        1e-9,
-        100.0,
-        16,
+        unnamed=("mirror", "along"),
+        evidence=20.0,
+        gain=100.0,
+        rank=16,
+        log_prior=-5.0,
     )
     bare = SimpleNamespace(conditional_on=lambda: None)
     monkeypatch.setattr(sensor_review, "judged", lambda problem: [law, own])

@@ -144,5 +144,4 @@ def test_a_search_goes_on_without_a_load_of_negative_mass():
 
 def variant_of(effect, label=""):
     """A hypothesis with no more than what the search needs to solve with it."""
-    named = (effect.effect, effect.where, label, effect.effect, (effect,), (), "", True, None)
-    return Hypothesis(*named, 0.0, 1.0, 0.0, 1.0, 0.0, 1)
+    return Hypothesis(effect.effect, effect.where, label, effect.effect, (effect,))

@@ -33,3 +33,5 @@ ROUNDING = 1e-9
 SEEN = 1e-2
 """Sigmas by which a direction of the baseline moves all measurements for one typical size: one that moves them by
 less can neither hide nor imitate anything."""
+AT_ONCE = 1_000_000
+"""Numbers of an array that is made at once, eight megabytes: more are made in parts."""

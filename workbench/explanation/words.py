@@ -288,9 +288,8 @@ def _what(term: Term, tip: str, unit: str) -> str:
         depends = (
             listed([covariate(name) for name in found.depends_on]) or "nothing that was recorded"
         )
-        more = getattr(found.function, "sentence", "") if found.function is not None else ""
         text = f"{place(found.where).capitalize()} errs with {depends}, by a law that no effect of the catalogue has"
-        return f"{text}{': ' + size if size else ''}.{' ' + more if more else ''}"
+        return f"{text}{': ' + size if size else ''}."
     said = law(
         found.effect, found.where, found.label, type(found.effects[0]) if found.effects else None
     )

@@ -21,19 +21,17 @@ from scipy.sparse import csr_array
 from scipy.special import betainc, logsumexp
 
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
-from workbench.diagnosis.levels import ROUNDING
+from workbench.diagnosis.levels import AT_ONCE, ROUNDING
 from workbench.diagnosis.linear.problem import Problem, Scan
 
+Linear = Callable[[np.ndarray], np.ndarray]
 SIZES = np.geomspace(0.1, 100.0, 7)
 """Sizes of a disturbance in units of what is typical: from a tenth to a hundred times, in steps over which the
 evidence of a size changes by less than it does from data to data."""
-_LIKELY = -np.log(
-    np.maximum(1.0, SIZES / 3.0)
-)  # each as likely as the others up to three times typical, then 1/s
-_TOTAL = float(logsumexp(_LIKELY))
-_ANCHOR = 4.0  # degrees of freedom that the stated sigma is worth: it may be wrong
-_CHUNK = 1_000_000  # numbers of waves that are made at once: eight megabytes
-_KEPT = 400_000  # numbers of the waves of one place that are kept
+_FALLING = np.log(np.maximum(1.0, SIZES / 3.0))  # as likely up to three times typical, then 1/s
+_LOG_PRIOR = -_FALLING - logsumexp(-_FALLING)
+_ANCHOR = 4.0
+"""Degrees of freedom that the stated sigma is worth: it may be wrong."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +53,11 @@ class Scores:
     gain: np.ndarray
     rank: np.ndarray
     p: np.ndarray
+
+    def row(self, i: int) -> tuple[float, float, float, int]:
+        """Evidence, p-value, gain and rank of one hypothesis."""
+        gain, rank = float(self.gain[i]), int(self.rank[i])
+        return float(self.evidence[i]), float(self.p[i]), gain, rank
 
 
 class Projected:
@@ -123,27 +126,12 @@ class Projected:
         return np.zeros((len(self.y), 0)) if self.beyond is None else self.beyond.added.columns
 
     def slots(self, rows: np.ndarray, name: tuple) -> "Slots":
-        """Sums over each sample's coordinates of rows (k, N) of the problem with y, the bases and one another.
+        """Sums over each sample's coordinates of rows (k, N) of the problem; `name` as of `Slots`."""
+        return Slots(rows, self, name)
 
-        name: of the rows, under which what is made of them is kept.
-        """
-        add = self._sum
-
-        def with_one_another():
-            return np.stack([add @ (rows * row).T for row in rows])
-
-        return Slots(
-            lambda: add @ (rows * self._y()).T,
-            partial(self._with, rows, self._columns()),
-            partial(self._with, rows, self.problem.basis),
-            with_one_another,
-            self,
-            name,
-        )
-
-    def _with(self, rows, basis) -> np.ndarray:
-        """(k, n, R) sums over each sample's coordinates of the rows times a part of the basis."""
-        return np.stack([self._sum @ (basis * row[:, None]) for row in rows])
+    def sums(self, values: np.ndarray) -> np.ndarray:
+        """(n, R) sums over each sample's coordinates of values (N, R)."""
+        return self._sum @ values
 
     def fall(self, columns: np.ndarray) -> float:
         """Fall of y'y by columns (N, P)."""
@@ -194,150 +182,110 @@ def _less(gram: np.ndarray, made: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Slots:
-    """What is left of k slots once each sample's coordinates are summed, each made where it is asked for.
+    """What is left of k slots with `rows` (k, N) once each sample's coordinates are summed, made where it is asked for.
 
     `score` (n, k) with the residual, `added` (k, n, A) with the columns of added effects, `basis` (k, n, R) with the
-    baseline's basis, `rows` (k, n, k) with one another. `name`: under which what depends on these alone is kept.
+    baseline's basis, `squares` (k, n, k) with one another. `name`: under which what depends on these alone is kept.
     """
 
-    with_residual: Callable[[], np.ndarray]
-    with_added: Callable[[], np.ndarray]
-    with_baseline: Callable[[], np.ndarray]
-    with_one_another: Callable[[], np.ndarray]
+    rows: np.ndarray
     projected: Projected
     name: tuple
 
-    score = cached_property(lambda self: self.with_residual())
-    added = cached_property(lambda self: self.with_added())
-    basis = cached_property(lambda self: self.with_baseline())
-    rows = cached_property(lambda self: self.with_one_another())
+    @cached_property
+    def score(self) -> np.ndarray:
+        return self.projected.sums((self.rows * self.projected._y()).T)
 
-    def _moments(self, option, typical, score, raw, made) -> Moments:
-        """Of C hypotheses: `score()` (C, P), `raw()` (C, P, P), `made` of a basis (C, P, R); typical (C, P)."""
-        sizes = typical[:, :, None]
+    @cached_property
+    def added(self) -> np.ndarray:
+        return self._with(self.projected._columns())
+
+    @cached_property
+    def basis(self) -> np.ndarray:
+        return self._with(self.projected.problem.basis)
+
+    @cached_property
+    def squares(self) -> np.ndarray:
+        return self._with(self.rows.T)
+
+    def _with(self, columns: np.ndarray) -> np.ndarray:
+        """(k, n, R) sums of the rows times columns (N, R)."""
+        return np.stack([self.projected.sums(columns * row[:, None]) for row in self.rows])
+
+    def _moments(self, option: tuple, linear: Linear, raw, typical: np.ndarray) -> Moments:
+        """Of C hypotheses, each V functions on every slot; typical (C, k V) prior sizes, slot after slot.
+
+        linear: maps values (n, R) of the samples to their sums with the functions, (C, V, R). raw(): inner products
+        (C, k V, k V) of the columns.
+        """
+        count = len(typical)
+
+        def made(basis):
+            each = np.stack([linear(values) for values in basis], 1)  # (C, k, V, R)
+            return each.reshape(*typical.shape, -1) * typical[:, :, None]
 
         def first():
-            own = raw()
-            gram = _less(own, made(self.basis)) * sizes * typical[:, None, :]
-            return gram, (np.einsum("cpp->cp", own) * typical**2).max(1)
+            own = raw() * typical[:, :, None] * typical[:, None, :]
+            return _less(own, made(self.basis)), np.einsum("cpp->cp", own).max(1)
 
         def coupling():
-            return score() * typical, made(self.added) * sizes
+            score = linear(self.score).swapaxes(1, 2).reshape(count, -1)
+            return score * typical, made(self.added)
 
         known = self.projected.known
         gram, largest = once(known, (self.name, option, "gram"), first)
         more = once(known, (self.name, option, "added"), coupling)
         return self.projected._complement((self.name, option), gram, largest, *more)
 
-    def times(self, name: tuple, waves: np.ndarray, typical: np.ndarray, squares=None) -> Moments:
+    def times(self, name: tuple, waves: np.ndarray, typical: np.ndarray, squares) -> Moments:
         """Moments of V functions (V, n) on every slot, as one hypothesis a group; waves (C, V, n).
 
         name: of the functions. typical (C, k V): prior size of each coefficient, slot after slot. squares() (C, U, n):
-        products of all pairs of the functions, where they are known.
+        products of all pairs of the functions.
         """
         groups, count, n = waves.shape
         flat = waves.reshape(groups * count, n)
 
-        def made(basis):
-            k = len(basis)
-            each = np.stack([flat @ b for b in basis]).reshape(k, groups, count, -1)
-            return each.transpose(1, 0, 2, 3).reshape(groups, k * count, -1)
+        def linear(values):
+            return (flat @ values).reshape(groups, count, -1)
 
         def raw():
-            return self._of_squares(squares(), count) if squares else self._products(waves)
+            if len(self.rows) == 1:
+                return (waves * self.squares[0, :, 0]) @ waves.swapaxes(1, 2)
+            return self._of_squares(squares(), count)
 
-        def score():
-            return np.einsum("cvn,nk->ckv", waves, self.score, optimize=True).reshape(groups, -1)
+        return self._moments(name, linear, raw, typical)
 
-        return self._moments(name, typical, score, raw, made)
-
-    def _products(self, waves) -> np.ndarray:
-        """(C, k V, k V) inner products, slot by slot."""
-        groups, count, _ = waves.shape
-        k = len(self.rows)
-        raw = np.empty((groups, k, count, k, count))
-        for i in range(k):
-            for j in range(i, k):
-                block = (waves * self.rows[i, :, j]) @ waves.transpose(0, 2, 1)
-                raw[:, i, :, j], raw[:, j, :, i] = block, block.transpose(0, 2, 1)
-        return raw.reshape(groups, k * count, k * count)
-
-    def _of_squares(self, squares, count) -> np.ndarray:
-        """As `_products`, from the products of all pairs of functions: one product of matrices for all slots."""
+    def _of_squares(self, squares: np.ndarray, count: int) -> np.ndarray:
+        """(C, k V, k V) inner products, from products of all pairs of functions: one product of matrices."""
         k = len(self.rows)
         slots, functions = _pairs(k), _pairs(count)
         first, second = np.triu_indices(k)
-        sums = squares @ self.rows[first, :, second].T  # (C, pairs of functions, pairs of slots)
+        sums = squares @ self.squares[first, :, second].T  # (C, pairs of functions, pairs of slots)
         raw = sums[:, functions[None, :, None, :], slots[:, None, :, None]]
         return raw.reshape(len(squares), k * count, k * count)
 
-    def steps(
-        self,
-        name: tuple,
-        x: np.ndarray,
-        options: np.ndarray,
-        typical: np.ndarray,
-        centred: bool = False,
-    ) -> Moments:
-        """Moments of rows * (x > option), one hypothesis an option (V,); typical (k,). name: of the steps.
+    def steps(self, x: np.ndarray, options: np.ndarray, typical: np.ndarray, centred: bool):
+        """Moments of rows * (x > option), one hypothesis an option (V,); typical (k,).
 
-        centred: each step less its mean over the samples.
+        centred: each step less its mean over the samples. Sums over a step are differences of cumulative sums.
         """
         order = np.argsort(x, kind="stable")[::-1]
         after = len(x) - np.searchsorted(x[order][::-1], options, side="right")
         mean = after / len(x) if centred else np.zeros(len(options))
 
         def summed(values, of_all, of_after):
-            sums = _summed(values[order])
-            shape = (-1, *[1] * (sums.ndim - 1))
-            return sums[after] * of_after.reshape(shape) + sums[-1] * of_all.reshape(shape)
+            sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values[order], 0)])
+            return sums[after] * of_after[:, None] + sums[-1] * of_all[:, None]
 
         def linear(values):
-            return summed(values, -mean, np.ones(len(mean)))
-
-        def made(basis):
-            return np.stack([linear(b) for b in basis], 1)
+            return summed(values, -mean, np.ones(len(mean)))[:, None]
 
         def raw():
-            return np.stack([summed(r, mean**2, 1 - 2 * mean) for r in self.rows], 1)
-
-        def score():
-            return linear(self.score)
+            return np.stack([summed(r, mean**2, 1 - 2 * mean) for r in self.squares], 1)
 
         sizes = np.broadcast_to(typical, (len(options), len(typical)))
-        return self._moments(name, sizes, score, raw, made)
-
-    def waves(
-        self, name: tuple, pair: tuple[np.ndarray, np.ndarray], typical: np.ndarray
-    ) -> Moments:
-        """Moments of rows * cos(option x) and rows * sin(option x), one hypothesis an option; typical (k,).
-
-        name: of the waves; pair: cosines and sines (V, n). Squares and products of waves are waves of twice the
-        option, so that sums over samples are two products.
-        """
-        k, n = len(typical), pair[0].shape[1]
-        size = (len(pair[0]), 2 * k)
-
-        def made(basis):
-            flat = basis.transpose(1, 0, 2).reshape(n, -1)
-            return np.stack([(part @ flat).reshape(len(part), k, -1) for part in pair], 2).reshape(
-                *size, -1
-            )
-
-        def raw():
-            rows = self.rows.transpose(1, 0, 2).reshape(n, k * k)
-            cosines, sines = pair
-            once, even, odd = rows.sum(0), (cosines**2 - sines**2) @ rows, (cosines * sines) @ rows
-            blocks = np.stack([(once + even) / 2, odd, odd, (once - even) / 2]).reshape(
-                2, 2, -1, k, k
-            )
-            return blocks.transpose(2, 3, 0, 4, 1).reshape(*size, 2 * k)
-
-        def score():
-            return np.stack([part @ self.score for part in pair], 2).reshape(size)
-
-        sizes = np.broadcast_to(np.repeat(typical, 2), size)
-        return self._moments(name, sizes, score, raw, made)
+        return self._moments(("step",), linear, raw, sizes)
 
 
 def _pairs(count: int) -> np.ndarray:
@@ -345,11 +293,6 @@ def _pairs(count: int) -> np.ndarray:
     out, (i, j) = np.empty((count, count), int), np.triu_indices(count)
     out[i, j] = out[j, i] = np.arange(len(i))
     return out
-
-
-def _summed(values):
-    """(n + 1, ...) sums of the first 0, 1, ... n."""
-    return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, 0)])
 
 
 def log_evidence(volume: np.ndarray, gained: np.ndarray, projected: "Projected") -> np.ndarray:
@@ -365,7 +308,7 @@ def log_evidence_each(volume: np.ndarray, gained: np.ndarray, projected) -> np.n
 
 def _summed_over_sizes(logs: np.ndarray) -> np.ndarray:
     """Log of the average over the sizes (the first axis) of exp(logs), each size as likely as it is."""
-    logs = logs + (_LIKELY - _TOTAL).reshape(-1, *[1] * (logs.ndim - 1))
+    logs = logs + _LOG_PRIOR.reshape(-1, *[1] * (logs.ndim - 1))
     top = logs.max(0)
     return top + np.log(np.exp(logs - top).sum(0))
 
@@ -390,28 +333,32 @@ def judge(moments: Moments, yy: float, degrees: float) -> Scores:
     return Scores(np.where(rank > 0, evidence, 0.0), gain, rank, np.maximum(p, 1e-300))
 
 
+def squares_of(waves: np.ndarray) -> np.ndarray:
+    """(..., U, n) products of all pairs of functions (..., V, n)."""
+    first, second = np.triu_indices(waves.shape[-2])
+    return waves[..., first, :] * waves[..., second, :]
+
+
 def scan_moments(projected: Projected, scan: Scan) -> Moments:
     """Moments of every option of a scan."""
     slots = projected.slots(scan.rows, ("scan", scan.where, scan.effect, scan.kind))
     if scan.kind == "step":
-        return slots.steps(("step",), scan.x, scan.options, scan.typical, scan.centred)
+        return slots.steps(scan.x, scan.options, scan.typical, scan.centred)
     parts = []
-    step = max(_CHUNK // len(scan.x), 1)
+    step = max(AT_ONCE // len(scan.x), 1)
     for start in range(0, len(scan.options), step):
-        pair = _turned(projected.problem, scan, slice(start, start + step))
-        parts.append(slots.waves(("wave", start), pair, scan.typical))
-    return Moments(
-        *(np.concatenate([getattr(p, name) for p in parts]) for name in ("gram", "score", "raw"))
-    )
+        waves = _waves(projected.problem, scan, slice(start, start + step))
+        typical = np.broadcast_to(np.repeat(scan.typical, 2), (len(waves), 2 * len(scan.typical)))
+        parts.append(slots.times(("wave", start), waves, typical, partial(squares_of, waves)))
+    held = zip(*((part.gram, part.score, part.raw) for part in parts))
+    return Moments(*map(np.concatenate, held))
 
 
-def _turned(problem: Problem, scan: Scan, chunk: slice) -> tuple[np.ndarray, np.ndarray]:
-    """(V, n) cosines and sines of a chunk of a scan's options; kept for all problems of the same samples, if few."""
-    options = scan.options[chunk]
+def _waves(problem: Problem, scan: Scan, chunk: slice) -> np.ndarray:
+    """(C, 2, n) cosines and sines of a chunk of a scan's options."""
 
     def make():
-        turned = np.exp(1j * options[:, None] * scan.x)
-        return np.ascontiguousarray(turned.real), np.ascontiguousarray(turned.imag)
+        phase = scan.options[chunk, None] * scan.x
+        return np.stack([np.cos(phase), np.sin(phase)], 1)
 
-    kept = problem.made if len(options) * len(scan.x) <= _KEPT else {}
-    return once(kept, ("wave", scan.where, scan.effect, chunk.start), make)
+    return once(problem.kept, ("wave", scan.where, scan.effect, chunk.start), make)

@@ -1,51 +1,58 @@
 """All hypotheses, judged at once: library effects at every place, and smooth nonparametric alternatives."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
+from robot_model.effects.nonparametric import functions
 from workbench.core.effect import Effect
-from workbench.diagnosis.linear.evidence import Moments, Projected, once, scan_moments
+from workbench.diagnosis.levels import AT_ONCE, SHOWN
+from workbench.diagnosis.linear.evidence import (
+    Moments,
+    Projected,
+    Scores,
+    once,
+    scan_moments,
+    squares_of,
+)
 from workbench.diagnosis.linear.problem import Candidate, Problem, Scan, Site
-from workbench.diagnosis.linear.smooth_alternatives import functions
 
 UNNAMED_SHARE = 0.1
 """Prior chance that what is missing is in no row of the library."""
 LEVEL_UNNAMED = 0.3
 """Share of the error level that the smooth nonparametric alternatives receive."""
-_KEPT = 2000  # samples up to which products of functions are kept
-_AT_ONCE = 2_000_000  # numbers of columns that are judged together: sixteen megabytes
-_FEW = 12  # options of a scan that are looked at one by one; the others only count in their family
 
 
 @dataclass(frozen=True)
 class Hypothesis:
     """One possibly missing effect, judged conditional on a fitted baseline.
 
-    `log_prior`: of this variant; `evidence`: log Bayes factor against nothing; `p`: of its F test by
-    itself; `weight`: its share of the error level of the whole search; `gain`, `rank` as in `Scores`.
-    `unnamed`: covariates of a smooth nonparametric alternative, () for a named effect. `source`: what it came
-    from, a Candidate, (Scan, option) or (Site, names).
+    `evidence`: log Bayes factor against nothing; `p`: of its F test by itself; `gain`, `rank` as in `Scores`. `mass`:
+    of this variant's prior, relative to others of its `family`; `log_prior`: of this variant; `weight`: its share of
+    the error level of the whole search. `unnamed`: covariates of a smooth nonparametric alternative, () for a named
+    effect. `source`: what it came from, a Candidate, (Scan, option) or (Site, names).
     """
 
     effect: str
     where: str
     label: str
-    family: str
-    effects: tuple[Effect, ...]
-    unnamed: tuple[str, ...]
-    missing: str
-    together: bool
-    source: object
-    log_prior: float
-    weight: float
-    evidence: float
-    p: float
-    gain: float
-    rank: int
+    family: str = ""
+    effects: tuple[Effect, ...] = ()
+    source: object = None
+    mass: float = 1.0
+    evidence: float = 0.0
+    p: float = 1.0
+    gain: float = 0.0
+    rank: int = 1
+    unnamed: tuple[str, ...] = ()
+    missing: str = ""
+    together: bool = True
+    log_prior: float = 0.0
+    weight: float = 1.0
 
     @property
     def log_weight(self) -> float:
@@ -60,11 +67,8 @@ class Hypothesis:
     @property
     def reads(self) -> set[str]:
         """Covariates of which a law of one joint is a function; none of other laws."""
-        return (
-            set(self.effects[0].reads)
-            if self.effects and self.where.startswith("joint-")
-            else set()
-        )
+        is_of_joint = self.effects and self.where.startswith("joint-")
+        return set(self.effects[0].reads) if is_of_joint else set()
 
     @property
     def needs_compliance(self) -> bool:
@@ -99,20 +103,21 @@ def columns_of(source, problem: Problem) -> np.ndarray:
     """(N, P) columns in typical sizes of what a hypothesis came from."""
     if isinstance(source, Candidate):
         return source.columns * source.typical
-    first, option = source
-    if isinstance(first, Site):
-        waves, sizes = waves_at(problem, option, first.fine)
-    elif first.kind == "step":
-        step = (first.x > option).astype(float)
-        waves, sizes = (step - first.centred * step.mean())[None], np.ones(1)
-    else:
-        waves, sizes = np.stack([np.cos(option * first.x), np.sin(option * first.x)]), np.ones(2)
-    waves = (waves * sizes[:, None])[:, problem.sample]
-    return (
-        (first.typical[:, None, None] * first.rows[:, None] * waves)
-        .reshape(-1, len(problem.sample))
-        .T
-    )
+    place, option = source
+    waves = _functions(place, option, problem)[:, problem.sample]
+    columns = place.typical[:, None, None] * place.rows[:, None] * waves
+    return columns.reshape(-1, len(problem.sample)).T
+
+
+def _functions(place: Scan | Site, option, problem: Problem) -> np.ndarray:
+    """(V, n) functions, in their prior sizes, of one option of a scan or of the covariates named at a site."""
+    if isinstance(place, Site):
+        waves, sizes = waves_at(problem, option, place.fine)
+        return waves * sizes[:, None]
+    if place.kind == "step":
+        step = (place.x > option).astype(float)
+        return (step - place.centred * step.mean())[None]
+    return np.stack([np.cos(option * place.x), np.sin(option * place.x)])
 
 
 def waves_at(
@@ -128,17 +133,15 @@ def waves_at(
 
 
 def _squares(problem: Problem, chosen: Sequence[tuple[str, ...]], fine: int) -> np.ndarray:
-    """(C, U, n) products of all pairs of each of several `waves_at`; made once."""
+    """(C, U, n) products of all pairs of each of several `waves_at`."""
 
-    def make(names):
-        waves, _ = waves_at(problem, names, fine)
-        first, second = np.triu_indices(len(waves))
-        return waves[first] * waves[second]
+    def made(names):
+        def make():
+            return squares_of(waves_at(problem, names, fine)[0])
 
-    kept = problem.made if problem.n <= _KEPT else {}
-    return np.stack(
-        [once(kept, ("squares", names, fine), partial(make, names)) for names in chosen]
-    )
+        return once(problem.kept, ("squares", names, fine), make)
+
+    return np.stack([made(names) for names in chosen])
 
 
 def judged(
@@ -149,16 +152,13 @@ def judged(
     wanted: (family, label) of options of scans that must be among them, however unlikely.
     """
     projected = projected or Projected(problem)
-    named = [*_candidates((*problem.candidates, *problem.with_masses), projected)]
-    named += [
-        row for s in problem.scans if not s.unnamed for row in _scan(s, projected, set(wanted))
-    ]
-    unnamed = [row for site in problem.sites for row in _site(site, problem, projected)]
-    periods = [row for s in problem.scans if s.unnamed for row in _scan(s, projected, set(wanted))]
-    found = [
-        *_with_priors(named, 1 - UNNAMED_SHARE, 1 - LEVEL_UNNAMED),
-        *_unnamed_priors(unnamed, periods),
-    ]
+    wanted = set(wanted)
+    named = [*_of_candidates((*problem.candidates, *problem.with_masses), projected)]
+    periods = []
+    for scan in problem.scans:
+        (periods if scan.unnamed else named).extend(_of_scan(scan, projected, wanted))
+    smooth = [h for site in problem.sites for h in _of_site(site, problem, projected)]
+    found = [*_named_priors(named), *_unnamed_priors(smooth, periods)]
     free = [h for h in found if not any(_excludes(effect, h) for effect in problem.effects)]
     return sorted(free, key=lambda h: -h.log_weight)
 
@@ -174,144 +174,117 @@ def _excludes(effect: Effect, h: Hypothesis) -> bool:
     return not h.together or any(effect.options == other.options for other in h.effects)
 
 
-def _candidates(candidates: Sequence[Candidate], projected: Projected):
-    """(mass, hypothesis without prior) of each candidate, those with equally many columns at once."""
+def _of_candidates(candidates: Sequence[Candidate], projected: Projected) -> Iterator[Hypothesis]:
+    """Each candidate judged, those with equally many columns at once."""
     widths = np.array([c.columns.shape[1] for c in candidates])
     for chosen, name in _groups(candidates, widths):
         moments = projected.of_columns(np.stack([c.columns * c.typical for c in chosen]), name)
         scores = projected.judge(moments)
-        scores = replace(
-            scores, evidence=scores.evidence + _one_sided(chosen, moments, scores, projected)
-        )
+        signs = _one_sided(chosen, moments, scores, projected)
+        scores = replace(scores, evidence=scores.evidence + signs)
         for i, c in enumerate(chosen):
-            description = (
+            yield Hypothesis(
                 c.effect,
                 c.where,
                 c.label,
                 c.family,
                 c.effects,
-                (),
-                c.missing,
-                c.together,
                 c,
+                c.mass,
+                *scores.row(i),
+                missing=c.missing,
+                together=c.together,
             )
-            yield c.mass, description, _row(scores, i)
 
 
 def _groups(candidates: Sequence[Candidate], widths: np.ndarray):
-    """(candidates, name) of groups with equally many columns, of no more numbers together than `_AT_ONCE`."""
+    """(candidates, name) of groups with equally many columns, of no more numbers together than `AT_ONCE`."""
     for width in np.unique(widths):
         rows = np.flatnonzero(widths == width)
-        size = max(_AT_ONCE // candidates[rows[0]].columns.size, 1)
+        size = max(AT_ONCE // candidates[rows[0]].columns.size, 1)
         for start in range(0, len(rows), size):
             chosen = [candidates[i] for i in rows[start : start + size]]
             yield chosen, ("candidates", width, start)
 
 
-def _one_sided(chosen, moments: Moments, scores, projected: Projected) -> np.ndarray:
+def _one_sided(chosen, moments: Moments, scores: Scores, projected: Projected) -> np.ndarray:
     """(C,) log 2 Phi(z): what a single parameter that cannot be negative, z sigmas from 0, gains or loses."""
     only = np.array([c.positive and len(c.typical) == 1 for c in chosen])
-    sigma = np.sqrt(
-        np.maximum(projected.yy - scores.gain / projected.design_effect, 1e-300) / projected.degrees
-    )
-    z = -np.sign(moments.score[:, 0]) * np.sqrt(scores.gain / projected.design_effect) / sigma
+    gain = scores.gain / projected.design_effect
+    variance = np.maximum(projected.yy - gain, 1e-300) / projected.degrees
+    z = -np.sign(moments.score[:, 0]) * np.sqrt(gain / variance)
     return np.where(only, np.log(2) + log_ndtr(z), 0.0)
 
 
-def _scan(scan: Scan, projected: Projected, wanted):
+def _of_scan(scan: Scan, projected: Projected, wanted: set) -> Iterator[Hypothesis]:
+    """The best options of a scan, and those whose (family, label) is wanted; the first stands for all others, too."""
     scores = projected.judge(scan_moments(projected, scan))
     mass = scan.mass / max(scan.mass.sum(), 1e-300)
     best = np.argsort(-(scores.evidence + np.log(mass)))
-    rest = (
-        logsumexp(scores.evidence[best[_FEW:]], b=mass[best[_FEW:]])
-        if len(best) > _FEW
-        else -np.inf
-    )
+    others = best[SHOWN:]
+    if len(others):
+        rest = logsumexp(scores.evidence[others], b=mass[others]) - np.log(mass[best[0]])
+        scores.evidence[best[0]] = np.logaddexp(scores.evidence[best[0]], rest)
     labels = {label for family, label in wanted if family == scan.family}
-    also = [i for i in best[_FEW:] if labels and scan.word.format(scan.options[i]) in labels]
-    for place, i in enumerate([*best[:_FEW], *also]):
+    also = [i for i in others if labels and scan.word.format(scan.options[i]) in labels]
+    for i in (*best[:SHOWN], *also):
         value = float(scan.options[i])
-        effects = scan.make(value) if scan.make else ()
-        label = scan.word.format(value)
-        row, own = _row(scores, i), scan.mass[i]
-        if place == 0 and np.isfinite(
-            rest
-        ):  # the best stands for all that are not looked at one by one
-            evidence = np.logaddexp(row[0], rest - np.log(mass[i]))
-            row = (evidence, *row[1:])
-        source = (scan, value)
-        yield (
-            own,
-            (
-                scan.effect,
-                scan.where,
-                label,
-                scan.family,
-                effects,
-                scan.unnamed,
-                "",
-                scan.together,
-                source,
-            ),
-            row,
-        )
-
-
-def _row(scores, i):
-    return float(scores.evidence[i]), float(scores.p[i]), float(scores.gain[i]), int(scores.rank[i])
-
-
-def _with_priors(rows, share, level):
-    """Each family equally likely, its variants by their mass; the level of the search shared alike."""
-    rows = list(rows)
-    total: dict[str, float] = {}
-    for mass, description, _ in rows:
-        total[description[3]] = total.get(description[3], 0.0) + mass
-    for mass, description, (evidence, p, gain, rank) in rows:
-        part = mass / total[description[3]] / len(total)
         yield Hypothesis(
-            *description, float(np.log(share * part)), level * part, evidence, p, gain, rank
+            scan.effect,
+            scan.where,
+            scan.word.format(value),
+            scan.family,
+            scan.make(value) if scan.make else (),
+            (scan, value),
+            scan.mass[i],
+            *scores.row(i),
+            unnamed=scan.unnamed,
+            together=scan.together,
         )
 
 
-def _site(site: Site, problem: Problem, projected: Projected):
+def _of_site(site: Site, problem: Problem, projected: Projected) -> Iterator[Hypothesis]:
     """Functions of one covariate and of two at a site, those with equally many numbers at once."""
     slots = projected.slots(site.rows, ("site", site.where, site.port))
-    groups: dict[int, list] = {}
+    groups: dict[int, list[tuple[str, ...]]] = {}
     for names in (*((c,) for c in site.covariates), *site.pairs):
-        waves, sizes = waves_at(problem, names, site.fine)
-        groups.setdefault(len(waves), []).append(
-            (names, waves, np.outer(site.typical, sizes).ravel())
-        )
-    for group in groups.values():
-        chosen, waves, typical = (
-            np.stack(held) if i else tuple(held) for i, held in enumerate(zip(*group))
-        )
-        squares = partial(_squares, problem, chosen, site.fine) if len(site.rows) > 1 else None
-        moments = slots.times((site.fine, *chosen), waves, typical, squares)
-        scores = projected.judge(moments)
-        for i, (names, *_) in enumerate(group):
-            label = (
-                f"a {'sharply changing' if site.sharp else 'smooth'} function of "
-                + " and ".join(names)
-            )
-            yield (
-                len(names),
-                ("unknown", site.where, label, "", (), names, "", True, (site, names)),
-                _row(scores, i),
-            )
+        groups.setdefault(len(waves_at(problem, names, site.fine)[0]), []).append(names)
+    kind = "sharply changing" if site.sharp else "smooth"
+    for chosen in groups.values():
+        known = [waves_at(problem, names, site.fine) for names in chosen]
+        waves = np.stack([functions for functions, _ in known])
+        typical = np.stack([np.outer(site.typical, sizes).ravel() for _, sizes in known])
+        squares = partial(_squares, problem, chosen, site.fine)
+        scores = projected.judge(slots.times((site.fine, *chosen), waves, typical, squares))
+        for i, names in enumerate(chosen):
+            label = f"a {kind} function of {' and '.join(names)}"
+            about = ("unknown", site.where, label, "", (), (site, names), 1.0)
+            yield Hypothesis(*about, *scores.row(i), unnamed=names)
 
 
-def _unnamed_priors(rows, periods):
+def _named_priors(rows: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
+    """Each family equally likely, its variants by their mass; the level of the search shared alike."""
+    total: Counter[str] = Counter()
+    for h in rows:
+        total[h.family] += h.mass
+    for h in rows:
+        part = h.mass / total[h.family] / len(total)
+        yield _with_prior(h, 1 - UNNAMED_SHARE, 1 - LEVEL_UNNAMED, part)
+
+
+def _unnamed_priors(smooth: Sequence[Hypothesis], periods: Sequence[Hypothesis]):
     """Functions of one covariate, of two, and periods: each kind shares the prior equally, as do its members."""
-    kinds = {k: [row for row in rows if row[0] == k] for k in (1, 2)} | {3: list(periods)}
-    held = [members for members in kinds.values() if members]
+    kinds = [[h for h in smooth if len(h.unnamed) == k] for k in (1, 2)] + [periods]
+    held = [members for members in kinds if members]
     for members in held:
-        total = sum(mass for mass, *_ in members) if members is kinds[3] else len(members)
-        for mass, description, (evidence, p, gain, rank) in members:
-            part = (mass if members is kinds[3] else 1.0) / total / len(held)
-            prior = float(np.log(UNNAMED_SHARE * part))
-            yield Hypothesis(*description, prior, LEVEL_UNNAMED * part, evidence, p, gain, rank)
+        total = sum(h.mass for h in members)
+        for h in members:
+            yield _with_prior(h, UNNAMED_SHARE, LEVEL_UNNAMED, h.mass / total / len(held))
+
+
+def _with_prior(h: Hypothesis, share: float, level: float, part: float) -> Hypothesis:
+    """With its part of the prior and of the error level that all of its kind have."""
+    return replace(h, log_prior=float(np.log(share * part)), weight=level * part)
 
 
 def family_wise(hypotheses: Sequence[Hypothesis], least: float = 0.0) -> float:

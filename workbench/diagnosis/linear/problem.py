@@ -26,6 +26,9 @@ from workbench.diagnosis.linear.kept_effects import Added, Beyond
 _SINGULAR = 1e-11
 """Relative singular value below which a direction of a Jacobian is rounding: 1e-16 times 1e5 of its columns' scales."""
 
+_MANY = 2000
+"""Samples beyond which products of functions are made again where they are needed: each takes kilobytes a sample."""
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -118,7 +121,7 @@ class Site:
 
     @property
     def fine(self) -> int:
-        """How finely a function may change here, see `smooth_alternatives.functions`."""
+        """How finely a function may change here, see `robot_model.effects.nonparametric.functions`."""
         return 2 if self.sharp else int(len(self.rows) == 1)
 
     @property
@@ -179,6 +182,11 @@ class Problem:
     rotation: np.ndarray | None = (
         None  # (N,) True for coordinates of an orientation, in rad; None: there are none
     )
+
+    @property
+    def kept(self) -> dict:
+        """As `made`, for what is large: not kept where the samples are many."""
+        return self.made if self.n <= _MANY else {}
 
     def conditional_on(self, kept: Sequence[int] | None = None) -> "Problem":
         """The problem with some of the effects (None: all) in the basis and the others back in the residual.
@@ -418,9 +426,6 @@ class Finding:
     depends_on: tuple[str, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     alarms: tuple[str, ...] = ()
-    function: object = (
-        None  # of an unknown: smooth_alternatives.Function, to be drawn and described
-    )
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 from robot_model.effects import CATALOGUE
 from robot_model.effects.curve import JointCurve
 from robot_model.effects.elastic import JointCompliance
+from robot_model.effects.nonparametric import SmoothFunction
 from robot_model.state import moved
 from robot_model.system import RobotChain, bind
 from workbench.core.covariates import clock
@@ -19,7 +20,6 @@ from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.diagnosis.linear.problem import Problem, Site
-from workbench.diagnosis.linear.smooth_alternatives import Smooth
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot import mass_responses
 from workbench.diagnosis.robot.derived import mass_rows, spectrum
@@ -365,7 +365,7 @@ class RobotBench:
         """A smooth function of the covariates at a site, as an effect that can join the model."""
         held = [self.chain.state.covariates[name] for name in names]
         spans = [(float(x.min()), float(x.max())) for x in held]
-        return Smooth(
+        return SmoothFunction(
             site.where,
             site.port,
             names,

@@ -6,12 +6,12 @@ import numpy as np
 
 from robot_model.effects import CATALOGUE
 from robot_model.effects.curve import curve_candidates
+from robot_model.effects.nonparametric import PeriodicMotion
 from workbench.core.covariates import clock
 from workbench.core.effect import Grid
 from workbench.core.model import STATE_PORTS
 from workbench.core.vocabulary import Covariate
 from workbench.diagnosis.linear.problem import Scan, Site
-from workbench.diagnosis.linear.smooth_alternatives import Wave
 from workbench.diagnosis.robot.library import grids, scan_of
 
 _TYPICAL = {"rad": 3e-4, "mm": 0.05}
@@ -146,7 +146,7 @@ def _floor(chain, rows, turns) -> list[Scan]:
     units = ("mm", "mm", "mm", "rad", "rad", "rad")
 
     def make(rate):
-        return (Wave("base", rate, units, tuple(turns.tolist())),)
+        return (PeriodicMotion("base", rate, units, tuple(turns.tolist())),)
 
     flat = _flat(rows("frame", chain.slots("frame", "base")))
     return [

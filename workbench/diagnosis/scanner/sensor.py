@@ -13,13 +13,13 @@ from dataclasses import replace
 import numpy as np
 
 from datasets.recording import Recording
+from robot_model.effects.nonparametric import SmoothFunction
 from sensors.light.mirror import NAMES
 from workbench.core.effect import Effect
 from workbench.core.least_squares.bundle import BundleFit, solve_bundle
 from workbench.core.model import Model
 from workbench.core.parameters import Parameter, Parameters
 from workbench.diagnosis.linear.problem import Found, Problem, Site
-from workbench.diagnosis.linear.smooth_alternatives import Smooth
 from workbench.diagnosis.scanner.pose_error import without_pose_error
 from workbench.diagnosis.scanner.sensor_library import Kind, described, places
 from workbench.diagnosis.scanner.sensor_linear import (
@@ -265,7 +265,9 @@ class SensorBench:
         spans = tuple(
             (float(self.covariates[c].min()), float(self.covariates[c].max())) for c in names
         )
-        made = Smooth(site.where, site.port, names, spans, site.unit, tuple(site.typical.tolist()))
+        made = SmoothFunction(
+            site.where, site.port, names, spans, site.unit, tuple(site.typical.tolist())
+        )
         made.components = next(
             p.slots for p in places(self.kind) if (p.where, p.port) == (site.where, site.port)
         )

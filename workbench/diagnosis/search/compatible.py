@@ -6,9 +6,9 @@ make: those that read the same covariates, for a law is a function of these, too
 
 import numpy as np
 
+from robot_model.effects.nonparametric import SHARP_DEGREE
 from robot_model.effects.transmission import JointCoupling, TransmissionHarmonic
 from workbench.diagnosis.linear.hypotheses import Hypothesis
-from workbench.diagnosis.linear.smooth_alternatives import SHARP_DEGREE
 
 _WAVE = TransmissionHarmonic.effect
 _SLOW = 6.0
