@@ -14,7 +14,7 @@ from robot_model.system import bind
 from workbench.core.model import Model
 from workbench.diagnosis.linear.evidence import SIZES, Moments, Projected, judge
 from workbench.diagnosis.linear.problem import Problem
-from workbench.diagnosis.noise.outliers import named, robust_weights, spread_with
+from workbench.diagnosis.noise.outliers import robust_weights, spread_with
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.select import find
 
@@ -195,7 +195,6 @@ def test_weights_fall_only_far_out():
     weights = robust_weights(white)
     assert weights[0] < 1e-3
     assert (weights[1:30] == 1).all()
-    assert named(white)[0]
 
 
 def test_keeping_an_effect_is_the_same_as_solving_with_it():

@@ -321,6 +321,16 @@ class Problem:
         return self.basis.shape[1] + kept
 
     @property
+    def root_weights(self) -> np.ndarray:
+        """(N,) roots of the samples' robust weights, by which all columns are multiplied; never 0."""
+        return np.sqrt(np.maximum(self.weights, 1e-12))[self.sample]
+
+    @property
+    def units(self) -> np.ndarray:
+        """(N,) what one whitened unit is where no sample is down-weighted, in the coordinate's own unit."""
+        return self.sigma / self.root_weights
+
+    @property
     def n(self) -> int:
         """Number of samples."""
         return len(self.pose)

@@ -7,7 +7,7 @@ from workbench.core.common_effects import NoiseLaw
 from workbench.diagnosis.levels import ON_DATA
 from workbench.diagnosis.linear.problem import Finding, Problem
 from workbench.diagnosis.noise.contaminated import contaminated
-from workbench.diagnosis.noise.outliers import evened, spread_along, spread_with
+from workbench.diagnosis.noise.outliers import spread_along, spread_with
 
 _CLEAR = 20.0  # Bayes factor from which on outliers are claimed: by chance less than once in as many times
 _RARE = 9.0  # recordings without outliers for one that has some
@@ -29,11 +29,7 @@ def of_data(problem: Problem) -> tuple[np.ndarray, tuple[Finding, ...]]:
 
 def far_off(problem: Problem, outliers: np.ndarray) -> float:
     """Whitened sum of squares of the samples `outliers` (n,) bool, without the robust weights."""
-    left = (
-        problem.clear(problem.residual)
-        / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
-    )
-    return float((left[outliers[problem.sample]] ** 2).sum())
+    return float((_unweighted(problem)[outliers[problem.sample]] ** 2).sum())
 
 
 def unevenly(problem: Problem) -> np.ndarray | None:
@@ -44,7 +40,9 @@ def unevenly(problem: Problem) -> np.ndarray | None:
     found = _spread(problem)
     if not found:
         return None
-    return spread_along(_white(problem), problem.covariates[found[0].depends_on[0]])
+    return spread_along(
+        _unweighted(problem).reshape(-1, problem.n), problem.covariates[found[0].depends_on[0]]
+    )
 
 
 def evened_out(problem: Problem, spread: np.ndarray) -> Problem:
@@ -53,10 +51,9 @@ def evened_out(problem: Problem, spread: np.ndarray) -> Problem:
     return problem.through(lambda rows: rows * factor, problem.weights / spread**2)
 
 
-def _white(problem: Problem) -> np.ndarray:
-    """(m, n) residuals of all that is kept, without the robust weights."""
-    root = np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
-    return (problem.clear(problem.residual) / root).reshape(-1, problem.n)
+def _unweighted(problem: Problem) -> np.ndarray:
+    """(N,) residuals of all that is kept, without the robust weights."""
+    return problem.clear(problem.residual) / problem.root_weights
 
 
 def _outlying(problem: Problem, name: str) -> tuple[float, np.ndarray]:
@@ -65,18 +62,15 @@ def _outlying(problem: Problem, name: str) -> tuple[float, np.ndarray]:
     Those with equally many coordinates are judged together, and the factors averaged; `name`: of the covariate that
     the spread goes with.
     """
-    white = (
-        problem.clear(problem.residual)
-        / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
-    )
+    white = _unweighted(problem)
     order = np.argsort(problem.sample, kind="stable")
     count, each, factors = np.bincount(problem.sample, minlength=problem.n), np.zeros(problem.n), []
     for m in np.unique(count[count > 0]):  # a corner has two coordinates, a stripe one
         mine = order[count[problem.sample[order]] == m].reshape(-1, m)
         at, left = problem.sample[mine[:, 0]], white[mine].T
-        factor, each[at] = contaminated(
-            evened(left, problem.covariates[name][at]) if name else left
-        )
+        if name:
+            left = left / spread_along(left, problem.covariates[name][at])
+        factor, each[at] = contaminated(left)
         factors.append(factor)
     return float(logsumexp(factors) - np.log(len(factors))), each
 
@@ -85,7 +79,7 @@ def _spread(problem: Problem) -> tuple[Finding, ...]:
     """Noise that is not the same everywhere, where that is beyond chance; samples of several kinds are not compared."""
     if len(problem.residual) % problem.n:
         return ()
-    found = spread_with(_white(problem), problem.covariates)
+    found = spread_with(_unweighted(problem).reshape(-1, problem.n), problem.covariates)
     if found is None or found[1] > ON_DATA:
         return ()
     name, p = found

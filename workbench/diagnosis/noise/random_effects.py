@@ -30,8 +30,8 @@ _ROUNDS = 30
 """Iterations for a shape (Tyler 1987): each at least halves what is left."""
 _FAR = 3.0
 """Median lengths from which on a sample counts no more: one in a hundred of Gaussian ones."""
-_PERIODS, _ORDERS, _CLEAR = 1.6, 400_000, 1e-4
-"""How far a count may be from what its spread says, how many counts are tried, and the p-value of one."""
+_PERIODS, _ORDERS = 1.6, 400_000
+"""How far a count may be from what its spread says, and how many counts are tried."""
 _GRID = 20
 """Places of a grid in the shortest wave: that costs a hundredth of its power."""
 LABEL = "from sample to sample, with nothing that was recorded"
@@ -77,29 +77,23 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
     m = len(problem.residual) // problem.n
     if m < 2 or len(problem.residual) != m * problem.n or not problem.sites:
         return None
-    root = np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
+    root = problem.root_weights
     whole = (problem.clear(problem.residual) / root).reshape(m, problem.n)
     sites = [replace(site, rows=site.rows / root) for site in places(problem)]
     length = np.sqrt((whole**2).sum(0))
     z = whole * np.minimum(1.0, _FAR * np.median(length) / np.maximum(length, 1e-300))
     _, pose = np.unique(problem.pose, return_inverse=True)
-    share = (
-        1.0 / np.bincount(pose)[pose]
-    )  # repeats of a pose err together: by Hoelder's inequality they count as one
+    # repeats of a pose err together: by Hoelder's inequality they count as one
+    share = 1.0 / np.bincount(pose)[pose]
     scores = np.array([_score(_tensor(site, m), z, pose) for site in sites])
     turns = np.array([_turned(site, z, share) for site in sites]) - _constant(z, share)
-    p = (
-        2
-        * len(sites)
-        * min(float(norm.sf(scores.max())), _TRIED * float(np.exp(-max(turns.max(), 0.0))))
-    )
+    by_score = float(norm.sf(scores.max()))
+    by_turn = _TRIED * float(np.exp(-max(turns.max(), 0.0)))
+    p = 2 * len(sites) * min(by_score, by_turn)
     if p > level:
         return None
-    near = [
-        site
-        for site, score, turn in zip(sites, scores, turns)
-        if score > _NEAR * scores.max() or turn > max(_NEAR * turns.max(), 0.0)
-    ]
+    is_near = (scores > _NEAR * scores.max()) | (turns > max(_NEAR * turns.max(), 0.0))
+    near = [sites[i] for i in np.flatnonzero(is_near)]
     likely = [_likelihood(site, z) for site in near]
     best = int(np.argmax([row[0] for row in likely]))
     own, (log, ratio, noise) = near[best], likely[best]
@@ -120,14 +114,16 @@ def places(problem: Problem) -> tuple[Site, ...]:
     joints = [site for site in problem.sites if site.port == "joint" and not site.sharp]
     some = [site for site in (*problem.sites, *problem.growing) if not site.sharp]
     if len(joints) > 1:
-        rows, typical = (
-            np.concatenate([getattr(s, name) for s in joints]) for name in ("rows", "typical")
-        )
-        some.append(
-            replace(joints[0], where="time", rows=rows, typical=typical, covariates=(), pairs=())
-        )
+        rows = np.concatenate([site.rows for site in joints])
+        typical = np.concatenate([site.typical for site in joints])
+        some.append(_of_clock(joints[0], rows, typical))
         some.extend(_last_moves(problem, joints))
     return tuple(some)
+
+
+def _of_clock(site: Site, rows: np.ndarray, typical: np.ndarray) -> Site:
+    """All joints by one number: the instant of their readings."""
+    return replace(site, where="time", rows=rows, typical=typical, covariates=(), pairs=())
 
 
 def _last_moves(problem: Problem, joints) -> list[Site]:
@@ -135,16 +131,11 @@ def _last_moves(problem: Problem, joints) -> list[Site]:
     held = [problem.covariates.get(site.where.replace("joint-", "move")) for site in joints]
     if any(x is None for x in held):
         return []
-    metres = np.array(
-        [[1e-3 if site.unit == "mm" else 1.0] for site in joints]
-    )  # a slide's metre counts as a radian
+    # a slide's metre counts as a radian
+    metres = np.array([[1e-3 if site.unit == "mm" else 1.0] for site in joints])
     moves = np.stack(held) / np.maximum(np.abs(held * metres).max(0), 1e-300)
     row = sum(site.rows * move[problem.sample] for site, move in zip(joints, moves))
-    return [
-        replace(
-            joints[0], where="time", rows=row, typical=joints[0].typical, covariates=(), pairs=()
-        )
-    ]
+    return [_of_clock(joints[0], row, joints[0].typical)]
 
 
 def _directions(site: Site, m: int) -> np.ndarray:
@@ -156,23 +147,33 @@ def _tensor(site, m):
     d = _directions(site, m)
     tensor = np.einsum("kan,kbn->abn", d, d)
     made = tensor - np.eye(m)[:, :, None] * np.einsum("aan->n", tensor) / m
-    return (
-        made if (made**2).sum() > _SAME * (tensor**2).sum() else np.zeros_like(made)
-    )  # every way alike
+    is_round = (made**2).sum() <= _SAME * (tensor**2).sum()  # every direction alike
+    return np.zeros_like(made) if is_round else made
 
 
 def _likelihood(site, z) -> tuple[float, float, float]:
     """Log likelihood of residuals z (m, n) in noise and what a site does by chance; its likeliest spread over the
     noise, and that noise."""
-    d = _directions(site, len(z))
-    values, vectors = symmetric_eigen(np.einsum("kan,kbn->nab", d, d))
-    squares = np.einsum("nab,an->bn", vectors, z) ** 2
-    spreads = np.geomspace(*_SPREADS, _TRIED) / np.sqrt(np.maximum(values.mean(), 1e-300))
-    widths = 1 + spreads[:, None, None] ** 2 * values.T
+    spreads, widths, squares = _widths(site, z)
     level = np.maximum((squares / widths).mean((1, 2)), 1e-300)
     logs = -0.5 * (np.log(widths).sum((1, 2)) + z.size * np.log(level))
     best = int(np.argmax(logs))
     return float(logs[best]), float(spreads[best]), float(np.sqrt(level[best]))
+
+
+def _widths(site, z) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Spreads (S,) of a site over the noise, the variances (S, m, n) that each makes along the principal directions of
+    every sample, and the squares (m, n) of residuals z (m, n) along these."""
+    d = _directions(site, len(z))
+    values, vectors = symmetric_eigen(np.einsum("kan,kbn->nab", d, d))
+    squares = np.einsum("nab,an->bn", vectors, z) ** 2
+    spreads = np.geomspace(*_SPREADS, _TRIED) / np.sqrt(np.maximum(values.mean(), 1e-300))
+    return spreads, 1 + spreads[:, None, None] ** 2 * values.T, squares
+
+
+def _unit(z: np.ndarray) -> np.ndarray:
+    """Directions (m, n) of residuals (m, n)."""
+    return z / np.maximum(np.sqrt((z**2).sum(0)), 1e-300)
 
 
 def _turned(site, z, share) -> float:
@@ -181,18 +182,10 @@ def _turned(site, z, share) -> float:
     Against directions that are all as likely; the angular central Gaussian: Tyler, Biometrika 74 (1987) 579.
     share (n,): what each sample counts.
     """
-    d = _directions(site, len(z))
-    values, vectors = symmetric_eigen(np.einsum("kan,kbn->nab", d, d))
-    unit = z / np.maximum(np.sqrt((z**2).sum(0)), 1e-300)
-    squares = np.einsum("nab,an->bn", vectors, unit) ** 2
-    spreads = np.geomspace(*_SPREADS, _TRIED) / np.sqrt(np.maximum(values.mean(), 1e-300))
-    widths = 1 + spreads[:, None, None] ** 2 * values.T
-    logs = (
-        -0.5
-        * (np.log(widths).sum(1) + len(z) * np.log(np.maximum((squares / widths).sum(1), 1e-300)))
-        @ share
-    )
-    return float(logs.max())
+    _, widths, squares = _widths(site, _unit(z))
+    length = np.maximum((squares / widths).sum(1), 1e-300)
+    logs = np.log(widths).sum(1) + len(z) * np.log(length)
+    return float((-0.5 * logs @ share).max())
 
 
 def _constant(z, share) -> float:
@@ -201,17 +194,19 @@ def _constant(z, share) -> float:
     One over the ratio of a place's likelihood to this is a valid p-value: the likeliest shape is no less likely than
     the true one, whose ratio is more than k by chance at most once in k times. However far each sample lies off.
     """
-    unit = z / np.maximum(np.sqrt((z**2).sum(0)), 1e-300)
+    unit = _unit(z)
     m = len(unit)
     shape = np.eye(m)
+
+    def lengths():
+        along = np.einsum("an,ab,bn->n", unit, inverse_positive(shape), unit)
+        return np.maximum(along, 1e-300)
+
     for _ in range(_ROUNDS):
-        lengths = np.maximum(np.einsum("an,ab,bn->n", unit, inverse_positive(shape), unit), 1e-300)
-        shape = m / share.sum() * (unit * share / lengths) @ unit.T + ROUNDING * np.eye(m)
+        shape = m / share.sum() * (unit * share / lengths()) @ unit.T + ROUNDING * np.eye(m)
         shape *= m / np.trace(shape)
-    lengths = np.maximum(np.einsum("an,ab,bn->n", unit, inverse_positive(shape), unit), 1e-300)
-    return -0.5 * (
-        share.sum() * float(np.linalg.slogdet(shape)[1]) + m * float(np.log(lengths) @ share)
-    )
+    volume = share.sum() * float(np.linalg.slogdet(shape)[1])
+    return -0.5 * (volume + m * float(np.log(lengths()) @ share))
 
 
 def _of_noise(z) -> float:
@@ -220,17 +215,15 @@ def _of_noise(z) -> float:
 
 
 def _score(tensor, z, pose):
-    whole, z = (tensor**2).sum(), z / np.maximum(np.sqrt((z**2).sum(0)), 1e-300)
+    whole, unit = (tensor**2).sum(), _unit(z)
     tensor = tensor - tensor.mean(-1, keepdims=True)
-    if (
-        (tensor**2).sum() <= _SAME * whole
-    ):  # the same for all samples, as of a frame that the instrument moves with
+    # the same for all samples, as of a frame that the instrument moves with
+    if (tensor**2).sum() <= _SAME * whole:
         return 0.0
-    each = np.bincount(pose, np.einsum("an,abn,bn->n", z, tensor, z))
+    each = np.bincount(pose, np.einsum("an,abn,bn->n", unit, tensor, unit))
     score = float(each.sum() / max(np.sqrt((each**2).sum()), 1e-300))
-    number = (each**2).sum() ** 2 / max(
-        (each**4).sum(), 1e-300
-    )  # of samples that the sum is as good as made of
+    # of so many samples the sum is as good as made
+    number = (each**2).sum() ** 2 / max((each**4).sum(), 1e-300)
     return float(norm.isf(max(student.sf(score, number), 1e-300)))
 
 
@@ -263,12 +256,8 @@ def _rounds(site, z, spread, covariates) -> float:
     A rounded reading errs by a sawtooth of one count, whose root mean square is the count over the root of twelve.
     """
     reading = covariates.get(site.where.replace("joint-", "q"))
-    if (
-        len(site.rows) > 1
-        or not site.where.startswith("joint")
-        or reading is None
-        or not np.ptp(reading)
-    ):
+    is_joint = len(site.rows) == 1 and site.where.startswith("joint")
+    if not is_joint or reading is None or not np.ptp(reading):
         return 1.0
     made, error, _ = _moved(site, z)
     weight = made / (error + spread**2)
@@ -284,8 +273,8 @@ def _waves(reading, weight, count) -> tuple[float, int]:
 
     Readings are laid on a grid of a twentieth of the shortest wave, which costs a hundredth of its power.
     """
-    span, shortest = np.ptp(reading), count / _PERIODS
-    shortest = max(shortest, 2 * np.pi * span / (_ORDERS * np.pi / 2))
+    span = np.ptp(reading)
+    shortest = max(count / _PERIODS, 4 * span / _ORDERS)
     size = int(2 ** np.ceil(np.log2(4 * span / (shortest / _GRID))))
     laid = np.bincount(((reading - reading.min()) / shortest * _GRID).astype(int), weight, size)
     power = np.abs(np.fft.rfft(laid)) ** 2
@@ -307,12 +296,8 @@ def evened_by(problem: Problem, random_effect: RandomEffect) -> Problem:
     d = _directions(site, m)
     covariance = np.eye(m)[:, :, None] + random_effect.ratio**2 * np.einsum("kan,kbn->abn", d, d)
     values, vectors = symmetric_eigen(covariance.transpose(2, 0, 1))
-    root = np.einsum(
-        "nab,nb,ncb->acn",
-        vectors,
-        random_effect.ratio / random_effect.spread / np.sqrt(values),
-        vectors,
-    )
+    scale = random_effect.ratio / random_effect.spread / np.sqrt(values)
+    root = np.einsum("nab,nb,ncb->acn", vectors, scale, vectors)
 
     def white(rows):
         return np.einsum("abn,kbn->kan", root, rows.reshape(-1, m, problem.n)).reshape(rows.shape)
@@ -336,19 +321,15 @@ def residual_random_effect(
     site = next((s for s in places(problem) if (s.where, s.port) == (where, port)), None)
     if site is None or m < 2 or len(problem.residual) != m * problem.n:
         return None
-    root = np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
-    site, z = (
-        replace(site, rows=site.rows / root),
-        (problem.clear(problem.residual) / root).reshape(m, problem.n),
-    )
+    root = problem.root_weights
+    site = replace(site, rows=site.rows / root)
+    z = (problem.clear(problem.residual) / root).reshape(m, problem.n)
     best, ratio, noise = _likelihood(site, z)
     gain = best - _of_noise(z)
     p = 0.5 * float(chi2.sf(max(2 * gain, 0.0), 1))
-    return (
-        RandomEffect(site, max(p, 1e-300), ratio * noise, ratio, np.nan, np.nan, 1.0, gain)
-        if p < level
-        else None
-    )
+    if p >= level:
+        return None
+    return RandomEffect(site, max(p, 1e-300), ratio * noise, ratio, np.nan, np.nan, 1.0, gain)
 
 
 def movement(random_effect: RandomEffect) -> float:
@@ -359,36 +340,24 @@ def movement(random_effect: RandomEffect) -> float:
 def random_effect_finding(random_effect: RandomEffect, problem: Problem) -> Finding:
     """In words of the vocabulary: rounding where it follows the reading's counts, else an unknown and what may lack."""
     size = float(np.sqrt(movement(random_effect) / len(problem.residual)))
-    given = (
-        random_effect.p_value,
-        1.0 - random_effect.p_value,
-        size,
-        size**2 * len(problem.residual),
-    )
-    if random_effect.rounds < _CLEAR:
-        return Finding(QUANTISATION, random_effect.site.where, "", (), *given)
-    label = ALONG if _which(random_effect.site)[::2] == ("time", 1) else LABEL
-    return Finding(
-        "unknown",
-        random_effect.site.where,
-        label,
-        (),
-        *given,
-        alternatives=hidden(random_effect, problem),
-    )
+    p, site = random_effect.p_value, random_effect.site
+    given = (p, 1.0 - p, size, movement(random_effect))
+    if random_effect.rounds < MOVES:
+        return Finding(QUANTISATION, site.where, "", (), *given)
+    label = ALONG if site.where == "time" and len(site.rows) == 1 else LABEL
+    others = hidden(random_effect, problem)
+    return Finding("unknown", site.where, label, (), *given, alternatives=others)
 
 
 def hidden(random_effect: RandomEffect, problem: Problem) -> tuple[Alternative, ...]:
     """What could do it through a covariate that the recording does not hold, the likelier first."""
     site, held = random_effect.site, problem.covariates
-    two = abs(random_effect.kurtosis + 2) < min(
-        2 * random_effect.error, abs(random_effect.kurtosis)
-    )  # two values: a coin's kurtosis
+    kurtosis, error = random_effect.kurtosis, random_effect.error
+    has_two_values = abs(kurtosis + 2) < min(2 * error, abs(kurtosis))  # -2 is a coin's
     warm = _warm(site)
     if site.port == "joint" and site.where != "time":
-        rows = [(Backlash.effect, site.where, "by the side of approach", "approach"), *warm][
-            :: 1 if two else -1
-        ]
+        rows = [(Backlash.effect, site.where, "by the side of approach", "approach"), *warm]
+        rows = rows if has_two_values else rows[::-1]
         rows.append(_loaded(site))
     else:
         rows = warm
@@ -413,12 +382,10 @@ def unrecorded(problem: Problem, place: Located) -> tuple[Alternative, ...]:
 
 
 def _warm(place) -> list[tuple]:
+    if not place.where.startswith(("joint", "link")):
+        return []
     effect = JointThermalDrift.effect if place.port == "joint" else LinkThermalGrowth.effect
-    return (
-        [(effect, place.where, "", "temperature")]
-        if place.where.startswith(("joint", "link"))
-        else []
-    )
+    return [(effect, place.where, "", "temperature")]
 
 
 def _loaded(place) -> tuple:
@@ -427,28 +394,21 @@ def _loaded(place) -> tuple:
 
 def _lacking(rows, held) -> tuple[Alternative, ...]:
     """Rows (effect, where, variant, kind of covariate) whose covariate is not among those `held`, as alternatives."""
-    rows = [
-        row
-        for row in rows
-        if not any(_COLUMNS[row[-1]] in name and np.ptp(x) > 0 for name, x in held.items())
-    ]
-    shares = 0.5 ** np.arange(1, len(rows) + 1)
-    why = "it needs what was not recorded"
-    return tuple(
-        Alternative(*row[:3], float(share), 1.0, why, row[3]) for row, share in zip(rows, shares)
-    )
+    varying = [name for name, x in held.items() if np.ptp(x) > 0]
+    made, share = [], 1.0
+    for effect, where, variant, kind in rows:
+        if any(_COLUMNS[kind] in name for name in varying):
+            continue
+        share /= 2
+        why = "it needs what was not recorded"
+        made.append(Alternative(effect, where, variant, share, 1.0, why, kind))
+    return tuple(made)
 
 
 def place_of(random_effect: RandomEffect) -> Located:
     """The place as the answer lists it: nothing goes with its movement, its size is the spread."""
-    return Located(
-        random_effect.site.where,
-        random_effect.site.port,
-        (),
-        0.0,
-        random_effect.p_value,
-        random_effect.spread,
-    )
+    site, p = random_effect.site, random_effect.p_value
+    return Located(site.where, site.port, (), 0.0, p, random_effect.spread)
 
 
 __all__ = [

@@ -230,7 +230,7 @@ def _left_out_lengths(problem: Problem, fold: np.ndarray, only: int | None = Non
         change = mixing @ _without_block(inner, score)
         edges = np.cumsum([part.shape[1] for part in block])[:-1]
         out[rows] = left[rows] + sum(p @ c for p, c in zip(block, np.split(change, edges)))
-    out *= problem.sigma / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
+    out *= problem.units
     if problem.rotation is None:
         lengths = np.sqrt(np.bincount(problem.sample, out**2, minlength=problem.n))
         return np.stack([lengths, np.full_like(lengths, np.nan)])

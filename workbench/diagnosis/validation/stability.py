@@ -141,9 +141,8 @@ def _solved(bench, nested: dict[int, list[Finding]], part) -> dict[int, _Solved]
 def _made(problem: Problem, findings: Sequence[Finding]) -> list[np.ndarray]:
     """(N,) mm, px: what each finding makes, orthogonal to the baseline."""
     bare = problem.conditional_on(())
-    unit = problem.sigma / np.sqrt(np.maximum(problem.weights, 1e-12))[problem.sample]
     return [
-        unit * bare.clear(sum(problem.added[i] @ problem.values[i] for i in own))
+        problem.units * bare.clear(sum(problem.added[i] @ problem.values[i] for i in own))
         for own in numbered(findings)
     ]
 
