@@ -1,7 +1,7 @@
 """A sensor's fit, linearised: residual, baseline, candidates and places, as whitened coordinates."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +15,8 @@ from sensors.scanner.adjustment import ON_BOTH
 from workbench.core.effect import Effect
 from workbench.core.least_squares.bundle import BundleFit, Family
 from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues
-from workbench.core.model import Model
+from workbench.core.model import Evaluation, Model
+from workbench.core.parameters import Parameters
 from workbench.diagnosis.linear.problem import Candidate, Problem, Scan, Site, seen_basis
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot.library import candidate_of, grids, scan_of, variants
@@ -23,11 +24,14 @@ from workbench.diagnosis.scanner.sensor_library import places
 from workbench.jobs.sensor import chains as measured_chains
 from workbench.jobs.sensor.chains import Chains
 
-_VISIBLE, WIDEST = (
-    5.0,
-    300.0,
-)  # sigmas that are just visible; times a typical size beyond which nothing is asked for
+_VISIBLE, WIDEST = 5.0, 300.0
+"""Sigmas that are just visible, and multiples of a typical size beyond which nothing is asked for."""
 _BOARD_ONLY = "artefact"
+_FAMILIES = {
+    "corners": ("placement",),
+    "board_stripes": ("placement", "step"),
+    "balls": ("ball", "step"),
+}
 
 
 def models(chains: Chains, effects: tuple[Effect, ...]) -> tuple[Model, ...]:
@@ -62,6 +66,36 @@ def families_of(chains: Chains) -> dict[str, Family]:
     return made
 
 
+@dataclass(frozen=True)
+class _Part:
+    """One of the chains at a fit: its model, whose table has the fitted values, evaluated there without noise.
+
+    `residual` (m, n) whitened; `weights` (n,) robust; `steps`: factors that make points of stripes independent.
+    """
+
+    name: str
+    model: Model
+    table: Parameters
+    here: Evaluation
+    residual: np.ndarray
+    weights: np.ndarray
+    steps: list[Step]
+
+    @cached_property
+    def root(self) -> np.ndarray:
+        """(m, n) what whitens a coordinate, with its robust weight."""
+        return np.sqrt(self.weights) / self.sigma
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(m, n) px."""
+        return np.broadcast_to(self.model.chain.sigma, self.here.residual.shape)
+
+    def white(self, rows: np.ndarray) -> np.ndarray:
+        """(k, m n) whitened rows (k, m, n)."""
+        return (decorrelated(self.steps, rows) * self.root).reshape(len(rows), -1)
+
+
 def _evaluated(chains: Chains, effects, values: Mapping[str, float]):
     """(model, its parameters, evaluation) of each part with effects at `values` (by key)."""
     made = []
@@ -72,70 +106,59 @@ def _evaluated(chains: Chains, effects, values: Mapping[str, float]):
     return made
 
 
+def _without_noise(chains: Chains, effects, values: Mapping[str, float]) -> Chains:
+    """The chains as measured without noise, effects at `values`."""
+    still = {}
+    for name, chain in chains.parts.items():
+        mine = tuple(effect for effect in effects if acts(effect, name))
+        still[name] = measured_chains.measured(chain, mine, values, 0.0)
+    return replace(chains, **still)
+
+
 class Linear:
     """A fit, linearised: residual, basis, candidates and sites of all parts as whitened coordinates."""
 
     def __init__(self, bench, effects, chains: Chains, fit: BundleFit, samples):
-        self.bench, self.effects, self.fit, self.samples = bench, effects, fit, samples
+        self.bench, self.effects, self.fit = bench, effects, fit
+        self.every = slice(None) if samples is None else samples
         there = measured_chains.at_solution(chains, fit)
-        values = {
-            p.key: fit.parameters[p.key] for p in fit.parameters.table if p.key.count(".") > 1
-        }
-        shared = [_shared_errors(name, part, bench.jitter_px) for name, part in there.parts.items()]
-        self.shared = shared
-        white = [
-            decorrelated(steps, here.residual) / model.chain.sigma
-            for steps, (model, _, here) in zip(shared, _evaluated(there, effects, values))
-        ]
-        self.residuals, self.weights = white, [robust_weights(w) for w in white]
+        table = fit.parameters.table
+        values = {p.key: fit.parameters[p.key] for p in table if p.key.count(".") > 1}
         # derivatives where nothing is noise: else the noise of a place would fit itself
-        still = {
-            name: measured_chains.measured(
-                chain, tuple(e for e in effects if acts(e, name)), values, 0.0
-            )
-            for name, chain in there.parts.items()
-        }
-        self.chains = replace(there, **still)
-        self.models, self.tables, self.points = zip(*_evaluated(self.chains, effects, values))
-        self.names = tuple(self.chains.parts)
-        self.root = [
-            np.sqrt(w) / np.broadcast_to(m.chain.sigma, here.residual.shape)
-            for w, m, here in zip(self.weights, self.models, self.points)
-        ]
+        self.chains = _without_noise(there, effects, values)
+        seen = _evaluated(there, effects, values)
+        still = _evaluated(self.chains, effects, values)
+        self.parts = []
+        for name, (model, _, noisy), own in zip(there.parts, seen, still):
+            steps = _shared_errors(name, model.chain, bench.jitter_px)
+            white = decorrelated(steps, noisy.residual) / model.chain.sigma
+            self.parts.append(_Part(name, *own, white, robust_weights(white), steps))
         self._ports: dict = {}
 
-    def flat(self, parts) -> np.ndarray:
-        """(k, N) of rows (k, m, n) a part, None for nothing; not whitened before."""
-        count = next(len(rows) for rows in parts if rows is not None)
-        made = [
-            np.zeros((count, root.size))
-            if rows is None
-            else (decorrelated(steps, rows) * root).reshape(count, -1)
-            for rows, root, steps in zip(parts, self.root, self.shared)
-        ]
+    def flat(self, rows_of_parts: Sequence[np.ndarray | None]) -> np.ndarray:
+        """(k, N) whitened, of rows (k, m, n) of each part, None where they are zero."""
+        count = next(len(rows) for rows in rows_of_parts if rows is not None)
+        made = []
+        for part, rows in zip(self.parts, rows_of_parts):
+            made.append(np.zeros((count, part.root.size)) if rows is None else part.white(rows))
         return np.concatenate(made, axis=1)
 
     def problem(self) -> Problem:
         """What the engine looks at."""
-        every = slice(None) if self.samples is None else self.samples
-        sigma = [
-            np.broadcast_to(m.chain.sigma, h.residual.shape).ravel()
-            for m, h in zip(self.models, self.points)
-        ]
-        first = np.cumsum([0, *self.chains.counts])
+        every, parts = self.every, self.parts
         added, values = self.added()
-        sample = [
-            np.tile(np.arange(n) + a, len(here.residual))
-            for n, a, here in zip(self.chains.counts, first, self.points)
-        ]
+        sample, first = [], 0
+        for part in parts:
+            count = len(part.weights)
+            sample.append(np.tile(np.arange(first, first + count), len(part.residual)))
+            first += count
+        residuals = [(part.residual * np.sqrt(part.weights)).ravel() for part in parts]
         return Problem(
-            residual=np.concatenate(
-                [(w * np.sqrt(a)).ravel() for w, a in zip(self.residuals, self.weights)]
-            ),
+            residual=np.concatenate(residuals),
             basis=self.basis,
             sample=np.concatenate(sample),
-            weights=np.concatenate(self.weights),
-            sigma=np.concatenate(sigma),
+            weights=np.concatenate([part.weights for part in parts]),
+            sigma=np.concatenate([part.sigma.ravel() for part in parts]),
             pose=self.bench.pose[every],
             order=self.bench.order[every],
             covariates={name: column[every] for name, column in self.bench.covariates.items()},
@@ -152,44 +175,40 @@ class Linear:
         """(N, R) of the shared parameters, every pose, every ball and free planes, each over its typical size."""
         table = self.fit.parameters
         keys = [key for key, free in zip(table.keys, table.mask) if free and key.count(".") == 1]
-        dense = np.zeros((len(keys), sum(root.size for root in self.root)))
-        edges = np.cumsum([0, *(root.size for root in self.root)])
-        every = zip(self.models, self.tables, self.root, self.shared, edges, edges[1:])
-        for model, table, root, steps, a, b in every:
-            own = table.only(np.isin(table.keys, keys))
-            rows = decorrelated(steps, model.linearise(own)[1]) * root
-            place = [keys.index(k) for k, free in zip(own.keys, own.mask) if free]
-            dense[place, a:b] = rows.reshape(len(rows), -1) * own.typical[own.mask][:, None]
-        families = [self.family(name, family) for name, family in families_of(self.chains).items()]
-        return seen_basis(np.concatenate([dense, *families]).T)
+        shared = []
+        for part in self.parts:
+            own = part.table.only(np.isin(part.table.keys, keys))
+            rows = part.white(part.model.linearise(own)[1])
+            place = [keys.index(key) for key, free in zip(own.keys, own.mask) if free]
+            made = np.zeros((len(keys), part.root.size))
+            made[place] = rows * own.typical[own.mask][:, None]
+            shared.append(made)
+        columns = [self.family(name, family) for name, family in families_of(self.chains).items()]
+        return seen_basis(np.concatenate([np.concatenate(shared, axis=1), *columns]).T)
 
     def family(self, name: str, family: Family) -> np.ndarray:
         """(G L, N) whitened columns of a family's groups that have samples."""
-        parts, groups = [], len(family.values)
-        every = zip(self.names, self.points, self.models, self.root, self.shared)
-        for part, here, model, root, steps in every:
-            whole = np.zeros((groups, family.length, root.size))
-            if _has(part, name):
-                rows = decorrelated(steps, here.family_rows(name)) * root
-                rows = rows * np.asarray(family.typical)[:, None, None]
-                label = np.tile(model.chain.labels[name], len(root))
-                whole[label, :, np.arange(root.size)] = rows.reshape(family.length, -1).T
-            parts.append(whole.reshape(groups * family.length, -1))
-        made = np.concatenate(parts, axis=1)
-        return made[np.any(made != 0, axis=1)]
+        made, groups = [], len(family.values)
+        for part in self.parts:
+            whole = np.zeros((groups, family.length, part.root.size))
+            if name in _FAMILIES[part.name]:
+                rows = part.white(part.here.family_rows(name))
+                rows = rows * np.asarray(family.typical)[:, None]
+                label = np.tile(part.model.chain.labels[name], len(part.root))
+                whole[label, :, np.arange(part.root.size)] = rows.T
+            made.append(whole.reshape(groups * family.length, -1))
+        columns = np.concatenate(made, axis=1)
+        return columns[np.any(columns != 0, axis=1)]
 
     def port(self, port: str, slots: tuple[int, ...], where: str) -> list:
         """Rows (k, m, n) of each part by the slots of a port, None where the place is no part of it."""
         probe = _At(where, port)
         made = []
-        for name, here in zip(self.names, self.points):
-            if not acts(probe, name):
-                made.append(None)
-                continue
-            key = name, port, slots
-            if key not in self._ports:
-                self._ports[key] = here.rows(port, np.asarray(slots))
-            made.append(self._ports[key])
+        for part in self.parts:
+            key = part.name, port, slots
+            if acts(probe, part.name) and key not in self._ports:
+                self._ports[key] = part.here.rows(port, np.asarray(slots))
+            made.append(self._ports[key] if acts(probe, part.name) else None)
         return made
 
     def candidates(self) -> tuple[Candidate, ...]:
@@ -206,9 +225,10 @@ class Linear:
     def added(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
         """Columns (N, P) and fitted values (P,) of each effect in the model."""
         columns, values = [], []
+        models_here = [part.model for part in self.parts]
         for effect in self.effects:
             columns.append(self.columns(effect)[0])
-            table = effect.parameters(host(self.models, effect).chain)
+            table = effect.parameters(host(models_here, effect).chain)
             values.append(np.array([self.fit.parameters[p.key] for p in table]))
         return tuple(columns), tuple(values)
 
@@ -227,51 +247,42 @@ class Linear:
 
     def present(self, effect) -> bool:
         """Whether an effect acts on anything here."""
-        return any(acts(effect, name) for name in self.names)
+        return any(acts(effect, part.name) for part in self.parts)
 
     def columns(self, effect: Effect) -> tuple[np.ndarray, np.ndarray]:
         """(N, P) whitened derivative by an effect's parameters at its null, and (P,) typical sizes."""
-        parts, chain = [], None
-        for name, model, here in zip(self.names, self.models, self.points):
-            if not acts(effect, name):
-                parts.append(None)
+        made, chain = [], None
+        for part in self.parts:
+            if not acts(effect, part.name):
+                made.append(None)
                 continue
-            chain = model.chain
-            rows = here.rows(effect.port, np.asarray(effect.slots(chain)))
-            parts.append(np.einsum("pkn,kmn->pmn", effect.basis(chain.state), rows))
-        return self.flat(parts).T, np.array([p.typical for p in effect.parameters(chain)])
+            chain = part.model.chain
+            rows = part.here.rows(effect.port, np.asarray(effect.slots(chain)))
+            made.append(np.einsum("pkn,kmn->pmn", effect.basis(chain.state), rows))
+        return self.flat(made).T, np.array([p.typical for p in effect.parameters(chain)])
 
     def scans(self) -> tuple[Scan, ...]:
         """Effects with one option on a fine grid, as far as the steps of the mirror can show it."""
         if not self.bench.kind.mirror or self.chains.board_stripes is None:
             return ()
         angles = tuple(np.unique(self.chains.board_stripes.angles).tolist())
-        every = slice(None) if self.samples is None else self.samples
         made = []
         for grid in grids(CATALOGUE, replace(self.bench.kind, mirror_angles=angles)):
             effect = grid.make(grid.values[0])
             slots = effect.slots(self.chains.board_stripes)
             rows = self.flat(self.port(effect.port, slots, effect.where))
-            made.append(scan_of(grid, rows, self.bench.covariates[grid.covariate][every]))
+            made.append(scan_of(grid, rows, self.bench.covariates[grid.covariate][self.every]))
         return tuple(made)
 
     def sites(self) -> tuple[Site, ...]:
         made = []
         for place in places(self.bench.kind):
-            parts = self.port(place.port, place.slots, place.where)
-            if any(rows is not None for rows in parts):
-                typical = np.full(len(place.slots), place.typical)
-                made.append(
-                    Site(
-                        place.where,
-                        place.port,
-                        self.flat(parts),
-                        place.unit,
-                        typical,
-                        place.covariates,
-                        place.pairs,
-                    )
-                )
+            rows = self.port(place.port, place.slots, place.where)
+            if all(one is None for one in rows):
+                continue
+            typical = np.full(len(place.slots), place.typical)
+            what = (place.unit, typical, place.covariates, place.pairs)
+            made.append(Site(place.where, place.port, self.flat(rows), *what))
         return tuple(made)
 
 
@@ -286,19 +297,9 @@ def _shared_errors(name: str, chain, sigma_px: float) -> list[Step]:
     return together.steps(np.broadcast_to(chain.sigma, (1, chain.n))[0])
 
 
+@dataclass(frozen=True)
 class _At:
     """A place and a port, for `acts`."""
 
-    def __init__(self, where, port):
-        self.where, self.port = where, port
-
-
-def _has(part: str, family: str) -> bool:
-    return (
-        family
-        in {
-            "corners": ("placement",),
-            "board_stripes": ("placement", "step"),
-            "balls": ("ball", "step"),
-        }[part]
-    )
+    where: str
+    port: str
