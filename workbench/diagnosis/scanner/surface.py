@@ -1,14 +1,15 @@
 """Unmodelled effects of a sensor with its own calibration, from profiles or clouds of a ball at flange poses.
 
 Baseline: hand-eye transform and centre of the ball, with a random error of every flange pose and of every point. A
-candidate displaces the points in the sensor frame; generalised least squares tests it with an F-test, and held-out
-poses confirm it. Robot errors are the same for all points of a pose, so they do not pass for an effect of the sensor.
+candidate displaces the points in the sensor frame; generalised least squares tests it with an F-test, and predictions
+of held-out poses confirm it. Robot errors are the same for all points of a pose, so they do not pass for an effect of the sensor.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import median_abs_deviation
 
 from datasets.recording import Recording
 from sensors.effects import artefact, recorded, surface
@@ -16,17 +17,18 @@ from workbench.core.distributions import fisher
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix, skew
 from workbench.core.text.uncertain import with_std
+from workbench.diagnosis.levels import MISSING, REAL
+from workbench.diagnosis.validation.folds import LEAST_FOLDS
+from workbench.diagnosis.validation.heldout import paired, rms
 from workbench.files.images.flange import flange_poses
 from workbench.jobs.sensor import hand_eye
 
 FEWEST = 8
-_FOLDS = 5
-_LEVEL = 0.01
-_GAIN = 0.01  # least fall of the held-out error
-_MOST = 4
+"""Poses without which a fit of hand-eye transform and centre leaves too little to test an effect on."""
 _STEEPEST = np.deg2rad(75.0)
+"""Incidence from which on the shift along the ray, which grows with its tangent, grows no more."""
 _STEPS = 5
-_PIVOT = 100.0  # mm: a rotation counts as a shift at this distance
+"""Steps of Gauss and Newton from the hand-eye calibration, which differs by the weights alone."""
 
 
 @dataclass(frozen=True)
@@ -99,8 +101,8 @@ def diagnose_surface(recording: Recording, progress: Callable[[str], None]) -> d
     data = _linearised(recording, run)
     progress("testing effects of the sensor")
     retained, refused = _search(data, _candidates(recording, data, run))
-    before = _held_out(data, data.baseline)
-    after = _held_out(data, _with(data, [one.candidate for one in retained]))
+    before = _rms(_held_out(data, data.baseline))
+    after = _rms(_held_out(data, _with(data, [one.candidate for one in retained])))
     return {
         "command": "diagnose",
         "recording": recording.name,
@@ -114,7 +116,7 @@ def diagnose_surface(recording: Recording, progress: Callable[[str], None]) -> d
             "after_mm": after,
             "noise_mm": float(np.hypot(data.noise, data.pose_error)),
             "noise_from": "from points of one pose and from the flange poses",
-            "folds": _FOLDS,
+            "folds": LEAST_FOLDS,
             "scheme": "whole poses",
         },
         "against": None,
@@ -173,7 +175,7 @@ def _linearised(recording: Recording, run) -> Data:
         data = _at(recording.points.T, pose, flange, (mount, centre, run.made.radius), error)
         target = data.whitened(data.residual[:, None])[:, 0]
         step = _solved(data.whitened(data.baseline), target)[1]
-        mount[:3, :3] = rotation_matrix(step[3:6] / _PIVOT) @ mount[:3, :3]
+        mount[:3, :3] = rotation_matrix(step[3:6]) @ mount[:3, :3]
         mount[:3, 3] += step[:3]
         centre = centre + step[6:9]
     return data
@@ -191,24 +193,18 @@ def _at(local, pose, flange, solution, error) -> Data:
     residual = distance - radius
     in_flange = np.einsum("nji,nj->ni", flange[pose, :3, :3], normal)
     arm = local.T @ mount[:3, :3].T
-    by_turn = np.einsum("ni,nij->nj", in_flange, -skew(arm)) / _PIVOT
+    by_turn = np.einsum("ni,nij->nj", in_flange, -skew(arm))
     baseline = np.concatenate([in_flange, by_turn, -normal], axis=1)
     noise = _noise(residual, normal, pose)
-    kept = np.abs(residual - np.median(residual)) < 6 * max(noise, 1.4826 * _spread(residual))
-    return Data(
-        residual[kept],
-        normal[kept],
-        pose[kept],
-        baseline[kept],
-        noise,
-        error,
-        local[:, kept],
-        turn,
-    )
+    spread = max(noise, _spread(residual))
+    kept = np.abs(residual - np.median(residual)) < 6 * spread
+    rows = (residual[kept], normal[kept], pose[kept], baseline[kept])
+    return Data(*rows, noise, error, local[:, kept], turn)
 
 
 def _spread(values) -> float:
-    return float(np.median(np.abs(values - np.median(values))))
+    """Standard deviation, robust."""
+    return float(median_abs_deviation(values, scale="normal"))
 
 
 def _noise(residual, normal, pose) -> float:
@@ -218,7 +214,7 @@ def _noise(residual, normal, pose) -> float:
         on = pose == k
         rows = normal[on]
         parts.append(residual[on] - rows @ np.linalg.lstsq(rows, residual[on], rcond=1e-6)[0])
-    return max(1.4826 * _spread(np.concatenate(parts)), 1e-6)
+    return max(_spread(np.concatenate(parts)), 1e-6)
 
 
 def _candidates(recording: Recording, data: Data, run) -> list[Candidate]:
@@ -276,12 +272,12 @@ def _search(data: Data, candidates) -> tuple[list[Found], list[Found]]:
     """Forward selection by F-tests, each confirmed by held-out poses."""
     chosen: list[Found] = []
     tests = len(candidates)
-    while len(chosen) < _MOST and candidates:
+    while candidates:
         base = [one.candidate for one in chosen]
         trials = [_tested(data, base, one, tests) for one in candidates]
         best = min(trials, key=lambda one: one.p_value)
         if not best.retained:
-            return chosen, [one for one in trials if one.p_value < _LEVEL]
+            return chosen, [one for one in trials if one.p_value < MISSING]
         chosen.append(best)
         candidates = [one for one in candidates if one is not best.candidate]
     return chosen, []
@@ -304,8 +300,9 @@ def _tested(data: Data, base, candidate: Candidate, tests: int) -> Found:
     std = np.sqrt(np.diag(covariance)[-k:])
     size = float(np.sqrt(np.mean((candidate.columns @ values) ** 2)))
     before, after = _held_out(data, small), _held_out(data, large)
-    retained = p_value < _LEVEL and after < (1 - _GAIN) * before
-    return Found(candidate, values, std, p_value, size, before, after, retained)
+    t = paired(data.pose, before, after, np.ones(len(target), bool))
+    retained = p_value < MISSING and t > REAL
+    return Found(candidate, values, std, p_value, size, _rms(before), _rms(after), retained)
 
 
 def _solved(rows, target) -> tuple[float, np.ndarray]:
@@ -315,13 +312,17 @@ def _solved(rows, target) -> tuple[float, np.ndarray]:
     return float(left @ left), solution
 
 
-def _held_out(data: Data, rows: np.ndarray) -> float:
-    """mm, RMS distance of the points of held-out poses."""
+def _rms(errors: np.ndarray) -> float:
+    return rms(errors, np.ones(len(errors), bool))
+
+
+def _held_out(data: Data, rows: np.ndarray) -> np.ndarray:
+    """(n,) mm, distances of the points of held-out poses from the ball."""
     white, target = data.whitened(rows), data.whitened(data.residual[:, None])[:, 0]
-    fold = data.pose % _FOLDS
+    fold = data.pose % LEAST_FOLDS
     left = np.empty_like(data.residual)
-    for k in range(_FOLDS):
+    for k in range(LEAST_FOLDS):
         train, test = fold != k, fold == k
         solution = np.linalg.lstsq(white[train], -target[train], rcond=1e-10)[0]
         left[test] = data.residual[test] + rows[test] @ solution
-    return float(np.sqrt(np.mean(left**2)))
+    return np.abs(left)
