@@ -28,6 +28,12 @@ OUTLIER = 0.05
 """Robust weight below which a sample is another process's and judges nothing."""
 SHOWN = 12
 """Alternatives that are listed at most: nobody reads more."""
+MOST = 0.5
+"""Share from which on something is most of a thing: half."""
+RARE = 0.1
+"""Prior chance of what is rare: that what is missing is in no row of the library, that a recording has outliers."""
+SAME = 1e-3
+"""Share of a whole below which a difference is none, after rounding and refitting."""
 ROUNDING = 1e-9
 """Share of a column below which what is left of it after a projection is only rounding: 1e-16 times a condition."""
 SEEN = 1e-2

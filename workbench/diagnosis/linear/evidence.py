@@ -361,4 +361,6 @@ def _waves(problem: Problem, scan: Scan, chunk: slice) -> np.ndarray:
         phase = scan.options[chunk, None] * scan.x
         return np.stack([np.cos(phase), np.sin(phase)], 1)
 
-    return once(problem.kept, ("wave", scan.where, scan.effect, chunk.start), make)
+    is_small = scan.options.size * problem.n <= AT_ONCE
+    kept = problem.made if is_small else {}
+    return once(kept, ("wave", scan.where, scan.effect, chunk.start), make)

@@ -10,7 +10,7 @@ from scipy.special import log_ndtr, logsumexp
 
 from robot_model.effects.nonparametric import functions
 from workbench.core.effect import Effect
-from workbench.diagnosis.levels import AT_ONCE, SHOWN
+from workbench.diagnosis.levels import AT_ONCE, RARE, SHOWN
 from workbench.diagnosis.linear.evidence import (
     Moments,
     Projected,
@@ -21,8 +21,6 @@ from workbench.diagnosis.linear.evidence import (
 )
 from workbench.diagnosis.linear.problem import Candidate, Problem, Scan, Site
 
-UNNAMED_SHARE = 0.1
-"""Prior chance that what is missing is in no row of the library."""
 LEVEL_UNNAMED = 0.3
 """Share of the error level that the smooth nonparametric alternatives receive."""
 
@@ -137,9 +135,11 @@ def _squares(problem: Problem, chosen: Sequence[tuple[str, ...]], fine: int) -> 
 
     def made(names):
         def make():
-            return squares_of(waves_at(problem, names, fine)[0])
+            return squares_of(waves)
 
-        return once(problem.kept, ("squares", names, fine), make)
+        waves, _ = waves_at(problem, names, fine)
+        is_small = len(waves) ** 2 * problem.n <= AT_ONCE
+        return once(problem.made if is_small else {}, ("squares", names, fine), make)
 
     return np.stack([made(names) for names in chosen])
 
@@ -269,7 +269,7 @@ def _named_priors(rows: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
         total[h.family] += h.mass
     for h in rows:
         part = h.mass / total[h.family] / len(total)
-        yield _with_prior(h, 1 - UNNAMED_SHARE, 1 - LEVEL_UNNAMED, part)
+        yield _with_prior(h, 1 - RARE, 1 - LEVEL_UNNAMED, part)
 
 
 def _unnamed_priors(smooth: Sequence[Hypothesis], periods: Sequence[Hypothesis]):
@@ -279,7 +279,7 @@ def _unnamed_priors(smooth: Sequence[Hypothesis], periods: Sequence[Hypothesis])
     for members in held:
         total = sum(h.mass for h in members)
         for h in members:
-            yield _with_prior(h, UNNAMED_SHARE, LEVEL_UNNAMED, h.mass / total / len(held))
+            yield _with_prior(h, RARE, LEVEL_UNNAMED, h.mass / total / len(held))
 
 
 def _with_prior(h: Hypothesis, share: float, level: float, part: float) -> Hypothesis:

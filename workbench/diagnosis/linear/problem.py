@@ -26,9 +26,6 @@ from workbench.diagnosis.linear.kept_effects import Added, Beyond
 _SINGULAR = 1e-11
 """Relative singular value below which a direction of a Jacobian is rounding: 1e-16 times 1e5 of its columns' scales."""
 
-_MANY = 2000
-"""Samples beyond which products of functions are made again where they are needed: each takes kilobytes a sample."""
-
 
 @dataclass(frozen=True)
 class Candidate:
@@ -182,11 +179,6 @@ class Problem:
     rotation: np.ndarray | None = (
         None  # (N,) True for coordinates of an orientation, in rad; None: there are none
     )
-
-    @property
-    def kept(self) -> dict:
-        """As `made`, for what is large: not kept where the samples are many."""
-        return self.made if self.n <= _MANY else {}
 
     def conditional_on(self, kept: Sequence[int] | None = None) -> "Problem":
         """The problem with some of the effects (None: all) in the basis and the others back in the residual.

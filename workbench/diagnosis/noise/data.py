@@ -4,13 +4,13 @@ import numpy as np
 from scipy.special import logsumexp
 
 from workbench.core.common_effects import NoiseLaw
-from workbench.diagnosis.levels import ON_DATA
+from workbench.diagnosis.levels import CERTAIN, ON_DATA, RARE
 from workbench.diagnosis.linear.problem import Finding, Problem
 from workbench.diagnosis.noise.contaminated import contaminated
 from workbench.diagnosis.noise.outliers import spread_along, spread_with
 
-_CLEAR = 20.0  # Bayes factor from which on outliers are claimed: by chance less than once in as many times
-_RARE = 9.0  # recordings without outliers for one that has some
+_CLEAR = 1 / (1 - CERTAIN)
+"""Bayes factor from which on outliers are claimed: by chance less than once in as many times."""
 
 
 def of_data(problem: Problem) -> tuple[np.ndarray, tuple[Finding, ...]]:
@@ -20,11 +20,9 @@ def of_data(problem: Problem) -> tuple[np.ndarray, tuple[Finding, ...]]:
     if factor < np.log(_CLEAR):
         return np.zeros(problem.n, bool), spread
     found = each > 0.5
-    p, label = float(np.exp(-min(factor, 690.0))), f"{found.sum()} of {problem.n}"
-    return found, (
-        *spread,
-        Finding("outliers", "samples", label, (), p, 1 / (1 + _RARE * p), 0.0, 0.0),
-    )
+    p, label = max(float(np.exp(-factor)), 1e-300), f"{found.sum()} of {problem.n}"
+    probability = RARE / (RARE + (1 - RARE) * p)
+    return found, (*spread, Finding("outliers", "samples", label, (), p, probability, 0.0, 0.0))
 
 
 def far_off(problem: Problem, outliers: np.ndarray) -> float:

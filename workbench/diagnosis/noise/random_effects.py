@@ -15,18 +15,14 @@ from robot_model.effects.drift import LinkThermalGrowth
 from robot_model.effects.elastic import JointCompliance
 from robot_model.effects.transmission import Backlash, JointThermalDrift, TimeOffset
 from workbench.core.least_squares.linear_algebra import inverse_positive, symmetric_eigen
-from workbench.diagnosis.levels import MOVES, ROUNDING
+from workbench.diagnosis.levels import MOST, MOVES, ROUNDING, SAME
 from workbench.diagnosis.linear.problem import Alternative, Finding, Located, Problem, Site
 
 QUANTISATION = "encoder-quantisation"
 """A finding on the data: readings of a joint that move at random, as counts of an encoder do."""
-_NEAR = 0.5
-"""Share of the clearest place's score from which on another place is about as clear: likelihoods decide then."""
 _SPREADS, _TRIED = (0.05, 50.0), 40
 """Spreads that are tried, in units of the noise: from invisible to nothing else, in steps of a fifth."""
-_SAME = 1e-3
-"""Share of a tensor's squares below which it is the same for all samples, or for all directions."""
-_ROUNDS = 30
+_ROUNDS = int(np.ceil(-np.log2(ROUNDING)))
 """Iterations for a shape (Tyler 1987): each at least halves what is left."""
 _FAR = 3.0
 """Median lengths from which on a sample counts no more: one in a hundred of Gaussian ones."""
@@ -92,7 +88,8 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
     p = 2 * len(sites) * min(by_score, by_turn)
     if p > level:
         return None
-    is_near = (scores > _NEAR * scores.max()) | (turns > max(_NEAR * turns.max(), 0.0))
+    # likelihoods decide between places that are about as clear
+    is_near = (scores > MOST * scores.max()) | (turns > max(MOST * turns.max(), 0.0))
     near = [sites[i] for i in np.flatnonzero(is_near)]
     likely = [_likelihood(site, z) for site in near]
     best = int(np.argmax([row[0] for row in likely]))
@@ -147,7 +144,7 @@ def _tensor(site, m):
     d = _directions(site, m)
     tensor = np.einsum("kan,kbn->abn", d, d)
     made = tensor - np.eye(m)[:, :, None] * np.einsum("aan->n", tensor) / m
-    is_round = (made**2).sum() <= _SAME * (tensor**2).sum()  # every direction alike
+    is_round = (made**2).sum() <= SAME * (tensor**2).sum()  # every direction alike
     return np.zeros_like(made) if is_round else made
 
 
@@ -218,7 +215,7 @@ def _score(tensor, z, pose):
     whole, unit = (tensor**2).sum(), _unit(z)
     tensor = tensor - tensor.mean(-1, keepdims=True)
     # the same for all samples, as of a frame that the instrument moves with
-    if (tensor**2).sum() <= _SAME * whole:
+    if (tensor**2).sum() <= SAME * whole:
         return 0.0
     each = np.bincount(pose, np.einsum("an,abn,bn->n", unit, tensor, unit))
     score = float(each.sum() / max(np.sqrt((each**2).sum()), 1e-300))

@@ -22,19 +22,15 @@ from sensors.light.grouping import groups
 from workbench.core.effect import Effect
 from workbench.core.least_squares.adjustment_tests import neighbour_test
 from workbench.core.model import Model
-from workbench.diagnosis.levels import MISSING, REAL
+from workbench.diagnosis.levels import MISSING, ON_DATA, REAL
 from workbench.diagnosis.linear.problem import Finding, Problem
 from workbench.diagnosis.scanner.sensor_linear import acts
 from workbench.diagnosis.validation.folds import schemes
 from workbench.jobs.sensor.chains import at_solution
 
 EFFECT, WHERE = "mirror-jitter", "mirror"
-_RELEVANT = 1.0  # of the noise of one averaged point of a stripe, from which a displacement matters
 _FEWEST_STRIPES, _FEWEST_POSES = 20, 3
 _DEGREE = 2  # of the polynomial in the mirror's angle that the error of a board pose makes
-_SYSTEMATIC = (
-    1e-3  # p-value below which stripes of one step, or neighbours in time, are displaced alike
-)
 _SMALLEST, _LARGEST = 1e-3, 1e3  # of the noise of a stripe's mean: spreads that are tried
 
 
@@ -95,12 +91,12 @@ class _Stripes:
     @property
     def is_systematic(self) -> bool:
         """Whether stripes of one step, or those that follow one another, are displaced alike: that is no chance."""
-        if self._by_step() < _SYSTEMATIC:
+        if self._by_step() < ON_DATA:
             return True
         ordered = np.argsort(self.order, kind="stable")
         previous = np.empty(len(ordered), int)
         previous[ordered] = np.r_[ordered[1], ordered[:-1]]
-        return neighbour_test(self.displaced[None], previous).p_value < _SYSTEMATIC
+        return neighbour_test(self.displaced[None], previous).p_value < ON_DATA
 
     def _by_step(self) -> float:
         """p-value of a one-way analysis of variance, with the degrees of freedom that the contrasts leave."""
@@ -149,8 +145,9 @@ def jitter_before_proof(bench, effects: Sequence[Effect], problem: Problem) -> I
 
 def _judged(bench, found: _Stripes) -> ImageJitter | None:
     sigma, count = found.sigma, len(found.displaced)
+    # a displacement matters from the noise of one averaged point of a stripe on
     noise = float(np.median(bench.chains.board_stripes.sigma))
-    if count < _FEWEST_STRIPES or not sigma > _RELEVANT * noise:
+    if count < _FEWEST_STRIPES or not sigma > noise:
         return None
     p_value = float(chdtrc(len(found.z), (found.z**2 / found.variance).sum()))
     gains = found.scores(True) - found.scores(False)

@@ -2,7 +2,8 @@
 
 Baseline: hand-eye transform and centre of the ball, with a random error of every flange pose and of every point. A
 candidate displaces the points in the sensor frame; generalised least squares tests it with an F-test, and predictions
-of held-out poses confirm it. Robot errors are the same for all points of a pose, so they do not pass for an effect of the sensor.
+of held-out poses confirm it. Robot errors are the same for all points of a pose, so they do not pass for an effect of
+the sensor.
 """
 
 from collections.abc import Callable

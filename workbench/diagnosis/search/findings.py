@@ -7,8 +7,8 @@ import numpy as np
 from scipy.special import logsumexp
 
 from robot_model.effects import CATALOGUE
-from workbench.diagnosis.levels import CERTAIN, SHOWN
-from workbench.diagnosis.linear.hypotheses import UNNAMED_SHARE, Hypothesis, family_wise
+from workbench.diagnosis.levels import CERTAIN, RARE, SHOWN
+from workbench.diagnosis.linear.hypotheses import Hypothesis, family_wise
 from workbench.diagnosis.linear.problem import Alternative, Finding
 from workbench.diagnosis.noise.random_effects import hidden, movement
 from workbench.diagnosis.robot.library import compliances, names
@@ -185,8 +185,8 @@ def _doubted(search: Search, own: Hypothesis, made: Finding) -> Finding:
         return made
     share = left / (left + own.gain)
     places = len({site.where for site in search.problem.sites})
-    two = (1 - UNNAMED_SHARE) * np.exp(SECOND) / (1 if moves else places)
-    one = UNNAMED_SHARE * share ** (max(_NUMBERS - own.rank, 1) / 2)
+    two = (1 - RARE) * np.exp(SECOND) / (1 if moves else places)
+    one = RARE * share ** (max(_NUMBERS - own.rank, 1) / 2)
     sure = float(two / (two + one))
     other = Alternative(
         "unknown",

@@ -35,7 +35,6 @@ from workbench.diagnosis.search.subset_algebra import ConditionalSolution, Left,
 Members = tuple[int, ...]
 _SMALL = 8
 """Columns up to which what a group of terms costs is the call and not the numbers."""
-_ANY_LARGE_NUMBER = 1e300  # of a corner of a Cholesky factor that nobody reads
 
 
 @dataclass(frozen=True)
@@ -254,7 +253,7 @@ class LogPosterior:
         both[..., :-1, :-1] = blocks
         both[..., range(width), range(width)] += shrink[:, None, None]
         both[..., -1, :-1] = left.left[:, columns]
-        both[..., -1, -1] = _ANY_LARGE_NUMBER
+        both[..., -1, -1] = np.finfo(float).max  # of the factor's corner, which nobody reads
         try:
             factor = np.linalg.cholesky(both)
             more = (factor[..., -1, :-1] ** 2).sum(-1)

@@ -15,6 +15,7 @@ from workbench.core.covariates import clock
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import solve_positive, symmetric_eigen
 from workbench.core.model import NOISE, STATE_PORTS
+from workbench.diagnosis.levels import MOST, SAME
 from workbench.diagnosis.linear.problem import Bench
 from workbench.diagnosis.validation.folds import judged_part
 from workbench.diagnosis.validation.heldout import name_of
@@ -24,12 +25,8 @@ _TRIALS, _TURNS = 199, 39
 """Permutations, which distinguish a p-value of one in a hundred from one of one in two hundred, and circular shifts."""
 _LEVEL, _LEFT, _MOST = 0.01, 0.2, 0.75
 """A control is passed below this p-value, and where this share of the gain is left in this share of all shifts."""
-_MOST_BY_CHANCE = 0.5
-"""Share that unrelated causes explain of each other, beyond which nothing more is taken off."""
 _MADE = 0.8
 """Share of the fitted effect that a permuted cause makes, from which on it cannot tell."""
-_SAME = 1e-3
-"""Share of a column's length by which two that mean the same differ from rounding and refitting."""
 _ABSORBED = 1e-6
 """Share of a column's length below which what the baseline leaves of it is rounding of inner products."""
 PERMUTED, ROTATED = "permuted", "circular shift"
@@ -99,7 +96,7 @@ def _clocked(effect: Effect, chain) -> bool:
     if moves or effect.by_moves or effect.port == NOISE:
         return False
     here, there = effect.basis(chain.state), effect.basis(_turned_state(chain, 0.5))
-    return not np.allclose(here, there, rtol=0, atol=_SAME * np.abs(here).max())
+    return not np.allclose(here, there, rtol=0, atol=SAME * np.abs(here).max())
 
 
 def _turned_state(chain, part: float):
@@ -222,7 +219,7 @@ class _Trial:
             made = self._left(self.columns(self.permuted(rng)) @ self.coefficients)
             length = float(made @ made)
             shares.append(self._explained(self.permuted(rng), made) / max(length, 1e-300))
-        return min(float(np.median(shares)), _MOST_BY_CHANCE)
+        return min(float(np.median(shares)), MOST)
 
     def permuted(self, rng):
         """What the effects would do if every pose were another."""

@@ -8,12 +8,12 @@ from scipy.stats import t as student
 
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
+from workbench.diagnosis.levels import SAME
 from workbench.diagnosis.linear.evidence import once
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.validation.folds import Scheme, judged_part
 from workbench.fitting.cross_validation import hold_out
 
-_HELD = 1e-3  # of a direction, what its prior is worth at least where one block alone determines it
 _LIMIT, _MEDIAN = 2.8, float(chi2.median(3))
 """Length on the scale of the median sample from which on an error counts by its length and not by its square, as in
 the fit (5 % of clean samples are beyond it), and the median of a squared length of three coordinates."""
@@ -77,7 +77,7 @@ def _jackknife_t(falls: np.ndarray, moved: np.ndarray) -> float:
     """
     total, shown = falls.sum(), moved.sum()
     others = np.divide(
-        total - falls, shown - moved, out=np.zeros_like(falls), where=shown - moved > _HELD * shown
+        total - falls, shown - moved, out=np.zeros_like(falls), where=shown - moved > SAME * shown
     )
     spread = np.sqrt(((falls - others * moved) ** 2).sum() * (len(falls) - 1) / len(falls))
     if not spread > 0:
@@ -177,7 +177,7 @@ class Errors:
         part = judged_part(self.bench)
         problem = self.bench.problem(effects, part, hypotheses=False).conditional_on()
         rows = (block if part is None else block[part])[problem.sample]
-        return _block_shares(problem, rows).max(initial=0.0) > 1 - _HELD
+        return _block_shares(problem, rows).max(initial=0.0) > 1 - SAME
 
     def _once(self, effects, samples, make):
         key = tuple(sorted(map(name_of, effects))), samples.tobytes()
@@ -240,13 +240,16 @@ def _left_out_lengths(problem: Problem, fold: np.ndarray, only: int | None = Non
 
 
 def _without_block(inner: np.ndarray, score: np.ndarray) -> np.ndarray:
-    """(P,) (I - B_b'B_b)^-1 B_b'e, of inner products (P, P) and score (P,); directions of one block alone are held."""
+    """(P,) (I - B_b'B_b)^-1 B_b'e, of inner products (P, P) and score (P,).
+
+    A direction that the block alone determines counts as if the others determined `SAME` of it.
+    """
     identity = np.eye(len(inner))
     try:
-        np.linalg.cholesky((1 - _HELD) * identity - inner)
+        np.linalg.cholesky((1 - SAME) * identity - inner)
     except np.linalg.LinAlgError:
         values, vectors = symmetric_eigen(inner)
-        return vectors @ (vectors.T @ score / np.maximum(1 - values, _HELD))
+        return vectors @ (vectors.T @ score / np.maximum(1 - values, SAME))
     return np.linalg.solve(identity - inner, score)
 
 

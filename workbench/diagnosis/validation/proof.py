@@ -45,7 +45,6 @@ from workbench.machine.progress import duration
 
 _WAVE = TransmissionHarmonic.effect
 _MOTOR = 10  # times as likely as most orders, from which on an order is one of the motor
-_MOST = 0.5  # of what a term makes, that others make of it
 Find = Callable[[Bench, np.ndarray], list[Finding]]
 Say = Callable[[str], None]
 

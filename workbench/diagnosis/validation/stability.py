@@ -11,14 +11,12 @@ import numpy as np
 
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
-from workbench.diagnosis.levels import ALIKE
+from workbench.diagnosis.levels import ALIKE, MOST
 from workbench.diagnosis.linear.problem import Finding, Problem
 from workbench.diagnosis.validation.folds import Scheme, judged_part
 from workbench.diagnosis.validation.heldout import left_out, paired, sigma_of
 from workbench.diagnosis.validation.judging import REAL, combined_t, judging_schemes
 from workbench.diagnosis.validation.terms import Term
-
-_MOST = 0.5  # of what a term makes, that others make of it
 
 
 @dataclass(frozen=True)
@@ -157,7 +155,7 @@ def _alike(moved: np.ndarray, others: list[np.ndarray]) -> bool:
     made = np.stack(others, 1)
     share = least_squares(made, moved)
     like = np.maximum(share, 0.0) @ made.T
-    return bool(((moved - like) ** 2).sum() < (1 - _MOST) * (moved**2).sum())
+    return bool(((moved - like) ** 2).sum() < (1 - MOST) * (moved**2).sum())
 
 
 def _linear(scheme: Scheme, folds: dict[int, _Solved], without=None) -> np.ndarray:
