@@ -230,7 +230,7 @@ def test_terms_that_raise_the_held_out_error_are_refused_one_by_one(monkeypatch)
         for name, t in zip(names, (3.0, 9.0))
     ]
     scheme = Scheme(TIME, np.zeros(4, int))
-    whole = stability.Nested([scheme], [np.full(4, 0.479)], [np.full(4, 0.548)], [{}], [5.0])
+    whole = [stability.Nested(scheme, np.full(4, 0.479), np.full(4, 0.548), {}, 5.0)]
     monkeypatch.setattr(proof, "judges_of_all", lambda bench, terms, parts: parts)
     errors = SimpleNamespace(
         bench=SimpleNamespace(unit="mm", sigma=None),

@@ -23,9 +23,9 @@ JUDGED = 3000
 better known by a test on all of it, and each takes as much longer."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scheme:
-    """`name` of a way to part the samples and the `fold` (n,) int of each."""
+    """`name` of a way to part the samples and the `fold` (n,) int of each; equal only to itself."""
 
     name: str
     fold: np.ndarray

@@ -35,7 +35,6 @@ from workbench.diagnosis.validation.parallel import searches
 from workbench.diagnosis.validation.stability import (
     Nested,
     effects_of,
-    is_same_finding,
     judges_of_all,
     numbered,
     stable_terms,
@@ -77,7 +76,7 @@ def prove(
     gone = [*refused, *lost, *more, *orphans, *impossible]
     terms, worse, rows = _supported(errors, terms, gone, whole, usual)
     effects = effects_of([term.finding for term in terms])
-    fixed = [errors(effects, s.fold) for s in whole.schemes] if effects else whole.plain
+    fixed = [errors(effects, one.scheme.fold) if effects else one.plain for one in whole]
     made = _with_angles(_proof(bench, rows, fixed, noise, usual), errors, usual)
     return made, tuple(terms), (*gone, *worse)
 
@@ -90,54 +89,51 @@ def _with_angles(proof: Proof, errors: Errors, usual: np.ndarray) -> Proof:
     return replace(proof, angles=angles, angles_rms=(rms(angles[0], usual), rms(angles[1], usual)))
 
 
-def _supported(errors: Errors, terms: list[Term], gone: list[Term], whole: Nested, usual):
+def _supported(errors: Errors, terms: list[Term], gone: list[Term], whole: list[Nested], usual):
     """Terms that together reduce the held-out error, terms that do not, and the errors by scheme.
 
     Judged by what the folds found by themselves; where that fails, by that without what was refused. As long as the
     error does not fall, the term with the least support goes.
     """
-    unit, sigma = errors.bench.unit, sigma_of(errors.bench)
+    parts, sigma = [one.scheme for one in whole], sigma_of(errors.bench)
+    nested = predicted = [one.errors for one in whole]
     refused: list[Term] = []
-    predicted = whole.errors
     while terms:
-        judges = judges_of_all(errors.bench, terms, whole.schemes)
+        judges = judges_of_all(errors.bench, terms, parts)
         rows = _judged_rows(whole, predicted, judges, usual, sigma)
         if is_supported(rows):
             return terms, refused, rows
-        if predicted is whole.errors and gone:
+        if predicted is nested and gone:
             predicted = _without(errors, whole, gone)
             continue
         weakest = min(terms, key=lambda term: term.t_nested)
-        refused.append(not_supported(weakest, rows, unit))
+        refused.append(not_supported(weakest, rows, errors.bench.unit))
         left = [term for term in terms if term is not weakest]
         terms, orphans = with_carriers(errors.bench, left)
         refused += orphans
         predicted = _without(errors, whole, [*gone, *refused])
-    return [], refused, _judged_rows(whole, whole.plain, whole.schemes, usual, sigma)
+    plain = [one.plain for one in whole]
+    return [], refused, _judged_rows(whole, plain, parts, usual, sigma)
 
 
-def _without(errors: Errors, whole: Nested, refused: Sequence[Term]) -> list[np.ndarray]:
+def _without(errors: Errors, whole: list[Nested], refused: Sequence[Term]) -> list[np.ndarray]:
     """Errors (n,) by scheme of what the folds found by themselves, except what is one of the refused terms."""
+    gone = {(term.finding.effect, term.finding.where) for term in refused}
     out = []
-    for scheme, found, plain in zip(whole.schemes, whole.nested, whole.plain):
+    for one in whole:
         kept = {}
-        for k, findings in found.items():
-            left = [
-                f for f in findings if not any(is_same_finding(f, term.finding) for term in refused)
-            ]
-            kept[k] = effects_of(left)
-        out.append(errors.predicted(scheme, kept, plain))
+        for k, findings in one.found.items():
+            kept[k] = effects_of([f for f in findings if (f.effect, f.where) not in gone])
+        out.append(errors.predicted(one.scheme, kept, one.plain))
     return out
 
 
-def _judged_rows(whole: Nested, predicted, judges: Sequence[Scheme], usual, sigma) -> list[Judged]:
+def _judged_rows(whole: list[Nested], predicted, judges, usual, sigma) -> list[Judged]:
     """Errors by scheme; those of several kinds of samples (corners, stripes) are weighted by their noise `sigma`."""
     rows = []
-    for scheme, before, after in zip(whole.schemes, whole.plain, predicted):
-        able = any(scheme is one for one in judges)
-        rows.append(
-            Judged(scheme, before, after, rms(before, usual, sigma), rms(after, usual, sigma), able)
-        )
+    for one, after in zip(whole, predicted):
+        figures = rms(one.plain, usual, sigma), rms(after, usual, sigma)
+        rows.append(Judged(one.scheme, one.plain, after, *figures, one.scheme in judges))
     return rows
 
 
@@ -145,10 +141,11 @@ def _inside(
     problem: Problem, terms: list[Term], refused: list[Term]
 ) -> tuple[list[Term], list[Term]]:
     """The terms but waves of the last order that was asked for, whose best order may be any beyond; and the refused."""
-    waves = [s for s in problem.scans if s.effect == _WAVE]
-    last = {
-        s.where: s.options[s.mass < _MOTOR * np.median(s.mass)].max() for s in waves
-    }  # a motor's: by themselves
+    last = {}
+    for scan in problem.scans:
+        if scan.effect == _WAVE:
+            is_of_motor = scan.mass >= _MOTOR * np.median(scan.mass)  # these stand by themselves
+            last[scan.where] = scan.options[~is_of_motor].max()
     reason = "its order is the last that was asked for, so that the wave that is there may be any of a higher order"
     kept = []
     for term in terms:
@@ -160,30 +157,27 @@ def _inside(
     return kept, refused
 
 
-def _whole(bench, found: Found, find: Find | None, errors: Errors, say, jobs: int) -> Nested:
+def _whole(bench, found: Found, find: Find | None, errors: Errors, say, jobs: int) -> list[Nested]:
     """The search repeated inside every fold of every scheme; None: there is nothing to be proved."""
-    usual, parts = ~found.outliers, schemes(bench.pose, found.before)
-    plain = [errors((), s.fold) for s in parts]
+    parts = schemes(bench.pose, found.before)
     if find is None:
-        return Nested(parts, plain, plain, [{} for _ in parts], [0.0 for _ in parts])
-    nested = _search_nested(bench, find, parts, say, jobs)
-    made = _predicted(errors, parts, nested, plain)
-    compared = plain, made
-    if bench.chain is None:
-        errors = Errors(bench, independent=True)
-        before = [errors((), s.fold) for s in parts]
-        compared = before, _predicted(errors, parts, nested, before)
-    t = [
-        paired(bench.pose, before, after, usual, sigma_of(bench))
-        for before, after in zip(*compared)
-    ]
-    return Nested(parts, plain, made, nested, t)
+        plain = [errors((), scheme.fold) for scheme in parts]
+        return [Nested(scheme, one, one, {}, 0.0) for scheme, one in zip(parts, plain)]
+    compared = errors if bench.chain is not None else Errors(bench, independent=True)
+    made = []
+    for scheme, nested in zip(parts, _search_nested(bench, find, parts, say, jobs)):
+        plain, predicted = _predicted(errors, scheme, nested)
+        both = _predicted(compared, scheme, nested)
+        t = paired(bench.pose, *both, ~found.outliers, sigma_of(bench))
+        made.append(Nested(scheme, plain, predicted, nested, t))
+    return made
 
 
-def _predicted(errors: Errors, parts, nested, plain) -> list[np.ndarray]:
-    """Errors (n,) by scheme where every fold is predicted with what was found without it."""
-    chosen = [{k: effects_of(found) for k, found in folds.items()} for folds in nested]
-    return [errors.predicted(*one) for one in zip(parts, chosen, plain)]
+def _predicted(errors: Errors, scheme: Scheme, nested) -> tuple[np.ndarray, np.ndarray]:
+    """Errors (n,) of the baseline, and where every fold is predicted with what was found without it."""
+    chosen = {k: effects_of(found) for k, found in nested.items()}
+    plain = errors((), scheme.fold)
+    return plain, errors.predicted(scheme, chosen, plain)
 
 
 def _proof(bench, rows: Sequence[Judged], fixed, noise, usual) -> Proof:

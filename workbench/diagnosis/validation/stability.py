@@ -21,17 +21,20 @@ from workbench.diagnosis.validation.terms import Term
 
 @dataclass(frozen=True)
 class Nested:
-    """Errors by scheme: of the baseline and of what every fold found by itself, `nested`, fold by fold; `t` of each."""
+    """A scheme with errors (n,) of the baseline, `plain`, and of what every fold found by itself.
 
-    schemes: list[Scheme]
-    plain: list[np.ndarray]
-    errors: list[np.ndarray]
-    nested: list[dict[int, list[Finding]]]
-    t: list[float]
+    `found`: fold -> findings of the search without it; `t` of the fall of the error.
+    """
+
+    scheme: Scheme
+    plain: np.ndarray
+    errors: np.ndarray
+    found: dict[int, list[Finding]]
+    t: float
 
 
 def stable_terms(
-    bench, terms: Sequence[Term], whole: Nested, usual: np.ndarray
+    bench, terms: Sequence[Term], whole: Sequence[Nested], usual: np.ndarray
 ) -> tuple[list[Term], list[Term]]:
     """The terms whose gain is significant, too, where each fold knows only what was found without it; and the others.
 
@@ -40,12 +43,10 @@ def stable_terms(
     """
     if not terms:
         return [], []
-    judges = judges_of_all(bench, terms, whole.schemes)
-    t = combined_t(
-        [value for s, value in zip(whole.schemes, whole.t) if any(s is one for one in judges)]
-    )
+    judges = judges_of_all(bench, terms, [one.scheme for one in whole])
+    t = combined_t([one.t for one in whole if one.scheme in judges])
     if not t > REAL:
-        reason = _whole_is_insignificant(t)
+        reason = f"the whole search, made on parts of the samples, does not predict the others better (t = {t:.1f})"
         return [], [replace(term, kept=False, t_nested=t, reason=reason) for term in terms]
     folds = _Folds(bench, terms, whole, usual)
     judged = [folds.judged(number, term) for number, term in enumerate(terms)]
@@ -57,45 +58,42 @@ def judges_of_all(bench, terms: Sequence[Term], schemes: Sequence[Scheme]) -> li
     findings = [term.finding for term in terms]
     part = judged_part(bench)
     problem = bench.problem(effects_of(findings), part, hypotheses=False)
-    reduced = [scheme.at(part) for scheme in schemes]
-    able = [
-        judging_schemes(bench, finding.effects, reduced, problem, own)
-        for finding, own in zip(findings, numbered(findings))
-    ]
-    names = [[scheme.name for scheme in mine] for mine in able]
-    common = [s for s in schemes if all(s.name in mine for mine in names)]
-    largest = names[int(np.argmax([finding.gain for finding in findings]))]
-    return common or [s for s in schemes if s.name in largest]
+    originals = {scheme.at(part): scheme for scheme in schemes}
+    able = []
+    for finding, own in zip(findings, numbered(findings)):
+        judges = judging_schemes(bench, finding.effects, list(originals), problem, own)
+        able.append([originals[one] for one in judges])
+    common = [scheme for scheme in schemes if all(scheme in mine for mine in able)]
+    return common or able[int(np.argmax([finding.gain for finding in findings]))]
 
 
 class _Folds:
     """The judged samples solved with what each fold found, and with all terms; as linear problems."""
 
-    def __init__(self, bench, terms: Sequence[Term], whole: Nested, usual: np.ndarray):
+    def __init__(self, bench, terms: Sequence[Term], whole: Sequence[Nested], usual: np.ndarray):
         part = judged_part(bench)
         here = np.ones(len(bench.pose), bool) if part is None else part
         findings = [term.finding for term in terms]
         self._bench, self._pose, self._usual = bench, bench.pose[here], usual[here]
         self._sigma = sigma_of(bench, part)
-        self._schemes = [scheme.at(part) for scheme in whole.schemes]
         self._problem = bench.problem(effects_of(findings), part, hypotheses=False)
         self._numbers = numbered(findings)
         self._moved = _made(self._problem, findings)
-        self._solved = [_solved(bench, found, part) for found in whole.nested]
-        self._made = [one.made for rows in self._solved for one in rows.values()]
-        self._with_all = [_linear(s, rows) for s, rows in zip(self._schemes, self._solved)]
+        self._solved = {one.scheme.at(part): _solved(bench, one.found, part) for one in whole}
+        self._errors = {scheme: _linear(scheme, rows) for scheme, rows in self._solved.items()}
 
     def judged(self, number: int, term: Term) -> Term:
         """The term with its t in the folds, and whether it is kept."""
         moved = self._moved[number]
         t = self._t(term.finding, self._numbers[number], moved)
         nested = min(t) if min(t) < -REAL else max(t)
+        made = [fold.made for rows in self._solved.values() for fold in rows.values()]
         judged = replace(
             term,
-            again=sum(_alike(moved, others) for others in self._made),
-            chances=len(self._made),
+            again=sum(_alike(moved, others) for others in made),
+            chances=len(made),
             t_nested=nested,
-            ways=tuple((s.name, len(rows)) for s, rows in zip(self._schemes, self._solved)),
+            ways=tuple((scheme.name, len(rows)) for scheme, rows in self._solved.items()),
         )
         if nested > REAL:
             return judged
@@ -104,18 +102,13 @@ class _Folds:
 
     def _t(self, finding: Finding, own: Sequence[int], moved: np.ndarray) -> list[float]:
         """t of the gain of a finding in each scheme that can judge it."""
-        problem, schemes = self._problem, self._schemes
-        judges = judging_schemes(self._bench, finding.effects, schemes, problem, own)
         out = []
-        for scheme, rows, with_all in zip(schemes, self._solved, self._with_all):
-            if any(scheme is one for one in judges):
-                without = _linear(scheme, rows, (finding, moved))
-                out.append(paired(self._pose, without, with_all, self._usual, self._sigma))
+        schemes = list(self._solved)
+        for scheme in judging_schemes(self._bench, finding.effects, schemes, self._problem, own):
+            without = _linear(scheme, self._solved[scheme], (finding, moved))
+            with_all = self._errors[scheme]
+            out.append(paired(self._pose, without, with_all, self._usual, self._sigma))
         return out
-
-
-def _whole_is_insignificant(t: float) -> str:
-    return f"the whole search, made on parts of the samples, does not predict the others better (t = {t:.1f})"
 
 
 @dataclass(frozen=True)
@@ -197,11 +190,6 @@ def _name(one) -> tuple[str, str]:
     return one.effect, one.where
 
 
-def is_same_finding(finding: Finding, other: Finding) -> bool:
-    """Whether two findings are the same effect at the same place."""
-    return _name(finding) == _name(other)
-
-
 def numbered(findings) -> list[list[int]]:
     """Numbers of each finding's effects among those of all, in order."""
     edges = np.cumsum([0, *(len(f.effects) for f in findings)])
@@ -213,4 +201,4 @@ def effects_of(findings: Sequence[Finding]) -> tuple[Effect, ...]:
     return tuple(e for finding in findings for e in finding.effects)
 
 
-__all__ = ["Nested", "effects_of", "is_same_finding", "judges_of_all", "numbered", "stable_terms"]
+__all__ = ["Nested", "effects_of", "judges_of_all", "numbered", "stable_terms"]
