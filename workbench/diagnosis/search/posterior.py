@@ -1,7 +1,8 @@
-"""Probabilities of names: the share of the sets near the likeliest one that hold a term (Occam's window).
+"""Names by their posterior: an effect summed over its variants at a place, elastic terms over sets (Occam's window).
 
-Madigan & Raftery, JASA 89 (1994) 1535. A probability conditional on all other terms knows only single exchanges;
-elastic terms move the measured point so much alike that two of them are exchanged for two others.
+Madigan & Raftery, JASA 89 (1994) 1535: a term's probability is the share of the sets near the likeliest one that hold
+it. A probability conditional on all other terms knows only single exchanges; elastic terms move the measured point so
+much alike that two of them are exchanged for two others.
 """
 
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from robot_model.effects.transmission import TransmissionHarmonic
 from robot_model.effects.unknown_masses import GravityCompliance
 from workbench.core.least_squares.linear_algebra import pseudo_inverse
 from workbench.diagnosis.levels import NOTABLE, SHOWN, WORTHWHILE
+from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.likeliest import as_solved, order_by_gain, say_terms
 from workbench.diagnosis.search.objective import LogPosterior, Members
@@ -137,7 +139,43 @@ def probabilities_of_names(search) -> dict[Key, Name]:
     return window.names(held, [h.key for h in terms if is_elastic(h)])
 
 
-def exchange_elastic(search) -> None:
+def exchange_names(search) -> None:
+    """Exchange what is accepted for what is likelier once variants, and sets of elastic terms, are summed over."""
+    _exchange_laws(search)
+    _exchange_elastic(search)
+
+
+def _exchange_laws(search) -> None:
+    """Exchange accepted laws for effects whose posterior, summed over the variants at a place, is higher.
+
+    The search compares sets of single variants. A step at one of many instants has a small share of its family's prior
+    at each of them, so that a law without such an option may win against every single instant and still be less
+    probable than all of them together. Names of elastic laws come from sets.
+    """
+    for i in search.everyone:
+        other = _likelier(search, i)
+        if other is not None:
+            search.accepted = (*search.accepted[:i], other, *search.accepted[i + 1 :])
+            search.solve()
+
+
+def _likelier(search, i: int) -> Hypothesis | None:
+    """The best variant of the effect with the highest marginal posterior; None where that is the accepted one."""
+    mine = search.accepted[i]
+    if mine.unnamed or is_elastic(mine):
+        return None
+    families: dict[Key, list[Hypothesis]] = {}
+    for h in search.table(search.others(i)):
+        if not h.unnamed and not is_elastic(h):
+            families.setdefault(h.key, []).append(h)
+    marginal = {key: logsumexp([h.log_weight for h in own]) for key, own in families.items()}
+    best = max(marginal, key=marginal.get, default=None)
+    if mine.key not in marginal or marginal[best] - marginal[mine.key] < WORTHWHILE:
+        return None
+    return max(families[best], key=lambda h: h.log_weight)
+
+
+def _exchange_elastic(search) -> None:
     """Accept the likeliest set of the window of elastic terms, where it is clearly likelier than the accepted one.
 
     The search exchanges what is at hand, the window all elastic terms: what is accepted and the probabilities of names
@@ -191,4 +229,4 @@ def is_elastic(h) -> bool:
     return deflects or (h.effect == TransmissionHarmonic.effect and order == 1.0)
 
 
-__all__ = ["Name", "Window", "exchange_elastic", "is_elastic", "probabilities_of_names"]
+__all__ = ["Name", "Window", "exchange_names", "is_elastic", "probabilities_of_names"]

@@ -33,8 +33,7 @@ from workbench.diagnosis.search.findings import (
     with_special_cases,
 )
 from workbench.diagnosis.search.likeliest import accept_likeliest
-from workbench.diagnosis.search.names import exchange_names
-from workbench.diagnosis.search.posterior import exchange_elastic, probabilities_of_names
+from workbench.diagnosis.search.posterior import exchange_names, probabilities_of_names
 from workbench.diagnosis.search.prior import LAW_ERROR
 from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.search.stepwise import LAW
@@ -68,7 +67,6 @@ def found_terms(bench: Bench, samples: np.ndarray | None = None) -> list[Finding
     search.solve()
     _accept(search)
     exchange_names(search)
-    exchange_elastic(search)
     return with_special_cases([bare_finding(h) for h in search.accepted])
 
 
@@ -98,17 +96,16 @@ def _found(search: Search) -> Found:
     places = located(search.problem, search.table(()))
     first, moving = _accept(search)
     exchange_names(search)
-    exchange_elastic(search)
     names = probabilities_of_names(search)
     each = [with_hidden(search, finding(search, i, names)) for i in search.everyone]
     findings = tuple(with_special_cases(each))
     remainder = family_wise(search.table(search.everyone))
     after = search.converged().conditional_on()
     outliers, data = of_data(after)
-    if remainder <= level or search.random_effect:
-        data = tuple(
-            f for f in data if not search.random_effect and f.p_value < remainder
-        )  # noise is judged where little is left
+    if search.random_effect:
+        data = ()
+    elif remainder <= level:  # noise is judged where little is left
+        data = tuple(f for f in data if f.p_value < remainder)
     if any(h.unnamed for h in search.accepted):
         outliers, data = _beyond_functions(search, after, outliers, data)
     if moving:
@@ -170,13 +167,8 @@ def _with_random_effect(search: Search, before: Problem, data, places):
     if any(h.unnamed or tells(search, h) for h in search.accepted):
         return data, places
     place = (place_of(search.random_effect),)
-    return (random_effect_finding(search.random_effect, before), *data), (
-        *places,
-        *place,
-    ) if search.accepted else (
-        *place,
-        *places,
-    )
+    found = random_effect_finding(search.random_effect, before)
+    return (found, *data), places + place if search.accepted else place + places
 
 
 def _elsewhere(search: Search) -> bool:
@@ -199,17 +191,14 @@ def _explain_next_to_unknowns(search: Search) -> bool:
 
     Whether the function itself is not needed there: then there is no more than movement by chance.
     """
-    unknown = [
-        (search.conditional_gain(i)[0], h.source[0])
-        for i, h in enumerate(search.accepted)
-        if h.unnamed
-    ]
+    unknown = [i for i in search.everyone if search.accepted[i].unnamed]
     if not unknown:
         return False
-    site = max(unknown, key=lambda pair: pair[0])[1]
-    search.random_effect = residual_random_effect(
-        search.problem.conditional_on(), site.where, getattr(site, "port", "frame"), MOVES
-    )
+    largest = max(unknown, key=lambda i: search.conditional_gain(i)[0])
+    site = search.accepted[largest].source[0]
+    port = getattr(site, "port", "frame")
+    left = search.problem.conditional_on()
+    search.random_effect = residual_random_effect(left, site.where, port, MOVES)
     if search.random_effect is None:
         return False
     search.say(f"what is left at {site.where} is taken for the unknown's own")
@@ -225,26 +214,22 @@ def _explain_next_to_unknowns(search: Search) -> bool:
 
 def _confirmed(search: Search, samples) -> Found:
     """The search on every so many poses, which is as valid and quicker; what is left is judged on more of them."""
-    whole = search.bench.problem((), samples, hypotheses=False)
+    bench = search.bench
+    whole = bench.problem((), samples, hypotheses=False)
+    every = np.ones(len(bench.pose), bool) if samples is None else samples
     _, label = np.unique(whole.pose, return_inverse=True)
-    part = label % -(-whole.n // _MANY) == 0
-    if samples is not None:
-        part = _within(samples, part)
-    search.samples = part
+    search.samples = every.copy()
+    search.samples[every] = label % -(-whole.n // _MANY) == 0
     search.solve()
     found = _found(search)
     effects = [e for f in found.findings for e in f.effects]
-    search.bench.solve(effects, samples)
-    after = search.bench.problem(effects, samples, hypotheses=False).conditional_on()
-    every = np.ones(len(search.bench.pose), bool) if samples is None else samples
-    remainder = search.bench.problem(
-        effects, thinned(search.bench.pose, every, JUDGED)
-    ).conditional_on()
+    bench.solve(effects, samples)
+    after = bench.problem(effects, samples, hypotheses=False).conditional_on()
+    remainder = bench.problem(effects, thinned(bench.pose, every, JUDGED)).conditional_on()
     table = judged(remainder)
     outliers, spread = of_data(after)
-    if any(
-        f.effect == "unknown" for f in found.findings
-    ):  # as the part has it, where laws and functions were judged
+    # where functions are accepted, as the part has it, on which laws and functions were judged
+    if any(f.effect == "unknown" for f in found.findings):
         spread = tuple(f for f in spread if f.effect in {own.effect for own in found.spread})
         outliers = outliers & any(f.effect == "outliers" for f in spread)
     return replace(
@@ -256,13 +241,6 @@ def _confirmed(search: Search, samples) -> Found:
         outliers=outliers,
         spread=spread,
     )
-
-
-def _within(samples: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """A part (k,) bool of the True ones of `samples` (n,), as (n,) bool."""
-    out = np.zeros(len(samples), bool)
-    out[np.flatnonzero(samples)[part]] = True
-    return out
 
 
 __all__ = ["MISSING", "find", "found_terms"]

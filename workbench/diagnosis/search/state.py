@@ -113,13 +113,12 @@ class Search:
         """As `table`, with all that acts through compliances."""
         if kept not in self.tables:
             wanted = [(h.family, h.label) for h in self.accepted]
-            table, held = (
-                judged(self.problem.conditional_on(kept), wanted=wanted),
-                [self.accepted[i] for i in kept],
-            )
-            table = [h for h in table if name_of(h) not in self.impossible]
+            held = [self.accepted[i] for i in kept]
             self.tables[kept] = [
-                h for h in table if h.unnamed or all(compatible(h, other) for other in held)
+                h
+                for h in judged(self.problem.conditional_on(kept), wanted=wanted)
+                if name_of(h) not in self.impossible
+                and (h.unnamed or all(compatible(h, other) for other in held))
             ]
         return self.tables[kept]
 
