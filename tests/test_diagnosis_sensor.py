@@ -250,7 +250,7 @@ def test_large_law_that_is_likelier_is_an_alternative_to_a_function_at_its_place
     monkeypatch, where, evidence, size, declared
 ):
     label = "a smooth function of mirror and along"
-    law = Hypothesis("a law", where, evidence=evidence, gain=80.0, rank=3, log_prior=-3.0)
+    law = Hypothesis("a law", where, "", evidence=evidence, gain=80.0, rank=3, log_prior=-3.0)
     own = Hypothesis(
         "unknown",
         "mirror",
