@@ -175,7 +175,8 @@ class _Walk:
         """Move everything outward of here by an exact small twist about `pivot`."""
         shift = sum(axis * t for axis, t in zip(self.axes, twist[:3]))
         vector = sum(axis * w for axis, w in zip(self.axes, twist[3:]))
-        *self.axes, lever = rotate(vector, np.stack([*self.axes, self.origin - pivot]))
+        moved = np.stack([*self.axes, self.origin - pivot])
+        *self.axes, lever = rotate(vector, moved)
         self.origin = pivot + shift + lever
 
     def finish(self, flange):

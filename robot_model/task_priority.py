@@ -142,9 +142,13 @@ def _ranked(matrix, rank: int) -> tuple:
     """Pseudo-inverse (n, c, r) of matrices (n, r, c) of a known rank, their null space (n, c, c - rank), and the rows
     (n, rank, r) that project on their range."""
     u, s, vt = np.linalg.svd(matrix)
-    v, rows = np.swapaxes(vt, 1, 2), np.swapaxes(u, 1, 2)[:, :rank]
-    gains = s[:, :rank] / (s[:, :rank] ** 2 + _DAMPING * s[:, :1] ** 2 + 1e-300)
-    return (v[:, :, :rank] * gains[:, None]) @ rows, v[:, :, rank:], rows
+    v = np.swapaxes(vt, 1, 2)
+    rows = np.swapaxes(u, 1, 2)[:, :rank]
+    null_space = v[:, :, rank:]
+    kept, largest = s[:, :rank], s[:, :1]
+    gains = kept / (kept**2 + _DAMPING * largest**2 + 1e-300)
+    inverse = (v[:, :, :rank] * gains[:, None]) @ rows
+    return inverse, null_space, rows
 
 
 def _times(matrix, vector) -> np.ndarray:

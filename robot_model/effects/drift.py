@@ -112,9 +112,11 @@ class BaseDrift(Effect):
         )
 
     def basis(self, state):
-        time = 2 * (clock(state) - self.start) / max(self.end - self.start, 1e-12) - 1
-        waves = np.polynomial.legendre.legvander(np.clip(time, -1.0, 1.0), self.order).T[1:]
-        return np.concatenate([np.eye(6)[:, :, None] * wave for wave in waves])
+        duration = max(self.end - self.start, 1e-12)
+        time = 2 * (clock(state) - self.start) / duration - 1
+        waves = np.polynomial.legendre.legvander(np.clip(time, -1.0, 1.0), self.order)
+        slots = np.eye(6)[:, :, None]
+        return np.concatenate([slots * wave for wave in waves.T[1:]])
 
 
 class AxisRunOut(Effect):

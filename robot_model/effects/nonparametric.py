@@ -76,11 +76,16 @@ def _degree(name: str, fine: int) -> int:
 
 
 def _pair(a, b, most, together):
-    every = [(i, j) for i in range(together + 1) for j in range(together + 1 - i)]
-    degrees = [(i, j) for i, j in every if i + j > 0 and i <= most[0] and j <= most[1]]
-    first, second = legvander(a, together).T, legvander(b, together).T
-    waves = np.stack([first[i] * second[j] for i, j in degrees])
-    return waves, np.array([1 / (i + j) for i, j in degrees])
+    """(V, n) products of Legendre polynomials of a and b (n,), and their prior sizes (V,).
+
+    most: the degree of each; together: that of a product.
+    """
+    first, second = np.indices((together + 1, together + 1)).reshape(2, -1)
+    degree = first + second
+    is_kept = (degree > 0) & (degree <= together) & (first <= most[0]) & (second <= most[1])
+    first, second = first[is_kept], second[is_kept]
+    of_a, of_b = legvander(a, together).T, legvander(b, together).T
+    return of_a[first] * of_b[second], 1 / degree[is_kept]
 
 
 class SmoothFunction(Effect):

@@ -114,8 +114,9 @@ class ExternalPose:
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of samples.csv for what was predicted: the measurement moved by its residual (6, n)."""
         turns = Rotation.from_rotvec(residual[3:].T) * Rotation.from_matrix(self.turns)
-        columns = dict(zip(("x_mm", "y_mm", "z_mm"), self.measured + residual[:3]))
-        return columns | {f"q{c}": row for c, row in zip("xyzw", turns.as_quat().T)}
+        position = dict(zip(("x_mm", "y_mm", "z_mm"), self.measured + residual[:3]))
+        orientation = dict(zip(("qx", "qy", "qz", "qw"), turns.as_quat().T))
+        return position | orientation
 
 
 def _of_vector(vector, turns):

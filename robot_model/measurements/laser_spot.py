@@ -221,8 +221,9 @@ def _place_anywhere(k):
 def _sphere_through(points):
     """(4,) centre and radius of the sphere nearest to points (K, 3): Coope, J. Optim. Theory Appl. 76 (1993) 381."""
     system = np.column_stack([2 * points, np.ones(len(points))])
-    found = np.linalg.lstsq(system, (points**2).sum(1), rcond=None)[0]
-    return np.array([*found[:3], np.sqrt(max(found[3] + found[:3] @ found[:3], 1e-6))])
+    *centre, constant = np.linalg.lstsq(system, (points**2).sum(1), rcond=None)[0]
+    radius = np.sqrt(max(constant + np.dot(centre, centre), 1e-6))
+    return np.array([*centre, radius])
 
 
 def _facing(rays):

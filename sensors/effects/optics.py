@@ -94,7 +94,9 @@ def _circle(z, r2, a, b):
     """Complex polynomial of leading power z^a conj(z)^b."""
     order, pairs = a - b, min(a, b)
     angular = z**order if order >= 0 else np.conj(z) ** -order
-    return angular * np.polyval(_RADIAL.get((abs(order), pairs), (1.0,) + (0.0,) * pairs), r2)
+    plain = (1.0,) + (0.0,) * pairs
+    radial = _RADIAL.get((abs(order), pairs), plain)
+    return angular * np.polyval(radial, r2)
 
 
 class CameraThermalDrift(Effect):

@@ -289,9 +289,11 @@ class Problem:
 
         What the baseline makes exactly leaves 1e-13 of itself, in no direction that means anything.
         """
-        own = columns / np.maximum(np.sqrt((columns**2).sum(0)), 1e-300)
+        length = np.sqrt((columns**2).sum(0))
+        own = columns / np.maximum(length, 1e-300)
         u, s, _ = thin_svd(self.clear(own))
-        return np.linalg.qr(self.clear(u[:, s > ROUNDING]))[0]
+        kept = u[:, s > ROUNDING]
+        return np.linalg.qr(self.clear(kept))[0]
 
     def clear(self, columns: np.ndarray) -> np.ndarray:
         """(N,) or (N, P) with all that the baseline and the kept effects can make of it taken out: x - Q Q' x."""

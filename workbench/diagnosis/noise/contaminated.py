@@ -27,9 +27,8 @@ _MANY, _INNER = 2000, 3.5
 def contaminated(white: np.ndarray) -> tuple[float, np.ndarray]:
     """Log Bayes factor that some of the residuals (m, n) are outliers, and the probability (n,) of each then."""
     middle = float(np.median((white**2).sum(0)))
-    if (
-        not 0 < middle < np.inf
-    ):  # most fit exactly, or something is no number: there is no noise to judge by
+    # most fit exactly, or something is no number: there is no noise to judge by
+    if not 0 < middle < np.inf:
         return -np.inf, np.zeros(white.shape[1])
     x = white / np.sqrt(middle / chi2.ppf(0.5, len(white)))
     chosen, counts = _thinned(x)
@@ -39,22 +38,17 @@ def contaminated(white: np.ndarray) -> tuple[float, np.ndarray]:
     for prior, density in noises:
         near = density(x[:, chosen])
         none.append(prior + counts @ near)
-        some.append(
-            [prior - np.log(_SHARES) + counts @ _mixed(near, far[chosen], s) for s in shares]
-        )
+        mixed = np.array([counts @ _mixed(near, far[chosen], share) for share in shares])
+        some.append(prior - np.log(_SHARES) + mixed)
     total = logsumexp(some)
-    likely = [
-        (float(w), s, density)
-        for row, (_, density) in zip(np.exp(np.array(some) - total), noises)
-        for w, s in zip(row, shares)
-        if w > 1e-4
-    ]
-    weight = sum(w for w, *_ in likely)
-    each = (
-        sum(w * np.exp(far + np.log(s) - _mixed(density(x), far, s)) for w, s, density in likely)
-        / weight
-    )
-    return float(total - logsumexp(none)), each
+    likely = []
+    for weights, (_, density) in zip(np.exp(np.array(some) - total), noises):
+        kept = np.flatnonzero(weights > 1e-4)
+        likely += [(weights[i], shares[i], density) for i in kept]
+    each = np.zeros(x.shape[1])
+    for weight, share, density in likely:
+        each += weight * np.exp(far + np.log(share) - _mixed(density(x), far, share))
+    return float(total - logsumexp(none)), each / sum(weight for weight, *_ in likely)
 
 
 def _mixed(near, far, share):
@@ -78,9 +72,8 @@ def _sphere(m: int) -> float:
 
 def _off(length, m):
     """Log density in m dimensions, but for the sphere's area: every logarithm of the length is as likely."""
-    inside = -m * np.log(np.clip(length, _NEAREST, _FARTHEST)) - np.log(
-        np.log(_FARTHEST / _NEAREST)
-    )
+    spread = np.log(np.log(_FARTHEST / _NEAREST))
+    inside = -m * np.log(np.clip(length, _NEAREST, _FARTHEST)) - spread
     return np.where(length < _NEAREST, -np.inf, inside)
 
 
@@ -90,9 +83,8 @@ def _noises(m: int):
     for scale in _SCALES:
         yield share, _scaled(_gauss, scale)
         for nu in _DEGREES:
-            same = scale * np.sqrt(
-                chi2.ppf(0.5, m) / (m * fisher.ppf(0.5, m, nu))
-            )  # the median stays
+            median = chi2.ppf(0.5, m) / (m * fisher.ppf(0.5, m, nu))
+            same = scale * np.sqrt(median)  # which stays
             for kind in (_joint, _each):
                 yield share - half, _scaled(kind, same, nu)
 

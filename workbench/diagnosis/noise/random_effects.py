@@ -226,10 +226,13 @@ def _score(tensor, z, pose):
 
 def _moved(site, z):
     """(n,) what one slot did at each sample in typical sizes, (n,) the variance of that, (n,) how far it is seen."""
-    d = _directions(site, len(z))
-    own, along = (d[0] ** 2).sum(0), _along(d, z)
-    noise = max(float(((z**2).sum(0) - along).mean() / (len(z) - 1)), 1e-300)
-    return (d[0] * z).sum(0) / np.maximum(own, 1e-300), noise / np.maximum(own, 1e-300), own
+    way = _directions(site, len(z))[0]
+    own = (way**2).sum(0)
+    divisor = np.maximum(own, 1e-300)
+    along = (way * z).sum(0)
+    across = (z**2).sum(0) - along**2 / divisor
+    noise = max(float(across.mean() / (len(z) - 1)), 1e-300)
+    return along / divisor, noise / divisor, own
 
 
 def _shape(site, z):
@@ -278,11 +281,6 @@ def _waves(reading, weight, count) -> tuple[float, int]:
     order = np.arange(len(power)) * (_GRID / (size * shortest))  # waves a radian
     tried = (order >= 1 / (_PERIODS * count)) & (order <= 1 / shortest)
     return float(power[tried].max(initial=0.0)), int(tried.sum())
-
-
-def _along(d, z):
-    """(n,) square of the part of z along the first slot."""
-    return (d[0] * z).sum(0) ** 2 / np.maximum((d[0] ** 2).sum(0), 1e-300)
 
 
 def evened_by(problem: Problem, random_effect: RandomEffect) -> Problem:

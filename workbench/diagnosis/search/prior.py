@@ -203,10 +203,12 @@ class Masses:
 
         The baseline is projected out: of the columns by way of what it makes of them, as y (N,) is free of it.
         """
-        made = np.concatenate([self._half.T @ columns, self.basis.T @ columns])
+        by_masses, by_baseline = self._half.T @ columns, self.basis.T @ columns
         own = self._half.T @ y
+        made = np.concatenate([by_masses, by_baseline])
         gram = columns.T @ columns - made.T @ made
-        return gram, columns.T @ y - made[: len(own)].T @ own, float(y @ y - own @ own)
+        score = columns.T @ y - by_masses.T @ own
+        return gram, score, float(y @ y - own @ own)
 
     def inexact(self, joints: np.ndarray | None, y: np.ndarray) -> float:
         """Sum of squares that errors of the elastic laws leave: a share of what all joints (N, J) explain."""
