@@ -235,9 +235,9 @@ def test_a_search_inside_a_fold_keeps_every_pose_where_these_are_few():
 def test_a_direction_that_one_block_alone_shows_stays_where_all_samples_have_it(bench):
     block = bench.chain.state.covariates["q5"] > 0.2
     problem = bench.problem(()).conditional_on()
-    assert heldout._block_shares(problem, block[problem.sample]).max() < 1 - heldout._HELD
-    errors = heldout.Errors(bench).block((), block)
-    assert errors.shape == (block.sum(),) and np.isfinite(errors).all() and errors.max() < 5
+    assert heldout._block_shares(problem, block[problem.sample]).max() < 1 - heldout.SAME
+    errors = heldout.Errors(bench).predicted(block.astype(int), {1: ()})[block]
+    assert np.isfinite(errors).all() and errors.max() < 5
 
 
 def test_a_real_cause_passes_its_control_and_a_wrong_one_gains_nothing(bench):

@@ -234,7 +234,7 @@ def test_terms_that_raise_the_held_out_error_are_refused_one_by_one(monkeypatch)
     monkeypatch.setattr(proof, "judges_of_all", lambda bench, terms, parts: parts)
     errors = SimpleNamespace(
         bench=SimpleNamespace(unit="mm", sigma=None),
-        predicted=lambda scheme, kept, plain: plain + 0.01,
+        predicted=lambda fold, kept: np.full(4, 0.489),
     )
     kept, refused, rows = proof._supported(errors, terms, [], whole, np.ones(4, bool))
     assert kept == [] and [term.finding.effect for term in refused] == [

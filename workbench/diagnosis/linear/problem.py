@@ -372,9 +372,6 @@ class Bench(Protocol):
     def solve(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None) -> tuple:
         """The fit of baseline and effects until it converges; a problem made after it is linear about it."""
 
-    def held_out(self, effects: Sequence[Effect], folds: np.ndarray) -> np.ndarray:
-        """(n,) error (mm or px, 3-D or 2-D distance) of each sample predicted from the other folds (n,) int."""
-
     def parameters(
         self, effects: Sequence[Effect], samples: np.ndarray | None = None
     ) -> tuple[dict, ...]:

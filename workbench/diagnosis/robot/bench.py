@@ -27,7 +27,6 @@ from workbench.diagnosis.robot.library import compliances, names, variants
 from workbench.diagnosis.robot.linearised import solution, with_candidates, with_places
 from workbench.diagnosis.robot.sliced_bases import SlicedBases, describe
 from workbench.fitting.checked_samples import check_samples
-from workbench.fitting.cross_validation import cross_validate
 from workbench.fitting.noise_scale import NOISE_ROUNDS, is_settled, noise_scaled
 from workbench.fitting.plans import geometry, stage_mask
 from workbench.fitting.shrinkage import settled
@@ -305,11 +304,6 @@ class RobotBench:
         if self._start is not None:
             start = start.take_over(self._start)
         return start.only(mask)
-
-    def held_out(self, effects: Sequence[Effect], folds: np.ndarray) -> np.ndarray:
-        """(n,) mm: 3-D error of each sample, predicted from the other folds (n,) int; nan where fold < 0."""
-        model, fit, _ = self.solve(effects)
-        return np.sqrt(cross_validate(model, fit.parameters, folds, "huber").squares)
 
     def parameters(
         self, effects: Sequence[Effect], samples: np.ndarray | None = None

@@ -1,6 +1,6 @@
 """Errors of samples that were left out, and whether a fall of them is real."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.stats import chi2, norm
@@ -11,7 +11,7 @@ from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetr
 from workbench.diagnosis.levels import SAME
 from workbench.diagnosis.linear.evidence import once
 from workbench.diagnosis.linear.problem import Problem
-from workbench.diagnosis.validation.folds import Scheme, judged_part
+from workbench.diagnosis.validation.folds import judged_part
 from workbench.fitting.cross_validation import hold_out
 
 _LIMIT, _MEDIAN = 2.8, float(chi2.median(3))
@@ -107,21 +107,22 @@ class Errors:
     """
 
     def __init__(self, bench, independent: bool = False):
-        self.bench, self.kept, self._independent = bench, {}, independent
+        self.bench, self._independent = bench, independent
+        self._blocks: dict[tuple, np.ndarray] = {}
         self._angles: dict[bytes, np.ndarray] = {}
 
-    def __call__(self, effects, fold: np.ndarray) -> np.ndarray:
-        """(n,) each sample predicted from the other folds."""
-        if self.bench.chain is None:
-            return self._once(effects, fold, lambda: self._of_sensor(effects, fold))
-        both = np.empty((2, len(fold)))
-        for k in np.unique(fold):
-            both[:, fold == k] = self._block(effects, fold == k)
-        return self._remembered(both)
+    def __call__(self, effects: Sequence[Effect], fold: np.ndarray) -> np.ndarray:
+        """(n,) each sample predicted from the other folds (n,) int."""
+        return self.predicted(fold, dict.fromkeys(np.unique(fold).tolist(), effects))
 
-    def block(self, effects, block: np.ndarray) -> np.ndarray:
-        """Errors of the samples of one block (n,) bool, predicted from all others."""
-        return self._block(effects, block)[0]
+    def predicted(self, fold: np.ndarray, chosen: Mapping[int, Sequence[Effect]]) -> np.ndarray:
+        """(n,) errors where every fold is predicted with effects of its own."""
+        both = np.empty((2, len(fold)))
+        for k, effects in chosen.items():
+            both[:, fold == k] = self._block(effects, fold == k)
+        if np.isfinite(both[1]).any():
+            self._angles[both[0].tobytes()] = both[1]
+        return both[0]
 
     def angles_of(self, errors: np.ndarray) -> np.ndarray:
         """(n,) rotation angles (deg) of the predictions whose distances (n,) this object returned.
@@ -131,46 +132,31 @@ class Errors:
         return self._angles.get(errors.tobytes(), np.full(len(errors), np.nan))
 
     def _block(self, effects, block: np.ndarray) -> np.ndarray:
-        """(2, k) distances and angles (deg) of the samples of one block."""
-        return self._once(effects, block, lambda: self._predict(effects, block)[:, block])
+        """(2, k) distances and angles (deg, nan where there are none) of the samples of one block (n,) bool."""
+        key = tuple(sorted(map(name_of, effects))), block.tobytes()
+        predict = self._of_sensor if self.bench.chain is None else self._of_arm
+        return once(self._blocks, key, lambda: predict(effects, block)[:, block])
 
-    def _remembered(self, both: np.ndarray) -> np.ndarray:
-        """(n,) distances of (2, n) distances and angles; keeps the angles."""
-        if np.isfinite(both[1]).any():
-            self._angles[both[0].tobytes()] = both[1]
-        return both[0]
+    def _of_sensor(self, effects, block: np.ndarray) -> np.ndarray:
+        """(2, n): px and nan."""
+        folds = np.where(block, 0, -1)
+        distances = self.bench.held_out(effects, folds, independent=self._independent)
+        return np.stack([distances, np.full_like(distances, np.nan)])
 
-    def predicted(
-        self, scheme: Scheme, chosen: Mapping[int, tuple[Effect, ...]], plain: np.ndarray
-    ) -> np.ndarray:
-        """(n,) errors where every fold is predicted with what was found without it."""
-        both = np.stack([plain, self.angles_of(plain)])
-        for k, effects in chosen.items():
-            if effects:
-                both[:, scheme.fold == k] = self._block(effects, scheme.fold == k)
-        return self._remembered(both)
+    def _of_arm(self, effects, block: np.ndarray) -> np.ndarray:
+        """(2, n): mm and deg.
 
-    def _predict(self, effects, block):
-        """(2, n) distances and angles (deg), nan where there are none."""
-        if self.bench.chain is None:  # a sensor's bench fits what is in no fold
-            distances = self._of_sensor(effects, np.where(block, 0, -1))
-            return np.stack([distances, np.full_like(distances, np.nan)])
+        Where the others leave a direction open (all have the tool upright, say), it stays where all samples have it.
+        """
         if self._leaves_open(effects, block):
-            # the others leave a direction open (all have the tool upright, say): it stays where all samples have it
             problem = self.bench.problem(effects, hypotheses=False).conditional_on()
             return _left_out_lengths(problem, np.where(block, 0, -1), only=0)
         model, fit, _ = self.bench.solve(effects, is_complete=False)
         found = hold_out(model, fit.parameters, block, ~block, "huber")
-        angles = (
-            np.sqrt((found.rotation**2).sum(0))
-            if len(found.rotation)
-            else np.full(len(block), np.nan)
-        )
+        angles = np.full(len(block), np.nan)
+        if len(found.rotation):
+            angles = np.sqrt((found.rotation**2).sum(0))
         return np.stack([np.sqrt(found.squares), np.rad2deg(angles)])
-
-    def _of_sensor(self, effects, fold: np.ndarray) -> np.ndarray:
-        """(n,) px, nan where fold < 0."""
-        return self.bench.held_out(effects, fold, independent=self._independent)
 
     def _leaves_open(self, effects, block: np.ndarray) -> bool:
         """Whether a direction of the fit is determined by the samples of a block (n,) bool alone."""
@@ -178,12 +164,6 @@ class Errors:
         problem = self.bench.problem(effects, part, hypotheses=False).conditional_on()
         rows = (block if part is None else block[part])[problem.sample]
         return _block_shares(problem, rows).max(initial=0.0) > 1 - SAME
-
-    def _once(self, effects, samples, make):
-        key = tuple(sorted(map(name_of, effects))), samples.tobytes()
-        if key not in self.kept:
-            self.kept[key] = make()
-        return self.kept[key]
 
 
 def name_of(effect: Effect) -> str:

@@ -124,7 +124,7 @@ def _without(errors: Errors, whole: list[Nested], refused: Sequence[Term]) -> li
         kept = {}
         for k, findings in one.found.items():
             kept[k] = effects_of([f for f in findings if (f.effect, f.where) not in gone])
-        out.append(errors.predicted(one.scheme, kept, one.plain))
+        out.append(errors.predicted(one.scheme.fold, kept))
     return out
 
 
@@ -166,18 +166,12 @@ def _whole(bench, found: Found, find: Find | None, errors: Errors, say, jobs: in
     compared = errors if bench.chain is not None else Errors(bench, independent=True)
     made = []
     for scheme, nested in zip(parts, _search_nested(bench, find, parts, say, jobs)):
-        plain, predicted = _predicted(errors, scheme, nested)
-        both = _predicted(compared, scheme, nested)
-        t = paired(bench.pose, *both, ~found.outliers, sigma_of(bench))
+        fold, chosen = scheme.fold, {k: effects_of(terms) for k, terms in nested.items()}
+        before, after = compared((), fold), compared.predicted(fold, chosen)
+        t = paired(bench.pose, before, after, ~found.outliers, sigma_of(bench))
+        plain, predicted = errors((), fold), errors.predicted(fold, chosen)
         made.append(Nested(scheme, plain, predicted, nested, t))
     return made
-
-
-def _predicted(errors: Errors, scheme: Scheme, nested) -> tuple[np.ndarray, np.ndarray]:
-    """Errors (n,) of the baseline, and where every fold is predicted with what was found without it."""
-    chosen = {k: effects_of(found) for k, found in nested.items()}
-    plain = errors((), scheme.fold)
-    return plain, errors.predicted(scheme, chosen, plain)
 
 
 def _proof(bench, rows: Sequence[Judged], fixed, noise, usual) -> Proof:
