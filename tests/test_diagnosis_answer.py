@@ -11,7 +11,7 @@ from conftest import ROOT
 from robot_model.effects import CATALOGUE
 from robot_model.effects.transmission import high_orders
 from sensors.effects import CATALOGUE as SENSOR
-from workbench.diagnosis.linear.problem import Alternative, Finding
+from workbench.diagnosis.linear.problem import Alternative, Finding, Problem
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.validation import folds, heldout, proof, stability
 from workbench.diagnosis.validation.controls import PERMUTED, ROTATED, controls, of_order
@@ -70,25 +70,14 @@ def test_blocks_left_out_of_a_linear_fit_are_predicted_as_by_fitting_again():
     fold = np.arange(40) // 8
     q = np.linalg.qr(columns)[0]
 
-    class Problem:
-        basis, residual, sample, weights, sigma, n = (
-            q,
-            y,
-            np.arange(40),
-            np.ones(40),
-            np.ones(40),
-            40,
-        )
-        rotation = None
-        fit_columns, hat_mixing, fitted_residual = (q,), np.eye(5), y - q @ (q.T @ y)
-        known = {}
-
+    every, ones = np.arange(40), np.ones(40)
+    problem = Problem(y, q, every, ones, ones, every, every, {}, (), ())
     again = np.empty(40)
     for k in range(5):
         again[fold == k] = (
             y[fold == k] - columns[fold == k] @ np.linalg.lstsq(columns[fold != k], y[fold != k])[0]
         )
-    assert np.allclose(heldout.left_out(Problem, fold), np.abs(again))
+    assert np.allclose(heldout.left_out(problem, fold), np.abs(again))
 
 
 def test_folds_never_part_a_pose(bench):
