@@ -45,6 +45,21 @@ class Shared:
             None if self.unknown is None else self.unknown[..., chosen],
         )
 
+    def with_errors(self, derivative: np.ndarray, variance: np.ndarray) -> "Shared":
+        """The same with m more errors of known variance (m,), independent from group to group; derivative (m, d, n)."""
+        k, m = len(self.derivative), len(variance)
+        groups = len(self.covariance) // k
+        whole = np.zeros((groups, k + m, groups, k + m))
+        whole[:, :k, :, :k] = np.reshape(self.covariance, (groups, k, groups, k))
+        each = np.arange(groups)
+        for kind in range(m):
+            whole[each, k + kind, each, k + kind] = variance[kind]
+        return replace(
+            self,
+            derivative=np.concatenate([self.derivative, derivative]),
+            covariance=whole.reshape(groups * (k + m), -1),
+        )
+
     def with_variances(self, variance: np.ndarray) -> "Shared":
         """The same with the variances (m,) of the unknown ones."""
         k, m, groups = len(self.derivative), len(variance), int(self.labels.max()) + 1

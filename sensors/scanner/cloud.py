@@ -79,6 +79,8 @@ class Cloud:
             covariance = np.zeros((3 * planes.shape[1],) * 2)
         own = stripe_error(self.error, place, self.along)
         shared = plane_error(self.points, planes, place, covariance, own)
+        if self.scanner.stripe_variance.any():
+            shared = shared.with_errors(own, self.scanner.stripe_variance)
         return {"shared": shared, "ordered": True}
 
     def common_covariance(self, centre: np.ndarray, used: np.ndarray) -> np.ndarray:

@@ -22,6 +22,7 @@ from sensors.effects import CATALOGUE
 from sensors.light.mirror import Mirror
 from sensors.scanner.model import Scanner
 from sensors.scanner.turntable import Turntable
+from sensors.trust import trust_from_keys
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_toml
@@ -97,6 +98,7 @@ class _File(_Section):
     turntable: _Turntable | None = None
     effect: list[_Effect] = []
     provenance: dict[str, Any] = {}
+    verdict: dict[str, Any] | None = None
 
 
 def write_scanner(scanner: Scanner, path: Path) -> None:
@@ -137,6 +139,10 @@ def scanner_text(scanner: Scanner) -> str:
         keys["effect"] = [
             _effect_keys(scanner, effect, values) for effect, values in scanner.effects
         ]
+    if scanner.trust is not None:
+        keys["verdict"] = scanner.trust.as_keys()
+    if scanner.camera_trust is not None:
+        keys["camera"]["verdict"] = scanner.camera_trust.as_keys()
     if scanner.provenance:
         keys["provenance"] = {
             name: value for name, value in scanner.provenance.items() if value is not None
@@ -271,6 +277,8 @@ def scanner_of(keys: Mapping, where: str) -> Scanner:
         light.shared_px or {},
         _turntable(file, where),
         covariance_from_keys(file.camera, camera, f"{where}, [camera]"),
+        trust_from_keys(keys, where),
+        trust_from_keys(file.camera, f"{where}, [camera]"),
     )
     effects = tuple(_effect(row, bare, where) for row in file.effect)
     return replace(bare, effects=effects)

@@ -14,6 +14,7 @@ from sensors.light.planes import light_origin
 from sensors.scanner.errors import by_pixel, by_plane, cut, frame_moves
 from sensors.scanner.turntable import Turntable
 from sensors.state import SensorState, stripe_direction
+from sensors.trust import Trust
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 
@@ -34,7 +35,8 @@ class Scanner:
     farthest) depth in mm that was calibrated; `scan` (2,) unit vector of the line in which centres are measured, px;
     `shared_px` 1 sigma (px) by which whole stripes on boards erred, by kind (`sensors.light.together`): it is in the
     covariance. `turntable`: that turns the object, None without one. `camera_covariance` (V, V) of the camera's values,
-    None where unknown.
+    None where unknown. `trust`: verdict of its calibration, and `camera_trust` of that of its camera alone; None where
+    the file of an older version holds none.
     """
 
     camera: Camera
@@ -52,6 +54,8 @@ class Scanner:
     shared_px: Mapping[str, float] = field(default_factory=dict)
     turntable: Turntable | None = None
     camera_covariance: np.ndarray | None = None
+    trust: Trust | None = None
+    camera_trust: Trust | None = None
 
     @cached_property
     def light(self) -> np.ndarray | None:
@@ -208,6 +212,11 @@ class Scanner:
         if self.covariance is None:
             return np.zeros((count, 3, 3))
         return self.covariance.reshape(count, 3, count, 3)[np.arange(count), :, np.arange(count)]
+
+    @property
+    def stripe_variance(self) -> np.ndarray:
+        """(2,) px^2 of shift and tilt of a whole stripe, as the calibration found them beyond noise and planes."""
+        return np.zeros(2) if self.trust is None else np.square(self.trust.stripe_px)
 
     def frame_covariance(self, points: np.ndarray) -> np.ndarray:
         """(3, 3, n) mm^2 that places (3, n) in the camera frame have from the frame alone: all points of a scan move

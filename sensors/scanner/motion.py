@@ -74,7 +74,11 @@ class Motion:
         covariance = np.kron(np.eye(count), self.own_covariance)
         error = self.directions(scanner.by_stripe(local, seen.steps), seen.image)
         along = seen.pixels[1 if abs(scanner.scan[0]) >= abs(scanner.scan[1]) else 0]
-        return Shared(label, derivative, covariance, stripe_error(error, label, along))
+        stripe = stripe_error(error, label, along)
+        shared = Shared(label, derivative, covariance, stripe)
+        if scanner.stripe_variance.any():
+            shared = shared.with_errors(stripe, scanner.stripe_variance)
+        return shared
 
     def common_of_centre(
         self, points: np.ndarray, image: np.ndarray, outward: np.ndarray

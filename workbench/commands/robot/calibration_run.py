@@ -55,7 +55,11 @@ def solve_into(
 
     Arguments as in `solve`. Raises InputError.
     """
-    from workbench.fitting.verdicts.calibration_verdict import calibration_verdict, with_remark
+    from workbench.fitting.verdicts.calibration_verdict import (
+        calibration_verdict,
+        with_remark,
+        with_sensor,
+    )
     from workbench.jobs.robot.calibrate import calibrate, save
 
     scans, sensor_keys = None, {}
@@ -65,9 +69,12 @@ def solve_into(
     calibration = calibrate(found, progress=say, **options)
     say("comparing the residual with the noise")
     verdict = calibration_verdict(calibration.held_out, calibration.noise, tolerances)
-    verdict = with_remark(verdict, calibration.far_geometry)
+    verdict = with_sensor(with_remark(verdict, calibration.far_geometry), sensor_keys.get("sensor"))
+    stated = calibration.as_json()
+    of_sensor = sensor_keys.get("sensor", {}).get("warnings", ())
     result = {
-        **calibration.as_json(),
+        **stated,
+        "warnings": [*of_sensor, *stated.get("warnings", ())],
         **sensor_keys,
         "verdict": verdict.as_json(),
         "input": runs.input_name(name),

@@ -69,6 +69,16 @@ def with_remark(verdict: Verdict, sentence: str) -> Verdict:
     return replace(verdict, sentence=f"{verdict.sentence} {capital}")
 
 
+def with_sensor(verdict: Verdict, sensor: Mapping | None) -> Verdict:
+    """Not passed where ball centres come from a sensor whose own result is refused; sensor: its part of the JSON."""
+    if sensor is None or sensor["verdict"]["pass"] is not False:
+        return verdict
+    sentence = (
+        f"{verdict.sentence} Do not use this result: the ball centres that it rests on are refused."
+    )
+    return replace(verdict, passed=False, sentence=sentence)
+
+
 def _failed(verdict: Verdict) -> Verdict:
     """The same as a failure: parameters that are not to be trusted meet no tolerance."""
     sentence = f"{verdict.sentence} Do not use this result: its parameters are not to be trusted."

@@ -8,6 +8,7 @@ import numpy as np
 
 from sensors.hand_eye.result import HandEye
 from sensors.hand_eye.review import UNEXPLAINED
+from workbench.fitting.verdicts.sensor_verdict import repeated_warnings
 from workbench.fitting.verdicts.verdict import (
     Noise,
     Residual,
@@ -40,7 +41,7 @@ def handeye_verdict(run, tolerances: Sequence[Tolerance] = ()) -> Verdict:
     made, causes = run.made, undetermined_causes(run)
     verdict = _boards(run, tolerances) if made.radius is None else _profiles(made, tolerances)
     if not causes:
-        return _with_suspicion(verdict, suspicions(run))
+        return _with_suspicion(verdict, [*suspicions(run), *_refused_camera(run)])
     sentence = f"Not determined: {'; '.join(causes)}. {_undetermined_remedy(run)}."
     return replace(verdict, passed=False, sentence=sentence, parts=())
 
@@ -184,11 +185,18 @@ def handeye_warnings(run) -> list[str]:
     # a mistake that is named is the likely reason why anything is undetermined
     return [
         *suspicions(run),
+        *repeated_warnings(run.camera_trust, "camera"),
         *(open_ones if causes else []),
         *_misfit(run),
         *_few_poses(run),
         *left_out,
     ]
+
+
+def _refused_camera(run) -> list[str]:
+    """Warnings of a camera from a file whose calibration was refused; none of one that can be used."""
+    trust = run.camera_trust
+    return [] if trust is None or trust.usable else repeated_warnings(trust, "camera")
 
 
 def _misfit(run) -> list[str]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from sensors.scanner.misfit import Misfit
 from sensors.stripe.asymmetry import Asymmetry
+from sensors.trust import Trust
 from workbench.fitting.verdicts.verdict import (
     Noise,
     Residual,
@@ -73,6 +74,12 @@ def camera_warnings(calibration) -> list[str]:
         f"{verdict.residual_over_noise:.3g} times their noise; check kind, columns and rows under [board], that all "
         "images are of one camera with fixed focus, and that the board is flat"
     ]
+
+
+def camera_trust(calibration) -> Trust:
+    """What the file of a `CameraCalibration` says of its own trustworthiness."""
+    is_usable = camera_verdict(calibration).passed is not False
+    return Trust(is_usable, tuple(camera_warnings(calibration)))
 
 
 def scanner_verdict(
@@ -146,6 +153,41 @@ def scanner_warnings(
     return [*said, *(f"{first}: {line.sentence}" for line in calibration.lines)]
 
 
+def scanner_trust(
+    calibration, misfit: Misfit | None = None, asymmetry: Asymmetry | None = None
+) -> Trust:
+    """What the file of a `ScannerCalibration` says of its own trustworthiness.
+
+    Lack of fit is a further displacement of each stripe of a later scan, since it is not known whether its cause stays.
+    """
+    is_usable = scanner_verdict(calibration, (), misfit).passed is not False
+    warnings = tuple(scanner_warnings(calibration, misfit, asymmetry))
+    if misfit is None or not misfit.is_relevant:
+        return Trust(is_usable, warnings)
+    tilt = math.sqrt(3) * math.hypot(misfit.tilt_px, misfit.bend_px)  # at the ends, from the RMS
+    return Trust(is_usable, warnings, (misfit.shift_px, tilt))
+
+
+def repeated_warnings(trust: Trust | None, what: str) -> list[str]:
+    """Warnings of a calibration for a result that rests on it; what: "scanner" or "camera"."""
+    if trust is None:
+        return []
+    return [_repeated(one, what) for one in trust.warnings]
+
+
+def _repeated(warning: str, what: str) -> str:
+    for words, said in ((_POOR_WORDS, "is refused"), (_DOUBT_WORDS, "is doubtful")):
+        if warning.startswith(words):
+            return f"{words}: the calibration of the {what} {said}{warning.removeprefix(words)}"
+    return f"The calibration of the {what} warned: {warning}"
+
+
+def _is_unusable(made) -> bool:
+    """Whether the calibration of the scanner of `Scans` was refused."""
+    trust = None if made.scanner is None else made.scanner.trust
+    return trust is not None and not trust.usable
+
+
 def _advice(misfit: Misfit | None) -> str:
     """What to look for where the line lies far from its light planes."""
     if misfit is not None and misfit.shift_px > _MAINLY * misfit.total_px:
@@ -198,7 +240,8 @@ def scan_verdict(made, tolerances: Sequence[Tolerance] = ()) -> Verdict:
     """
     sums = _ball_sums(made)
     if not sums.points:
-        return no_verdict("No ball was fitted, so no residual can be judged.")
+        verdict = no_verdict("No ball was fitted, so no residual can be judged.")
+        return _refused(verdict) if _is_unusable(made) else verdict
     size = math.sqrt(sums.squares / sums.points)
     significant = None if not sums.tested else sums.doubtful > 0
     residual = Residual(
@@ -209,11 +252,16 @@ def scan_verdict(made, tolerances: Sequence[Tolerance] = ()) -> Verdict:
     )
     advice = "the calibration of the scanner, the certified radius or the ball's form is off by more than the noise"
     verdict = judge(residual, noise, tolerances, advice)
-    return _refused(verdict) if sums.is_poor else verdict
+    return _refused(verdict) if sums.is_poor or _is_unusable(made) else verdict
 
 
 def scan_warnings(made) -> list[str]:
-    """Why scans or their stated uncertainty are not trustworthy, if they are not."""
+    """Why scans or their stated uncertainty are not trustworthy, if they are not; those of the scanner first."""
+    trust = None if made.scanner is None else made.scanner.trust
+    return [*repeated_warnings(trust, "scanner"), *_own_warnings(made)]
+
+
+def _own_warnings(made) -> list[str]:
     sums = _ball_sums(made)
     if sums.points and sums.is_poor:
         size = math.sqrt(sums.squares / sums.points)

@@ -16,11 +16,12 @@ from sensors.camera.model import (
     covariance_from_keys,
     covariance_keys,
 )
+from sensors.trust import Trust, trust_from_keys
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_toml
 from workbench.files.images.images import by_role
 from workbench.files.provenance import provenance
-from workbench.fitting.verdicts.sensor_verdict import camera_verdict, camera_warnings
+from workbench.fitting.verdicts.sensor_verdict import camera_trust, camera_verdict, camera_warnings
 from workbench.fitting.verdicts.verdict import Tolerance
 from workbench.machine.progress import paced
 
@@ -196,6 +197,7 @@ def save(made: CameraRun, folder: Path) -> None:
         "rms_coordinate_px": calibration.rms_coordinate_px,
         "std": std,
         **covariance_keys(_camera_covariance(calibration)),
+        "verdict": camera_trust(calibration).as_keys(),
         "provenance": {key: value for key, value in provenance(made.recording).items() if value},
     }
     (folder / FILE).write_text(tomli_w.dumps(text), encoding="utf-8")
@@ -215,6 +217,18 @@ def read(path: Path) -> Camera:
 def read_stated(path: Path) -> tuple[Camera, np.ndarray | None]:
     """The camera of a camera.toml or a scanner.toml, and the covariance (V, V) of its values; None where the file
     states none. Raises InputError."""
+    inner = _camera_keys(path)
+    camera = camera_from_keys(inner, str(path))
+    return camera, covariance_from_keys(inner, camera, str(path))
+
+
+def read_trust(path: Path) -> Trust | None:
+    """What the calibration of the camera in such a file says of itself; None in files of older versions."""
+    return trust_from_keys(_camera_keys(path), str(path))
+
+
+def _camera_keys(path: Path) -> Mapping:
+    """Keys of the camera in a camera.toml or a scanner.toml. Raises InputError."""
     try:
         keys = read_toml(path)
     except (OSError, ContentError) as problem:
@@ -223,6 +237,4 @@ def read_stated(path: Path) -> tuple[Camera, np.ndarray | None]:
             "camera.toml that `workbench camera` writes"
         ) from None
     inner = keys.get("camera", keys)
-    inner = inner if isinstance(inner, Mapping) else keys
-    camera = camera_from_keys(inner, str(path))
-    return camera, covariance_from_keys(inner, camera, str(path))
+    return inner if isinstance(inner, Mapping) else keys

@@ -18,6 +18,7 @@ from sensors.hand_eye.relative_motions import (
 )
 from sensors.hand_eye.result import HandEye
 from sensors.hand_eye.review import Review
+from sensors.trust import Trust
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_vector
 from workbench.files.images.flange import flange_poses, rows_of_samples
@@ -65,6 +66,7 @@ class HandEyeRun:
     source: str = ""
     free: HandEye | None = None
     review: Review | None = None
+    camera_trust: Trust | None = None
 
 
 def calibrate(
@@ -128,6 +130,7 @@ def calibrate(
         found.rejected,
         source,
         review=review,
+        camera_trust=cameras.read_trust(sensor) if isinstance(sensor, Path) else None,
     )
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +20,17 @@ from sensors.scanner.turntable_calibration import TurntableCalibration
 from sensors.scanner.unseen_steps import with_unseen_steps
 from sensors.stripe.asymmetry import Asymmetry, Profiles, asymmetry
 from sensors.stripe.find import exposures, find_stripes
+from sensors.trust import Trust
 from workbench.core.errors import InputError
 from workbench.files.images.columns import recorded_columns
 from workbench.files.images.images import by_role, full_scale, path_of, streamed
 from workbench.files.provenance import provenance
-from workbench.fitting.verdicts.sensor_verdict import scanner_verdict, scanner_warnings
+from workbench.fitting.verdicts.sensor_verdict import (
+    camera_trust,
+    scanner_trust,
+    scanner_verdict,
+    scanner_warnings,
+)
 from workbench.fitting.verdicts.verdict import Tolerance
 from workbench.jobs.sensor import camera as cameras
 from workbench.jobs.sensor.turntables import turntable_json, turntable_of
@@ -61,9 +68,15 @@ class ScannerRun:
     def scanner(self) -> Scanner:
         """The calibrated scanner, with planes of steps that no board saw where a mirror gives them."""
         scanner = self.calibration.scanner if self.unseen is None else self.unseen[0]
-        return (
-            scanner if self.turntable is None else replace(scanner, turntable=self.turntable.table)
-        )
+        table = scanner.turntable if self.turntable is None else self.turntable.table
+        own, of_camera = self._trust
+        return replace(scanner, turntable=table, trust=own, camera_trust=of_camera)
+
+    @cached_property
+    def _trust(self) -> tuple[Trust, Trust]:
+        """What the calibration of the scanner, and that of its camera alone, say of themselves."""
+        own = scanner_trust(self.calibration, self.misfit, self.asymmetry)
+        return own, camera_trust(self.calibration.start)
 
 
 def calibrate(
