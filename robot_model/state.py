@@ -1,5 +1,6 @@
 """What an effect may read: readings, torques, bending moments and covariates of n samples."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -19,6 +20,7 @@ from workbench.core.covariates import WIND_UP, last_moves, wound_up
 from workbench.core.errors import InputError
 
 _MM_A_METRE = 1e3
+_HISTORY = re.compile(r"(?:approach|move)(\d+)")
 _STILL = 0.1, 1e-4  # mm, rad that a reading may change by while the arm stands
 
 
@@ -220,6 +222,26 @@ def moved(
     for k, states in enumerate(wound_up(moves, time, widths), 1):
         made |= {f"move{k}_wound_{i}": row for i, row in enumerate(states)}
     return made
+
+
+def with_history(covariates: Mapping[str, np.ndarray], joints: int, n: int) -> dict:
+    """Covariates of n targets with what the moves before would tell: a target has no history.
+
+    Every joint is at the centre of its loop, unless `approach<k>` (n,), -1 or 1, states the side that it comes from:
+    its friction is then fully wound up. What the covariates hold stays.
+    """
+    made = {}
+    for k in range(1, joints + 1):
+        side = covariates.get(f"approach{k}", np.zeros(n))
+        made |= {f"approach{k}": side, f"move{k}": np.zeros(n)}
+        made |= {f"move{k}_wound_{i}": side for i in range(len(WIND_UP))}
+    return made | dict(covariates)
+
+
+def approaches_read(effects) -> list[str]:
+    """Columns `approach<k>` that state what these effects read of the moves before a sample."""
+    found = [_HISTORY.fullmatch(name) for effect in effects for name in effect.reads]
+    return sorted({f"approach{one[1]}" for one in found if one})
 
 
 def sliding(robot: Robot) -> np.ndarray:

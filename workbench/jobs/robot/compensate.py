@@ -14,7 +14,7 @@ from robot_model.chain import forward
 from robot_model.measurements.closure import flange_matrices
 from robot_model.measurements.external_pose import ExternalPose
 from robot_model.robot import Robot
-from robot_model.state import State, sliding
+from robot_model.state import State, approaches_read, sliding, with_history
 from robot_model.system import RobotChain
 from robot_model.task_priority import LEVER_MM, Task, joint_part, pose_difference, pose_sizes
 from workbench.core.least_squares.linear_algebra import least_squares, solve_positive
@@ -218,6 +218,7 @@ def _model(arm, readings, wanted, covariates) -> Model:
         name: np.broadcast_to(np.asarray(v, float), (n,)) for name, v in (covariates or {}).items()
     }
     covariates.setdefault("row", np.full(n, float(arm.rows)))  # after the recording
+    covariates = with_history(covariates, arm.robot.joints, n)
     payload = arm.robot.payload_mass + covariates.get("payload_kg", np.zeros(n))
     measurement = ExternalPose(wanted[:, :3, 3].T.copy(), wanted[:, :3, :3])
     blank = np.zeros((3, n))
@@ -373,10 +374,26 @@ def _sigma(arm, readings, wanted, covariates) -> np.ndarray:
     """(n,) mm: 1 sigma of the measured point's 3-D place in the world, from the covariance of all parameters.
 
     Those of considered terms are among them, at the worst value of a column that is missing. And from what empirical
-    functions leave open beyond the range that they were fitted on.
+    functions leave open beyond the range that they were fitted on, and from loops of hysteresis whose side is unknown.
     """
-    covariates = _with_worst_covariates(arm, readings, wanted, covariates)
-    return _sigma_at(arm, readings, wanted, covariates)
+    worst = _with_worst_covariates(arm, readings, wanted, covariates)
+    loops = half_loops_mm(arm, readings, covariates)
+    return np.hypot(_sigma_at(arm, readings, wanted, worst), loops)
+
+
+def half_loops_mm(arm: CalibratedArm, readings: np.ndarray, covariates=None) -> np.ndarray:
+    """(n,) mm: half the width of the loops of hysteresis and backlash at the flange, where nobody states the side.
+
+    The joints come from either side independently of one another, so that squares add up.
+    """
+    squares = np.zeros(len(readings))
+    for name in sorted(set(approaches_read(arm.acting_effects)) - set(covariates or {})):
+        ends = [
+            actual_poses(arm, readings, {**(covariates or {}), name: side})[:, :3, 3]
+            for side in (-1.0, 1.0)
+        ]
+        squares += ((ends[1] - ends[0]) ** 2).sum(1) / 4
+    return np.sqrt(squares)
 
 
 def _sigma_at(arm, readings, wanted, covariates) -> np.ndarray:
@@ -398,7 +415,9 @@ def _with_worst_covariates(arm, readings, wanted, covariates) -> dict:
     ends = {
         name: [np.full(len(readings), end) for end in arm.fitted_range[name]] for name in missing
     }
-    found |= {name: low for name, (low, _) in ends.items()}
+    considered = () if arm.considered is None else arm.considered.effects
+    history = set(approaches_read((*arm.acting_effects, *considered))) - set(found) - set(missing)
+    found |= {name: low for name, (low, _) in ends.items()} | dict.fromkeys(history, 1.0)
     for name, (low, high) in ends.items():
         at_low = _sigma_at(arm, readings, wanted, found | {name: low})
         at_high = _sigma_at(arm, readings, wanted, found | {name: high})

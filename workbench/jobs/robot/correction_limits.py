@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from datasets.errors import complaint
-from robot_model.state import sliding
+from robot_model.state import approaches_read, sliding
 from robot_model.system import geometry_priors
 from workbench.core.errors import InputError
 from workbench.core.vocabulary import Covariate
 from workbench.files.solution_file import LARGEST_DEG, LARGEST_MM, CalibratedArm
-from workbench.jobs.robot.compensate import considered_covariates, covariates_read
+from workbench.jobs.robot.compensate import considered_covariates, covariates_read, half_loops_mm
 from workbench.jobs.robot.singularity import reading_words, singular_joint
 
 # No arm deviates from its model by a hundred times the noise of an instrument that is fit to measure it: noise then
@@ -186,11 +186,13 @@ def covariates_of(arm: CalibratedArm, programme) -> Mapping[str, np.ndarray]:
     """The columns of a programme that the model may read: those that the recording of the calibration had.
 
     A model that was fitted with a temperature takes hours where it finds none, and the reverse; so a column that it
-    reads must be there. Raises InputError where it is not.
+    reads must be there; a target has no history, so that sides of approach may be left out. Raises InputError where one
+    is not.
     """
     if arm.fitted_range is None:
         return programme.covariates
-    for name in sorted(covariates_read(arm) - set(programme.covariates)):
+    sides = set(approaches_read(arm.acting_effects))
+    for name in sorted(covariates_read(arm) - set(programme.covariates) - sides):
         low, high = arm.fitted_range[name]
         raise complaint(
             f"{programme.table.called}, column {name}",
@@ -201,7 +203,7 @@ def covariates_of(arm: CalibratedArm, programme) -> Mapping[str, np.ndarray]:
     return {
         name: values
         for name, values in programme.covariates.items()
-        if name in {*arm.fitted_range, _LOAD}
+        if name in {*arm.fitted_range, *sides, _LOAD}
     }
 
 
@@ -234,7 +236,11 @@ def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judge
             )
     for row, reason in _joint_changes(arm, programme, found, limits.joint_deg):
         refuse(row, reason)
-    warnings = [*_left_by_joints(arm, found), *_worst_assumed(arm, programme)]
+    warnings = [
+        *_left_by_joints(arm, found),
+        *_worst_assumed(arm, programme),
+        *_unknown_sides(arm, programme, found),
+    ]
     for covered in _coverages(arm, programme, found):
         is_refused = found.reached & (covered.outside > _FAR) & covered.is_read
         for row in np.flatnonzero(is_refused):
@@ -285,6 +291,21 @@ def _worst_assumed(arm: CalibratedArm, programme) -> list[str]:
         f"The targets have no column {ranges}. An effect that the diagnosis found and did not retain depends "
         "on it; sigma_mm takes the worst end of the recorded range. Add the column with the values that hold when the "
         "programme runs."
+    ]
+
+
+def _unknown_sides(arm: CalibratedArm, programme, found) -> list[str]:
+    """A sentence on loops of hysteresis or backlash whose side the targets do not state, or none."""
+    missing = sorted(set(approaches_read(arm.acting_effects)) - set(programme.covariates))
+    if not missing or not found.reached.any():
+        return []
+    columns = {name: values[found.reached] for name, values in programme.covariates.items()}
+    half = half_loops_mm(arm, found.readings[found.reached], columns).max()
+    terms = [effect.title for effect in arm.acting_effects if approaches_read([effect])]
+    return [
+        f"The targets do not state the side that joints come from: {', '.join(terms)} counts with the centre of its "
+        f"loop, and sigma_mm contains half the width of the loop, up to {half:.2g} mm. Add the column "
+        f"{', '.join(missing)} (-1 or 1, the sign of the last long move) to correct it as well."
     ]
 
 

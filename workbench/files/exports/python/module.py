@@ -7,7 +7,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from robot_model.state import sliding
+from robot_model.state import approaches_read, sliding
 from robot_model.tool_points import calibrated_points
 from workbench.files.exports.mjcf import control_terms
 from workbench.files.exports.python import runtime
@@ -122,6 +122,11 @@ def _usage(arm: CalibratedArm) -> dict[str, str]:
     needs, points = covariates_used(arm), list(calibrated_points(arm.values))
     names = ", ".join(needs)
     sentence = f" Covariates are columns by name, in file units: {names}." if needs else ""
+    if sides := approaches_read(observed_effects(arm)):
+        sentence += (
+            f"\nHysteresis and backlash count with the centre of the loop, unless covariates hold {', '.join(sides)} "
+            "(-1 or 1:\nthe sign of the last long move)."
+        )
     values = ", ".join(f'"{name}": {_typical(arm, name):.4g}' for name in needs)
     chosen = f"that of {points[0]}" if points else "none, since none was calibrated"
     if len(points) > 1:

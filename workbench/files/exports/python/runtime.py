@@ -10,7 +10,7 @@ import numpy as np
 
 from robot_model.chain import forward
 from robot_model.robot import Robot
-from robot_model.state import State, sliding
+from robot_model.state import State, sliding, with_history
 from robot_model.system import RobotChain
 from robot_model.task_priority import Task, joint_part, pose_difference, pose_sizes
 from robot_model.tool_points import calibrated_points
@@ -253,6 +253,7 @@ class CorrectedArm:
             k: np.broadcast_to(np.asarray(v, float), (n,)) for k, v in (covariates or {}).items()
         }
         columns.setdefault("row", np.full(n, self.rows))
+        columns = with_history(columns, self.robot.joints, n)
         payload = self.robot.payload_mass + columns.get("payload_kg", np.zeros(n))
         blank, ones = np.zeros((3, n)), np.ones((1, n))
         state = State(
