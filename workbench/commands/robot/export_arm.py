@@ -133,15 +133,18 @@ def _mjcf(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
     """The MJCF file and, where terms on joints are no springs, a module that computes the servo targets."""
     from workbench.files.exports.check import check_python
     from workbench.files.exports.mjcf import control_terms, left_out, mjcf
+    from workbench.files.exports.mjcf_check import check_mjcf
     from workbench.files.exports.python import python_module
 
-    texts: dict[Path, str | bytes] = {file: mjcf(arm)}
+    text = mjcf(arm)
+    texts: dict[Path, str | bytes] = {file: text}
+    back()
+    check_mjcf(arm, text)
     control = [effect.title for effect in control_terms(arm)]
     notes: tuple[str, ...] = ()
     if control:
         module = file.with_name(f"{file.stem.replace('-', '_')}_control.py")
         texts[module] = python_module(arm)
-        back()
         check_python(arm, str(texts[module]))
         notes = (
             f"{', '.join(control)}: on joints and no springs, so that MJCF cannot hold them; {module.name} has them: "

@@ -16,6 +16,7 @@ from robot_model.effects import elastic, transmission
 from robot_model.mjcf import TERMS
 from robot_model.statics import STANDARD_GRAVITY
 from workbench.core.effect import Effect
+from workbench.core.errors import InputError
 from workbench.files.exports.urdf import (
     around_joints,
     coupled_sums,
@@ -92,7 +93,7 @@ def left_out(arm: CalibratedArm) -> list[str]:
     missing = []
     for effect in arm.effects:
         is_moment = type(effect) is elastic.FirstMoment
-        massless = is_moment and not masses[_body_number(effect, arm) - 1] > 0
+        massless = is_moment and not masses[_moment_body(effect, arm)] > 0
         if not _is_carried(effect, arm) or massless:
             missing.append(effect.title)
     return missing
@@ -134,6 +135,7 @@ def gravity_of(arm: CalibratedArm) -> np.ndarray:
 def compliances_of(arm: CalibratedArm) -> Compliances:
     """The calibrated compliance of every joint, bearing and link, and of the pedestal."""
     made = Compliances()
+    _refuse_negative(arm)
     for effect in _of_kind(arm, elastic.JointCompliance):
         (made.joint[effect.number],) = _values(arm, effect, "compliance")
     for effect in _of_kind(arm, elastic.BearingCompliance):
@@ -146,20 +148,50 @@ def compliances_of(arm: CalibratedArm) -> Compliances:
     return made
 
 
+def _refuse_negative(arm: CalibratedArm) -> None:
+    """InputError for a negative compliance: its spring would push away from the place of rest."""
+    springs = {
+        elastic.JointCompliance: ("compliance",),
+        elastic.BearingCompliance: ("tilt",),
+        elastic.LinkCompliance: ("bending",),
+        elastic.PedestalCompliance: ("about_x", "about_y"),
+    }
+    for kind, names in springs.items():
+        for effect in _of_kind(arm, kind):
+            if min(values := _values(arm, effect, *names)) < 0:
+                raise InputError(
+                    f"--to mjcf: expected compliances of 0 or more, found {min(values):.3g} for {effect.title}: a "
+                    "spring with a negative stiffness makes the simulation unstable; calibrate again, or leave the "
+                    f"term out with --without {effect.where}.{effect.effect}"
+                )
+
+
 def _masses(arm: CalibratedArm) -> tuple[np.ndarray, np.ndarray]:
-    """(J + 1,) kg and (J + 1, 3) mm centres of links and load, with calibrated first moments; frames k and flange."""
+    """(J + 1,) kg and (J + 1, 3) mm centres of links and tool, with calibrated first moments; frames k and flange."""
     mass = np.append(arm.robot.mass, arm.robot.payload_mass)
     centre = np.vstack([arm.robot.com, arm.load_centre])
     for effect in _of_kind(arm, elastic.FirstMoment):
-        k = _body_number(effect, arm) - 1
-        moment = _values(arm, effect, "mx", "my", "mz")
+        k = _moment_body(effect, arm)
+        moment = np.array(_values(arm, effect, "mx", "my", "mz"))
+        if effect.where == "tool" and k < arm.robot.joints:
+            moment = arm.robot.flange[:3, :3] @ moment
         if mass[k] > 0:
-            centre[k] += np.array(moment) / mass[k]
+            centre[k] += moment / mass[k]
     return mass, centre
 
 
-def _body_number(effect, arm: CalibratedArm) -> int:
-    return arm.robot.joints + 1 if effect.where == "tool" else effect.number
+def _moment_body(effect, arm: CalibratedArm) -> int:
+    """Index of the body whose centre takes a first moment: its own, or the last link for that of a lighter tool.
+
+    The tool is fixed to the last link, so that the moment is the same there, and divided by a larger mass it moves the
+    centre less far. A last link that bends is not fixed to the tool.
+    """
+    joints = arm.robot.joints
+    if effect.where != "tool":
+        return effect.number - 1
+    bends = any(one.number == joints for one in _of_kind(arm, elastic.LinkCompliance))
+    heavier = arm.robot.mass[-1] > arm.robot.payload_mass
+    return joints - 1 if heavier and not bends else joints
 
 
 def _pedestal(world, compliance, base) -> ET.Element:
@@ -203,7 +235,8 @@ def _flange(parent, here, arm: CalibratedArm) -> None:
     flange = _body(parent, "flange", here)
     _inertial(flange, mass, centre)
     ET.SubElement(flange, "site", name="flange")
-    load = _body(flange, "load", _translation(centre))
+    # where loads were recorded: fitted first moments are those of the arm and its tool and move no load
+    load = _body(flange, "load", _translation(arm.load_centre))
     _inertial(load, 0.0, np.zeros(3))
 
 

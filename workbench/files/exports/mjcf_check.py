@@ -1,0 +1,87 @@
+"""An exported MJCF file read back, and simulated where MuJoCo is installed."""
+
+from importlib.util import find_spec
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from robot_model.state import sliding
+from workbench.files.exports.mjcf import control_terms, left_out
+from workbench.files.exports.python.module import arm_data
+from workbench.files.exports.python.runtime import CorrectedArm
+from workbench.files.solution_file import CalibratedArm
+
+_POSES, _STEPS = 3, 1500
+_SAME_MM = 1e-6
+# The model has the torques of the nominal pose, the simulation those of the deflected one: a share of the deflection.
+_REST_MM, _REST_SHARE = 0.02, 0.05
+_LOAD = "payload_kg"
+
+
+class _Differs(RuntimeError):
+    """A fault of the export, not of the user."""
+
+
+def check_mjcf(arm: CalibratedArm, text: str) -> None:
+    """RuntimeError where a recorded load hangs elsewhere, or a simulation comes to rest elsewhere than the model."""
+    places = [
+        body.get("pos") for body in ET.fromstring(text).iter("body") if body.get("name") == "load"
+    ]
+    place = np.array([float(word) for word in places[0].split()]) * 1e3
+    if np.abs(place - arm.load_centre).max() > _SAME_MM:
+        raise _Differs("the load of the MJCF file hangs elsewhere than the recorded loads")
+    if find_spec("mujoco") is not None:
+        _check_rest(arm, text)
+
+
+def _check_rest(arm: CalibratedArm, text: str) -> None:
+    """Simulates the heaviest recorded load at poses within the recorded ranges."""
+    ranges = arm.fitted_range or {}
+    load = float(ranges.get(_LOAD, (0.0, 0.0))[1])
+    readings = _readings(arm, ranges)
+    beyond = {id(effect) for effect in control_terms(arm)}
+    missing = set(left_out(arm))
+    held = [e for e in arm.acting_effects if id(e) not in beyond and e.title not in missing]
+    model = CorrectedArm(arm_data(arm), held, held)
+    wanted = model.flange_poses(readings, {_LOAD: load})[:, :3, 3]
+    rigid = CorrectedArm(arm_data(arm), (), ()).flange_poses(readings)[:, :3, 3]
+    targets = CorrectedArm(arm_data(arm), held, held).servo_targets(readings, {_LOAD: load})
+    found = _at_rest(text, targets, load)
+    if not np.isfinite(found).all():
+        raise _Differs("the MJCF file is unstable in MuJoCo")
+    off = np.linalg.norm(found - wanted, axis=1)
+    allowed = _REST_MM + _REST_SHARE * np.linalg.norm(wanted - rigid, axis=1)
+    if (off > allowed).any():
+        raise _Differs(
+            f"MuJoCo at rest is {off.max():.3g} mm away from the model under {load:g} kg"
+        )
+
+
+def _readings(arm: CalibratedArm, ranges) -> np.ndarray:
+    """(n, R) deg, mm within the recorded ranges."""
+    names = [f"q{k}_{'mm' if slides else 'deg'}" for k, slides in enumerate(sliding(arm.robot), 1)]
+    low, high = np.array([ranges.get(name, (-50.0, 50.0)) for name in names]).T
+    return np.random.default_rng(0).uniform(low, high, (_POSES, len(names)))
+
+
+def _at_rest(text: str, targets: np.ndarray, load: float) -> np.ndarray:
+    """(n, 3) mm of the site `flange` after a simulation from the unloaded pose; nan where it diverges."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    body, site = model.body("load").id, model.site("flange").id
+    model.body_mass[body] = max(load, model.body_mass[body])
+    mujoco.mj_setConst(model, data)
+    driven = model.jnt_qposadr[model.actuator_trnid[:, 0]]
+    places = []
+    for target in targets:
+        mujoco.mj_resetData(model, data)
+        data.qpos[driven] = data.ctrl[:] = target
+        mujoco.mj_step(model, data, _STEPS)
+        is_stable = not any(data.warning[k].number for k in range(len(data.warning)))
+        places.append(1e3 * data.site_xpos[site] if is_stable else np.full(3, np.nan))
+    return np.array(places)
+
+
+__all__ = ["check_mjcf"]
