@@ -11,6 +11,7 @@ from robot_model.effects.curve import (
     JointCurve,
     curve_candidates,
     curve_options,
+    describe_curves,
     dominant_cycles,
     resolved_terms,
 )
@@ -196,3 +197,22 @@ def test_default_calibration_of_the_ur10_finds_the_curves(recording):
     curves = found.as_json()["joint_curves"]
     assert {"joint-1", "joint-2", "joint-3"} <= {row["where"] for row in curves}
     assert all(row["cycles"] for row in curves)
+
+
+def test_terms_that_cancel_are_described_by_their_sum():
+    """A curve and a harmonic of one joint that nearly cancel are one small error of this joint."""
+    made = scene("external-point", n=300, seed=3)
+    angle = np.deg2rad(made.recording.columns["q2_deg"])
+    small = 1e-4 * np.cos(8 * angle)
+    curve, coefficients = fitted(angle, small - 5e-3 * np.cos(angle), 31)
+    model = model_of(
+        made,
+        ("transmission-harmonic", "joint-2", {"order": 1.0}),
+        ("joint-curve", "joint-2", dict(curve.options)),
+    )
+    known = {"joint-2.transmission-harmonic.cos1": 5e-3}
+    known |= {f"joint-2.joint-curve.c{j}": c for j, c in enumerate(coefficients, 1)}
+    (row,) = describe_curves(model, model.parameters.update(known))
+    assert row["rms"] == pytest.approx(small.std(), rel=0.2)
+    assert row["cycles"][0]["order"] == pytest.approx(8, abs=0.7)
+    assert row["cycles"][0]["amplitude"] == pytest.approx(1e-4, rel=0.2)

@@ -1,6 +1,6 @@
 """Any function of one joint's own angle: transmission errors without a stated order, encoders, worn gears."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -152,13 +152,27 @@ def dominant_cycles(
     """The sinusoids that make most of a curve on its domain, largest first.
 
     gear_ratio: motor revolutions per revolution of the joint, nan where it is unknown.
+    """
+    error = effect.curve(coefficients, _grid(effect))
+    return _cycles(effect, error, count, gear_ratio)
+
+
+def _grid(effect: JointCurve) -> np.ndarray:
+    """(_GRID,) angles of the domain without its margins."""
+    margin = MARGIN * (effect.end - effect.start)
+    return np.linspace(effect.start + margin, effect.end - margin, _GRID)
+
+
+def _cycles(
+    effect: JointCurve, error: np.ndarray, count: int = 4, gear_ratio: float = np.nan
+) -> list[Cycle]:
+    """The sinusoids that make most of an error (_GRID,) at the angles of `_grid`, largest first.
+
     Matching pursuit (Mallat & Zhang, IEEE Trans. Signal Process. 41 (1993) 3397) over sinusoids from half a cycle per
     domain to the resolution of the series; it ends where less than 5 % of the variance is left.
     """
-    span = effect.end - effect.start
-    angle = np.linspace(effect.start + MARGIN * span, effect.end - MARGIN * span, _GRID)
-    left = effect.curve(coefficients, angle)
-    left = left - left.mean()
+    span, angle = effect.end - effect.start, _grid(effect)
+    left = error - error.mean()
     whole = float(left @ left)
     step = 2 * np.pi / span / _OVERSAMPLING
     frequencies = np.arange(_OVERSAMPLING / 2, _OVERSAMPLING * (effect.terms / 2 + 1)) * step
@@ -236,7 +250,10 @@ def curve_candidates(chain) -> list[JointCurve]:
 
 
 def describe_curves(model, parameters) -> list[dict]:
-    """One row per joint curve of a model: its size on the visited angles and its dominant cycles.
+    """One row per joint with an error curve: size on the visited angles and dominant cycles of its complete error.
+
+    The complete error is the sum of all terms that are functions of the joint's own angle, such as the curve and
+    transmission-error harmonics. Over less than a revolution these nearly cancel, and each alone is not determined.
 
     Keys: `where`, `unit` (rad or mm), `rms` (without the mean), `terms`, and `cycles`: `order` in cycles per revolution
     (per mm of a slide), `amplitude` and `per_motor_revolution` (None where unknown), largest first.
@@ -245,10 +262,12 @@ def describe_curves(model, parameters) -> list[dict]:
     for effect, span in zip(model.effects, model.spans):
         if not isinstance(effect, JointCurve):
             continue
-        coefficients = parameters.values[span]
-        error = effect.curve(coefficients, model.chain.variables[effect.number - 1])
+        error = _own_error(
+            model, parameters, effect.number, model.chain.variables[effect.number - 1]
+        )
         ratio = model.chain.robot.gear_ratio[effect.number - 1]
-        cycles = dominant_cycles(effect, coefficients, gear_ratio=float(ratio))
+        on_grid = _own_error(model, parameters, effect.number, _grid(effect))
+        cycles = _cycles(effect, on_grid, gear_ratio=float(ratio))
         rows.append(
             {
                 "where": effect.where,
@@ -259,6 +278,19 @@ def describe_curves(model, parameters) -> list[dict]:
             }
         )
     return rows
+
+
+def _own_error(model, parameters, joint: int, angle: np.ndarray) -> np.ndarray:
+    """(n,) error of a joint (rad; mm of a slide) at its angles (n,): all terms that read nothing but this angle."""
+    variables = np.zeros((model.chain.robot.joints, len(angle)))
+    variables[joint - 1] = angle
+    state = replace(model.chain.state, variables=variables)
+    error = np.zeros(len(angle))
+    for effect, span in zip(model.effects, model.spans):
+        at_joint = effect.port == "joint" and effect.where == f"joint-{joint}"
+        if at_joint and tuple(effect.reads) == (f"q{joint}",):
+            error += parameters.values[span] @ effect.basis(state)[:, 0]
+    return error
 
 
 __all__ = [

@@ -1,13 +1,15 @@
 """A calibrated arm in the formats of other programs: texts by file, and what each format cannot hold."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from workbench.core.errors import InputError
 
 PROGRAMS = ("urscript", "krl", "rapid")
+GEOMETRY_ALONE = ("urdf", "ros", "mdh-json", "mdh-csv")
+"""Formats that cannot hold effects."""
 FORMATS = ("urdf", "mjcf", "python", "ros", *PROGRAMS, "mdh-json", "mdh-csv")
 
 
@@ -76,15 +78,28 @@ def export_arm(
     back = partial(step, f"reading {file.name} back and comparing it with the model")
     if to in PROGRAMS:
         return _program(arm, to, file, options, back)
+    if to in GEOMETRY_ALONE:
+        return _geometry_alone(arm, to, file, options, back)
     makers: dict[str, Callable[..., ArmExport]] = {
-        "urdf": _urdf,
         "mjcf": _mjcf,
         "python": _python,
+    }
+    return makers[to](arm, file, options, to, back)
+
+
+def _geometry_alone(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
+    """An export in a format without effects: its geometry is fitted to the complete model."""
+    from workbench.files.exports.geometry_alone import fit_geometry, held_by_ur_kinematics
+
+    fit = fit_geometry(arm, held_by_ur_kinematics(arm) if to == "ros" else None)
+    makers: dict[str, Callable[..., ArmExport]] = {
+        "urdf": _urdf,
         "ros": _ros,
         "mdh-json": _table,
         "mdh-csv": _table,
     }
-    return makers[to](arm, file, options, to, back)
+    made = makers[to](fit.arm if fit else arm, file, options, to, back)
+    return replace(made, notes=(*made.notes, fit.sentence)) if fit else made
 
 
 def _table(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:

@@ -186,7 +186,7 @@ def _key(row: Mapping) -> str:
 
 
 def _joint_curves(console, curves: Sequence[Mapping]) -> None:
-    """Size and dominant cycles of the error curve of each joint."""
+    """Size and dominant cycles of the error of each joint that has an error curve."""
     if not curves:
         return
     rows = []
@@ -194,7 +194,10 @@ def _joint_curves(console, curves: Sequence[Mapping]) -> None:
         factor, unit = (1e3, "mrad") if curve["unit"] == "rad" else (1.0, "mm")
         cycles = [_cycle(cycle, factor) for cycle in curve["cycles"]]
         rows.append([curve["where"], f"{curve['rms'] * factor:.3f} {unit}", ", ".join(cycles)])
-    title = "Joint error curves: cycles per revolution (amplitude), the largest of each"
+    title = (
+        "Error of joints as a function of their angle (error curve and harmonics together): "
+        "cycles per revolution (amplitude), the largest of each"
+    )
     grid(console, title, ["where", "RMS", "dominant cycles"], rows)
 
 
@@ -257,11 +260,17 @@ def unidentified(parameters: Sequence[Mapping]) -> str:
     if not missing:
         return ""
     held = sum(row["status"] == "held" for row in missing)
+    at_zero = sum(row["status"] == "at zero" for row in missing)
     estimated = len(parameters) - len(missing)
+    bounded = (
+        f"{at_zero} cannot be negative and are held at zero, since their estimate is. "
+        if at_zero
+        else ""
+    )
     return (
-        f"{estimated} of {len(parameters)} parameters are estimated. {len(missing) - held} are not "
+        f"{estimated} of {len(parameters)} parameters are estimated. {len(missing) - held - at_zero} are not "
         "identifiable: in the recorded poses they act like the others together, or not at all; some always do. "
-        f"{held} are held by the plan. The report gives the reasons."
+        f"{bounded}{held} are held by the plan. The report gives the reasons."
     )
 
 

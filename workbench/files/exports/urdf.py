@@ -46,9 +46,9 @@ def _note(arm):
         if is_coupled(arm.robot)
         else ""
     )
-    return f" Geometry as calibrated, held-out RMS {arm.held_out_mm:.4g} mm.{more}{sums} ".replace(
-        "--", "-"
-    )
+    source = "fitted to the complete model, whose" if out else "as calibrated; its"
+    said = f" Geometry {source} held-out RMS is {arm.held_out_mm:.4g} mm.{more}{sums} "
+    return said.replace("--", "-")
 
 
 def joint_signs(robot) -> np.ndarray:
