@@ -68,6 +68,7 @@ class Solution:
         provenance: Versions, hash of the data, date.
         scores: (F, F) outer products of the poses' gradients; None where every pose has one sample.
         shrunk: Keys of terms of a series, which their common prior makes identifiable.
+        at_zero: Keys of parameters that cannot be negative and are held at zero, since their estimate is.
 
     Examples:
         >>> from workbench.jobs.robot.calibrate import calibrate
@@ -87,6 +88,7 @@ class Solution:
     provenance: Mapping[str, str]
     scores: np.ndarray | None = None
     shrunk: frozenset[str] = frozenset()
+    at_zero: frozenset[str] = frozenset()
 
     @property
     def residual(self) -> np.ndarray:

@@ -31,15 +31,22 @@ class StageResult:
     held_out_rotation_rms_deg: float | None = None
 
 
-ESTIMATED, NOT_IDENTIFIABLE, HELD = "estimated", "not identifiable", "held"
+ESTIMATED, NOT_IDENTIFIABLE, HELD, AT_ZERO = "estimated", "not identifiable", "held", "at zero"
 """Values of `status` of a parameter in the JSON."""
 _WITHOUT_NOMINAL = ("base", "tool", "sensor", "artefact")
+
+
+_AT_ZERO = {
+    "status": AT_ZERO,
+    "why": "held at zero: it cannot be negative, and a negative value would fit better",
+}
 
 
 def parameter_rows(solution) -> list[dict]:
     """One row per parameter of the JSON contract.
 
-    `status`: "estimated" with a standard deviation; "not identifiable" where the data do not determine
+    `status`: "estimated" with a standard deviation; "at zero" where the parameter cannot be negative and its
+    estimate is, so that it is held at zero; "not identifiable" where the data do not determine
     the parameter, which is then free and confounded with others, or held at nominal because others
     carry it; "held" where the plan holds it at nominal. `deviation` from nominal in the parameter's
     unit, None for poses and points of which nothing is known before the calibration. `std` allows for
@@ -51,12 +58,14 @@ def parameter_rows(solution) -> list[dict]:
     parameters, single = solution.parameters, solution.single
     known, sure = frozenset(single.known.keys), solution.determined
     tied, std = single.tied(), _standard_deviations(solution)
-    return [
-        _row(p, value, free, (std.get(p.key), p.key in sure, p.key in known), tied.get(p.key, []))
-        for p, value, free in zip(
-            parameters.table, parameters.values.tolist(), parameters.mask.tolist()
-        )
-    ]
+    rows = []
+    for p, value, free in zip(
+        parameters.table, parameters.values.tolist(), parameters.mask.tolist()
+    ):
+        judged = std.get(p.key), p.key in sure, p.key in known
+        row = _row(p, value, free, judged, tied.get(p.key, []))
+        rows.append(row | _AT_ZERO if p.key in solution.at_zero else row)
+    return rows
 
 
 def _standard_deviations(solution) -> dict[str, float]:

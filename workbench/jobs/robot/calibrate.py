@@ -45,6 +45,7 @@ from workbench.fitting.cross_validation import (
 from workbench.fitting.gauge import non_negligible_lengths, resized, size_of
 from workbench.fitting.linear_folds import cross_validate_linearised
 from workbench.fitting.missing_masses import missing_mass_warnings
+from workbench.fitting.nonnegative import solve_nonnegative
 from workbench.fitting.parallel_axes import parallelism_warnings
 from workbench.fitting.plans import default_plan, frames_of, held, read_plan, stage_mask
 from workbench.fitting.shrinkage import settled
@@ -123,6 +124,7 @@ class _Step:
     rank: int
     loss: str = "linear"
     settle: bool = False
+    at_zero: frozenset[str] = frozenset()
 
 
 def calibrate(
@@ -325,6 +327,7 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     if size is not None:
         fit = solve(part, resized(fit.parameters, size), stage.loss, stage.steps)
         tied = tied | {size: non_negligible_lengths(wanted, size)}
+    fit, at_zero = solve_nonnegative(part, fit, stage.loss, stage.steps)
     known = identifiability(fit.normal, fit.parameters, fit.sigma_scale)
     held_out = _held_out(model, fit, split, stage.loss, stage.steps, stage.canonical)
     return _Step(
@@ -337,6 +340,7 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
         SingleParameters.of(known, fit.parameters).combinations,
         stage.loss,
         stage.canonical,
+        at_zero,
     )
 
 
@@ -417,7 +421,8 @@ def _calibration(
     scores = pose_scores(step.model.part(split.fit), step.fit, recording.poses[split.fit])
     known = _all_known(step, parameters, split)
     shrunk = frozenset(np.array(parameters.keys)[step.model.shrunk & parameters.mask].tolist())
-    solution = Solution(parameters, step.fit, known, provenance(recording), scores, shrunk)
+    source = provenance(recording)
+    solution = Solution(parameters, step.fit, known, source, scores, shrunk, step.at_zero)
     residuals = {
         "fit": step.model.residual(parameters),
         "held_out": held_out.residual,

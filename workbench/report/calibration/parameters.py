@@ -35,9 +35,11 @@ def shortened(words: str, most: int = 8) -> str:
 def count(parameters) -> str:
     """Number of parameters that are estimated, not identifiable, and held."""
     statuses = Counter(p["status"] for p in parameters)
+    at_zero = statuses["at zero"]
+    bounded = f"{at_zero} are held at zero, since they cannot be negative, " if at_zero else ""
     return (
         f"Of {counted(len(parameters), 'parameter')}, {statuses['estimated']} are estimated with a standard "
-        f"deviation, {statuses['not identifiable']} are not identifiable from this recording, and "
+        f"deviation, {statuses['not identifiable']} are not identifiable from this recording, {bounded}and "
         f"{statuses['held']} are held at nominal by the plan."
     )
 
@@ -48,7 +50,7 @@ def group(where: str, parameters: list[dict]) -> dict:
     statuses = Counter(p["status"] for p in parameters)
     parts = [
         f"{statuses[name]} {name}"
-        for name in ("estimated", "not identifiable", "held")
+        for name in ("estimated", "not identifiable", "at zero", "held")
         if statuses[name]
     ]
     return {
