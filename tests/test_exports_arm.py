@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -266,6 +267,27 @@ def test_a_program_holds_the_corrected_targets(language):
     sliding = load_robot(SLIDING)
     with pytest.raises(InputError, match="six joints that turn"):
         program_text(Program(readings, "weld", "x", 0.05), language, sliding)
+
+
+def test_programs_say_the_same_without_the_own_reader():
+    """URScript runs as Python but for its `end`; axes of KRL and robot targets of RAPID are read number by number."""
+    robot = load_robot(ABB)
+    readings = readings_of(robot, 5)
+    program = Program(readings, "weld", "ABB", 0.05)
+    moves = []
+    script = program_text(program, "urscript", robot)
+    lines = [line for line in script.splitlines() if line.strip() != "end"]
+    called = [line for line in lines if line.strip() == "weld()"]
+    scope = {"movej": lambda joints, a, v: moves.append(joints)}
+    exec("\n".join(lines if called else [*lines, "weld()"]), scope)
+    np.testing.assert_allclose(moves, readings, atol=1e-9)
+    axes = re.findall(r"\bA[1-6] (-?[0-9.]+)", program_text(program, "krl", robot))
+    np.testing.assert_allclose(
+        np.reshape(axes, (5, 6)).astype(float), np.rad2deg(readings), atol=1e-6
+    )
+    targets = re.findall(r":= \[\[([^]]+)\]", program_text(program, "rapid", robot))
+    numbers = [[float(cell) for cell in row.split(",")] for row in targets]
+    np.testing.assert_allclose(numbers, np.rad2deg(readings), atol=1e-6)
 
 
 def test_the_kinematics_of_a_universal_robots_arm_are_those_of_its_own_package():
