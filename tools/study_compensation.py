@@ -231,43 +231,44 @@ measured point over the RMS uncertainty that `compensate` predicts; 1 is expecte
 
 {figures}
 
-The models of the first four populations are those of a diagnosis. The first led to changes of the search, and all four
-to the present estimate of the error of the model (below): they are not unseen. Their predictions were computed again
-from the same models; that of scene 770104 lacks a term that was found and not retained. The models of the last
-population have the planted terms, without a diagnosis. Its seeds were fixed when the estimate was final, and it was run
-once. A diagnosis of the first four populations names exactly the planted terms in {exact} of 80 scenes.
+The models of the first four populations are those of a diagnosis. The first led to changes of the search, and all
+four to the present estimate of the error of the model (below): they are not unseen. Their predictions were computed
+again from the same models; that of scene 770104 lacks a term that was found and not retained. The models of the
+last population have the planted terms, without a diagnosis. Its seeds were fixed when the estimate was final, and
+it was run once. A diagnosis of the first four populations names exactly the planted terms in {exact} of 80 scenes.
 
 ## What the uncertainty holds
 
 The predicted uncertainty combines four things: the covariance of the estimated parameters; what terms make that the
 diagnosis found and did not retain; what error curves and smooth functions leave open beyond the recorded range; and
-the error of the model, which is what the held-out error has beyond the noise and these. It does not hold an effect that
-the diagnosis did not find at all.
+the error of the model, which is what the held-out error has beyond the noise and these. It does not hold an effect
+that the diagnosis did not find at all.
 
 ## The error of the model
 
-The mean square of a held-out error from 130 poses is known to 7 %, and the uncertainty of the parameters adds 8 % to
-it. A difference of squares that is cut off at zero, as it was used before, is therefore chance in a model with the right
-terms: in 43 of the first 80 scenes it enlarged the prediction (ratios with an RMS of 0.72 to 0.90), and in the 37 others,
-whose noise happened to be small, it added nothing (RMS 1.07; 9 scenes above {limit} where 3.3 were expected). It is now
-the posterior mean of the variance that is missed, with two hypotheses of equal prior probability: nothing is missed, or
-a discrepancy of half-Cauchy size in units of the noise (`workbench/fitting/discrepancy.py`). Where the held-out error is
-what noise and parameters make, it adds some 8 % to the predicted variance; a discrepancy that is clearly there enters
-whole.
+The mean square of a held-out error from 130 poses is known to 7 %, and the uncertainty of the parameters adds 8 %
+to it. A difference of squares that is cut off at zero, as it was used before, is therefore chance in a model with
+the right terms: in 43 of the first 80 scenes it enlarged the prediction (ratios with an RMS of 0.72 to 0.90), and
+in the 37 others, whose noise happened to be small, it added nothing (RMS 1.07; 9 scenes above {limit} where 3.3
+were expected). It is now the posterior mean of the variance that is missed, with two hypotheses of equal prior
+probability: nothing is missed, or a discrepancy of half-Cauchy size in units of the noise
+(`workbench/fitting/discrepancy.py`). Where the held-out error is what noise and parameters make, it adds some 8 %
+to the predicted variance; a discrepancy that is clearly there enters whole.
 
 ## Why a right model is not always within {limit}
 
-The prediction is a standard uncertainty (1 sigma), and the errors of all targets of a scene come from the same thirty
-or so parameters. They do not average out over the targets: with eigenvalues w of their covariance, the sum of squares
-is the sum of w times independent chi-squares. Its root scatters by about a sixth of the prediction. A model with the
-right terms is therefore above {limit} in up to {worst:.0%} of the recordings. The expected numbers above follow from the
-covariance of each scene, and from the {degrees} or so degrees of freedom that determine the variance factor.
+The prediction is a standard uncertainty (1 sigma), and the errors of all targets of a scene come from the same
+thirty or so parameters. They do not average out over the targets: with eigenvalues w of their covariance, the sum
+of squares is the sum of w times independent chi-squares. Its root scatters by about a sixth of the prediction. A
+model with the right terms is therefore above {limit} in up to {worst:.0%} of the recordings. The expected numbers
+above follow from the covariance of each scene, and from the {degrees} or so degrees of freedom that determine the
+variance factor.
 
-The largest ratio, of seed 64723, is such a case. Nothing was planted there but two wrong lengths or angles, which the
-calibration estimates. With 14 other draws of the noise at the same poses, the ratios to the covariance of the parameters
-alone are 0.79 to 1.25, RMS 0.99; those of the second largest of that population, seed 64738, are 0.83 to 1.22, RMS 1.03.
-The draw of the noise makes them, not a term that is missing. All scenes above {limit} have the planted terms and no
-others.
+The largest ratio, of seed 64723, is such a case. Nothing was planted there but two wrong lengths or angles, which
+the calibration estimates. With 14 other draws of the noise at the same poses, the ratios to the covariance of the
+parameters alone are 0.79 to 1.25, RMS 0.99; those of the second largest of that population, seed 64738, are 0.83 to
+1.22, RMS 1.03. The draw of the noise makes them, not a term that is missing. All scenes above {limit} have the
+planted terms and no others.
 
 `compensate` also states the expanded uncertainty with the coverage factor {factor} (JCGM 100:2008, 6.2; column
 `expanded_uncertainty_mm`). A 3-D error is within it with a probability of 95.4 % if it lies in one direction, and
