@@ -20,6 +20,7 @@ from scipy.linalg import block_diag
 
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import thin_svd
+from workbench.core.parameters import Parameter
 from workbench.diagnosis.levels import ROUNDING, SEEN
 from workbench.diagnosis.linear.kept_effects import Added, Beyond
 
@@ -340,6 +341,21 @@ def seen_basis(columns: np.ndarray) -> np.ndarray:
     q, r = np.linalg.qr(columns)
     u, s, _ = thin_svd(r)
     return q @ u[:, s > max(SEEN, _SINGULAR * s[:1].max(initial=0.0))]
+
+
+def parameter_row(p: Parameter, effect: Effect, value: float, std: float) -> dict:
+    """A row of `Bench.parameters`, but for the sizes of what the parameter does."""
+    return {
+        "key": p.key,
+        "name": p.key.split(".", 2)[2],
+        "where": effect.where,
+        "label": p.label,
+        "effect": effect.effect,
+        "value": float(value),
+        "std": float(std),
+        "unit": p.unit,
+        "typical": p.typical,
+    }
 
 
 class Bench(Protocol):

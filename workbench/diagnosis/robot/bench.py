@@ -19,7 +19,7 @@ from workbench.core.least_squares.linear_algebra import covariance_of
 from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
-from workbench.diagnosis.linear.problem import Problem, Site
+from workbench.diagnosis.linear.problem import Problem, Site, parameter_row
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot import mass_responses
 from workbench.diagnosis.robot.derived import mass_rows, spectrum
@@ -310,41 +310,26 @@ class RobotBench:
     ) -> tuple[dict, ...]:
         """Every effect's parameters with value and std; `size_mm` RMS of what one does to a measured coordinate."""
         model, fit, _ = self.solve(effects, samples)
-        typical = fit.parameters.typical[fit.parameters.mask]
-        scaled = fit.normal * np.outer(typical, typical)
-        covariance = covariance_of(scaled, np.full(len(typical), _FAINT)) * np.outer(
-            typical, typical
-        )
-        covariance *= fit.sigma_scale**2
-        whole = np.zeros((len(fit.parameters),) * 2)
-        whole[np.ix_(fit.parameters.mask, fit.parameters.mask)] = covariance
+        free, values = fit.parameters.mask, fit.parameters.values
+        units = np.outer(fit.parameters.typical[free], fit.parameters.typical[free])
+        covariance = covariance_of(fit.normal * units, np.full(len(units), _FAINT))
+        whole = np.zeros((len(values), len(values)))
+        whole[np.ix_(free, free)] = covariance * units * fit.sigma_scale**2
         std = np.sqrt(np.maximum(np.diag(whole), 0))
-        masses = mass_rows(model, fit.parameters.values, whole)
+        masses = mass_rows(model, values, whole)
         rows = []
         first = len(self.baseline)
         for effect, span in zip(model.effects[first:], model.spans[first:]):
-            own = np.isin(np.arange(len(std)), range(span.start, span.stop))
-            columns = model.linearise(fit.parameters.only(own))[1]
-            for row, k in zip(columns, range(span.start, span.stop)):
-                p, value = fit.parameters.table[k], float(fit.parameters.values[k])
-                rows.append(
-                    {
-                        "key": p.key,
-                        "name": p.key.split(".", 2)[2],
-                        "where": effect.where,
-                        "label": p.label,
-                        "effect": effect.effect,
-                        "value": value,
-                        "std": float(std[k]),
-                        "unit": p.unit,
-                        "typical": p.typical,
-                        "size_mm": float(np.sqrt(((row[:3] * value) ** 2).mean())),
-                    }
-                )
+            numbers = np.arange(span.start, span.stop)
+            own = fit.parameters.only(np.isin(np.arange(len(values)), numbers))
+            for column, k in zip(model.linearise(own)[1], numbers):
+                size = float(np.sqrt(((column[:3] * values[k]) ** 2).mean()))
+                row = parameter_row(fit.parameters.table[k], effect, values[k], std[k])
+                rows.append(row | {"size_mm": size})
             if span.start in masses:
                 rows.append(masses[span.start])
             if isinstance(effect, JointCurve):
-                rows[-effect.terms] |= spectrum(effect, fit.parameters.values[span], self.chain)
+                rows[-effect.terms] |= spectrum(effect, values[span], self.chain)
         return tuple(rows)
 
     def units(self, effects: Sequence[Effect]) -> list[str]:

@@ -1,6 +1,7 @@
 """Where a robot's model may be wrong without a law being known: places, growth of links, scans over one number."""
 
 from dataclasses import replace
+from itertools import combinations, product
 
 import numpy as np
 
@@ -15,8 +16,10 @@ from workbench.diagnosis.linear.problem import Scan, Site
 from workbench.diagnosis.robot.library import grids, scan_of
 
 _TYPICAL = {"rad": 3e-4, "mm": 0.05}
-_FRAME = np.array([0.05, 0.05, 0.05, 3e-4, 3e-4, 3e-4])
-_GROWTH = 1e-4  # of a link's length, ten kelvin
+"""Sizes of a disturbance before measuring: a shift, and the angle that moves a point 0.17 m away by as much."""
+_FRAME = np.repeat([_TYPICAL["mm"], _TYPICAL["rad"]], 3)
+_GROWTH = 1e-4
+"""Growth of a link as a share of its length: that of steel by ten kelvin."""
 # covariates that belong to one place, or stand here under another name
 _PARTICULAR = ("approach", "q", "qdot", "tau", "move", "seen", "down", "moment")
 _ALSO_AS = ("row", "time_s", "payload_kg")
@@ -49,40 +52,24 @@ def sites(chain, rows) -> tuple[Site, ...]:
     general = tuple(c for c in own if np.ptp(own[c]) > 0 and _is_general(c))
     angles = tuple(f"q{k}" for k in range(1, chain.robot.joints + 1) if np.ptp(own[f"q{k}"]) > 0)
     made = _joint_sites(chain, rows, angles, general)
-    turns = _FRAME
-    more = {"base": ("moment_x", "moment_y"), "tool": ("down_x", "down_y", "down_z")}
-    more |= {
-        f"link-{k}": (
-            f"tau{k}",
-            f"tau{min(k + 1, chain.robot.joints)}",
-            *(f"moment{k}_{c}" for c in "xyz"),
-        )
-        for k in range(1, chain.robot.joints + 1)
-    }
-    for place in more:
-        made.append(
-            Site(
-                place,
-                "frame",
-                _flat(rows("frame", chain.slots("frame", place))),
-                "mm and rad",
-                turns,
-                tuple(dict.fromkeys((*angles, *_varying(own, more[place]), *general))),
-            )
-        )
+    for place, loads in _loads(chain.robot.joints).items():
+        frame = _flat(rows("frame", chain.slots("frame", place)))
+        names = tuple(dict.fromkeys((*angles, *_varying(own, loads), *general)))
+        made.append(Site(place, "frame", frame, "mm and rad", _FRAME, names))
     if chain.measurement.place == "sensor":
-        seen = ("seen_x", "seen_y", "seen_z")
-        made.append(
-            Site(
-                "sensor",
-                "sensor",
-                _flat(rows("sensor", [0, 1, 2])),
-                "mm",
-                turns[:3],
-                (*seen, *general),
-            )
-        )
+        point = _flat(rows("sensor", [0, 1, 2]))
+        names = ("seen_x", "seen_y", "seen_z", *general)
+        made.append(Site("sensor", "sensor", point, "mm", _FRAME[:3], names))
     return tuple(made)
+
+
+def _loads(joints: int) -> dict[str, tuple[str, ...]]:
+    """Frame -> covariates of the load that it carries."""
+    made = {"base": ("moment_x", "moment_y"), "tool": ("down_x", "down_y", "down_z")}
+    for k in range(1, joints + 1):
+        moments = tuple(f"moment{k}_{axis}" for axis in "xyz")
+        made[f"link-{k}"] = (f"tau{k}", f"tau{min(k + 1, joints)}", *moments)
+    return made
 
 
 def _is_general(name: str) -> bool:
@@ -96,27 +83,17 @@ def _joint_sites(chain, rows, angles, general) -> list[Site]:
     curved = {curve.number for curve in curve_candidates(chain)}
     made = []
     for k in range(1, chain.robot.joints + 1):
-        mine = tuple(
-            c for c in (f"tau{k}", f"move{k}", f"approach{k}") if c in own and np.ptp(own[c]) > 0
-        )
-        pairs = tuple((a, b) for i, a in enumerate(angles) for b in angles[i + 1 :])
+        named = (f"tau{k}", f"move{k}", f"approach{k}")
+        mine = tuple(c for c in named if c in own and np.ptp(own[c]) > 0)
         sides = [c for c in mine if Covariate.of(c).kind != "tau"]
-        pairs += tuple((a, b) for a in (f"q{k}", f"tau{k}") if a in (*angles, *mine) for b in sides)
+        with_side = [c for c in (f"q{k}", f"tau{k}") if c in (*angles, *mine)]
+        pairs = (*combinations(angles, 2), *product(with_side, sides))
         unit = "mm" if chain.slides(k) else "rad"
-        made.append(
-            Site(
-                f"joint-{k}",
-                "joint",
-                _flat(rows("joint", [k - 1])),
-                unit,
-                np.array([_TYPICAL[unit]]),
-                (*angles, *mine, *general),
-                pairs,
-            )
-        )
-        if f"q{k}" in angles:
-            if k not in curved:  # elsewhere a joint-curve is a named candidate
-                made.append(replace(made[-1], covariates=(f"q{k}",), pairs=(), sharp=True))
+        row, typical = _flat(rows("joint", [k - 1])), np.array([_TYPICAL[unit]])
+        names = (*angles, *mine, *general)
+        made.append(Site(f"joint-{k}", "joint", row, unit, typical, names, pairs))
+        if f"q{k}" in angles and k not in curved:  # elsewhere a joint-curve is a named candidate
+            made.append(replace(made[-1], covariates=(f"q{k}",), pairs=(), sharp=True))
     return made
 
 

@@ -30,7 +30,9 @@ from workbench.jobs.sensor.chains import at_solution
 
 EFFECT, WHERE = "mirror-jitter", "mirror"
 _FEWEST_STRIPES, _FEWEST_POSES = 20, 3
-_DEGREE = 2  # of the polynomial in the mirror's angle that the error of a board pose makes
+"""Stripes from which a spread is known to a sixth, and board poses of which two predict the third."""
+_DEGREE = 2
+"""Of the polynomial in the mirror's angle that the error of a board pose makes."""
 _SMALLEST, _LARGEST = 1e-3, 1e3  # of the noise of a stripe's mean: spreads that are tried
 
 

@@ -19,7 +19,7 @@ from workbench.core.effect import Effect
 from workbench.core.least_squares.bundle import BundleFit, solve_bundle
 from workbench.core.model import Model
 from workbench.core.parameters import Parameter, Parameters
-from workbench.diagnosis.linear.problem import Found, Problem, Site
+from workbench.diagnosis.linear.problem import Found, Problem, Site, parameter_row
 from workbench.diagnosis.scanner.pose_error import without_pose_error
 from workbench.diagnosis.scanner.sensor_library import Kind, described, places
 from workbench.diagnosis.scanner.sensor_linear import (
@@ -202,12 +202,8 @@ class SensorBench:
 
     def noise(self, usual: np.ndarray) -> tuple[float, str]:
         """RMS error (px) that noise alone makes of the usual samples (n,) bool, weighted as held-out errors are."""
-        components = np.concatenate(
-            [
-                np.full(count, len(chain.sigma))
-                for chain, count in zip(self.chains.parts.values(), self.chains.counts)
-            ]
-        )
+        of_parts = [len(chain.sigma) for chain in self.chains.parts.values()]
+        components = np.repeat(of_parts, self.chains.counts)
         weight = self.sigma[usual] ** -2.0
         shared = float(weight @ self.shared_px[usual] ** 2)
         source = "from neighbouring points" + (" and jitter" if self.jitter_px else "")
@@ -233,17 +229,8 @@ class SensorBench:
             for p in effect.parameters(host(every, effect).chain):
                 value = fit.parameters[p.key]
                 size = _rms_of(every, fit, p.key) * abs(value)
-                description = {
-                    "key": p.key,
-                    "name": p.key.rpartition(".")[2],
-                    "where": effect.where,
-                    "label": p.label,
-                    "effect": effect.effect,
-                    "unit": p.unit,
-                    "typical": p.typical,
-                }
-                found = {"value": value, "std": fit.std.get(p.key, float("nan"))}
-                rows.append(description | found | {"size_px": size, "size_mm": size * scale})
+                row = parameter_row(p, effect, value, fit.std.get(p.key, float("nan")))
+                rows.append(row | {"size_px": size, "size_mm": size * scale})
         return tuple(rows)
 
     def units(self, effects: Sequence[Effect]) -> list[str]:
@@ -302,10 +289,10 @@ def _kind(chains: Chains) -> Kind:
 
 def _laser_column(chains: Chains, name: str) -> np.ndarray:
     """(n,) a recorded column of all stripes; empty where some have none."""
-    parts = [chain for chain in (chains.board_stripes, chains.balls) if chain is not None]
-    if not all(name in part.covariates for part in parts):
+    parts = [chain for part, chain in chains.parts.items() if part != "corners"]
+    if not all(name in chain.covariates for chain in parts):
         return np.empty(0)
-    return np.concatenate([part.covariates[name] for part in parts])
+    return np.concatenate([chain.covariates[name] for chain in parts])
 
 
 def _spreads(chains: Chains, varies) -> tuple[tuple[str, float], ...]:
@@ -321,16 +308,12 @@ def _joined(own: Mapping[str, Mapping], counts) -> dict[str, np.ndarray]:
     names = sorted({name for part in own.values() for name in part if name not in _IDENTIFIERS})
     made = {}
     for name in names:
-        held = [
-            np.nan_to_num(np.asarray(part[name], float)) for part in own.values() if name in part
-        ]
-        middle = float(np.concatenate(held).mean())
-        made[name] = np.concatenate(
-            [
-                np.nan_to_num(np.asarray(part.get(name, np.full(count, middle)), float))
-                for part, count in zip(own.values(), counts)
-            ]
-        )
+        held = np.concatenate([part[name] for part in own.values() if name in part])
+        middle = float(np.nan_to_num(held).mean())
+        columns = []
+        for part, count in zip(own.values(), counts):
+            columns.append(part.get(name, np.full(count, middle)))
+        made[name] = np.nan_to_num(np.concatenate(columns).astype(float))
     return made
 
 
@@ -343,22 +326,19 @@ def _split(covariates, counts, parts) -> dict[str, dict]:
 
 
 def _poses(chains: Chains) -> np.ndarray:
-    first = len(chains.corners.poses)
-    labels = [
-        chain.labels["ball"] + first if name == "balls" else chain.labels["placement"]
-        for name, chain in chains.parts.items()
-    ]
+    labels = [chain.labels["placement"] for part, chain in chains.parts.items() if part != "balls"]
+    if chains.balls is not None:
+        labels.append(chains.balls.labels["ball"] + len(chains.corners.poses))
     return np.concatenate(labels)
 
 
 def _sigma(chains: Chains) -> np.ndarray:
     """(n,) px, noise of a coordinate of each sample."""
-    return np.concatenate(
-        [
-            np.sqrt((np.broadcast_to(chain.sigma, (len(chain.sigma), count)) ** 2).mean(0))
-            for chain, count in zip(chains.parts.values(), chains.counts)
-        ]
-    )
+    made = []
+    for chain, count in zip(chains.parts.values(), chains.counts):
+        each = np.broadcast_to(chain.sigma, (len(chain.sigma), count))
+        made.append(np.sqrt((each**2).mean(0)))
+    return np.concatenate(made)
 
 
 def _at(chains: Chains, samples: np.ndarray) -> Chains:

@@ -12,7 +12,7 @@ from workbench.diagnosis.linear.hypotheses import Hypothesis
 
 _WAVE = TransmissionHarmonic.effect
 _SLOW = 6.0
-"""Orders of a harmonic that a smooth function of any angles follows over the range that a joint moves."""
+"""Highest order of a harmonic that a smooth function of any angles follows over the range that a joint moves."""
 
 
 def compatible(h: Hypothesis, other: Hypothesis) -> bool:

@@ -1,5 +1,6 @@
 """What a search accepted, as findings: each with its probability among all that might stand in its place."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -30,24 +31,23 @@ def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -
     names: posterior of the elastic terms over sets of them, see `search.posterior`; it decides between these.
     """
     table, mine, own = search.table(search.others(i)), search.accepted[i], search.own(i)
-    explained = search.explained()
-    explanations = [
-        h for h in table if own.unnamed or not h.unnamed or _explains_more(h, own, explained)
-    ]
-    chance = _NEAR * search.variance()
-    explanations = [h for h in explanations if not _only_generalises(h, own, chance)]
+    explained, chance = search.explained(), _NEAR * search.variance()
+    explanations = []
+    for h in table:
+        counts = own.unnamed or not h.unnamed or _explains_more(h, own, explained)
+        if counts and not _only_generalises(h, own, chance):
+            explanations.append(h)
     total = logsumexp([h.log_weight for h in explanations])
-    shares: dict[tuple, float] = {}
+    shares: Counter[tuple] = Counter()
     for h in explanations:
-        shares[h.key] = shares.get(h.key, 0.0) + float(np.exp(h.log_weight - total))
-    size = search.size(i)
+        shares[h.key] += float(np.exp(h.log_weight - total))
     made = Finding(
         *mine.key,
         mine.label,
         mine.effects,
         max(family_wise(table), 1e-300),
-        shares.get(mine.key, 0.0),
-        size,
+        float(shares[mine.key]),
+        search.size(i),
         own.gain,
         mine.unnamed,
         _alternatives(explanations, shares, own, search.left(), chance),
@@ -69,10 +69,11 @@ def _explains_more(function: Hypothesis, law: Hypothesis, explained: float) -> b
     the law explains itself, only the error of a law that is right is then left. What other laws explain may be wrong
     by more, and so may all of it before a law's place is in doubt.
     """
+    error = (1 - LAW) * explained
     if function.where in same_place(law) and law.reads & set(function.unnamed):
         others = max(explained - law.gain, 0.0)
-        return function.gain > law.gain + LAW_ERROR**2 * law.gain + (1 - LAW) * others
-    return function.gain > law.gain + (1 - LAW) * explained
+        error = LAW_ERROR**2 * law.gain + (1 - LAW) * others
+    return function.gain > law.gain + error
 
 
 def with_special_cases(findings: Sequence[Finding]) -> list[Finding]:
@@ -150,21 +151,16 @@ def _alternatives(table, shares, own, left: float, noise: float) -> tuple[Altern
     Also a compliance at another place that explains as much but for chance: only its prior differs. Also a joint
     compliance under its own links alone: it equals one with estimated masses if the load's mass is zero.
     """
-    ranked, covered, out = sorted(shares.items(), key=lambda item: -item[1]), 0.0, []
-    for key, share in ranked:
+    covered, out = 0.0, []
+    special = own.effects[0].subsumes if own.label == LABEL else ()
+    for key, share in shares.most_common():
         other = max((h for h in table if h.key == key), key=lambda h: h.log_weight)
-        is_elastic_alternative = (
-            other.effect in ELASTIC and own.effect in ELASTIC and other.gain > own.gain - noise
-        )
-        near = (
-            left > 0
-            and not other.unnamed
-            and other.gain > own.gain - left
-            and other.rank <= own.rank
-        )
-        special = own.effects[0].subsumes if own.label == LABEL else ()
-        within = other.effect in special and other.where == own.where
-        near = is_elastic_alternative or within or near and len(out) < SHOWN
+        less = own.gain - other.gain  # than the finding explains
+        are_elastic = other.effect in ELASTIC and own.effect in ELASTIC
+        is_special = other.effect in special and other.where == own.where
+        is_law = not other.unnamed and other.rank <= own.rank
+        near = is_special or (are_elastic and less < noise)
+        near = near or (is_law and 0 < left and less < left and len(out) < SHOWN)
         if key != own.key and (covered < CERTAIN or near):
             alike = min(1.0, other.gain / max(own.gain, 1e-300))
             why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
@@ -196,9 +192,8 @@ def _doubted(search: Search, own: Hypothesis, made: Finding) -> Finding:
         1.0,
         "what is left at this place is beyond chance",
     )
-    return replace(
-        made, probability=made.probability * sure, alternatives=(other, *made.alternatives)
-    )
+    alternatives = (other, *made.alternatives)
+    return replace(made, probability=made.probability * sure, alternatives=alternatives)
 
 
 def tells(search: Search, own: Hypothesis) -> bool:
@@ -213,13 +208,11 @@ def with_hidden(search: Search, made: Finding) -> Finding:
     if search.random_effect is None or search.random_effect.site.where != made.where:
         return made
     known = {(a.effect, a.where, a.label) for a in made.alternatives}
-    more = [
-        a
-        for a in hidden(search.random_effect, search.problem)
-        if (a.effect, a.where, a.label) not in known
-    ]
-    if made.effect != "unknown":
-        more = [a for a in more if a.effect == made.effect]
+    more = []
+    for a in hidden(search.random_effect, search.problem):
+        is_asked = made.effect in ("unknown", a.effect)
+        if is_asked and (a.effect, a.where, a.label) not in known:
+            more.append(a)
     return replace(made, alternatives=(*made.alternatives, *more))
 
 
@@ -227,15 +220,13 @@ def _unnamed_remainder(search: Search, own: Hypothesis) -> tuple[float, bool]:
     """Sum of squares of what is unexplained at a law's place next to it; and whether it is the law's own covariate,
     not recorded, that may make it."""
     places, noise = same_place(own), search.variance()
-    table = search.table(search.everyone)
-    left = [
-        h.gain - h.rank * noise
-        for h in table
-        if h.unnamed and h.where in places and h.p / h.weight <= search.level
-    ]
-    left += [
-        search.own(i).gain for i, h in enumerate(search.accepted) if h.unnamed and h.where in places
-    ]
+    left = []
+    for h in search.table(search.everyone):
+        if h.unnamed and h.where in places and h.p / h.weight <= search.level:
+            left.append(h.gain - h.rank * noise)
+    for i, h in enumerate(search.accepted):
+        if h.unnamed and h.where in places:
+            left.append(search.own(i).gain)
     moves = search.random_effect is not None and search.random_effect.site.where in places
     if moves:
         left.append(movement(search.random_effect))
