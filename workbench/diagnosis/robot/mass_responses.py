@@ -19,11 +19,10 @@ from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import thin_svd
 from workbench.core.parameters import Parameter
 
-_SHARE, _CENTRE_MM = 0.2, 20.0  # a data sheet's mass is good to a fifth, a centre to 20 mm
-_MOST, _LEAST = (
-    4,
-    0.03,
-)  # mixtures of first moments, and the share of the law below which one says nothing
+_SHARE, _CENTRE_MM = 0.2, 20.0
+"""A data sheet's mass is good to a fifth, a centre to 20 mm."""
+_MOST, _LEAST = 4, 0.03
+"""Mixtures of first moments, and the share of the law below which one says nothing."""
 LABEL = "with first mass moments estimated jointly"
 MASS_SHARE, CENTRE_MM = 0.05, 5.0
 """1 sigma of a stated first moment as a share of it, and of a centre of mass (mm per axis): prior of the names."""
@@ -69,11 +68,9 @@ class MassResponse(Effect):
 def with_estimated_masses(law: Effect, state) -> ComplianceWithMasses | None:
     """The law with the mixtures of first moments that move it most in these poses; None where none does."""
     own, made = law.basis(state), responses(law, state) * _sizes(state)[:, None, None, None]
-    length = (own**2).sum((1, 2))
-    shares = (made * own).sum((2, 3)) / np.maximum(length, 1e-300)
-    left = (made - shares[:, :, None, None] * own) / np.sqrt(np.maximum(length, 1e-300))[
-        :, None, None
-    ]
+    length = np.maximum((own**2).sum((1, 2)), 1e-300)
+    shares = (made * own).sum((2, 3)) / length
+    left = (made - shares[:, :, None, None] * own) / np.sqrt(length)[:, None, None]
     u, s, _ = thin_svd(left.reshape(len(left), -1))
     kept = np.flatnonzero(s[:_MOST] > _LEAST)
     if not len(kept):
@@ -87,9 +84,7 @@ def with_estimated_masses(law: Effect, state) -> ComplianceWithMasses | None:
 
 def nearly_known(state) -> np.ndarray:
     """(3 J + 3,) kg mm: standard deviation of each first moment where masses are stated but not measured."""
-    robot = state.robot
-    masses = np.append(robot.mass, state.payload.max(initial=0.0))
-    centres = np.vstack([robot.com, state.load_centre])
+    masses, centres = _bodies(state)
     distance = np.linalg.norm(centres, axis=1)
     each = masses * np.hypot(MASS_SHARE * distance, CENTRE_MM)
     return np.repeat(each, 3)
@@ -97,10 +92,14 @@ def nearly_known(state) -> np.ndarray:
 
 def _sizes(state) -> np.ndarray:
     """(3 J + 3,) kg mm: by how much each first moment may be off."""
-    robot = state.robot
-    masses = np.append(robot.mass, state.payload.max(initial=0.0))
-    centres = np.vstack([robot.com, state.load_centre])
+    masses, centres = _bodies(state)
     return (masses[:, None] * (_SHARE * np.abs(centres) + _CENTRE_MM)).ravel()
+
+
+def _bodies(state) -> tuple[np.ndarray, np.ndarray]:
+    """Masses (J + 1,) kg and centres (J + 1, 3) mm of the links and of the largest load."""
+    masses = np.append(state.robot.mass, state.payload.max(initial=0.0))
+    return masses, np.vstack([state.robot.com, state.load_centre])
 
 
 __all__ = ["LABEL", "MassResponse", "with_estimated_masses", "nearly_known"]

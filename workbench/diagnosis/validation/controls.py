@@ -46,15 +46,8 @@ def controls(
     itself.
     """
     if any(e.port in (*STATE_PORTS, NOISE) for e in own):
-        return (
-            Control(
-                PERMUTED,
-                None,
-                None,
-                None,
-                why="it acts through other effects or on the noise alone",
-            ),
-        )
+        why = "it acts through other effects or on the noise alone"
+        return (Control(PERMUTED, None, None, None, why=why),)
     trial = _Trial(bench, others, own)
     rng = np.random.default_rng(seed)
     gains = np.array([trial.gain(trial.permuted(rng)) for _ in range(_TRIALS)])
@@ -101,13 +94,13 @@ def _clocked(effect: Effect, chain) -> bool:
 
 def _turned_state(chain, part: float):
     """The state with its time circularly shifted by a part (0-1) of the recording."""
-    held = dict(chain.state.covariates)
+    covariates = dict(chain.state.covariates)
     order = np.argsort(clock(chain.state), kind="stable")
-    turned = {}
-    for name in (n for n in _CLOCKS if n in held):
-        turned[name] = held[name].copy()
-        turned[name][order] = np.roll(held[name][order], int(round(part * chain.n)))
-    return replace(chain.state, covariates=held | turned)
+    for name in set(_CLOCKS) & set(covariates):
+        turned = covariates[name].copy()
+        turned[order] = np.roll(turned[order], int(round(part * chain.n)))
+        covariates[name] = turned
+    return replace(chain.state, covariates=covariates)
 
 
 class _Trial:
@@ -143,14 +136,12 @@ class _Trial:
     def basis(self, state):
         """(P, K, n) the effects side by side, each on slots of its own."""
         made = [e.basis(state) for e in self.effects]
-        whole = np.zeros(
-            (sum(len(b) for b in made), sum(b.shape[1] for b in made), made[0].shape[2])
-        )
-        p = k = 0
+        slots, rows, first = sum(b.shape[1] for b in made), [], 0
         for b in made:
-            whole[p : p + len(b), k : k + b.shape[1]] = b
-            p, k = p + len(b), k + b.shape[1]
-        return whole
+            after = slots - first - b.shape[1]
+            rows.append(np.pad(b, ((0, 0), (first, after), (0, 0))))
+            first += b.shape[1]
+        return np.concatenate(rows)
 
     def _rows(self, bench, others, part):
         model, fit, _ = bench.solve(others, part, is_complete=False)
@@ -175,12 +166,9 @@ class _Trial:
 
     def columns(self, small):
         """(N, P) whitened columns."""
-        made = (
-            small
-            if self.rows is None
-            else np.einsum("pkn,kmn->pmn", small, self.rows, optimize=True)
-        )
-        return made.reshape(len(small), -1).T
+        if self.rows is not None:
+            small = np.einsum("pkn,kmn->pmn", small, self.rows, optimize=True)
+        return small.reshape(len(small), -1).T
 
     def gain(self, small) -> float:
         """Fall of the whitened sum of squares and priors."""

@@ -25,11 +25,8 @@ def rms(errors: np.ndarray, usual: np.ndarray, sigma: np.ndarray | None = None) 
     kept = usual & np.isfinite(errors)
     if not kept.any():
         return float("nan")
-    return float(
-        np.sqrt(
-            np.average(errors[kept] ** 2, weights=None if sigma is None else sigma[kept] ** -2.0)
-        )
-    )
+    weights = None if sigma is None else sigma[kept] ** -2.0
+    return float(np.sqrt(np.average(errors[kept] ** 2, weights=weights)))
 
 
 def paired(
@@ -53,14 +50,13 @@ def paired(
     if not kept.any() or group.max() < 2:
         return 0.0
     unit = 1.0 if sigma is None else sigma[kept]
-    squares = (before[kept] / unit) ** 2, (after[kept] / unit) ** 2
-    scale = max(min(float(np.median(s)) for s in squares) / _MEDIAN, 1e-300)
-    losses = [_loss(s / scale) for s in squares]
-    falls = np.bincount(group, losses[0] - losses[1])
+    squares = np.stack([before[kept] / unit, after[kept] / unit]) ** 2
+    scale = max(float(np.median(squares, axis=1).min()) / _MEDIAN, 1e-300)
+    without, with_it = _loss(squares / scale)
+    falls = np.bincount(group, without - with_it)
     if sigma is not None:
-        return _jackknife_t(
-            falls, np.bincount(group, (np.sqrt(losses[0]) - np.sqrt(losses[1])) ** 2)
-        )
+        moved = (np.sqrt(without) - np.sqrt(with_it)) ** 2
+        return _jackknife_t(falls, np.bincount(group, moved))
     falls = falls / np.bincount(group)
     spread = falls.std(ddof=1) / np.sqrt(len(falls))
     return float(falls.mean() / spread) if spread > 0 else 0.0
@@ -76,16 +72,15 @@ def _jackknife_t(falls: np.ndarray, moved: np.ndarray) -> float:
     the jackknife), so that one that shows nearly all of it by itself proves little.
     """
     total, shown = falls.sum(), moved.sum()
-    others = np.divide(
-        total - falls, shown - moved, out=np.zeros_like(falls), where=shown - moved > SAME * shown
-    )
+    left = shown - moved  # by all others
+    others = np.divide(total - falls, left, out=np.zeros_like(falls), where=left > SAME * shown)
     spread = np.sqrt(((falls - others * moved) ** 2).sum() * (len(falls) - 1) / len(falls))
     if not spread > 0:
         return 0.0
-    worth = (
-        shown**2 / (moved**2).sum()
-    )  # of so many poses the sum is as good as made: t as a normal would have it
-    return float(norm.isf(np.clip(student.sf(total / spread, max(worth, 1.0)), 1e-300, 1 - 1e-16)))
+    # of so many poses the sum is as good as made: t as a normal would have it
+    worth = max(shown**2 / (moved**2).sum(), 1.0)
+    p = np.clip(student.sf(total / spread, worth), 1e-300, 1 - 1e-16)
+    return float(norm.isf(p))
 
 
 def _loss(z: np.ndarray) -> np.ndarray:

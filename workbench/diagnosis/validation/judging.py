@@ -22,13 +22,12 @@ from workbench.diagnosis.validation.controls import of_order
 from workbench.diagnosis.validation.folds import TIME, Scheme
 from workbench.diagnosis.validation.terms import Term
 
-_ONE_BLOCK = 0.9  # share of the information on a direction in one block from which on the others do not determine it
-_EXTRAPOLATED = (
-    0.25  # share of what a term makes along such directions from which on a split cannot judge it
-)
-_WORSE = (
-    0.01  # relative rise of the held-out RMS that a split which judges the terms may show by chance
-)
+_ONE_BLOCK = 0.9
+"""Share of the information on a direction in one block from which on the others do not determine it."""
+_EXTRAPOLATED = 0.25
+"""Share of what a term makes along such directions from which on a split cannot judge it."""
+_WORSE = 0.01
+"""Relative rise of the held-out RMS that a split which judges the terms may show by chance."""
 
 
 @dataclass(frozen=True)
