@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from datasets.importers.sources.clouds import is_profile, read_cloud
+from datasets.importers.sources.clouds import is_profile, read_cloud, without_markers
 from workbench.core.errors import InputError
 from workbench.recordings.importing import ImportOptions, import_recording
 from workbench.recordings.templates.scanner_kinds import example
@@ -85,6 +85,41 @@ def test_poses_of_other_scans_are_refused(recordings, tmp_path):
     sources[1].write_text("\n".join([lines[0], *mixed]) + "\n")
     with pytest.raises(InputError, match="rows and files belong together|fit about equally"):
         import_recording(sources, tmp_path / "out", ImportOptions(ball_radius_mm=RADIUS))
+
+
+@pytest.mark.parametrize(
+    ("kind", "write"), [("profiler", as_text), ("3d-camera", as_ply)], ids=("profiles", "clouds")
+)
+def test_exchanged_poses_are_named(kind, write, recordings, tmp_path):
+    sources = written(recordings[kind], tmp_path, 1.0, write)
+    lines = sources[1].read_text().splitlines()
+    first, second = (lines[row].split(",", 1) for row in (3, 6))
+    lines[3], lines[6] = f"{first[0]},{second[1]}", f"{second[0]},{first[1]}"
+    sources[1].write_text("\n".join(lines) + "\n")
+    made = import_recording(sources, tmp_path / "out", ImportOptions(ball_radius_mm=RADIUS))
+    (doubt,) = made.doubts
+    assert f"row 4 ({first[0]}) and row 7 ({second[0]}) look exchanged" in doubt
+
+
+def test_another_radius_is_a_doubt(recordings, tmp_path):
+    sources = written(recordings["3d-camera"], tmp_path, 1.0, as_ply)
+    made = import_recording(sources, tmp_path / "out", ImportOptions(ball_radius_mm=15.4))
+    assert any("show a ball of radius 15 mm" in doubt for doubt in made.doubts)
+
+
+@pytest.mark.parametrize("marker", ["", "0.000", "-9999", "-2147483.648"])
+def test_invalid_points_of_profiles_are_left_out(marker, tmp_path):
+    rows = [f"{k / 10:.1f};{80 + k * k / 1000:.4f}" for k in range(60)]
+    empty = [f"{k / 10:.1f};{marker}" for k in range(60, 90)]
+    (tmp_path / "p.csv").write_text("\n".join(["x;z", *empty[:15], *rows, *empty[15:]]))
+    assert is_profile(tmp_path / "p.csv")
+    assert len(read_cloud(tmp_path / "p.csv", 1000)) == 60
+
+
+def test_depths_without_a_marker_are_kept():
+    points = np.zeros((60, 3))
+    points[:, 2] = np.repeat(np.arange(-10.0, 10.0), 3)
+    assert len(without_markers(points)) == 60
 
 
 def test_a_table_of_three_columns_is_no_profile(tmp_path):

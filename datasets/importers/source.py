@@ -17,6 +17,8 @@ class RawTable:
     `units`: unit that a row of units or the format states, by column. `conventions`: rotation convention that the
     format states, by the first column of the rotation. `default_units`: unit of a quantity ("length", "angle")
     that the file states for all its columns. `frame_question`: why its poses are not known to be those of the flange.
+    `folder`: where the file lies, None where it was not read from one. `time_name`: the column that a mapping names
+    as the time; "" where the headers decide.
     """
 
     file: str
@@ -27,6 +29,8 @@ class RawTable:
     default_units: Mapping[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     frame_question: str = ""
+    folder: Path | None = None
+    time_name: str = ""
 
     @property
     def n(self) -> int:

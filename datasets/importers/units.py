@@ -5,7 +5,7 @@ import unicodedata
 
 import numpy as np
 
-LENGTHS = {"mm": 1.0, "m": 1000.0, "in": 25.4, "cm": 10.0, "um": 0.001, "ft": 304.8}
+LENGTHS = {"mm": 1.0, "m": 1000.0, "in": 25.4, "cm": 10.0, "um": 0.001, "ft": 304.8, "mil": 0.0254}
 """Unit -> mm."""
 ANGLES = {
     "deg": 1.0,
@@ -38,6 +38,7 @@ _NAMES = {
     "cm": ("cm", "centimeter", "zentimeter"),
     "um": ("um", "µm", "μm", "micron", "microns"),
     "ft": ("ft", "foot", "feet"),
+    "mil": ("mil", "mils", "thou", "thous"),
     "in": (
         *("in", "inch", "inches", "zoll", '"'),
         *("pouce", "pouces", "pollice", "pollici", "pulgada", "pulgadas", "polegada", "polegadas"),

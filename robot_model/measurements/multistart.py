@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from workbench.core import deadline
 from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues
 from workbench.core.rigid import nearest_rotation, rotation_matrix
 
@@ -98,6 +99,7 @@ class RotationSystem:
         After the first round samples that disagree with the best minimum are given less weight, and the prior
         is centred where the translations were found, so that it does not bias what the samples do determine.
         """
+        deadline.check()
         weights = np.ones(len(self.right))
         centre = np.zeros(len(self.prior))
         found = None
@@ -139,6 +141,7 @@ class RotationSystem:
 
         One round without robust weights: enough to compare many hypotheses about the same samples.
         """
+        deadline.check()
         reduced = _Reduced(self, np.ones(len(self.right)), np.zeros(len(self.prior)))
         rotations = reduced.descended(reduced.screened()[:_QUICK], _QUICK_STEPS)
         best = rotations[int(np.argmin(reduced.cost(rotations)))]

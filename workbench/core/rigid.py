@@ -24,11 +24,13 @@ def rotation_vector(matrix: np.ndarray) -> np.ndarray:
 
 def skew(vector: np.ndarray) -> np.ndarray:
     """(..., 3, 3) matrix of `vector x`."""
-    x, y, z = np.moveaxis(np.asarray(vector, float), -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack(
-        [np.stack(row, -1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))], -2
-    )
+    vector = np.asarray(vector, float)
+    matrix = np.zeros((*vector.shape, 3))
+    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
+    matrix[..., 2, 1], matrix[..., 1, 2] = x, -x
+    matrix[..., 0, 2], matrix[..., 2, 0] = y, -y
+    matrix[..., 1, 0], matrix[..., 0, 1] = z, -z
+    return matrix
 
 
 def left_jacobian(vector: np.ndarray) -> np.ndarray:

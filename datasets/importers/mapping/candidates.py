@@ -44,6 +44,7 @@ LENGTH_WORDS = {
     "cm": "centimetres",
     "um": "micrometres",
     "ft": "feet",
+    "mil": "thousandths of an inch",
 }
 _SAME_DECIMALS = 8
 

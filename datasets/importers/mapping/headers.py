@@ -5,10 +5,14 @@ those of other languages.
 """
 
 import re
-import unicodedata
 from dataclasses import dataclass, replace
 
-from datasets.importers.mapping.words import LINKING, in_english, without_east_asian
+from datasets.importers.mapping.words import (
+    LINKING,
+    in_english,
+    without_accents,
+    without_east_asian,
+)
 from datasets.importers.units import ANGLES, LENGTHS, is_unit, unit_named
 
 FLANGE_WORDS = frozenset(
@@ -119,7 +123,7 @@ _SINGLE = (
     ("date", r"date|datum"),
     (
         "sample",
-        r"sample|nr|no|num|number|nummer|id|index|idx|lfdnr|messung|meas|measurement|row|zeile|n|posenr",
+        r"sample|nr|lp|no|num|number|nummer|id|index|idx|lfdnr|messung|meas|measurement|row|zeile|n|posenr",
     ),
     (
         "name",
@@ -167,7 +171,13 @@ class Header:
 
 
 def read_header(name: str, unit: str | None = None) -> Header:
-    """The parts of a header; unit: what a row of units or the format states for the column."""
+    """The parts of a header; unit: what a row of units or the format states for the column.
+
+    A name that two tables have is "table: name"; the words of the table stand in front.
+    """
+    table, _, column = name.rpartition(": ")
+    if table and (own := read_header(column, unit)).kind:
+        return replace(own, name=name, words=(*_words(_plain(table)), *own.words))
     repeated = _REPEATED.fullmatch(name)
     text, found = _split_unit(_plain(repeated[1] if repeated else name))
     words = [repeated[2], *_words(text)] if repeated else _words(text)
@@ -193,6 +203,7 @@ def read_header(name: str, unit: str | None = None) -> Header:
         plain = read_header(bracket[1], unit)
         if plain.kind in COMPONENTS:
             remark = tuple(_words(_plain(bracket[2])))
+            remark = () if len(remark) > 1 else remark  # a sentence names no object
             return replace(plain, name=name, words=(*plain.words, *remark))
     return Header(name, "", "", tuple(words), found or stated, "".join(words))
 
@@ -237,8 +248,7 @@ def _plain(name: str) -> str:
         ("ψ", "psi"),
     ):
         text = text.replace(letter, word)
-    decomposed = unicodedata.normalize("NFKD", text)
-    return "".join(letter for letter in decomposed if not unicodedata.combining(letter))
+    return without_accents(text)
 
 
 def _split_unit(text: str) -> tuple[str, str | None]:
@@ -260,8 +270,9 @@ def _has_foreign_unit(name: str, unit: str | None) -> bool:
 
 
 def _is_remark(text: str) -> bool:
-    """Whether brackets hold a word that is no unit, not even one that columns of forces or currents have."""
-    return text.isalpha() and len(text) >= _SHORTEST_REMARK and not is_unit(text)
+    """Whether brackets hold words that are no unit, not even one that columns of forces or currents have."""
+    words = text.split()
+    return all(map(str.isalpha, words)) and len(text) >= _SHORTEST_REMARK and not is_unit(text)
 
 
 def _is_index(text: str, match: re.Match) -> bool:

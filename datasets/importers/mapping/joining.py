@@ -4,6 +4,7 @@ The table with the fewest rows stays as it is (usually that of the tracker); num
 at its times, because a log samples a continuous motion (`interpolation`).
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -23,7 +24,12 @@ _LEAST_GAP_S = 0.5
 _STEP_OF_RANGE = (
     1e-3  # of a joint between two rows of a log: encoders of a joint at rest change by far less
 )
-_QUARTER_S = 900.0
+_QUARTER_S, _DAY_S = 900.0, 86400.0
+_MOST_ZONE_S = 26.5 * 3600
+_LEAST_DATED_S = -1e9
+"""Times of day without a date count from the year 1900."""
+_SLOWEST_LOG_S = 1.0
+"""Interval of a log between whose rows nothing is known of the motion."""
 
 
 def join_tables(tables: Sequence[RawTable], join: Join) -> tuple[RawTable, Join, tuple[str, ...]]:
@@ -63,6 +69,7 @@ def _prefixed(table: RawTable, shared: set[str], number: str) -> RawTable:
         columns={names[name]: cells for name, cells in table.columns.items()},
         units={names[name]: unit for name, unit in table.units.items()},
         conventions={names[name]: word for name, word in table.conventions.items()},
+        time_name=names.get(table.time_name, ""),
     )
 
 
@@ -85,13 +92,27 @@ def _choose(few: RawTable, many: RawTable, join: Join) -> Join:
 
 
 def _shared_keys(few: RawTable, many: RawTable):
-    """Pairs of columns of both tables that may name the same rows."""
+    """Pairs of columns of both tables that may name the same rows: by their headers, then columns of one name."""
     mine = [(h.kind, h.core, name) for name, h in headers_of(few).items() if h.kind in _KEYS]
     its = [(h.kind, h.core, name) for name, h in headers_of(many).items() if h.kind in (*_KEYS,)]
     for kind, _, name in mine:
         for other_kind, _, other in its:
             if kind == other_kind:
                 yield name, other
+    places = {name.rpartition(": ")[2]: name for name in many.columns}
+    for name, header in headers_of(few).items():
+        other = places.get(name.rpartition(": ")[2])
+        is_open = not header.kind and other is not None
+        if is_open and _may_name_rows(few.columns[name]) and _may_name_rows(many.columns[other]):
+            yield name, other
+
+
+def _may_name_rows(cells: np.ndarray) -> bool:
+    """Whether cells are all filled and differ, and numbers are whole ones."""
+    if cells.dtype.kind == "f" and not (np.isfinite(cells).all() and (cells % 1 == 0).all()):
+        return False
+    texts = _as_text(cells)
+    return all(texts) and len(set(texts)) == len(texts)
 
 
 def _match_share(first: np.ndarray, second: np.ndarray) -> float:
@@ -99,10 +120,43 @@ def _match_share(first: np.ndarray, second: np.ndarray) -> float:
 
     A point that an instrument measured twice repeats in its table, and still belongs to one row of the joint table.
     """
-    mine, its = _as_text(first), _as_text(second)
+    mine, its = _names_in_both(first, second)
     if len(set(mine)) < len(mine) and len(set(its)) < len(its):
         return 0.0
     return len(set(mine) & set(its)) / min(len(set(mine)), len(set(its)))
+
+
+def _names_in_both(first: np.ndarray, second: np.ndarray) -> tuple[list[str], list[str]]:
+    """Names of the rows of two tables, simplified where they agree in nothing otherwise.
+
+    "P1" and "p_001" are one name if no two names of one table become equal, and so are "P001" and "1" if all names of
+    the table begin with "P".
+    """
+    mine, its = _as_text(first), _as_text(second)
+    if set(mine) & set(its):
+        return mine, its
+    for simplify in (_plain_names, _numbers_of_names):
+        plain = [simplify(names) for names in (mine, its)]
+        is_distinct = all(len(set(p)) == len(set(n)) for p, n in zip(plain, (mine, its)))
+        if is_distinct and set(plain[0]) & set(plain[1]):
+            return plain[0], plain[1]
+    return mine, its
+
+
+def _plain_names(names: Sequence[str]) -> list[str]:
+    """Names without signs, and their numbers without leading zeros."""
+    parts = [re.findall(r"\d+|[^\W\d_]+", name) for name in names]
+    return ["".join(part.lstrip("0") or "0" for part in found) for found in parts]
+
+
+def _numbers_of_names(names: Sequence[str]) -> list[str]:
+    """`_plain_names` without the letters that all names begin with."""
+    plain = _plain_names(names)
+    fronts = {re.match(r"\D*", name)[0] for name in plain}
+    if len(fronts) > 1:
+        return plain
+    front = fronts.pop()
+    return [name.removeprefix(front) for name in plain]
 
 
 def _as_text(cells: np.ndarray) -> list[str]:
@@ -151,7 +205,7 @@ def _by_key(few: RawTable, many: RawTable, join: Join):
     mine, its = max(
         pairs, key=lambda pair: _match_share(few.columns[pair[0]], many.columns[pair[1]])
     )
-    keys, others = _as_text(few.columns[mine]), _as_text(many.columns[its])
+    keys, others = _names_in_both(few.columns[mine], many.columns[its])
     if len(set(others)) < len(others):  # the rows of `few` are looked up below
         few, many, mine, its, keys, others = many, few, its, mine, others, keys
     place = {value: row for row, value in enumerate(others)}
@@ -212,7 +266,7 @@ def _by_time(few: RawTable, many: RawTable, join: Join):
     rows = np.flatnonzero(inside)
     other = _interpolated(many, order, times, wanted[rows])
     moving = _count_moving(many, order, times, wanted[rows])
-    if moving:
+    if moving and is_dense(times):
         said.append(
             f"{few.file}: {moving} of {len(rows)} rows were measured while joints of {many.file} moved. Their joint "
             "readings are interpolated: a clock error of 1 ms displaces a point that moves at 1 m/s by 1 mm. All rows "
@@ -228,9 +282,26 @@ def _by_time(few: RawTable, many: RawTable, join: Join):
     return _side_by_side(few.take(rows), other), used, said
 
 
+def is_dense(times: np.ndarray) -> bool:
+    """Whether a log with these times (n,) s samples the motion, and not only the stops."""
+    steps = np.diff(np.sort(times))
+    return bool(np.median(steps[steps > 0]) < _SLOWEST_LOG_S) if (steps > 0).any() else False
+
+
 def zone_sentence(few: RawTable, many: RawTable, zone_s: float) -> str:
-    """What the join says of clocks of two time zones."""
+    """What the join says of clocks of two time zones, or of which one has no date."""
+    if abs(zone_s) > _MOST_ZONE_S:
+        return (
+            f"Only one of the clocks of {few.file} and {many.file} states a date, which is taken for both"
+            f"{_difference(zone_s)}."
+        )
     return f"The clocks of {few.file} and {many.file} differ by {zone_s / 3600:g} h, which is taken for a time zone."
+
+
+def _difference(zone_s: float) -> str:
+    """The difference of the times of day, in words."""
+    rest = (zone_s + _DAY_S / 2) % _DAY_S - _DAY_S / 2
+    return f"; the times of day differ by {rest / 3600:g} h" if rest else ""
 
 
 def _count_moving(log: RawTable, order: np.ndarray, times: np.ndarray, wanted: np.ndarray) -> int:
@@ -256,10 +327,16 @@ def _covered(wanted: np.ndarray, times: np.ndarray) -> np.ndarray:
 def _time_zone(wanted: np.ndarray, times: np.ndarray) -> float:
     """s between clocks of two time zones: the only multiple of 15 minutes by which the log covers all times.
 
-    0 where no multiple or several do. No time zone differs by more than 26 hours from another.
+    0 where no multiple or several do. No time zone differs by more than 26 hours from another. Where only one of the
+    clocks has a date, the day of the other is that of the date.
     """
-    shifts = _QUARTER_S * np.arange(-104, 105)
+    days = 0.0
+    if (wanted[0] < _LEAST_DATED_S) != (times[0] < _LEAST_DATED_S):
+        days = _DAY_S * round((times.mean() - wanted.mean()) / _DAY_S)
+    shifts = days + _QUARTER_S * np.arange(-104, 105)
     fitting = [shift for shift in shifts if _covered(wanted + shift, times).mean() >= _OVERLAP]
+    if days:  # the smallest difference of the times of day: a log may cover several zones
+        fitting = sorted(fitting, key=lambda shift: abs(shift - days))[:1]
     return float(fitting[0]) if len(fitting) == 1 else 0.0
 
 

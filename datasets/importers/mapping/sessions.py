@@ -1,5 +1,6 @@
 """Tables with the same columns, such as those of two days, whose rows stand below each other in one recording."""
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -29,20 +30,60 @@ _TIMES = ("time", "date")
 _FEWEST_UNKNOWN = 5
 
 
-def are_sessions(tables: Sequence[RawTable], stated: Mapping) -> bool:
-    """Whether each table holds whole samples (joint readings and a measurement) in the same columns.
+def session_groups(tables: Sequence[RawTable], stated: Mapping) -> list[list[RawTable]]:
+    """The tables of each session; [] where the tables are those of one.
 
-    stated: what the user's mapping says. Tables without any known header are sessions where all headers agree.
+    A session is a table with whole samples (joint readings and a measurement), or several tables that hold them
+    together, such as a joint log and a table of the instrument. The columns are the same in all sessions. stated: what
+    the user's mapping says.
     """
-    if len(tables) < 2 or len({_signature(table) for table in tables}) > 1:
-        return False
+    alike: dict[frozenset, list[RawTable]] = {}
+    for table in tables:
+        alike.setdefault(signature(table), []).append(table)
+    kinds = list(alike.values())
+    count = len(kinds[0]) if kinds else 0
+    if count < 2 or any(len(kind) != count for kind in kinds):
+        return []
+    if len(kinds) == 1:
+        return [[table] for table in tables] if _are_sessions(tables, stated) else []
+    if any(_holds_samples(kind[0], stated) for kind in kinds):
+        return []
+    first, *others = kinds
+    ordered = [_in_order_of(first, other) for other in others]
+    return [[table, *(other[k] for other in ordered)] for k, table in enumerate(first)]
+
+
+def _in_order_of(first: Sequence[RawTable], others: Sequence[RawTable]) -> list[RawTable]:
+    """Tables in the order of those that they belong to: by words that their names share, else as they are named."""
+    shared = [[len(_own_words(a, first) & _own_words(b, others)) for b in others] for a in first]
+    chosen = [row.index(max(row)) for row in shared]
+    is_clear = all(row.count(max(row)) == 1 and max(row) > 0 for row in shared)
+    return (
+        [others[k] for k in chosen]
+        if is_clear and len(set(chosen)) == len(chosen)
+        else list(others)
+    )
+
+
+def _own_words(table: RawTable, kind: Sequence[RawTable]) -> set[str]:
+    """Words and numbers of the name of a table, and of its folder, that not all tables of its kind have."""
+    words = [set(re.findall(r"[a-z]+|\d+", _place(one).lower())) for one in (table, *kind)]
+    return words[0] - set.intersection(*words[1:])
+
+
+def _place(table: RawTable) -> str:
+    return f"{table.folder.name if table.folder else ''} {table.stem}"
+
+
+def _are_sessions(tables: Sequence[RawTable], stated: Mapping) -> bool:
+    """Whether each table holds whole samples; tables without any known header do where all headers agree."""
     if all(_holds_samples(table, stated) for table in tables):
         return True
     known = any(find_sets(table) for table in tables)
     return not known and len(tables[0].columns) >= _FEWEST_UNKNOWN
 
 
-def _signature(table: RawTable) -> frozenset:
+def signature(table: RawTable) -> frozenset:
     """The columns of a table without their units."""
     return frozenset(_key(header) for header in headers_of(table).values())
 
@@ -197,4 +238,4 @@ def _times(tables: Sequence[RawTable]) -> tuple[np.ndarray | None, tuple[str, ..
     return joined - joined.min(), ()
 
 
-__all__ = ["APPEND", "SESSION", "appended", "are_sessions", "in_recording_units"]
+__all__ = ["APPEND", "SESSION", "appended", "in_recording_units", "session_groups", "signature"]

@@ -110,6 +110,7 @@ def _sets_of(headers: Iterable[Header], table: RawTable) -> list[ColumnSet]:
     kinds: dict[str, dict[str, Header]] = {}
     for header in headers:
         kinds.setdefault(header.kind, {}).setdefault(header.label, header)
+    _give_scalar_part(kinds, table)
     words = kinds.get("word", {}) | {core: h for h in headers if (core := h.core) in SLURBT}
     sets = [*_numbered(kinds, table), *_points(kinds), *_rotations(kinds)]
     for name, wanted in WORD_SETS.items():
@@ -119,6 +120,16 @@ def _sets_of(headers: Iterable[Header], table: RawTable) -> list[ColumnSet]:
     if _is_slurbt(words):
         sets.append(_set("joints", [words[word] for word in SLURBT], "slurbt"))
     return sets
+
+
+def _give_scalar_part(kinds: dict[str, dict[str, Header]], table: RawTable) -> None:
+    """Count q0 next to qx, qy and qz as the scalar part of the quaternion, not as the reading of a joint."""
+    turn, numbered = kinds.get("turn", {}), kinds.get("qindex", {})
+    scalar = numbered.get("0")
+    if scalar is None or "w" in turn or not all(axis in turn for axis in "xyz"):
+        return
+    if _has_length_1({"0": scalar, **{axis: turn[axis] for axis in "xyz"}}, table):
+        turn["w"] = numbered.pop("0")
 
 
 def _is_slurbt(words: Mapping) -> bool:

@@ -22,6 +22,8 @@ _EPOCH_UNITS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
 
 def times_of(table: RawTable) -> tuple[np.ndarray | None, tuple[str, ...]]:
     """(n,) times of the rows in s, or None, and the columns that they are read from."""
+    if table.time_name:
+        return _stated_times(table)
     headers = headers_of(table)
     names = [name for name, header in headers.items() if header.kind == "time"]
     dates = [name for name, header in headers.items() if header.kind == "date"]
@@ -39,6 +41,16 @@ def times_of(table: RawTable) -> tuple[np.ndarray | None, tuple[str, ...]]:
         if table.columns[name].dtype.kind != "f":
             return seconds_of_stamps([str(cell) for cell in table.columns[name]]), (name,)
     return None, ()
+
+
+def _stated_times(table: RawTable) -> tuple[np.ndarray | None, tuple[str, ...]]:
+    """`times_of` the column that a mapping names."""
+    name = table.time_name
+    cells = table.columns[name]
+    if cells.dtype.kind == "f":
+        unit = headers_of(table)[name].unit
+        return cells * _time_factor(unit, cells), (name,)
+    return times_of_column(table, name)
 
 
 def times_of_column(table: RawTable, name: str) -> tuple[np.ndarray | None, tuple[str, ...]]:

@@ -100,6 +100,62 @@ LATIN = {
     "rolagem": "roll",
     "imagem": "image",
     "arquivo": "file",
+    # Polish
+    "os": "axis",
+    "przegub": "joint",
+    "zlacze": "joint",
+    "kat": "angle",
+    "pozycja": "position",
+    "polozenie": "position",
+    "czas": "time",
+    "pomiar": "measurement",
+    "cel": "target",
+    "czujnik": "sensor",
+    "kolnierz": "flange",
+    "narzedzie": "tool",
+    "obrot": "rotation",
+    "orientacja": "orientation",
+    "kwaternion": "quaternion",
+    "obciazenie": "payload",
+    "numer": "number",
+    "obraz": "image",
+    "plik": "file",
+    "odleglosc": "distance",
+    # Czech
+    "osa": "axis",
+    "kloub": "joint",
+    "uhel": "angle",
+    "bod": "point",
+    "poloha": "position",
+    "mereni": "measurement",
+    "cil": "target",
+    "priruba": "flange",
+    "nastroj": "tool",
+    "otoceni": "rotation",
+    "teplota": "temperature",
+    "zatizeni": "payload",
+    "cislo": "number",
+    "obrazek": "image",
+    "soubor": "file",
+    "vzdalenost": "distance",
+    # Dutch
+    "as": "axis",
+    "gewricht": "joint",
+    "hoek": "angle",
+    "punt": "point",
+    "positie": "position",
+    "tijd": "time",
+    "meting": "measurement",
+    "meetpunt": "measurement point",
+    "doel": "target",
+    "flens": "flange",
+    "gereedschap": "tool",
+    "rotatie": "rotation",
+    "temperatuur": "temperature",
+    "belasting": "payload",
+    "afbeelding": "image",
+    "bestand": "file",
+    "afstand": "distance",
     # French, Italian, Spanish, Portuguese
     "numero": "number",
     "temperatura": "temperature",
@@ -215,6 +271,18 @@ def without_east_asian(text: str) -> str:
 def names_something(text: str) -> bool:
     """Whether a text holds a word of two or more characters of Chinese or Japanese that is known."""
     return any(len(match[0]) > 1 for match in _EAST_ASIAN.finditer(text))
+
+
+def accented_words(text: str) -> int:
+    """How many words of a text are known ones that are written with letters beyond ASCII."""
+    words = {word for word in re.findall(r"\w+", text) if not word.isascii()}
+    return sum(without_accents(word).lower() in LATIN for word in words)
+
+
+def without_accents(text: str) -> str:
+    """The text with letters of ASCII in the place of those with accents."""
+    decomposed = unicodedata.normalize("NFKD", text.replace("ł", "l").replace("Ł", "L"))
+    return "".join(letter for letter in decomposed if not unicodedata.combining(letter))
 
 
 def in_english(words: list[str]) -> list[str]:

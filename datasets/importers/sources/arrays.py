@@ -1,7 +1,8 @@
 """Arrays with names as tables: MATLAB .mat, OpenCV FileStorage and NumPy files.
 
 An array (n, k) gives k columns "name 1" ... "name k"; poses (n, 4, 4) or (4, 4, n) give the twelve columns
-"name r11" ... "name t3". Arrays of one length n stand side by side in one table.
+"name r11" ... "name z", and rotations (n, 3, 3) or (3, 3, n) the first nine of them. Arrays of one length n stand side
+by side in one table.
 """
 
 from collections.abc import Mapping
@@ -45,8 +46,23 @@ def _collect(name: str, value, arrays: dict[str, np.ndarray]) -> None:
     if value.dtype.names and value.size == 1:
         for field in value.dtype.names:
             _collect(f"{name} {field}", value.ravel()[0][field], arrays)
+    elif value.dtype.names:
+        for field in value.dtype.names:
+            stacked = _stacked([element[field] for element in value.ravel()])
+            if stacked is not None:
+                arrays[f"{name} {field}"] = stacked
     elif value.dtype.kind in "fiu":
         arrays[name] = value.astype(float)
+
+
+def _stacked(cells) -> np.ndarray | None:
+    """(n, k) numbers of one field of n structures, or (n, 4, 4) of transforms; None where it holds anything else."""
+    parts = [np.asarray(cell) for cell in cells]
+    if len({part.shape for part in parts}) > 1 or parts[0].dtype.kind not in "fiu":
+        return None
+    stacked = np.stack(parts).astype(float)
+    is_pose = stacked.shape[1:] in ((3, 3), (4, 4))
+    return stacked if is_pose else stacked.reshape(len(parts), -1)
 
 
 def _hdf5_arrays(path: Path) -> dict[str, np.ndarray]:
@@ -178,10 +194,12 @@ def _as_columns(name: str, array: np.ndarray):
     """(rows, columns) of one array; nothing for scalars and for arrays that are no table."""
     array = np.squeeze(array) if array.ndim > 2 else array
     if array.ndim == 3:
-        if array.shape[:2] == (4, 4) and array.shape[2] != 4:
+        if array.shape[:2] in ((3, 3), (4, 4)) and array.shape[2] != array.shape[1]:
             array = array.transpose(2, 0, 1)
         if array.shape[1:] == (4, 4):
             yield len(array), pose_columns(name, array)
+        elif array.shape[1:] == (3, 3):
+            yield len(array), rotation_columns(name, array)
         return
     if array.ndim == 1 or 1 in array.shape:
         array = array.reshape(-1, 1)
@@ -195,12 +213,18 @@ def _as_columns(name: str, array: np.ndarray):
         yield len(array), {f"{name} {k + 1}": array[:, k] for k in range(array.shape[1])}
 
 
-def pose_columns(name: str, poses: np.ndarray) -> dict[str, np.ndarray]:
-    """Columns "name r11" ... "name r33" and "name x", "name y", "name z" of homogeneous transforms (n, 4, 4)."""
+def rotation_columns(name: str, rotations: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns "name r11" ... "name r33" of rotations (n, 3, 3), or of transforms (n, 4, 4)."""
     columns = {}
     for row in range(3):
         for column in range(3):
-            columns[f"{name} r{row + 1}{column + 1}"] = poses[:, row, column]
+            columns[f"{name} r{row + 1}{column + 1}"] = rotations[:, row, column]
+    return columns
+
+
+def pose_columns(name: str, poses: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns "name r11" ... "name r33" and "name x", "name y", "name z" of homogeneous transforms (n, 4, 4)."""
+    columns = rotation_columns(name, poses)
     for row, axis in enumerate("xyz"):
         columns[f"{name} {axis}"] = poses[:, row, 3]
     return columns

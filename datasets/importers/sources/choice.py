@@ -1,10 +1,14 @@
 """Which reader takes a file: by its extension, and by its content where the extension leaves it open."""
 
+import gzip
 import re
+import shutil
+import zlib
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from datasets.errors import complaint
+from datasets.errors import InputError, complaint
 from datasets.importers.source import ImageFile, Source
 from datasets.importers.sources import (
     arrays,
@@ -15,13 +19,39 @@ from datasets.importers.sources import (
     ros_bags,
     storage,
     text_tables,
+    urscript,
 )
-from datasets.importers.sources.pose_files import read_pose_files
+from datasets.importers.sources.pose_files import STRUCTURED, read_pose_files
+from datasets.importers.sources.reshaped import one_row_per_sample
 
 IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"}
 _TEXT = {".csv", ".tsv", ".txt", ".log", ".asc", ".dat", ".prn", ".tab", ".res", ".pos", ""}
 _PROGRAMS = {".src", ".mod", ".sys", ".ls", ".prg", ".mxt"}
-_STORAGE = {".yml", ".yaml", ".xml", ".json"}
+_ARRAYS = {".mat", ".npy", ".npz", ".parquet", ".pq", ".feather"}
+_EXCEL = {".xlsx", ".xlsm"}
+_UNREADABLE = {
+    ".xls": ("a workbook of Excel 97", "save it as .xlsx or CSV"),
+    ".ods": ("an OpenDocument spreadsheet", "save it as .xlsx or CSV"),
+    ".jbi": (
+        "a job of Yaskawa, whose positions are pulses of the encoders, so that each needs the ratio of its gear",
+        "export the joint angles in degrees, as in the Cartesian or angle display, as CSV",
+    ),
+    ".zip": ("an archive", "unpack it and name the files"),
+    ".7z": ("an archive", "unpack it and name the files"),
+    ".rar": ("an archive", "unpack it and name the files"),
+    ".tar": ("an archive", "unpack it and name the files"),
+    ".xit": ("a job of SpatialAnalyzer", "export points or frames as text"),
+    ".xit64": ("a job of SpatialAnalyzer", "export points or frames as text"),
+    ".pdf": ("a document", "export the numbers as CSV"),
+    ".docx": ("a document", "export the numbers as CSV"),
+}
+"""Extension -> what such a file is, and what to do."""
+_OFTEN_TEXT = {".xls"}
+_IN_FOLDERS = (
+    *(*IMAGES, *(_TEXT - {""}), *_PROGRAMS, *_EXCEL, *(_ARRAYS - {".npy"}), ".gz"),
+    *(*storage.EXTENSIONS, *urscript.EXTENSIONS, *clouds.EXTENSIONS),
+)
+"""Extensions of the files that are read in a folder."""
 _OURS = {"recording.toml", "import.toml"}
 _FEWEST_PROFILES = 3
 
@@ -52,10 +82,18 @@ def _read(path: Path, scratch: Path) -> Source:
         return ros_bags.read_bag(path, scratch / path.stem)
     if path.is_dir():
         return _read_folder(path, scratch)
+    found = _read_file(path, scratch)
+    tables = tuple(replace(one_row_per_sample(t), folder=path.parent) for t in found.tables)
+    return replace(found, tables=tables)
+
+
+def _read_file(path: Path, scratch: Path) -> Source:
     suffix = path.suffix.lower()
+    if suffix == ".gz":
+        return _read_file(_unpacked(path, scratch), scratch)
     if suffix in IMAGES:
         return Source(images=(ImageFile(path, path.name),))
-    if suffix in {".xlsx", ".xlsm"}:
+    if suffix in _EXCEL:
         return Source(tables=tuple(excel.read_excel(path)))
     if suffix == ".mat":
         return Source(tables=tuple(arrays.read_matlab(path)))
@@ -63,16 +101,45 @@ def _read(path: Path, scratch: Path) -> Source:
         return Source(tables=tuple(arrays.read_parquet(path)))
     if suffix in {".npy", ".npz"}:
         return Source(tables=tuple(arrays.read_numpy(path)))
-    if suffix in _STORAGE:
+    if suffix in storage.EXTENSIONS or suffix in storage.XML:
         return storage.read_storage(path)
-    if suffix in {".ply", ".pcd", ".xyz", ".pts"}:
+    if suffix in clouds.EXTENSIONS or clouds.is_text_cloud(path):
         return Source(clouds=(path,))
+    if suffix in urscript.EXTENSIONS:
+        return Source(tables=tuple(urscript.read_urscript(path)))
     if suffix in _PROGRAMS | _TEXT:
         if robot_programs.is_robot_program(path):
             return Source(tables=tuple(robot_programs.read_robot_program(path)))
         if axis_reports.is_axis_report(path):
             return Source(tables=tuple(axis_reports.read_axis_report(path)))
         return Source(tables=(text_tables.read_text_table(path),))
+    return _read_unknown(path, suffix)
+
+
+def _unpacked(path: Path, scratch: Path) -> Path:
+    """The file in a gzip file, in a folder of its own below `scratch`. Raises InputError for a damaged one."""
+    target = scratch / f"{path.name}-unpacked" / path.stem
+    target.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with gzip.open(path) as packed, target.open("wb") as plain:
+            shutil.copyfileobj(packed, plain)
+    except (OSError, EOFError, zlib.error) as problem:
+        raise complaint(
+            path.name, "a gzip file", f"a damaged one ({problem})", "pack it again"
+        ) from None
+    return target
+
+
+def _read_unknown(path: Path, suffix: str) -> Source:
+    """The table of a file with an unusual extension, as far as it is text. Raises InputError for other files."""
+    try:
+        if suffix not in _UNREADABLE or suffix in _OFTEN_TEXT:
+            return Source(tables=(text_tables.read_text_table(path),))
+    except InputError:
+        pass  # the sentence on the kind of the file says more
+    if suffix in _UNREADABLE:
+        found, remedy = _UNREADABLE[suffix]
+        raise complaint(path.name, "a table, images or clouds", found, remedy)
     raise complaint(
         path.name,
         "CSV, text, .xlsx, .mat, .npz, Parquet, JSON, OpenCV or Kalibr YAML, a ROS bag, a robot program, images",
@@ -90,34 +157,30 @@ def _read_folder(folder: Path, scratch: Path) -> Source:
     ]
     files = sorted(files, key=natural_order)
     texts = [path for path in files if path.suffix.lower() in _TEXT]
-    profiles = [path for path in texts if path.suffix and clouds.is_profile(path)]
-    profiles = profiles if len(profiles) >= _FEWEST_PROFILES else []
-    table, others = read_pose_files([path for path in texts if path not in profiles])
-    found, skipped = Source() if table is None else Source(tables=(table,)), []
+    profiles = _many([path for path in texts if path.suffix and clouds.is_profile(path)])
+    scans = [path for path in files if path.suffix.lower() == ".npy"]
+    profiles += _many([path for path in scans if clouds.is_array_cloud(path)])
+    structured = [path for path in files if path.suffix.lower() in STRUCTURED]
+    table, others = read_pose_files([p for p in texts if p not in profiles] + structured)
+    tables = () if table is None else (replace(table, folder=folder),)
+    found, skipped = Source(tables=tables), []
     found = found + Source(clouds=tuple(profiles))
     for path in files:
-        if path.suffix.lower() in _TEXT and path not in others:
+        if path.suffix.lower() in _TEXT | STRUCTURED and path not in others:
             continue
-        suffix = path.suffix.lower()
-        known = (
-            IMAGES
-            | _TEXT
-            | _PROGRAMS
-            | _STORAGE
-            | clouds.EXTENSIONS
-            | {".xlsx", ".xlsm", ".mat", ".npz", ".parquet", ".pq", ".feather"}
-        )
-        if (
-            suffix not in known - {""}
-            or path.name in _OURS
-            or path.stem.lower().startswith("readme")
-        ):
+        is_ours = path.name in _OURS or path.stem.lower().startswith("readme")
+        if is_ours or path.suffix.lower() not in _IN_FOLDERS:
             skipped.append(path.name)
             continue
         found = found + _read(path, scratch)
     if skipped:
         found = found + Source(warnings=(f"{folder.name}: not read are {', '.join(skipped[:5])}.",))
     return found
+
+
+def _many(paths: list[Path]) -> list[Path]:
+    """The paths, none of them where they are so few that they may be something else than scans."""
+    return paths if len(paths) >= _FEWEST_PROFILES else []
 
 
 def natural_order(path: Path | str) -> list:

@@ -1,4 +1,7 @@
-"""Point clouds (PLY, PCD, XYZ) through Open3D and profiles (two columns of text), thinned to what a fit can use."""
+"""Point clouds and profiles (two columns of text) without invalid points, thinned to what a fit can use.
+
+PLY and PCD are read through Open3D; XYZ, PTS and ASC are text, and NPY arrays (n, 3) or (rows, columns, 3).
+"""
 
 from pathlib import Path
 
@@ -8,9 +11,12 @@ from datasets.errors import complaint
 from workbench.core.text.cloud_headers import pcd_problem, ply_problem
 
 EXTENSIONS = {".ply", ".pcd", ".xyz", ".pts"}
+_TEXT_CLOUD = ".asc"
 PROFILES = {".csv", ".txt", ".dat", ".asc", ".tsv"}
 _FEWEST = 4
-_FEWEST_IN_PROFILE, _HEAD_LINES = 20, 60
+_FEWEST_IN_PROFILE, _HEAD_LINES = 20, 400
+_REPEATED, _REPEATED_SHARE, _TIMES_AS_OFTEN = 5, 0.02, 5.0
+"""How often a value occurs that marks invalid points: in all, as a share, and over the second most frequent one."""
 
 
 def is_profile(path: Path) -> bool:
@@ -20,8 +26,10 @@ def is_profile(path: Path) -> bool:
     numbers = [_numbers(line) for line in head]
     rows = [row for row in numbers if row]
     titles = len(head) - len(rows)
-    is_pair = bool(rows) and all(len(row) == 2 for row in rows)
-    return is_pair and len(rows) >= _FEWEST_IN_PROFILE and titles < len(rows) / 2
+    pairs = sum(len(row) == 2 for row in rows)
+    # the depth of an invalid point may be an empty cell
+    is_pair = all(len(row) <= 2 for row in rows) and 2 * pairs > len(rows)
+    return is_pair and pairs >= _FEWEST_IN_PROFILE and titles < len(rows) / 2
 
 
 def _numbers(line: str) -> list[float] | None:
@@ -41,10 +49,13 @@ def read_cloud(path: Path, most: int) -> np.ndarray:
 
     Raises InputError where the file holds no points.
     """
-    if path.suffix.lower() in PROFILES:
-        points = _read_profile(path)
-    elif path.suffix.lower() in {".xyz", ".pts"}:
+    suffix = path.suffix.lower()
+    if suffix == ".npy":
+        points = np.load(path, allow_pickle=False).reshape(-1, 3).astype(float)
+    elif suffix in {".xyz", ".pts"} or is_text_cloud(path):
         points = _read_xyz(path)
+    elif suffix in PROFILES:
+        points = _read_profile(path)
     else:
         _check_header(path)
         import open3d
@@ -56,7 +67,7 @@ def read_cloud(path: Path, most: int) -> np.ndarray:
                 raise complaint(
                     path.name, "a point cloud", f"a damaged one ({problem})", "export it again"
                 ) from None
-    points = points[np.isfinite(points).all(1)]
+    points = without_markers(points[np.isfinite(points).all(1)])
     if len(points) < _FEWEST:
         raise complaint(
             path.name,
@@ -67,6 +78,44 @@ def read_cloud(path: Path, most: int) -> np.ndarray:
     if len(points) <= most:
         return points
     return points[np.linspace(0, len(points) - 1, most).astype(int)]
+
+
+def is_text_cloud(path: Path) -> bool:
+    """Whether an .asc file holds points: lines of three numbers or more after some titles."""
+    if path.suffix.lower() != _TEXT_CLOUD:
+        return False
+    with path.open(encoding="utf-8", errors="replace") as file:
+        rows = [_numbers(line) for _, line in zip(range(_HEAD_LINES), file)]
+    filled = [row for row in rows if row]
+    return len(filled) >= _FEWEST_IN_PROFILE and all(len(row) >= 3 for row in filled)
+
+
+def is_array_cloud(path: Path) -> bool:
+    """Whether a .npy file holds points: numbers with three in the last axis, in one or two others."""
+    try:
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError):
+        return False
+    is_points = array.ndim in (2, 3) and array.shape[-1] == 3 and array.dtype.kind == "f"
+    return is_points and array.size >= 3 * _FEWEST_IN_PROFILE
+
+
+def without_markers(points: np.ndarray) -> np.ndarray:
+    """The points (n, 3) without those whose depth marks an invalid measurement, such as 0, -9999 or -2147483.648.
+
+    Such a depth stands in many points, the measured ones hardly ever agree in all digits, and it is 0 or lies outside
+    of all others.
+    """
+    depths, counts = np.unique(points[:, 2], return_counts=True)
+    if len(depths) < 3:
+        return points
+    most = int(counts.argmax())
+    second = np.partition(counts, -2)[-2]
+    is_frequent = counts[most] >= max(_REPEATED, _REPEATED_SHARE * len(points))
+    is_end = most in (0, len(depths) - 1) or depths[most] == 0
+    if not (is_frequent and is_end and counts[most] > _TIMES_AS_OFTEN * second):
+        return points
+    return points[points[:, 2] != depths[most]]
 
 
 def _check_header(path: Path) -> None:
@@ -89,9 +138,7 @@ def _read_xyz(path: Path) -> np.ndarray:
     rows = []
     with path.open(encoding="utf-8", errors="replace") as file:
         for line in file:
-            cells = line.replace(",", " ").replace(";", " ").split()
-            try:
-                rows.append([float(cell) for cell in cells[:3]])
-            except ValueError:
-                continue
-    return np.array([row for row in rows if len(row) == 3]).reshape(-1, 3)
+            numbers = _numbers(line)
+            if numbers is not None and len(numbers) >= 3:
+                rows.append(numbers[:3])
+    return np.array(rows).reshape(-1, 3)

@@ -18,6 +18,7 @@ _SPACE = " \u00a0\u2009\u202f"
 _GAPS = re.compile(f"[{_SPACE}]+")
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?")
 _GROUPED = re.compile(f"[+-]?\\d{{1,3}}(?:[{_SPACE}]\\d{{3}})+(?:[.,]\\d*)?")
+_LISTED = re.compile(r"(?:[A-Za-z]{0,4}\s*)[\[({]([^\[\](){}]*)[\])}]")
 _BRACKETS = re.compile(r"\s*[\[(<{]([^\])>}]*)[\])>}]\s*$")
 _LETTERS = ("xyz", "abc", "wpr", "wxyz", "xyzw")
 _WHOLE_SETS = (set("wxyz"), set(SLURBT))
@@ -31,6 +32,9 @@ def unpacked(name: str, cells: Sequence[str], where: str, lines: Sequence[int]):
     cells (n,), empty ones included; where: the column in error sentences; lines (n,): rows of the file. Raises
     InputError for a column that may be one number or several.
     """
+    listed = _lists(name, cells)
+    if listed is not None:
+        return listed
     groups = [_GAPS.split(cell) if cell else [] for cell in cells]
     counts = {len(group) for group in groups if group}
     if len(counts) != 1 or (count := counts.pop()) < _FEWEST:
@@ -46,6 +50,23 @@ def unpacked(name: str, cells: Sequence[str], where: str, lines: Sequence[int]):
         return None
     columns = [[group[k] if group else "" for group in groups] for k in range(count)]
     return names, columns
+
+
+def list_in(cell: str) -> list[str]:
+    """The numbers of a cell such as "p[0.1, -0.2, 0.3]" or "(1; 2; 3)"; [] for another cell."""
+    match = _LISTED.fullmatch(cell.strip())
+    parts = re.split(r"\s*[,;]\s*|\s+", match[1].strip()) if match else []
+    return parts if len(parts) >= _FEWEST and all(map(_NUMBER.fullmatch, parts)) else []
+
+
+def _lists(name: str, cells: Sequence[str]):
+    """(names, columns) of cells that are lists in brackets of equal length, with numbered names; else None."""
+    groups = [list_in(cell) for cell in cells]
+    counts = {len(group) for group, cell in zip(groups, cells) if cell}
+    if len(counts) != 1 or (count := counts.pop()) == 0:
+        return None
+    names = [f"{name} {k + 1}" for k in range(count)]
+    return names, [[group[k] if group else "" for group in groups] for k in range(count)]
 
 
 def _is_open(header: str, names: Sequence[str] | None, count: int) -> bool:

@@ -1,4 +1,8 @@
-"""One small text file per pose (pos0.txt, pos1.txt, ... next to pos0.png): 6, 7, 12 or 16 numbers each."""
+"""One small file per pose (pos0.txt, pos1.txt, ... next to pos0.png): 6, 7, 12 or 16 numbers each.
+
+Such a file holds these numbers alone, or they are the longest list in YAML or JSON, as in the files of hand-eye tools,
+or they stand on the lines r and t of a pose file of HALCON.
+"""
 
 import re
 from collections.abc import Sequence
@@ -9,7 +13,11 @@ import numpy as np
 from datasets.importers.source import RawTable
 from datasets.importers.sources.arrays import pose_columns
 
+STRUCTURED = {".yml", ".yaml", ".json"}
 _SIZES = (6, 7, 12, 16)
+_LIST = re.compile(r"\[[\s\d.,eE+\-\[\]]*\]")
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_HALCON = re.compile(r"^([rt])((?:\s+[+-]?[\d.]+(?:[eE][+-]?\d+)?){3})\s*$", re.MULTILINE)
 _FEWEST, _LARGEST_BYTES = 3, 4096
 
 
@@ -42,6 +50,14 @@ def _numbers(path: Path) -> list[float] | None:
         return None
     try:
         text = path.read_text(encoding="utf-8")
+        if path.suffix.lower() in STRUCTURED:
+            longest = max(
+                (_NUMBER.findall(one[0]) for one in _LIST.finditer(text)), key=len, default=[]
+            )
+            return [float(cell) for cell in longest]
+        halcon = {letter: numbers.split() for letter, numbers in _HALCON.findall(text)}
+        if len(halcon) == 2:
+            return [float(cell) for cell in (*halcon["t"], *halcon["r"])]
         return [float(cell) for cell in re.split(r"[\s,;]+", text.strip("[] \n\r\t")) if cell]
     except ValueError:
         return None

@@ -8,9 +8,15 @@ import numpy as np
 from datasets.errors import complaint
 from datasets.importers.source import Source
 from datasets.importers.sources.arrays import pose_columns, read_json_tables, tables_of_arrays
-from workbench.core.text.structured_text import ContentError, read_json, read_yaml
+from datasets.importers.sources.xml_records import read_xml_records
+from workbench.core.text.structured_text import ContentError, parse_json, read_json, read_yaml
 
+XML, JSON_LINES = {".xml", ".dtx"}, {".jsonl", ".ndjson"}
+EXTENSIONS = {".yml", ".yaml", ".json", *XML, *JSON_LINES}
 _HEAD_BYTES = 4096
+_PARTS = re.compile(
+    r"(?:(R|rot|rotation|rmat)|(t|tvec|trans|translation))(?:[_ ]+(.*?))?[_ ]?(\d+)", re.I
+)
 
 
 def read_storage(path: Path) -> Source:
@@ -20,6 +26,10 @@ def read_storage(path: Path) -> Source:
         return read_kalibr_target(path)
     if re.search(r"%YAML:1\.0|opencv_storage|opencv-matrix", head):
         return read_opencv(path)
+    if path.suffix.lower() in XML:
+        return Source(tables=tuple(read_xml_records(path)))
+    if path.suffix.lower() in JSON_LINES:
+        return Source(tables=tuple(read_json_tables(path, _json_lines(path))))
     if path.suffix.lower() == ".json":
         return Source(tables=tuple(read_json_tables(path, _json(path))))
     raise complaint(
@@ -36,6 +46,23 @@ def _json(path: Path):
         return read_json(path)
     except (OSError, ContentError) as problem:
         raise complaint(path.name, "JSON", f"a mistake ({problem})", "write it again") from None
+
+
+def _json_lines(path: Path) -> list:
+    """The records of a file with one JSON value on each line. Raises InputError for a line that is none."""
+    records = []
+    for number, line in enumerate(
+        path.read_text(encoding="utf-8", errors="replace").splitlines(), 1
+    ):
+        if not line.strip():
+            continue
+        try:
+            records.append(parse_json(line))
+        except ContentError as problem:
+            raise complaint(
+                f"{path.name}, row {number}", "JSON", f"a mistake ({problem})", "correct the row"
+            ) from None
+    return records
 
 
 def read_kalibr_target(path: Path) -> Source:
@@ -106,9 +133,10 @@ def read_opencv(path: Path) -> Source:
             path.name, "an OpenCV FileStorage", "a file that OpenCV cannot read", "write it again"
         )
     camera = _camera(arrays)
-    poses = _poses(arrays)
+    poses = _poses({**arrays, **_joined_parts(arrays)})
     arrays = {name: value for name, value in arrays.items() if value.ndim == 2 and len(value) >= 3}
-    arrays = {name: value for name, value in arrays.items() if value.shape not in {(3, 3), (4, 4)}}
+    no_table = {(3, 1), (3, 3), (4, 4)} if poses else {(3, 3), (4, 4)}
+    arrays = {name: value for name, value in arrays.items() if value.shape not in no_table}
     if poses:
         arrays |= poses
     if camera is not None and not arrays:
@@ -139,6 +167,23 @@ def _sequence(node, called: str):
         matrix = item.mat() if item.isMap() else None
         if matrix is not None:
             yield f"{called}_{number}", np.asarray(matrix, float)
+
+
+def _joined_parts(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Numbered 4 x 4 matrices of rotations (R_gripper2base_0, ...) and translations with the same end of their name."""
+    parts: dict[tuple[str, str], dict[bool, np.ndarray]] = {}
+    for name, value in arrays.items():
+        found = _PARTS.fullmatch(name)
+        if found and value.shape in ((3, 3), (3, 1), (1, 3)):
+            is_rotation = bool(found[1]) and value.shape == (3, 3)
+            parts.setdefault((found[3] or "pose", found[4]), {})[is_rotation] = value
+    made = {}
+    for (name, number), both in parts.items():
+        if len(both) == 2:
+            pose = np.eye(4)
+            pose[:3, :3], pose[:3, 3] = both[True], both[False].ravel()
+            made[f"{name}_{number}"] = pose
+    return made
 
 
 def _poses(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -18,30 +18,39 @@ import numpy as np
 
 from datasets.errors import complaint
 from datasets.importers.mapping.headers import read_header
-from datasets.importers.mapping.words import names_something
+from datasets.importers.mapping.words import accented_words, names_something
 from datasets.importers.source import RawTable
-from datasets.importers.sources.packed_cells import unpacked
+from datasets.importers.sources.packed_cells import list_in, unpacked
 from datasets.importers.units import is_unit, length_unit_in_text
 
 _SAMPLE_LINES = 400
 _COMMENT = re.compile(r"\s*(#|//|%|!)")
 _SEPARATORS = ("\t", ";", "|", ",", " ")
-_POINT = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
-_COMMA = re.compile(r"[+-]?(\d+(,\d*)?|,\d+)([eE][+-]?\d+)?")
+_POINT = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?")
+_COMMA = re.compile(r"[+-]?(\d+(,\d*)?|,\d+)([eEdD][+-]?\d+)?")
+_EXPONENT = str.maketrans("dD", "eE")
+"""Fortran writes the exponents of double precision with D."""
 _GROUPED_POINT = re.compile(r"[+-]?\d{1,3}(,\d{3})+\.\d+")
 _GROUPED_QUOTE = re.compile(r"[+-]?\d{1,3}(['’\u202f\u00a0\u2009 ]\d{3})+([.,]\d+)?")
 _QUOTES = str.maketrans("", "", "'’\u202f\u00a0\u2009 ")
 _GROUPED_COMMA = re.compile(r"[+-]?\d{1,3}(\.\d{3})+,\d+")
 _EMPTY = {
     *("", "-", "--", "---", "nan", "na", "n/a", "null", "none", "k.a."),
+    *("inf", "+inf", "-inf", "infinity", "1.#qnan", "-1.#ind", "1.#inf", "-1.#inf", "-nan", "+nan"),
     *("#n/a", "#nv", "#wert!", "#value!", "#div/0!", "#num!", "#zahl!", "#ref!", "#bezug!"),
 }
 _WITH_UNIT = re.compile(
     r"([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(?:°|º|deg|grad|rad|gon|mm|cm|m|in|\"|s|ms)", re.IGNORECASE
 )
+_SEXAGESIMAL = re.compile(
+    r"([+-]?)(\d{1,3})\s*[°º]\s*(\d{1,2})\s*['′’](?:\s*(\d{1,2}(?:[.,]\d+)?)\s*(?:\"|″|”|''))?"
+)
 _BRACKETED = re.compile(r"\[[^\]]*\]|\([^)]*\)|<[^>]*>")
 _TIME_FORMAT = re.compile(r"[dtmyhs]{1,4}([.:/ -]+[dtmyhs]{1,4})+(\.[sf0]+)?", re.IGNORECASE)
 _FEWEST_COLUMNS = 2
+_MARKLESS_BYTES, _MOSTLY = 4096, 0.8
+_EUROPEAN = ("cp1252", "cp1250")
+"""Encodings with one byte for a character: of the west of Europe, which is the usual one, and of its middle."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +72,8 @@ def read_text_table(path: Path) -> RawTable:
         sample = list(islice(file, _SAMPLE_LINES))
     layout = find_layout(sample, path)
     names, units = find_header(sample[: layout.first], layout)
-    columns, lines, warnings = _read_rows(path, encoding, layout)
+    above = [split_cells(line, layout.separator) for line in sample[: layout.first]]
+    columns, lines, warnings = _read_rows(path, encoding, layout, above)
     names = names or names_without_header(path, layout.width)
     used = _used_columns(columns)
     table, stated = {}, {}
@@ -98,7 +108,7 @@ def encoding_of(path: Path) -> str:
     """Name of the text encoding: UTF-16 and UTF-8 by their marks, else UTF-8 where it decodes.
 
     Of the other encodings, GB 18030 or Shift JIS where the text then holds a known word of Chinese or Japanese, else
-    Windows-1252.
+    Windows-1252 or Windows-1250, by the known words with accents.
     """
     with path.open("rb") as file:
         head = file.read(1 << 20)
@@ -106,11 +116,21 @@ def encoding_of(path: Path) -> str:
         return "utf-16"
     if head.startswith(b"\xef\xbb\xbf"):
         return "utf-8-sig"
+    if b"\0" in head[:_MARKLESS_BYTES]:
+        return _without_mark(head[:_MARKLESS_BYTES])
     try:
         head[: len(head) - 4].decode("utf-8") if len(head) > 8 else head.decode("utf-8")
     except UnicodeDecodeError:
         return _eight_bit_encoding(head)
     return "utf-8"
+
+
+def _without_mark(head: bytes) -> str:
+    """UTF-16 in the byte order by which most characters are those of ASCII; "utf-8" where neither is text."""
+    zeros = [head[side::2].count(0) / max(len(head[side::2]), 1) for side in (0, 1)]
+    if zeros[1] > _MOSTLY > zeros[0]:
+        return "utf-16-le"
+    return "utf-16-be" if zeros[0] > _MOSTLY > zeros[1] else "utf-8"
 
 
 def _eight_bit_encoding(head: bytes) -> str:
@@ -121,7 +141,8 @@ def _eight_bit_encoding(head: bytes) -> str:
             continue
         if names_something(text):
             return name
-    return "cp1252"
+    known = {name: accented_words(head.decode(name, errors="replace")) for name in _EUROPEAN}
+    return max(_EUROPEAN, key=known.get)
 
 
 def find_layout(lines: Sequence[str], path: Path) -> Layout:
@@ -158,7 +179,7 @@ def _layout_with(lines: Sequence[str], separator: str) -> tuple[Layout, float] |
             continue
         total += 1
         cells = split_cells(line, separator)
-        numbers = sum(map(is_number_text, cells))
+        numbers = sum(map(_count_of_numbers, cells))
         if len(cells) >= _FEWEST_COLUMNS and numbers >= max(2, len(cells) / 3):
             widths[len(cells)] += 1
             numeric[len(cells)] = numeric.get(len(cells), 0) + numbers
@@ -168,6 +189,11 @@ def _layout_with(lines: Sequence[str], separator: str) -> tuple[Layout, float] |
     width = max(widths, key=lambda w: numeric[w])
     share = widths[width] / total
     return Layout(separator, width, first[width]), numeric[width] / widths[width] * share
+
+
+def _count_of_numbers(cell: str) -> int:
+    """1 for a number, the length of a list in brackets, 0 for anything else."""
+    return 1 if is_number_text(cell) else len(list_in(cell))
 
 
 def split_cells(line: str, separator: str) -> list[str]:
@@ -189,7 +215,17 @@ def _without_unit(cell: str) -> str:
     if not cell or cell[-1].isdigit() or not (cell[0].isdigit() or cell[0] in "+-.,"):
         return cell
     match = _WITH_UNIT.fullmatch(cell)
-    return match[1] if match else cell
+    if match:
+        return match[1]
+    parts = _SEXAGESIMAL.fullmatch(cell)
+    return cell if parts is None else _degrees(parts)
+
+
+def _degrees(parts: re.Match) -> str:
+    """The number of degrees of an angle such as 12°34'56,7"."""
+    sign, degrees, minutes, seconds = parts.groups(default="0")
+    value = int(degrees) + int(minutes) / 60 + float(seconds.replace(",", ".")) / 3600
+    return f"{'-' if sign == '-' else ''}{value:.12g}"
 
 
 def _spaced(text: str) -> list[str]:
@@ -290,13 +326,20 @@ def _unique(cells: Sequence[str]) -> list[str]:
     return names
 
 
-def _read_rows(path: Path, encoding: str, layout: Layout):
-    """Columns of cells, line numbers, and sentences on lines that are no rows of the table."""
+def _read_rows(path: Path, encoding: str, layout: Layout, above: Sequence[list[str]]):
+    """Columns of cells, line numbers, and sentences on lines that are no rows of the table.
+
+    above: cells of the lines above the data, which files that were joined repeat.
+    """
     columns = [_Column() for _ in range(layout.width)]
     lines: list[int] = []
     foreign: list[int] = []
+    repeated: list[int] = []
     for number, cells in _data_lines(path, encoding, layout):
-        if len(cells) != layout.width or not any(map(is_number_text, cells)):
+        if cells in above:
+            repeated.append(number)
+            continue
+        if len(cells) != layout.width or not any(map(_count_of_numbers, cells)):
             foreign.append(number)
             continue
         lines.append(number)
@@ -311,6 +354,11 @@ def _read_rows(path: Path, encoding: str, layout: Layout):
             "correct or remove the row",
         )
     warnings = []
+    if repeated:
+        warnings.append(
+            f"{path.name}: row {repeated[0]} repeats a line above the data and is left out, as are "
+            f"{len(repeated) - 1} further rows."
+        )
     if foreign:
         warnings.append(
             f"{path.name}: rows {foreign[0]} to {foreign[-1]} after the table are not read."
@@ -355,7 +403,7 @@ class _Column:
             self.sign = self.sign or sign
             if self.sign != sign:
                 return False
-        self.numbers.append(float(cell.replace(",", ".")))
+        self.numbers.append(float(cell.replace(",", ".").translate(_EXPONENT)))
         return True
 
     def _text(self, value: float) -> str:
@@ -434,4 +482,9 @@ def numbers_from_text(texts: Sequence[str], where: str, lines: Sequence[int]) ->
         plain = [cell.replace(".", "").replace(",", ".") for cell in texts]
     else:
         plain = [cell.replace(",", "") for cell in texts]
-    return np.array([np.nan if cell.lower() in _EMPTY else float(cell) for cell in plain])
+    return np.array([_number(cell) for cell in plain])
+
+
+def _number(cell: str) -> float:
+    """The number of a cell with a decimal point, nan for an empty one."""
+    return np.nan if cell.lower() in _EMPTY else float(cell.translate(_EXPONENT))

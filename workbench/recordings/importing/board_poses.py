@@ -20,10 +20,9 @@ from datasets.importers.mapping.conversion import (
     point_columns,
     rotation_columns,
 )
-from datasets.importers.mapping.joining import seconds_of
 from datasets.importers.mapping.model import Mapping
+from datasets.importers.mapping.sessions import SESSION
 from datasets.importers.source import ImageFile, RawTable
-from datasets.importers.sources.choice import natural_order
 from datasets.recording import Recording
 from robot_model import load_robot
 from robot_model.chain import Frames, forward
@@ -37,13 +36,15 @@ from sensors.hand_eye.relative_motions import (
     scale_gap,
 )
 from workbench.core.errors import InputError
-from workbench.core.rigid import inverse, transform
+from workbench.core.rigid import inverse, rotation_matrix, transform
 from workbench.machine.progress import paced
 from workbench.recordings.importing.board_review import likely_mistake, pose_warnings
 from workbench.recordings.importing.decisions import choose_reading, least_misfits, turn_misfits
 from workbench.recordings.importing.fits import CandidateFit
 from workbench.recordings.importing.header_problems import pose_error
+from workbench.recordings.importing.image_rows import matched_rows
 from workbench.recordings.importing.measured_robot import Made
+from workbench.recordings.importing.pose_segments import PoseReadings, refuse_changed_poses
 from workbench.recordings.importing.robots import robot_keys
 
 _IMAGES_TESTED = 60
@@ -51,7 +52,6 @@ _FEWEST = 4
 _MOVED_MM = 2.0  # more than the pose of a board from one image errs by
 _KEPT = 0.9
 _GOOD_SHARE, _LEAST_GOOD_MM, _GOOD_DEG = 0.05, 3.0, 3.0
-_IMAGE_GAP_S = 0.2
 _HOPELESS_RAD, _SHOWN = np.deg2rad(10.0), 8
 _SWEEPS, _MOST_GAP_RAD = 10, np.deg2rad(20.0)
 """A wrong board pose does not decide the labels of the other images."""
@@ -94,7 +94,7 @@ def import_images(found, options, folder: Path, progress) -> Made:
     if found.table is None:
         images = _linked_images(found.source.images, folder)
         return Made(_recording({}, images, board, folder, {}, options.name), mapping, (), ())
-    table, said = _matched_rows(found, mapping)
+    table, said = matched_rows(found.source.images, found.table)
     images = _linked_images([image for image, _ in table], folder)
     rows = found.table.take(np.array([row for _, row in table]))
     rows, dropped = complete_rows(rows, mapping)
@@ -107,7 +107,7 @@ def import_images(found, options, folder: Path, progress) -> Made:
     if not options.trust_data:
         _check_equal_poses(readings, views, rows)
     try:
-        mapping, fits = _decide(readings, views, kind, rows.file, options)
+        mapping, fits = _decide(readings, views, kind, rows, options)
     except InputError as problem:
         probable = [readings[place] for place, _ in _compared(readings, views, kind)]
         named = likely_mistake(probable, views, kind, rows)
@@ -115,13 +115,17 @@ def import_images(found, options, folder: Path, progress) -> Made:
     chosen = next(poses for _, made, poses in readings if made is mapping)
     doubts = _plausible(chosen[views.rows], views, kind)
     progress("comparing flange poses and images")
-    doubts += pose_warnings(chosen, views, kind, rows)
+    wrong = pose_warnings(chosen, views, kind, rows)
+    if wrong and not options.trust_data:
+        refuse_changed_poses(_pose_readings(readings, views, kind), rows)
+    doubts += wrong
     columns = {
         "sample": np.arange(1, rows.n + 1, dtype=float),
         **pose_columns(rows, mapping, keys),
     }
     others = other_columns(rows, mapping)
     columns |= {name: cells for name, cells in others.items() if cells.dtype.kind == "f"}
+    columns |= {SESSION: rows.columns[SESSION]} if SESSION in rows.columns else {}
     recording = _recording(columns, images, board, folder, keys, options.name)
     return Made(recording, mapping, fits, (*said, *doubts), doubts=doubts)
 
@@ -134,7 +138,7 @@ def _check_equal_poses(readings, views: BoardViews, rows: RawTable) -> None:
     if not wrong:
         return
     first, later = wrong[0]
-    numbers = [int(rows.lines[row]) for row in views.rows]
+    numbers = [rows.lines[row] for row in views.rows]
     raise InputError(
         f"{rows.file}, rows {numbers[first]} and {numbers[later]}: expected the flange pose of each image, found the "
         f"pose of an earlier row in {len(wrong)} of {len(poses)} rows, although the board moved by "
@@ -201,77 +205,6 @@ def _recording(columns, images, board, folder, keys, name) -> Recording:
         name=name,
         folder=folder,
     )
-
-
-def _matched_rows(found, mapping) -> tuple[list[tuple[ImageFile, int]], tuple[str, ...]]:
-    """Image and row of the table that belong together: by file name, by time, or by order.
-
-    Raises InputError where neither file names nor times nor equal numbers connect them.
-    """
-    images = sorted(found.source.images, key=lambda image: natural_order(image.name))
-    table = found.table
-    named = _by_name(images, table)
-    if named:
-        return named, _left_out(len(images), table.n, len(named))
-    timed = _by_time(images, table)
-    if timed:
-        return timed, _left_out(len(images), table.n, len(timed))
-    if len(images) != table.n:
-        raise InputError(
-            f"{table.file}: expected as many rows as images or a column with the names of the image files, found "
-            f"{table.n} rows and {len(images)} images; add a column image to the table."
-        )
-    return [(image, row) for row, image in enumerate(images)], ()
-
-
-def _by_name(images, table: RawTable) -> list[tuple[ImageFile, int]]:
-    """Pairs by a text column with file names, or by a number that the file names end with."""
-    return _name_column(images, table)[0]
-
-
-def file_link(files: Sequence[ImageFile | Path], table: RawTable) -> tuple[tuple[str, ...], str]:
-    """Name of the column that holds the names of images or clouds, () where none does; and how rows find their file."""
-    column = _name_column(files, table)[1]
-    if column:
-        return column, "names of the files"
-    if all(isinstance(file, ImageFile) for file in files) and _by_time(files, table):
-        return (), "the nearest time"
-    return (), "rows and files in the order of their names"
-
-
-def _name_column(images, table: RawTable):
-    """Pairs of image and row, and the column that connects them."""
-    places = {Path(image.name).name.lower(): image for image in images}
-    stems = {Path(image.name).stem.lower(): image for image in images}
-    for column, cells in table.columns.items():
-        if cells.dtype.kind == "f":
-            continue
-        names = [Path(str(cell).replace("\\", "/")).name.lower() for cell in cells]
-        pairs = [
-            (places.get(name) or stems.get(Path(name).stem), row) for row, name in enumerate(names)
-        ]
-        kept = [(image, row) for image, row in pairs if image is not None]
-        if len(kept) >= max(_FEWEST, table.n // 2):
-            return kept, (column,)
-    return [], ()
-
-
-def _by_time(images, table: RawTable) -> list[tuple[ImageFile, int]]:
-    seconds = seconds_of(table)
-    if seconds is None or any(image.time_s is None for image in images) or len(images) == table.n:
-        return []
-    pairs = []
-    for image in images:
-        row = int(np.argmin(np.abs(seconds - image.time_s)))
-        if abs(seconds[row] - image.time_s) <= _IMAGE_GAP_S:
-            pairs.append((image, row))
-    return pairs if len(pairs) >= _FEWEST else []
-
-
-def _left_out(images: int, rows: int, used: int) -> tuple[str, ...]:
-    if used == images == rows:
-        return ()
-    return (f"{used} of {images} images have a pose among {rows} rows; the others are left out.",)
 
 
 def _readings(rows: RawTable, mapping: Mapping, options):
@@ -347,8 +280,9 @@ def _pose_of(view, board, camera) -> np.ndarray:
     return board_poses(corners, view.pixels, np.zeros(len(view.index), int), camera)[0]
 
 
-def _decide(readings, views: BoardViews, kind: str, file: str, options):
+def _decide(readings, views: BoardViews, kind: str, rows: RawTable, options):
     """The reading that explains the board poses, and the fits. Raises InputError where none or several do."""
+    file = rows.file
     if len(views.rows) < _FEWEST:
         raise InputError(
             f"{file}: expected the board in {_FEWEST} images or more to test the poses, found it in "
@@ -356,6 +290,7 @@ def _decide(readings, views: BoardViews, kind: str, file: str, options):
         )
     fits = _compared(readings, views, kind)
     if not (fits and fits[0][1].is_good):
+        refuse_changed_poses(_pose_readings(readings, views, kind), rows)
         _refuse_other_kind(readings, views, kind, fits, file)
     lines = [reading_line(mapping) for _, mapping, _ in readings]
     chosen = choose_reading(lines, fits, f"{file}, flange poses", options.ask, _REMEDY)
@@ -367,6 +302,29 @@ def _decide(readings, views: BoardViews, kind: str, file: str, options):
             "or repeat with --trust-data."
         )
     return readings[chosen][1], tuple(fit for _, fit in fits)
+
+
+def _pose_readings(readings, views: BoardViews, kind: str) -> PoseReadings:
+    """Every reading of the table on the tested images, for the search of rows where it changes."""
+    measured = inverse(views.seen) if kind == "in-hand" else views.seen
+
+    def best(places: np.ndarray) -> tuple[int, np.ndarray] | None:
+        some = replace(views, seen=views.seen[:, places], rows=views.rows[places])
+        fits = _compared(readings, some, kind)
+        if not (fits and fits[0][1].is_good):
+            return None
+        poses = readings[fits[0][0]][2][some.rows]
+        return fits[0][0], agreeing_labels(measured[:, places, :3, :3], poses[:, :3, :3])
+
+    return PoseReadings(readings, views.rows, measured, best, _solved)
+
+
+def _solved(poses: np.ndarray, measured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(4, 4) from flange to target, and (4, 4) pose of the base, that fit flange and target poses (m, 4, 4) best."""
+    frames, target = _external(poses, measured)
+    base, tool = target.start(frames)
+    sensor, pose = (transform(rotation_matrix(one[3:]), one[:3]) for one in (tool, base))
+    return sensor, pose
 
 
 def _refuse_other_kind(readings, views: BoardViews, kind: str, fits, file: str) -> None:
@@ -473,17 +431,22 @@ def _rms(values: np.ndarray) -> float:
 
 def _gaps(poses: np.ndarray, measured: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Gaps (k,) mm of place and of rotation at the linear solution, and the lever of the latter in mm."""
-    columns = tuple(np.ascontiguousarray(poses[:, :3, c].T) for c in range(3))
-    origin = np.ascontiguousarray(poses[:, :3, 3].T)
-    frames = Frames((), (), None, None, None, columns, origin)
-    pose = ExternalPose(np.ascontiguousarray(measured[:, :3, 3].T), measured[:, :3, :3])
-    system = pose.system(frames)
+    frames, target = _external(poses, measured)
+    system = target.system(frames)
     start = system.starts()[0]
     gap = system.rotation_rows @ start.rotations.ravel()
     gap = gap + system.translation_rows @ start.translations - system.right
     place = np.linalg.norm(gap[:, :3], axis=1) * MODEL_ERROR_MM
     turn = np.linalg.norm(gap[:, 3:], axis=1) * MODEL_ERROR_MM
     return place, turn, lever_arm(frames.end_origin)
+
+
+def _external(poses: np.ndarray, measured: np.ndarray) -> tuple[Frames, ExternalPose]:
+    """Flange poses and target poses (k, 4, 4) as the frames of an arm and the measurements of an instrument."""
+    columns = tuple(np.ascontiguousarray(poses[:, :3, c].T) for c in range(3))
+    origin = np.ascontiguousarray(poses[:, :3, 3].T)
+    frames = Frames((), (), None, None, None, columns, origin)
+    return frames, ExternalPose(np.ascontiguousarray(measured[:, :3, 3].T), measured[:, :3, :3])
 
 
 def pose_columns(rows: RawTable, mapping: Mapping, keys) -> dict[str, np.ndarray]:

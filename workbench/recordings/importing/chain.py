@@ -1,4 +1,4 @@
-"""The whole import: sources, proposal, joined table, decisions, recording, and its check."""
+"""The whole import: what was found in the sources, decisions, recording, and its check."""
 
 import shutil
 from collections.abc import Callable, Sequence
@@ -11,29 +11,23 @@ from tempfile import TemporaryDirectory
 from datasets.formats.recording1 import read_recording
 from datasets.formats.recording1_writer import write
 from datasets.importers.mapping.headers import read_header
-from datasets.importers.mapping.joining import join_tables, time_columns, zone_sentence
-from datasets.importers.mapping.left_out import (
-    left_out_sentences,
-    unused_rotation_sentences,
-)
-from datasets.importers.mapping.model import Join, Mapping, write_mapping
-from datasets.importers.mapping.proposal import measures_of, propose
-from datasets.importers.mapping.sessions import APPEND, appended, are_sessions
-from datasets.importers.mapping.sets import find_sets
-from datasets.importers.source import RawTable, Source
-from datasets.importers.sources import read_sources
+from datasets.importers.mapping.joining import time_columns
+from datasets.importers.mapping.left_out import unused_rotation_sentences
+from datasets.importers.mapping.model import Mapping, write_mapping
+from datasets.importers.mapping.sessions import SESSION
 from datasets.recording import Recording
 from robot_model import builtin_robots
 from workbench.core.errors import InputError
 from workbench.recordings.importing.ball_clouds import with_ball_centres
-from workbench.recordings.importing.board_poses import file_link, import_images
+from workbench.recordings.importing.board_poses import import_images
+from workbench.recordings.importing.finding import Found, find_mapping, is_mapped
 from workbench.recordings.importing.fits import CandidateFit
-from workbench.recordings.importing.header_problems import header_error
+from workbench.recordings.importing.image_rows import file_link
 from workbench.recordings.importing.measured_robot import Made, import_table
 from workbench.recordings.importing.questions import Ask
 from workbench.recordings.importing.sessions import import_sessions
 from workbench.recordings.importing.surface_scans import import_scans, is_scan
-from workbench.recordings.importing.timed_join import ClockDecision, OffsetMode, TimedJoin
+from workbench.recordings.importing.timed_join import ClockDecision, OffsetMode
 from workbench.recordings.importing.user_columns import in_user_columns
 
 MAPPING_FILE = "import.toml"
@@ -101,35 +95,6 @@ class ImportResult:
         }
 
 
-@dataclass(frozen=True)
-class Found:
-    """Everything that was read: the source, one joined table (None without tables), the mapping so far.
-
-    `timed`: the two tables where they are joined by time; sentences on their rows are not in `warnings`. `sessions`:
-    tables with the same columns, whose rows stand below each other in `table`, and `proposed`, the mapping of each.
-    """
-
-    source: Source
-    table: RawTable | None
-    mapping: Mapping
-    unused: tuple[str, ...]
-    warnings: tuple[str, ...]
-    timed: TimedJoin | None = None
-    sessions: tuple[RawTable, ...] = ()
-    proposed: tuple[Mapping, ...] = ()
-
-    @property
-    def called(self) -> str:
-        """The table for messages."""
-        return "the images" if self.table is None else self.table.file
-
-    def left_out(self) -> tuple[str, ...]:
-        """Sentences on what the mapping leaves out although it looks like a quantity."""
-        if self.table is None:
-            return ()
-        return left_out_sentences(self.table, self.mapping, bool(self.source.images))
-
-
 def import_recording(
     paths: Sequence[Path],
     folder: Path,
@@ -192,12 +157,14 @@ def _movable(mapping: Mapping, folder: Path) -> Mapping:
     return replace(mapping, robot=own[0]) if own else mapping
 
 
-def _made(found: "Found", options, folder: Path, progress) -> tuple["Found", Made]:
+def _made(found: Found, options, folder: Path, progress) -> tuple[Found, Made]:
     """What was found, with the centres of balls in clouds, and the recording that is made of it. Raises InputError."""
     if found.source.images:
         return found, import_images(found, options, folder, progress)
     if is_scan(found):
-        return found, Made(*import_scans(found, options, progress))
+        return found, import_scans(found, options, progress)
+    if options.ball_radius_mm is not None and not found.source.clouds:
+        raise _without_clouds(found, options.ball_radius_mm)
     if found.source.clouds:
         found = with_ball_centres(found, options, progress)
     if found.sessions:
@@ -205,8 +172,16 @@ def _made(found: "Found", options, folder: Path, progress) -> tuple["Found", Mad
     return found, import_table(found, options, progress)
 
 
+def _without_clouds(found: Found, radius: float) -> InputError:
+    files = ", ".join(table.file for table in found.source.tables)
+    return InputError(
+        f"--ball-radius {radius:g}: expected clouds or profiles of the ball, found only tables ({files}); write each "
+        "scan into a file of its own (.ply, .pcd, .xyz, .asc, or text with the columns x and z), and name their folder."
+    )
+
+
 @contextmanager
-def _user_columns(found: "Found", mapping: Mapping | None = None):
+def _user_columns(found: Found, mapping: Mapping | None = None):
     """Errors inside name the columns of the user's table instead of those of the recording."""
     try:
         yield
@@ -241,7 +216,7 @@ def never_read(found: Found, mapping: Mapping, with_times: bool) -> tuple[str, .
     """Columns that no quantity, time, join or image name was read from; with_times: whether the recording has times."""
     if found.table is None:
         return found.unused
-    read = {found.mapping.join.key, *file_columns(found)}
+    read = {found.mapping.join.key, SESSION, *file_columns(found)}
     if with_times or found.mapping.join.by == "time":
         read |= set(time_columns(found.table))
     # a column that several tables have is named "table: column"
@@ -251,7 +226,7 @@ def never_read(found: Found, mapping: Mapping, with_times: bool) -> tuple[str, .
     return tuple(
         name
         for name, column in own.items()
-        if not read & {name, column} and not _is_mapped(mapping, name)
+        if not read & {name, column} and not is_mapped(mapping, name)
     )
 
 
@@ -262,111 +237,6 @@ def _read_back(folder: Path, trust_data: bool) -> Recording:
     except InputError:
         shutil.rmtree(folder)
         raise
-
-
-def find_mapping(
-    paths: Sequence[Path],
-    options: ImportOptions,
-    scratch: Path,
-    progress: Callable[[str], None] = lambda text: None,
-) -> Found:
-    """Read the sources, join their tables and propose what the user's mapping leaves open. Raises InputError."""
-    progress("reading the files")
-    source = read_sources(paths, scratch)
-    warnings = [*source.warnings]
-    mapping = options.mapping
-    if not source.tables:
-        return Found(source, None, mapping, (), tuple(warnings))
-    is_plain = not source.images and not source.clouds
-    if is_plain and mapping.join.by in (None, APPEND) and are_sessions(source.tables, mapping):
-        return _found_sessions(source, options, warnings)
-    if mapping.join.by == APPEND and len(source.tables) > 1:
-        raise _not_alike(source)
-    tables, ignored = _useful(source, mapping)
-    warnings += [sentence for table in tables for sentence in table.warnings]
-    if ignored:
-        warnings.append(f"Tables without a known quantity are not read: {', '.join(ignored)}.")
-    wanted = mapping.join
-    if options.time_offset is not None:
-        seconds = options.time_offset if isinstance(options.time_offset, float) else None
-        wanted = replace(wanted, time_offset_s=seconds)
-    table, join, said = join_tables(tables, wanted)
-    mapping, unused = _proposed(table, source, options)
-    if len(tables) > 1:
-        # an offset is part of the mapping only where it was stated or estimated
-        stated = replace(join, time_offset_s=options.mapping.join.time_offset_s)
-        mapping = replace(mapping, join=stated)
-    if len(tables) == 2 and join.by == "time" and is_plain:
-        timed = TimedJoin((tables[0], tables[1]), join)
-        zone = timed.join.time_offset_s - (wanted.time_offset_s or 0.0)
-        warnings += [zone_sentence(timed.short, timed.log, zone)] if zone else []
-        return Found(source, table, mapping, unused, tuple(warnings), timed)
-    return Found(source, table, mapping, unused, (*warnings, *said))
-
-
-def _found_sessions(source: Source, options: ImportOptions, warnings: Sequence[str]) -> Found:
-    """Tables with the same columns: their rows below each other, and the mapping of each."""
-    tables = source.tables
-    table = appended(tables)
-    proposed = [_proposed(one, source, options)[0] for one in tables]
-    mapping, unused = _proposed(table, source, options)
-    join = Join(APPEND)
-    proposed = [replace(one, join=join) for one in proposed]
-    mapping = replace(mapping, join=join)
-    said = (*warnings, *table.warnings)
-    return Found(source, table, mapping, unused, said, sessions=tables, proposed=tuple(proposed))
-
-
-def _proposed(table: RawTable, source: Source, options: ImportOptions):
-    """The user's mapping, completed by what the headers of a table suggest, and the columns that it leaves out."""
-    proposal = propose(table, bool(source.images), bool(source.clouds))
-    mapping = options.mapping.merged(proposal.mapping)
-    if mapping.point is not None and mapping.measures in (None, "external-point"):
-        # the mapping file may name a point or a rotation that no header shows
-        stated = options.mapping.measures
-        mapping = replace(mapping, measures=stated or measures_of(mapping))
-    return mapping, tuple(name for name in proposal.unused if not _is_mapped(mapping, name))
-
-
-def _not_alike(source: Source) -> InputError:
-    names = ", ".join(table.file for table in source.tables)
-    return InputError(
-        f'{names}: expected several tables with the same columns for [join] by = "{APPEND}", each with joint readings '
-        "and a measurement, found others; correct the headers, or remove the key from the mapping file."
-    )
-
-
-def _useful(source: Source, mapping: Mapping) -> tuple[list[RawTable], list[str]]:
-    """Tables with at least one known set of columns, and the names of the others."""
-    named = set(mapping.columns)
-    for quantity in ("joints", "point", "rotation", "axis", "flange_point", "flange_rotation"):
-        group = getattr(mapping, quantity)
-        named |= set(group.columns) if group is not None else set()
-    useful = [t for t in source.tables if find_sets(t) or named & set(t.columns)]
-    if not useful:
-        if len(source.tables) == 1 or source.images:
-            return list(source.tables[:1]), []
-        raise _nothing_known(source.tables[0], mapping)
-    return useful, [t.file for t in source.tables if not any(t is one for one in useful)]
-
-
-def _nothing_known(table: RawTable, mapping: Mapping) -> InputError:
-    shown = ", ".join(list(table.columns)[:12])
-    sentence = (
-        f"{table.file}: expected headers that name joint readings and points, found {shown}; write a mapping file "
-        'with [joints] columns = ["...", ...] and [point] columns = ["...", "...", "..."] and name it with --map.'
-    )
-    return header_error(table, mapping, mapping.robot, [sentence])
-
-
-def _is_mapped(mapping: Mapping, name: str) -> bool:
-    keys = mapping.as_keys()
-    groups = [
-        value["columns"]
-        for value in keys.values()
-        if isinstance(value, dict) and isinstance(value.get("columns"), list)
-    ]
-    return name in mapping.columns or any(name in columns for columns in groups)
 
 
 def _title(paths: Sequence[Path]) -> str:

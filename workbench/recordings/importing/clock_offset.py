@@ -39,7 +39,8 @@ _SMALL = 2.0
 _MOVING = 1e-3  # of the range of a joint, over two sampling intervals
 _STEP_RAD, _STEP_MM = 1e-4, 1e-1  # of a reading; columns are per _STEP_RAD either way
 _CAUCHY = 2.5
-_SCANNED_S = np.linspace(-2.0, 2.0, 41)
+MOST_SCANNED_S = 2.0
+_SCANNED_S = np.linspace(-MOST_SCANNED_S, MOST_SCANNED_S, 41)
 _SCANNED_ROWS = 100
 _SCAN_GAIN = 0.5
 

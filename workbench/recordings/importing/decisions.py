@@ -20,6 +20,7 @@ from datasets.importers.source import RawTable
 from datasets.recording import Recording
 from robot_model.chain import forward
 from robot_model.robot import Robot
+from workbench.core.deadline import OutOfTime
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility import check_plausibility
 from workbench.fitting.plausibility.suspicion import Suspicion
@@ -71,17 +72,35 @@ def decide_units(
     case = _Case(robot, mapping, build, called, ask)
     if is_stated and not (fits and fits[0][1].is_good):
         return _contradicted_units(case, fits)
-    if fits and not any(fit.is_good for _, fit in fits):
-        mixed = _mixed_units(case, range(1, MOST_COLUMNS + 1))
+    where = f"{called}, units of the joint readings and the point"
+    if not fits or any(fit.is_good for _, fit in fits):
+        return _decided(readings, fits, where, ask, _unit_lines)
+    stopped = ""
+    try:
+        mixed = _searched(case, readings)
         if mixed is not None:
             return mixed
-        close = [readings[place][1] for place in _close_units(case, readings)]
-        doubts = _refuse_mistake(case, close)
-        if doubts:
-            raise InputError(doubts[0].sentence)
-    return _decided(
-        readings, fits, f"{called}, units of the joint readings and the point", ask, _unit_lines
-    )
+    except OutOfTime as limit:
+        stopped = f" {limit}"
+    try:
+        return _decided(readings, fits, where, ask, _unit_lines)
+    except InputError as problem:
+        raise InputError(f"{problem}{stopped}") from None
+
+
+def _searched(case: "_Case", readings) -> Decision | None:
+    """The decision for columns in different units where they explain a misfit under all readings.
+
+    Raises InputError where a mistake explains it.
+    """
+    mixed = _mixed_units(case, range(1, MOST_COLUMNS + 1))
+    if mixed is not None:
+        return mixed
+    close = [readings[place][1] for place in _close_units(case, readings)]
+    doubts = _refuse_mistake(case, close)
+    if doubts:
+        raise InputError(doubts[0].sentence)
+    return None
 
 
 @dataclass(frozen=True)

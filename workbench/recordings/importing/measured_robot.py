@@ -1,6 +1,7 @@
 """Import of a table of a measured robot: robot, clocks, units and rotation convention, decided by fits."""
 
 from collections.abc import Mapping as Keys
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from datasets.columns import KINDS
@@ -11,6 +12,7 @@ from datasets.importers.units import LENGTHS
 from datasets.recording import Recording
 from robot_model import builtin_robots, load_robot
 from robot_model.state import sliding
+from workbench.core.deadline import OutOfTime, limited
 from workbench.core.errors import InputError
 from workbench.recordings.importing import decisions
 from workbench.recordings.importing.builder import Builder
@@ -25,6 +27,8 @@ from workbench.recordings.importing.robots import robot_candidates, robot_keys
 from workbench.recordings.importing.timed_join import ClockDecision, decide_offset
 from workbench.recordings.importing.unnamed_columns import find_unnamed, refuse_wrong_slides
 
+_SEARCH_S = 15.0
+"""Processor time of a search for the cause of a misfit."""
 _OTHER_KIND = {"external-point": "ball-centre", "ball-centre": "external-point"}
 
 
@@ -46,11 +50,15 @@ class Made:
 
 @dataclass(frozen=True)
 class DecidedTable:
-    """One table with its decision: `builder` of its complete rows, and sentences on rows left out and assumptions."""
+    """One table with its decision: `builder` of its complete rows, and sentences on rows left out and assumptions.
+
+    `clocks`: of two tables that are joined by time; None otherwise.
+    """
 
     builder: Builder
     decision: decisions.Decision
     said: tuple[str, ...]
+    clocks: ClockDecision | None = None
 
 
 def import_table(found, options, progress) -> Made:
@@ -59,6 +67,32 @@ def import_table(found, options, progress) -> Made:
     found, options: `Found` and `ImportOptions` of the import. Raises InputError where columns are missing, a question
     is open or nothing fits the robot.
     """
+    decided = decide_table(found, options, progress)
+    clocks = decided.clocks
+    with _clocks_named(clocks):
+        made = _finished(decided, found, options)
+    doubts = (
+        (*made.doubts, clocks.sentence) if clocks is not None and clocks.is_doubt else made.doubts
+    )
+    return replace(made, doubts=doubts)
+
+
+@contextmanager
+def _clocks_named(clocks: ClockDecision | None):
+    """Errors inside also say what is open about the clocks of two tables."""
+    try:
+        yield
+    except InputError as problem:
+        if clocks is None or not (clocks.is_doubt or clocks.estimate is None):
+            raise
+        raise InputError(f"{problem} {clocks.sentence}", problem.example) from None
+
+
+def decide_table(found, options, progress) -> DecidedTable:
+    """Robot, clocks, units and rotation convention of one table, before its recording is made.
+
+    Raises as `import_table`.
+    """
     mapping, candidates, said = _with_robot(found, options, progress)
     table, found = found.table, replace(found, mapping=mapping)
     clocks = _decide_clocks(found, mapping, candidates, options, progress)
@@ -66,23 +100,9 @@ def import_table(found, options, progress) -> Made:
         table, joined = found.timed.joined_at(clocks.seconds)
         mapping = replace(mapping, join=replace(mapping.join, time_offset_s=clocks.seconds))
         said = (*said, *joined, *((clocks.sentence,) if clocks.is_warning else ()))
-    try:
+    with _clocks_named(clocks):
         decided = _decided(table, mapping, candidates, options, progress)
-        made = _finished(decided, found, clocks, options)
-    except InputError as problem:
-        if clocks is None or clocks.applied or not clocks.is_warning:
-            raise
-        raise InputError(f"{problem} {clocks.sentence}") from None
-    is_open = clocks is not None and clocks.is_warning and not clocks.applied
-    doubts = (*made.doubts, clocks.sentence) if is_open else made.doubts
-    return replace(made, warnings=(*said, *made.warnings), doubts=doubts)
-
-
-def decide_table(found, options, progress) -> DecidedTable:
-    """Robot, units and rotation convention of one table, before its recording is made. Raises as `import_table`."""
-    mapping, candidates, said = _with_robot(found, options, progress)
-    decided = _decided(found.table, mapping, candidates, options, progress)
-    return replace(decided, said=(*said, *decided.said))
+    return replace(decided, said=(*said, *decided.said), clocks=clocks)
 
 
 def _with_robot(found, options, progress):
@@ -133,9 +153,9 @@ def _decided(table: RawTable, mapping: Mapping, candidates, options, progress) -
     return DecidedTable(builder, decision, (*incomplete, *decided))
 
 
-def _finished(decided: DecidedTable, found, clocks: ClockDecision | None, options) -> Made:
+def _finished(decided: DecidedTable, found, options) -> Made:
     """The recording of a decided table, after the last check."""
-    builder, decision = decided.builder, decided.decision
+    builder, decision, clocks = decided.builder, decided.decision, decided.clocks
     recording = builder.complete(decision.mapping)
     if clocks is not None:
         used = replace(found.timed, join=decision.mapping.join)
@@ -167,12 +187,13 @@ def _decide(builder: Builder, mapping: Mapping, options, progress) -> decisions.
     progress("testing units on the robot")
     robot, table = builder.robot, builder.table
     try:
-        decision = decisions.decide_units(
-            robot, mapping, builder.positions, table.file, options.ask
-        )
+        with limited(_SEARCH_S, _searching(progress, "looking for the cause of the misfit")):
+            decision = decisions.decide_units(
+                robot, mapping, builder.positions, table.file, options.ask
+            )
     except InputError:
-        progress("looking for a unit that changes at a row")
-        refuse_changed_units(builder, mapping, None)
+        with _cut_short(progress, "looking for a unit that changes at a row"):
+            refuse_changed_units(builder, mapping, None)
         raise
     fits = decision.fits
     is_good = bool(fits) and fits[0].is_good
@@ -191,6 +212,22 @@ def _decide(builder: Builder, mapping: Mapping, options, progress) -> decisions.
         raise
     refuse_changed_rotation(builder, decision.mapping, turned)
     return turned
+
+
+def _searching(progress, what: str):
+    """A function that reports how long a search lasts."""
+    return lambda spent: progress(f"{what} ({spent})")
+
+
+@contextmanager
+def _cut_short(progress, what: str):
+    """A search inside ends without a result after `_SEARCH_S`."""
+    progress(what)
+    try:
+        with limited(_SEARCH_S, _searching(progress, what)):
+            yield
+    except OutOfTime:
+        pass
 
 
 def _candidates(named: str, table: RawTable, mapping: Mapping) -> dict[str, Keys]:

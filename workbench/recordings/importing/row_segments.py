@@ -82,7 +82,7 @@ def find_segments(
     if not anchors:
         return [], []
     labels = least_cost_labels(np.concatenate(costs))
-    segments = _segments(labels, len(recordings))
+    segments = segments_of(labels, len(recordings))
     if len(segments) < 2 or not _is_explained(robot, recordings, segments):
         return [], []
     return segments, recordings
@@ -153,7 +153,7 @@ def _longest_open(is_open: np.ndarray) -> np.ndarray:
     return max(runs, key=len)
 
 
-def _segments(labels: np.ndarray, count: int) -> list[Segment]:
+def segments_of(labels: np.ndarray, count: int) -> list[Segment]:
     """Runs of equal labels; count: of the recordings of one anchor."""
     starts = np.flatnonzero(np.diff(labels, prepend=-1))
     ends = [*(starts[1:] - 1), len(labels) - 1]

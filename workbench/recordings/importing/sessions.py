@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from datasets.importers.mapping.conversion import complete_rows
-from datasets.importers.mapping.model import QUANTITIES, Mapping
-from datasets.importers.mapping.sessions import SESSION, in_recording_units
+from datasets.importers.mapping.model import QUANTITIES, Join, Mapping
+from datasets.importers.mapping.sessions import APPEND, SESSION, in_recording_units
 from datasets.importers.source import RawTable
 from datasets.trust import naming_option
 from robot_model.state import sliding
@@ -28,21 +28,22 @@ _FEWEST_ROWS = 12
 def import_sessions(found, options, progress) -> Made:
     """The recording of all tables in `found.sessions`.
 
-    found, options: `Found` and `ImportOptions` of the import; `found.proposed` has the mapping of each table. Raises
-    InputError where one table cannot be imported, or where they do not fit the robot together.
+    found, options: `Found` and `ImportOptions` of the import. Raises InputError where one table cannot be imported, or
+    where they do not fit the robot together.
     """
-    tables, mappings = found.sessions, found.proposed
+    sessions = found.sessions
+    tables = [one.table for one in sessions]
     order = sorted(range(len(tables)), key=lambda place: -tables[place].n)
     decided: dict[int, DecidedTable] = {}
     for place in order:
         largest = decided.get(order[0])
-        mapping = mappings[place]
+        mapping = sessions[place].mapping
         if largest is not None:
             mapping = replace(mapping, robot=largest.decision.mapping.robot)
         if largest is not None and tables[place].n < _FEWEST_ROWS:
             decided[place] = _as_largest(tables[place], largest)
             continue
-        one = replace(found, table=tables[place], mapping=mapping)
+        one = replace(sessions[place], mapping=mapping)
         decided[place] = decide_table(one, options, progress)
     parts = [decided[place] for place in range(len(tables))]
     return _together(parts, order[0], options)
@@ -86,10 +87,12 @@ def _together(parts: Sequence[DecidedTable], largest: int, options) -> Made:
         raise InputError(naming_option(_apart(tables, fits[0].words)))
     checked = check_fit(robot, recording, fits, options.trust_data, table.lines)
     said = [sentence for one in parts for sentence in one.said]
+    doubts = [one.clocks.sentence for one in parts if one.clocks and one.clocks.is_doubt]
     said += [_counted(tables), *_differences(tables, mappings), *timed, *checked]
     shown = [fit for one in parts for fit in _own_fits(one)]
     warnings = tuple(dict.fromkeys(said))
-    return Made(recording, _merged(mappings), (*shown, *fits), warnings, doubts=checked)
+    merged = replace(_merged(mappings), join=Join(APPEND))
+    return Made(recording, merged, (*shown, *fits), warnings, doubts=(*doubts, *checked))
 
 
 def _own_fits(one: DecidedTable):

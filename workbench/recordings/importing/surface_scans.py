@@ -5,22 +5,30 @@ one transform from flange to sensor keeps the ball in its place.
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from datasets.importers.mapping.conversion import complete_rows, other_columns
 from datasets.importers.sources.clouds import PROFILES, read_cloud
+from datasets.importers.sources.clouds import is_profile as has_profile
 from datasets.importers.units import LENGTHS
 from datasets.recording import Recording
 from sensors.ball.search import find_balls
-from sensors.hand_eye.centres import Centres, hand_eye_from_centres
 from sensors.hand_eye.circles import find_circles
-from sensors.hand_eye.profiles_start import find_start
 from workbench.core.errors import InputError
 from workbench.recordings.importing.ball_clouds import cloud_unit, matched_clouds
 from workbench.recordings.importing.board_poses import flange_readings, pose_columns, reading_line
 from workbench.recordings.importing.decisions import choose_reading
 from workbench.recordings.importing.fits import CandidateFit
+from workbench.recordings.importing.measured_robot import Made
+from workbench.recordings.importing.scan_doubts import (
+    Scans,
+    pose_doubts,
+    radius_doubt,
+    rms_mm,
+    trimmed_rms_mm,
+)
 
 _FEWEST = 5
 _MOST_POINTS, _KEPT_POINTS, _TESTED_POSES = 60_000, 600, 20
@@ -28,8 +36,8 @@ _UNITS = ("mm", "m", "in", "um")
 _GOOD_MM, _GOOD_SHARE = 2.0, 0.1  # of the ball's radius
 _LARGEST_CIRCLE = 1.1  # over the ball's radius
 _SMALLEST_CIRCLE = 0.15
-_VALLEYS, _STEPS = 4, 40
 _ROTATIONS, _SPARE = 4, 3
+_TRIMMED = 4  # readings that are compared again without the worst rows
 _REMEDY = "check that rows and files belong together, --ball-radius and the mapping"
 
 
@@ -40,9 +48,9 @@ def is_scan(found) -> bool:
     return bool(found.source.clouds) and has_poses and mapping.joints is None
 
 
-def import_scans(found, options, progress):
-    """Recording, complete mapping, fits and warnings. Raises InputError where files and rows do not correspond, a file
-    shows no ball, or the poses fit under no reading."""
+def import_scans(found, options, progress) -> Made:
+    """Recording, complete mapping, fits, warnings and doubts. Raises InputError where files and rows do not correspond,
+    a file shows no ball, or the poses fit under no reading."""
     radius = options.ball_radius_mm
     first = found.source.clouds[0].name
     if radius is None:
@@ -54,17 +62,34 @@ def import_scans(found, options, progress):
     rows, dropped = complete_rows(rows, found.mapping)
     if dropped:
         raise InputError(f"{dropped[0]} Remove their files or complete the rows.")
-    is_profile = files[0].suffix.lower() in PROFILES
+    is_profile = is_profile_file(files[0])
     progress("finding the ball in every file")
     points = _profiles(files, radius) if is_profile else _clouds(files, radius)
     if len(points) < _FEWEST:
         raise InputError(
             f"{first}: expected a ball in {_FEWEST} files or more, found {len(points)}; add poses."
         )
+    names = [f"row {line} ({path.name})" for line, path in zip(rows.lines, files)]
+    scans = Scans(_seen(points, radius, is_profile), np.empty(0), names, radius, is_profile)
+    mapping, fits, doubts = _decided(found, rows, scans, options, progress)
+    if not is_profile:
+        doubts = [*doubts, *filter(None, [radius_doubt(points, radius)])]
+    doubts = tuple(f"{rows.file}: {doubt}." for doubt in doubts)
+    recording = _recording(rows, mapping, points, radius, options)
+    return Made(recording, mapping, fits, (*said, *doubts), doubts=doubts)
+
+
+def is_profile_file(path: Path) -> bool:
+    """Whether a file holds one profile, not a cloud."""
+    return path.suffix.lower() in PROFILES and has_profile(path)
+
+
+def _decided(found, rows, scans: Scans, options, progress):
+    """Mapping, fits, and doubts about the poses. Raises InputError where the poses fit under no reading."""
     mapping = replace(found.mapping, measures="ball-surface", joints=None)
     readings = flange_readings(rows, mapping)
     progress(f"testing {len(readings)} readings of the flange poses")
-    fits = _compared(readings, points, radius, is_profile)
+    fits = _compared(readings, scans)
     lines = [reading_line(made) for _, made, _ in readings]
     chosen = choose_reading(lines, fits, f"{rows.file}, flange poses", options.ask, _REMEDY)
     best = dict(fits)[chosen]
@@ -73,9 +98,17 @@ def import_scans(found, options, progress):
             f"{rows.file}: expected flange poses that keep the ball in its place, found none under any reading (best "
             f"{best.words}); {_REMEDY}, or repeat with --trust-data."
         )
-    mapping = readings[chosen][1]
-    recording = _recording(rows, mapping, points, radius, options)
-    return recording, mapping, tuple(fit for _, fit in fits), said
+    _, mapping, poses = readings[chosen]
+    progress("comparing flange poses and scans")
+    return mapping, tuple(fit for _, fit in fits), list(pose_doubts(scans.with_poses(poses)))
+
+
+def _seen(points, radius: float, is_profile: bool) -> np.ndarray:
+    """(3, P) mm: x, z and radius of the circle of each profile, or the ball's centre in each cloud."""
+    if is_profile:
+        circles = _circles(points, radius)
+        return np.concatenate([circles.centre, [circles.radius]])
+    return np.stack([_centre(part, radius) for part in points], axis=1)
 
 
 def _recording(rows, mapping, points, radius, options) -> Recording:
@@ -155,35 +188,41 @@ def _circles(profiles, largest):
     return find_circles(np.concatenate(profiles, axis=1)[[0, 2]], label, len(profiles), largest)
 
 
-def _compared(readings, points, radius, is_profile) -> list[tuple[int, CandidateFit]]:
-    """Index and fit of the readings, the most probable first."""
-    rows = np.unique(np.linspace(0, len(points) - 1, min(len(points), _TESTED_POSES)).astype(int))
-    some = [points[row] for row in rows]
-    if is_profile:
-        circles = _circles(some, radius)
-        seen = np.concatenate([circles.centre, [circles.radius]])
-    else:
-        seen = np.stack([_centre(part, radius) for part in some], axis=1)
-    fits = []
-    for k in _screened(readings, seen, rows, is_profile):
-        title, _, poses = readings[k]
-        rms = _left(seen, poses[rows], radius, is_profile)
-        scale = max(rms, 1e-3)
-        degrees = 3 * len(rows) - 9
-        is_good = rms < max(_GOOD_MM, _GOOD_SHARE * radius)
-        fit = CandidateFit(title, rms, np.nan, scale, degrees * np.log(scale), is_good)
-        fits.append((k, fit))
-    return sorted(fits, key=lambda item: item[1].improbability)
+def _compared(readings, scans: Scans) -> list[tuple[int, CandidateFit]]:
+    """Index and fit of the readings, the most probable first.
+
+    Where none fits, a few wrong rows may be the reason: the best ones are compared without the rows that fit worst.
+    """
+    count = scans.seen.shape[1]
+    rows = np.unique(np.linspace(0, count - 1, min(count, _TESTED_POSES)).astype(int))
+    some = replace(scans, poses=np.zeros((count, 4, 4))).take(rows)
+    kept = _screened(readings, some, rows)
+    fits = [_fit(k, readings, some, rows, rms_mm) for k in kept]
+    fits.sort(key=lambda item: item[1].improbability)
+    if fits and not fits[0][1].is_good:
+        fits = [_fit(k, readings, some, rows, trimmed_rms_mm) for k, _ in fits[:_TRIMMED]]
+        fits.sort(key=lambda item: item[1].improbability)
+    return fits
 
 
-def _screened(readings, seen, rows, is_profile) -> list[int]:
+def _fit(k: int, readings, scans: Scans, rows: np.ndarray, misfit) -> tuple[int, CandidateFit]:
+    """A reading and its fit; misfit: mm of scans."""
+    title, _, poses = readings[k]
+    rms = misfit(scans.with_poses(poses[rows]))
+    scale = max(rms, 1e-3)
+    degrees = 3 * len(rows) - 9
+    is_good = rms < max(_GOOD_MM, _GOOD_SHARE * scans.radius)
+    return k, CandidateFit(title, rms, np.nan, scale, degrees * np.log(scale), is_good)
+
+
+def _screened(readings, scans: Scans, rows: np.ndarray) -> list[int]:
     """Places of the readings whose rotations fit best when the sensor's rotation matrix may be any matrix: the
     problem is then linear, and no unit of length matters."""
     cost: dict[str, float] = {}
     turn_of = [str(made.flange_rotation) for _, made, _ in readings]
     for turn, (_, _, poses) in zip(turn_of, readings):
         if turn not in cost:
-            cost[turn] = _linear_cost(seen, poses[rows], is_profile)
+            cost[turn] = _linear_cost(scans.seen, poses[rows], scans.is_profile)
     kept = sorted(cost, key=cost.get)[:_ROTATIONS]
     return [k for k, turn in enumerate(turn_of) if turn in kept]
 
@@ -205,11 +244,3 @@ def _centre(points, radius) -> np.ndarray:
     from sensors.ball.fit import fit_ball
 
     return fit_ball(points, radius=radius).centre
-
-
-def _left(seen, poses, radius, is_profile) -> float:
-    """RMS mm by which the ball moves under one reading."""
-    if is_profile:
-        return find_start(seen, poses, radius, best=_VALLEYS, steps=_STEPS).rms
-    data = Centres(seen, poses, np.zeros(len(poses), int))
-    return float(hand_eye_from_centres(data, radius).fit["rms_mm"])

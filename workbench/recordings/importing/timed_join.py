@@ -9,12 +9,13 @@ from typing import Literal
 import numpy as np
 
 from datasets.importers.mapping.conversion import complete_rows
-from datasets.importers.mapping.joining import join_tables, seconds_of
+from datasets.importers.mapping.joining import is_dense, join_tables, seconds_of
 from datasets.importers.mapping.model import Join, Mapping
 from datasets.importers.source import RawTable
 from robot_model.robot import Robot
 from workbench.recordings.importing.builder import Builder
 from workbench.recordings.importing.clock_offset import (
+    MOST_SCANNED_S,
     OffsetEstimate,
     RowsAt,
     TimedRows,
@@ -84,10 +85,12 @@ class TimedJoin:
         return rows
 
     def speeds(self, builder: Builder, mapping: Mapping) -> dict[str, np.ndarray]:
-        """qK_deg_s columns of the rows of a builder, named qdotK_...; {} where no joint moves in any row.
+        """qK_deg_s columns of the rows of a builder, named qdotK_...; {} where no joint moves or the log holds stops.
 
         Differences over one sampling interval of the log to either side, as far as the log reaches.
         """
+        if not is_dense(seconds_of(self.log)):
+            return {}
         now = self.join.time_offset_s or 0.0
         centre = builder.readings(mapping)
         sides = [self._readings_near(builder, mapping, now + s * self.step_s) for s in (-1, 1)]
@@ -127,6 +130,11 @@ class ClockDecision:
     applied: bool
     is_warning: bool
     sentence: str
+
+    @property
+    def is_doubt(self) -> bool:
+        """Whether the data should be changed and are not."""
+        return self.is_warning and not self.applied
 
     def as_json(self) -> dict:
         """The entry `time_offset` of the answer."""
@@ -175,7 +183,10 @@ def _milliseconds(seconds: float) -> str:
 def _without_effect(timed: TimedJoin, found: OffsetEstimate | None) -> str:
     """Why nothing is corrected."""
     if found is None:
-        return f"The offset between {_named(timed)} is not estimated: too few rows fit the robot. Nothing is corrected."
+        return (
+            f"The offset between {_named(timed)} is not estimated: too few rows fit the robot. Nothing is corrected. "
+            f"If the clocks differ by more than {MOST_SCANNED_S:g} s, state the difference with --time-offset."
+        )
     if found.sigma_s > timed.step_s:
         return (
             f"The offset between {_named(timed)} is not determined (sigma {_milliseconds(found.sigma_s)}), because "

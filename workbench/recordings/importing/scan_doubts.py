@@ -1,0 +1,150 @@
+"""What may be wrong with scans of a ball at flange poses: gross errors, exchanged rows, the stated radius.
+
+The ball stands still, so that sensor and flange pose together have to show it in one place. Rows that show it
+elsewhere are left out of the fit one after another, and two of them whose poses fit exchanged are named.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sensors.ball.fit import fit_ball
+from sensors.hand_eye.centres import Centres, hand_eye_from_centres
+from sensors.hand_eye.motion import motion
+from sensors.hand_eye.profiles_start import circle_distances, find_start
+from workbench.core.errors import InputError
+
+_OUTLYING = 5.0
+_LEAST_MM = 0.5  # less is what an arm that was never calibrated makes
+_MOST_OFF_SHARE = 0.25
+_SIGMAS, _LEAST_SHARE = 4.0, 0.005
+"""A radius of the clouds differs from the stated one beyond both."""
+_NAMED = 6
+_SWEEPS = 4
+_VALLEYS, _STEPS = 4, 40  # of the start of a profiler
+
+
+@dataclass(frozen=True)
+class Scans:
+    """Scans of one ball: `seen` (3, P), poses (P, 4, 4) of the flange, `names` (P,), and the certified `radius` in mm.
+
+    `seen` holds x, z and radius of the circle in each profile where `is_profile`, else the ball's centre in each cloud.
+    """
+
+    seen: np.ndarray
+    poses: np.ndarray
+    names: Sequence[str]
+    radius: float
+    is_profile: bool
+
+    def with_poses(self, poses: np.ndarray) -> "Scans":
+        """The scans at other poses (P, 4, 4)."""
+        return replace(self, poses=poses)
+
+    def take(self, places) -> "Scans":
+        """Some of the scans."""
+        names = [self.names[place] for place in np.arange(len(self.names))[places]]
+        return replace(self, seen=self.seen[:, places], poses=self.poses[places], names=names)
+
+    def fit(self) -> Callable[["Scans"], np.ndarray]:
+        """A function of scans that gives the distances (P,) mm of the ball from its place, as these scans show it."""
+        if self.is_profile:
+            start = find_start(self.seen, self.poses, self.radius, _VALLEYS, _STEPS)
+            return lambda one: circle_distances(start.values, one.seen, one.poses, one.radius)
+        data = Centres(self.seen, self.poses, np.zeros(len(self.poses), int))
+        found = hand_eye_from_centres(data, self.radius)
+
+        def distances(one: Scans) -> np.ndarray:
+            in_base = one.poses @ found.sensor
+            places = np.einsum("pij,jp->pi", in_base[:, :3, :3], one.seen) + in_base[:, :3, 3]
+            return np.linalg.norm(places - found.target[:3, 3], axis=1)
+
+        return distances
+
+
+def rms_mm(scans: Scans) -> float:
+    """RMS mm by which the ball is out of its place."""
+    return float(np.sqrt(np.mean(scans.fit()(scans) ** 2)))
+
+
+def trimmed_rms_mm(scans: Scans) -> float:
+    """`rms_mm` without the scans that do not fit the others, at most a quarter of them."""
+    wrong, _ = _outlying(scans)
+    return rms_mm(scans.take(~wrong))
+
+
+def pose_doubts(scans: Scans) -> tuple[str, ...]:
+    """Parts of sentences on scans whose flange poses do not fit the others, and on rotations that are missing."""
+    missing = motion(scans.poses, "in-hand").sentences
+    if missing:
+        return tuple(f"the flange poses do not determine everything: {one}" for one in missing)
+    wrong, away = _outlying(scans)
+    if not wrong.any():
+        return ()
+    pair = _exchanged(scans, wrong, away)
+    if pair is not None:
+        first, second = (scans.names[place] for place in pair)
+        return (
+            f"the flange poses of {first} and {second} look exchanged: the ball then keeps its place; correct the "
+            "order of these rows",
+        )
+    ordered = np.flatnonzero(wrong)[np.argsort(-away[wrong])]
+    words = [f"{scans.names[place]} ({away[place]:.3g} mm)" for place in ordered[:_NAMED]]
+    more = [f"{len(ordered) - _NAMED} more"] if len(ordered) > _NAMED else []
+    return (
+        f"the flange poses of {len(ordered)} of {len(away)} scans do not fit those of the others: the ball seems to be "
+        f"displaced in {', '.join([*words, *more])}; check the pose and the file of these rows, and correct or remove "
+        "them",
+    )
+
+
+def radius_doubt(clouds: Sequence[np.ndarray], stated: float) -> str | None:
+    """A part of a sentence where clouds (3, k) show a ball of another radius than the stated one, mm; else None."""
+    found = []
+    for points in clouds:
+        try:
+            found.append(fit_ball(points).radius)
+        except InputError:
+            continue
+    if len(found) < 2:
+        return None
+    middle = float(np.median(found))
+    spread = 1.4826 * float(np.median(np.abs(np.array(found) - middle)))
+    sigma = spread / np.sqrt(len(found))
+    if abs(middle - stated) < max(_SIGMAS * sigma, _LEAST_SHARE * stated):
+        return None
+    return (
+        f"the clouds show a ball of radius {middle:.4g} mm (standard deviation {sigma:.2g} mm), and --ball-radius "
+        f"states {stated:g} mm; correct the radius, or the scale of the sensor"
+    )
+
+
+def _outlying(scans: Scans) -> tuple[np.ndarray, np.ndarray]:
+    """(P,) which scans do not fit the others, none where they are too many; (P,) mm by which the ball is displaced."""
+    wrong = np.zeros(len(scans.poses), bool)
+    for _ in range(_SWEEPS):
+        away = scans.take(~wrong).fit()(scans)
+        found = away > _limit(away)
+        if found.mean() > _MOST_OFF_SHARE:
+            return np.zeros(len(wrong), bool), away
+        if (found == wrong).all():
+            break
+        wrong = found
+    return wrong, away
+
+
+def _limit(away: np.ndarray) -> float:
+    """mm beyond which a scan does not fit the others."""
+    return max(_OUTLYING * float(np.median(away)), _LEAST_MM)
+
+
+def _exchanged(scans: Scans, wrong: np.ndarray, away: np.ndarray) -> tuple[int, int] | None:
+    """Two outlying scans that fit with the pose of each other; None where there are none, or other scans are wrong."""
+    places = np.flatnonzero(wrong)
+    if len(places) != 2:
+        return None
+    distances = scans.take(~wrong).fit()
+    pair = scans.take(places)
+    left = distances(pair.with_poses(pair.poses[::-1]))
+    return (int(places[0]), int(places[1])) if (left < _limit(away)).all() else None
