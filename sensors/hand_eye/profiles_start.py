@@ -81,7 +81,7 @@ def find_start(
 def circle_distances(
     values: np.ndarray, circles: np.ndarray, flange: np.ndarray, radius: float
 ) -> np.ndarray:
-    """(P,) mm by which circles (3, P) are off at values (10,) of `Start`; flange (P, 4, 4), radius of the ball in mm."""
+    """(P,) mm by which circles (3, P) are off at values (10,) of `Start`; flange (P, 4, 4), radius of the ball mm."""
     return np.linalg.norm(_residual(values[None], circles, flange, radius)[0], axis=0)
 
 
