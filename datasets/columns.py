@@ -6,6 +6,7 @@ Everything here is data; the checks in `datasets.checks` and `datasets.plausible
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 POINT = ("x_mm", "y_mm", "z_mm")
 QUATERNION = ("qw", "qx", "qy", "qz")
@@ -68,6 +69,10 @@ LENGTHS = ("sigma_mm", *SIGMAS, "sigma_deg", "length_mm")
 MEASURED = {*POINT, *QUATERNION, *AXES[0], *AXES[1], "length_mm"}
 BOOKKEEPING = {*INTEGERS, *TEXT, *FLANGE, "sigma_mm", *SIGMAS, "sigma_deg", "set"}
 
+_NAMED = {*MEASURED, *BOOKKEEPING, "payload_kg", "temperature_c", "time_s", "session"}
+_LIKE = 0.88
+"""Share of letters that a misspelt name has in common with the right one."""
+
 _JOINT = re.compile(r"q(\d+)_(deg|mm)")
 _WRONG_UNIT = {
     "x": "x_mm",
@@ -105,3 +110,12 @@ def meant(column: str) -> str | None:
     if m := re.fullmatch(r"[qj](?:oint)?_?(\d+)(?:_?(?:rad|m|degrees?|deg|mm))?", column.lower()):
         return None if _JOINT.fullmatch(column) else f"q{m[1]}_deg"
     return _WRONG_UNIT.get(column.lower())
+
+
+def misspelt(column: str) -> str | None:
+    """The column whose name, or whose name without its unit, a further column nearly has; None where there is none."""
+    if column in _NAMED or re.search(r"\d", column) or column.startswith(OTHER):
+        return None
+    lengthened = [name for name in _NAMED if name.rpartition("_")[0] == column]
+    close = lengthened or get_close_matches(column, _NAMED, 1, _LIKE)
+    return close[0] if close else None

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from datasets.checks import Context, check_samples
-from datasets.columns import GROUPS, TEXT
+from datasets.columns import GROUPS, TEXT, misspelt
 from datasets.formats.table import Table, number_groups
 from workbench.core.builtin_names import check_builtin_name
 from workbench.core.errors import InputError
@@ -58,6 +58,11 @@ def from_arrays(
             raise InputError(
                 f"{_CALLED}, {name}: expected a further column, found one of joints_deg, points_mm or quaternions; "
                 "leave it out"
+            )
+        if (right := misspelt(name)) is not None:
+            raise InputError(
+                f"{_CALLED}, {name}: expected the name of a column, found one that nearly is {right}; write {right}, "
+                "or another name"
             )
         made[name] = _column(name, values, n)
     measures = "external-point" if quaternions is None else "external-pose"

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from datasets.columns import BOOKKEEPING, FLANGE, MEASURED, OTHER, SIGMAS, joint_columns
-from datasets.errors import complaint
+from datasets.errors import InputError, complaint
 from workbench.core.rigid import transform
 
 
@@ -190,6 +190,22 @@ class Recording:
         from datasets.from_arrays import from_arrays
 
         return from_arrays(cls, robot, joints_deg, points_mm, sigma_mm, **more)
+
+    def save(self, folder: str | Path) -> Path:
+        """Write the recording into a new folder, which `read` and all commands accept, and return the folder.
+
+        Raises:
+            InputError: The folder exists and holds files.
+        """
+        from datasets.formats.recording1_writer import write
+
+        folder = Path(folder)
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise InputError(
+                f"{folder}: expected a new or empty folder, found files; name another."
+            )
+        write(self, folder)
+        return folder
 
     def select(self, rows) -> "Recording":
         """The same recording with only `rows`: a (n,) bool mask, or indices in the wanted order."""

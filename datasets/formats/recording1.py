@@ -8,7 +8,7 @@ import numpy as np
 
 from datasets.arms import read_robot
 from datasets.checks import Context, check_samples
-from datasets.columns import GROUPS, KINDS, TEXT, joint_columns
+from datasets.columns import GROUPS, KINDS, TEXT, joint_columns, misspelt
 from datasets.errors import complaint
 from datasets.files import inside, label, read_toml
 from datasets.formats.table import Table, read_table
@@ -237,8 +237,21 @@ def checked(table: Table, context: Context) -> tuple[dict[str, np.ndarray], tupl
         fixed = table.columns["fixed_to"]
         table.columns["fixed_to"] = np.where(fixed == "", "tool", fixed)
     check_samples(table, context)
-    warnings = check_plausible(table, context)
+    warnings = (*check_plausible(table, context), *_misspelt_columns(table))
     return dict(table.columns), warnings
+
+
+def _misspelt_columns(table: Table) -> list[str]:
+    """Sentences on columns that nearly have the name of a known one, and are therefore not read as it."""
+    found = []
+    for name in table.columns:
+        right = misspelt(name)
+        if right is not None and right not in table.columns:
+            found.append(
+                f"{table.called}, column {name}: it is read as a covariate of its own, and nearly has the name of "
+                f"{right}; rename it if it holds that."
+            )
+    return found
 
 
 def _digest(folder: Path, keys: Mapping) -> str:

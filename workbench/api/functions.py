@@ -12,6 +12,7 @@ import json
 import tempfile
 import typing
 from collections.abc import Callable
+from difflib import get_close_matches
 from enum import Enum
 from functools import cache
 from importlib import import_module
@@ -70,7 +71,10 @@ def function(name: str) -> Callable[..., Result]:
     signature = signature_of(command, Result)
 
     def call(*args, **options) -> Result:
-        bound = signature.bind(*args, **options)
+        try:
+            bound = signature.bind(*args, **options)
+        except TypeError as problem:
+            raise TypeError(f"{name}(): {problem}{_suggestion(options, signature)}") from None
         return run(command, bound.arguments)
 
     call.__signature__ = signature
@@ -78,6 +82,15 @@ def function(name: str) -> Callable[..., Result]:
     call.__module__ = "workbench"
     call.__doc__ = docstring_of(command, name)
     return call
+
+
+def _suggestion(options: dict, signature: inspect.Signature) -> str:
+    """The parameter that an unknown name nearly is, as the end of a sentence."""
+    for option in options:
+        close = get_close_matches(option, signature.parameters, 1)
+        if option not in signature.parameters and close:
+            return f"; did you mean {close[0]}?"
+    return ""
 
 
 def run(command: Callable, arguments: dict) -> Result:

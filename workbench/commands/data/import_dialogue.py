@@ -63,7 +63,7 @@ def next_lines(result, sources: Sequence[Path], folder: Path) -> list[str]:
         ["workbench", "import", *map(str, sources), "--map", str(folder / "import.toml")]
     )
     return [
-        f"First: do what {warned} above asks for: correct or remove the rows in the files and repeat the import "
+        f"First: do what {warned} above asks for, and repeat the import "
         f"({again} --out NEW-DIR), or make sure that the data are right. `workbench check {folder}` shows them.",
         f"Then: {command}",
     ]
