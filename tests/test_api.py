@@ -5,12 +5,14 @@ import os
 import pkgutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import workbench as wb
 from conftest import ROOT
+from datasets.columns import misspelt
 from workbench.api.functions import COMMANDS
 from workbench.commands import cli
 
@@ -243,3 +245,35 @@ def test_a_wrong_call_raises_the_sentence(tmp_path):
         wb.calibrate(tmp_path / "nothing")
     with pytest.raises(TypeError):
         wb.calibrate("elastic-arm", no_such_option=1)
+
+
+def test_a_misspelt_parameter_is_named():
+    with pytest.raises(TypeError, match=r"calibrate\(\): .*'fold'; did you mean folds\?"):
+        wb.calibrate("elastic-arm", fold=4)
+
+
+def test_a_recording_from_arrays_is_saved(recording, tmp_path):
+    degrees = np.rad2deg(recording.joints)
+    made = wb.Recording.from_arrays("ur10", degrees, recording.points, temperature_c=20.0)
+    folder = made.save(tmp_path / "kept")
+    assert np.array_equal(wb.read(folder).points, made.points)
+    with pytest.raises(wb.InputError, match="expected a new or empty folder"):
+        made.save(folder)
+
+
+@pytest.mark.parametrize("name", ["paylod_kg", "payload", "temperatur_c"])
+def test_a_misspelt_column_is_refused_and_warned_of(name, recording, tmp_path):
+    degrees = np.rad2deg(recording.joints)
+    with pytest.raises(wb.InputError, match=f"{name}: .* nearly is"):
+        wb.Recording.from_arrays("ur10", degrees, recording.points, **{name: 1.0})
+    made = wb.Recording.from_arrays("ur10", degrees, recording.points)
+    columns = {**made.columns, name: np.ones(made.n)}
+    read = wb.read(replace(made, columns=columns).save(tmp_path / "kept"))
+    assert any(f"column {name}: " in said for said in read.warnings)
+
+
+@pytest.mark.parametrize(
+    "name", ["humidity", "temperature2_c", "qdot1_deg_s", "sigma_x_mm", "load_a"]
+)
+def test_other_columns_are_no_misspelt_ones(name):
+    assert misspelt(name) is None

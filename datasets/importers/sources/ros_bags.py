@@ -12,6 +12,7 @@ import numpy as np
 
 from datasets.errors import complaint
 from datasets.importers.source import ImageFile, RawTable, Source
+from datasets.importers.sources.tf_chains import Edge, joined_chains
 
 _FEWEST_ROWS = 3
 _XYZ = ("X [m]", "Y [m]", "Z [m]")
@@ -77,6 +78,7 @@ class _Content:
     def __init__(self, scratch: Path):
         self.scratch = scratch
         self.columns: dict[str, dict[str, array]] = {}
+        self.transforms: dict[Edge, list[tuple[float, ...]]] = {}
         self.images: list[ImageFile] = []
         self.start: float | None = None
 
@@ -84,8 +86,11 @@ class _Content:
         """Append one message; `stamp` s is when it was recorded, used where its header has none."""
         if kind == "TFMessage":
             for transform in message.transforms:
-                pair = f"{transform.header.frame_id} to {transform.child_frame_id}"
-                self._append(pair, _time(transform, stamp), _pose_row(transform.transform))
+                pair = (transform.header.frame_id.strip("/"), transform.child_frame_id.strip("/"))
+                row = _pose_row(transform.transform)
+                self.transforms.setdefault(pair, []).append(
+                    (_time(transform, stamp), *row.values())
+                )
             return
         time = _time(message, stamp)
         if kind == "JointState":
@@ -127,8 +132,12 @@ class _Content:
         self.images.append(ImageFile(self.scratch / name, name, time))
 
     def tables(self, file: str) -> tuple[RawTable, ...]:
-        """A table of each topic that has some rows."""
+        """A table of each topic that has some rows, and of each transform, those of single links joined."""
         made = []
+        edges = {pair: np.array(rows) for pair, rows in self.transforms.items()}
+        for (parent, child), rows in joined_chains(edges).items():
+            names = ("time [s]", *_XYZ, *_QUATERNION)
+            self.columns[f"{parent} to {child}"] = dict(zip(names, rows.T))
         for called, columns in self.columns.items():
             rows = len(columns["time [s]"])
             if rows >= _FEWEST_ROWS:

@@ -29,6 +29,7 @@ from workbench.recordings.importing.sessions import import_sessions
 from workbench.recordings.importing.surface_scans import import_scans, is_scan
 from workbench.recordings.importing.timed_join import ClockDecision, OffsetMode
 from workbench.recordings.importing.user_columns import in_user_columns
+from workbench.recordings.inspection.needs import coverage_needs
 
 MAPPING_FILE = "import.toml"
 ROBOT_FILES = ("robot.toml", "robot.urdf")
@@ -123,8 +124,13 @@ def import_recording(
     called = found.called
     dropped = () if found.table is None else unused_rotation_sentences(found.table, made.mapping)
     own = _UserWords(called, made.mapping)
-    warnings = own.of((*found.warnings, *made.warnings, *dropped, *read.warnings))
-    doubts = own.of((*made.doubts, *read.warnings))
+    needs = coverage_needs(read)
+    required = [need.sentence for need in needs if need.is_required]
+    useful = [need.sentence for need in needs if not need.is_required]
+    doubts = own.of((*made.doubts, *read.warnings, *required))
+    warnings = own.of(
+        (*found.warnings, *made.warnings, *dropped, *useful, *read.warnings, *required)
+    )
     unused = never_read(found, made.mapping, "time_s" in recording.columns)
     links = links_of(found, made.mapping, "time_s" in recording.columns)
     return ImportResult(read, made.mapping, made.fits, unused, warnings, made.clocks, links, doubts)

@@ -15,7 +15,7 @@ from workbench.fitting.plausibility import check_plausibility
 from workbench.fitting.plausibility.far_geometry import CAUSE, OTHER_ROBOT, find_far_geometry
 from workbench.fitting.plausibility.small_mistakes import untested_signs
 from workbench.fitting.plausibility.wording import fit_words
-from workbench.recordings.inspection.coverage import Coverage, ImageCoverage
+from workbench.recordings.inspection.coverage import Coverage, ImageCoverage, coverage_of
 from workbench.recordings.inspection.repeats import Repeats
 
 _COMPONENTS = {
@@ -51,6 +51,11 @@ class Need:
     action: str
     in_verdict: bool = False
     is_mistake: bool = False
+
+    @property
+    def sentence(self) -> str:
+        """What is missing and what to do."""
+        return f"{self.what[:1].upper()}{self.what[1:]}; {self.action}."
 
     def as_json(self) -> dict:
         """The entry under `missing`."""
@@ -105,15 +110,45 @@ def _what_and_action(sentence: str) -> tuple[str, str]:
     return (what, action) if what else (action, "look at these data before you calibrate")
 
 
+def coverage_needs(recording: Recording) -> tuple[Need, ...]:
+    """What number and spread of the poses show without any fit or image; those that a command cannot do without first.
+
+    Raises InputError where its robot cannot be loaded.
+    """
+    coverage = coverage_of(recording)
+    if not KINDS[recording.measures].images:
+        found = _pose_needs(recording, coverage) if coverage.joints else ()
+    else:
+        found = _hand_eye_needs(recording, coverage) if coverage.flange is not None else ()
+    return tuple(sorted(found, key=lambda need: not need.is_required))
+
+
 def _calibration_needs(recording: Recording, coverage: Coverage) -> Iterator[Need]:
     if not coverage.joints:
         what = "joint readings (q1_deg ...) are not recorded"
         yield Need("calibrate", True, what, "record the joint readings of every row")
         return
+    yield from _pose_needs(recording, coverage)
+    if len(np.unique(recording.poses)) >= _least_poses(recording, coverage):
+        yield from _robot_needs(recording)
+        yield from _sign_needs(recording)
+
+
+def _least_poses(recording: Recording, coverage: Coverage) -> int:
+    """Poses that give as many equations as robot, base and tool have unknowns."""
+    return int(np.ceil(_unknowns(coverage) / _COMPONENTS[recording.measures]))
+
+
+def _unknowns(coverage: Coverage) -> int:
+    return 4 * len(coverage.joints) + 12
+
+
+def _pose_needs(recording: Recording, coverage: Coverage) -> Iterator[Need]:
+    """Too few poses, joints that hardly move, and orientations that hardly change."""
     poses = len(np.unique(recording.poses))
-    unknown = 4 * len(coverage.joints) + 12
-    least = int(np.ceil(unknown / _COMPONENTS[recording.measures]))
+    least = _least_poses(recording, coverage)
     if poses < least:
+        unknown = _unknowns(coverage)
         what = f"{poses} poses give fewer equations than the about {unknown} unknowns of robot, base and tool"
         yield Need("calibrate", True, what, f"measure {least} poses or more")
     elif poses < 2 * least:
@@ -124,9 +159,6 @@ def _calibration_needs(recording: Recording, coverage: Coverage) -> Iterator[Nee
     if coverage.spread_deg < _SMALL_SPREAD_DEG:
         what = f"the flange keeps its orientation to {coverage.spread_deg:.1f} deg RMS: base and tool are confounded"
         yield Need("calibrate", False, what, "add poses with other orientations")
-    if poses >= least:
-        yield from _robot_needs(recording)
-        yield from _sign_needs(recording)
 
 
 def _robot_needs(recording: Recording) -> Iterator[Need]:
