@@ -53,6 +53,7 @@ _MOVED_MM = 2.0  # more than the pose of a board from one image errs by
 _KEPT = 0.9
 _GOOD_SHARE, _LEAST_GOOD_MM, _GOOD_DEG = 0.05, 3.0, 3.0
 _HOPELESS_RAD, _SHOWN = np.deg2rad(10.0), 8
+_REFINED = 12  # readings that are fitted well
 _SWEEPS, _MOST_GAP_RAD = 10, np.deg2rad(20.0)
 """A wrong board pose does not decide the labels of the other images."""
 _NO_BOARD = (
@@ -370,8 +371,18 @@ def _compared(readings, views: BoardViews, kind: str) -> list[tuple[int, Candida
         kept = kept[
             :_SHOWN
         ]  # no transform can explain other angles between the poses; fits are for the message
+    if len(kept) > _REFINED:
+        quick = {k: _quick_misfit(readings[k][2][views.rows], chosen[k]) for k in kept}
+        kept = sorted(kept, key=quick.get)[:_REFINED]
     fits = [(k, _fit(readings[k][0], readings[k][2][views.rows], chosen[k])) for k in kept]
     return sorted(fits, key=lambda item: item[1].improbability)
+
+
+def _quick_misfit(poses: np.ndarray, measured: np.ndarray) -> float:
+    """RMS gap of most poses (k, 4, 4) at a rough fit, in units of the rows."""
+    frames, target = _external(poses, measured)
+    gaps = np.sort(target.system(frames).quick_distances())
+    return _rms(gaps[: int(np.ceil(_KEPT * len(gaps)))])
 
 
 def agreeing_labels(measured: np.ndarray, turned: np.ndarray) -> np.ndarray:

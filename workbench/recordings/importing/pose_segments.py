@@ -53,6 +53,8 @@ def refuse_changed_poses(found: PoseReadings, table) -> None:
         divided = segments_of(least_cost_labels(costs), len(costs))
         if _is_change(divided, costs):
             raise InputError(_sentence(found, divided, table))
+        if _explained(costs[anchor]):
+            return  # the other rows are gross errors
 
 
 def _blocks(count: int) -> Iterator[np.ndarray]:
@@ -92,7 +94,12 @@ def _is_change(divided: Sequence[Segment], costs: np.ndarray) -> bool:
         return False
     lengths = [one.last - one.first + 1 for one in divided]
     chosen = np.concatenate([costs[one.reading, one.first : one.last + 1] for one in divided])
-    return min(lengths) >= _FEWEST_IN_SEGMENT and (chosen < _MOST_COST / 2).mean() >= _EXPLAINED
+    return min(lengths) >= _FEWEST_IN_SEGMENT and _explained(chosen)
+
+
+def _explained(costs: np.ndarray) -> bool:
+    """Whether nearly all rows fit, from their costs."""
+    return bool((costs < _MOST_COST / 2).mean() >= _EXPLAINED)
 
 
 def _sentence(found: PoseReadings, divided: Sequence[Segment], table) -> str:
