@@ -169,6 +169,17 @@ def test_poses_of_robot_programs_have_the_conventions_of_their_makers(tmp_path):
         assert mapping.flange_point.unit == "mm"
 
 
+def test_targets_inside_the_moves_of_a_kuka_program(truth, tmp_path):
+    moves = []
+    for k, a in enumerate(degrees(truth)):
+        cells = ", ".join(f"A{j} {value:.6f}" for j, value in enumerate(a, 1))
+        moves.append(f"PTP {{{'E6AXIS: ' if k % 2 else ''}{cells}}} C_PTP")
+    (tmp_path / "run.src").write_text("\n".join(["DEF run()", *moves, "END"]))
+    points = tracker(tmp_path / "tracker.csv", truth)
+    made = import_recording([tmp_path / "run.src", points], tmp_path / "out", UR10)
+    assert_same_rows(made.recording, truth)
+
+
 def poses_of(truth) -> np.ndarray:
     poses = np.tile(np.eye(4), (truth.n, 1, 1))
     quaternions = np.stack([truth.columns[f"q{c}"] for c in "xyzw"], axis=1)

@@ -110,7 +110,8 @@ def _one_table(path: Path) -> RawTable:
     with TemporaryDirectory() as scratch:
         tables = read_sources([path], Path(scratch)).tables
     if len(tables) != 1:
-        found = ", ".join(table.file for table in tables) or "none"
+        shown = [f"{table.file} with {', '.join(list(table.columns)[:4])}, ..." for table in tables]
+        found = " and ".join(shown) or "none"
         raise complaint(str(path), "one table", found, "name a file with one table")
     if tables[0].frame_question:
         raise InputError(tables[0].frame_question)

@@ -4,7 +4,7 @@ The makers fix units and rotation conventions, so that nothing about them has to
 
 | maker | joints | pose |
 |---|---|---|
-| KUKA | E6AXIS/AXIS, deg | E6POS/POS/FRAME: mm; A, B, C = intrinsic ZYX in deg |
+| KUKA | E6AXIS/AXIS, deg | E6POS/POS/FRAME: mm; A, B, C = intrinsic ZYX in deg; also inside PTP {...}, LIN {...} |
 | ABB | jointtarget, deg | robtarget: mm; quaternion w x y z |
 | FANUC | J1 = ... deg | X, Y, Z mm; W, P, R = extrinsic XYZ in deg |
 
@@ -36,6 +36,10 @@ _KUKA = re.compile(
     r"(?:DECL\s+)?(?:GLOBAL\s+)?(E6AXIS|AXIS|E6POS|POS|FRAME)\s+(\w+)\s*=\s*\{([^{}]{1,2000})\}",
     re.IGNORECASE,
 )
+_KUKA_INLINE = re.compile(
+    r"\b(?:S?PTP|S?LIN|S?CIRC|SPL)\s*\{\s*(?:(E6AXIS|AXIS|E6POS|POS|FRAME)\s*:)?([^{}]{1,2000})\}",
+    re.IGNORECASE,
+)
 _KUKA_KEY = re.compile(rf"\b([A-Z]\d?)\s+({_NUMBER})", re.IGNORECASE)
 _ABB = re.compile(r"\b(robtarget|jointtarget)\s+(\w+)\s*:=\s*(\[[^;]{1,2000}\])\s*;", re.IGNORECASE)
 _FANUC = re.compile(
@@ -65,7 +69,8 @@ class _Position:
 def is_robot_program(path: Path) -> bool:
     """Whether the text of a file holds positions of one of the three controllers."""
     text = _text(path, 200_000)
-    return bool(_KUKA.search(text) or _ABB.search(text) or _FANUC.search(text))
+    is_kuka = _KUKA.search(text) or _KUKA_INLINE.search(text)
+    return bool(is_kuka or _ABB.search(text) or _FANUC.search(text))
 
 
 def read_robot_program(path: Path) -> list[RawTable]:
@@ -156,16 +161,19 @@ def _check_quaternions(path: Path, rows: Sequence[_Position], quaternions: np.nd
 
 def _kuka(text: str, path: Path) -> Iterator[_Position]:
     line_of = _line_counter(text)
-    for match in _KUKA.finditer(text):
-        keys = {key.upper(): float(value) for key, value in _KUKA_KEY.findall(match[3])}
-        line = line_of(match.start())
-        is_axis = match[1].upper().endswith("AXIS")
+    named = [(match.start(), match[1], match[2], match[3]) for match in _KUKA.finditer(text)]
+    inline = [(match.start(), match[1], "", match[2]) for match in _KUKA_INLINE.finditer(text)]
+    for start, kind, name, content in sorted(named + inline, key=lambda one: one[0]):
+        keys = {key.upper(): float(value) for key, value in _KUKA_KEY.findall(content)}
+        line = line_of(start)
+        name = name or f"row {line}"
+        is_axis = kind.upper().endswith("AXIS") if kind else "A1" in keys
         wanted = [f"A{k}" for k in range(1, 7)] if is_axis else ["X", "Y", "Z", "A", "B", "C"]
         missing = [key for key in wanted if key not in keys]
         if missing:
-            raise _incomplete(path, line, match[2], missing[0])
+            raise _incomplete(path, line, name, missing[0])
         stated = [f"{key} {keys[key]:g}" for key in "ST" if key in keys and not is_axis]
-        yield _Position(is_axis, match[2], line, [keys[key] for key in wanted], ", ".join(stated))
+        yield _Position(is_axis, name, line, [keys[key] for key in wanted], ", ".join(stated))
 
 
 def _abb(text: str, path: Path) -> Iterator[_Position]:

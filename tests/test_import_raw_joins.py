@@ -1,0 +1,104 @@
+"""Tables that belong together although their headers, names or clocks do not say so in the usual way."""
+
+import numpy as np
+import pytest
+
+from datasets.importers.mapping.model import read_mapping
+from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, write_rows
+from workbench.core.errors import InputError
+from workbench.recordings.importing import ImportOptions, import_recording
+
+JOINTS = [f"J{k}" for k in range(1, 7)]
+POINT = ["X", "Y", "Z"]
+
+
+@pytest.fixture(scope="module")
+def truth(tmp_path_factory):
+    return simulated(tmp_path_factory.mktemp("scene"), SCENE)
+
+
+def write_pair(folder, truth, header, names, others, order=slice(None)):
+    """A joint table and a tracker table with names of the rows in a column of one header."""
+    joints = [(name, *row) for name, row in zip(names, degrees(truth))]
+    points = [(name, *row) for name, row in zip(others, truth.points)]
+    first = write_rows(folder / "joints.csv", [header, *JOINTS], joints)
+    return [first, write_rows(folder / "tracker.csv", [header, *POINT], points[order])]
+
+
+def stops(truth, step_s: float = 5.0):
+    """s and deg of a log of 10 Hz in which the arm waits at each pose, and s of the measurements."""
+    measured = step_s * np.arange(truth.n) + 2.0
+    seconds = np.arange(0.0, measured[-1] + 3.0, 0.1)
+    knots = np.ravel([measured - 1.0, measured + 1.0], order="F")
+    waits = np.repeat(degrees(truth), 2, axis=0)
+    log = np.stack([np.interp(seconds, knots, column) for column in waits.T], axis=1)
+    return seconds, log, measured
+
+
+@pytest.mark.parametrize(
+    ("header", "first", "second"),
+    [("Punktkennung", "{}", "{}"), ("Point", "P{:03d}", "{}"), ("Point", "P{}", "p_{:04d}")],
+)
+def test_rows_are_matched_by_their_names(header, first, second, truth, tmp_path):
+    names, others = ([form.format(k + 1) for k in range(truth.n)] for form in (first, second))
+    sources = write_pair(tmp_path, truth, header, names, others, slice(None, 3, -1))
+    made = import_recording(sources, tmp_path / "out", UR10)
+    assert made.mapping.join.by == "key"
+    assert_same_rows(made.recording, truth.select(np.arange(truth.n)[:3:-1]))
+
+
+def test_a_mapping_names_the_times_of_a_join(truth, tmp_path):
+    seconds, log, measured = stops(truth)
+    first = write_rows(tmp_path / "log.csv", ["czas_s", *JOINTS], np.column_stack([seconds, log]))
+    rows = np.column_stack([measured, truth.points])
+    second = write_rows(tmp_path / "tracker.csv", ["chwila", *POINT], rows)
+    mapping = tmp_path / "map.toml"
+    mapping.write_text(
+        'format = "import/1"\nrobot = "ur10"\n[join]\nby = "time"\n'
+        '[columns]\n"czas_s" = "time_s"\n"chwila" = "time_s"\n'
+    )
+    options = ImportOptions(mapping=read_mapping(mapping))
+    made = import_recording([first, second], tmp_path / "out", options)
+    assert_same_rows(made.recording, truth, joints=1e-3)
+    assert np.allclose(np.diff(made.recording.columns["time_s"]), 5.0)
+
+
+def test_a_clock_without_a_date_takes_that_of_the_other(truth, tmp_path):
+    seconds, log, measured = stops(truth)
+
+    def clock(second: float) -> str:
+        return f"{9 + int(second // 3600):02d}:{int(second // 60) % 60:02d}:{second % 60:06.3f}"
+
+    rows = [(clock(second), *row) for second, row in zip(seconds, log)]
+    first = write_rows(tmp_path / "log.csv", ["Time", *JOINTS], rows)
+    rows = [(f"2026-11-24T{clock(second)}", *row) for second, row in zip(measured, truth.points)]
+    second = write_rows(tmp_path / "tracker.csv", ["Time", *POINT], rows)
+    made = import_recording([first, second], tmp_path / "out", UR10)
+    assert_same_rows(made.recording, truth, joints=1e-3)
+    assert any("Only one of the clocks" in said for said in made.warnings)
+
+
+def test_a_table_without_known_headers_is_named_where_its_columns_are_missing(truth, tmp_path):
+    header = [f"f{k}" for k in range(1, 7)]
+    first = write_rows(tmp_path / "osie.csv", header, degrees(truth)[:20])
+    second = write_rows(tmp_path / "tracker.csv", POINT, truth.points)
+    with pytest.raises(InputError, match="not read: osie.csv"):
+        import_recording([first, second], tmp_path / "out", UR10)
+    first = write_rows(tmp_path / "osie.csv", header, degrees(truth))
+    with pytest.raises(InputError, match="osie.csv . tracker.csv: .* found f1, f2") as refused:
+        import_recording([first, second], tmp_path / "out", UR10)
+    assert 'columns = ["f1", "f2", "f3", "f4", "f5", "f6"]' in refused.value.example
+
+
+def test_pairs_of_joint_and_tracker_tables_become_one_recording(truth, tmp_path):
+    half = truth.n // 2
+    sources = []
+    for name, rows in (("tue", slice(half, None)), ("mon", slice(0, half))):
+        sources.append(write_rows(tmp_path / f"{name}_tracker.csv", POINT, truth.points[rows]))
+    for name, rows in (("mon", slice(0, half)), ("tue", slice(half, None))):
+        sources.append(write_rows(tmp_path / f"{name}_joints.csv", JOINTS, degrees(truth)[rows]))
+    made = import_recording(sources, tmp_path / "out", UR10)
+    order = np.r_[half : truth.n, 0:half]
+    assert_same_rows(made.recording, truth.select(order))
+    assert made.recording.columns["session"].tolist() == [1.0] * half + [2.0] * half
+    assert made.mapping.join.by == "append"
