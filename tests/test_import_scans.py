@@ -76,6 +76,15 @@ def test_scans_without_radius_are_refused(recordings, tmp_path):
         import_recording(sources, tmp_path / "out", ImportOptions())
 
 
+def test_profiles_in_one_table_are_refused(recordings, tmp_path):
+    sources = written(recordings["profiler"], tmp_path, 1.0, as_text)
+    lines = [",".join(f"{row * column:g}" for column in range(25)) for row in range(60)]
+    (tmp_path / "profiles.csv").write_text("\n".join(lines))
+    options = ImportOptions(ball_radius_mm=RADIUS)
+    with pytest.raises(InputError, match="--ball-radius 15: expected clouds or profiles"):
+        import_recording([tmp_path / "profiles.csv", sources[1]], tmp_path / "out", options)
+
+
 def test_poses_of_other_scans_are_refused(recordings, tmp_path):
     sources = written(recordings["3d-camera"], tmp_path, 1.0, as_ply)
     lines = sources[1].read_text().splitlines()

@@ -84,7 +84,8 @@ def _found_in(source: Source, tables: Sequence[RawTable], options) -> Found:
     """
     useful, ignored = _useful(replace(source, tables=tuple(tables)), options.mapping)
     found = _joined(source, useful, options)
-    if ignored and not source.images and not source.clouds and not _is_complete(found.mapping):
+    is_table = not (source.images or source.clouds or options.ball_radius_mm)
+    if ignored and is_table and not _is_complete(found.mapping):
         try:
             return _joined(source, tables, options)
         except InputError as problem:
