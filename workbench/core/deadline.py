@@ -19,14 +19,14 @@ class _Limit:
     def __init__(self, seconds: float, say: Callable[[str], None]):
         self.seconds, self.say = seconds, say
         self.start = time.process_time()
-        self.told = _SILENT_S - _INTERVAL_S
+        self.reported = _SILENT_S - _INTERVAL_S
 
     def check(self) -> None:
         spent = time.process_time() - self.start
         if spent > self.seconds:
             raise OutOfTime(f"The search for a cause stopped after {self.seconds:.0f} s.")
-        if spent > self.told + _INTERVAL_S:
-            self.told = spent
+        if spent > self.reported + _INTERVAL_S:
+            self.reported = spent
             self.say(f"{spent:.0f} s of at most {self.seconds:.0f} s")
 
 
