@@ -54,11 +54,22 @@ def flange_poses(maker: str, text: str, names, poses: np.ndarray) -> np.ndarray:
 
     Raises UnstatedFrame where the file states tool or frame of a position not at all, or in several ways.
     """
-    frames_of = {"ABB": _RapidFrames, "KUKA": _KukaFrames, "FANUC": _FanucFrames}[maker](text)
+    frames_of = _READERS[maker](text)
     made = np.empty_like(poses)
     for k, (name, pose) in enumerate(zip(names, poses)):
         frame, tool = frames_of(name)
         made[k] = frame @ pose @ np.linalg.inv(tool)
+    return made
+
+
+def tool_poses(maker: str, text: str, names, flange: np.ndarray) -> np.ndarray:
+    """(n, 4, 4) poses of the tool in its frame (mm) for poses of the flange in the root frame: the inverse of
+    `flange_poses`."""
+    frames_of = _READERS[maker](text)
+    made = np.empty_like(flange)
+    for k, (name, pose) in enumerate(zip(names, flange)):
+        frame, tool = frames_of(name)
+        made[k] = np.linalg.inv(frame) @ pose @ tool
     return made
 
 
@@ -209,3 +220,6 @@ class _FanucFrames:
             shown = ", ".join(f"{kind} : {number}" for kind, number in sorted(self.stated))
             raise UnstatedFrame(shown or "no UF and UT")
         return np.eye(4), np.eye(4)
+
+
+_READERS = {"ABB": _RapidFrames, "KUKA": _KukaFrames, "FANUC": _FanucFrames}

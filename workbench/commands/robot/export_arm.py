@@ -215,13 +215,39 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
             f"{options.targets}, target {row + 1}: expected a target that can be corrected, found that "
             f"{'; '.join(refused[row])} ({len(refused)} such targets); correct it, or see `workbench compensate`"
         )
+    largest = f"{len(found.readings)} targets, largest correction {found.position_mm.max():.3g} mm."
+    own = _own_program(arm, to, options, found, back)
+    if own is not None:
+        notes = (largest, own[1], *_configuration_notes(arm, programme, found))
+        return ArmExport({file: own[0]}, [], notes)
     name = file.stem.replace("-", "_")
     program = Program(found.readings, name, arm.robot.name, arm.held_out_mm)
     text = program_text(program, to, arm.robot)
     back()
     check_program(found.readings, text, to)
-    largest = f"{len(found.readings)} targets, largest correction {found.position_mm.max():.3g} mm."
     return ArmExport({file: text}, [], (largest, *_configuration_notes(arm, programme, found)))
+
+
+def _own_program(arm, to: str, options: ArmOptions, found, back) -> tuple[bytes, str] | None:
+    """The user's own program with corrected numbers, and a sentence; None where the targets are no such program."""
+    import numpy as np
+
+    from datasets.importers.sources.program_patch import is_program_of, patched_program
+    from workbench.files.exports.check import check_patched_program
+    from workbench.jobs.robot.compensate import nominal_poses
+
+    maker = {"krl": "KUKA", "rapid": "ABB"}.get(to)
+    if maker is None or options.targets is None or not is_program_of(options.targets, maker):
+        return None
+    flange = nominal_poses(arm.robot, found.readings)
+    made = patched_program(options.targets, maker, np.rad2deg(found.readings), flange)
+    back()
+    check_patched_program(arm, options.targets, made.content, found.readings)
+    note = (
+        f"Only the numbers of {made.count} positions were changed: moves, names, speeds, tools and comments are those "
+        f"of {options.targets.name}."
+    )
+    return made.content, note
 
 
 def _configuration_notes(arm, programme, found) -> list[str]:

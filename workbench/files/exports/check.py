@@ -1,5 +1,6 @@
 """Every export is read back before it is kept: a file that means something else is never written."""
 
+import re
 import tempfile
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from workbench.files.exports.urdf import is_coupled, joint_signs
 from workbench.files.solution_file import CalibratedArm
 
 _SAME_MM, _SAME = 1e-6, 1e-9
+_PROGRAM_MM = 3e-3  # the decimals of a robot program
 # functions of the Python module that answer nan for a target that they refuse
 _MAY_BE_NAN = ("corrected_readings", "errors_left")
 
@@ -143,6 +145,30 @@ def check_program(readings: np.ndarray, text: str, language: str) -> None:
     again = read_program(text, language)
     if again.shape != readings.shape or np.abs(again - readings).max(initial=0) > _SAME:
         raise _Differs(f"the {language} program read back has other targets")
+
+
+def check_patched_program(
+    arm: CalibratedArm, path: Path, content: bytes, readings: np.ndarray
+) -> None:
+    """RuntimeError where the patched program differs in more than numbers, or sends the flange elsewhere.
+
+    path: the program before; readings (n, 6) rad. Five decimals of the text are 0.3 um at 2 m.
+    """
+    from workbench.files.targets import read_programme
+
+    numbers = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+    if re.sub(numbers, b"", content) != re.sub(numbers, b"", path.read_bytes()):
+        raise _Differs("the patched program differs in more than numbers")
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / path.name
+        copy.write_bytes(content)
+        again = read_programme(copy, arm.robot)
+    wanted = _flanges(arm.robot, readings @ arm.robot.mixing.T)
+    found = again.poses
+    if found is None:
+        found = _flanges(arm.robot, again.readings @ arm.robot.mixing.T)
+    if found.shape != wanted.shape or np.abs(found - wanted).max(initial=0) > _PROGRAM_MM:
+        raise _Differs("the patched program read back sends the flange elsewhere")
 
 
 def check_ur_kinematics(arm: CalibratedArm, text: str) -> None:
