@@ -1,9 +1,15 @@
-"""Permutation and circular-shift controls: a permuted cause explains nothing, an ordered one only in its order.
+"""Permutation and circular-shift controls: a permuted cause explains nothing, and noise makes no such change in time.
 
-The derivative of the measurement stays as it is; only what the effect reads of its samples (angles, torques, sides of
-approach, temperatures, time) is given to other poses, or taken from a clock that is moved round. A gain that survives
-this was never owed to the cause. What a permuted cause can make of the fitted effect itself it gains in any case: that
-is taken off, and where it is nearly all, the control says that it cannot tell.
+Permutation: the derivative of the measurement stays as it is; only what the effect reads of its samples (angles,
+torques, sides of approach, temperatures) is given to other poses. A gain that survives this was never owed to the
+cause. What a permuted cause can make of the fitted effect itself it gains in any case: that is taken off.
+
+Circular shift, for what reads the clock. Its instant (or time constant) was selected, and a step shifted by a part of
+the recording overlaps with itself. What is shifted is therefore the residual that remains next to it against the time,
+which keeps its autocorrelation, and its largest gain over all instants is compared with that of the effect: the null
+distribution of a maximum (Davies, Biometrika 74 (1987) 33; Westfall & Young, Resampling-Based Multiple Testing (1993)).
+Twice: with the clock shifted each pose keeps its residual, what changes slowly at a joint included; with the residuals
+shifted, what changes slowly in space.
 """
 
 from collections.abc import Sequence
@@ -21,12 +27,12 @@ from workbench.diagnosis.validation.folds import judged_part
 from workbench.diagnosis.validation.heldout import name_of
 from workbench.diagnosis.validation.terms import Control
 
-_TRIALS, _TURNS = 199, 39
+_TRIALS, _SHIFTS = 199, 39
 """Permutations, which distinguish a p-value of one in a hundred from one of one in two hundred, and circular shifts."""
 _LEVEL, _LEFT, _MOST = 0.01, 0.2, 0.75
-"""A control is passed below this p-value, and where this share of the gain is left in this share of all shifts."""
-_MADE = 0.8
-"""Share of the fitted effect that a permuted cause makes, from which on it cannot tell."""
+"""A control is passed up to this p-value, where less than this share of the gain is left in this share of shifts."""
+_INSTANTS, _FEW_INSTANTS = 60, 12
+"""Instants (or time constants) of an effect that are compared at most, evenly taken from all; fewer with each clock."""
 _ABSORBED = 1e-6
 """Share of a column's length below which what the baseline leaves of it is rounding of inner products."""
 PERMUTED, ROTATED = "permuted", "circular shift"
@@ -41,9 +47,9 @@ def controls(
     A linearised gain: the fall of the whitened sum of squares when the effects' columns join, all effects with their
     priors as in the fit: without them others with many parameters would make most of any effect. Permuted: 199 times
     over poses. Passed where fewer than one in a hundred gains as much, and the median trial gains, beyond what as
-    many columns gain by chance, less than a fifth. For what reads the clock, 39 times with that moved round: passed
-    where three of four of them gain less than a fifth of the own gain, without what they make by being like the effect
-    itself.
+    many columns gain by chance, less than a fifth. For what reads the clock, that is shifted
+    circularly 39 times against what the effect leaves, and the reverse: passed where none gains as much at any
+    instant, and three of four gain less than a fifth of it beyond chance.
     """
     if any(e.port in (*STATE_PORTS, NOISE) for e in own):
         why = "it acts through other effects or on the noise alone"
@@ -52,28 +58,27 @@ def controls(
     rng = np.random.default_rng(seed)
     gains = np.array([trial.gain(trial.permuted(rng)) for _ in range(_TRIALS)])
     p = float((1 + (gains >= trial.own).sum()) / (1 + _TRIALS))
-    by_chance = trial.by_chance(rng)
-    share = max(trial.beyond(float(np.median(gains))) - by_chance, 0.0) / (1 - by_chance)
+    chance = trial.by_chance(rng)
+    share = max(trial.beyond(float(np.median(gains))) - chance, 0.0) / (1 - chance)
     made = [Control(PERMUTED, share, p, p <= _LEVEL and share < _LEFT, _TRIALS)]
     return (*made, *_of_time(trial, rng))
 
 
 def _of_time(trial: "_Trial", rng) -> tuple[Control, ...]:
-    """A circular shift of the time of an effect that reads one; shifts that do nearly the same say nothing."""
-    if trial.chain is None or not any(_clocked(e, trial.chain) for e in trial.effects):
+    """Circular shifts of the time against what an effect leaves that reads it, at the best of all instants."""
+    chain, parts = trial.chain, np.linspace(0.05, 0.95, _SHIFTS)
+    if chain is None or not any(_clocked(e, chain) for e in trial.effects):
         return ()
-    states = [_turned_state(trial.chain, part) for part in rng.uniform(0.05, 0.95, _TURNS)]
-    altered = [trial.basis(state) for state in states]
-    made = np.array([trial.made_by(small) for small in altered])
-    telling = np.flatnonzero(made < _MADE)
-    if len(telling) < max(1, len(states) // 4):
-        why = "with its time circularly shifted it does nearly the same, so that this cannot tell"
-        return (Control(ROTATED, None, None, None, len(states), why),)
-    gains = np.array([trial.gain(altered[k]) for k in telling])
-    left = np.array([(trial.beyond(g) - m) / (1 - m) for g, m in zip(gains, made[telling])])
-    share = float(np.clip(np.quantile(left, _MOST), 0.0, None))
-    p = float((1 + (gains >= trial.own).sum()) / (1 + len(gains)))
-    return (Control(ROTATED, share, p, share < _LEFT, len(telling)),)
+    left = trial.y - trial.fitted
+    few, many = trial.other_instants(_FEW_INSTANTS), trial.other_instants(_INSTANTS)
+    of_clock = [trial.best_gains(few, _turned_state(chain, part), left) for part in parts]
+    of_space = trial.best_gains(many, chain.state, trial.shifted(left, parts))
+    chance = float(np.median(trial.best_gains(many, chain.state, trial.exchanged(left, rng))))
+    beyond = max(float(np.quantile(gains, _MOST)) for gains in (of_clock, of_space)) - chance
+    share = float(np.clip(beyond / max(trial.own - chance, 1e-300), 0.0, 1.0))
+    as_much = int(max((np.array(gains) >= trial.own).sum() for gains in (of_clock, of_space)))
+    p = float((1 + as_much) / (1 + len(parts)))
+    return (Control(ROTATED, share, p, share < _LEFT and not as_much, len(parts)),)
 
 
 def of_order(bench: Bench, effects: Sequence[Effect]) -> bool:
@@ -88,7 +93,10 @@ def _clocked(effect: Effect, chain) -> bool:
     moves = any(name.startswith("move") for name in getattr(effect, "names", ()))
     if moves or effect.by_moves or effect.port == NOISE:
         return False
-    here, there = effect.basis(chain.state), effect.basis(_turned_state(chain, 0.5))
+    # a law that is not linear has no columns where all its parameters are 0
+    typical = np.array([p.typical for p in effect.parameters(chain)])
+    states = chain.state, _turned_state(chain, 0.5)
+    here, there = (effect.derivative(typical, state) for state in states)
     return not np.allclose(here, there, rtol=0, atol=SAME * np.abs(here).max())
 
 
@@ -123,6 +131,7 @@ class _Trial:
         if self.chain is None:
             self.small, self.rows = _columns(bench, self.problem, others, own), None
         else:
+            self._values = self._fitted_values(bench, others, part)
             self.small, self.rows = self.basis(self.chain.state), self._rows(bench, others, part)
         self._precision = self._precision_of(bench, others, part)
         self.own = self.gain(self.small)
@@ -133,15 +142,52 @@ class _Trial:
         self.coefficients = solve_positive(posterior, columns.T @ self.y)
         self.fitted = self._left(columns @ self.coefficients)
 
-    def basis(self, state):
-        """(P, K, n) the effects side by side, each on slots of its own."""
-        made = [e.basis(state) for e in self.effects]
+    def _fitted_values(self, bench, others, part) -> list[np.ndarray]:
+        """Values (P,) of each effect's parameters next to `others`, about which a nonlinear law is linearised."""
+        model, fit, _ = bench.solve((*others, *self.effects), part, is_complete=False)
+        return [fit.parameters.values[span] for span in model.spans[-len(self.effects) :]]
+
+    def basis(self, state, effects: Sequence[Effect] = ()):
+        """(P, K, n) the effects side by side, each on slots of its own: one row a parameter, as the fit has them.
+
+        effects: others of the same kinds at the same places; the own ones where not given.
+        """
+        made = [e.derivative(p, state) for e, p in zip(effects or self.effects, self._values)]
         slots, rows, first = sum(b.shape[1] for b in made), [], 0
         for b in made:
             after = slots - first - b.shape[1]
             rows.append(np.pad(b, ((0, 0), (first, after), (0, 0))))
             first += b.shape[1]
         return np.concatenate(rows)
+
+    def other_instants(self, most: int) -> list[tuple[Effect, ...]]:
+        """The effects, and these with another instant or time constant of one of them that reads the clock, `most`."""
+        every = [self.effects]
+        for i, effect in enumerate(self.effects):
+            if _clocked(effect, self.chain):
+                before, after = self.effects[:i], self.effects[i + 1 :]
+                others = _variants(effect, self.chain, most)
+                every += [(*before, other, *after) for other in others]
+        return every
+
+    def shifted(self, left: np.ndarray, parts: np.ndarray) -> np.ndarray:
+        """(N, S) residuals (N,) circularly shifted in time by parts (S,) of the recording."""
+        order = np.argsort(clock(self.chain.state), kind="stable")
+        left = left.reshape(-1, self.chain.n)
+        out = np.empty((*left.shape, len(parts)))
+        for i, part in enumerate(parts):
+            out[:, order, i] = np.roll(left[:, order], round(part * self.chain.n), axis=1)
+        return self._left(out.reshape(-1, len(parts)))
+
+    def exchanged(self, left: np.ndarray, rng) -> np.ndarray:
+        """(N, S) residuals (N,) exchanged between samples at random, `_SHIFTS` times."""
+        left = left.reshape(-1, self.chain.n)
+        made = [left[:, rng.permutation(self.chain.n)].ravel() for _ in range(_SHIFTS)]
+        return self._left(np.stack(made, axis=1))
+
+    def best_gains(self, every, state, y: np.ndarray) -> np.ndarray:
+        """() or (S,) largest gain of any of some tuples of effects in a state, for y (N,) or (N, S)."""
+        return np.max([self._explained(self.basis(state, e), y) for e in every], axis=0)
 
     def _rows(self, bench, others, part):
         model, fit, _ = bench.solve(others, part, is_complete=False)
@@ -172,10 +218,10 @@ class _Trial:
 
     def gain(self, small) -> float:
         """Fall of the whitened sum of squares and priors."""
-        return self._explained(small, self.y)
+        return float(self._explained(small, self.y))
 
-    def _explained(self, small, y: np.ndarray) -> float:
-        """Fall of the sum of squares of a y (N,), from which the others are fitted, when the columns join.
+    def _explained(self, small, y: np.ndarray) -> np.ndarray:
+        """Fall () or (S,) of the sums of squares of y (N,) or (N, S), of which the others are fitted, with the columns.
 
         With the priors of the others, whose hat matrix is B B', and the columns' own, of precisions L:
         y'X (X'(I - B B')X + L)^-1 X'y.
@@ -189,8 +235,8 @@ class _Trial:
         unit = 1 / length[seen]
         values, vectors = symmetric_eigen(gram[np.ix_(seen, seen)] * np.outer(unit, unit))
         kept = values > 1e-9
-        score = (columns.T @ y)[seen] * unit
-        return float(((vectors[:, kept].T @ score) ** 2 / values[kept]).sum())
+        score = ((columns.T @ y)[seen].T * unit).T
+        return (((vectors[:, kept].T @ score) ** 2).T / values[kept]).sum(-1)
 
     def beyond(self, gain: float) -> float:
         """A gain as a share of the effects' own, both beyond what as many columns gain by chance."""
@@ -203,7 +249,7 @@ class _Trial:
         As many functions of poses explain that much of each other, whatever they depend on: a lot where poses are few.
         """
         shares = []
-        for _ in range(_TURNS):
+        for _ in range(_SHIFTS):
             made = self._left(self.columns(self.permuted(rng)) @ self.coefficients)
             length = float(made @ made)
             shares.append(self._explained(self.permuted(rng), made) / max(length, 1e-300))
@@ -215,9 +261,17 @@ class _Trial:
             return self.small[:, :, rng.permutation(self.small.shape[2])]
         return self.small[:, :, self.poses.permuted(rng)]
 
-    def made_by(self, small) -> float:
-        """Share (0-1) of the fitted effect, but for what the baseline makes, that permuted causes make."""
-        return self._explained(small, self.fitted) / max(float(self.fitted @ self.fitted), 1e-300)
+
+def _variants(effect: Effect, chain, most: int) -> list[Effect]:
+    """The same law at the same place with other instants or time constants, `most` of them."""
+    kind, where = type(effect), effect.where
+    scans = [grid for grid in kind.grids(chain) if grid.where == where]
+    found = [grid.make(value) for grid in scans for value in grid.values]
+    found += [v.effect for v in kind.candidates(chain) if v.effect.where == where]
+    numbers = len(effect.parameters(chain))
+    like = [e for e in found if len(e.parameters(chain)) == numbers and _clocked(e, chain)]
+    kept = np.linspace(0, len(like) - 1, min(len(like), most)).astype(int)
+    return [like[i] for i in kept]
 
 
 def _columns(bench, problem, others, own):
