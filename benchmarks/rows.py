@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 from scipy.optimize import least_squares
 
-from benchmarks import ball, camera, reconstruct, stripe
+from benchmarks import ball, camera, poses, reconstruct, stripe
 from benchmarks.peers import (
     Pybotics,
     pinocchio_forward,
@@ -13,7 +13,7 @@ from benchmarks.peers import (
     pinocchio_regressor,
 )
 from benchmarks.problem import NOISE, POINT, Problem, rms
-from benchmarks.table import Disagreement, Row, agree, compare, fastest
+from benchmarks.table import Disagreement, Row, agree, compare, fastest, writing_time
 from robot_model.chain import forward
 from workbench.core.least_squares.solver import solve
 from workbench.core.rigid import rotation_matrix
@@ -39,10 +39,12 @@ IN_PYBOTICS_ORDER = [6 + 4 * joint + k for joint in range(6) for k in (3, 2, 0, 
 def comparisons() -> list:
     """Functions that return a Row, in the order of the table."""
     fits = [fit_pybotics, fit_pybotics_vectors, fit_figaroh]
-    fits += [fit_scipy_few, fit_scipy_many, sixty_few, sixty_many]
-    sensor = [row for part in (camera, reconstruct, stripe, ball) for row in part.comparisons()]
+    fits += [fit_scipy_few, fit_scipy_many, fit_ceres_few, fit_ceres_many, sixty_few, sixty_many]
+    parts = (poses, camera, reconstruct, stripe, ball)
+    others = [row for part in parts for row in part.comparisons()]
     forwards = [forward_pybotics, forward_pinocchio]
-    return [*forwards, jacobian_pybotics, jacobian_pinocchio, *fits, *sensor]
+    jacobians = [jacobian_pybotics, jacobian_pinocchio, jacobian_jax]
+    return [*forwards, *jacobians, *fits, *others]
 
 
 def forward_pybotics() -> Row:
@@ -99,6 +101,21 @@ def jacobian_pinocchio() -> Row:
     note = agree("columns of d and theta, relative to the largest entry,", difference, 1e-9)
     times = compare(ours, peer, (50, 5))
     return Row(f"30-parameter Jacobian, {MANY:,} poses, Pinocchio", *times, None, note)
+
+
+def jacobian_jax() -> Row:
+    """jax: forward-mode derivative of the same chain, vectorised and compiled; compilation is not counted."""
+    from benchmarks.jax_peer import jacobian
+
+    problem = Problem(MANY, craig=True)
+    free = problem.free30(problem.model).update({f"base.{key}": 0.0 for key in BASE_KEYS})
+    ours, peer = partial(problem.model.linearise, free), jacobian(problem, POINT)
+    columns, theirs = ours()[1], peer().transpose(2, 0, 1)
+    difference = abs(columns - theirs).max(axis=(1, 2)) / abs(columns).max(axis=(1, 2))
+    note = agree("columns, relative to their largest entry,", difference.max(), 1e-9)
+    note += f"; limit: {1e3 * writing_time(columns):.2g} ms to write the matrix once"
+    times = compare(ours, peer, (50, 20))
+    return Row(f"30-parameter Jacobian, {MANY:,} poses, jax", *times, None, note)
 
 
 def fit_pybotics() -> Row:
@@ -193,10 +210,38 @@ def _fit_scipy(n) -> Row:
 
     reached = rms(problem.model.residual(free.unpack(peer().x)))
     note = agree("3-D RMS in mm", abs(reached - enough), 1e-3 * enough)
-    note += "; trust region, the same analytic Jacobian and start"
+    note += f"; trust region, the same analytic Jacobian and start; {_least_rms(n)}"
     taken = fastest(REPEATS[n], peer)
     seconds = min(seconds, _seconds_of_ours(problem))
     return Row(f"30-parameter fit, {n:,} points, scipy", seconds, taken, None, note)
+
+
+def fit_ceres_few() -> Row:
+    """Ceres (pyceres) with the analytic Jacobian of our model, all residuals in one block."""
+    return _fit_ceres(FEW)
+
+
+def fit_ceres_many() -> Row:
+    """The same with many points."""
+    return _fit_ceres(MANY)
+
+
+def _fit_ceres(n) -> Row:
+    from benchmarks.ceres_peer import fit
+
+    problem, enough, seconds = _ours(n)
+    peer = partial(fit, problem.model, problem.free30(problem.model))
+    reached = rms(problem.model.residual(peer()))
+    note = agree("3-D RMS in mm", abs(reached - enough), 1e-3 * enough)
+    note += f"; the same analytic Jacobian and start; {_least_rms(n)}"
+    taken = fastest(REPEATS[n], peer)
+    seconds = min(seconds, _seconds_of_ours(problem))
+    return Row(f"30-parameter fit, {n:,} points, Ceres", seconds, taken, None, note)
+
+
+def _least_rms(n) -> str:
+    """What noise leaves after a fit of the 27 identifiable parameters."""
+    return f"limit: RMS {NOISE * np.sqrt(3 - 27 / n):.4f} mm by noise"
 
 
 def sixty_few() -> Row:

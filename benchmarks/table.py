@@ -69,6 +69,12 @@ def fastest(repeats: int, action: Callable[[], object]) -> float:
     return float(np.min([timed(action)[0] for _ in range(repeats)]))
 
 
+def writing_time(array: np.ndarray) -> float:
+    """Seconds to write an array of this size once: no computation of it takes less."""
+    target = np.empty_like(array)
+    return fastest(20, lambda: target.fill(1.0))
+
+
 def timed(action: Callable[[], object]) -> tuple[float, object]:
     """Seconds and result of one run: the processor time of this process, of which it uses one core.
 
@@ -125,11 +131,22 @@ def _versions() -> str:
         "scipy",
         "opencv-contrib-python-headless",
         "scikit-image",
-        "pyransac3d",
+        "jax",
+        "pyceres",
     )
     libraries = [f"{name} {_version(name)}" for name in names]
-    ours = [f"Python {platform.python_version()}", f"numpy {np.__version__}"]
+    ours = [_processor(), f"Python {platform.python_version()}", f"numpy {np.__version__}"]
     return ", ".join([*ours, *libraries, "one thread", "processor time"])
+
+
+def _processor() -> str:
+    """What /proc says of the processor, where it does."""
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as file:
+            lines = [line for line in file if line.startswith("model name")]
+    except OSError:
+        lines = []
+    return lines[0].split(":", 1)[1].strip() if lines else platform.processor()
 
 
 def _version(name: str) -> str:

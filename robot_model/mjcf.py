@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from robot_model.robot import wrong
 from robot_model.urdf_tree import Joint, Tree
@@ -165,6 +164,8 @@ class MjcfTree(Tree):
         return place
 
     def _rotation(self, element, where: str) -> np.ndarray:
+        from scipy.spatial.transform import Rotation
+
         if "quat" in element.attrib:
             quaternion = _vector(element.get("quat"), 4, where)
             return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
@@ -273,6 +274,8 @@ def _gravity(root) -> np.ndarray:
 
 
 def _by_axes(element, where: str) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
     if "zaxis" in element.attrib:
         z = _vector(element.get("zaxis"), 3, where)
         return Rotation.align_vectors([z / np.linalg.norm(z)], [[0, 0, 1]])[0].as_matrix()

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from robot_model.chain import THETA, D
 from robot_model.mjcf import MjcfTree, is_mjcf
@@ -143,6 +142,8 @@ def _hayati_row(point: np.ndarray, axis: np.ndarray, hint: np.ndarray, d: float)
 
 
 def _transform(row: np.ndarray) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
     theta, d, a, alpha, beta = row
     place = np.eye(4)
     place[:3, :3] = Rotation.from_euler("ZXY", [theta, alpha, beta]).as_matrix()

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from robot_model.robot import wrong
 
@@ -290,6 +289,8 @@ def _numbers(element: ET.Element, part: str, key: str, otherwise: tuple, where: 
 
 def _origin(element: ET.Element, where: str) -> np.ndarray:
     """(4, 4) of an <origin>, mm; roll, pitch and yaw are about fixed axes."""
+    from scipy.spatial.transform import Rotation
+
     place = np.eye(4)
     angles = _numbers(element, "origin", "rpy", (0.0, 0.0, 0.0), where)
     place[:3, :3] = Rotation.from_euler("xyz", angles).as_matrix()

@@ -113,7 +113,7 @@ def test_form_is_as_probable_as_chance_where_there_is_none():
         normal, random = cap(400, half, 1.0), np.random.default_rng(1)
         rows = np.vstack([normal, np.ones(400)])
         each = [
-            low_orders(normal, random.normal(0, 2.0, 400), np.full(400, 0.5), rows, 1.0).probability
+            low_orders(normal, random.normal(0, 4.0, 400), np.full(400, 0.5), rows, 1.0).probability
             for _ in range(300)
         ]
         assert (

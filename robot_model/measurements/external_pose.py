@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from robot_model.chain import Frames, cross
 from robot_model.measurements.closure import Closure, add_delta, flange_matrices, position_sigma
@@ -24,6 +23,8 @@ class ExternalPose:
     @classmethod
     def of(cls, recording) -> "ExternalPose":
         """From a recording with columns qw qx qy qz."""
+        from scipy.spatial.transform import Rotation
+
         quaternions = np.stack([recording.columns[f"q{c}"] for c in "xyzw"], -1)
         return cls(
             np.ascontiguousarray(recording.points.T), Rotation.from_quat(quaternions).as_matrix()
@@ -57,6 +58,8 @@ class ExternalPose:
 
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
         """(6, n): point difference in mm, then the rotation vector from measured to predicted (rad)."""
+        from scipy.spatial.transform import Rotation
+
         point, tool, axes = (
             frames.point(values[:3]),
             rotation_matrix(values[3:]),
@@ -113,6 +116,8 @@ class ExternalPose:
 
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of samples.csv for what was predicted: the measurement moved by its residual (6, n)."""
+        from scipy.spatial.transform import Rotation
+
         turns = Rotation.from_rotvec(residual[3:].T) * Rotation.from_matrix(self.turns)
         position = dict(zip(("x_mm", "y_mm", "z_mm"), self.measured + residual[:3]))
         orientation = dict(zip(("qx", "qy", "qz", "qw"), turns.as_quat().T))

@@ -16,11 +16,10 @@ rotations cost little. A weak prior on the translations keeps what the samples d
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from workbench.core import deadline
 from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues
-from workbench.core.rigid import nearest_rotation, rotation_matrix
+from workbench.core.rigid import icosahedral_rotations, nearest_rotation, rotation_matrix
 
 TOOL_PRIOR_MM = 500.0
 """1 sigma of a coordinate of the tool on the flange, before anything is measured."""
@@ -195,7 +194,7 @@ class _Reduced:
 
     def screened(self) -> np.ndarray:
         """(S, K, 3, 3) rotations to descend from: the closed form, then the best of a grid over SO(3)^K."""
-        grid = Rotation.create_group("I").as_matrix()
+        grid = icosahedral_rotations()
         if self.count == 1:
             sets = grid[:, None]
         else:
@@ -295,6 +294,8 @@ _GENERATORS = np.array(
 
 def _between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """(S, K, 3, 3) rotations on the shortest way between two sets (K, 3, 3), the ends left out."""
+    from scipy.spatial.transform import Rotation
+
     way = Rotation.from_matrix(second @ first.transpose(0, 2, 1)).as_rotvec()
     shares = np.linspace(0, 1, 9)[1:-1, None, None]
     return rotation_matrix(shares * way) @ first

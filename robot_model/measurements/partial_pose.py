@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from robot_model.chain import Frames, cross
 from robot_model.measurements.closure import (
@@ -121,6 +120,8 @@ class PartialPose:
 
         The rotation of the tool is the shortest one to the axis: that about the axis is not measured.
         """
+        from scipy.spatial.transform import Rotation
+
         start = self.system(frames).starts()[0]
         axis = start.rotations[1][:, self.which]
         turn, _ = Rotation.align_vectors(axis[None], np.eye(3)[self.which][None])

@@ -7,11 +7,15 @@ _SECTORS = 24
 _ENOUGH = 20_000
 
 
-def seen_extent(normal, view):
-    """Half angle (rad) of the cone about the mean direction with 99 % of the points, and the share seen all round."""
-    mean = _unit(normal.mean(1))
+def seen_extent(normal, used, view):
+    """Half angle (rad) of the cone about the mean direction with 99 % of the points, and the share seen all round.
+
+    normal (d, n) outward unit normals, of points that are `used` (n,); view: directions of sight or None.
+    """
+    mean = _unit(normal @ used.astype(float))
     axis = mean if view is None else _unit(-view.mean(1))
-    some = normal[:, :: normal.shape[1] // _ENOUGH + 1]
+    place = np.flatnonzero(used)
+    some = normal[:, place[:: len(place) // _ENOUGH + 1]]
     from_mean = np.arccos(np.clip(mean @ some, -1, 1))
     half_angle = float(np.quantile(from_mean, 0.99))
     # the farthest point from the axis in every sector about it

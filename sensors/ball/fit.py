@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sensors.ball.extent import seen_extent, shell
-from sensors.ball.form import UNLIKELY, Form, low_orders, plane_gain
+from sensors.ball.form import UNLIKELY, Form, low_orders, plane_gain, some_points
 from sensors.ball.shared import Shared, solve_shared
 from sensors.ball.solve import (
     LOSSES,
@@ -183,7 +183,7 @@ def _fit(
     view = _units(view, points, "view")
     _check(radius, incidence, edge, loss, view, groups, shared)
     present = np.isfinite(points).all(0) & np.isfinite(whole.sigma) & (whole.sigma > 0)
-    problem = whole.some(present)
+    problem = whole if present.all() else whole.some(present)
     trim = _Trim(
         None if view is None else view[:, present],
         np.pi / 2 if incidence is None else incidence,
@@ -418,16 +418,13 @@ class _Part:
 
     def plane_gain(self) -> float:
         """See `ball_form.plane_gain`."""
-        return plane_gain(
-            self.problem.points[:, self.used], self.distance()[self.used], self.at.sigma[self.used]
-        )
+        return plane_gain(self.problem.points, self.distance(), self.at.sigma, self.used)
 
     def form(self, lasting: float) -> Form:
         """See `ball_form.low_orders`; of the points' own errors."""
-        used, sigma = self.used, self.at.sigma[self.used]
-        return low_orders(
-            self.at.normal[:, used], self.white[used] * sigma, sigma, self.at.rows[:, used], lasting
-        )
+        some = some_points(self.used)
+        normal, rows = self.at.normal[:, some], self.at.rows[:, some]
+        return low_orders(normal, self.white[some], self.at.sigma[some], rows, lasting)
 
     def covariance(self, groups, ordered, made):
         """(d + 1, d + 1), of the points' errors where none is given; rows of a known radius are 0."""
@@ -448,7 +445,7 @@ class _Part:
         codes = self.trim.codes(self.values, self.at.normal)
         codes[(codes == USED) & ~used] = OUTLIER
         residual[present], reason[present] = distance, codes
-        cap, coverage = seen_extent(self.at.normal[:, used], self.trim.view)
+        cap, coverage = seen_extent(self.at.normal, used, self.trim.view)
         cut = 0 if at_limit is None else int((at_limit & used).sum())
         values, shape_warnings = self.values - off, _misshapen(shape)
         return BallFit(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtrc
 
+from sensors.ball.solve import blocks
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
 
 UNLIKELY = 1e-3
@@ -22,28 +23,40 @@ class Form:
     probability: float
 
 
-def plane_gain(points: np.ndarray, distance: np.ndarray, sigma: np.ndarray) -> float:
+def plane_gain(
+    points: np.ndarray, distance: np.ndarray, sigma: np.ndarray, used: np.ndarray
+) -> float:
     """By how much a plane (a line where d = 2) fits points (d, n) better than the ball from whose surface they are
-    `distance` (n,) mm away, as a difference of chi-square; the noise is that of the better of both."""
-    weight = sigma**-2
-    centred = points - (points * weight).sum(1, keepdims=True) / weight.sum()
-    plane = float(symmetric_eigenvalues((centred * weight) @ centred.T)[0])
-    ball = float((weight * distance**2).sum())
-    noise = max(min(plane, ball) / max(points.shape[1] - len(points), 1), 1e-300)
+    `distance` (n,) mm away, as a difference of chi-square; the noise is that of the better of both. Of the points
+    that are `used` (n,)."""
+    first, total, ball = points[:, used.argmax()][:, None], 0.0, 0.0
+    mean, moments = np.zeros(len(points)), np.zeros((len(points), len(points)))
+    for block in blocks(points.shape[1]):
+        weight, near = used[block] / sigma[block] ** 2, points[:, block] - first
+        weighted = near * weight
+        mean, moments = mean + weighted.sum(1), moments + weighted @ near.T
+        total += weight.sum()
+        ball += float(weight @ np.where(used[block], distance[block], 0) ** 2)
+    scatter = moments - np.outer(mean, mean) / total
+    plane = float(symmetric_eigenvalues(scatter)[0])
+    noise = max(min(plane, ball) / max(int(used.sum()) - len(points), 1), 1e-300)
     return (ball - plane) / noise
 
 
+def some_points(used: np.ndarray) -> np.ndarray:
+    """Numbers of every so-manieth of the points that are `used` (n,), enough to test their form."""
+    return np.flatnonzero(used)[:: -(-int(used.sum()) // _ENOUGH)]
+
+
 def low_orders(
-    normal: np.ndarray, residual: np.ndarray, sigma: np.ndarray, rows: np.ndarray, memory: float
+    normal: np.ndarray, white: np.ndarray, sigma: np.ndarray, rows: np.ndarray, memory: float
 ) -> Form:
-    """Form of orders two and three of the direction `normal` (d, n) in residuals (n,) mm.
+    """Form of orders two and three of the direction `normal` (d, n) in whitened residuals (n,).
 
     rows (d + 1, n): derivatives by centre and radius, which are left free. memory: times that the errors of neighbours
-    make a mean vary more. The F test of a linear model; residuals of every so-manieth point.
+    make a mean vary more. The F test of a linear model; `some_points` are enough for it.
     """
-    some = slice(None, None, -(-len(residual) // _ENOUGH))
-    normal, sigma, rows = normal[:, some], sigma[some], rows[:, some] / sigma[some]
-    white = residual[some] / sigma
+    rows = rows / sigma
     own = np.linalg.qr(rows.T)[0]
     shape = _shapes(normal) / sigma
     shape = shape - (shape @ own) @ own.T

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from sensors.ball.arcs import Arcs
 from sensors.ball.fit import ELSEWHERE, BallFit, fit_ball
@@ -115,6 +114,8 @@ def _rays(points, view):
 
 def _range(points, known, between):
     """Smallest and largest radius to look for, mm."""
+    from scipy.spatial import cKDTree
+
     if known is not None and not 0 < known[0] <= known[-1] < np.inf:
         raise InputError(
             f"radii: expected positive lengths in mm, found {known}; measure the balls again"
@@ -137,6 +138,8 @@ class _Cloud:
     """A thinned cloud with normals, and what its points vote for."""
 
     def __init__(self, points, rays, between, seed):
+        from scipy.spatial import cKDTree
+
         self.between = between
         chosen, self.cell = _thinned(points, between[0] * _CELL, np.random.default_rng(seed))
         self.points, rays = points[:, chosen], rays[:, chosen]
@@ -176,6 +179,8 @@ class _Cloud:
 
     def _peaks(self, votes, radius):
         """Where votes (3, m) crowd: (centre, radius), most votes first."""
+        from scipy.spatial import cKDTree
+
         if len(radius) < _LEAST_POINTS:
             return []
         size = float(np.median(radius))

@@ -5,7 +5,7 @@ radius. A residual is positive outside the ball; `rows` (d + 1, n) say by how mu
 centre or the radius grows by one.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +17,15 @@ _TUKEY, _HUBER = 4.685, 1.345
 # median of |z| of a standard normal, and of one cut off at three sigma
 _MEDIAN, _MEDIAN_CUT = 0.67449, 0.67221
 _ROUNDS, _STEPS, _SUBSET = 8, 40, 5000
+# Sigmas: a fit is settled where a step is shorter.
+_SETTLED = 3e-3
+# Newton steps on all points after a fit of a part of them: so many, of at most so many sigmas.
+_REFINEMENTS, _FAR = 4, 30.0
+# A Newton step of L sigmas leaves about 0.02 L^2 / sqrt(n) sigmas: up to this L^2 / sqrt(n) it is the last.
+_LAST = 0.3
 # Points of which a spread or a cap is taken: it is then good to half a per cent.
 _ENOUGH = 20_000
+_BLOCK = 8192
 # Below this cosine a line of error only grazes the ball: where it meets it is no smooth function any more.
 _GRAZING = 0.1
 
@@ -67,7 +74,7 @@ def linearise(problem: Problem, values: np.ndarray) -> Linear:
     away = problem.points - values[:-1, None]
     if problem.direction is not None:
         return _along_lines(problem, away, values[-1])
-    distance = np.sqrt(np.einsum("dn,dn->n", away, away))
+    distance = np.sqrt((away * away).sum(0))
     rows = np.empty((len(values), len(distance)))
     normal = np.divide(away, np.maximum(distance, 1e-300), out=rows[:-1])
     rows[-1] = 1
@@ -102,8 +109,14 @@ def huber(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def tukey(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Weight and slope of Tukey's biweight (Beaton & Tukey, Technometrics 16, 1974)."""
-    rest = 1 - np.minimum(np.abs(z) / _TUKEY, 1) ** 2
-    return rest**2, np.where(rest > 0, rest * (5 * rest - 4), 0)
+    rest = z * (1 / _TUKEY)
+    np.square(rest, out=rest)
+    np.minimum(rest, 1, out=rest)
+    np.subtract(1, rest, out=rest)
+    slope = 5 * rest
+    slope -= 4
+    slope *= rest
+    return np.square(rest, out=rest), slope
 
 
 def linear(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -151,15 +164,72 @@ def solve(problem: Problem, values: np.ndarray, loss: Loss, trim: Callable) -> "
     """Centre and radius, the spread of the whitened residuals, and which points were not trimmed.
 
     trim(values, normal (d, n), slice) -> (n,) True for the points to keep. Reweighted Gauss-Newton;
-    what is trimmed and the spread are settled between rounds. A sparse part of a large cloud comes first.
+    what is trimmed and the spread are settled between rounds. A sparse part of a large cloud comes first, and
+    leaves so little that one or two Newton steps on all points are enough.
     """
     n = problem.points.shape[1]
     if n > 4 * _SUBSET:
         part = slice(None, None, n // _SUBSET)
-        values = _rounds(
-            problem.some(part), values, loss, lambda v, normal: trim(v, normal, part)
-        ).values
-    return _rounds(problem, values, loss, lambda v, normal: trim(v, normal, slice(None)))
+        first = _rounds(problem.some(part), values, loss, _on(trim, part))
+        values = first.values
+        if np.isfinite(first.spread) and (made := _refined(problem, values, loss, trim)):
+            return made
+    return _rounds(problem, values, loss, _on(trim, slice(None)))
+
+
+def _on(trim, part):
+    return lambda values, normal: trim(values, normal, part)
+
+
+def _refined(problem, values, loss, trim) -> "Solved | None":
+    """Newton steps on all points from values next to the minimum; None where they do not settle at once."""
+    scale = np.nan
+    for _ in range(_REFINEMENTS):
+        now = _spread_of_some(problem, values, trim)
+        scale = scale if abs(now - scale) <= 0.01 * scale else now
+        move, length = _newton(problem, values, loss, scale, trim)
+        if not length < _FAR:
+            return None
+        values = values.copy()
+        values[: problem.size] += move
+        if length**2 < _LAST * np.sqrt(problem.points.shape[1]):
+            at = linearise(problem, values)
+            keep = trim(values, at.normal, slice(None))
+            return Solved(values, scale, keep, at, at.residual / at.sigma)
+    return None
+
+
+def _spread_of_some(problem, values, trim):
+    part = slice(None, None, problem.points.shape[1] // _ENOUGH + 1)
+    at = linearise(problem.some(part), values)
+    return spread((at.residual / at.sigma)[trim(values, at.normal, part)], problem.size)
+
+
+def _newton(problem, values, loss, scale, trim):
+    """A Newton step (size,) of the robust cost, and its length in sigmas; inf where the cost is not convex.
+
+    Block by block, so that everything stays in the processor's cache.
+    """
+    size, slopes, weights = problem.size, 0.0, 0.0
+    normal, pull = np.zeros((size, size)), np.zeros(size)
+    for block in blocks(problem.points.shape[1]):
+        at = linearise(problem.some(block), values)
+        keep = trim(values, at.normal, block) & np.isfinite(at.residual)
+        white = np.where(keep, at.residual, 0) / at.sigma
+        weight, slope = (part * keep for part in loss(white * (1 / max(scale, 1e-300))))
+        rows = at.rows[:size] / at.sigma
+        normal += (rows * slope) @ rows.T
+        pull += rows @ (weight * white)
+        slopes, weights = slopes + slope.sum(), weights + weight.sum()
+    if not slopes > 0.5 * weights:
+        return pull, np.inf
+    move = solve_positive(normal, pull)
+    return move, float(np.sqrt(max(move @ normal @ move, 0.0))) / max(scale, 1e-300)
+
+
+def blocks(n: int) -> Iterator[slice]:
+    """Slices of n points, each small enough for the processor's cache."""
+    return (slice(first, first + _BLOCK) for first in range(0, n, _BLOCK))
 
 
 def _rounds(problem, values, loss, trim):
@@ -204,7 +274,7 @@ def _descend(problem, values, at, loss, scale, keep):
         values[: problem.size] += move * min(1, 0.5 * values[-1] / max(np.abs(move).max(), 1e-300))
         at = linearise(problem, values)
         keep = keep & np.isfinite(at.residual)
-        if length < 3e-3 or np.abs(move).max() < 1e-12 * values[-1] or not np.isfinite(length):
+        if length < _SETTLED or np.abs(move).max() < 1e-12 * values[-1] or not np.isfinite(length):
             break
     return values, at, keep
 
@@ -221,7 +291,10 @@ class Used:
 
 def used_part(problem: Problem, solved: Solved, loss: Loss, used: np.ndarray) -> Used:
     """What the covariances of an M-estimate are made of."""
-    rows, white = solved.at.rows[: problem.size, used] / solved.at.sigma[used], solved.white[used]
+    place = np.flatnonzero(used)
+    rows = solved.at.rows[: problem.size].take(place, 1)
+    rows /= solved.at.sigma.take(place)
+    white = solved.white.take(place)
     weight, slope = loss(white / solved.spread)
     return Used(rows, weight * white, slope, rows @ rows.T)
 
@@ -298,10 +371,11 @@ def bias(
     made = np.zeros(problem.size)
     if problem.direction is not None:
         return made
-    u, sigma = at.normal[:, used], at.sigma[used]
+    sigma = at.sigma[used]
     if problem.covariance is None:
-        pull = part.rows @ sigma * (len(u) - 1) / 2
+        pull = part.rows @ sigma * (len(at.normal) - 1) / 2
     else:
+        u = at.normal[:, used]
         turned = np.einsum("den,en->dn", problem.covariance[..., used], u)
         across = turned - u * sigma**2
         total = np.einsum("ddn->n", problem.covariance[..., used])

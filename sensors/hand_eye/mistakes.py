@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from itertools import chain, permutations, product
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from sensors.hand_eye.start import STILL
 from workbench.core.rigid import inverse, rotation_vector, transform
@@ -96,6 +95,8 @@ def _order_readings(flange) -> Iterator[Reading]:
 
 
 def _quaternion_readings(turn, place) -> Iterator[Reading]:
+    from scipy.spatial.transform import Rotation
+
     recorded = Rotation.from_matrix(turn).as_quat()  # x, y, z, w
     for cause, seems, do, columns, signs in _quaternion_mistakes():
         true = Rotation.from_quat(recorded[:, columns] * signs).as_matrix()
@@ -131,6 +132,8 @@ def _quaternion_mistakes():
 
 def _angle_readings(turn, place) -> Iterator[Reading]:
     """Angles in another order, in another unit, or a rotation vector taken for angles."""
+    from scipy.spatial.transform import Rotation
+
     vector = Rotation.from_matrix(turn).as_rotvec()
     with warnings.catch_warnings():
         # Of gimbal lock: such a reading does not fit then.
@@ -143,6 +146,8 @@ def _angle_readings(turn, place) -> Iterator[Reading]:
 
 def _vector_mistakes(vector, angles):
     """Cause, words, advice and true rotations where a rotation vector, or a unit, was misread."""
+    from scipy.spatial.transform import Rotation
+
     convert = "convert the orientation from the angles as the controller gave them"
     as_vector = "read the three numbers as a rotation vector"
     seems = f"a rotation vector looks read as angles ({_named('xyz')})"
@@ -161,6 +166,8 @@ def _vector_mistakes(vector, angles):
 
 def _order_mistakes(angles):
     """The same for angles that were read in another order than they were written."""
+    from scipy.spatial.transform import Rotation
+
     for read, written in permutations(_EULER, 2):
         name = _named(written)
         seems = f"the angles look as though read in the order {_named(read)} where {name} was meant"

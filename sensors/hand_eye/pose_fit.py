@@ -9,7 +9,6 @@ scatter of the estimated board pose.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from sensors.hand_eye.pose_data import Freedom, PoseData, PoseFit
 from sensors.hand_eye.start import align, holding_rows, start_from_boards
@@ -342,4 +341,6 @@ def _moved_state(state, change, freedom) -> _State:
 
 
 def _nudged(pose, motion):
+    from scipy.spatial.transform import Rotation
+
     return pose @ transform(Rotation.from_rotvec(motion[3:]).as_matrix(), motion[:3])

@@ -12,7 +12,6 @@ radian counted as `LEVER` mm; it says what other programmes' figures are to be c
 """
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from sensors.hand_eye.result import placement
 from sensors.hand_eye.start import board_poses
@@ -36,6 +35,8 @@ def deviations(
     placed: np.ndarray, points: np.ndarray, others: np.ndarray | None = None
 ) -> dict[str, np.ndarray]:
     """(P,) `origin_mm`, `centre_mm`, `turn_deg` of boards (P, 4, 4) from the mean of `others` (theirs by default)."""
+    from scipy.spatial.transform import Rotation
+
     others = placed if others is None else others
     found = {}
     for name, point in (("origin_mm", np.zeros(3)), ("centre_mm", points.mean(1))):
@@ -100,6 +101,7 @@ def _named(away):
 def _least(flange, seen, kind, start):
     """(4, 4) hand-eye of least scatter."""
     from scipy.optimize import least_squares
+    from scipy.spatial.transform import Rotation
 
     def scattered(values):
         placed = placed_boards(flange, placement(values), seen, kind)

@@ -1,7 +1,6 @@
 """Starts for hand-eye from images: board poses one image at a time, then closed forms."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from sensors.camera.model import Camera
 from workbench.core.errors import InputError
@@ -24,6 +23,7 @@ def board_poses(
     image has fewer than four points.
     """
     import cv2
+    from scipy.spatial.transform import Rotation
 
     placed = []
     for number in range(int(pose.max()) + 1):
@@ -167,6 +167,8 @@ def _without_one(moved, seen):
 
 def _every_turn(moved, seen):
     """The 24 turns of a cube, each with the translation that fits: where motions say little of the turn."""
+    from scipy.spatial.transform import Rotation
+
     turns = Rotation.create_group("O").as_matrix()
     pairs = _pairs(moved, seen)
     return [transform(turn, _translation(turn, *pairs)[0]) for turn in turns]
@@ -235,6 +237,8 @@ def _half_turns(half, flange, camera):
     A half turn about a is 2 a a' - 1, whose largest eigenvector is a up to its sign. Two axes that are far from
     parallel give a rotation for each choice of signs; of a single axis both directions are searched about it.
     """
+    from scipy.spatial.transform import Rotation
+
     own, seen = (
         symmetric_eigen(_axis_products(motions[half]))[1][:, :, 2] for motions in (flange, camera)
     )
@@ -266,6 +270,8 @@ def _turned_apart(turn, flange, camera):
 
 def _spun(axis):
     """(24, 3, 3) rotations about an axis, a whole turn of them."""
+    from scipy.spatial.transform import Rotation
+
     return Rotation.from_rotvec(
         np.outer(np.linspace(0, 2 * np.pi, 24, endpoint=False), axis)
     ).as_matrix()
@@ -273,6 +279,8 @@ def _spun(axis):
 
 def _about(turns, axis, flange, camera):
     """The best of `turns` (S, 3, 3), turned about the axis by Newton's step of the translations' misfit."""
+    from scipy.spatial.transform import Rotation
+
     rows = (flange[:, :3, :3] - np.eye(3)).reshape(-1, 3)
     right = (np.einsum("sij,kj->kis", turns, camera[:, :3, 3]) - flange[:, :3, 3, None]).reshape(
         len(rows), -1

@@ -1,7 +1,8 @@
 """Rotations and rigid transforms as arrays: one, or many at a time."""
 
+from functools import cache
+
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 
 def rotation_matrix(vector: np.ndarray) -> np.ndarray:
@@ -17,9 +18,52 @@ def rotation_matrix(vector: np.ndarray) -> np.ndarray:
 
 
 def rotation_vector(matrix: np.ndarray) -> np.ndarray:
-    """(..., 3) rad, rotation vectors of rotations (..., 3, 3)."""
-    flat = np.reshape(matrix, (-1, 3, 3))
-    return Rotation.from_matrix(flat).as_rotvec().reshape(*np.shape(matrix)[:-2], 3)
+    """(..., 3) rad, rotation vectors of rotations (..., 3, 3), of angles up to pi.
+
+    By the unit quaternion, whose largest component is computed first: Shepperd, J. Guidance and Control 1 (1978) 223.
+    In numpy alone, since every command needs it and scipy.spatial takes long to load.
+    """
+    quaternion = unit_quaternion(matrix)
+    sine = np.linalg.norm(quaternion[..., 1:], axis=-1)
+    angle = 2 * np.arctan2(sine, quaternion[..., 0])
+    # the ratio of angle and sine, 2 where both vanish
+    ratio = np.where(sine > 0, angle / np.where(sine > 0, sine, 1.0), 2.0)
+    return ratio[..., None] * quaternion[..., 1:]
+
+
+def unit_quaternion(matrix: np.ndarray) -> np.ndarray:
+    """(..., 4) w, x, y, z of rotations (..., 3, 3), w not negative."""
+    matrix = np.asarray(matrix, float)
+    trace = np.trace(matrix, axis1=-2, axis2=-1)
+    # four times the products of components: each row of the table is 4 q_k q
+    table = np.empty((*trace.shape, 4, 4))
+    table[..., 0, 0] = 1 + trace
+    diagonal = np.diagonal(matrix, axis1=-2, axis2=-1)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        table[..., i + 1, i + 1] = 1 + 2 * diagonal[..., i] - trace
+        odd, even = matrix[..., k, j] - matrix[..., j, k], matrix[..., k, j] + matrix[..., j, k]
+        table[..., 0, i + 1] = table[..., i + 1, 0] = odd
+        table[..., j + 1, k + 1] = table[..., k + 1, j + 1] = even
+    largest = np.diagonal(table, axis1=-2, axis2=-1).argmax(-1)
+    row = np.take_along_axis(table, largest[..., None, None], -2)[..., 0, :]
+    row = row / np.linalg.norm(row, axis=-1, keepdims=True)
+    return np.where(row[..., :1] < 0, -row, row)
+
+
+@cache
+def icosahedral_rotations() -> np.ndarray:
+    """(60, 3, 3) rotations of the icosahedron: evenly spread over all rotations, none farther than 45 deg from one."""
+    golden = (1 + np.sqrt(5)) / 2
+    corner, face = np.array([0, 1, golden]), np.ones(3)
+    fifth = rotation_matrix(2 * np.pi / 5 * corner / np.linalg.norm(corner))
+    third = rotation_matrix(2 * np.pi / 3 * face / np.linalg.norm(face))
+    found = [np.eye(3)]
+    for turn in found:
+        for made in (fifth @ turn, third @ turn):
+            if all(np.abs(made - other).max() > 0.1 for other in found):
+                found.append(made)
+    return np.array(found)
 
 
 def skew(vector: np.ndarray) -> np.ndarray:

@@ -14,7 +14,6 @@ from collections.abc import Callable
 import numpy as np
 from scipy import linalg
 from scipy.linalg import lapack
-from scipy.optimize import brentq
 
 from workbench.core.errors import InputError
 
@@ -22,6 +21,7 @@ RANK_TOLERANCE = 1e-14
 """Relative size, per row of a matrix, of what rounding leaves of zero."""
 _SAME_VARIANCE = 1e-3
 """Relative error of a variance that rounding may cause before a slower, more accurate factorisation is used."""
+_ROOT = 1e-12
 NOT_FINITE = (
     "the equations of this solve hold numbers that are not finite, so that nothing can be computed from them; check "
     "the units of coordinates and joint readings, and the stated sigma, for numbers that are far too large or too small"
@@ -304,4 +304,38 @@ def root_between(function: Callable[[float], float], low: float, high: float) ->
     at_low, at_high = function(low), function(high)
     if not (np.isfinite(at_low) and np.isfinite(at_high) and at_low * at_high < 0):
         return low if abs(at_low) <= abs(at_high) or not np.isfinite(at_high) else high
-    return float(brentq(function, low, high))
+    return _bracketed_root(function, (low, at_low), (high, at_high))
+
+
+def _bracketed_root(function, last, other) -> float:
+    """Root between two places, (x, value) each of another sign, to `_ROOT` of itself: Chandrupatla's method.
+
+    Inverse quadratic interpolation where it is safe, else bisection: Chandrupatla, Adv. Eng. Software 28 (1997) 145.
+    Loading scipy.optimize for its root finders takes longer than all roots of a command.
+    """
+    share = 0.5
+    for _ in range(200):
+        x = last[0] + share * (other[0] - last[0])
+        new = (x, function(x))
+        if new[1] * last[1] > 0:
+            third, last = last, new
+        else:
+            third, other, last = other, last, new
+        best = min(last, other, key=lambda place: abs(place[1]))
+        least = (_ROOT * abs(best[0]) + 1e-300) / abs(other[0] - last[0])
+        if best[1] == 0 or least > 0.5:
+            break
+        share = min(max(_interpolated(last, other, third), least), 1 - least)
+    return float(best[0])
+
+
+def _interpolated(last, other, third) -> float:
+    """Share of the way from `last` to `other`: where the inverse parabola through three places is 0; half where it is
+    not monotonous between them."""
+    place = (last[0] - other[0]) / (third[0] - other[0])
+    value = (last[1] - other[1]) / (third[1] - other[1])
+    if not (value**2 < place and (1 - value) ** 2 < 1 - place):
+        return 0.5
+    first = last[1] / (other[1] - last[1]) * third[1] / (other[1] - third[1])
+    ratio = (third[0] - last[0]) / (other[0] - last[0])
+    return first + ratio * last[1] / (third[1] - last[1]) * other[1] / (third[1] - other[1])

@@ -7,7 +7,6 @@ an upper limit of the noise that needs no model of the effect.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from workbench.core.least_squares.adjustment_tests import neighbour_test, regression_test
 from workbench.core.model import Model
@@ -103,6 +102,8 @@ def _of_order(means, order):
 
 def _of_neighbours(means, joints):
     """The same for poses next to one another in joint space."""
+    from scipy.spatial import cKDTree
+
     if joints.shape[1] < _LEAST_POSES:
         return 1.0, 0.0
     spread = joints.std(1)

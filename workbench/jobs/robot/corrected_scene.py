@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from robot_model.effects import CATALOGUE
 from workbench.core.errors import InputError
@@ -93,6 +92,8 @@ def effect_keys(effect, values: Parameters, chain) -> dict:
 
 def pose_keys(values: Parameters, where: str) -> dict:
     """Translation and roll, pitch, yaw of the pose parameters at a place; {} where there are none."""
+    from scipy.spatial.transform import Rotation
+
     if f"{where}.x" not in values.index:
         return {}
     shift = [values[f"{where}.{name}"] for name in "xyz"]

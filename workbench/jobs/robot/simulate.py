@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from datasets.makers.poses import scanning
 from datasets.recording import Recording
@@ -268,6 +267,8 @@ def _half_field(scene) -> float:
 
 
 def _matrix(pose: Pose) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
     out = np.eye(4)
     out[:3, :3] = Rotation.from_euler("xyz", pose.rpy_deg, degrees=True).as_matrix()
     out[:3, 3] = pose.xyz_mm

@@ -1,7 +1,6 @@
 """Singular postures: which joint is at its singular position, from the singular vectors of the Jacobian."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from robot_model.robot import Robot
 from robot_model.state import sliding
@@ -44,6 +43,8 @@ def _steps(robot) -> np.ndarray:
 
 def _jacobian(robot, reading) -> np.ndarray:
     """(6, R) mm: motion of the flange, its rotation at a lever's length, per rad and per LEVER_MM of a slide."""
+    from scipy.spatial.transform import Rotation
+
     steps = np.diag(_steps(robot))
     after = nominal_poses(robot, reading + steps)
     before = nominal_poses(robot, reading - steps)

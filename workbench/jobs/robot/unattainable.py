@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from robot_model.state import sliding
 from robot_model.task_priority import LEVER_MM
@@ -86,6 +85,8 @@ def unattainable_targets(
 
 
 def _explained(arm, row: int, start: np.ndarray, wanted: np.ndarray, covariates) -> Unattainable:
+    from scipy.spatial.transform import Rotation
+
     def residual(reading):
         """(6,) mm: position, and rotation at a lever's length, of the flange relative to the target."""
         pose = actual_poses(arm, reading[None], covariates)[0]

@@ -4,14 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from datasets.columns import joint_columns
 from datasets.recording import Recording
 from robot_model import load_robot
 from sensors.boards.detection import Detection
 from workbench.core.errors import InputError
-from workbench.core.rigid import nearest_rotation
+from workbench.core.rigid import nearest_rotation, rotation_vector
 from workbench.files.images.flange import flange_poses
 from workbench.machine.progress import paced
 
@@ -109,7 +108,7 @@ def _flange(recording: Recording) -> np.ndarray | None:
 def orientation_spread(rotations: np.ndarray) -> float:
     """RMS angle (deg) of rotations (n, 3, 3) from their chordal mean."""
     mean = nearest_rotation(rotations.mean(0))
-    angles = Rotation.from_matrix(mean.T @ rotations).magnitude()
+    angles = np.linalg.norm(rotation_vector(mean.T @ rotations), axis=-1)
     return float(np.rad2deg(np.sqrt((angles**2).mean())))
 
 

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from datasets.recording import Recording
-from sensors.hand_eye.motion import motion
-from sensors.hand_eye.outlier_words import outlier_sentence
 from sensors.hand_eye.relative_motions import (
     EQUAL_REMEDY,
     RelativeMotions,
@@ -77,6 +75,8 @@ def _equal(flange: np.ndarray, views: Sequence, names: Sequence[str]) -> Iterato
 
 
 def _rotations(flange: np.ndarray, kind: str) -> Iterator[tuple]:
+    from sensors.hand_eye.motion import motion  # an arm's recording need not load the hand-eye
+
     for sentence in motion(flange, kind).sentences:
         what, _, action = sentence.rpartition("; ")
         yield what, action, True
@@ -109,6 +109,8 @@ def _with_camera(recording, detection, linked, early, progress) -> HandEyePlausi
 
 
 def _outliers(review, names: Sequence[str]) -> Iterator[tuple]:
+    from sensors.hand_eye.outlier_words import outlier_sentence
+
     sentence = outlier_sentence(review, names)
     if sentence is not None:
         what, _, action = sentence.rpartition("; ")

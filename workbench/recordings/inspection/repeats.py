@@ -7,7 +7,6 @@ Smith, Applied Regression Analysis, 3rd ed., section 2.1). Exact copies of a row
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from datasets.recording import Recording
 from workbench.core.rigid import nearest_rotation
@@ -66,6 +65,8 @@ def _rotation_noise(moving: Recording, members, degrees: int) -> float:
     """1 sigma (deg) of the rotation about one axis; nan where rotations are not measured."""
     if "qw" not in moving.columns:
         return np.nan
+    from scipy.spatial.transform import Rotation
+
     quaternions = np.stack([moving.columns[f"q{c}"] for c in "xyzw"], axis=1)
     turns = Rotation.from_quat(quaternions).as_matrix()
     total = 0.0

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from datasets.columns import POINT, QUATERNION
 from workbench.fitting.plausibility.hypotheses.corrections import (
@@ -153,6 +152,8 @@ def _inverse_pose() -> Correction:
 
 
 def _inverted(columns):
+    from scipy.spatial.transform import Rotation
+
     turns = Rotation.from_quat(np.stack([columns[f"q{c}"] for c in "xyzw"], -1)).inv()
     points = -turns.apply(np.stack([columns[name] for name in POINT], -1))
     quaternions = turns.as_quat().T
