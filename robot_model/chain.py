@@ -191,9 +191,9 @@ class _Walk:
         return Frames(*lines, self.link, self.pivot, self.origins, tuple(self.axes), self.origin)
 
 
-def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(..., 3, n) cross products along the axis before the last."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+def cross(a: np.ndarray, b: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+    """(..., 3, n) cross products along the axis before the last, in `out` where it is given."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape)) if out is None else out
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         np.multiply(a[..., j, :], b[..., k, :], out=out[..., i, :])
         out[..., i, :] -= a[..., k, :] * b[..., j, :]
@@ -211,16 +211,13 @@ def rotate(vector: np.ndarray, points: np.ndarray) -> np.ndarray:
 def geometry_rows(robot: Robot, frames: Frames, point: np.ndarray, slots: np.ndarray) -> np.ndarray:
     """(len(slots), 3, n) motion of `point` per unit of geometry; slot 5 k + THETA..BETA of joint k."""
     rows = np.empty((len(slots), 3, point.shape[1]))
-    turns, levers = [], []
-    for row, slot in enumerate(slots.tolist()):
+    for row, slot in zip(rows, slots.tolist()):
         joint, kind = divmod(slot, 5)
-        rows[row] = frames.axes[_AXIS[kind]][joint]
-        if kind not in (D, A):
-            turns.append(row)
-            levers.append(frames.origins[_ORIGIN[kind]][joint])
-    if turns:
-        lever = point - np.stack(levers)
-        rows[turns] = cross(rows[turns], lever)
+        axis = frames.axes[_AXIS[kind]][joint]
+        if kind in (D, A):
+            row[:] = axis
+        else:
+            cross(axis, point - frames.origins[_ORIGIN[kind]][joint], out=row)
     return rows
 
 

@@ -196,15 +196,17 @@ class Evaluation:
         """(k, m, n) derivative of the residual with respect to the chain's own parameters."""
         base = self.chain.base_size
         end = base + 5 * self.chain.robot.joints
-        parts = []
-        if (indices < base).any():
-            parts.append(self._base_rows()[indices[indices < base]])
-        middle = indices[(indices >= base) & (indices < end)] - base
-        if middle.size:
-            parts.append(self.rows("geometry", middle))
-        if (indices >= end).any():
-            parts.append(self.closure.tool_rows[indices[indices >= end] - end])
-        return np.concatenate(parts) if parts else np.empty((0, *self.residual.shape))
+        rows = np.empty((len(indices), *self.residual.shape))
+        is_base, is_tool = indices < base, indices >= end
+        is_geometry = ~(is_base | is_tool)
+        first, last = is_base.sum(), len(indices) - is_tool.sum()
+        if is_base.any():
+            rows[:first] = self._base_rows()[indices[is_base]]
+        if is_geometry.any():
+            rows[first:last] = self.rows("geometry", indices[is_geometry] - base)
+        if is_tool.any():
+            rows[last:] = self.closure.tool_rows[indices[is_tool] - end]
+        return rows
 
     def rows(self, port: str, slots: np.ndarray) -> np.ndarray:
         """(k, m, n) derivative of the residual with respect to slots of a port."""

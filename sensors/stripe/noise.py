@@ -6,9 +6,6 @@ from sensors.stripe.profile import Noise, speckle_floor
 
 _CLIP, _KEPT = 3.0, 0.97334
 """Sigma beyond which a difference is no noise, and the part of a normal variance that lies within."""
-_CUT_FROM, _CUTS = 3000, 8
-"""Pixels from which what is cut off is found, in at most so many rounds."""
-_SAME_EXPOSURE = 1e-5
 
 
 def pixel_noise(image: np.ndarray, region: np.ndarray | None = None) -> float:
@@ -65,43 +62,20 @@ def exposure_scale(image: np.ndarray, under: np.ndarray, noise: float) -> float:
 
     Of what varies over the image, because a black level is in both, whatever the exposure; of the
     levels themselves where the background is even. 1 where it is too dark to tell (sigma of the scale above 0.02).
-    A part of the pixels says what is cut off, because medians cost more than sums; then all others count.
     """
-    a, b = (v[::7, ::5].astype(np.float32).ravel() for v in (image, under))
-    uneven = bool(noise <= 0.02 * np.sqrt(len(b)) * b.std())
-    step = max(1, len(a) // _CUT_FROM)
-    some = a[::step], b[::step]
-    scale, limits = 1.0, (-np.inf, np.inf)
-    for _ in range(_CUTS):
-        before, (scale, power) = scale, _exposure(*some, scale, limits, uneven)
-        if noise > 0.02 * np.sqrt(step * power):
+    a, b = (v[::7, ::5].astype(np.float64).ravel() for v in (image, under))
+    uneven = noise <= 0.02 * np.sqrt(len(b)) * b.std()
+    scale, use = 1.0, np.ones(len(a), bool)
+    for _ in range(8):
+        light = b - b[use].mean() * uneven
+        power = (light[use] ** 2).sum()
+        if not use.any() or noise > 0.02 * np.sqrt(power):
             return 1.0
-        limits = _cut_off(some[0] - np.float32(scale) * some[1], noise, uneven)
-        if abs(scale - before) < _SAME_EXPOSURE:
-            break
-    for _ in range(2):
-        scale, power = _exposure(a, b, scale, limits, uneven)
-        if power == 0:
-            return 1.0
+        scale = float((a[use] * light[use]).sum() / power)
+        rest = a - scale * b
+        spread = max(1.4826 * float(np.median(np.abs(rest - np.median(rest)))), 0.5 * noise, 1e-9)
+        use = np.abs(rest - np.median(rest) * uneven) < 3 * spread
     return scale
-
-
-def _exposure(a, b, scale, limits, uneven) -> tuple[float, float]:
-    """Scale of b (n,) in a (n,) from pixels whose a - scale b lies within limits, and the sum of squares it is from."""
-    rest = a - np.float32(scale) * b
-    use = ((rest > limits[0]) & (rest < limits[1])).astype(np.float32)
-    light = use * b
-    if uneven:
-        light -= use * np.float32(light.sum() / max(use.sum(), 1.0))
-    power = float(light @ light)
-    return (float(a @ light) / power if power > 0 else 1.0), power
-
-
-def _cut_off(rest, noise, uneven) -> tuple[float, float]:
-    """Limits of residuals (n,), 3 sigma from medians about their middle; about 0 where the background is even."""
-    middle = float(np.median(rest))
-    spread = max(1.4826 * float(np.median(np.abs(rest - np.float32(middle)))), 0.5 * noise, 1e-9)
-    return middle * uneven - 3 * spread, middle * uneven + 3 * spread
 
 
 def speckle_contrast(centre, sigma, width, height, lag: int = 8) -> float:

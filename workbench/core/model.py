@@ -149,6 +149,9 @@ class Model:
         evaluation = self.evaluate(parameters)
 
         def rows() -> np.ndarray:
+            own = np.flatnonzero(parameters.mask[: len(self.chain.parameters)])
+            if len(own) == parameters.mask.sum():  # no effect is free: the rows need not be copied
+                return self._joined(evaluation.own_rows(own))
             made = np.empty((parameters.mask.sum(), *evaluation.residual.shape))
             return self._joined(self.fill_rows(evaluation, parameters, made))
 

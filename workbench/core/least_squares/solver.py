@@ -104,9 +104,12 @@ class Equations:
 
 
 def _equations(rows, residual, root) -> Equations:
-    """Of rows (F, m, n), which are whitened in place by `root` (m, n)."""
-    rows *= root
+    """Of rows (F, m, n), which may be whitened in place by `root` (m, n)."""
     flat = rows.reshape(len(rows), residual.size)
+    if root.size and root.min() == root.max():  # one factor of the products instead of all rows
+        square = float(root.flat[0]) ** 2
+        return Equations(square * (flat @ flat.T), square * (flat @ residual.ravel()))
+    rows *= root
     return Equations(flat @ flat.T, flat @ (residual * root).ravel())
 
 
