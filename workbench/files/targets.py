@@ -24,7 +24,7 @@ LIMIT_SLACK = 1e-6
 @dataclass(frozen=True)
 class Programme:
     """n targets: `readings` (n, R) rad, mm; `poses` (n, 4, 4) T_root_flange mm, None where joints are the target;
-    `anywhere`: poses alone, so that any posture will do.
+    `anywhere`: poses alone, so that any posture will do; `is_configured`: stated configurations chose `readings`.
     """
 
     table: Table
@@ -32,6 +32,7 @@ class Programme:
     poses: np.ndarray | None
     covariates: Mapping[str, np.ndarray]
     anywhere: bool = False
+    is_configured: bool = False
 
 
 def read_programme(path: Path, robot: Robot, mapping: Path | None = None) -> Programme:
@@ -168,7 +169,8 @@ def doubts(programme: Programme, robot: Robot) -> list[str]:
             f"{called}: every place is within 10 mm of the robot's root; if these are metres, multiply them by 1000."
         )
     stated = programme.table.columns.get(CONFIGURATION)
-    if programme.anywhere and stated is not None and stated.dtype.kind != "f":
+    is_unread = programme.anywhere and not programme.is_configured
+    if is_unread and stated is not None and stated.dtype.kind != "f":
         found.append(
             f"{called}: the configuration data of its positions ({stated[0]}, ...) are not read; compare the joint "
             "readings with them, or state readings to start from (--start)."

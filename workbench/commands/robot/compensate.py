@@ -108,6 +108,7 @@ def command(
             covariates_of,
             judge_targets,
         )
+        from workbench.jobs.robot.stated_configuration import with_stated_configuration
         from workbench.jobs.robot.switched_off import switched_off_warning
         from workbench.machine.progress import paced
 
@@ -116,6 +117,9 @@ def command(
         whole = checked(read_solution(solution), solution, force, limits)
         arm = without_terms(whole, without or (), str(solution))
         programme = with_start(read_programme(targets, arm.robot, map), arm.robot, start)
+        configured: list[str] = []
+        if start is None:
+            programme, configured = with_stated_configuration(programme, arm.robot)
         covariates = covariates_of(arm, programme)
         tick = paced(say, f"inverting the model at {len(programme.readings)} targets, step")
         found = compensate(
@@ -123,7 +127,7 @@ def command(
         )
         judged = judge_targets(arm, programme, found, limits)
         refused, forced = ({}, judged.refused) if force else (judged.refused, {})
-        said = [*judged.warnings, *_changes(arm, programme, found), *_forced(forced)]
+        said = [*configured, *judged.warnings, *_changes(arm, programme, found), *_forced(forced)]
         if off := switched_off_warning(whole, arm, found.readings, covariates):
             said.append(off)
         with runs.opened("compensate", targets.stem, out) as run:

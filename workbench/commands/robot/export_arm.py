@@ -200,8 +200,10 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
     from workbench.files.targets import read_programme
     from workbench.jobs.robot.compensate import compensate
     from workbench.jobs.robot.correction_limits import Limits, covariates_of, judge_targets
+    from workbench.jobs.robot.stated_configuration import with_stated_configuration
 
     programme = read_programme(options.targets, arm.robot, options.map)
+    programme, configured = with_stated_configuration(programme, arm.robot)
     covariates = covariates_of(arm, programme)
     found = compensate(arm, programme.readings, programme.poses, covariates, programme.anywhere)
     refused = {} if options.force else judge_targets(arm, programme, found, Limits()).refused
@@ -216,16 +218,16 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
             f"{'; '.join(refused[row])} ({len(refused)} such targets); correct it, or see `workbench compensate`"
         )
     largest = f"{len(found.readings)} targets, largest correction {found.position_mm.max():.3g} mm."
+    notes = (largest, *configured, *_configuration_notes(arm, programme, found))
     own = _own_program(arm, to, options, found, back)
     if own is not None:
-        notes = (largest, own[1], *_configuration_notes(arm, programme, found))
-        return ArmExport({file: own[0]}, [], notes)
+        return ArmExport({file: own[0]}, [], (*notes, own[1]))
     name = file.stem.replace("-", "_")
     program = Program(found.readings, name, arm.robot.name, arm.held_out_mm)
     text = program_text(program, to, arm.robot)
     back()
     check_program(found.readings, text, to)
-    return ArmExport({file: text}, [], (largest, *_configuration_notes(arm, programme, found)))
+    return ArmExport({file: text}, [], notes)
 
 
 def _own_program(arm, to: str, options: ArmOptions, found, back) -> tuple[bytes, str] | None:

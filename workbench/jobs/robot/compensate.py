@@ -317,7 +317,7 @@ def _moved(arm) -> np.ndarray:
 def _nominal_readings(robot, start, wanted, anywhere, task):
     """Readings (n, R) of the nominal arm at the wanted poses, from `start`; where that leads beyond limits and any
     posture will do, from other places within them."""
-    found, good = _searched(robot, start, wanted, task)
+    found, good = search_readings(robot, start, wanted, task)
     rng, (low, high) = (
         np.random.default_rng(0),
         np.where(np.isnan(robot.limits), _OPEN, robot.limits).T,
@@ -326,13 +326,13 @@ def _nominal_readings(robot, start, wanted, anywhere, task):
         rows = np.flatnonzero(~good)
         if not rows.size:
             break
-        found[rows], good[rows] = _searched(
+        found[rows], good[rows] = search_readings(
             robot, rng.uniform(low, high, (len(rows), len(low))), wanted[rows], task
         )
     return found
 
 
-def _searched(robot, start, wanted, task):
+def search_readings(robot, start, wanted, task):
     """Readings (n, R) of the nominal arm nearest to the wanted poses, and (n,) whether it may and does get there."""
     bare = CalibratedArm(robot, (), {}, (), np.zeros((0, 0)), np.zeros(3), 0.0, True, "", {})
     found = best = start
