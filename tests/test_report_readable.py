@@ -7,19 +7,22 @@ import numpy as np
 import pytest
 
 import datasets
+from app_access import CONTRAST
 from workbench.core.solution import Stage
 from workbench.report import style
 from workbench.report.calibration import summary_image
 from workbench.report.calibration.errors import errors_of
+from workbench.report.calibration.parameters import _number
 from workbench.report.calibration.residuals import (
     bin_residuals,
     group_ticks,
     overview,
     quantities,
 )
-from workbench.report.page import write_report
+from workbench.report.diagnosis.figures import covariate_name
+from workbench.report.page import marked, write_report
 from workbench.report.sensor.overlays import overlay, overlays
-from workbench.report.text import p_value
+from workbench.report.text import column_label, joint_label, p_value, rounded
 
 STAGES = (
     Stage("geometry", "lengths", free=("base.*", "sensor.*", "joint-*.theta*"), earn=False),
@@ -230,6 +233,80 @@ def test_no_number_in_a_table_is_broken_or_cut_at_800_px(narrow_page):
         }).map((cell) => cell.innerText)"""
     )
     assert broken == []
+
+
+_INKS = """() => [...new Set([...document.querySelectorAll('.js-plotly-plot text')]
+    .filter((one) => one.textContent.trim() && getComputedStyle(one).visibility !== 'hidden')
+    .map((one) => getComputedStyle(one).fill))]"""
+_LABELS = """(inks) => {
+    const box = document.createElement('div');
+    for (const ink of inks) {
+        const line = document.createElement('p');
+        line.textContent = `label in ${ink}`;
+        line.style.color = ink;
+        box.appendChild(line);
+    }
+    document.querySelector('main').appendChild(box);
+}"""
+"""Writes a line in each colour of the labels of figures, so that its contrast is measured like that of other texts."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_has_a_contrast_of_at_least_4_5(browser, calibration, tmp_path, scheme):
+    page = browser.new_page(viewport={"width": 1280, "height": 900}, color_scheme=scheme)
+    page.goto(write_report(calibration, tmp_path).as_uri())
+    page.wait_for_function("() => document.querySelectorAll('.js-plotly-plot text').length > 100")
+    inks = page.evaluate(_INKS)
+    assert inks
+    page.evaluate(_LABELS, inks)
+    assert page.evaluate(CONTRAST) == []
+    page.close()
+
+
+@pytest.mark.slow
+def test_all_numbers_of_the_headline_stand_in_one_row_at_800_px(narrow_page):
+    tops = narrow_page.evaluate(
+        "() => [...document.querySelectorAll('.numbers dd')].map((one) => one.getBoundingClientRect().bottom)"
+    )
+    assert len(tops) == 4 and max(tops) - min(tops) < 20
+
+
+def test_words_between_backticks_are_set_as_code_and_markup_of_the_data_is_not():
+    assert marked("Enough for `workbench <x>`, 5 > 4.") == (
+        "Enough for <code>workbench &lt;x&gt;</code>, 5 &gt; 4."
+    )
+    assert marked("a ` alone & <b>") == "a ` alone &amp; &lt;b&gt;"
+
+
+def test_joints_and_columns_have_names_and_units():
+    assert [joint_label(name) for name in ("q1_deg", "q12_mm", "q3", "rail")] == [
+        "joint 1 (deg)",
+        "joint 12 (mm)",
+        "joint 3",
+        "rail",
+    ]
+    assert column_label("geometry_test_3kg_mm") == "geometry test 3kg (mm)"
+    assert column_label("compliance_2") == "compliance 2"
+
+
+def test_a_value_that_is_rounded_up_keeps_its_digits():
+    assert [rounded(value) for value in (0.0999999, 0.1, 9.9996, -0.99999)] == [
+        "0.100",
+        "0.100",
+        "10.0",
+        "−1.00",
+    ]
+
+
+def test_rounding_in_the_file_of_a_robot_is_zero():
+    assert _number(1.77636e-14, None) == _number(-2.8e-10, None) == "0"
+    assert _number(2e-5, None) == "2e−05"
+
+
+def test_states_of_a_hysteresis_have_different_names():
+    names = {covariate_name(name) for name in ("move1", "move1_wound_0", "move1_wound_1")}
+    assert len(names) == 3 and all("joint 1" in name for name in names)
 
 
 @pytest.mark.slow

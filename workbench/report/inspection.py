@@ -9,7 +9,7 @@ from workbench.recordings.inspection import Inspection
 from workbench.report import style
 from workbench.report.sections import Page, Section, facts, figure, table, words
 from workbench.report.sensor import space
-from workbench.report.text import counted, rounded
+from workbench.report.text import counted, joint_label, rounded
 
 _MOST_POINTS = 4000
 
@@ -28,7 +28,11 @@ def page(made: Inspection) -> Page:
         if found:
             sections.append(Section(name, title, found))
     source = facts(
-        [("recording", recording.name), ("kind", recording.measures), ("source", recording.source)]
+        [
+            ("recording", recording.name),
+            ("measures", recording.measures),
+            ("source", recording.source),
+        ]
     )
     sections.append(Section("provenance", "Provenance", (source,)))
     return Page(
@@ -83,7 +87,7 @@ def _joints(made: Inspection):
     if not joints:
         return
     drawn = style.figure(60 + 42 * len(joints), "reading (deg, mm for prismatic joints)")
-    names = [joint.name for joint in joints]
+    names = [joint_label(joint.name) for joint in joints]
     limits = [joint.upper_limit - joint.lower_limit for joint in joints]
     if np.isfinite(limits).any():
         base = [joint.lower_limit for joint in joints]
@@ -114,7 +118,7 @@ def _joints(made: Inspection):
     )
     rows = [
         (
-            j.name,
+            joint_label(j.name),
             rounded(j.low),
             rounded(j.high),
             rounded(j.extent),
@@ -141,7 +145,7 @@ def _space(made: Inspection):
     yield figure(
         "space",
         drawn,
-        "Flange in the base frame, from the nominal robot or as recorded; colour: row.",
+        "Flange in the base frame, from the nominal robot or as recorded; colour: row number.",
     )
     if "x_mm" in made.recording.columns:
         measured = space.space()
@@ -150,7 +154,7 @@ def _space(made: Inspection):
         yield figure(
             "measured",
             measured,
-            "Measured points in the frame of the instrument or sensor; colour: row.",
+            "Measured points in the frame of the instrument or sensor; colour: row number.",
         )
 
 

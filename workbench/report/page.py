@@ -59,7 +59,20 @@ def _rendered(template: str, **values) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["marked"] = marked
     return environment.get_template(template).render(plotly=get_plotlyjs(), **values)
+
+
+def marked(text: str):
+    """Text for the page, in which words between backticks are set as code."""
+    from markupsafe import Markup, escape
+
+    parts = str(text).split("`")
+    if len(parts) % 2 == 0:  # one of them has no counterpart
+        return escape(text)
+    codes = [Markup("<code>{}</code>").format(part) for part in parts[1::2]]
+    around = [escape(part) for part in parts[::2]]
+    return around[0] + Markup("").join(a + b for a, b in zip(codes, around[1:]))
 
 
 def sections(calibration, progress: Progress = silent) -> dict[str, dict]:

@@ -15,7 +15,10 @@ def rounded(value: float | None, digits: int = 3) -> str:
     if not 1e-4 <= abs(value) < 1e6:
         mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
         return f"{mantissa}·10{_raised(int(exponent))}".replace("-", "−")
-    return fixed(value, digits - 1 - math.floor(math.log10(abs(value))))
+    exponent = int(
+        f"{value:.{digits - 1}e}".split("e")[1]
+    )  # of the rounded value: 0.09999 is 0.100
+    return fixed(value, digits - 1 - exponent)
 
 
 def p_value(value: float | None) -> str:
@@ -48,6 +51,21 @@ def shown_unit(unit: str) -> tuple[str, float]:
 def counted(number: int, what: str) -> str:
     """'1 fold', '2,000 folds'."""
     return f"{number:,} {what}" + ("" if number == 1 else "s")
+
+
+def joint_label(column: str) -> str:
+    """A column of joint readings with its unit: "q1_deg" -> "joint 1 (deg)"; any other name as it is."""
+    name, _, unit = column.partition("_")
+    if not (name[:1] == "q" and name[1:].isdecimal()):
+        return column
+    return f"joint {name[1:]} ({unit})" if unit else f"joint {name[1:]}"
+
+
+def column_label(column: str) -> str:
+    """A column of a table of results: "geometry_test_3kg_mm" -> "geometry test 3kg (mm)"."""
+    stem, _, unit = column.rpartition("_")
+    known = stem and unit in ("mm", "deg", "px", "um", "kg", "s")
+    return f"{stem} ({unit})".replace("_", " ") if known else column.replace("_", " ")
 
 
 def listed(words: list[str]) -> str:

@@ -5,6 +5,9 @@ from math import isfinite
 
 from workbench.report.text import counted, decimals_of, fixed, listed, rounded, sentence, shown_unit
 
+_ROUNDING = 1e-9
+"""What is smaller, in the unit of the page, is rounding in the file of a robot: no instrument measures it."""
+
 
 def section(calibration) -> dict:
     """Groups of rows, and the null space in words."""
@@ -35,11 +38,9 @@ def shortened(words: str, most: int = 8) -> str:
 def count(parameters) -> str:
     """Number of parameters that are estimated, not identifiable, and held."""
     statuses = Counter(p["status"] for p in parameters)
-    at_zero = statuses["at zero"]
-    bounded = f"{at_zero} are held at zero, since they cannot be negative, " if at_zero else ""
     return (
         f"Of {counted(len(parameters), 'parameter')}, {statuses['estimated']} are estimated with a standard "
-        f"deviation, {statuses['not identifiable']} are not identifiable from this recording, {bounded}and "
+        f"deviation, {statuses['not identifiable']} are not identifiable from this recording, and "
         f"{statuses['held']} are held at nominal by the plan."
     )
 
@@ -50,7 +51,7 @@ def group(where: str, parameters: list[dict]) -> dict:
     statuses = Counter(p["status"] for p in parameters)
     parts = [
         f"{statuses[name]} {name}"
-        for name in ("estimated", "not identifiable", "at zero", "held")
+        for name in ("estimated", "not identifiable", "held")
         if statuses[name]
     ]
     return {
@@ -132,6 +133,7 @@ def _number(value, decimals, digits=6):
     if value is None:
         return "–"
     if decimals is None:
+        value = 0.0 if abs(value) < _ROUNDING else value
         return f"{value:.6g}".replace("-", "−") if digits == 6 else rounded(value, digits)
     return fixed(value, decimals)
 

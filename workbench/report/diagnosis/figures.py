@@ -6,6 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from workbench.core.covariates import WIND_UP
 from workbench.core.vocabulary import Covariate
 from workbench.explanation import words as said
 from workbench.explanation.result import Diagnosis
@@ -236,9 +237,18 @@ def extent(values) -> tuple[float, float]:
     return low - 0.1 * (high - low), high + 0.1 * (high - low)
 
 
+def covariate_name(name: str) -> str:
+    """A covariate in words; the state of a hysteresis with the angle over which it winds up."""
+    stem, _, place = name.partition("_wound_")
+    if not place:
+        return said.covariate(name)
+    moved = f"the moves of joint {Covariate.of(stem).place.number}"
+    return f"{moved}, wound up within {WIND_UP[int(place)]:g} rad or m (−1 to 1)"
+
+
 def shown_covariate(name: str, covariates: Mapping[str, np.ndarray]) -> tuple[np.ndarray, str]:
     """Values of a covariate in the unit of display, and the title of the axis."""
-    x, words = covariates[name], said.covariate(name)
+    x, words = covariates[name], covariate_name(name)
     if name in ("time", "time_s"):
         return x, "time (s)" if "time_s" in covariates else "row number"
     known = Covariate.of(name)

@@ -17,6 +17,7 @@ from workbench.report.diagnosis import turntable
 from workbench.report.diagnosis.chain import chain
 from workbench.report.diagnosis.differences import three_parts
 from workbench.report.diagnosis.terms import before_and_after
+from workbench.report.provenance import flat
 from workbench.report.sections import Page, Section, facts, figure, note, pair, table, words
 from workbench.report.text import counted, p_value, rounded, sentence
 
@@ -62,7 +63,7 @@ def page(made: Diagnosis) -> Page:
         Section(
             "provenance",
             "Provenance",
-            (facts([(k.replace("_", " "), v) for k, v in made.provenance.items()]),),
+            (facts(flat(made.provenance)),),
         ),
     )
     files = ("residuals.csv", "smallest-visible.csv", *([SCENE] if made.experiment.scene else []))
@@ -300,7 +301,7 @@ def _residuals(made: Diagnosis):
     if made.views is None:
         return
     yield words(
-        f"Predicted minus measured, in {made.unit}, all samples, fitted. Left: baseline. Right: with the findings."
+        f"Predicted minus measured, in {made.unit}, all samples, fitted: of the baseline, and with the findings."
     )
     space = figures.space if made.views.links is not None else figures.image
     yield pair(
@@ -316,7 +317,7 @@ def _residuals(made: Diagnosis):
         yield figure(
             f"over-{k}",
             drawn,
-            f"Over {said.covariate(name)}: before grey, after blue. Lines are means of bins of equal count.",
+            f"Over {figures.covariate_name(name)}: before grey, after blue. Lines are means of bins of equal count.",
         )
 
 

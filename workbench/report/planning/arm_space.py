@@ -32,7 +32,7 @@ def joint_ranges(robot, sets: Sequence[tuple[str, np.ndarray, str]]) -> go.Figur
     count = robot.mixing.shape[1]
     slides = (robot.prismatic @ np.abs(robot.mixing)) > 0
     factor = np.where(slides, 1.0, 180 / np.pi)
-    names = [f"q{k + 1}" for k in range(count)]
+    names = [f"joint {k + 1}" for k in range(count)]
     drawn = style.figure(80 + 42 * count, "reading (deg, mm for prismatic joints)")
     low, high = factor * robot.limits.T
     if np.isfinite(high - low).any():

@@ -22,7 +22,7 @@ def page(comparison: Comparison, answer: Mapping) -> Page:
         ("samples held out", str(answer["held_out_samples"]), ""),
         ("smallest held-out RMS", rounded(best["held_out_rms_mm"]), "mm"),
     )
-    lead = (f"{best['plan']} has the smallest held-out RMS position error.", _first(plans))
+    lead = (f"Plan {best['plan']} has the smallest held-out RMS position error.", _first(plans))
     sections = [
         Section("errors", "Errors of the plans", tuple(_errors(plans))),
         Section(
@@ -33,7 +33,11 @@ def page(comparison: Comparison, answer: Mapping) -> Page:
     ]
     recording = comparison.recording
     source = facts(
-        [("recording", recording.name), ("kind", recording.measures), ("source", recording.source)]
+        [
+            ("recording", recording.name),
+            ("measures", recording.measures),
+            ("source", recording.source),
+        ]
     )
     sections.append(Section("provenance", "Provenance", (source,)))
     title = recording.title or recording.name
@@ -42,7 +46,7 @@ def page(comparison: Comparison, answer: Mapping) -> Page:
 
 
 def _first(plans) -> str:
-    return f"Ratios and tests compare each plan with the first, {plans[0]['plan']}."
+    return f"Ratios and tests compare each plan with the first plan, {plans[0]['plan']}."
 
 
 def _errors(plans):
@@ -72,7 +76,7 @@ def _errors(plans):
         )
         for row in plans
     ]
-    head = ["plan", "free", "identifiable", "fit mm", "held out mm", "ratio", "p"]
+    head = ["plan", "free", "identifiable", "fit (mm)", "held out (mm)", "ratio", "p"]
     yield table(head, rows)
     for row in plans[1:]:
         if row["p"] is None:
@@ -119,7 +123,7 @@ def _blocks(comparison: Comparison):
     first = comparison.distances[0]
     if len(comparison.names) > 1:
         drawn = style.figure(
-            380, f"error under {comparison.names[0]} (mm)", "error under the other plan (mm)"
+            380, f"error under plan {comparison.names[0]} (mm)", "error under the other plan (mm)"
         )
         kept = style.thinned(len(first))
         for name, values, colour in zip(

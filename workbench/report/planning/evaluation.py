@@ -8,7 +8,7 @@ from datasets.columns import joint_columns
 from workbench.jobs.robot.evaluate import Evaluated
 from workbench.report import style
 from workbench.report.sections import Page, Section, facts, figure, table, words
-from workbench.report.text import rounded, sentence
+from workbench.report.text import joint_label, rounded, sentence
 
 _STATISTICS = ("rms", "mean", "p95", "max")
 
@@ -18,7 +18,7 @@ def page(made: Evaluated, answer: Mapping) -> Page:
     error, nominal = answer["error"], answer["nominal"]
     numbers = (
         ("RMS position error", rounded(error["rms_mm"]), "mm"),
-        ("95 %", rounded(error["p95_mm"]), "mm"),
+        ("95 % below", rounded(error["p95_mm"]), "mm"),
         ("nominal arm, RMS", rounded(nominal["rms_mm"]), "mm"),
     )
     lead = (answer["verdict"]["sentence"],)
@@ -45,7 +45,8 @@ def _errors(made: Evaluated, answer: Mapping) -> Iterator[dict]:
         if keys[0] not in answer["error"]:
             continue
         rows = [[name, *(rounded(errors[key]) for key in keys)] for name, errors in models]
-        yield table(["model", f"RMS {unit}", "mean", "95 %", "max"], rows)
+        heads = [f"{what} ({unit})" for what in ("RMS", "mean", "95 % below", "max")]
+        yield table(["model", *heads], rows)
     yield words("Geometry and effects of the calibrated arm are fixed.", quiet=True)
     drawn = style.figure(340, "3-D position error (mm)", "share of samples below (%)")
     for name, values, colour in _series(made):
@@ -65,14 +66,13 @@ def _series(made: Evaluated):
 
 def _by_joint(made: Evaluated) -> Iterator[dict]:
     for name in joint_columns(made.recording.columns):
-        unit = name.rpartition("_")[2]
-        yield _scatter(made, made.recording.columns[name], f"{name.partition('_')[0]} ({unit})")
+        yield _scatter(made, made.recording.columns[name], joint_label(name))
 
 
 def _by_time(made: Evaluated) -> Iterator[dict]:
     times = made.recording.columns.get("time_s")
     if times is None:
-        yield _scatter(made, np.arange(1, made.recording.n + 1), "row")
+        yield _scatter(made, np.arange(1, made.recording.n + 1), "row number")
     else:
         yield _scatter(made, times, "time (s)")
 
@@ -84,14 +84,15 @@ def _scatter(made: Evaluated, across: np.ndarray, title: str) -> dict:
         marker = dict(size=5, color=colour, opacity=0.7)
         drawn.add_scatter(x=across[kept], y=values[kept], mode="markers", name=name, marker=marker)
     drawn.update_yaxes(rangemode="tozero")
-    return figure(f"errors-{title.split()[0]}", drawn, f"Position error of each sample by {title}.")
+    name = "-".join(title.split(" (")[0].split())
+    return figure(f"errors-{name}", drawn, f"Position error of each sample by {title}.")
 
 
 def _source(made: Evaluated, answer: Mapping) -> dict:
     return facts(
         [
             ("recording", made.recording.name),
-            ("kind", made.recording.measures),
+            ("measures", made.recording.measures),
             ("calibrated on", str(answer["calibrated_on"])),
             ("estimated on this recording", answer["refit"]),
         ]

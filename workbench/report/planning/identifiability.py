@@ -44,7 +44,11 @@ def page(recording, answer: Mapping) -> Page:
     if poses:
         sections.append(Section("space", "Poses", poses))
     source = facts(
-        [("recording", recording.name), ("kind", recording.measures), ("source", recording.source)]
+        [
+            ("recording", recording.name),
+            ("measures", recording.measures),
+            ("source", recording.source),
+        ]
     )
     sections.append(Section("provenance", "Provenance", (source,)))
     title = recording.title or recording.name
@@ -67,7 +71,7 @@ def _stages(answer):
 
 def _precision(answer):
     rows = answer["stages"][-1]["parameters"]
-    drawn = style.figure(380, "parameter", "standard deviation over typical size")
+    drawn = style.figure(440, "parameter", "1 σ over typical size")
     for is_identifiable, name, colour in (
         (True, "identifiable", style.BLUE),
         (False, "takes part in a direction that is not", style.ORANGE),
@@ -75,6 +79,7 @@ def _precision(answer):
         chosen = [row for row in rows if row["identifiable"] == is_identifiable]
         ratios = [row["std"] / row["typical"] for row in chosen]
         drawn.add_bar(x=[row["key"] for row in chosen], y=ratios, name=name, marker_color=colour)
+    drawn.update_layout(showlegend=True)
     ratios = [row["std"] / row["typical"] for row in rows]
     drawn.update_yaxes(style.log_axis(min(ratios), max(ratios)))
     drawn.update_xaxes(tickangle=-60)
@@ -89,7 +94,7 @@ def _precision(answer):
         unit, factor = shown_unit(row["unit"])
         state = "yes" if row["identifiable"] else "no"
         lines.append((row["key"], rounded(factor * row["std"]), unit, state))
-    yield table(["parameter", "predicted 1 sigma", "unit", "identifiable alone"], lines)
+    yield table(["parameter", "predicted 1 σ", "unit", "identifiable alone"], lines)
 
 
 def _confounded(answer):

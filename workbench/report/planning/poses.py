@@ -108,7 +108,7 @@ def _predicted(answer: Mapping) -> dict:
         ("all candidates", rounded(error["all_mm"])),
         (f"lower bound for any {n}", rounded(error["bound_mm"])),
     ]
-    return table(["measured", "predicted error, mm RMS"], rows)
+    return table(["measured", "predicted error (mm RMS)"], rows)
 
 
 def _open(answer: Mapping):

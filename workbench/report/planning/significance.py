@@ -42,8 +42,8 @@ def _charts(found: Significance):
     names = [key.partition(".")[2] for key in found.keys]
     made = []
     for part, column in zip(PARTS, found.index.T):
-        unit = "mm" if part == "position" else "change of the unit vector"
-        drawn = style.figure(300, "parameter", unit)
+        what = "change (mm)" if part == "position" else "change of the unit vector"
+        drawn = style.figure(300, "parameter", what)
         drawn.add_bar(x=names, y=column, marker_color=style.BLUE, showlegend=False)
         if part == "position" and (column > 0).any():
             drawn.update_yaxes(style.log_axis(column[column > 0].min() / 2, column.max() * 1.5))
@@ -87,4 +87,4 @@ def _sensitivity(found: Significance):
 
 def _table(found: Significance) -> dict:
     rows = [(key, *map(rounded, values)) for key, values in zip(found.keys, found.index)]
-    return table(["parameter", "position, mm", "x axis", "y axis", "z axis"], rows)
+    return table(["parameter", "position (mm)", "x axis", "y axis", "z axis"], rows)

@@ -207,7 +207,7 @@ def _board(calibration, prefix: str):
     if bow is None:
         yield words("The board is modelled as flat.")
         return
-    height, sigma = rounded(1000 * bow.height_mm), rounded(1000 * bow.height_std_mm)
+    height, sigma = _valued(1000 * bow.height_mm, 1000 * bow.height_std_mm)
     yield words(
         f"The warp of the board is estimated. Height difference between highest and lowest point: {height} ± "
         f"{sigma} µm (1 σ). An unmodelled warp biases the focal length and hardly changes the RMS."

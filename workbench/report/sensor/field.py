@@ -1,5 +1,7 @@
 """Figures over the image field: coverage by corners, residual arrows, and maps of the residuals."""
 
+from pathlib import Path
+
 import numpy as np
 import plotly.graph_objects as go
 
@@ -9,6 +11,8 @@ from workbench.report.text import rounded
 
 _ARROW_SHARE = 0.04
 _LEAST_IN_CELL = 3
+_MOST_NAMES = 16
+"""More names overlap below the bars."""
 
 
 def field(size: tuple[int, int], width: int = 400) -> go.Figure:
@@ -121,9 +125,12 @@ def bars(
     values: np.ndarray,
     what: str,
     faulty: np.ndarray | None = None,
-    across: str = "image, in the order of images.csv",
+    across: str = "image",
 ) -> go.Figure:
-    """One bar per image, in recording order, with the median as a line; `faulty` (n,) bars in another colour."""
+    """One bar per image, in recording order, with the median as a line; `faulty` (n,) bars in another colour.
+
+    names: paths as in images.csv, or names of which the last word distinguishes them.
+    """
     made = style.figure(340, across, what)
     off = np.zeros(len(names), bool) if faulty is None else faulty
     made.add_bar(
@@ -143,6 +150,12 @@ def bars(
         line=dict(color=style.GREY, dash="dot", width=2),
         hoverinfo="skip",
     )
-    return made.update_layout(bargap=0.25).update_xaxes(
-        range=[0.4, len(names) + 0.6], dtick=max(1, len(names) // 15)
+    every = -(-len(names) // _MOST_NAMES) or 1
+    short = [Path(name).stem.split()[-1] for name in names]
+    made.update_xaxes(
+        range=[0.4, len(names) + 0.6],
+        tickvals=np.arange(1, len(names) + 1)[::every],
+        ticktext=short[::every],
+        automargin=True,
     )
+    return made.update_layout(bargap=0.25)

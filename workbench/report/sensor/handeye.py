@@ -290,11 +290,11 @@ def _transform(run):
 def _as_matrix(sensor):
     """The transform as a 4 x 4 matrix and as a quaternion, with digits enough to be copied."""
     yield words("As a matrix that takes sensor coordinates to that frame (translation in mm):")
-    rows = [[f"{value:.7f}" for value in row[:3]] + [f"{row[3]:.6f}"] for row in sensor]
+    rows = [[*(fixed(value, 7) for value in row[:3]), fixed(row[3], 6)] for row in sensor]
     yield table(["", "", "", "mm"], rows, left=0)
     quaternion = Rotation.from_matrix(sensor[:3, :3]).as_quat(canonical=True)
     yield words("Its rotation as a unit quaternion, as ROS orders it:")
-    yield table(["qx", "qy", "qz", "qw"], [[f"{value:.7f}" for value in quaternion]], left=0)
+    yield table(["qx", "qy", "qz", "qw"], [[fixed(value, 7) for value in quaternion]], left=0)
 
 
 def _profiler(run):

@@ -172,7 +172,7 @@ def _poses(values):
 
 def per_step(calibration) -> go.Figure:
     """RMS of the points and sigma of the plane over the step."""
-    made = style.figure(340, "mirror step", "mm")
+    made = style.figure(340, "mirror step", "distance (mm)")
     for name, values, colour in (
         ("RMS of its points", calibration.rms_mm, style.BLUE),
         ("1 σ of the plane", calibration.sigma_stated_mm, style.ORANGE),

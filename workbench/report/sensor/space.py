@@ -80,7 +80,7 @@ def _bar(unit: str) -> dict:
         len=0.6,
         x=1.0,
         xanchor="right",
-        tickformat=".3~g",
+        tickformat=",.3~r",
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from workbench.report import style
-from workbench.report.text import rounded
+from workbench.report.text import column_label, rounded
 from workbench.studies.spec import Axis
 
 _COLOURS = (style.BLUE, style.ORANGE, style.GREEN, style.VIOLET, style.GREY)
@@ -17,7 +17,7 @@ def over(
     axis: Axis, across: np.ndarray, up: np.ndarray, name: str, groups: np.ndarray | None = None
 ) -> go.Figure:
     """One dot per run, medians and the 90 % band in bins of the parameter; separately for each of `groups`."""
-    made = style.figure(340, axis.name, name)
+    made = style.figure(340, column_label(axis.name), column_label(name))
     for k, group in enumerate([None] if groups is None else list(dict.fromkeys(groups.tolist()))):
         chosen = np.isfinite(up) & (True if group is None else groups == group)
         colour = _COLOURS[k % len(_COLOURS)]
@@ -92,7 +92,7 @@ def spread(values: np.ndarray, name: str) -> go.Figure:
     finite = values[np.isfinite(values)]
     bins = int(np.clip(len(np.histogram_bin_edges(finite, "fd")) - 1, 10, 60))
     counts, edges = np.histogram(finite, bins)
-    made = style.figure(300, name, "runs")
+    made = style.figure(300, column_label(name), "runs")
     made.add_bar(
         x=(edges[1:] + edges[:-1]) / 2,
         y=counts,
@@ -266,7 +266,7 @@ def grid_map(axes: list[Axis], columns: dict, name: str) -> go.Figure:
     along, up, outcome = columns[axes[0].name], columns[axes[1].name], columns[name]
     first, second = np.unique(along), np.unique(up)
     cells = [[np.nanmedian(outcome[(along == a) & (up == b)]) for a in first] for b in second]
-    made = style.figure(400, axes[0].name, axes[1].name)
+    made = style.figure(400, *(column_label(axis.name) for axis in axes[:2]))
     made.add_heatmap(
         x=[f"{a:g}" for a in first],
         y=[f"{b:g}" for b in second],
@@ -274,6 +274,6 @@ def grid_map(axes: list[Axis], columns: dict, name: str) -> go.Figure:
         colorscale="Viridis",
         text=[[rounded(v, 2) for v in row] for row in cells],
         texttemplate="%{text}",
-        colorbar=dict(title=dict(text=name, side="right"), thickness=12),
+        colorbar=dict(title=dict(text=column_label(name), side="right"), thickness=12),
     )
     return made.update_xaxes(type="category").update_yaxes(type="category")

@@ -3,7 +3,7 @@
 from workbench.report.sections import Page, Section, facts, figure, note, pair, table, words
 from workbench.report.study import figures as figures
 from workbench.report.study import maps as maps
-from workbench.report.text import counted, rounded, sentence
+from workbench.report.text import column_label, counted, rounded, sentence
 from workbench.studies import tables
 from workbench.studies.summary import numeric
 
@@ -18,8 +18,9 @@ def page(made, found: dict) -> Page:
     if outcome is not None:
         unit = outcome["column"].rpartition("_")[2]
         unit = unit if unit in ("mm", "px", "deg") else ""
+        said = column_label(outcome["column"]).removesuffix(f" ({unit})")
         numbers += [
-            (f"{outcome['column']}, median", rounded(outcome["median"]), unit),
+            (f"{said}, median", rounded(outcome["median"]), unit),
             ("95 % of the runs are below", rounded(outcome["p95"]), unit),
         ]
     lead = [_lead(made, found), *found["sentences"]]
@@ -72,7 +73,7 @@ def _outcome(made, found):
     """The outcome over each parameter, and its distribution."""
     axes, name = made.study.vary.parameter, found["outcome"]
     columns = tables.columns(made.path, [name, *(axis.name for axis in axes)])
-    values = columns[name]
+    values, said = columns[name], column_label(name)
     if found["not_done"]:
         lines = [sentence(f"{row['runs']} runs: {row['why']}") for row in found["not_done"]]
         yield note("Some runs failed", lines)
@@ -82,7 +83,7 @@ def _outcome(made, found):
         figure(
             f"over{k}",
             figures.over(axis, columns[axis.name], values, name, groups),
-            f"{name} over {axis.name}: one dot per run, line through the medians, band of 90 %.",
+            f"{said} over {column_label(axis.name)}: one dot per run, line through the medians, band of 90 %.",
         )
         for k, axis in enumerate(drawn)
     ]
@@ -91,7 +92,7 @@ def _outcome(made, found):
     yield figure(
         "spread",
         figures.spread(values, name),
-        f"Distribution of {name} over {counted(len(values), 'run')}.",
+        f"Distribution of {said} over {counted(len(values), 'run')}.",
     )
 
 
@@ -173,14 +174,14 @@ def _design(made, found):
         yield figure(
             "map",
             figures.grid_map(axes, columns, found["outcome"]),
-            f"Median {found['outcome']} over the repeats of each point of the grid.",
+            f"Median {column_label(found['outcome'])} over the repeats of each point of the grid.",
         )
 
 
 def _sensitivity(found):
     made = found["sensitivity"]
     yield words(
-        f"Share of the variance of {made['outcome']} due to each parameter ({made['method']}, SALib). "
+        f"Share of the variance of {column_label(made['outcome'])} due to each parameter ({made['method']}, SALib). "
         "First: the parameter alone. Total: including interactions with other parameters."
     )
     yield figure("indices", figures.indices(made["indices"]), "Whiskers are 95 % intervals.")
