@@ -170,7 +170,12 @@ def _robot_keys(robot: str | Mapping) -> Mapping:
         return {"builtin": str(robot)}
     try:
         return read_toml(path)
-    except (OSError, ContentError) as error:
+    except OSError as error:
+        raise InputError(
+            f"robot {path}: expected a robot file (TOML) that can be read, found none ({error.strerror}); correct the "
+            "path"
+        ) from error
+    except ContentError as error:
         raise InputError(
             f"robot {path}: expected a robot file (TOML), found {error}; correct it"
         ) from error

@@ -173,9 +173,9 @@ def _stiffness(console, stiffness: Sequence[Mapping]) -> None:
         if is_known and not row["clear"]:
             said += ", not significant"
         rows.append([row["where"], row["known_from"], said])
-    title = (
-        "Joint stiffness; 'product only': deflection under the links, whose masses are not stated"
-    )
+    title = "Joint stiffness"
+    if any(row["known_from"] == "product only" for row in stiffness):
+        title += "; 'product only': deflection under the links, whose masses are not stated"
     grid(
         console, title, ["where", "known from", "stiffness, compliance or deflection"], rows, left=2
     )
