@@ -15,7 +15,7 @@ from workbench.app.ui.diagnosis import DiagnosisTab
 from workbench.app.ui.edit import EditTab
 from workbench.app.ui.importing import ImportTab
 from workbench.app.ui.library import defer_charts
-from workbench.app.ui.mark import FOLLOW
+from workbench.app.ui.overlay import SCRIPT, STYLE
 from workbench.app.ui.recording import RecordingTab
 from workbench.app.ui.residuals import ResidualsTab
 from workbench.app.ui.sensor import SensorTab
@@ -123,8 +123,8 @@ def _bar(tabs) -> None:
 def _layout(server, page: Page, tabs) -> None:
     with VAppLayout(server, vuetify_config=_THEME) as layout:
         layout.root.style = "background: white"
-        client.Style(_STYLE)
-        client.Script(FOLLOW)
+        client.Style(_STYLE + STYLE)
+        client.Script(SCRIPT)
         client.ClientTriggers(mounted=page.show)
         client.ClientStateChange(value="tab", change="window.scrollTo(0, 0)")
         _bar(tabs)

@@ -128,7 +128,7 @@ class RecordingTab(Tab):
         self._describe()
         self.excluded.refresh()
         if self.state.has_arm:
-            self.draw_still("scene", lambda: _scene(self.work))
+            self.draw_still("scene", lambda: [_scene(self.work)])
             self.draw_in_turn(scene=lambda: _scene(self.work))
         is_new = self._covered is not self.work.opened
         if self.state.has_joints and is_new:  # no edit changes it
