@@ -230,7 +230,7 @@ _CLICK = """(row) => new Promise((done) => {
     const ring = () => document.querySelector('[data-mark=arrows]');
     const steps = {
         answer: () => line.innerText !== text,
-        mark: () => ring() && ring().innerText === `sample ${row + 1}` && ring().style.visibility === 'visible',
+        mark: () => ring() && ring().innerText === `sample ${row + 1}` && ring().style.visibility === 'inherit',
         chart: () => plot('chart').data !== chart,
     };
     const painted = (name) => requestAnimationFrame(() => setTimeout(() => {

@@ -374,7 +374,12 @@ def emit(page, figure: str, event: str, value: dict) -> None:
 
 def text_of(page, name: str) -> str:
     """A status line of the page."""
-    return page.locator(f"[data-text={name}]").inner_text()
+    return page.locator(_line(name)).inner_text()
+
+
+def _line(name: str) -> str:
+    """Selector of a status line of the shown tab; tabs that were shown before stay in the page, hidden."""
+    return f"[data-tab]:not(.hidden-tab) [data-text={name}]"
 
 
 def wait_for_text(page, name: str, part: str, timeout: float = WAIT_MS) -> str:
@@ -382,7 +387,7 @@ def wait_for_text(page, name: str, part: str, timeout: float = WAIT_MS) -> str:
     from playwright.sync_api import TimeoutError as Late
 
     try:
-        page.locator(f"[data-text={name}]", has_text=part).wait_for(timeout=timeout)
+        page.locator(_line(name), has_text=part).wait_for(timeout=timeout)
     except Late:
         lines = [one.inner_text() for one in page.locator("[data-text], .v-alert").all()]
         raise AssertionError(f"{name}: expected {part!r}, the page shows {lines}") from None

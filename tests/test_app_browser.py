@@ -166,7 +166,7 @@ def test_a_real_click_on_a_mark_in_space_selects_its_sample(page):
 
 _RING_AND_NEEDLE = """() => {
     const mark = document.querySelector('[data-mark=arrows]');
-    if (!mark || mark.style.visibility !== 'visible') return null;
+    if (!mark || getComputedStyle(mark).visibility !== 'visible') return null;
     const box = mark.getBoundingClientRect();
     return [mark.innerText, box.left, box.top];
 }"""

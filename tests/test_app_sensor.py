@@ -159,7 +159,7 @@ def test_a_click_on_an_arrow_shows_image_with_overlay_pose_and_row(page):
     wait_for_text(page, "picked", "images/scan-006-step-001.png, scan; laser stripe detected")
     plot(page, "picked")
     page.wait_for_function(
-        "() => document.querySelector('[data-mark=arrows]')?.style.visibility === 'visible'"
+        "() => document.querySelector('[data-mark=arrows]')?.style.visibility === 'inherit'"
     )
     assert "q1, deg" in page.get_by_role("group", name="Row of the sample").inner_text()
 
@@ -168,7 +168,7 @@ _ALONG = 0.7
 """Needles of the balls of one artefact start at the same few places and part towards their tips."""
 _IS_MARKED = """(text) => {
     const mark = document.querySelector('[data-mark=arrows]');
-    return mark?.style.visibility === 'visible' && mark.innerText === text;
+    return mark?.style.visibility === 'inherit' && mark.innerText === text;
 }"""
 
 

@@ -23,6 +23,7 @@ from workbench.core.errors import InputError
 
 _log = logging.getLogger(__name__)
 _TURN_S = 0.005
+_MOST_KEPT = 3
 REPORT = "report.html"
 _STILL = "position: absolute; width: 100%; height: calc(100% - 64px)"
 """Where the scene of a figure in space lies, above its legend."""
@@ -86,9 +87,18 @@ class Page:
         self.state.tab = name
         self.server.force_state_push("tab")
 
+    def keep_tabs(self) -> None:
+        """Have the browser keep the figures of the tabs that were shown last, so that they are there at once.
+
+        A browser holds at most 16 images of WebGL at once; a tab needs up to five.
+        """
+        latest = [name for name in self.state.latest_tabs if name != self.state.tab]
+        self.state.latest_tabs = [self.state.tab, *latest][:_MOST_KEPT]
+
     def show(self) -> None:
         """Draw the chosen tab; called once the browser has painted the bar, so that figures do not delay it."""
         self.state.shown = True
+        self.keep_tabs()
         self.handler(lambda: None)()
         if self.work is not None and not self._is_warm:
             self._is_warm = True
@@ -97,6 +107,7 @@ class Page:
     def show_tab(self) -> None:
         """Draw the tab that was chosen."""
         if self.state.shown:
+            self.keep_tabs()
             self.handler(lambda: None)()
 
     def opened_changed(self) -> None:
@@ -231,9 +242,11 @@ class Tab:
                 style=_STILL,
                 **raw(alt="", data_still=name, elementtiming=f"still-{name}"),
             )
+            drawn = f"Object.keys(figure_{name}.layout).length"
+            _waiting(f"!{drawn} && !still_{name}")
             self.figures[name] = plotly.Figure(
                 state_variable_name=f"figure_{name}",
-                v_if=f"Object.keys(figure_{name}.layout).length",  # no empty axes before its turn
+                v_if=drawn,  # no empty axes before its turn
                 display_logo=("false",),
                 display_mode_bar=("false",),  # its buttons cannot be reached by keyboard
                 scroll_zoom=("true",),  # of what `wheel` lets through
@@ -338,6 +351,13 @@ class Tab:
             **(raw(aria_label=label) if label else {}),
             **options,
         )
+
+
+def _waiting(is_waiting: str) -> None:
+    """What stands in place of a figure until it is there. is_waiting: expression of the browser."""
+    with html.Div(v_if=is_waiting, classes="pa-4", style="position: absolute; width: 100%"):
+        v3.VProgressLinear(indeterminate=True, color="primary", **raw(aria_label="Drawing"))
+        html.Div("Drawing ...", classes="mt-2")
 
 
 def warm_up(opened) -> None:

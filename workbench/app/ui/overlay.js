@@ -90,7 +90,7 @@
         const {left, top, width, height} = seen ? seen.area : {};
         const isInside = at && at[0] >= left && at[0] <= left + width && at[1] >= top && at[1] <= top + height;
         if (isInside) mark.style.transform = `translate(${at[0].toFixed(1)}px, ${at[1].toFixed(1)}px)`;
-        mark.style.visibility = isInside ? 'visible' : 'hidden';
+        mark.style.visibility = isInside ? 'inherit' : 'hidden';
     };
 
     // plotly sets the viewBox of the axis labels of a scene, and the labels of the axes of a chart, in each frame that
