@@ -269,13 +269,15 @@ def test_a_residual_leads_to_its_image(page):
     wait_for_text(page, "image", image)
 
 
-def _settled(page, name: str) -> str:
-    """A status line once it stays the same for a second."""
-    text = ""
-    while text != text_of(page, name):
-        text = text_of(page, name)
-        page.wait_for_timeout(1000)
-    return text
+_ABOVE = """() => {
+    const edges = document.querySelector('[data-figure=threshold] .js-plotly-plot')?.layout.shapes;
+    const slider = document.querySelector('[data-tab=edit] [role=slider]');
+    const line = document.querySelector('[data-text=threshold]').innerText;
+    const value = Number(slider.getAttribute('aria-valuenow')), shown = Number(/above ([0-9.e+-]+)/.exec(line)[1]);
+    return !trame.state.state.trame__busy && edges && Math.abs(edges[0].x0 - value) < 1e-9
+        && Math.abs(shown - value) < 1e-3 * value && !line.startsWith('0 ') ? line : null;
+}"""
+"""The sentence on the threshold once it and the histogram are those of the place of the slider."""
 
 
 def _without_date(path) -> list[str]:
@@ -295,10 +297,7 @@ def test_the_outlier_threshold_is_dragged_with_the_mouse(page):
     page.mouse.down()
     page.mouse.move(x - 0.5 * max(track["width"], 200), y, steps=8)
     page.mouse.up()
-    page.wait_for_function(
-        "() => !document.querySelector('[data-text=threshold]').innerText.startsWith('0 ')"
-    )
-    above = int(_settled(page, "threshold").split()[0])
+    above = int(page.wait_for_function(_ABOVE).json_value().split()[0])
     page.get_by_role("button", name="Exclude samples above").click()
     page.locator("[data-change]", has_text=f"exclude {above} sample").wait_for()
 
