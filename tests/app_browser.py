@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent
 CHROMIUM = shutil.which("chromium")
 # Rendered in software, so that the same is drawn on every machine.
 FLAGS = ["--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
-WAIT_MS = 40_000
+WAIT_MS = 120_000
 PLAN = """
 [[stage]]
 name = "geometry"

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 import pytest
 
 from app_browser import (
+    WAIT_MS,
     brush_chart,
     choose_option,
     click_at,
@@ -66,10 +67,11 @@ def page(shared):
 
 def test_nothing_is_loaded_from_another_host(browser, served):
     page = browser.new_page()
+    page.set_default_timeout(WAIT_MS)
     foreign = []
     page.on("request", lambda request: foreign.append(request.url))
     page.goto(served.address)
-    page.get_by_role("tab", name="Recording").wait_for(timeout=90_000)
+    page.get_by_role("tab", name="Recording").wait_for()
     local = (served.origin, "data:", "blob:", served.origin.replace("http", "ws"))
     assert [url for url in foreign if not url.startswith(local)] == []
     page.close()

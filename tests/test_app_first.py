@@ -6,7 +6,16 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from app_browser import open_page, plot, serve, show_tab, stop, wait_for_text, wait_until_drawn
+from app_browser import (
+    WAIT_MS,
+    open_page,
+    plot,
+    serve,
+    show_tab,
+    stop,
+    wait_for_text,
+    wait_until_drawn,
+)
 
 LIBRARY = "**/trame-plotly.umd.js"
 
@@ -75,6 +84,7 @@ def served(arm_run, tmp_path_factory):
 def page(browser, served):
     """A page whose chart library is held back until `page.held` is continued."""
     page = browser.new_page(viewport={"width": 1400, "height": 900})
+    page.set_default_timeout(WAIT_MS)
     page.held = []
     page.route(LIBRARY, lambda route: page.held.append(route))
     page.goto(served.address)
