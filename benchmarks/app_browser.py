@@ -8,9 +8,9 @@ Prints for several openings, each in a new browser, and for each step in seconds
 - `page_cpu`: processor time of the page's main thread until the step, the figure that counts on a busy machine;
 - `server_cpu`: processor time of the server from the opening until everything is drawn.
 
-Then, with the last browser alone, the time from an action to the line that answers it and to the marks in the chart; median,
-95 % and largest time in ms over clicks on many samples to the line (`answer`), the ring in space (`mark`), the marks
-in the chart and in the scene; and the peak memory of the server. Needs the extra test and Debian's chromium.
+Then, with the last browser alone, the time from an action to the line that answers it and to the marks in the chart;
+median, 95 % and largest time in ms over clicks on many samples to the line (`answer`), the ring in space (`mark`), the
+marks in the chart and in the scene; and the peak memory of the server. Needs the extra test and Debian's chromium.
 """
 
 import json
