@@ -8,9 +8,9 @@ Prints for several openings, each in a new browser, and for each step in seconds
 - `page_cpu`: processor time of the page's main thread until the step, the figure that counts on a busy machine;
 - `server_cpu`: processor time of the server from the opening until everything is drawn.
 
-Then, with the last browser alone, the time from an action to the line that answers it and to the new chart; median,
-95 % and largest time in ms over clicks on many samples to the line (`answer`), the ring in space (`mark`), the new
-chart and the new scene; and the peak memory of the server. Needs the extra test and Debian's chromium.
+Then, with the last browser alone, the time from an action to the line that answers it and to the marks in the chart;
+median, 95 % and largest time in ms over clicks on many samples to the line (`answer`), the ring in space (`mark`), the
+marks in the chart and in the scene; and the peak memory of the server. Needs the extra test and Debian's chromium.
 """
 
 import json
@@ -173,10 +173,10 @@ _ACT = """([action, expected]) => new Promise((done) => {
     const begun = performance.now();
     const old = line.innerText;
     const plot = (name) => document.querySelector(`[data-figure=${name}] .js-plotly-plot`);
-    const before = plot('chart').data;
+    const marks = document.querySelector('[data-overlay=chart]'), before = marks.layersText;
     let answered = 0;
     const drawn = () => {
-        if (plot('chart').data === before) return setTimeout(drawn, 5);
+        if (marks.layersText === before) return setTimeout(drawn, 5);  // set once they are painted
         requestAnimationFrame(() => {
             performance.mark('step-chart_of_action');
             done([answered, performance.now() - begun]);
@@ -195,7 +195,7 @@ _ACT = """([action, expected]) => new Promise((done) => {
 
 
 def _interactions(page, clock: _Clock) -> dict:
-    """Milliseconds from an action to the status line that answers it and to the new chart, the better of two.
+    """Milliseconds from an action to the status line that answers it and to the marks in the chart, the better of two.
 
     `chart_page_cpu`: processor time of the page's main thread until the new chart; `all_cpu`: of server and page until
     all figures are drawn.
@@ -225,28 +225,19 @@ def _interaction(page, clock: _Clock, action: str) -> dict:
 _CLICK = """(row) => new Promise((done) => {
     const begun = performance.now(), times = {};
     const plot = (name) => document.querySelector(`[data-figure=${name}] .js-plotly-plot`);
-    const line = document.querySelector('[data-tab=residuals]'), text = line.innerText, chart = plot('chart').data;
-    const scene = plot('arrows')._fullLayout.scene._scene.glplot, gl = scene.gl, onrender = scene.onrender;
+    const line = document.querySelector('[data-tab=residuals]'), text = line.innerText;
+    const layers = (name) => document.querySelector(`[data-overlay=${name}]`).layersText;  // set once painted
+    const before = {chart: layers('chart'), arrows: layers('arrows')};
     const ring = () => document.querySelector('[data-mark=arrows]');
     const steps = {
         answer: () => line.innerText !== text,
-        mark: () => ring() && ring().innerText === `sample ${row + 1}` && ring().style.visibility === 'visible',
-        chart: () => plot('chart').data !== chart,
+        mark: () => ring() && ring().innerText === `sample ${row + 1}` && ring().style.visibility === 'inherit',
+        chart: () => layers('chart') !== before.chart,
+        scene: () => layers('arrows') !== before.arrows,
     };
     const painted = (name) => requestAnimationFrame(() => setTimeout(() => {
         times[name] = performance.now() - begun;
     }));
-    const isNew = () => plot('arrows')._fullData.some((one) =>
-        one.name && one.name.startsWith('selected') && one.customdata && one.customdata[0] === row);
-    scene.onrender = function () {
-        if (onrender) onrender.apply(this, arguments);
-        if (!isNew()) return;
-        scene.onrender = onrender;
-        setTimeout(() => {  // it is drawn after this function; reading waits for it
-            gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
-            painted('scene');
-        });
-    };
     const look = () => {
         for (const name of Object.keys(steps)) if (steps[name]()) { delete steps[name]; painted(name); }
         if (Object.keys(times).length === 4) done(times);

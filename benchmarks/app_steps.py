@@ -25,12 +25,19 @@ _REPEATS = 12
 _PAUSE_MS = 1200
 _IDLE_S = 10
 _TABS = ("Recording", "Residuals", "Edit and rerun", "Diagnosis")
-_WATCH = """([event, text, planes, scenes]) => {
+_WATCH = """([event, text, planes, scenes, overlays]) => {
     const plot = (name) => document.querySelector(`[data-figure=${name}] .js-plotly-plot`);
     const seen = (element) => element && getComputedStyle(element).visibility !== 'hidden';
     const line = () => Array.from(document.querySelectorAll(text)).find(seen)?.innerText ?? null;
     const glplot = (name) => plot(name)?._fullLayout?.scene?._scene?.glplot;
-    const parts = [...(text ? ['answer'] : []), ...planes, ...scenes], waiting = new Set(parts);
+    const marks = overlays.map((name) => `marks of ${name}`);
+    const parts = [...(text ? ['answer'] : []), ...planes, ...scenes, ...marks], waiting = new Set(parts);
+    const layers = (part) => {
+        const canvas = document.querySelector(`[data-overlay=${part.replace('marks of ', '')}]`);
+        return canvas && canvas.layersText;  // set once they are drawn
+    };
+    const oldLayers = {};
+    for (const part of marks) oldLayers[part] = layers(part);
     const old = {line: text && line(), data: {}}, times = {}, rendered = {};
     for (const name of [...planes, ...scenes]) old.data[name] = plot(name)?.data;
     const isNew = (name) => plot(name)?.data?.length && plot(name).data !== old.data[name];
@@ -49,7 +56,11 @@ _WATCH = """([event, text, planes, scenes]) => {
         gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));  // waits until it is drawn
         return true;
     };
-    const is = (name) => name === 'answer' ? line() !== old.line : scenes.includes(name) ? isDrawn(name) : isNew(name);
+    const is = (name) => {
+        if (name === 'answer') return line() !== old.line;
+        if (marks.includes(name)) return layers(name) !== oldLayers[name];
+        return scenes.includes(name) ? isDrawn(name) : isNew(name);
+    };
     window.stepTimes = new Promise((done) => addEventListener(event, (found) => {
         const painted = (name) => requestAnimationFrame(() => setTimeout(() => {
             times[name] = performance.now() - found.timeStamp;
@@ -68,12 +79,16 @@ _WATCH = """([event, text, planes, scenes]) => {
 
 @dataclass(frozen=True)
 class Step:
-    """What is awaited: the event that starts the clock, the line that answers it, and figures that are drawn again."""
+    """What is awaited: the event that starts the clock, the line that answers it, and what is drawn again.
+
+    planes, scenes: figures that plotly draws again; overlays: figures whose marks change, which the page draws itself.
+    """
 
     event: str
     line: str
     planes: tuple[str, ...] = ()
     scenes: tuple[str, ...] = ()
+    overlays: tuple[str, ...] = ()
 
 
 @dataclass
@@ -85,7 +100,7 @@ class Times:
 
     def measure(self, name: str, step: Step, act, *values) -> None:
         """Act as a person, by a call of `act` with `values`, and note the times until the page has answered."""
-        words = [step.event, step.line, list(step.planes), list(step.scenes)]
+        words = [step.event, step.line, *map(list, (step.planes, step.scenes, step.overlays))]
         self.page.evaluate(_WATCH, words)
         act(*values)
         self.found.setdefault(name, []).append(self.page.evaluate("() => window.stepTimes"))
@@ -178,8 +193,8 @@ def _residuals(times: Times) -> None:
     """Brush, exclude, take back, another axis."""
     page = times.page
     line = "[data-text=selection]"
-    selected = Step("mouseup", line, ("chart",), ("arrows",))
-    edited = Step("click", line, ("chart", "histogram"), ("arrows",))
+    selected = Step("mouseup", line, overlays=("chart", "arrows"))
+    edited = Step("click", line, ("histogram",), ("arrows",), ("chart", "arrows"))
     axis = Step("click", "", ("chart",))
     for repeat in range(_REPEATS):
         times.measure("brush", selected, _brush, page, 0.1 + 0.05 * repeat)

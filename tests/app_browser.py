@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent
 CHROMIUM = shutil.which("chromium")
 # Rendered in software, so that the same is drawn on every machine.
 FLAGS = ["--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
-WAIT_MS = 40_000
+WAIT_MS = 120_000
 PLAN = """
 [[stage]]
 name = "geometry"
@@ -195,22 +195,64 @@ def click_row(page, row: int, samples: int) -> None:
     wait_for_text(page, "selection", f"1 of {samples:,} samples selected")
 
 
-def click_at(page, x: float, y: float) -> None:
-    """Move the mouse to a place of the window and click, as slowly as plotly needs to see what is there."""
-    page.mouse.move(x, y, steps=4)
-    page.wait_for_timeout(300)
+_FOLLOW = """(one, event) => { one.seen = false; one.once(event, () => { one.seen = true; }); }"""
+_SEEN = "(one) => one.seen"
+
+
+def click_at(page, figure: str, x: float, y: float) -> None:
+    """Move the mouse to a place of the window and click, once plotly has seen what is there."""
+    element = plot(page, figure)
+    page.mouse.move(1, 1)
+    element.evaluate(_FOLLOW, "plotly_hover")
+    page.mouse.move(x, y)
+    page.wait_for_function(_SEEN, arg=element.element_handle())
+    element.evaluate(_FOLLOW, "plotly_click")
     page.mouse.down()
-    page.wait_for_timeout(150)
+    if element.evaluate(
+        "(one) => Boolean(one._fullLayout.scene)"
+    ):  # looks at the pressed button in its next frame
+        page.wait_for_function(_SEEN, arg=element.element_handle())
     page.mouse.up()
+    page.wait_for_function(_SEEN, arg=element.element_handle())
+
+
+_IS_DRAWN = """() => {
+    const tab = document.querySelector('[data-tab]:not(.hidden-tab)');
+    const isWaiting = (one) => one.offsetParent && !one.querySelector('.js-plotly-plot .main-svg');
+    const moves = (one) => one.playState === 'running' && Number.isFinite(one.effect.getComputedTiming().endTime);
+    return tab && !trame.state.state.trame__busy && !Array.from(tab.querySelectorAll('[data-figure]')).some(isWaiting)
+        && !document.getAnimations().some(moves);
+}"""
+"""Whether the shown tab has all its figures, no request is in progress and nothing fades in or moves."""
+
+
+def wait_until_drawn(page) -> None:
+    """Wait until the shown tab is complete."""
+    page.wait_for_function(_IS_DRAWN)
 
 
 def settled_place(page, find) -> list[float]:
     """What `find` says of a place in the window, once it says the same again: figures grow and scenes rotate."""
+    wait_until_drawn(page)
     before, place = None, find()
     while before is None or max(abs(a - b) for a, b in zip(before, place)) > 0.5:
-        page.wait_for_timeout(200)
+        page.evaluate(_FRAMES)
         before, place = place, find()
     return place
+
+
+_FRAMES = """async () => {
+    for (let k = 0; k < 12; k++) await new Promise((painted) => requestAnimationFrame(painted));
+}"""
+
+
+def painted_marks(page, figure: str, colour: str) -> int:
+    """How many marks with edges of a colour the page has painted above a figure."""
+    return page.locator(f"[data-overlay={figure}]").evaluate(
+        """(canvas, colour) => (canvas.layers || []).filter((one) => one.kind === 'marks' && one.colour === colour)
+            .reduce((sum, one) => sum + one.places[0].length, 0)""",
+        colour,
+    )
 
 
 _MIDDLE_OF_BIN = """(element, place) => {
@@ -224,7 +266,7 @@ def click_bin(page, place: int) -> None:
     """Click on a bin of the histogram of the residuals, at 40 % of its height."""
     bins = plot(page, "histogram")
     x, y = settled_place(page, lambda: bins.evaluate(_MIDDLE_OF_BIN, place))
-    click_at(page, x, y)
+    click_at(page, "histogram", x, y)
 
 
 def drawn_rows(page) -> list[int]:
@@ -252,9 +294,14 @@ _ENDS_OF_NEEDLES = """(element, corners) => {
 """Row -> where in the window its needle starts and ends, computed from the camera of the scene."""
 
 
+_HAS_CAMERA = "(one) => one._fullLayout.scene?._scene?.glplot?.cameraParams?.view && true"
+
+
 def ends_of_needles(page) -> dict[int, np.ndarray]:
     """Row -> (2, 2) px: where in the window the needle of a sample starts, and where its tip is."""
-    found = plot(page, "arrows").evaluate(_ENDS_OF_NEEDLES, CORNERS)
+    arrows = plot(page, "arrows")
+    page.wait_for_function(_HAS_CAMERA, arg=arrows.element_handle())
+    found = arrows.evaluate(_ENDS_OF_NEEDLES, CORNERS)
     return {int(row): np.array(ends) for row, ends in found.items()}
 
 
@@ -280,7 +327,7 @@ def clearest_needle(page, share: float) -> int:
 
 def click_mark(page, row: int, share: float = 0.0) -> None:
     """Click on the needle of a sample in space, at a share of its length from the measured point."""
-    click_at(page, *settled_place(page, lambda: place_of_needle(page, row, share)))
+    click_at(page, "arrows", *settled_place(page, lambda: place_of_needle(page, row, share)))
 
 
 def brush_chart(page) -> None:
@@ -374,7 +421,12 @@ def emit(page, figure: str, event: str, value: dict) -> None:
 
 def text_of(page, name: str) -> str:
     """A status line of the page."""
-    return page.locator(f"[data-text={name}]").inner_text()
+    return page.locator(_line(name)).inner_text()
+
+
+def _line(name: str) -> str:
+    """Selector of a status line of the shown tab; tabs that were shown before stay in the page, hidden."""
+    return f"[data-tab]:not(.hidden-tab) [data-text={name}]"
 
 
 def wait_for_text(page, name: str, part: str, timeout: float = WAIT_MS) -> str:
@@ -382,7 +434,7 @@ def wait_for_text(page, name: str, part: str, timeout: float = WAIT_MS) -> str:
     from playwright.sync_api import TimeoutError as Late
 
     try:
-        page.locator(f"[data-text={name}]", has_text=part).wait_for(timeout=timeout)
+        page.locator(_line(name), has_text=part).wait_for(timeout=timeout)
     except Late:
         lines = [one.inner_text() for one in page.locator("[data-text], .v-alert").all()]
         raise AssertionError(f"{name}: expected {part!r}, the page shows {lines}") from None

@@ -3,7 +3,16 @@
 import pytest
 
 from app_access import CONTRAST, missed_controls
-from app_browser import TABS, click_row, emit, opened_app, plot, show_tab, wait_for_text
+from app_browser import (
+    TABS,
+    click_row,
+    emit,
+    opened_app,
+    plot,
+    show_tab,
+    wait_for_text,
+    wait_until_drawn,
+)
 from app_diagnosis import write_diagnosis
 
 pytestmark = pytest.mark.slow
@@ -31,7 +40,7 @@ def page(request, browser, tmp_path_factory):
 @pytest.mark.parametrize("tab", TABS)
 def test_every_control_is_reached_by_the_tabulator_key(page, tab):
     show_tab(page, tab)
-    page.wait_for_timeout(1500)
+    wait_until_drawn(page)
     assert missed_controls(page) == []
 
 
@@ -47,7 +56,7 @@ def test_the_arrow_keys_open_every_tab(page):
 @pytest.mark.parametrize("tab", TABS)
 def test_text_has_a_contrast_of_at_least_4_5(page, tab):
     show_tab(page, tab)
-    page.wait_for_timeout(800)
+    wait_until_drawn(page)
     assert page.evaluate(CONTRAST) == []
 
 
@@ -63,7 +72,7 @@ def test_text_in_figures_has_a_contrast_of_at_least_4_5(page):
 def test_nothing_is_cut_off_in_a_window_of_800_px(page, tab):
     page.set_viewport_size({"width": 800, "height": 900})
     show_tab(page, tab)
-    page.wait_for_timeout(800)
+    wait_until_drawn(page)
     widest = page.evaluate("() => document.documentElement.scrollWidth")
     last = page.get_by_role("tab", name=TABS[-1], exact=True).bounding_box()
     page.set_viewport_size({"width": 1400, "height": 900})

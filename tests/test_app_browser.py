@@ -6,8 +6,10 @@ from contextlib import contextmanager
 import pytest
 
 from app_browser import (
+    WAIT_MS,
     brush_chart,
     choose_option,
+    click_at,
     click_bin,
     click_mark,
     click_row,
@@ -15,6 +17,7 @@ from app_browser import (
     emit,
     open_page,
     opened_app,
+    painted_marks,
     place_of_needle,
     plot,
     scrub_by_key,
@@ -24,7 +27,9 @@ from app_browser import (
     text_of,
     trace,
     wait_for_text,
+    wait_until_drawn,
 )
+from workbench.app.figures import style
 
 pytestmark = pytest.mark.slow
 
@@ -62,10 +67,11 @@ def page(shared):
 
 def test_nothing_is_loaded_from_another_host(browser, served):
     page = browser.new_page()
+    page.set_default_timeout(WAIT_MS)
     foreign = []
     page.on("request", lambda request: foreign.append(request.url))
     page.goto(served.address)
-    page.get_by_role("tab", name="Recording").wait_for(timeout=90_000)
+    page.get_by_role("tab", name="Recording").wait_for()
     local = (served.origin, "data:", "blob:", served.origin.replace("http", "ws"))
     assert [url for url in foreign if not url.startswith(local)] == []
     page.close()
@@ -105,9 +111,7 @@ def test_a_real_click_on_a_mark_of_the_chart_selects_it(page):
             return [box.left + layout.xaxis._offset + layout.xaxis.c2p(one.x[k]),
                     box.top + layout.yaxis._offset + layout.yaxis.c2p(one.y[k])]; }"""
     )
-    page.mouse.move(x, y, steps=4)
-    page.wait_for_timeout(300)
-    page.mouse.click(x, y)
+    click_at(page, "chart", x, y)
     wait_for_text(page, "selection", "1 of 300 samples selected")
 
 
@@ -120,21 +124,60 @@ def test_a_recording_without_a_run_shows_a_sentence_and_no_empty_charts(browser,
         wait_for_text(page, "selection", "0 of 300")
 
 
-_DIMMED = """() => document.querySelector('[data-figure=chart] .js-plotly-plot')._fullData
-    .filter((trace) => trace.selectedpoints).map((trace) => trace.name)"""
-
-
-def test_a_brush_dims_no_marks_of_the_new_drawing(page):
-    page.get_by_label("Residual from (mm)").fill("0.1")
-    page.get_by_role("button", name="Select by length").click()
+def test_a_selection_is_marked_in_chart_and_scene_without_drawing_them_again(page):
+    kept = "(one) => { window.kept = window.kept || {}; window.kept[%r] = one.data; }"
+    for name in ("chart", "arrows"):
+        plot(page, name).evaluate(kept % name)
     brush_chart(page)
     wait_for_text(page, "selection", "300 of 300")
-    page.wait_for_timeout(1000)
-    assert page.evaluate(_DIMMED) == []
+    assert [painted_marks(page, name, style.ORANGE) for name in ("chart", "arrows")] == [300, 301]
     page.get_by_role("button", name="Clear selection").click()
     wait_for_text(page, "selection", "0 of 300")
-    page.wait_for_timeout(1000)
-    assert page.evaluate(_DIMMED) == []
+    assert [painted_marks(page, name, style.ORANGE) for name in ("chart", "arrows")] == [0, 1]
+    wait_until_drawn(page)
+    for name in ("chart", "arrows"):
+        assert plot(page, name).evaluate(f"(one) => one.data === window.kept.{name}")
+
+
+def test_the_escape_key_ends_a_brush_without_a_selection(page):
+    box = plot(page, "chart").locator(".nsewdrag").first.bounding_box()
+    page.mouse.move(box["x"] + 5, box["y"] + 5)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 80, box["y"] + 60, steps=3)
+    page.locator(".brush").wait_for()
+    page.keyboard.press("Escape")
+    page.locator(".brush").wait_for(state="detached")
+    page.mouse.up()
+    wait_until_drawn(page)
+    assert text_of(page, "selection").startswith("0 of 300")
+
+
+_LEFTMOST = """(canvas) => {
+    const {data, width, height} = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+    for (let x = 0; x < width; x++) for (let y = 0; y < height; y++)
+        if (data[4 * (y * width + x) + 3]) return x;
+    return null;
+}"""
+
+
+def test_the_marks_follow_the_zoom_of_a_chart(page):
+    click_row(page, 150, 300)
+    marks = page.locator("[data-overlay=chart]")
+    before = marks.evaluate(_LEFTMOST)
+    box = plot(page, "chart").bounding_box()
+    page.mouse.move(box["x"] + box["width"] - 30, box["y"] + 0.6 * box["height"])
+    page.keyboard.down("Control")
+    page.mouse.wheel(0, 300)
+    page.keyboard.up("Control")
+    page.wait_for_function(
+        "([canvas, old]) => (" + _LEFTMOST + ")(canvas) > old + 5",
+        arg=[marks.element_handle(), before],
+    )
+    page.get_by_role("button", name="Reset view: Residual of each sample").press("Enter")
+    page.wait_for_function(
+        "([canvas, old]) => (" + _LEFTMOST + ")(canvas) === old",
+        arg=[marks.element_handle(), before],
+    )
 
 
 def test_a_brush_over_the_whole_chart_selects_every_sample(page):
@@ -158,18 +201,20 @@ def test_a_real_click_on_a_low_bar_selects_its_samples(page):
 
 
 def test_a_real_click_on_a_mark_in_space_selects_its_sample(page):
-    plot(page, "arrows")
-    page.wait_for_timeout(1500)
     click_mark(page, 120)
     wait_for_text(page, "selection", "1 of 300 samples selected")
 
 
 _RING_AND_NEEDLE = """() => {
     const mark = document.querySelector('[data-mark=arrows]');
-    if (!mark || mark.style.visibility !== 'visible') return null;
+    if (!mark || getComputedStyle(mark).visibility !== 'visible') return null;
     const box = mark.getBoundingClientRect();
     return [mark.innerText, box.left, box.top];
 }"""
+
+
+_CAMERA = """() => JSON.stringify(document.querySelector('[data-figure=arrows] .js-plotly-plot')
+    ._fullLayout.scene._scene.getCamera().eye)"""
 
 
 def test_a_ring_marks_the_selected_sample_in_space_and_follows_the_camera(page):
@@ -180,8 +225,9 @@ def test_a_ring_marks_the_selected_sample_in_space_and_follows_the_camera(page):
         assert ring == pytest.approx(place_of_needle(page, 120), abs=12)  # the needle has a width
         rotate = page.get_by_role("button", name="Rotate left: Residuals as arrows in space")
         for _ in range(3):
+            camera = page.evaluate(_CAMERA)
             rotate.press("Enter")
-            page.wait_for_timeout(300)
+            page.wait_for_function(f"(old) => ({_CAMERA})() !== old", arg=camera)
         page.wait_for_function(
             f"(old) => Math.hypot(...({_RING_AND_NEEDLE})().slice(1).map((v, k) => v - old[k])) > 15",
             arg=ring,
@@ -244,7 +290,10 @@ def test_a_tab_opened_by_a_button_stays_open_after_a_quick_change_of_tabs(page):
         page.get_by_role("tab", name="Residuals", exact=True).click()
         page.get_by_role("button", name="Show in recording").click()
         page.locator("[data-tab=recording]").wait_for()
-    page.wait_for_timeout(1000)
+    wait_for_text(page, "row", "(101 of 300)")
+    page.get_by_role("button", name="Next sample").click()  # answered after all that came before
+    wait_for_text(page, "row", "(102 of 300)")
+    wait_until_drawn(page)
     assert page.locator("[data-tab=recording]").is_visible()
 
 

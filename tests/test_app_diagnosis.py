@@ -2,7 +2,16 @@
 
 import pytest
 
-from app_browser import emit, opened_app, plot, show_tab, text_of, trace, wait_for_text
+from app_browser import (
+    emit,
+    opened_app,
+    plot,
+    show_tab,
+    text_of,
+    trace,
+    wait_for_text,
+    wait_until_drawn,
+)
 from app_diagnosis import write_diagnosis, write_image_diagnosis
 
 pytestmark = pytest.mark.slow
@@ -79,7 +88,7 @@ def test_ticked_terms_join_the_plan(diagnosis):
 def test_all_tabs_are_drawn_with_terms_in_the_plan(diagnosis):
     for tab in ("Residuals", "Edit and rerun", "Recording"):
         show_tab(diagnosis, tab)
-        diagnosis.wait_for_timeout(500)
+        wait_until_drawn(diagnosis)
         assert diagnosis.get_by_text("This is a bug").count() == 0
     show_tab(diagnosis, "Residuals")
     assert sum(trace(diagnosis, "histogram", "after")["y"]) == 300

@@ -157,13 +157,13 @@ def test_the_page_lists_excluded_samples_and_includes_one(page, tab):
 @pytest.mark.slow
 def test_an_excluded_sample_is_included_by_its_number(page):
     show_tab(page, "Residuals")
-    page.get_by_label("Number to include").fill("8")
+    page.get_by_role("textbox", name="Number to include").fill("8")
     page.get_by_role("button", name="Include sample", exact=True).click()
     page.get_by_text("there is nothing to include").wait_for()
-    page.get_by_label("Number to include").fill("7")
+    page.get_by_role("textbox", name="Number to include").fill("7")
     page.get_by_role("button", name="Include sample", exact=True).click()
     wait_for_text(page, "excluded", "1 sample excluded")
     page.get_by_role("button", name="Include all").click()
-    page.locator("[data-text=excluded]").wait_for(state="detached")
+    page.locator("[data-tab=residuals] [data-text=excluded]").wait_for(state="detached")
     wait_for_text(page, "selection", "; 0 excluded")
     assert page.problems == []

@@ -6,7 +6,16 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from app_browser import emit, open_page, plot, serve, stop, wait_for_text
+from app_browser import (
+    WAIT_MS,
+    open_page,
+    plot,
+    serve,
+    show_tab,
+    stop,
+    wait_for_text,
+    wait_until_drawn,
+)
 
 LIBRARY = "**/trame-plotly.umd.js"
 
@@ -75,6 +84,7 @@ def served(arm_run, tmp_path_factory):
 def page(browser, served):
     """A page whose chart library is held back until `page.held` is continued."""
     page = browser.new_page(viewport={"width": 1400, "height": 900})
+    page.set_default_timeout(WAIT_MS)
     page.held = []
     page.route(LIBRARY, lambda route: page.held.append(route))
     page.goto(served.address)
@@ -93,24 +103,35 @@ def test_texts_and_an_image_of_the_residuals_need_no_chart_library(page, opening
     )
     assert page.locator(".js-plotly-plot").count() == 0
     page.wait_for_function("() => !window.Plotly && document.querySelector('[data-still=arrows]')")
-    while not page.held:
-        page.wait_for_timeout(50)
+    while not page.held:  # it is asked for once the page is on the screen
+        page.evaluate("() => new Promise((painted) => requestAnimationFrame(painted))")
     page.held[0].continue_()
     plot(page, "arrows")
 
 
 @pytest.mark.slow
-def test_a_selection_does_not_draw_the_histogram_again(browser, served):
+def test_a_tab_that_was_left_is_there_again_and_a_new_one_says_that_it_draws(browser, served):
     page = open_page(browser, served, "Residuals")
-    for name in ("histogram", "chart", "arrows"):
-        plot(page, name)
-    keep = "(one) => { window.kept = window.kept || {}; window.kept[%r] = one.data; }"
-    for name in ("histogram", "chart"):
-        plot(page, name).evaluate(keep % name)
-    emit(page, "arrows", "plotly_click", {"points": [{"customdata": 7}]})
-    wait_for_text(page, "selection", "1 of 300 samples selected")
-    plot(page, "chart").evaluate(
-        "async (one) => { while (one.data === window.kept.chart) await new Promise((r) => setTimeout(r, 20)); }"
-    )
-    assert plot(page, "histogram").evaluate("(one) => one.data === window.kept.histogram")
+    wait_until_drawn(page)
+    page.evaluate(_KEEP)
+    page.evaluate(_HAS_WAITED)
+    for tab in ("Recording", "Residuals", "Edit and rerun", "Residuals"):
+        show_tab(page, tab)
+        wait_until_drawn(page)
+        assert page.locator("[data-tab]:visible").count() == 1
+    assert page.evaluate(_IS_KEPT) and page.evaluate("() => window.hasWaited")
     page.close()
+
+
+_KEEP = """() => {
+    window.kept = Array.from(document.querySelectorAll('[data-tab=residuals] .js-plotly-plot'));
+    window.data = window.kept.map((one) => one.data);
+}"""
+_IS_KEPT = """() => window.kept.length === 3
+    && window.kept.every((one, k) => one.isConnected && one.data === window.data[k] && one.querySelector('.main-svg'))"""
+
+
+_HAS_WAITED = """() => {
+    const look = () => { if (document.querySelector('[data-tab=recording] [aria-label=Drawing]')) window.hasWaited = true; };
+    new MutationObserver(look).observe(document.body, {childList: true, subtree: true});
+}"""

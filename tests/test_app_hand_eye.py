@@ -111,7 +111,7 @@ def test_a_real_click_on_a_bar_shows_image_with_overlay_pose_and_row(
         assert bars["y"] == pytest.approx([one["held_out"] for one in errors])
         figure = plot(page, "pose_errors")
         x, y = settled_place(page, lambda: figure.evaluate(_MIDDLE_OF_BAR, 4))
-        click_at(page, x, y)
+        click_at(page, "pose_errors", x, y)
         wait_for_text(page, "selection", "1 of 14 samples selected")
         page.get_by_role(
             "heading", name=f"Sample 5, residual {errors[4]['residual']:.4f} px"

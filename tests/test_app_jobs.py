@@ -63,7 +63,7 @@ def test_a_job_that_does_not_end_in_time_is_killed_and_leaves_nothing(
 def kill(job) -> None:
     """Kill the processes of a job at once."""
     os.killpg(job._process.pid, signal.SIGKILL)
-    time.sleep(0.1)
+    job._process.wait(30)
 
 
 def test_without_trame_the_command_says_what_to_install(workbench, tmp_path):

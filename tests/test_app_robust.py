@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app_browser import open_page, serve, show_tab, stop, text_of, wait_for_text
+from app_browser import open_page, serve, show_tab, stop, text_of, wait_for_text, wait_until_drawn
 
 pytestmark = pytest.mark.slow
 
@@ -49,7 +49,7 @@ def test_three_samples_are_shown_and_what_cannot_be_calibrated_is_said(browser, 
     assert "Sample 1 (1 of 3)" in wait_for_text(page, "row", "Sample 1")
     for tab in ("Residuals", "Sensor", "Diagnosis", "Edit and rerun"):
         show_tab(page, tab)
-        page.wait_for_timeout(500)
+        wait_until_drawn(page)
     page.get_by_role("button", name="Calibrate").click()
     wait_for_text(page, "job", "The run failed", 120_000)
     assert "bug" not in text_of(page, "job")

@@ -4,7 +4,16 @@ import math
 
 import pytest
 
-from app_browser import open_page, opened_app, plot, serve, show_tab, stop, wait_for_text
+from app_browser import (
+    open_page,
+    opened_app,
+    plot,
+    serve,
+    show_tab,
+    stop,
+    wait_for_text,
+    wait_until_drawn,
+)
 from workbench.app.figures import style
 from workbench.app.ui.view import LEFT, RESET, RIGHT, ZOOM_IN, ZOOM_OUT, View, moved_camera
 from workbench.core.errors import InputError
@@ -101,10 +110,9 @@ def test_the_wheel_over_a_scene_scrolls_the_page_and_leaves_the_scene(page):
     before = _distance(_camera(page))
     box = plot(page, "arrows").bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    for _ in range(6):
-        page.mouse.wheel(0, 200)
-        page.wait_for_timeout(200)
+    page.mouse.wheel(0, 200)
     page.wait_for_function("() => window.scrollY > 50")
+    wait_until_drawn(page)
     assert _distance(_camera(page)) == pytest.approx(before)
     page.set_viewport_size({"width": 1400, "height": 900})
 
@@ -124,20 +132,28 @@ def test_a_scene_is_zoomed_and_reset_by_keyboard(page):
 
 @pytest.mark.slow
 def test_a_chart_zooms_with_ctrl_and_the_wheel_and_is_reset(page):
+    page.set_viewport_size({"width": 1400, "height": 500})
     show_tab(page, "Residuals")
+    wait_until_drawn(page)
     chart = plot(page, "chart")
     spread = "(one) => { const [a, b] = one._fullLayout.yaxis.range; return b - a; }"
     before = chart.evaluate(spread)
     box = chart.bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    page.mouse.wheel(0, -200)
-    page.wait_for_timeout(1000)
+    page.mouse.wheel(0, 200)
+    page.wait_for_function("() => window.scrollY > 50")
     assert chart.evaluate(spread) == pytest.approx(before)
+    page.set_viewport_size({"width": 1400, "height": 900})
+    page.evaluate("() => window.scrollTo(0, 0)")
+    wait_until_drawn(page)
+    before, box = chart.evaluate(spread), chart.bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.keyboard.down("Control")
     page.mouse.wheel(0, -200)
     page.keyboard.up("Control")
-    page.wait_for_timeout(1000)
-    assert chart.evaluate(spread) < 0.95 * before
+    page.wait_for_function(
+        f"([one, before]) => ({spread})(one) < 0.95 * before", arg=[chart.element_handle(), before]
+    )
     page.evaluate("() => window.scrollTo(0, 0)")
     page.get_by_role("button", name="Reset view: Residual of each sample").press("Enter")
     chart.evaluate(

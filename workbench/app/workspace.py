@@ -31,7 +31,7 @@ from workbench.app.edits.changes import (
     SAMPLES,
     Change,
 )
-from workbench.app.edits.excluded import Excluded, excluded_items
+from workbench.app.edits.excluded import Excluded, excluded_items, excluded_numbers
 from workbench.app.edits.history import History
 from workbench.app.edits.session import CALIBRATE, CAMERA, HAND_EYE, Session
 from workbench.app.edits.start import first_session
@@ -60,6 +60,8 @@ _COMPARED = {
 _UNKNOWN = "–"
 _BASELINE = {"rms_mm": "before_mm", "rotation_rms_deg": "before_deg"}
 _MOST_KNOWN = 24
+MOST_LISTED = 100
+"""Excluded items that a list shows."""
 REPLACE, EXTEND, REMOVE = "replace", "extend", "remove"
 
 
@@ -201,13 +203,16 @@ class Workspace:
         changed = self.session.excluded(SAMPLES) or self.session.excluded(POSES)
         if not recording.n or not changed:
             return np.ones(self.count, bool)
-        names = recording.sample_ids[~kept_rows(self.session, recording)]
-        return ~np.isin(self.opened.edit_ids, names)
+        kept, numbers = kept_rows(self.session, recording), self.opened.edit_ids
+        if np.array_equal(
+            numbers, recording.sample_ids
+        ):  # the rows of the run are those of the recording
+            return kept
+        return ~np.isin(numbers, recording.sample_ids[~kept])
 
     def drawn(self, most: int, kind: str = "") -> np.ndarray:
-        """Rows that a figure of at most about `most` marks shows: the selected, the largest, and some evenly spread."""
-        fixed = self._memo(("drawn", most, kind), lambda: drawn_always(self.lengths(kind), most))
-        return np.union1d(fixed, self.selected_rows[: most // 4])
+        """Rows that a figure of at most about `most` marks shows: the largest, and some evenly spread."""
+        return self._memo(("drawn", most, kind), lambda: drawn_always(self.lengths(kind), most))
 
     def means(self, name: str, kind: str = "") -> tuple[np.ndarray, np.ndarray]:
         """Mean quantity and mean length of the residual, over bins of equal count, of the rows that are kept."""
@@ -289,14 +294,35 @@ class Workspace:
         return self._memo(("excluded", session.changes), lambda: excluded_items(session, recording))
 
     @property
+    def first_excluded(self) -> list[Excluded]:
+        """The first of `excluded_items`, as many as a list shows."""
+        session, recording = self.session, self.opened.recording
+        key = ("first excluded", session.changes)
+        return self._memo(
+            key, lambda: excluded_items(session, recording, MOST_LISTED)[:MOST_LISTED]
+        )
+
+    @property
+    def excluded_counts(self) -> dict[str, int]:
+        """How many samples, and how many poses, the session excludes."""
+        session, recording = self.session, self.opened.recording
+
+        def compute():
+            samples = len(session.excluded(SAMPLES))
+            poses = len(excluded_items(session, recording, 0))
+            return {SAMPLES: samples, POSES: poses}
+
+        return self._memo(("excluded counts", session.changes), compute)
+
+    @property
     def outside(self) -> int:
         """How many samples are excluded that are no part of the newest run."""
 
         def compute():
-            numbers = {number for item in self.excluded_items for number in item.samples}
-            if not numbers:  # the numbers of a large recording are not sorted for nothing
+            numbers = excluded_numbers(self.session, self.opened.recording)
+            if not numbers.size:  # the numbers of a large recording are not sorted for nothing
                 return 0
-            return int((~np.isin(list(numbers), self.opened.edit_ids)).sum())
+            return int((~np.isin(numbers, self.opened.edit_ids)).sum())
 
         return self._memo(("outside", self.session.changes), compute)
 

@@ -142,6 +142,8 @@ def _inline(value) -> str:
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{key} = {_inline(inner)}" for key, inner in value.items()) + " }"
     if isinstance(value, list | tuple):
+        if all(type(inner) is int for inner in value):  # a brush selects up to a million samples
+            return f"{list(value)}"
         return "[" + ", ".join(_inline(inner) for inner in value) + "]"
     import tomli_w
 

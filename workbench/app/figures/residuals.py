@@ -1,7 +1,5 @@
 """Residuals: arrows in space, the length over any quantity, and histograms; every mark carries its row."""
 
-from itertools import count
-
 import numpy as np
 import plotly.graph_objects as go
 
@@ -18,7 +16,8 @@ from workbench.app.data.residuals import (
     unit_of,
 )
 from workbench.app.figures import robot, style
-from workbench.app.figures.arrows import Needles, add_needles, colour_top, rounded
+from workbench.app.figures.arrows import Needles, add_needles, colour_top
+from workbench.app.figures.overlay import Overlay
 from workbench.app.workspace import Workspace
 
 _NAMES = {
@@ -33,7 +32,6 @@ _NAMES = {
 _MOST_NAMES = 12
 _MARGIN = 0.1
 """Room for the tips of arrows around the points, as a share of the diagonal."""
-_DRAWINGS = count(1)
 _COLOURS = {
     FIT: style.GREEN,
     HELD_OUT: style.BLUE,
@@ -46,22 +44,21 @@ _COLOURS = {
 
 
 def arrows(work: Workspace) -> go.Figure:
-    """Arrows from the measured points, coloured by length; the arm at the current sample."""
+    """Arrows from the measured points, coloured by length, without what a selection changes."""
     made = style.space("arrows")
     residuals = work.opened.residuals
     if residuals is None or residuals.points is None:
         return made
     drawn = work.drawn(MOST_ARROWS)
     drawn = drawn[work.kept[drawn]]
+    marks = arrow_marks(work)
     places, vectors = residuals.points[:, drawn], residuals.arrows[:, drawn]
     low, high = _box(work, places)
     scale = _enlargement(low, high, vectors)
     numbers = work.opened.edit_ids[drawn]
     needles = Needles(places, scale * vectors, drawn, numbers, residuals.shown[drawn])
     add_needles(made, needles, float(np.linalg.norm(high - low)), showlegend=True)
-    _add_selected(made, work)
-    if has_arm(work.opened):
-        robot.add_arm(made, work, with_outer=False)
+    marks.add_legend(made)
     style.framed(made, low, high)
     text = f"arrows enlarged {scale:,.0f} times; {len(drawn):,} of {work.count:,} samples drawn"
     made.update_layout(title=dict(text=text, x=0.01, y=0.99, yanchor="top", font_size=13))
@@ -86,65 +83,68 @@ def _enlargement(low: np.ndarray, high: np.ndarray, vectors: np.ndarray) -> floa
     return arrow_scale(np.stack([low, high], axis=1), vectors) if vectors.size else 1.0
 
 
-def _add_selected(made, work: Workspace) -> None:
-    rows = work.selected_rows[: MOST_ARROWS // 4]
-    x, y, z = rounded(work.opened.residuals.points[:, rows])
-    made.add_scatter3d(
-        x=x,
-        y=y,
-        z=z,
-        mode="markers",
-        name=f"selected ({work.selected.sum():,})",
-        customdata=rows,
-        text=work.opened.edit_ids[rows],
-        marker=dict(size=6, color=style.ORANGE, symbol="diamond-open"),
-        hovertemplate="sample %{text}<extra></extra>",
-    )
+def arrow_marks(work: Workspace) -> Overlay:
+    """Above the arrows: the selected samples, and the arm at the current one."""
+    marks = Overlay()
+    residuals = work.opened.residuals
+    if residuals is None or residuals.points is None:
+        return marks
+    if has_arm(work.opened):
+        robot.add_arm(marks, work, with_outer=False)
+    x, y, z = residuals.points[:, work.selected_rows[: MOST_ARROWS // 4]]
+    ring = dict(size=9, color=style.ORANGE, symbol="diamond-open")
+    marks.add_scatter3d(x=x, y=y, z=z, mode="markers", name="selected", marker=ring)
+    return marks
 
 
 def chart(work: Workspace, name: str, kind: str) -> go.Figure:
-    """Length of the residual over one quantity, with means of bins of equal count over all samples."""
+    """Length of the residual over one quantity, without what a selection or an edit changes."""
     label, unit = kind_label(work.opened.residuals, kind), unit_of(kind)
     made = style.plane(style.plain(name), f"residual, {label} ({unit})", f"chart-{name}-{kind}")
-    # the browser dims by places within a trace; they are of other samples in every new drawing
-    made.update_layout(dragmode="select", selectionrevision=next(_DRAWINGS), clickmode="event")
+    made.update_layout(clickmode="event", dragmode=False)
     made.update_layout(xaxis_type="linear", yaxis_type="linear")  # plotly finds out in 14 ms else
     if name not in work.quantities:
         return made
-    x, y, kept = work.quantities[name], work.lengths(kind), work.kept
+    rows = work.drawn(MOST_POINTS, kind or "")
     _name_groups(made, work, name)
-    drawn = work.drawn(MOST_POINTS, kind or "")
-    chosen = work.selected[drawn]
-    for label, rows, marker in (
-        ("samples", drawn[kept[drawn] & ~chosen], dict(color=style.BLUE, size=5, opacity=0.7)),
-        ("excluded", drawn[~kept[drawn]], _ring(style.GREY)),
-        ("selected", drawn[chosen], _ring(style.ORANGE)),
-    ):
-        made.add_scattergl(
-            x=x[rows],
-            y=np.round(y[rows], 6),
-            mode="markers",
-            name=label,
-            customdata=rows,
-            text=work.opened.edit_ids[rows],
-            marker=marker,
-            hovertemplate="sample %{text}: %{y:.4f} " + unit + "<extra></extra>",
-        )
-    centres, means = work.means(name, kind or "")
     made.add_scattergl(
-        x=centres,
-        y=means,
-        mode="lines",
-        name="mean",
-        line=dict(color=style.INK, width=2),
-        hoverinfo="skip",
+        x=work.quantities[name][rows],
+        y=np.round(work.lengths(kind)[rows], 6),
+        mode="markers",
+        name="samples",
+        customdata=rows,
+        text=work.opened.edit_ids[rows],
+        marker=dict(color=style.BLUE, size=5, opacity=0.7),
+        hovertemplate="sample %{text}: %{y:.4f} " + unit + "<extra></extra>",
     )
+    chart_marks(work, name, kind).add_legend(made)
     return made
 
 
-def _ring(colour: str) -> dict:
-    """A circle without filling: of any other symbol plotly computes the shape again in each drawing, for 60 ms."""
-    return dict(color="rgba(0,0,0,0)", size=8, line=dict(color=colour, width=1.5))
+def chart_marks(work: Workspace, name: str, kind: str) -> Overlay:
+    """Above the chart: the excluded samples, the selected ones, and the mean of those that are kept."""
+    marks = Overlay()
+    if name not in work.quantities:
+        return marks
+    x, y = work.quantities[name], work.lengths(kind)
+    drawn = work.drawn(MOST_POINTS, kind or "")
+    chosen = np.union1d(drawn[work.selected[drawn]], work.selected_rows[: MOST_POINTS // 4])
+    groups = {"excluded": drawn[~work.kept[drawn]], "selected": chosen}
+    for label, ring in (
+        ("excluded", _ring(style.GREY, "white")),
+        ("selected", _ring(style.ORANGE)),
+    ):
+        rows = groups[label]
+        marks.add_scatter(x=x[rows], y=y[rows], mode="markers", name=label, marker=ring)
+    centres, means = work.means(name, kind or "")
+    line = dict(color=style.INK, width=2)
+    marks.add_scatter(x=centres, y=means, mode="lines", name="mean", line=line)
+    return marks
+
+
+def _ring(colour: str, fill: str = "rgba(0,0,0,0)") -> dict:
+    """A circle of a colour."""
+    return dict(color=fill, size=8, line=dict(color=colour, width=1.5))
 
 
 def kind_label(residuals: Residuals | None, kind: str) -> str:
@@ -178,7 +178,7 @@ def histogram_figure(work: Workspace, threshold: float | None = None, shown: str
     """
     unit = unit_of(shown)
     made = style.plane(f"residual ({unit})", "samples", f"histogram-{unit}")
-    made.update_layout(barmode="overlay", bargap=0.02, clickmode="event", dragmode="select")
+    made.update_layout(barmode="overlay", bargap=0.02, clickmode="event", dragmode=False)
     residuals = work.opened.residuals
     if residuals is None:
         return made

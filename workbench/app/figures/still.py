@@ -8,6 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from workbench.app.figures.arrows import CORNERS, shafts
+from workbench.app.figures.overlay import Overlay
 from workbench.app.figures.style import INK
 
 WIDTH, HEIGHT = 600, 512
@@ -19,11 +20,12 @@ _FIELD_RAD = np.pi / 4
 _GREY = "#d4d4d8"
 
 
-def still(made: go.Figure) -> str:
+def still(made: go.Figure, overlay: Overlay | None = None) -> str:
     """Address (data:) of an SVG image of the lines and marks of a framed scene, seen from its camera."""
     view = _View(made.layout.scene)
     parts = [_box(view)]
-    for trace in made.data:
+    above = [] if overlay is None else [go.Scatter3d(**trace) for trace in overlay.traces]
+    for trace in [*made.data, *above]:
         if len(trace.x):
             parts += _needles(view, trace) if trace.type == "mesh3d" else _marks(view, trace)
     title = escape(made.layout.title.text or "")

@@ -12,15 +12,18 @@ from trame.app import asynchronous
 from trame.widgets import html, plotly
 from trame.widgets import vuetify3 as v3
 
+from workbench.app.figures.overlay import Overlay
 from workbench.app.figures.still import still
 from workbench.app.ui.attributes import raw
 from workbench.app.ui.mark import build_mark, set_mark
+from workbench.app.ui.overlay import build_overlay, set_overlay
 from workbench.app.ui.view import PLANE, SPACE, View, buttons, wheel
 from workbench.app.workspace import Workspace
 from workbench.core.errors import InputError
 
 _log = logging.getLogger(__name__)
 _TURN_S = 0.005
+_MOST_KEPT = 3
 REPORT = "report.html"
 _STILL = "position: absolute; width: 100%; height: calc(100% - 64px)"
 """Where the scene of a figure in space lies, above its legend."""
@@ -84,9 +87,18 @@ class Page:
         self.state.tab = name
         self.server.force_state_push("tab")
 
+    def keep_tabs(self) -> None:
+        """Have the browser keep the figures of the tabs that were shown last, so that they are there at once.
+
+        A browser holds at most 16 images of WebGL at once; a tab needs up to five.
+        """
+        latest = [name for name in self.state.latest_tabs if name != self.state.tab]
+        self.state.latest_tabs = [self.state.tab, *latest][:_MOST_KEPT]
+
     def show(self) -> None:
         """Draw the chosen tab; called once the browser has painted the bar, so that figures do not delay it."""
         self.state.shown = True
+        self.keep_tabs()
         self.handler(lambda: None)()
         if self.work is not None and not self._is_warm:
             self._is_warm = True
@@ -95,6 +107,7 @@ class Page:
     def show_tab(self) -> None:
         """Draw the tab that was chosen."""
         if self.state.shown:
+            self.keep_tabs()
             self.handler(lambda: None)()
 
     def opened_changed(self) -> None:
@@ -204,11 +217,16 @@ class Tab:
     def figure(
         self, name: str, label: str, height: str = "60vh", view: str = PLANE, **events
     ) -> None:
-        """A plotly figure with the buttons of its view; label: what a screen reader says of it."""
+        """A plotly figure with the buttons of its view; label: what a screen reader says of it.
+
+        events: of plotly, and `brush`, which the browser evaluates where the mouse is pressed over a chart.
+        """
         self.state[f"still_{name}"] = ""
         self._view_of[name] = View()
-        with html.Div(style=f"position: relative; height: {height}; width: 100%"):
+        brush = {"@pointerdown": events.pop("brush")} if "brush" in events else {}
+        with html.Div(style=f"position: relative; height: {height}; width: 100%", **raw(**brush)):
             self._plot(name, label, view, events)
+            build_overlay(name, self.state)
             if view == SPACE:
                 build_mark(name, self.state)
             buttons(name, label, view, functools.partial(self._change_view, name))
@@ -224,9 +242,11 @@ class Tab:
                 style=_STILL,
                 **raw(alt="", data_still=name, elementtiming=f"still-{name}"),
             )
+            drawn = f"Object.keys(figure_{name}.layout).length"
+            _waiting(f"!{drawn} && !still_{name}")
             self.figures[name] = plotly.Figure(
                 state_variable_name=f"figure_{name}",
-                v_if=f"Object.keys(figure_{name}.layout).length",  # no empty axes before its turn
+                v_if=drawn,  # no empty axes before its turn
                 display_logo=("false",),
                 display_mode_bar=("false",),  # its buttons cannot be reached by keyboard
                 scroll_zoom=("true",),  # of what `wheel` lets through
@@ -238,6 +258,10 @@ class Tab:
         """Send a figure in the view that was chosen for it."""
         self._last_made[name] = made
         self.figures[name].update(self._view_of[name].applied(made))
+
+    def overlay(self, name: str, overlay: Overlay) -> None:
+        """Draw marks above a figure, in place of those before, without drawing the figure."""
+        set_overlay(name, self.state, overlay)
 
     def mark(self, name: str, place, text: str = "") -> None:
         """Mark a place (3,) mm of a figure in space, without drawing the figure; None removes the mark."""
@@ -256,12 +280,12 @@ class Tab:
     def draw_still(self, name: str, make: Callable) -> None:
         """Show a figure in space as an image first, where nothing was drawn yet: the chart library loads later.
 
-        The chart has a white ground, so that it covers the image.
+        make: the figure, and the marks above it. The chart has a white ground, so that it covers the image.
         """
         if not self.page.has_drawn:
             self.page.has_drawn = True
             key = f"still_{name}"
-            self.queue(key, lambda: self.state.update({key: still(make())}))
+            self.queue(key, lambda: self.state.update({key: still(*make())}))
 
     def draw_in_turn(self, **makers: Callable) -> None:
         """Make and send figures one after another in the background, in the order given.
@@ -273,19 +297,6 @@ class Tab:
         """
         for name, make in makers.items():
             self.queue(name, functools.partial(self._make_and_draw, name, make))
-
-    def draw_together(self, **makers: Callable) -> None:
-        """Make figures in the background and send them in one message, so that the browser paints them in one frame.
-
-        Of figures with WebGL each frame costs the page the time of copying its image.
-        """
-
-        def act():
-            made = {name: make() for name, make in makers.items()}
-            for name, figure in made.items():
-                self.draw(name, figure)
-
-        self.queue(" ".join(makers), act)
 
     def _make_and_draw(self, name: str, make: Callable) -> None:
         self.draw(name, make())
@@ -342,6 +353,13 @@ class Tab:
         )
 
 
+def _waiting(is_waiting: str) -> None:
+    """What stands in place of a figure until it is there. is_waiting: expression of the browser."""
+    with html.Div(v_if=is_waiting, classes="pa-4", style="position: absolute; width: 100%"):
+        v3.VProgressLinear(indeterminate=True, color="primary", **raw(aria_label="Drawing"))
+        html.Div("Drawing ...", classes="mt-2")
+
+
 def warm_up(opened) -> None:
     """Import what the tabs of a sensor need: at the first click it would take more than a second."""
     from workbench.app.data.sensor import scans_of
@@ -362,16 +380,6 @@ def points_of(*names: str) -> str:
     points = "($event && $event.points ? $event.points : [])"
     marks = f"{points}.map((point) => point.customdata).map((value) => {plain})"
     return f"[{', '.join([marks, *names])}]"
-
-
-def brush_of(handle: Callable, server, *names: str) -> str:
-    """What the browser does after a brush: a call of `handle` with the rectangle and the values of the fields `names`.
-
-    plotly also says that something was selected, without a rectangle, whenever it draws a figure with a selection.
-    That is no brush: to answer it would draw the figure a second time.
-    """
-    arguments = ", ".join(["$event.range", *names])
-    return f"$event && $event.range && trigger('{server.trigger_name(handle)}', [{arguments}])"
 
 
 def whole_number(value: object, low: int, high: int, name: str) -> int:

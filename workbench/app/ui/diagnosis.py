@@ -1,5 +1,7 @@
 """Tab "Diagnosis": the measuring chain, what acts at each place with its evidence, terms for the plan."""
 
+import functools
+
 from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
@@ -175,7 +177,8 @@ class DiagnosisTab(Tab):
         terms = [*answer["effects"], *answer["refused"]]
         state.terms = [_term_row(term, k < len(answer["effects"])) for k, term in enumerate(terms)]
         self._show_place(found)
-        self.draw("chain", diagnosis.chain(found, state.place))
+        key = (made, state.place)
+        self.draw_when_changed("chain", key, lambda: diagnosis.chain(found, key[1]))
         self._show_before_after(made)
         state.diagnosis_report = self.page.link_of(made.folder)
         state.next_text = answer.get("next_experiment", "")
@@ -190,7 +193,7 @@ class DiagnosisTab(Tab):
         state.next_names, state.next_rows = list(poses.names), poses.rows
         state.next_csv = poses.as_csv
         state.next_file = self.page.link_of(made.folder, data.NEXT_POSES)
-        self.draw("next", diagnosis.next_poses(made, poses))
+        self.draw_when_changed("next", (made,), lambda: diagnosis.next_poses(made, poses))
 
     def _show_before_after(self, made) -> None:
         """Residuals of an arm over a quantity, or a histogram of those of images."""
@@ -202,9 +205,12 @@ class DiagnosisTab(Tab):
             state.over = next(iter(state.overs), "")
         pixels = {} if is_arm else data.pixel_residuals(made.folder)
         if is_arm:
-            self.draw("before_after", diagnosis.before_after(made, state.over))
+            over = state.over
+            make = functools.partial(diagnosis.before_after, made, over)
+            self.draw_when_changed("before_after", (made, over), make)
         elif pixels:
-            self.draw("before_after", diagnosis.pixel_histogram(pixels))
+            make = functools.partial(diagnosis.pixel_histogram, pixels)
+            self.draw_when_changed("before_after", (made,), make)
         else:
             state.no_before_after = "This run has no table of residuals."
 

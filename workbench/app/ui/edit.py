@@ -1,6 +1,7 @@
 """Tab "Edit and rerun": excluded data, the outlier threshold, the rerun with progress, before and after."""
 
 import asyncio
+import functools
 
 from trame.app import asynchronous
 from trame.widgets import html
@@ -181,10 +182,12 @@ class EditTab(Tab):
         state.has_residuals = work.opened.residuals is not None
         if state.has_residuals:
             self._show_threshold()
-            self.draw_in_turn(comparison=lambda: residuals.comparison(self.work))
+            key = (work.previous, work.opened)
+            self.draw_when_changed("comparison", key, lambda: residuals.comparison(self.work))
         state.has_side_by_side = residuals.has_side_by_side(work)
         if state.has_side_by_side:
-            self.draw_in_turn(side_by_side=lambda: residuals.side_by_side(self.work))
+            key = (work.previous, work.opened)
+            self.draw_when_changed("side_by_side", key, lambda: residuals.side_by_side(self.work))
 
     def show_changes(self) -> None:
         """Send the list of changes; also called while another tab is shown, so that it never lags behind."""
@@ -199,7 +202,9 @@ class EditTab(Tab):
         self.state.threshold_text = (
             f"{counted(above, 'sample')} {verb} a residual above {value:.4g} mm"
         )
-        self.draw_in_turn(threshold=lambda: residuals.histogram_figure(self.work, value))
+        key = (self.work.opened, self.work.session.changes, value)
+        make = functools.partial(residuals.histogram_figure, self.work, value)
+        self.draw_when_changed("threshold", key, make)
 
     def _on_threshold(self, **_) -> None:
         if self.is_shown:

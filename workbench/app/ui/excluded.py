@@ -1,14 +1,16 @@
 """List of excluded samples and poses, each with a button that includes it again."""
 
+from collections.abc import Mapping
+
 from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
 from workbench.app.edits.changes import POSES
 from workbench.app.ui.attributes import raw
 from workbench.app.ui.base import whole_number
+from workbench.app.workspace import MOST_LISTED
 from workbench.report.text import counted
 
-MOST_ROWS = 100
 _HEADS = {"label": "Excluded", "why": "Why", "length": "Residual (mm)"}
 _NOTE = (
     "The residual of a sample that is no part of this run is predicted by the model of the run; "
@@ -69,28 +71,18 @@ class ExcludedList:
 
     def refresh(self) -> None:
         """Send the list; residuals are predicted after the texts of the tab have been sent."""
-        items = self.tab.work.excluded_items
-        self.state.excluded_text = self._text(items)
-        opened = self.tab.work.opened
+        work = self.tab.work
+        counts = work.excluded_counts
+        self.state.excluded_text = _text(counts)
+        opened = work.opened
         self.state.excluded_note = _NOTE if opened.samples is opened.recording else _NOTE_OF_SCANS
-        if items:
+        if any(counts.values()):
             self.tab.queue("excluded", self._send)
         else:
             self.state.excluded = []
 
-    def _text(self, items) -> str:
-        if not items:
-            return ""
-        poses = sum(item.kind == POSES for item in items)
-        parts = [counted(len(items) - poses, "sample")] if len(items) > poses else []
-        parts += [counted(poses, "pose")] if poses else []
-        text = f"{' and '.join(parts)} excluded"
-        if len(items) > MOST_ROWS:
-            text += f"; the first {MOST_ROWS} are listed"
-        return text
-
     def _send(self) -> None:
-        items = self.tab.work.excluded_items[:MOST_ROWS]
+        items = self.tab.work.first_excluded
         lengths = self.tab.work.lengths_of(items)
         self.state.excluded = [_row(item, length) for item, length in zip(items, lengths)]
 
@@ -112,6 +104,17 @@ class ExcludedList:
 
     def _say(self) -> None:
         self.page.say("Included again; calibrate to see the effect.")
+
+
+def _text(counts: Mapping[str, int]) -> str:
+    """How many samples and poses are excluded, "" for none."""
+    parts = [counted(count, kind.removesuffix("s")) for kind, count in counts.items() if count]
+    if not parts:
+        return ""
+    text = f"{' and '.join(parts)} excluded"
+    if sum(counts.values()) > MOST_LISTED:
+        text += f"; the first {MOST_LISTED} are listed"
+    return text
 
 
 def _row(item, length: float | None) -> dict:

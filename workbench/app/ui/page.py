@@ -15,7 +15,7 @@ from workbench.app.ui.diagnosis import DiagnosisTab
 from workbench.app.ui.edit import EditTab
 from workbench.app.ui.importing import ImportTab
 from workbench.app.ui.library import defer_charts
-from workbench.app.ui.mark import FOLLOW
+from workbench.app.ui.overlay import SCRIPT, STYLE
 from workbench.app.ui.recording import RecordingTab
 from workbench.app.ui.residuals import ResidualsTab
 from workbench.app.ui.sensor import SensorTab
@@ -27,6 +27,7 @@ _STYLE = """
 .v-field input::placeholder { color: #4b5563 !important; opacity: 1 !important; }
 .v-label { opacity: 1 !important; color: #1b1f24; }
 .v-tab { opacity: 1 !important; }
+.hidden-tab { position: fixed; top: 0; left: 0; width: 100%; visibility: hidden; pointer-events: none; z-index: -1; }
 """
 _STOPPED = """
 <v-app style="background: white"><v-main><div class="pa-6" role="alert" data-stopped>
@@ -61,7 +62,7 @@ def build(server, opened: Opened | None, session: Path | None) -> Page:
     state = server.state
     state.trame__title = "workbench"
     state.message, state.message_kind = "", "info"
-    state.shown = False
+    state.shown, state.latest_tabs = False, []
     state.is_open, state.report = False, ""
     state.heading, state.summary = "workbench", "Nothing is open yet: import a recording"
     state.stopped_text, state.trame__template_error = page.stopped_text(), _STOPPED
@@ -120,11 +121,23 @@ def _bar(tabs) -> None:
                     v3.VTab(tab.title, value=tab.name, classes="text-none", **closed)
 
 
+def _tab(tab) -> None:
+    """A tab, which exists while it is shown or is one of those that were shown last.
+
+    A hidden one keeps its size, so that its figures need not be drawn again.
+    """
+    is_shown = f"tab === '{tab.name}'"
+    is_there = f"shown && ({is_shown} || latest_tabs.includes('{tab.name}'))"
+    hidden = {":class": f"{{'hidden-tab': tab !== '{tab.name}'}}"}
+    with html.Div(v_if=is_there, classes="pa-3", **raw(data_tab=tab.name, **hidden)):
+        tab.build()
+
+
 def _layout(server, page: Page, tabs) -> None:
     with VAppLayout(server, vuetify_config=_THEME) as layout:
         layout.root.style = "background: white"
-        client.Style(_STYLE)
-        client.Script(FOLLOW)
+        client.Style(_STYLE + STYLE)
+        client.Script(SCRIPT)
         client.ClientTriggers(mounted=page.show)
         client.ClientStateChange(value="tab", change="window.scrollTo(0, 0)")
         _bar(tabs)
@@ -142,7 +155,4 @@ def _layout(server, page: Page, tabs) -> None:
                 style=("message_kind === 'error' ? 'color: #b3261e' : 'color: #0b4a7a'",),
             )
             for tab in tabs:
-                with html.Div(
-                    v_if=f"shown && tab === '{tab.name}'", classes="pa-3", **raw(data_tab=tab.name)
-                ):
-                    tab.build()
+                _tab(tab)

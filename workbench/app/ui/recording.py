@@ -25,7 +25,6 @@ class RecordingTab(Tab):
         super().__init__(page)
         self.panel = ImagePanel(self, "image")
         self.excluded = ExcludedList(self)
-        self._covered: object = None
 
     def build(self) -> None:
         state = self.state
@@ -128,12 +127,12 @@ class RecordingTab(Tab):
         self._describe()
         self.excluded.refresh()
         if self.state.has_arm:
-            self.draw_still("scene", lambda: _scene(self.work))
-            self.draw_in_turn(scene=lambda: _scene(self.work))
-        is_new = self._covered is not self.work.opened
-        if self.state.has_joints and is_new:  # no edit changes it
-            self._covered = self.work.opened
-            self.draw_in_turn(coverage=lambda: robot.coverage(self.work))
+            self.draw_still("scene", lambda: [_scene(self.work)])
+            key = (self.work.opened, self.work.current)
+            self.draw_when_changed("scene", key, lambda: _scene(self.work))
+        if self.state.has_joints:  # no edit changes it
+            key = (self.work.opened,)
+            self.draw_when_changed("coverage", key, lambda: robot.coverage(self.work))
         if self.state.images:
             self._show_image()
 

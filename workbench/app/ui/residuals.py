@@ -9,9 +9,10 @@ from workbench.app.edits.session import CAMERA
 from workbench.app.figures import residuals
 from workbench.app.figures.robot import has_points
 from workbench.app.ui.attributes import raw
-from workbench.app.ui.base import Tab, brush_of, number_of, points_of, whole_number
+from workbench.app.ui.base import Tab, number_of, points_of, whole_number
 from workbench.app.ui.excluded import ExcludedList
 from workbench.app.ui.image_panel import ImagePanel
+from workbench.app.ui.overlay import brush_of
 from workbench.app.ui.pose_errors import PoseErrors
 from workbench.app.ui.recording import row_table
 from workbench.app.ui.view import SPACE
@@ -118,14 +119,14 @@ class ResidualsTab(Tab):
             "Residual of each sample over the chosen quantity",
             "32vh",
             click=(handler(self.on_click), points_of("select_mode")),
-            selected=self._brush(self.on_brush, "select_mode", "quantity", "kind"),
+            brush=self._brush(self.on_brush, "select_mode", "quantity", "kind"),
         )
         self.figure(
             "histogram",
             "Histogram of the residuals of the fit and held out",
             "30vh",
             click=(handler(self.on_bar), points_of("select_mode")),
-            selected=self._brush(self.on_brush_lengths, "select_mode", "kind"),
+            brush=self._brush(self.on_brush_lengths, "select_mode", "kind"),
         )
 
     def _brush(self, method, *names: str) -> str:
@@ -209,16 +210,33 @@ class ResidualsTab(Tab):
         self.excluded.refresh()
         if not has:
             return
+        self._show_marks()
         if not state.no_arrows:
-            self.draw_still("arrows", lambda: residuals.arrows(self.work))
+            self.draw_still("arrows", self._still)
         self._draw_histogram()
-        self.draw_together(chart=self._chart, arrows=lambda: residuals.arrows(self.work))
+        self._draw_chart()
+        key = (work.opened, work.session.changes)
+        self.draw_when_changed("arrows", key, lambda: residuals.arrows(self.work))
 
     def prepare(self) -> None:
         if self.work.opened.residuals is not None:
             residuals.arrows(self.work)
             residuals.histogram_figure(self.work)
             residuals.chart(self.work, next(iter(self.work.quantities), ""), "")
+
+    def _show_marks(self) -> None:
+        """Show what a selection changes above chart and scene, which are not drawn again."""
+        work, state = self.work, self.state
+        self.overlay("chart", residuals.chart_marks(work, state.quantity, state.kind or ""))
+        self.overlay("arrows", residuals.arrow_marks(work))
+
+    def _still(self):
+        return residuals.arrows(self.work), residuals.arrow_marks(self.work)
+
+    def _draw_chart(self) -> None:
+        name, kind = self.state.quantity, self.state.kind or ""
+        key = (self.work.opened, name, kind)
+        self.draw_when_changed("chart", key, lambda: residuals.chart(self.work, name, kind))
 
     def _draw_histogram(self) -> None:
         """It needs no WebGL and is drawn soonest; a selection does not change it."""
@@ -282,11 +300,9 @@ class ResidualsTab(Tab):
 
     def _on_choice(self, **_) -> None:
         if self.is_shown and not self.state.no_residuals:
-            self.draw_in_turn(chart=self._chart)
+            self._show_marks()
+            self._draw_chart()
             self._draw_histogram()
-
-    def _chart(self):
-        return residuals.chart(self.work, self.state.quantity, self.state.kind)
 
     def select_rows(self, rows, mode=REPLACE) -> None:
         """Select some rows, as the chosen mode says."""

@@ -131,7 +131,7 @@ class SensorTab(Tab):
             self._show_image()
         state.camera_table = [] if camera is None else _camera_rows(camera)
         if scanner is not None:
-            self.draw_in_turn(planes=lambda: sensor.planes(self.work.opened))
+            self.draw_when_changed("planes", (opened,), lambda: sensor.planes(opened))
         if state.scans:
             self._show_scan()
 
@@ -139,10 +139,9 @@ class SensorTab(Tab):
         opened = self.work.opened
         place = min(max(int(self.state.scan or 0), 0), len(self.state.scans) - 1)
         row = scans_of(opened)[place]
-        self.draw_in_turn(
-            cloud=lambda: sensor.cloud(self.work.opened, place),
-            ball_map=lambda: sensor.ball_map(self.work.opened, place),
-        )
+        key = (opened, place)
+        self.draw_when_changed("cloud", key, lambda: sensor.cloud(opened, place))
+        self.draw_when_changed("ball_map", key, lambda: sensor.ball_map(opened, place))
         self.state.ball_table = [_ball_row(ball) for ball in row["balls"]]
         self.state.scan_text = f"Scan {row['scan']}: {row['points']} points. {row['outcome']}"
 
