@@ -228,6 +228,8 @@ def _against_noise(
     far = residual.is_significant
     if far is None:
         far = is_far_above(ratio, residual.degrees)
+    if far and ratio < 1:
+        return f"it is not larger than {stated}, but it is not random: {advice}"
     if far:
         return f"it is {ratio:.3g} times {stated}: {advice}"
     if ratio < 1 / _RELEVANT:
