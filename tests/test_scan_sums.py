@@ -10,6 +10,7 @@ from ball_scenes import cap
 from scanner_kinds import SCANNER
 from sensors.ball.fit import fit_ball
 from sensors.scanner.misfit import Misfit
+from workbench.fitting.verdicts.diagnosis_verdict import check_diagnosis
 from workbench.fitting.verdicts.sensor_verdict import scan_verdict, scan_warnings
 from workbench.jobs.sensor.scan import Ball, Scan
 
@@ -78,3 +79,16 @@ def test_balls_that_are_not_as_far_apart_as_stated_are_named():
     (said,) = scan_warnings(scans(ball(1), ball(2), certified=wrong))
     assert "balls 1 and 2: 75.538 mm stated, 4" in said
     assert "artefact.csv" in said
+
+
+@pytest.mark.parametrize(
+    "source", ["from neighbouring points", "from neighbouring points and jitter"]
+)
+def test_the_noise_of_a_sensor_is_compared_with_what_a_diagnosis_leaves(source):
+    """The table lists this noise: a verdict that none is known would contradict it."""
+    held_out = {"after_px": 0.05, "noise_px": 0.01, "noise_from": source}
+    made = SimpleNamespace(
+        unit="px", views=None, verdict="unexplained", as_json=lambda: {"held_out": held_out}
+    )
+    verdict = check_diagnosis(made, None).verdict
+    assert f"it is 5 times the noise of 0.01 px ({source})" in verdict.sentence

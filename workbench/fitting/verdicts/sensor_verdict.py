@@ -41,6 +41,14 @@ _MAINLY = 0.95  # of the lack of fit
 _MODEL = "the model leaves out a part of what the images show"
 _POOR_WORDS = "DO NOT USE THIS RESULT, it is not trustworthy"
 _DOUBT_WORDS = "The stated uncertainty is not trustworthy"
+_LENS = "lens"
+_CAUSES = {
+    "lines of the board": "rows or columns of the board are not where they are said to be; measure or replace it",
+    "points of the board": "points of the board are not where they are said to be; measure or replace it",
+    "height of the board": "the board is not flat in a way that its warp does not describe; use a flat one",
+    _LENS: "the lens is not of the model fitted; try `--model rational`",
+}
+"""What to do about each error that many images share, see `sensors.camera.shared_effects`."""
 _DIAGNOSE = "an effect is missing in the model; run `workbench diagnose` to find it"
 
 
@@ -67,9 +75,7 @@ def camera_warnings(calibration) -> list[str]:
     """Why a camera or its stated uncertainty is not trustworthy, if it is not."""
     verdict = camera_verdict(calibration)
     if verdict.passed is not False:
-        focal = calibration.focal
-        is_doubtful = focal is not None and focal.significant
-        return [f"{_DOUBT_WORDS}: {focal.sentence}"] if is_doubtful else []
+        return [*_focal(calibration), *_shared(calibration)]
     return [
         f"{_POOR_WORDS}: corners miss their predicted places by {verdict.residual:.3g} px, "
         f"{verdict.residual_over_noise:.3g} times their noise; check kind, columns and rows under [board], that all "
@@ -152,6 +158,42 @@ def scanner_warnings(
         said.append(_of_asymmetry(asymmetry))
     first = _POOR_WORDS if _mostly_stationary(calibration) else _DOUBT_WORDS
     return [*said, *(f"{first}: {line.sentence}" for line in calibration.lines)]
+
+
+def _focal(calibration) -> list[str]:
+    """A warning on a focal length that differs between board poses; a lens of another model looks alike."""
+    focal = calibration.focal
+    if focal is None or not focal.significant:
+        return []
+    other = (
+        "; or the lens is not of the model fitted, since corners at one place of the image are off alike: try "
+        "`--model rational` and boards that fill the image"
+        if _LENS in _large_errors(calibration)
+        else ""
+    )
+    return [f"{_DOUBT_WORDS}: {focal.sentence}{other}"]
+
+
+def _shared(calibration) -> list[str]:
+    """A warning on errors that many images share and that displace corners by more than their noise."""
+    names = _large_errors(calibration)
+    if not names:
+        return []
+    ratio = calibration.shared.errors.largest / calibration.shared.errors.noise
+    return [
+        f"Corners are displaced by the same in many images, by {ratio:.2g} times their noise (1 sigma: "
+        f"{calibration.shared.errors.names}): {' and '.join(_CAUSES[name] for name in names)}. The stated uncertainty "
+        "includes it, more images do not average it out"
+    ]
+
+
+def _large_errors(calibration) -> list[str]:
+    """Names of the errors that many images share which displace corners by more than their noise, in one order."""
+    shared = calibration.shared
+    if shared is None or not shared.significant:
+        return []
+    large = {name for name, *_, size in shared.errors.effects if size > shared.errors.noise}
+    return [name for name in _CAUSES if name in large]
 
 
 def scanner_trust(
