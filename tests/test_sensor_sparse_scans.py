@@ -90,7 +90,7 @@ def two_balls(planes):
 
 
 @pytest.mark.parametrize("planes", [2, 3, 5])
-def test_a_ball_of_few_light_planes_is_found_beside_one_of_many(planes):
+def test_a_ball_of_few_light_planes_is_found_next_to_one_of_many(planes):
     points, stripe = two_balls(planes)
     refused = []
     found = find_balls(points, [SMALL, RADIUS], free=True, stripe=stripe, refused=refused)

@@ -124,6 +124,10 @@ def _structure(made) -> Structure:
 def _advice(made, noise: NoiseReport | None) -> str:
     if noise is not None and noise.alarms:
         return noise.advice
+    if made.verdict in _WITHOUT_STRUCTURE and made.unit == "px":
+        return (
+            "errors that whole stripes or boards share, which no single centre shows, remain in it"
+        )
     if made.verdict in _WITHOUT_STRUCTURE:
         return (
             "no structure is found in it, so that noise stated too small is more likely than an unmodelled effect; "
