@@ -2,13 +2,17 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from noise_scenes import SIGMA, XYZ, geometry_of, heavy, normal, recorded
+from robot_model.effects import CATALOGUE
+from test_diagnosis_engine import recorded as of_elastic_arm
 from workbench.core.errors import InputError
+from workbench.core.least_squares.adjustment_tests import change_test
 from workbench.files.solution_file import solution_keys
 from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
 from workbench.fitting.verdicts.noise_report import ALARM, NONE, NOTICE
@@ -185,6 +189,29 @@ def test_a_drifting_instrument_is_seen_in_the_order_of_the_samples():
     noise = geometry_of(recorded(12, n=160, change=drifting)).noise
     assert "the order of the samples" in noise.findings.structure.depends_on
     assert noise.level == NOTICE
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_tool_that_slips_by_two_sigma_is_seen_in_the_order_of_the_samples(seed):
+    """In the frame of the flange: in that of the instrument the step changes its direction with every pose."""
+    move = np.random.default_rng(seed).normal(size=3)
+    step = CATALOGUE["shift"]("tool", after=630.0)
+    values = [*0.07 * move / np.linalg.norm(move), 0, 0, 0]
+    structure = geometry_of(of_elastic_arm(seed, [step], values, n=90)).noise.findings.structure
+    assert "the order of the samples" in structure.depends_on
+
+
+@pytest.mark.parametrize("law", ["normal", "heavy"])
+def test_the_change_test_keeps_its_level_and_finds_place_and_share_of_a_step(law):
+    rng = np.random.default_rng(4)
+    draw = rng.standard_normal if law == "normal" else partial(rng.standard_t, 4)
+    clean = [change_test(draw(size=(12, 80))).p_value for _ in range(400)]
+    assert np.mean(np.array(clean) < 0.01) <= 0.015 and min(clean) > 1e-4
+    values = rng.standard_normal((3, 200))
+    values[0, 60:] += 2.0
+    found = change_test(values)
+    assert abs(found.place - 60) <= 3 and found.p_value < 1e-9
+    assert found.share == pytest.approx(0.84 / 1.84 / 3, rel=0.3)
 
 
 def test_a_calm_finding_leaves_the_solution_usable_and_an_alarm_does_not():

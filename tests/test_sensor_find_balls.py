@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ball_scenes import along_rays, ball, block, cap, post, ray_cast
-from sensors.ball.search import find_balls, match
+from sensors.ball.matching import match
+from sensors.ball.search import find_balls
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix
 

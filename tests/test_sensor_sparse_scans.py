@@ -10,15 +10,15 @@ from workbench.jobs.sensor.scan import _seen_instead
 RADIUS, CENTRE = 15.0, np.array([2.0, -3.0, 200.0])
 
 
-def scan(offsets, noise=0.01, seed=0, floor=True, radius=RADIUS):
+def scan(offsets, noise=0.01, seed=0, floor=True, radius=RADIUS, centre=CENTRE):
     """Points (3, n) mm and light planes (n,) of a ball before a floor, cut by planes x = offset + 0.3 (z - 200)."""
     rng = np.random.default_rng(seed)
     points, stripe = [], []
     normal = np.array([1.0, 0.0, -0.3]) / np.hypot(1, 0.3)
     for label, offset in enumerate(offsets):
-        away = normal @ (np.array([offset, 0.0, 200.0]) - CENTRE)
+        away = normal @ (np.array([offset, 0.0, 200.0]) - centre)
         if abs(away) < radius:
-            points.append(_arc(CENTRE + away * normal, np.sqrt(radius**2 - away**2), normal))
+            points.append(_arc(centre + away * normal, np.sqrt(radius**2 - away**2), normal))
             stripe.append(np.full(points[-1].shape[1], label))
         if floor:
             y = np.concatenate([np.arange(-60, -22, 0.3), np.arange(20, 60, 0.3)])
@@ -76,3 +76,37 @@ def test_a_ball_of_another_size_is_refused_with_the_requirement_that_fails():
     assert found == []
     said = _seen_instead(points, stripe, refused)
     assert "nearest candidate, a ball of radius 21 mm" in said and "refused:" in said
+
+
+OTHER, SMALL = np.array([70.0, 10.0, 190.0]), 11.0
+
+
+def two_balls(planes):
+    """A ball that 12 light planes cut, and a smaller one that `planes` of other ones cut; points and light planes."""
+    points, stripe = scan(np.linspace(-9, 9, 12) + CENTRE[0], floor=False)
+    offsets = OTHER[0] + 3.0 + np.linspace(-4, 4, planes) if planes > 1 else [OTHER[0] + 5.0]
+    more, label = scan(offsets, seed=1, floor=False, radius=SMALL, centre=OTHER)
+    return np.hstack([points, more]), np.concatenate([stripe, 12 + label])
+
+
+@pytest.mark.parametrize("planes", [2, 3, 5])
+def test_a_ball_of_few_light_planes_is_found_next_to_one_of_many(planes):
+    points, stripe = two_balls(planes)
+    refused = []
+    found = find_balls(points, [SMALL, RADIUS], free=True, stripe=stripe, refused=refused)
+    assert refused == []
+    centres = sorted((ball.centre for ball in found), key=lambda centre: centre[0])
+    assert len(centres) == 2
+    assert np.linalg.norm(centres[0] - CENTRE) < 0.05
+    assert np.linalg.norm(centres[1] - OTHER) < 0.1
+
+
+def test_a_ball_on_one_light_plane_is_refused_with_its_reason_although_another_ball_is_found():
+    points, stripe = two_balls(1)
+    refused = []
+    found = find_balls(points, [SMALL, RADIUS], free=True, stripe=stripe, refused=refused)
+    assert len(found) == 1
+    (one,) = refused
+    assert one.points == 100
+    assert "single stripe" in one.sentence
+    assert np.linalg.norm(one.centre - OTHER) < RADIUS

@@ -1,4 +1,4 @@
-"""Several balls in one scan, distinguished from table, posts and plates; and which ball of the artefact each is."""
+"""Several balls in one scan, distinguished from table, posts and plates."""
 
 from dataclasses import dataclass, replace
 
@@ -6,10 +6,8 @@ import numpy as np
 
 from sensors.ball.arcs import Arcs
 from sensors.ball.fit import ELSEWHERE, BallFit, fit_ball
-from workbench.core.distributions import fisher as f_distribution
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
-from workbench.core.rigid import nearest_rotation
 
 # The search goes over a thinned cloud; its cells are this part of the smallest radius.
 _CELL, _THINNED, _DRAWN, _NEIGHBOURS = 1 / 12, 40_000, 250_000, 24
@@ -24,6 +22,8 @@ _LEAST_SHARE, _LEAST_POINTS, _PEAKS = 0.2, 12, 60
 _LEAST_STRIPE = 5
 # About the voted centre, points may be off by this part of the radius, and later by that.
 _WIDE, _NARROW, _CONE = 0.25, 0.08, np.cos(np.deg2rad(30))
+# Stripes among a point's neighbours below which they make no normal.
+_FEW_STRIPES = 4
 # Nothing is inside a solid ball; directions of its points spread two ways (a post's only one).
 _INSIDE, _INSIDE_SHARE, _SPREAD = 0.85, 0.1, np.sin(np.deg2rad(4)) ** 2
 # Part of the neighbours' squared distances that one ball does not explain: a post leaves half, a plane all.
@@ -55,9 +55,9 @@ def find_balls(
     radius, above which a surface is no ball. `sigma` and `options` as in `fit_ball`. Each result speaks of all n
     points: `reason` is "elsewhere" for those of other surfaces. Deterministic for one seed; an
     empty list where there is no ball. Raises InputError where radii or shapes are not usable.
-    `stripe` (n,) int light plane of each point: where nothing is found otherwise and radii are known, candidates come
-    from the arcs of single stripes, which needs no neighbouring planes. `refused` is given the candidates that are no
-    balls, with the requirement that each fails.
+    `stripe` (n,) int light plane of each point: where few planes meet the points that no ball has yet, and radii are
+    known, candidates come from the arcs of single stripes, which needs no neighbouring planes. `refused` is given the
+    candidates that are no balls, with the requirement that each fails: of those on the same points the best supported.
 
     Every point votes for the centre along its normal (for unknown radii, where its normal meets its
     neighbours': the ball pivot of Hough, US patent 3069654, in three dimensions); a peak of votes is
@@ -80,12 +80,10 @@ def find_balls(
     search = _Search(points, rays, at_limit, sigma, known, free, form, {**options, "seed": seed})
     search.stripe = None if stripe is None else np.asarray(stripe).ravel()
     found = search.confirmed(cloud, peaks)
-    if not found and known and stripe is not None:
-        arcs = Arcs(points[:, present], search.stripe[present])
-        candidates = [one for radius in known for one in arcs.candidates(radius)]
-        found = search.confirmed(cloud, candidates, search.on_arcs)
+    if known and stripe is not None:
+        found = search.with_arcs(cloud, found)
     if refused is not None:
-        refused += search.refused
+        refused += search.without_found(found)
     return found
 
 
@@ -142,7 +140,7 @@ class _Cloud:
 
         self.between = between
         chosen, self.cell = _thinned(points, between[0] * _CELL, np.random.default_rng(seed))
-        self.points, rays = points[:, chosen], rays[:, chosen]
+        self.points, rays, self.chosen = points[:, chosen], rays[:, chosen], chosen
         apart, self.near = cKDTree(self.points.T).query(
             self.points.T, min(_NEIGHBOURS, len(chosen))
         )
@@ -248,8 +246,8 @@ class Refusal:
         """The candidate and the requirement that it fails, in words."""
         place = ", ".join(f"{value:.1f}" for value in self.centre)
         return (
-            f"the nearest candidate, a ball of radius {self.radius:.4g} mm at ({place}) mm with {self.points} points "
-            f"near its surface, is refused: {self.why}"
+            f"a ball of radius {self.radius:.4g} mm at ({place}) mm with {self.points} points near its surface is "
+            f"refused: {self.why}"
         )
 
 
@@ -262,12 +260,12 @@ class _Search:
         self.refused: list[Refusal] = []
         self.stripe: np.ndarray | None = None
 
-    def confirmed(self, cloud, peaks, at=None) -> list[BallFit]:
-        """Balls among the candidates, most points first; a point belongs to one ball only.
+    def confirmed(self, cloud, peaks, at=None, found=()) -> list[BallFit]:
+        """Balls among the candidates and those `found` before, most points first; a point belongs to one ball only.
 
         at: gives the ball at a candidate, `about_peak` where it is None.
         """
-        found, left = [], np.isfinite(self.points.sum(0))
+        found, left = list(found), self.left(found)
         at = at or self.about_peak
         for _, centre, radius in sorted(peaks, key=lambda peak: -peak[0] / peak[2] ** 2):
             if any(np.linalg.norm(centre - ball.centre) < 0.5 * ball.radius for ball in found):
@@ -279,6 +277,49 @@ class _Search:
                 found.append(ball)
                 left &= ~ball.inliers
         return sorted(found, key=lambda ball: -int(ball.inliers.sum()))
+
+    def left(self, found, reach: float = 0.0) -> np.ndarray:
+        """(n,) bool: points on no ball of those found, and no nearer to its surface than `reach` of its radius."""
+        left = np.isfinite(self.points.sum(0))
+        for ball in found:
+            left &= ~ball.inliers
+            if reach:
+                away = np.linalg.norm(self.points - ball.centre[:, None], axis=0)
+                left &= ~(np.abs(away - ball.radius) < reach * ball.radius)
+        return left
+
+    def with_arcs(self, cloud, found) -> list[BallFit]:
+        """With the balls that single stripes show among points of which neighbours hardly ever lie on other stripes."""
+        left = self.left(found, _NARROW)
+        if found and not self._is_sparse(cloud, left):
+            return found
+        arcs = Arcs(self.points[:, left], self.stripe[left])
+        candidates = [one for radius in self.known for one in arcs.candidates(radius)]
+        return self.confirmed(cloud, candidates, self.on_arcs, found)
+
+    def _is_sparse(self, cloud, left) -> bool:
+        """Whether enough points that are `left` (n,) have neighbours on too few stripes for a normal."""
+        present = np.flatnonzero(np.isfinite(self.points.sum(0)))[cloud.chosen]
+        near = np.sort(self.stripe[present][cloud.near], axis=1)
+        stripes = 1 + (np.diff(near, axis=1) != 0).sum(1)
+        return int((left[present] & (stripes < _FEW_STRIPES)).sum()) >= _LEAST_POINTS
+
+    def without_found(self, found) -> "list[Refusal]":
+        """Refused candidates on points that no ball has, of those on the same points the best supported."""
+        left, kept = self.left(found, _NARROW), []
+        for one, near in sorted(self._supported(left), key=lambda pair: -int(pair[1].sum())):
+            if (near & left).sum() >= _LEAST_POINTS:
+                kept.append(replace(one, points=int(near.sum())))
+                left = left & ~near
+        if kept or found or not self.refused:
+            return kept
+        return [max(self.refused, key=lambda one: one.points)]
+
+    def _supported(self, left):
+        """Each refused candidate with the points (n,) that are `left` near its surface."""
+        for one in self.refused:
+            away = np.linalg.norm(self.points - one.centre[:, None], axis=0)
+            yield one, left & (np.abs(away - one.radius) < _NARROW * one.radius)
 
     def about_peak(self, cloud, centre, radius, left) -> BallFit | None:
         """The ball at a peak of votes, None where there is none."""
@@ -294,6 +335,8 @@ class _Search:
         about = free[np.abs(away - radius) < _NARROW * radius]
         if len(about) < _LEAST_POINTS:
             return self._refuse(centre, radius, len(about), "too few points lie near its surface")
+        if alone := self._on_one_stripe(about):
+            return self._refuse(centre, radius, len(about), alone)
         return self._judged(cloud, self.points[:, about], centre, radius, left)
 
     def _judged(self, cloud, points, centre, radius, left) -> BallFit | None:
@@ -313,9 +356,11 @@ class _Search:
 
     def on_one_stripe(self, fit) -> str:
         """Why a fit is no ball where all its points lie in one light plane, "" where they do not."""
-        if self.stripe is None:
-            return ""
-        count = np.unique(self.stripe[fit.inliers], return_counts=True)[1]
+        return "" if self.stripe is None else self._on_one_stripe(fit.inliers)
+
+    def _on_one_stripe(self, chosen) -> str:
+        """The same of chosen points."""
+        count = np.unique(self.stripe[chosen], return_counts=True)[1]
         if count.sum() - count.max(initial=0) >= _LEAST_STRIPE:
             return ""
         return "its points lie on a single stripe, which many balls share"
@@ -376,103 +421,3 @@ class _Search:
         if not spread[1] > _SPREAD:
             return "its points curve in one direction only, as on a post or a single stripe"
         return ""
-
-
-@dataclass(frozen=True)
-class Match:
-    """Which ball of the artefact each found ball is; false where that is not certain.
-
-    `ball` (k,) int column of the artefact's centres, -1 for none; `rms` mm of the distances from the
-    artefact's centres after a rigid fit; `others` further assignments (k,) that the distances allow as
-    well; `swapped` pairs of columns that stand in one another's place in what was expected.
-    """
-
-    ball: np.ndarray
-    rms: float
-    others: tuple[np.ndarray, ...]
-    swapped: tuple[tuple[int, int], ...]
-    outcome: str
-
-    def __bool__(self) -> bool:
-        return bool((self.ball >= 0).sum() >= 3 and not self.others)
-
-
-def match(found: np.ndarray, artefact: np.ndarray, tolerance: float = 0.5, expected=None) -> Match:
-    """Match found centres (3, k) mm with the artefact's (3, m) by their distances from one another.
-
-    `tolerance` mm by which a distance may differ (scale and noise of the scanner; well below the
-    differences between the artefact's own distances). `expected` (k,) column that each found ball
-    was thought to be. Assignments of the most balls that agree in all distances are compared by the residual of
-    their rigid fit, reflections excluded; those that an F test at 0.1 % cannot tell from the best are `others`.
-    """
-    found, artefact = np.asarray(found, float), np.asarray(artefact, float)
-    assignments = _assignments(_apart(found), _apart(artefact), tolerance)
-    fits = sorted(((_rigid_rms(found, artefact, one), k) for k, one in enumerate(assignments)))
-    fits = [(rms, assignments[k]) for rms, k in fits if rms <= tolerance]
-    if not fits:
-        why = "the distances fit only a mirror image of the artefact; check the signs of the axes"
-        if not assignments:
-            why = "no two found balls are as far apart as two of the artefact; check its file and the units"
-        return Match(np.full(found.shape[1], -1), np.nan, (), (), why)
-    best, degrees = fits[0][1], max(3 * int((fits[0][1] >= 0).sum()) - 6, 1)
-    allowed = max(fits[0][0], 1e-9) * np.sqrt(f_distribution.isf(0.001, degrees, degrees))
-    others = tuple(one for rms, one in fits[1:] if rms <= allowed)
-    swapped = () if expected is None else _swapped(best, np.asarray(expected))
-    return Match(
-        best, fits[0][0], others, swapped, _match_outcome(best, fits[0][0], others, swapped)
-    )
-
-
-def _apart(centres):
-    return np.linalg.norm(centres[:, :, None] - centres[:, None], axis=0)
-
-
-def _assignments(found, artefact, tolerance, most=50_000):
-    """Every assignment (k,) of the largest number of balls whose distances all agree.
-
-    Depth first, and no more than `most` partial ones: some of many balls without any order are still found.
-    """
-    k, kept, size = len(found), [], 0
-    stack = [np.zeros(0, int)]
-    for _ in range(most):
-        if not stack:
-            break
-        one = stack.pop()
-        count = int((one >= 0).sum())
-        if count + k - len(one) < max(size, 2):
-            continue
-        if len(one) == k:
-            kept, size = (kept if count == size else []) + [one], count
-            continue
-        placed = np.flatnonzero(one >= 0)
-        gap = np.abs(artefact[:, one[placed]] - found[len(one), placed])
-        fitting = np.setdiff1d(np.flatnonzero((gap <= tolerance).all(1)), one[placed])
-        stack += [np.append(one, ball) for ball in (-1, *fitting)]
-    return kept
-
-
-def _rigid_rms(found, artefact, ball):
-    """RMS, mm, after the best rotation and shift (Kabsch); a reflection does not count."""
-    chosen = ball >= 0
-    ours, theirs = found[:, chosen], artefact[:, ball[chosen]]
-    ours, theirs = ours - ours.mean(1, keepdims=True), theirs - theirs.mean(1, keepdims=True)
-    turned = nearest_rotation(ours @ theirs.T) @ theirs
-    return float(np.sqrt(((ours - turned) ** 2).sum(0).mean()))
-
-
-def _swapped(ball, expected):
-    """Pairs (a, b), a < b, where a was found in the place of b and b in that of a."""
-    pairs = {(int(a), int(b)) for a, b in zip(expected, ball) if b >= 0 and a != b}
-    return tuple(sorted((a, b) for a, b in pairs if a < b and (b, a) in pairs))
-
-
-def _match_outcome(ball, rms, others, swapped):
-    count, distance = int((ball >= 0).sum()), f"within {rms:.3g} mm"
-    words = [f"{count} of {len(ball)} found balls belong to the artefact, {distance}"]
-    if others or count < 3:
-        words.append(
-            f"which is which is ambiguous: {len(others) + 1} assignments agree with the distances; "
-            "scan more balls, or an artefact whose distances differ"
-        )
-    words += [f"balls {a + 1} and {b + 1} are swapped" for a, b in swapped]
-    return "; ".join(words)

@@ -9,12 +9,31 @@ from workbench.core.covariates import known
 from workbench.core.effect import Effect, Grid, Variant
 from workbench.core.vocabulary import Covariate
 
-_TIME_CONSTANTS = (30.0, 60.0, 120.0, 300.0, 600.0, 1800.0)  # s
+_TIME_CONSTANTS = (
+    30.0,
+    60.0,
+    120.0,
+    300.0,
+    600.0,
+    1800.0,
+)  # s, where the times of the images are not known
+# Of the duration: a shorter warm-up is over within the first images, a longer one is linear. Neighbours differ by a
+# third, so that the nearest one leaves 1 % of the drift.
+_SHORTEST, _LONGEST, _COUNT = 1 / 60, 1.5, 17
 _FINEST = (
     6.0  # frequencies per 2 pi / duration: the phase is then off by at most a quarter of a radian
 )
 _MOST = 3000  # frequencies
 _KNOWN = ("time_s", "sweep", "mirror_speed_deg_s")
+
+
+def _time_constants(times) -> list[float]:
+    """Time constants (s), three digits each, that images at `times` (n,) s can distinguish."""
+    duration = float(np.ptp(times)) if len(times) else 0.0
+    if not duration > 0:
+        return list(_TIME_CONSTANTS)
+    values = duration * np.geomspace(_SHORTEST, _LONGEST, _COUNT)
+    return [float(f"{value:.3g}") for value in values]
 
 
 class LaserDrift(Effect):
@@ -37,14 +56,15 @@ class LaserDrift(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """Linear drift, and warm-up with each of six time constants; where a mirror's angles are known."""
+        """Linear drift, and warm-up with time constants in proportion to the recording, with a mirror's angles."""
         if not chain.places("mirror") or not chain.varies("time_s"):
             return
         for where in chain.places("laser"):
             yield Variant(cls(where), "linear with time", 0.5)
-            for constant in _TIME_CONSTANTS:
+            constants = _time_constants(getattr(chain, "times", ()))
+            for constant in constants:
                 label = f"warm-up, time constant {constant:g} s"
-                yield Variant(cls(where, constant), label, 0.5 / len(_TIME_CONSTANTS))
+                yield Variant(cls(where, constant), label, 0.5 / len(constants))
 
     def table(self, chain):
         if self.time_constant_s:

@@ -136,7 +136,7 @@ def _noted(outcomes: dict[str, list[str]], sentence: str, scan: str) -> bool:
 
 
 def _balls(one: Mapping) -> list[list]:
-    """One row per ball of a scan, with its largest sigma and the reasons for its exclusion."""
+    """One row per ball of a scan, with its largest sigma and the reasons for its exclusion, and per candidate."""
     rows = []
     for ball in one["balls"]:
         doubts = {"cut": ball["cut_by_field"], "too far": ball["beyond_calibrated_depths"]}
@@ -148,7 +148,10 @@ def _balls(one: Mapping) -> list[list]:
             number(spread, 2),
         )
         rows.append([one["scan"], ball["ball"], ball["used"], *figures, reasons])
-    return rows or [[one["scan"], *[None] * 7, "no ball"]]
+    for other in one.get("refused", ()):
+        place = [number(other[key], 4) for key in ("x_mm", "y_mm", "z_mm")]
+        rows.append([one["scan"], None, other["points"], *place, None, None, "refused"])
+    return rows if one["balls"] else [*rows, [one["scan"], *[None] * 7, "no ball"]]
 
 
 def _valued(row: Mapping) -> tuple:

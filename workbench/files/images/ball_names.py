@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from datasets.recording import Recording
-from sensors.ball.search import match
+from sensors.ball.matching import match
 
 _ALIKE = 0.05  # radii closer than this share of one another are no name
 _NEAR_MM = 1.0  # by which a distance between balls may differ from the certificate's

@@ -27,6 +27,9 @@ from workbench.fitting.verdicts.verdict import (
 )
 
 _SOURCES = {"from replicates": REPLICATES, "as the recording states": STATED}
+_NEIGHBOURS = (
+    "from neighbouring points"  # of a sensor's stripes and corners, as "... and jitter" too
+)
 _STATED_NOISE = "stated-noise"  # the finding of a diagnosis that the noise is stated wrongly
 _WITHOUT_STRUCTURE = ("consistent", "explained")
 
@@ -62,7 +65,8 @@ def _expected(noise: NoiseReport | None, held_out: Mapping, unit: str) -> Noise 
     """The stated noise where there is one, since the test is against it; else that of replicates."""
     if noise is not None and noise.stated_rms is not None:
         return Noise(noise.stated_rms, STATED)
-    source = _SOURCES.get(held_out["noise_from"])
+    named = held_out["noise_from"]
+    source = named if named and named.startswith(_NEIGHBOURS) else _SOURCES.get(named)
     return None if source is None else Noise(held_out[f"noise_{unit}"], source)
 
 
@@ -120,6 +124,10 @@ def _structure(made) -> Structure:
 def _advice(made, noise: NoiseReport | None) -> str:
     if noise is not None and noise.alarms:
         return noise.advice
+    if made.verdict in _WITHOUT_STRUCTURE and made.unit == "px":
+        return (
+            "errors that whole stripes or boards share, which no single centre shows, remain in it"
+        )
     if made.verdict in _WITHOUT_STRUCTURE:
         return (
             "no structure is found in it, so that noise stated too small is more likely than an unmodelled effect; "

@@ -265,13 +265,14 @@ def _cause(found: Findings) -> str:
     return (
         "No dependence of the residual on the joint angles or on the order of the samples is found. A noise that is "
         "stated too small is therefore more likely than an unmodelled effect (the arm's repeatability counts as "
-        f"noise); check it, measure some poses repeatedly, or state sigma_mm = {found.residual_rms:.2g}."
+        "noise). Run `workbench diagnose`, which searches more, or measure some poses repeatedly, before you state "
+        f"sigma_mm = {found.residual_rms:.2g}."
     )
 
 
 def _cause_by_structure(found: Findings) -> str:
     names = found.structure.depends_on
-    moved = " or an instrument, sensor or base that moved" if ORDER in names else ""
+    moved = " or an instrument, sensor, tool or base that moved" if ORDER in names else ""
     limit = _bound(found)
     ratio = limit / found.stated
     check = (

@@ -8,7 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.core.least_squares.adjustment_tests import neighbour_test, regression_test
+from workbench.core.least_squares.adjustment_tests import (
+    change_test,
+    neighbour_test,
+    regression_test,
+)
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 
@@ -22,7 +26,7 @@ _LEAST_POSES = 12
 class Structure:
     """Tests of the residual's structure.
 
-    `p_value` of the smallest of the four p-values, times their number (Bonferroni). `share` of the residual variance
+    `p_value` of the smallest of the five p-values, times their number (Bonferroni). `share` of the residual variance
     that is certainly no noise. `depends_on` names in words what the residual depends on; empty where nothing was
     found.
     """
@@ -49,8 +53,9 @@ def structure(
 ) -> Structure:
     """Tests for a model on its n fitted samples; residual (m, n) of the fit, mm and rad.
 
-    Four tests: von Neumann's ratio of poses that follow one another (in the robot's frame and in that of the
-    measurement, because a sensor that slips moves with the arm), the same of poses that are neighbours in joint space,
+    Five tests: von Neumann's ratio of poses that follow one another (in the robot's frame and in that of the
+    measurement, because a sensor that slips moves with the arm), a change at an instant or a slow drift of base, tool,
+    joint or load (CUSUM), von Neumann's ratio of poses that are neighbours in joint space,
     and a regression on periodic errors of every joint. All but the last need no model; the last has power where poses
     are scattered widely.
     """
@@ -61,6 +66,7 @@ def structure(
     tests = [
         (ORDER, *_of_order(means, order)),
         (ORDER, *_of_order(measured, order)),
+        (ORDER, *_of_change(model, parameters, residual, arrows, samples)),
         (JOINTS, *_of_neighbours(means, joints)),
         (JOINTS, *_of_joint_errors(model, parameters, residual)),
     ]
@@ -98,6 +104,27 @@ def _of_order(means, order):
     previous[0] = 1
     test = neighbour_test(values, previous)
     return test.p_value, max(1 - test.ratio, 0.0)
+
+
+def _of_change(model: Model, parameters: Parameters, residual, arrows, samples):
+    """p-value and share for a change in the course of the recording: of base, tool, any joint or load.
+
+    The mean residual of each pose, along the axes of the root and of the flange, and its scores by the joints and by
+    their deflection under a load on the flange.
+    """
+    chain, series = model.chain, [arrows]
+    if chain.looks == 1:
+        series.append(np.einsum("cin,in->cn", chain.state.frames.link[-1], arrows))
+        own = parameters.values[: len(chain.parameters)]
+        rows = chain.evaluate(own, {}).rows("joint", np.arange(len(chain.variables)))
+        weighted = residual / model.sigma(parameters) ** 2
+        scores = np.einsum("kmn,mn->kn", rows, weighted)
+        series += [scores, scores * chain.state.unit_load_torque]
+    means, _, order = _by_pose(np.concatenate(series), chain.variables[:0], samples)
+    if len(order) < _LEAST_POSES:
+        return 1.0, 0.0
+    test = change_test(means[:, order])
+    return test.p_value, test.share
 
 
 def _of_neighbours(means, joints):

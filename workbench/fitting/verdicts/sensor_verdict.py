@@ -8,13 +8,14 @@ stated uncertainty cannot: a warning says so.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from sensors.scanner.misfit import Misfit
 from sensors.stripe.asymmetry import Asymmetry
 from sensors.trust import Trust
+from workbench.fitting.verdicts.scan_sums import POOR, BallSums
 from workbench.fitting.verdicts.verdict import (
     Noise,
     Residual,
@@ -34,12 +35,20 @@ _NEIGHBOURS = "of neighbouring stripe centres"
 _POINTS = "of the points, as the errors of sensor and pose explain it"
 # What is both so many times the noise and so many px off, or such a share of the image's width in a small image, is no
 # noise and no imperfect lens.
-_POOR, _POOR_PX, _POOR_SHARE = 5.0, 1.0, 5e-4
+_POOR_PX, _POOR_SHARE = 1.0, 5e-4
 _MOST_WRONG = 0.5
 _MAINLY = 0.95  # of the lack of fit
 _MODEL = "the model leaves out a part of what the images show"
 _POOR_WORDS = "DO NOT USE THIS RESULT, it is not trustworthy"
 _DOUBT_WORDS = "The stated uncertainty is not trustworthy"
+_LENS = "lens"
+_CAUSES = {
+    "lines of the board": "rows or columns of the board are not where they are said to be; measure or replace it",
+    "points of the board": "points of the board are not where they are said to be; measure or replace it",
+    "height of the board": "the board is not flat in a way that its warp does not describe; use a flat one",
+    _LENS: "the lens is not of the model fitted; try `--model rational`",
+}
+"""What to do about each error that many images share, see `sensors.camera.shared_effects`."""
 _DIAGNOSE = "an effect is missing in the model; run `workbench diagnose` to find it"
 
 
@@ -66,9 +75,7 @@ def camera_warnings(calibration) -> list[str]:
     """Why a camera or its stated uncertainty is not trustworthy, if it is not."""
     verdict = camera_verdict(calibration)
     if verdict.passed is not False:
-        focal = calibration.focal
-        is_doubtful = focal is not None and focal.significant
-        return [f"{_DOUBT_WORDS}: {focal.sentence}"] if is_doubtful else []
+        return [*_focal(calibration), *_shared(calibration)]
     return [
         f"{_POOR_WORDS}: corners miss their predicted places by {verdict.residual:.3g} px, "
         f"{verdict.residual_over_noise:.3g} times their noise; check kind, columns and rows under [board], that all "
@@ -151,6 +158,42 @@ def scanner_warnings(
         said.append(_of_asymmetry(asymmetry))
     first = _POOR_WORDS if _mostly_stationary(calibration) else _DOUBT_WORDS
     return [*said, *(f"{first}: {line.sentence}" for line in calibration.lines)]
+
+
+def _focal(calibration) -> list[str]:
+    """A warning on a focal length that differs between board poses; a lens of another model looks alike."""
+    focal = calibration.focal
+    if focal is None or not focal.significant:
+        return []
+    other = (
+        "; or the lens is not of the model fitted, since corners at one place of the image are off alike: try "
+        "`--model rational` and boards that fill the image"
+        if _LENS in _large_errors(calibration)
+        else ""
+    )
+    return [f"{_DOUBT_WORDS}: {focal.sentence}{other}"]
+
+
+def _shared(calibration) -> list[str]:
+    """A warning on errors that many images share and that displace corners by more than their noise."""
+    names = _large_errors(calibration)
+    if not names:
+        return []
+    ratio = calibration.shared.errors.largest / calibration.shared.errors.noise
+    return [
+        f"Corners are displaced by the same in many images, by {ratio:.2g} times their noise (1 sigma: "
+        f"{calibration.shared.errors.names}): {' and '.join(_CAUSES[name] for name in names)}. The stated uncertainty "
+        "includes it, more images do not average it out"
+    ]
+
+
+def _large_errors(calibration) -> list[str]:
+    """Names of the errors that many images share which displace corners by more than their noise, in one order."""
+    shared = calibration.shared
+    if shared is None or not shared.significant:
+        return []
+    large = {name for name, *_, size in shared.errors.effects if size > shared.errors.noise}
+    return [name for name in _CAUSES if name in large]
 
 
 def scanner_trust(
@@ -250,7 +293,7 @@ def scan_verdict(made, tolerances: Sequence[Tolerance] = ()) -> Verdict:
     noise = Noise(
         math.sqrt(sums.noise_squares / sums.points), _NEIGHBOURS if sums.tested else _POINTS
     )
-    advice = "the calibration of the scanner, the certified radius or the ball's form is off by more than the noise"
+    advice = "the calibration of the scanner, the certified radius or the ball's form is off"
     verdict = judge(residual, noise, tolerances, advice)
     return _refused(verdict) if sums.is_poor or _is_unusable(made) else verdict
 
@@ -262,6 +305,7 @@ def scan_warnings(made) -> list[str]:
 
 
 def _own_warnings(made) -> list[str]:
+    """The same of the scans alone."""
     sums = _ball_sums(made)
     if sums.points and sums.is_poor:
         size = math.sqrt(sums.squares / sums.points)
@@ -269,57 +313,44 @@ def _own_warnings(made) -> list[str]:
             f"{_POOR_WORDS}: points lie {size:.3g} mm from their balls, {sums.over_stated:.3g} times the noise; see "
             "that the scanner file belongs to these images, and check the radii in artefact.csv"
         ]
+    return [*_displaced(sums), *_other_radii(sums), *_other_distances(sums)]
+
+
+def _displaced(sums: BallSums) -> list[str]:
+    """A warning on stripes that do not lie on their balls."""
     if not sums.doubtful:
         return []
+    few = (
+        f", which have three stripes or more ({sums.untested} with fewer cannot be tested)"
+        if sums.untested
+        else ""
+    )
     return [
-        f"{_DOUBT_WORDS} for {sums.doubtful} of {sums.tested} balls: {sums.worst.sentence}: {_DIAGNOSE}, and check "
-        "radius and form of the ball"
+        f"{_DOUBT_WORDS}: in {sums.doubtful} of {sums.tested} tested balls{few}, {sums.worst.sentence}: {_DIAGNOSE}, "
+        "and check radius and form of the ball"
     ]
 
 
-@dataclass
-class _BallSums:
-    """Over the points of all fitted balls: `squares` of distances (mm^2), what the stated noise (`stated_squares`) and
-    that of neighbouring centres (`noise_squares`) make of them, and number of `points`; number of balls `tested` for
-    lack of fit and of those where it is relevant (`doubtful`), and the `worst` of these."""
-
-    squares: float = 0.0
-    stated_squares: float = 0.0
-    noise_squares: float = 0.0
-    points: float = 0.0
-    tested: int = 0
-    doubtful: int = 0
-    worst: Misfit | None = None
-
-    def add(self, fit, misfit: Misfit | None) -> None:
-        """The sums with one more ball."""
-        number = float(fit.inliers.sum())
-        stated = (fit.rms / fit.sigma_scale) ** 2
-        self.squares += number * fit.rms**2
-        self.stated_squares += number * stated
-        self.points += number
-        if misfit is None:
-            self.noise_squares += number * stated
-            return
-        share = misfit.noise_px**2 / (misfit.noise_px**2 + misfit.total_px**2)
-        self.noise_squares += number * fit.rms**2 * share
-        self.tested += 1
-        self.doubtful += misfit.is_relevant
-        if misfit.is_relevant and (self.worst is None or _ratio(misfit) > _ratio(self.worst)):
-            self.worst = misfit
-
-    @property
-    def over_stated(self) -> float:
-        """Residual over the noise that the stated sigmas make."""
-        return math.sqrt(self.squares / max(self.stated_squares, 1e-300))
-
-    @property
-    def is_poor(self) -> bool:
-        return self.over_stated > _POOR
+def _other_radii(sums: BallSums) -> list[str]:
+    """A warning on radii that differ from those of the certificate."""
+    radii = sums.radii
+    if not radii.count:
+        return []
+    count = sums.tested + sums.untested
+    return [
+        f"{_DOUBT_WORDS}: the radius of {radii.count} of {count} balls differs from the stated one ({radii.sentence}): "
+        "correct the radius in artefact.csv, or look for light that enters the surface (`workbench diagnose`)"
+    ]
 
 
-def _ratio(misfit: Misfit) -> float:
-    return misfit.total_px / misfit.noise_px
+def _other_distances(sums: BallSums) -> list[str]:
+    """A warning on balls that are not as far apart as their certificate says."""
+    if not sums.distances.count:
+        return []
+    return [
+        f"Distances between balls contradict artefact.csv ({sums.distances.sentence}): correct centres or numbers "
+        "there, or the unit; a result that rests on these distances is wrong by as much"
+    ]
 
 
 def _refused(verdict: Verdict) -> Verdict:
@@ -328,13 +359,12 @@ def _refused(verdict: Verdict) -> Verdict:
     return replace(verdict, passed=False, sentence=sentence)
 
 
-def _ball_sums(made) -> _BallSums:
+def _ball_sums(made) -> BallSums:
     """The sums over all balls of all scans, made once."""
     if "ball_sums" not in made.cache:
-        sums = _BallSums()
-        for ball in (ball for one in made.scans for ball in one.balls):
-            if ball.fit and ball.fit.sigma_scale > 0 and math.isfinite(ball.fit.rms):
-                sums.add(ball.fit, ball.misfit)
+        sums = BallSums()
+        for one in made.scans:
+            sums.add_scan(one, made.recording.balls, made.scanner)
         made.cache["ball_sums"] = sums
     return made.cache["ball_sums"]
 
@@ -346,7 +376,7 @@ def _least_px(calibration) -> float:
 
 def _is_poor(verdict: Verdict, least: float) -> bool:
     ratio = verdict.residual_over_noise
-    return ratio is not None and ratio > _POOR and verdict.residual > least
+    return ratio is not None and ratio > POOR and verdict.residual > least
 
 
 def _rms(values) -> float:

@@ -22,6 +22,8 @@ _LEVEL = 0.001
 # A ratio of standard deviations below this is not reported, however many samples make it significant: noise is
 # hardly ever known to better than a tenth.
 _RELEVANT = 1.1
+# A held-out error agrees with the noise up to this ratio: the estimated parameters add to it.
+_AGREES = 1.25
 # Without degrees of freedom there is no test. Twice the noise is then called far above it.
 _FAR_UNTESTED = 2.0
 
@@ -228,8 +230,12 @@ def _against_noise(
     far = residual.is_significant
     if far is None:
         far = is_far_above(ratio, residual.degrees)
+    if far and ratio < 1:
+        return f"it is not larger than {stated}, but it is not random: {advice}"
     if far:
         return f"it is {ratio:.3g} times {stated}: {advice}"
     if ratio < 1 / _RELEVANT:
         return f"it is not larger than {stated}"
+    if ratio > _AGREES:
+        return f"it is {ratio:.3g} times {stated}, a difference that is not significant"
     return f"it agrees with {stated}"

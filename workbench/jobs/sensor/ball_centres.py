@@ -11,6 +11,7 @@ import numpy as np
 import datasets
 from datasets.recording import Recording
 from sensors.acceptance import Characteristic, acceptance
+from sensors.ball.search import Refusal
 from sensors.scanner.model import Scanner
 from workbench.core.errors import InputError
 from workbench.files.images.flange import rows_of_samples
@@ -70,6 +71,7 @@ def scan_json(one: Scan, folder: Path, scanner: Scanner) -> dict:
         "dropped": dict(one.dropped),
         "rejected": [{"image": unseen.image, "why": unseen.why} for unseen in one.rejected],
         "balls": [ball_json(ball, scanner) for ball in one.balls],
+        "refused": [refusal_json(candidate) for candidate in one.refused],
         "outcome": one.outcome,
     }
 
@@ -112,6 +114,13 @@ def ball_json(ball: Ball, scanner: Scanner) -> dict:
         "warnings": list(fit.warnings),
         "outcome": fit.outcome,
     }
+
+
+def refusal_json(one: Refusal) -> dict:
+    """A candidate that is no ball, and the requirement that it fails."""
+    x, y, z = one.centre.tolist()
+    place = {"x_mm": x, "y_mm": y, "z_mm": z}
+    return {**place, "radius_mm": one.radius, "points": one.points, "why": one.why}
 
 
 def _number(value: float) -> float | None:

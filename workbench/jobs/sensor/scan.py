@@ -21,7 +21,7 @@ from sensors.scanner.model import Scanner
 from sensors.stripe.find import find_stripes
 from workbench.core.errors import InputError
 from workbench.core.text.file_names import differ_in_case_only, file_name
-from workbench.files.images.ball_names import named
+from workbench.files.images.ball_names import by_sample, named
 from workbench.files.images.columns import recorded_columns
 from workbench.files.images.images import by_role, check_size, full_scale, path_of, streamed
 from workbench.files.images.scan_surface import reconstructed
@@ -40,6 +40,7 @@ _LEAST_GAIN = 0.1  # cosine between error and normal below which a distance from
 _BORDER = 3  # px from the edge of the image within which a stripe may be cut
 _FRAMES = 16
 _DRAWN = 4000
+_MOST_REFUSED = 6  # candidates of a scan
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,8 @@ class Ball:
 class Scan:
     """One scan: its `row` of images.csv, number of `points` in `cloud` (a file of the run), `drawn` (3, k) mm some of
     them, stripe centres `dropped` by reason, its balls, what is to be said of them, images `rejected`, its own
-    acceptance figures, and the name of the `frame` in which it is stated."""
+    acceptance figures, the name of the `frame` in which it is stated, and candidates `refused` that are no balls, on
+    points of their own."""
 
     name: str
     row: Mapping
@@ -90,6 +92,7 @@ class Scan:
     rejected: tuple[Rejected, ...] = ()
     accepted: tuple[Characteristic, ...] = ()
     frame: str = "camera"
+    refused: tuple[Refusal, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -197,7 +200,7 @@ class _Work:
         points = cloud.points
         file = f"{CLOUDS}/{file_name(name, name in self.same_but_case)}.ply"
         write_cloud(self.folder / file, points)
-        balls, outcome = self.balls(known, cloud, sigma[seen], shape[:, seen])
+        balls, outcome, refused = self.balls(known, cloud, sigma[seen], shape[:, seen])
         without = len(rows) - len(known)
         lost = (
             f"{without} of {len(rows)} images are at steps that the scanner has no plane for"
@@ -227,6 +230,7 @@ class _Work:
             rejected,
             accepted,
             cloud.frame,
+            refused,
         )
 
     def dark(self, rows) -> str:
@@ -291,15 +295,30 @@ class _Work:
         numbers, outcome = named(
             self.recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found]
         )
+        refused = sorted(refused, key=lambda one: -one.points)[:_MOST_REFUSED]
         if not found:
             seen = _seen_instead(points, cloud.stripe, refused)
             outcome = "; ".join(filter(None, (outcome, seen, _perhaps_cut(each["at_limit"]))))
+        else:
+            missing = self._missing(rows[0], len(found), refused)
+            outcome = "; ".join(filter(None, (outcome, missing)))
         made = []
         for free, number in zip(found, numbers):
             on = free.reason != ELSEWHERE
             own = {key: value[..., on] for key, value in each.items()} | {"incidence": trimmed}
             made.append(self._ball(cloud.some(on), own, free, number, shape[:, on]))
-        return tuple(made), outcome
+        return tuple(made), outcome, tuple(refused)
+
+    def _missing(self, row, found: int, refused: Sequence[Refusal]) -> str:
+        """Which balls of the artefact were not found, and why; "" where all were, or the scan is of a single one."""
+        said = "; ".join(one.sentence for one in refused)
+        expected = len(self.recording.balls)
+        if found >= expected or by_sample(self.recording, row) is not None:
+            return said
+        reason = (
+            said or "no other surface that curves like one of them was seen in its light planes"
+        )
+        return f"{found} of the {expected} balls of artefact.csv were found; {reason}"
 
     def _ball(self, cloud: Cloud, own, free: BallFit, number, shape) -> Ball:
         """A ball from its points: fitted with the certified radius, the pull of its curvature taken off."""
@@ -408,7 +427,7 @@ def _seen_instead(points, steps, refused: Sequence[Refusal]) -> str:
     if not refused:
         return f"{seen}, and no surface that curves like a ball"
     nearest = max(refused, key=lambda one: one.points)
-    return f"{seen}; {nearest.sentence}"
+    return f"{seen}; the nearest candidate, {nearest.sentence}"
 
 
 def _perhaps_cut(at_limit) -> str:

@@ -1,0 +1,108 @@
+"""Which ball of the artefact each ball that was found is, by the distances between them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.core.distributions import fisher as f_distribution
+from workbench.core.rigid import nearest_rotation
+
+
+@dataclass(frozen=True)
+class Match:
+    """Which ball of the artefact each found ball is; false where that is not certain.
+
+    `ball` (k,) int column of the artefact's centres, -1 for none; `rms` mm of the distances from the
+    artefact's centres after a rigid fit; `others` further assignments (k,) that the distances allow as
+    well; `swapped` pairs of columns that stand in one another's place in what was expected.
+    """
+
+    ball: np.ndarray
+    rms: float
+    others: tuple[np.ndarray, ...]
+    swapped: tuple[tuple[int, int], ...]
+    outcome: str
+
+    def __bool__(self) -> bool:
+        return bool((self.ball >= 0).sum() >= 3 and not self.others)
+
+
+def match(found: np.ndarray, artefact: np.ndarray, tolerance: float = 0.5, expected=None) -> Match:
+    """Match found centres (3, k) mm with the artefact's (3, m) by their distances from one another.
+
+    `tolerance` mm by which a distance may differ (scale and noise of the scanner; well below the
+    differences between the artefact's own distances). `expected` (k,) column that each found ball
+    was thought to be. Assignments of the most balls that agree in all distances are compared by the residual of
+    their rigid fit, reflections excluded; those that an F test at 0.1 % cannot tell from the best are `others`.
+    """
+    found, artefact = np.asarray(found, float), np.asarray(artefact, float)
+    assignments = _assignments(_apart(found), _apart(artefact), tolerance)
+    fits = sorted(((_rigid_rms(found, artefact, one), k) for k, one in enumerate(assignments)))
+    fits = [(rms, assignments[k]) for rms, k in fits if rms <= tolerance]
+    if not fits:
+        why = "the distances fit only a mirror image of the artefact; check the signs of the axes"
+        if not assignments:
+            why = "no two found balls are as far apart as two of the artefact; check its file and the units"
+        return Match(np.full(found.shape[1], -1), np.nan, (), (), why)
+    best, degrees = fits[0][1], max(3 * int((fits[0][1] >= 0).sum()) - 6, 1)
+    allowed = max(fits[0][0], 1e-9) * np.sqrt(f_distribution.isf(0.001, degrees, degrees))
+    others = tuple(one for rms, one in fits[1:] if rms <= allowed)
+    swapped = () if expected is None else _swapped(best, np.asarray(expected))
+    return Match(
+        best, fits[0][0], others, swapped, _match_outcome(best, fits[0][0], others, swapped)
+    )
+
+
+def _apart(centres):
+    return np.linalg.norm(centres[:, :, None] - centres[:, None], axis=0)
+
+
+def _assignments(found, artefact, tolerance, most=50_000):
+    """Every assignment (k,) of the largest number of balls whose distances all agree.
+
+    Depth first, and no more than `most` partial ones: some of many balls without any order are still found.
+    """
+    k, kept, size = len(found), [], 0
+    stack = [np.zeros(0, int)]
+    for _ in range(most):
+        if not stack:
+            break
+        one = stack.pop()
+        count = int((one >= 0).sum())
+        if count + k - len(one) < max(size, 2):
+            continue
+        if len(one) == k:
+            kept, size = (kept if count == size else []) + [one], count
+            continue
+        placed = np.flatnonzero(one >= 0)
+        gap = np.abs(artefact[:, one[placed]] - found[len(one), placed])
+        fitting = np.setdiff1d(np.flatnonzero((gap <= tolerance).all(1)), one[placed])
+        stack += [np.append(one, ball) for ball in (-1, *fitting)]
+    return kept
+
+
+def _rigid_rms(found, artefact, ball):
+    """RMS, mm, after the best rotation and shift (Kabsch); a reflection does not count."""
+    chosen = ball >= 0
+    ours, theirs = found[:, chosen], artefact[:, ball[chosen]]
+    ours, theirs = ours - ours.mean(1, keepdims=True), theirs - theirs.mean(1, keepdims=True)
+    turned = nearest_rotation(ours @ theirs.T) @ theirs
+    return float(np.sqrt(((ours - turned) ** 2).sum(0).mean()))
+
+
+def _swapped(ball, expected):
+    """Pairs (a, b), a < b, where a was found in the place of b and b in that of a."""
+    pairs = {(int(a), int(b)) for a, b in zip(expected, ball) if b >= 0 and a != b}
+    return tuple(sorted((a, b) for a, b in pairs if a < b and (b, a) in pairs))
+
+
+def _match_outcome(ball, rms, others, swapped):
+    count, distance = int((ball >= 0).sum()), f"within {rms:.3g} mm"
+    words = [f"{count} of {len(ball)} found balls belong to the artefact, {distance}"]
+    if others or count < 3:
+        words.append(
+            f"which is which is ambiguous: {len(others) + 1} assignments agree with the distances; "
+            "scan more balls, or an artefact whose distances differ"
+        )
+    words += [f"balls {a + 1} and {b + 1} are swapped" for a, b in swapped]
+    return "; ".join(words)

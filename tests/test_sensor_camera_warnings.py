@@ -1,0 +1,48 @@
+"""What displaces corners by the same in many images is named: a misprinted row of the board, a lens beyond its model."""
+
+import numpy as np
+import pytest
+
+from sensors.boards.board import Board
+from sensors.camera.calibration import calibrate_camera
+from sensors.camera.model import Camera
+from test_sensor_camera_doubts import seen_by
+from workbench.fitting.verdicts.sensor_verdict import camera_warnings
+
+BOARD = Board("chessboard", 11, 8, 5.0)
+TRUE = Camera(1500.0, 1499.0, 640.0, 512.0, (-0.1, 0.06, 0.0, 0.0, 0.0), (1280, 1024))
+
+
+def warned(seed, points=None, residual_px=0.0):
+    """Warnings of a camera from 16 images with board points (3, n) mm and a displacement (px) that no model has."""
+    rng = np.random.default_rng(seed)
+
+    def project(there):
+        pixels = TRUE.project(there)
+        x, y = (pixels - [[640], [512]]) / 640
+        return pixels + residual_px * np.stack([np.sin(4 * x) * np.cos(5 * y), np.sin(6 * x * y)])
+
+    views = seen_by(project, rng, BOARD, count=16, near=(110, 170), across=(20, 15), points=points)
+    return camera_warnings(calibrate_camera(views, BOARD, TRUE.size, folds=0))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_misprinted_row_of_the_board_is_named(seed):
+    displaced = BOARD.points.copy()
+    row = displaced[1] == np.unique(displaced[1])[2]
+    displaced[0, row] += 0.04
+    displaced[1, row] += 0.04
+    (said,) = warned(seed, displaced)
+    assert "rows or columns of the board are not where they are said to be" in said
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_lens_beyond_its_model_is_named(seed):
+    said = " ".join(warned(seed, residual_px=0.5))
+    assert "the lens is not of the model fitted" in said
+    assert "rows or columns" not in said
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_good_board_and_lens_are_silent(seed):
+    assert warned(seed) == []
