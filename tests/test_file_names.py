@@ -112,7 +112,7 @@ def test_every_scan_gets_a_cloud_of_its_own(ids, tmp_path, monkeypatch):
     number = np.zeros(1, int)
     empty = np.zeros((2, 1)), number, number, np.ones(1), np.zeros((2, 1)), {}, {}, ()
     monkeypatch.setattr(scan._Work, "stripes", lambda self, rows: empty)
-    monkeypatch.setattr(scan._Work, "balls", lambda self, *_: ((), ""))
+    monkeypatch.setattr(scan._Work, "balls", lambda self, *_: ((), "", ()))
     monkeypatch.setattr(scan._Work, "steps", frozenset({0}))
     monkeypatch.setattr(scan, "figures", lambda *_: ())
 

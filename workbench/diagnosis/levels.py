@@ -24,6 +24,8 @@ WORTHWHILE = math.log(3.0)
 """Log odds, 3 to 1, from which on another set or name is worth a solution: Jeffreys calls less a bare mention."""
 REAL = 2.0
 """t of paired gains above which a held-out gain counts as significant: one in fifty by chance, for each term."""
+VAGUE = 10.0
+"""Typical sizes of a parameter: one whose standard deviation is larger is as good as unknown by itself."""
 OUTLIER = 0.05
 """Robust weight below which a sample is another process's and judges nothing."""
 SHOWN = 12

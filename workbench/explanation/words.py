@@ -195,7 +195,8 @@ def figures(rows: Sequence[Mapping]) -> str:
         others = [row for row in rows if row.get("effect") != rows[0].get("effect")]
         return _spectrum(rows[0], [row for _, row in _waves(others)])
     masses = [row for row in rows if _MASSES in row["name"]]
-    rows = [row for row in rows if row not in masses]
+    vague = [row for row in rows if row not in masses and not row.get("identifiable", True)]
+    rows = [row for row in rows if row not in masses and row not in vague]
     parts = list(_waves(rows)) or [
         (_name(row), row)
         for row in sorted(rows, key=lambda row: (not row.get("derived"), -_surety(row)))
@@ -204,6 +205,9 @@ def figures(rows: Sequence[Mapping]) -> str:
         f"{name} {measured(row['value'], row['std'], row['unit'])}" for name, row in parts[:_MOST]
     ]
     said = ", ".join(texts) + (f" and {len(parts) - _MOST} more" if len(parts) > _MOST else "")
+    if vague:
+        combined = f"{listed([row['name'] for row in vague])} only in combination"
+        said = f"{said} ({combined})" if said else combined
     return said + (
         f" (with {len(masses)} numbers for masses that the data sheet does not know)"
         if masses

@@ -21,7 +21,7 @@ from scipy.linalg import block_diag
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import thin_svd
 from workbench.core.parameters import Parameter
-from workbench.diagnosis.levels import ROUNDING, SEEN
+from workbench.diagnosis.levels import REAL, ROUNDING, SEEN, VAGUE
 from workbench.diagnosis.linear.kept_effects import Added, Beyond
 
 _SINGULAR = 1e-11
@@ -344,7 +344,11 @@ def seen_basis(columns: np.ndarray) -> np.ndarray:
 
 
 def parameter_row(p: Parameter, effect: Effect, value: float, std: float) -> dict:
-    """A row of `Bench.parameters`, but for the sizes of what the parameter does."""
+    """A row of `Bench.parameters`, but for the sizes of what the parameter does.
+
+    A parameter that could be many times its typical size, and zero as well, is not identifiable by itself.
+    """
+    is_identifiable = std < VAGUE * p.typical or abs(value) > REAL * std
     return {
         "key": p.key,
         "name": p.key.split(".", 2)[2],
@@ -355,6 +359,7 @@ def parameter_row(p: Parameter, effect: Effect, value: float, std: float) -> dic
         "std": float(std),
         "unit": p.unit,
         "typical": p.typical,
+        "identifiable": bool(is_identifiable),
     }
 
 
