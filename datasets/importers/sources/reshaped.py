@@ -12,17 +12,31 @@ import numpy as np
 from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.sets import find_sets, headers_of
 from datasets.importers.source import RawTable
+from workbench.core.errors import InputError
 
 _AXES = ("x", "y", "z")
 _FEWEST_POINTS = 3
+_MOST_QUANTITIES = 2000
 _ACTUAL = frozenset("meas measured measurement actual act ist istwert value wert".split())
 
 
 def one_row_per_sample(table: RawTable) -> RawTable:
-    """The table with a row for each sample; the same table where it has that shape already."""
+    """The table with a row for each sample; the same table where it has that shape already.
+
+    Raises InputError for a table with more columns than quantities can have: reading their headers would take minutes.
+    """
+    if len(table.columns) > _MOST_QUANTITIES:
+        return _transposed(table) or _refuse_width(table)
     if find_sets(table):
         return table
     return _unstacked(table) or _transposed(table) or table
+
+
+def _refuse_width(table: RawTable) -> RawTable:
+    raise InputError(
+        f"{table.file}: expected one column for each quantity (at most {_MOST_QUANTITIES}), found "
+        f"{len(table.columns)} columns; write one row for each sample"
+    )
 
 
 def _unstacked(table: RawTable) -> RawTable | None:
