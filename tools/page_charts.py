@@ -237,6 +237,23 @@ def _number(cell: str) -> float | None:
     return float(found[0]) if found else None
 
 
+def benchmarks() -> None:
+    """Time of the peer over ours, from the table of the page; 1 is equal."""
+    text = (DOCS / "reference" / "benchmarks.md").read_text(encoding="utf-8")
+    found = re.findall(
+        r"^\| ([^|]+) \| [\d.]+ ms[^|]*\|[^|]+\| ([\d.]+)[^|]*\|", text, re.MULTILINE
+    )
+    names = [name.strip() for name, _ in found]
+    ratios = np.array([float(ratio) for _, ratio in found])
+    figure, axes = axes_of(8.5, 3.6)
+    axes.barh(names, ratios, color=np.where(ratios < 1, ORANGE, BLUE))
+    axes.axvline(1, color=GREY)
+    axes.invert_yaxis()
+    axes.tick_params(axis="y", labelsize=8)
+    axes.set(xscale="log", xlabel="processor time of the peer / processor time of this project")
+    save(figure, "benchmarks")
+
+
 def differences() -> None:
     """Noise factor that was found over the planted one, and right attributions by planted kind."""
     rows = _csv("differences.csv")
@@ -288,6 +305,7 @@ CHARTS: dict[str, Callable[[], None]] = {
     "corrections": corrections,
     "effect-of-a-load": effect_of_a_load,
     "real-recordings": real_recordings,
+    "benchmarks": benchmarks,
     "differences": differences,
     "compensation": compensation,
     "diagnosis": diagnosis,
