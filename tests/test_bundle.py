@@ -130,7 +130,10 @@ def test_the_schur_complement_gives_what_the_dense_solve_gives():
     dense = solve(inside, inside.parameters.take_over(start).free("board-*"))
     shared = [dense.parameters.index[key] for key in fit.table.keys]
     poses = [k for k, key in enumerate(dense.parameters.keys) if key.startswith("board-")]
-    assert fit.converged and fit.history == pytest.approx(dense.history, rel=1e-10)
+    assert fit.converged
+    assert fit.history[-1] == pytest.approx(dense.history[-1], rel=1e-10)
+    # far from the minimum a step differs by rounding times the condition of the normal equations
+    assert fit.history == pytest.approx(dense.history, rel=1e-8)
     assert fit.table.values == pytest.approx(dense.parameters.values[shared], rel=1e-10, abs=1e-10)
     assert fit.values["placement"].ravel() == pytest.approx(
         dense.parameters.values[poses], rel=1e-10, abs=1e-10
