@@ -1,7 +1,8 @@
 """Parameters that cannot be negative, such as a compliance: held at zero where the least-squares estimate is negative.
 
-An active-set method for bounded least squares (Lawson & Hanson, Solving Least Squares Problems (1974), ch. 23). A
-negative compliance that noise makes would bend a corrected model the wrong way, and an exported simulation is unstable.
+The active-set method of bounded least squares (Lawson & Hanson, Solving Least Squares Problems (1974), ch. 23) without
+its release step: what is held stays held. A negative compliance that noise makes would bend a corrected model the
+wrong way, and an exported simulation would be unstable.
 """
 
 import numpy as np
