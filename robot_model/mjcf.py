@@ -1,7 +1,8 @@
 """What an MJCF file (MuJoCo) says of an arm: bodies, joints, masses, limits and what moves them.
 
 It is read as the tree of a URDF: a body is a link, a joint carries one link. No mesh is needed. A joint that no servo
-drives stands still at zero, where the file has servos. Included files, ball and free joints are refused.
+drives stands still at zero, where the file has servos. Ball and free joints are refused on the way to the flange;
+other bodies may have them.
 """
 
 import json
@@ -11,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_model.mjcf_file import Defaults, compiler_of, numbers, read_mjcf
+from robot_model.mjcf_shapes import shape_ends, shape_mass
 from robot_model.robot import wrong
 from robot_model.urdf_tree import Joint, Tree
 
@@ -18,7 +21,6 @@ TERMS = "workbench-terms"
 """Name of the <text> element in which an exported file holds the terms of its model, as JSON."""
 _KINDS = {"hinge": "revolute", "slide": "prismatic"}
 _TIPS = ("flange", "attachment_site")
-_DENSITY = 1000.0  # kg/m^3, MuJoCo's default
 _MM = 1000.0
 
 
@@ -40,19 +42,18 @@ def terms_of(path: Path) -> dict:
 
 def unread(path: Path) -> list[str]:
     """Sentences for what a foreign MJCF file says and an arm of this workbench does not take over."""
-    root = ET.parse(path).getroot()
+    tree = MjcfTree({"urdf": str(path)}, str(path))
     said = []
-    springs = [e.get("name", "") for e in root.iter("joint") if float(e.get("stiffness", 0)) != 0]
-    if springs:
+    if tree.springs:
         said.append(
-            f"{Path(path).name}: springs of the joints {', '.join(springs)} are taken as rigid; state them as effects "
-            "of a scene to compare them, too."
+            f"{Path(path).name}: springs of the joints {', '.join(tree.springs)} are taken as rigid; state them as "
+            "effects of a scene to compare them, too."
         )
-    if root.find("actuator") is not None:
+    if tree.has_servos:
         said.append(
             f"{Path(path).name}: servos are taken as rigid, since their gain is that of a controller and not of a gear."
         )
-    if any(e.get("frictionloss") for e in root.iter("joint")):
+    if tree.has_friction:
         said.append(
             f"{Path(path).name}: friction of joints is left out, since the arm stands still."
         )
@@ -60,23 +61,30 @@ def unread(path: Path) -> list[str]:
 
 
 class MjcfTree(Tree):
-    """An MJCF file as a tree of links and joints; `gravity` (3,) direction in the world. Raises InputError."""
+    """An MJCF file as a tree of links and joints; `gravity` (3,) direction in the world. Raises InputError.
+
+    `springs`: names of joints with a spring; `has_servos`, `has_friction`: whether the file states any.
+    """
 
     language = "MJCF"
 
     def _read(self, spec: Mapping, where: str) -> None:
-        root = _parse(self.file)
+        root = read_mjcf(self.file)
         self.name = root.get("model", self.file.stem)
-        compiler = root.find("compiler")
-        held = {} if compiler is None else dict(compiler.attrib)
+        held = compiler_of(root)
         self._angle = 1.0 if held.get("angle", "degree") == "radian" else np.pi / 180
         self._sequence = held.get("eulerseq", "xyz")
         self._from_geoms = held.get("inertiafromgeom", "auto")
-        self._defaults = _defaults(root)
+        self._defaults = Defaults(root)
+        self._sites: list[str] = []
+        self._references: dict[str, float] = {}
         self.links = {"world": None}
         self.joints: dict[str, Joint] = {}
         self._bodies: dict[str, tuple[float, np.ndarray]] = {"world": (0.0, np.zeros(3))}
         self._count = 0
+        self.springs: list[str] = []
+        self.has_friction = False
+        self.has_servos = root.find("actuator") is not None
         for world in root.findall("worldbody"):
             self._children(world, "world", np.eye(4), "main")
         self.gravity = _gravity(root)
@@ -87,15 +95,16 @@ class MjcfTree(Tree):
     def _children(self, element, link: str, here: np.ndarray, kind: str) -> None:
         """Bodies, frames and sites below an element; here (4, 4) mm: its frame in that of the link."""
         for child in element:
-            place = here @ self._place(child)
             own = child.get("childclass", kind)
             if child.tag == "frame":
-                self._children(child, link, place, own)
+                self._children(child, link, here @ self._place(child, child.attrib), own)
             elif child.tag == "body":
-                self._body(child, link, place, own)
+                self._body(child, link, here @ self._place(child, child.attrib), own)
             elif child.tag == "site" and child.get("name"):
                 name = child.get("name")  # a site may be called as a body is
-                self._link(f"{name}/site" if name in self.links else name, link, place)
+                name = f"{name}/site" if name in self.links else name
+                self._sites.append(name)
+                self._link(name, link, here @ self._place(child, self._defaults.of(child, kind)))
 
     def _body(self, body, link: str, place: np.ndarray, kind: str) -> None:
         """A link for each joint of a body, each on the axis of its joint, and one where it has none."""
@@ -103,9 +112,9 @@ class MjcfTree(Tree):
         joints = [j for j in body if j.tag in ("joint", "freejoint")]
         shift = np.eye(4)
         for number, element in enumerate(joints, 1):
-            keys = self._attributes(element, kind)
+            keys = self._defaults.of(element, kind)
             anchor = np.eye(4)
-            anchor[:3, 3] = _MM * _vector(keys.get("pos", "0 0 0"), 3, self._where(body))
+            anchor[:3, 3] = _MM * numbers(keys.get("pos", "0 0 0"), 3, self._where(body))
             child = name if number == len(joints) else f"{name}/{number}"
             self._moving(keys, element, (link, child), place @ np.linalg.inv(shift) @ anchor)
             link, place, shift = child, np.eye(4), anchor
@@ -119,21 +128,30 @@ class MjcfTree(Tree):
 
     def _moving(self, keys, element, links, origin) -> None:
         parent, child = links
-        name = element.get("name") or self._unnamed("joint")
+        name = keys.get("name") or self._unnamed("joint")
         where = f"{self.file}: joint {name}"
         kind = "free" if element.tag == "freejoint" else keys.get("type", "hinge")
-        if kind not in _KINDS:
-            raise wrong(where, f"type {' or '.join(_KINDS)}", kind, "replace it")
-        axis = _vector(keys.get("axis", "0 0 1"), 3, where)
+        axis = numbers(keys.get("axis", "0 0 1"), 3, where)
+        axis = axis / max(np.linalg.norm(axis), 1e-9)
         unit = _MM if kind == "slide" else self._angle
         limits = (np.nan, np.nan)
-        if "range" in keys and keys.get("limited", "auto") != "false":
-            low, high = _vector(keys["range"], 2, where) * unit
+        if kind in _KINDS and "range" in keys and keys.get("limited", "auto") != "false":
+            low, high = numbers(keys["range"], 2, where) * unit
             limits = (low, high) if low < high else limits
+        reference = numbers(keys.get("ref", "0"), 1, where)[0] * unit
+        origin = origin @ _moved(axis, -reference, kind)  # the file draws the arm at its reference
+        self._references[name] = reference / (_MM if kind == "slide" else 1.0)
+        if float(keys.get("stiffness", "0").split()[0]) != 0:
+            self.springs.append(name)
+        self.has_friction |= "frictionloss" in keys
         self.links[child] = None
         self._bodies.setdefault(child, (0.0, np.zeros(3)))
-        axis = axis / max(np.linalg.norm(axis), 1e-9)
-        self.joints[name] = Joint(name, _KINDS[kind], parent, child, origin, axis, limits, None)
+        kind = _KINDS.get(kind, kind)
+        self.joints[name] = Joint(name, kind, parent, child, origin, axis, limits, None)
+
+    def _wrong_kind(self, joint: Joint) -> Exception:
+        where = f"{self.file}: joint {joint.name}"
+        return wrong(where, f"type {' or '.join(_KINDS)}", joint.kind, "replace it")
 
     def _link(self, name: str, parent: str, place: np.ndarray) -> None:
         """A link that does not move on its parent."""
@@ -144,41 +162,37 @@ class MjcfTree(Tree):
         )
         self.joints[joint.name] = joint
 
-    def _attributes(self, element, kind: str) -> dict:
-        """A joint's attributes over those of its class."""
-        return self._defaults.get(element.get("class", kind), {}) | dict(element.attrib)
-
     def _unnamed(self, what: str) -> str:
         self._count += 1
-        return f"{what}{self._count}"
+        return f"({what} {self._count} without a name)"
 
     def _where(self, body) -> str:
         return f"{self.file}: body {body.get('name', '')}"
 
-    def _place(self, element) -> np.ndarray:
-        """(4, 4) mm of the frame that an element states."""
+    def _place(self, element, keys: Mapping[str, str]) -> np.ndarray:
+        """(4, 4) mm of the frame that an element states; keys: its attributes with those of its class."""
         where = f"{self.file}: {element.tag} {element.get('name', '')}"
         place = np.eye(4)
-        place[:3, 3] = _MM * _vector(element.get("pos", "0 0 0"), 3, where)
-        place[:3, :3] = self._rotation(element, where)
+        place[:3, 3] = _MM * numbers(keys.get("pos", "0 0 0"), 3, where)
+        place[:3, :3] = self._rotation(keys, where)
         return place
 
-    def _rotation(self, element, where: str) -> np.ndarray:
+    def _rotation(self, keys: Mapping[str, str], where: str) -> np.ndarray:
         from scipy.spatial.transform import Rotation
 
-        if "quat" in element.attrib:
-            quaternion = _vector(element.get("quat"), 4, where)
+        if "quat" in keys:
+            quaternion = numbers(keys.get("quat"), 4, where)
             return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
-        if "euler" in element.attrib:
-            angles = _vector(element.get("euler"), 3, where) * self._angle
+        if "euler" in keys:
+            angles = numbers(keys.get("euler"), 3, where) * self._angle
             # MuJoCo: lower case letters are axes that turn with the body, which are scipy's upper case
             return Rotation.from_euler(self._sequence.swapcase(), angles).as_matrix()
-        if "axisangle" in element.attrib:
-            *axis, angle = _vector(element.get("axisangle"), 4, where)
+        if "axisangle" in keys:
+            *axis, angle = numbers(keys.get("axisangle"), 4, where)
             unit = np.array(axis) / np.linalg.norm(axis)
             return Rotation.from_rotvec(unit * angle * self._angle).as_matrix()
-        if "xyaxes" in element.attrib or "zaxis" in element.attrib:
-            return _by_axes(element, where)
+        if "xyaxes" in keys or "zaxis" in keys:
+            return _by_axes(keys, where)
         return np.eye(3)
 
     def _inertial(self, body, kind: str) -> tuple[float, np.ndarray]:
@@ -186,24 +200,29 @@ class MjcfTree(Tree):
         stated = body.find("inertial")
         if stated is not None and self._from_geoms != "true":
             where = self._where(body)
-            centre = _MM * _vector(stated.get("pos", "0 0 0"), 3, where)
-            return float(_vector(stated.get("mass", "0"), 1, where)[0]), centre
+            centre = _MM * numbers(stated.get("pos", "0 0 0"), 3, where)
+            return float(numbers(stated.get("mass", "0"), 1, where)[0]), centre
         if self._from_geoms == "false":
             return 0.0, np.zeros(3)
-        parts = [
-            (_geom_mass(g, self._where(body)), self._place(g)[:3, 3]) for g in body.findall("geom")
-        ]
+        parts = [self._shape(geom, body, kind) for geom in body.findall("geom")]
         total = sum(mass for mass, _ in parts)
         if not total > 0:
             return 0.0, np.zeros(3)
         return total, sum(mass * centre for mass, centre in parts) / total
+
+    def _shape(self, geom, body, kind: str) -> tuple[float, np.ndarray]:
+        """kg of a shape of a body and its centre (3,) mm in the body's frame."""
+        keys, where = self._defaults.of(geom, kind), self._where(body)
+        ends = shape_ends(keys, where)
+        centre = self._place(geom, keys)[:3, 3] if ends is None else _MM * ends.mean(0)
+        return shape_mass(keys, where), centre
 
     def _couple(self, root) -> None:
         """Joints that an equality constraint ties linearly to another one."""
         for tie in root.iter("equality"):
             for element in tie.findall("joint"):
                 first, second = element.get("joint1"), element.get("joint2")
-                poly = _vector(element.get("polycoef", "0 1 0 0 0"), 5, f"{self.file}: equality")
+                poly = numbers(element.get("polycoef", "0 1 0 0 0"), 5, f"{self.file}: equality")
                 if poly[2:].any() or second is None:
                     raise wrong(
                         f"{self.file}: equality of joint {first}",
@@ -211,7 +230,9 @@ class MjcfTree(Tree):
                         "another one",
                         "take it out",
                     )
-                self.mimic.setdefault(first, (second, float(poly[1]), float(poly[0])))
+                ratio, zeros = float(poly[1]), self._references
+                offset = zeros.get(first, 0.0) + float(poly[0]) - ratio * zeros.get(second, 0.0)
+                self.mimic.setdefault(first, (second, ratio, offset))
 
     def _driven(self, root) -> list[str] | None:
         """Joints that servos drive, base first; None where the file has no servo."""
@@ -220,48 +241,18 @@ class MjcfTree(Tree):
         return names or None
 
     def farthest_leaf(self) -> str:
-        """The site `flange`, else the leaf beyond most joints that move."""
+        """The site `flange`, else the leaf beyond most joints that move; a site goes before bodies."""
         for name in _TIPS:
             if name in self.links:
                 return name
-        return super().farthest_leaf()
+        best = self._farthest_leaves()
+        sites = [name for name in best if name in self._sites]
+        return sites[0] if len(sites) == 1 else super().farthest_leaf()
 
     def inertial(self, link: str) -> tuple[float, np.ndarray]:
         """kg of a link and its centre (3,) in the root frame at zero, mm."""
         mass, centre = self._bodies[link]
         return mass, (self.places[link] @ np.append(centre, 1))[:3]
-
-
-def _parse(file: Path) -> ET.Element:
-    try:
-        root = ET.parse(file).getroot()
-    except OSError as problem:
-        raise wrong(file, "a readable MJCF file", problem.strerror, "check the path") from None
-    except (ET.ParseError, ValueError, LookupError) as problem:
-        raise wrong(file, "XML", f"a mistake ({problem})", "correct it there") from None
-    if root.find(".//include") is not None:
-        raise wrong(
-            file,
-            "one whole MJCF file",
-            "an <include>",
-            "save the compiled model as one file (mujoco.mj_saveLastXML)",
-        )
-    return root
-
-
-def _defaults(root) -> dict[str, dict]:
-    """Class -> attributes of its joints, each with those of the classes around it."""
-    found: dict[str, dict] = {}
-
-    def read(element, above: dict, name: str) -> None:
-        own = element.find("joint")
-        found[name] = above | (dict(own.attrib) if own is not None else {})
-        for inner in element.findall("default"):
-            read(inner, found[name], inner.get("class", ""))
-
-    for element in root.findall("default"):
-        read(element, {}, element.get("class", "main"))
-    return found
 
 
 def _gravity(root) -> np.ndarray:
@@ -273,44 +264,26 @@ def _gravity(root) -> np.ndarray:
     return vector / length if length > 1e-9 else np.array([0.0, 0.0, -1.0])
 
 
-def _by_axes(element, where: str) -> np.ndarray:
+def _moved(axis: np.ndarray, amount: float, kind: str) -> np.ndarray:
+    """(4, 4) of a joint of an MJCF kind that has moved by an amount, rad or mm, about or along its axis (3,)."""
     from scipy.spatial.transform import Rotation
 
-    if "zaxis" in element.attrib:
-        z = _vector(element.get("zaxis"), 3, where)
+    made = np.eye(4)
+    if kind == "slide":
+        made[:3, 3] = amount * axis
+    elif kind == "hinge":
+        made[:3, :3] = Rotation.from_rotvec(amount * axis).as_matrix()
+    return made
+
+
+def _by_axes(keys: Mapping[str, str], where: str) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
+    if "zaxis" in keys:
+        z = numbers(keys.get("zaxis"), 3, where)
         return Rotation.align_vectors([z / np.linalg.norm(z)], [[0, 0, 1]])[0].as_matrix()
-    six = _vector(element.get("xyaxes"), 6, where)
+    six = numbers(keys.get("xyaxes"), 6, where)
     x = six[:3] / np.linalg.norm(six[:3])
     y = six[3:] - x * (x @ six[3:])
     y = y / np.linalg.norm(y)
     return np.column_stack([x, y, np.cross(x, y)])
-
-
-def _geom_mass(geom, where: str) -> float:
-    """kg of a simple shape; a mesh has none, since it is not read."""
-    if geom.get("mass") is not None:
-        return float(_vector(geom.get("mass"), 1, where)[0])
-    kind = geom.get("type", "sphere")
-    if "size" not in geom.attrib or kind in ("mesh", "plane", "hfield", "sdf"):
-        return 0.0
-    size = [float(word) for word in geom.get("size").split()]
-    volumes = {
-        "sphere": lambda r, *_: 4 / 3 * np.pi * r**3,
-        "box": lambda x, y, z, *_: 8 * x * y * z,
-        "ellipsoid": lambda x, y, z, *_: 4 / 3 * np.pi * x * y * z,
-        "cylinder": lambda r, h, *_: 2 * np.pi * r**2 * h,
-        "capsule": lambda r, h, *_: np.pi * r**2 * (2 * h + 4 / 3 * r),
-    }
-    if kind not in volumes:
-        return 0.0
-    return float(geom.get("density", _DENSITY)) * volumes[kind](*size)
-
-
-def _vector(text: str, count: int, where: str) -> np.ndarray:
-    try:
-        values = np.array([float(word) for word in text.split()])
-    except ValueError:
-        values = np.empty(0)
-    if len(values) != count or not np.isfinite(values).all():
-        raise wrong(where, f"{count} finite number(s)", repr(text), "correct it")
-    return values

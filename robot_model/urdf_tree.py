@@ -150,23 +150,33 @@ class Tree:
 
     def farthest_leaf(self) -> str:
         """The leaf beyond most joints that move."""
-        leaves = set(self.links) - {joint.parent for joint in self.joints.values()}
-        reach = {
-            leaf: sum(self.drive(joint) is not None for joint in self.path(leaf))
-            for leaf in sorted(leaves)
-        }
-        best = [leaf for leaf in reach if reach[leaf] == max(reach.values())]
+        best = self._farthest_leaves()
         if len(best) > 1:
             raise wrong(self.file, "one last link", ", ".join(best), "choose one of them as tip")
         return best[0]
+
+    def _farthest_leaves(self) -> list[str]:
+        """The leaves beyond most joints that move, sorted.
+
+        Leaves beyond a joint of a kind that no arm has (free, ball, floating) are other things than the arm, where
+        there are others.
+        """
+        leaves = set(self.links) - {joint.parent for joint in self.joints.values()}
+        paths = {leaf: self.path(leaf) for leaf in sorted(leaves)}
+        usable = {leaf: path for leaf, path in paths.items() if all(map(_is_of_arm, path))}
+        if not usable:  # the longest path is the arm's
+            usable = dict([max(paths.items(), key=lambda item: len(item[1]))])
+        reach = {}
+        for leaf, path in usable.items():
+            reach[leaf] = sum(self.drive(joint) is not None for joint in path)
+        return [leaf for leaf, count in reach.items() if count == max(reach.values())]
 
     def drive(self, joint: Joint) -> tuple[str, float, float] | None:
         """Which reading moves a joint, by what ratio and offset (m, rad); None where it stands still."""
         if joint.kind == "fixed":
             return None
         if joint.kind not in _MOVING:
-            kinds = f"one of fixed, {', '.join(_MOVING)}"
-            raise wrong(f"{self.file}: joint {joint.name}, type", kinds, joint.kind, "replace it")
+            raise self._wrong_kind(joint)
         name, ratio, offset = joint.name, 1.0, 0.0
         for _ in range(len(self.joints) + 1):
             if name in (self.named or ()) or name not in self.mimic:
@@ -180,6 +190,10 @@ class Tree:
             "cut it",
         )
 
+    def _wrong_kind(self, joint: Joint) -> Exception:
+        kinds = f"one of fixed, {', '.join(_MOVING)}"
+        return wrong(f"{self.file}: joint {joint.name}, type", kinds, joint.kind, "replace it")
+
     def inertial(self, link: str) -> tuple[float, np.ndarray]:
         """kg of a link and its centre (3,) in the root frame at zero, mm."""
         element = self.links[link].find("inertial")
@@ -187,6 +201,10 @@ class Tree:
             return 0.0, np.zeros(3)
         mass = _numbers(element, "mass", "value", (0.0,), f"{self.file}: link {link}")[0]
         return mass, (self.places[link] @ _origin(element, f"{self.file}: link {link}"))[:3, 3]
+
+
+def _is_of_arm(joint: Joint) -> bool:
+    return joint.kind in ("fixed", *_MOVING)
 
 
 def check_keys(spec: Mapping, where: str) -> None:

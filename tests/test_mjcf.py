@@ -1,5 +1,7 @@
 """An arm read from MJCF stands where MuJoCo itself puts it, with MuJoCo's masses and limits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import tomli_w
@@ -16,8 +18,10 @@ from scenes import ABB
 from test_exports_arm import SPRINGS
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
+from workbench.explanation.reference import reference_of
 from workbench.files.exports.mdh import calibrated_geometry
 from workbench.files.exports.mjcf import mjcf
+from workbench.jobs.robot.compensate import actual_poses
 from workbench.jobs.robot.simulate import simulate
 
 MJCF_CELL = """<mujoco model="cell">
@@ -114,7 +118,8 @@ def test_what_a_foreign_file_says_and_is_not_taken_over_is_said(cell_file):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("<worldbody>", '<include file="a.xml"/><worldbody>', "one whole MJCF file.*include"),
+        ("<worldbody>", '<include file="a.xml"/><worldbody>', "a.xml: expected a readable MJCF"),
+        ("<worldbody>", '<include file="cell.xml"/><worldbody>', "files that include one another"),
         ('name="roll" axis="0 0 1"', 'name="roll" type="ball"', "joint roll: expected type hinge"),
         ('pos="0 0 0.29"', 'pos="0 0"', "expected 3 finite number"),
         ("</mujoco>", "", "mistake|one of|xml"),
@@ -151,6 +156,23 @@ def test_an_exported_model_read_back_is_the_calibrated_arm_with_its_terms(case, 
     )
     assert [e.title for e in effects] == [e.title for e in arm.effects]
     assert all(arm.values[key] == value for key, value in held["values"].items())
+
+
+@pytest.mark.parametrize("case", SPRINGS)
+def test_an_exported_model_as_a_simulation_predicts_as_the_arm_does(case, tmp_path):
+    """First moments, offsets and tilts are in the bodies of the file: as terms, too, they counted twice."""
+    rows, values = SPRINGS[case]
+    arm = arm_with(ABB, rows, values=values)
+    path = tmp_path / "arm.xml"
+    path.write_text(mjcf(arm))
+    read = reference_of(path, None)
+    again = replace(arm, robot=read.robot, effects=read.effects, values=dict(read.values))
+    readings, covariates = readings_of(arm.robot), {"payload_kg": np.linspace(0, 3, 12)}
+    wanted = actual_poses(arm, readings, covariates)
+    found = actual_poses(again, readings, covariates)
+    rigid = actual_poses(replace(arm, effects=()), readings, covariates)
+    effect = np.abs(wanted - rigid)[:, :3, 3].max()
+    assert np.abs(found - wanted)[:, :3, 3].max() < 2e-4 + 0.01 * effect  # of second order
 
 
 def test_a_recording_of_an_mjcf_cell_is_written_and_read(cell_file, tmp_path):

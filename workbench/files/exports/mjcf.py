@@ -81,19 +81,33 @@ def mjcf(arm: CalibratedArm) -> str:
 
 
 def terms(arm: CalibratedArm) -> dict:
-    """The terms of the model and their values, which `robot_model.mjcf.terms_of` reads back."""
+    """The terms of the model and their values, which `robot_model.mjcf.terms_of` reads back.
+
+    Offsets, first moments and tilts of the mount are in the lengths, centres of mass and gravity of the file: a value
+    of theirs would count twice where the file is read. Without it they start at zero.
+    """
     rows = [{"effect": name_of(e), "where": e.where, **e.options} for e in arm.effects]
-    arms_own = [key for key in arm.values if key.count(".") == 1]
-    return {"effects": rows, "values": {k: v for k, v in arm.values.items() if k not in arms_own}}
+    values = {key: value for key, value in arm.values.items() if key.count(".") > 1}
+    for effect in arm.effects:
+        if _is_in_bodies(effect, arm):
+            own = f"{effect.where}.{effect.effect}."
+            values = {key: value for key, value in values.items() if not key.startswith(own)}
+    return {"effects": rows, "values": values}
+
+
+def _is_in_bodies(effect: Effect, arm: CalibratedArm) -> bool:
+    """Whether the bodies and the gravity of the file hold what a term makes."""
+    if type(effect) is elastic.FirstMoment:
+        return _masses(arm)[0][_moment_body(effect, arm)] > 0
+    return type(effect) in (elastic.MountTilt, transmission.ConstantTerm)
 
 
 def left_out(arm: CalibratedArm) -> list[str]:
     """Terms that the MJCF file does not hold; those of `control_terms` act on the servo targets instead."""
-    masses = _masses(arm)[0]
     missing = []
     for effect in arm.effects:
         is_moment = type(effect) is elastic.FirstMoment
-        massless = is_moment and not masses[_moment_body(effect, arm)] > 0
+        massless = is_moment and not _is_in_bodies(effect, arm)
         if not _is_carried(effect, arm) or massless:
             missing.append(effect.title)
     return missing

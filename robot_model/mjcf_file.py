@@ -1,0 +1,81 @@
+"""An MJCF file as MuJoCo reads it: included files in their places, settings of the compiler, classes of defaults."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from robot_model.robot import wrong
+
+_MAIN = "main"
+_DEEPEST = 20  # files that include one another: more is a circle
+
+
+def read_mjcf(file: Path) -> ET.Element:
+    """The root element, with the content of included files in the place of every <include>. Raises InputError."""
+    return _with_included(file, file.parent, 0)
+
+
+def _with_included(file: Path, folder: Path, depth: int) -> ET.Element:
+    """Paths of includes are relative to the folder of the main file, as MuJoCo has it."""
+    root = _parse(file)
+    if depth > _DEEPEST:
+        raise wrong(file, "files that end", "files that include one another", "cut the circle")
+    for parent in list(root.iter()):
+        for place, child in reversed(list(enumerate(parent))):
+            if child.tag == "include":
+                inner = _with_included(folder / child.get("file", ""), folder, depth + 1)
+                parent[place : place + 1] = list(inner)
+    return root
+
+
+def _parse(file: Path) -> ET.Element:
+    try:
+        return ET.parse(file).getroot()
+    except OSError as problem:
+        raise wrong(file, "a readable MJCF file", problem.strerror, "check the path") from None
+    except (ET.ParseError, ValueError, LookupError) as problem:
+        raise wrong(file, "XML", f"a mistake ({problem})", "correct it there") from None
+
+
+def compiler_of(root: ET.Element) -> dict[str, str]:
+    """Attributes of <compiler>; of several such elements the last one counts."""
+    held: dict[str, str] = {}
+    for element in root.findall("compiler"):
+        held |= element.attrib
+    return held
+
+
+class Defaults:
+    """Attributes that the classes of <default> give to elements, by class and tag."""
+
+    def __init__(self, root: ET.Element):
+        self._held: dict[str, dict[str, dict]] = {_MAIN: {}}
+        for element in root.findall("default"):
+            self._read(element, self._held[_MAIN], element.get("class", _MAIN))
+
+    def _read(self, element: ET.Element, above: Mapping[str, dict], name: str) -> None:
+        own = {tag: dict(keys) for tag, keys in above.items()}
+        for child in element:
+            if child.tag != "default":
+                own[child.tag] = own.get(child.tag, {}) | dict(child.attrib)
+        self._held[name] = own
+        for inner in element.findall("default"):
+            self._read(inner, own, inner.get("class", ""))
+
+    def of(self, element: ET.Element, kind: str = _MAIN) -> dict[str, str]:
+        """An element's attributes over those of its class; kind: the class of the body around it."""
+        held = self._held.get(element.get("class", kind), {})
+        return held.get(element.tag, {}) | dict(element.attrib)
+
+
+def numbers(text: str, count: int, where: str) -> np.ndarray:
+    """(count,) finite numbers of a text. Raises InputError."""
+    try:
+        values = np.array([float(word) for word in text.split()])
+    except ValueError:
+        values = np.empty(0)
+    if len(values) != count or not np.isfinite(values).all():
+        raise wrong(where, f"{count} finite number(s)", repr(text), "correct it")
+    return values
