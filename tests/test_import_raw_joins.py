@@ -102,3 +102,48 @@ def test_pairs_of_joint_and_tracker_tables_become_one_recording(truth, tmp_path)
     assert_same_rows(made.recording, truth.select(order))
     assert made.recording.columns["session"].tolist() == [1.0] * half + [2.0] * half
     assert made.mapping.join.by == "append"
+
+
+def stop_log(truth, folder, header: str, delays_s):
+    """A log with one row for each pose every 24 s, and a tracker table some seconds later, with foreign headers."""
+    at = 24.0 * np.arange(truth.n)
+    rows = [(clock_text(t), *q) for t, q in zip(at, degrees(truth))]
+    first = write_rows(folder / "log.csv", [header, *JOINTS], rows)
+    points = [
+        (f"SMR_{k + 40}", *p, clock_text(t))
+        for k, (t, p) in enumerate(zip(at + delays_s, truth.points))
+    ]
+    second = write_rows(folder / "tracker.csv", ["Cible", *POINT, "Moment du tir"], points[3:])
+    return [first, second]
+
+
+def clock_text(second: float) -> str:
+    return (
+        f"2026-11-24 {9 + int(second // 3600):02d}:{int(second // 60) % 60:02d}:{second % 60:06.3f}"
+    )
+
+
+def test_rows_of_a_log_of_stops_are_not_interpolated(truth, tmp_path):
+    delays = np.random.default_rng(3).uniform(2.0, 8.0, truth.n)
+    sources = stop_log(truth, tmp_path, "Zaznamenano v", delays)
+    made = import_recording(sources, tmp_path / "out", UR10)
+    assert_same_rows(made.recording, truth.select(np.arange(3, truth.n)))
+    assert not any(name.startswith("qdot") for name in made.recording.columns)
+    assert "taken for stops" in " ".join(made.warnings) and not made.doubts
+    assert made.clocks.estimate is None and "half their interval (12 s)" in made.clocks.sentence
+
+
+def test_stops_that_lie_between_two_rows_are_counted(truth, tmp_path):
+    delays = np.full(truth.n, 4.0)
+    delays[[5, 9]] = 11.0
+    made = import_recording(stop_log(truth, tmp_path, "time", delays), tmp_path / "out", UR10)
+    assert f"2 of {truth.n - 3} rows lie about as near to a second stop" in " ".join(made.warnings)
+
+
+def test_numbers_of_rows_match_names_of_points_where_nothing_else_does(truth, tmp_path):
+    joints = [(k + 1, *row) for k, row in enumerate(degrees(truth))]
+    points = [(f"P{k + 1:03d}", *row) for k, row in enumerate(truth.points)][:4:-1]
+    first = write_rows(tmp_path / "joints.csv", ["Lp.", *JOINTS], joints)
+    second = write_rows(tmp_path / "tracker.csv", ["Punkt", *POINT], points)
+    made = import_recording([first, second], tmp_path / "out", UR10)
+    assert_same_rows(made.recording, truth.select(np.arange(truth.n)[:4:-1]))

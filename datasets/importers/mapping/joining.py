@@ -1,7 +1,8 @@
 """Tables of several files as one: by row number, by a column that both have, or by time.
 
 The table with the fewest rows stays as it is (usually that of the tracker); numbers of a denser log are interpolated
-at its times, because a log samples a continuous motion (`interpolation`).
+at its times, because a log samples a continuous motion (`interpolation`). A log with one row for each stop gives its
+nearest row.
 """
 
 import re
@@ -28,6 +29,8 @@ _QUARTER_S, _DAY_S = 900.0, 86400.0
 _MOST_ZONE_S = 26.5 * 3600
 _LEAST_DATED_S = -1e9
 """Times of day without a date count from the year 1900."""
+_CLOSE_CALL = 0.7
+"""Ratio of the distances in time to the nearest stop and the second one from which on they are no clear choice."""
 _SLOWEST_LOG_S = 1.0
 """Interval of a log between whose rows nothing is known of the motion."""
 
@@ -83,6 +86,9 @@ def _choose(few: RawTable, many: RawTable, join: Join) -> Join:
         return replace(join, by="index")
     if seconds_of(few) is not None and seconds_of(many) is not None:
         return replace(join, by="time")
+    for mine, its in _other_keys(few, many):
+        if _match_share(few.columns[mine], many.columns[its]) >= _OVERLAP:
+            return replace(join, by="key", key=None)
     raise complaint(
         f"{few.file} and {many.file}",
         "equally many rows, a column with the same numbers or names in both, or times in both",
@@ -105,6 +111,19 @@ def _shared_keys(few: RawTable, many: RawTable):
         is_open = not header.kind and other is not None
         if is_open and _may_name_rows(few.columns[name]) and _may_name_rows(many.columns[other]):
             yield name, other
+
+
+def _other_keys(few: RawTable, many: RawTable):
+    """Pairs of a number of rows and a name of points, as in "No." with 7 and "Point" with P007."""
+    for name, header in headers_of(few).items():
+        for other, its in headers_of(many).items():
+            is_pair = {header.kind, its.kind} <= set(_KEYS) and header.kind != its.kind
+            if (
+                is_pair
+                and _may_name_rows(few.columns[name])
+                and _may_name_rows(many.columns[other])
+            ):
+                yield name, other
 
 
 def _may_name_rows(cells: np.ndarray) -> bool:
@@ -189,7 +208,7 @@ def _side_by_side(few: RawTable, many: RawTable) -> RawTable:
 
 
 def _by_key(few: RawTable, many: RawTable, join: Join):
-    pairs = list(_shared_keys(few, many))
+    pairs = [*_shared_keys(few, many), *_other_keys(few, many)]
     if join.key is not None:
         named = [
             [n for n in table.columns if n.rpartition(": ")[2] == join.key] for table in (few, many)
@@ -273,6 +292,8 @@ def _by_time(few: RawTable, many: RawTable, join: Join):
             "are kept, and columns such as qdot1_deg_s hold the joint speeds. If the arm also stood still, check the "
             "result with these rows alone: `workbench calibrate --fit-samples` takes a list of the samples at rest."
         )
+    if not is_dense(times):
+        said += _stop_sentences(few, many, times, wanted[rows])
     lost = few.n - len(rows)
     if lost:
         said.append(
@@ -280,6 +301,26 @@ def _by_time(few: RawTable, many: RawTable, join: Join):
         )
     used = replace(join, time_offset_s=stated + zone)
     return _side_by_side(few.take(rows), other), used, said
+
+
+def _stop_sentences(
+    few: RawTable, many: RawTable, times: np.ndarray, wanted: np.ndarray
+) -> list[str]:
+    """How rows are assigned to the stops of a log, and which are about as near to two of them."""
+    after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
+    sides = np.sort(np.abs(np.stack([wanted - times[after - 1], times[after] - wanted])), axis=0)
+    interval = float(np.median(np.diff(times)))
+    said = [
+        f"{many.file} has a row every {interval:.3g} s, which are taken for stops: each row of {few.file} takes the "
+        f"readings of the stop that is nearest in time, at most {sides[0].max():.3g} s away."
+    ]
+    doubtful = int((sides[0] > _CLOSE_CALL * sides[1]).sum())
+    if doubtful:
+        said.append(
+            f"{few.file}: {doubtful} of {len(wanted)} rows lie about as near to a second stop of {many.file}. If the "
+            "clocks differ by some seconds, state it with --time-offset, or number the stops in both files."
+        )
+    return said
 
 
 def is_dense(times: np.ndarray) -> bool:
@@ -317,11 +358,17 @@ def _count_moving(log: RawTable, order: np.ndarray, times: np.ndarray, wanted: n
 
 
 def _covered(wanted: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """(n,) whether a time lies inside the log, and in no gap of it. times: of the log, ascending, s."""
-    inside = (wanted >= times[0]) & (wanted <= times[-1])
+    """(n,) whether a time lies inside the log, and in no gap of it. times: of the log, ascending, s.
+
+    The first and the last stop of a log of stops also hold for half an interval before and after them.
+    """
+    interval = float(np.median(np.diff(times)))
+    margin = 0.0 if is_dense(times) else interval / 2
+    inside = (wanted >= times[0] - margin) & (wanted <= times[-1] + margin)
     after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
     gap = times[after] - times[after - 1]
-    return inside & (gap <= max(_GAP * float(np.median(np.diff(times))), _LEAST_GAP_S))
+    is_edge = (wanted < times[0]) | (wanted > times[-1])
+    return inside & (is_edge | (gap <= max(_GAP * interval, _LEAST_GAP_S)))
 
 
 def _time_zone(wanted: np.ndarray, times: np.ndarray) -> float:
@@ -343,10 +390,15 @@ def _time_zone(wanted: np.ndarray, times: np.ndarray) -> float:
 def _interpolated(
     table: RawTable, order: np.ndarray, times: np.ndarray, wanted: np.ndarray
 ) -> RawTable:
-    """Rows of a log at other times: numbers interpolated, text and rotations from the nearest row."""
+    """Rows of a log at other times: numbers interpolated, text and rotations from the nearest row.
+
+    A log with one row for each stop is not interpolated: the arm stood where the nearest row says.
+    """
     after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
     nearest = order[np.where(wanted - times[after - 1] < times[after] - wanted, after - 1, after)]
     taken = table.take(nearest)
+    if not is_dense(times):
+        return taken
     columns = dict(taken.columns)
     for name, header in headers_of(table).items():
         if table.columns[name].dtype.kind == "f" and header.kind in (

@@ -31,6 +31,7 @@ _COVARIATE = re.compile(
 )
 """Covariates by the names that the recording format gives them."""
 _SENSOR_WORDS = frozenset("sensor scanner camera kamera ball kugel sphere".split())
+_MOST_REFLECTORS = 8  # that can each have been measured once only
 
 
 @dataclass(frozen=True)
@@ -205,6 +206,8 @@ def _fits(table: RawTable, name: str, header: Header) -> bool:
     cells = table.columns[name]
     if header.unit is not None and header.unit not in COVARIATE_UNITS.get(header.kind, ("1",)):
         return False
+    if header.kind == "reflector" and len(set(cells.tolist())) == len(cells) > _MOST_REFLECTORS:
+        return False  # names of the measured points, as in "Target" with SMR_101, SMR_102, ...
     if header.kind in ("pose", "repeat", "reflector", "pair") and cells.dtype.kind != "f":
         return all(map(bool, cells))
     return _is_numeric(cells)

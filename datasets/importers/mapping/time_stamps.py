@@ -17,6 +17,7 @@ _PLAIN_DATES = ("%d.%m.%Y", "%Y/%m/%d")
 _MONTH_FIRST = ("%m/%d/%Y", "%m-%d-%Y")
 _DAY_FIRST = ("%d/%m/%Y", "%d-%m-%Y")
 _HALF_DAYS = ("%I:%M:%S %p", "%I:%M %p")
+_LOOKED_AT = 20  # cells of a column before all of them are read
 _EPOCH_UNITS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
 
 
@@ -40,6 +41,19 @@ def times_of(table: RawTable) -> tuple[np.ndarray | None, tuple[str, ...]]:
     for name in dates:
         if table.columns[name].dtype.kind != "f":
             return seconds_of_stamps([str(cell) for cell in table.columns[name]]), (name,)
+    return _stamps_without_header(table)
+
+
+def _stamps_without_header(table: RawTable) -> tuple[np.ndarray | None, tuple[str, ...]]:
+    """`times_of` the first column whose cells are time stamps, whatever its header says."""
+    for name, cells in table.columns.items():
+        texts = [str(cell) for cell in cells[:_LOOKED_AT]]
+        if cells.dtype.kind == "f" or not texts or not all(":" in text for text in texts):
+            continue
+        if seconds_of_stamps(texts) is not None:
+            seconds, used = times_of_column(table, name)
+            if seconds is not None:
+                return seconds, used
     return None, ()
 
 

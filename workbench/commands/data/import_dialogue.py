@@ -8,6 +8,7 @@ from pathlib import Path
 from workbench.commands.shared import tables
 from workbench.core.errors import InputError
 
+_YEAR_S = 365 * 86400.0
 _PREVIEWED = 4
 _SHOWN_FITS = 8
 
@@ -115,8 +116,19 @@ def _mapping_rows(mapping: Mapping):
                 yield target, column, ""
         elif name == "join":
             offset = value.get("time_offset_s")
-            shifted = f", offset {1e3 * offset:.4g} ms" if offset else ""
+            shifted = f", offset {_duration(offset)}" if offset else ""
             yield "join", str(value.get("key") or ""), f"{value.get('by')}{shifted}"
+
+
+def _duration(seconds: float) -> str:
+    """An offset in the unit that suits its size; clocks without a date count from another century."""
+    size = abs(seconds)
+    if size >= _YEAR_S:
+        return "of the missing date"
+    for least, unit in ((86400.0, "d"), (3600.0, "h"), (1.0, "s")):
+        if size >= least:
+            return f"{seconds / least:.6g} {unit}"
+    return f"{1e3 * seconds:.4g} ms"
 
 
 def _units(group: Mapping) -> str | None:

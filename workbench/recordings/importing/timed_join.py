@@ -155,6 +155,8 @@ def decide_offset(
     stated: whether the mapping file states an offset, which then is kept unless "auto" is asked for.
     """
     start = timed.join.time_offset_s or 0.0
+    if not is_dense(seconds_of(timed.log)):
+        return ClockDecision(start, None, False, False, _of_stops(timed))
     thinned = timed.thinned()
     candidates = []
     for keys, robot in robots:
@@ -180,6 +182,10 @@ def _milliseconds(seconds: float) -> str:
     return f"{1e3 * seconds:.4g} ms"
 
 
+def _sigma_words(found: OffsetEstimate) -> str:
+    return f" (sigma {_milliseconds(found.sigma_s)})" if np.isfinite(found.sigma_s) else ""
+
+
 def _without_effect(timed: TimedJoin, found: OffsetEstimate | None) -> str:
     """Why nothing is corrected."""
     if found is None:
@@ -189,7 +195,7 @@ def _without_effect(timed: TimedJoin, found: OffsetEstimate | None) -> str:
         )
     if found.sigma_s > timed.step_s:
         return (
-            f"The offset between {_named(timed)} is not determined (sigma {_milliseconds(found.sigma_s)}), because "
+            f"The offset between {_named(timed)} is not determined{_sigma_words(found)}, because "
             "the arm hardly moves at the times of the measurements. It then has no effect either, and nothing is "
             "corrected."
         )
@@ -199,6 +205,13 @@ def _without_effect(timed: TimedJoin, found: OffsetEstimate | None) -> str:
     return (
         f"The offset between {_named(timed)} is significant but small ({size}): it displaces the points by "
         f"{found.effect_mm:.2g} mm RMS, and {found.after_mm:.2g} mm of residual remain. Nothing is corrected."
+    )
+
+
+def _of_stops(timed: TimedJoin) -> str:
+    return (
+        f"The offset between {_named(timed)} is not estimated: {timed.log.file} has one row for each stop, and only an "
+        f"offset of half their interval ({timed.step_s / 2:.3g} s) would exchange stops. State it with --time-offset."
     )
 
 
