@@ -144,8 +144,12 @@ def test_an_unknown_robot_is_refused_with_the_nearest_names():
     joints, points = np.zeros((5, 6)), np.ones((5, 3))
     with pytest.raises(wb.InputError, match="found 'nosuch'; name one, or give a file"):
         wb.Recording.from_arrays("nosuch", joints, points)
-    with pytest.raises(wb.InputError, match="did you mean ur10 or ur10e"):
+    with pytest.raises(wb.InputError, match="did you mean ur10[?]"):
         wb.Recording.from_arrays("UR10", joints, points)
+    with pytest.raises(
+        wb.InputError, match="found 'ur20'; name one, or give a file"
+    ):  # another arm
+        wb.Recording.from_arrays("ur20", joints, points)
     with pytest.raises(wb.InputError, match="did you mean fanuc_lr_mate_200id"):
         wb.Recording.from_arrays({"builtin": "fanuc"}, joints, points)
 

@@ -64,7 +64,7 @@ def krl(*lines):
 
 def targets(folder, name, text):
     (folder / name).write_text(text)
-    return read_targets(folder / name, SLIDING)
+    return read_targets(folder / name, SLIDING)[0]
 
 
 def assert_flange(table):

@@ -8,6 +8,7 @@ from robot_model import builtin_robots, load_robot
 from robot_model.chain import forward
 
 X, Y, Z = np.eye(3)
+UNIVERSAL = ("ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e")
 
 
 def axes_of(robot):
@@ -23,6 +24,7 @@ def axes_of(robot):
 POSES = {
     "abb_irb120": ([0, 0, 0, 0, 0, 0], [374, 0, 630], -Z, X),
     "fanuc_lr_mate_200id": ([0, 0, 0, 0, 0, 0], [465, 0, 695], Z, X),
+    "kuka_kr10_r1100": ([0, -90, 90, 0, 0, 0], [620, 0, 995], -Z, X),
     "kuka_kr6_r900": ([0, -90, 90, 0, 0, 0], [525, 0, 890], -Z, X),
     "mitsubishi_rv_2fb": ([0, 0, 90, 0, 90, 0], [270, 0, 505], -X, -Z),
     "motoman_ma1400": ([0, 0, 0, 0, 0, 0], [820, 0, 1064], X, -Z),
@@ -30,23 +32,30 @@ POSES = {
     "staubli_tx90l": ([0, 90, 0, 0, 0, 0], [1200, 50, 0], -Z, X),
     "ur10": ([0, 0, 0, 0, 0, 0], [-1184.3, -256.141, 11.6], X, -Y),
     "ur10e": ([0, 0, 0, 0, 0, 0], [-1184.25, -290.7, 60.85], X, -Y),
+    "ur16e": ([0, 0, 0, 0, 0, 0], [-838.4, -290.7, 60.85], X, -Y),
+    "ur3": ([0, 0, 0, 0, 0, 0], [-456.9, -194.25, 66.55], X, -Y),
+    "ur3e": ([0, 0, 0, 0, 0, 0], [-456.75, -223.15, 66.5], X, -Y),
+    "ur5": ([0, 0, 0, 0, 0, 0], [-817.25, -191.45, -5.491], X, -Y),
+    "ur5e": ([0, 0, 0, 0, 0, 0], [-817.2, -232.9, 62.8], X, -Y),
 }
 # the direction about which each reading counts positive, at zero, in the base frame
 AXES = {
     "abb_irb120": [Z, Y, Y, X, Y, X],
     "fanuc_lr_mate_200id": [Z, Y, -Y, -X, -Y, -X],
+    "kuka_kr10_r1100": [-Z, Y, Y, -X, Y, -X],
     "kuka_kr6_r900": [-Z, Y, Y, -X, Y, -X],
     "mitsubishi_rv_2fb": [Z, Y, Y, Z, Y, Z],
     "motoman_ma1400": [Z, Y, -Y, -X, -Y, -Z],
     "staubli_tx60": [Z, Y, Y, Z, Y, Z],
     "staubli_tx90l": [Z, Y, Y, Z, Y, Z],
-    "ur10": [Z, -Y, -Y, -Y, -Z, -Y],
-    "ur10e": [Z, -Y, -Y, -Y, -Z, -Y],
+    **dict.fromkeys(UNIVERSAL, [Z, -Y, -Y, -Y, -Z, -Y]),
 }
-# maximum reach of the data sheet (mm), and the frame to whose origin it is measured from axis 1
+# maximum reach of the data sheet (mm), and the frame to whose origin it is measured from axis 1; for other UR arms
+# the data sheet states a working radius, which is that of no frame
 REACH = {
     "abb_irb120": (580, 4, 0.1),
     "fanuc_lr_mate_200id": (717, 4, 0.5),
+    "kuka_kr10_r1100": (1101, 4, 0.5),
     "kuka_kr6_r900": (901.5, 4, 0.1),
     "mitsubishi_rv_2fb": (504.6, 4, 0.1),
     "motoman_ma1400": (1434, 4, 1.0),
@@ -55,11 +64,12 @@ REACH = {
     "ur10": (1300, 5, 0.1),
     "ur10e": (1300, 5, 5.0),
 }
-PARALLEL = {name: [2] for name in POSES} | {"ur10": [2, 3], "ur10e": [2, 3]}
+PARALLEL = {name: [2] for name in POSES} | dict.fromkeys(UNIVERSAL, [2, 3])
 
 
 def test_the_tables_name_every_builtin_arm():
-    assert set(builtin_robots()) == set(POSES) == set(AXES) == set(REACH)
+    assert set(builtin_robots()) == set(POSES) == set(AXES)
+    assert set(POSES) - set(REACH) == set(UNIVERSAL) - {"ur10", "ur10e"}
 
 
 @pytest.mark.parametrize("name", POSES)

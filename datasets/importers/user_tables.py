@@ -37,6 +37,7 @@ from datasets.importers.mapping.model import QUANTITIES, Group, Mapping
 from datasets.importers.mapping.proposal import propose
 from datasets.importers.source import RawTable
 from datasets.importers.sources.choice import read_sources
+from datasets.importers.sources.robot_programs import NAME_OF_POSITION
 from datasets.importers.units import ANGLES, LENGTHS
 
 _PARQUET = (".parquet", ".pq")
@@ -47,15 +48,22 @@ _MOSTLY = 0.5
 _TOOL_WORDS = frozenset("tcp tool ee eef effector gripper werkzeug".split())
 
 
-def read_targets(path: Path, sliding: Sequence[bool], mapping: Mapping | None = None) -> Table:
+def read_targets(
+    path: Path, sliding: Sequence[bool], mapping: Mapping | None = None
+) -> list[Table]:
     """Joint readings (q1_deg ...) and poses (x_mm ... qz) of a table of targets, and its other columns.
 
     sliding (R,): which joint readings are lengths. mapping: of `--map`, None for none; its columns of joints and of
-    the flange are used as far as the table has them. Raises InputError with file, row and column.
+    the flange are used as far as the table has them. Two tables for a robot program with joint positions and poses.
+    Raises InputError with file, row and column.
     """
     if mapping is None and _is_native(path, (*POINT, *QUATERNION)):
-        return read_table(path, path.name, ("note",))
-    raw = _one_table(path)
+        return [read_table(path, path.name, ("note",))]
+    return [_converted(raw, sliding, mapping) for raw in _tables(path)]
+
+
+def _converted(raw: RawTable, sliding: Sequence[bool], mapping: Mapping | None) -> Table:
+    """A table of targets in the columns and units of the recording format."""
     _check_cells(raw)
     found = _mapping(raw, mapping)
     columns: dict[str, np.ndarray] = {}
@@ -107,22 +115,37 @@ def _is_native(path: Path, others: Sequence[str]) -> bool:
 
 
 def _one_table(path: Path) -> RawTable:
+    tables = _tables(path)
+    if len(tables) > 1:
+        raise complaint(
+            str(path),
+            "positions of one kind",
+            "joint positions and poses",
+            "name a file with one table",
+        )
+    return tables[0]
+
+
+def _tables(path: Path) -> list[RawTable]:
+    """The table of a file, or the joint positions and the poses of a robot program. Raises InputError for others."""
     with TemporaryDirectory() as scratch:
         tables = read_sources([path], Path(scratch)).tables
-    if len(tables) != 1:
+    is_program = len(tables) == 2 and all(NAME_OF_POSITION in one.columns for one in tables)
+    if len(tables) != 1 and not is_program:
         shown = [f"{table.file} with {', '.join(list(table.columns)[:4])}, ..." for table in tables]
         found = " and ".join(shown) or "none"
         raise complaint(str(path), "one table", found, "name a file with one table")
-    if tables[0].frame_question:
-        raise InputError(tables[0].frame_question)
-    if tables[0].warnings:
-        raise complaint(
-            tables[0].file,
-            "a table that ends with its last row",
-            tables[0].warnings[0].rstrip("."),
-            "correct or remove these rows",
-        )
-    return tables[0]
+    for table in tables:
+        if table.frame_question:
+            raise InputError(table.frame_question)
+        if table.warnings:
+            raise complaint(
+                table.file,
+                "a table that ends with its last row",
+                table.warnings[0].rstrip("."),
+                "correct or remove these rows",
+            )
+    return list(tables)
 
 
 def _check_cells(raw: RawTable) -> None:

@@ -18,21 +18,38 @@ def state_builtin_names(names: Callable[[], Sequence[str]]) -> None:
     _stated[:] = [names]
 
 
-def check_builtin_name(name: object, where: str, known: Sequence[str] = ()) -> None:
+def _plain(name: str) -> str:
+    """The letters and digits of a name."""
+    return "".join(filter(str.isalnum, name))
+
+
+def _digits(name: str) -> str:
+    """The digits of a name: another number is another arm, as ur10e is for ur5e."""
+    return "".join(filter(str.isdigit, name))
+
+
+def check_builtin_name(
+    name: object,
+    where: str,
+    known: Sequence[str] = (),
+    files: str = "a file (robot.toml, URDF, MJCF)",
+) -> None:
     """Raise InputError with the nearest names where no built-in robot has this name.
 
     where: what to call the place of the name in the sentence. known: the names; empty for those that are stated.
+    files: which files may stand in its place.
     """
     known = known or [one for names in _stated for one in names()]
     if not known or name in known:
         return
     wanted = str(name).lower()
-    similar = difflib.get_close_matches(wanted, known, 3, _SIMILARITY)
-    near = [one for one in known if wanted and wanted in one] or similar
+    alike = difflib.get_close_matches(wanted, known, 3, _SIMILARITY)
+    similar = [one for one in alike if _digits(one) == _digits(wanted)]
+    near = [one for one in known if _plain(wanted) in (*one.split("_"), _plain(one))] or similar
     meant = f"did you mean {' or '.join(near)}? Otherwise " if near else ""
     raise complaint(
         where,
         f"one of {', '.join(known)}",
         repr(name),
-        f"{meant}name one, or give a file (robot.toml, URDF, MJCF)",
+        f"{meant}name one, or give {files}",
     )

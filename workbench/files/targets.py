@@ -13,6 +13,8 @@ from datasets.formats.table import Table
 from datasets.importers.mapping.model import read_mapping
 from datasets.importers.sources.robot_programs import CONFIGURATION
 from datasets.importers.user_tables import read_targets
+from robot_model.chain import forward
+from robot_model.measurements.closure import flange_matrices
 from robot_model.robot import Robot
 from robot_model.state import sliding
 from workbench.core.rigid import transform
@@ -25,6 +27,7 @@ LIMIT_SLACK = 1e-6
 class Programme:
     """n targets: `readings` (n, R) rad, mm; `poses` (n, 4, 4) T_root_flange mm, None where joints are the target;
     `anywhere`: poses alone, so that any posture will do; `is_configured`: stated configurations chose `readings`.
+    `is_joint` (n,) bool: targets of a robot program that are joint readings, where others are poses; None elsewhere.
     """
 
     table: Table
@@ -33,6 +36,7 @@ class Programme:
     covariates: Mapping[str, np.ndarray]
     anywhere: bool = False
     is_configured: bool = False
+    is_joint: np.ndarray | None = None
 
 
 def read_programme(path: Path, robot: Robot, mapping: Path | None = None) -> Programme:
@@ -46,7 +50,13 @@ def read_programme(path: Path, robot: Robot, mapping: Path | None = None) -> Pro
     """
     path = Path(path)
     stated = None if mapping is None else read_mapping(mapping)
-    table = read_targets(path, sliding(robot).tolist(), stated)
+    tables = read_targets(path, sliding(robot).tolist(), stated)
+    parts = [_programme(path, table, robot) for table in tables]
+    return parts[0] if len(parts) == 1 else _joined(*parts, robot)
+
+
+def _programme(path: Path, table: Table, robot: Robot) -> Programme:
+    """The targets of one table. Raises InputError."""
     joints, wants = joint_columns(table.columns), set(POINT + QUATERNION) & set(table.columns)
     if wants and len(wants) < 7:
         missing = sorted(set(POINT + QUATERNION) - wants)[0]
@@ -67,6 +77,38 @@ def read_programme(path: Path, robot: Robot, mapping: Path | None = None) -> Pro
     return Programme(
         table, readings, _poses(table) if wants else None, covariates, anywhere=not joints
     )
+
+
+def _joined(joints: Programme, poses: Programme, robot: Robot) -> Programme:
+    """Joint readings and poses of one robot program in the order of its lines.
+
+    A pose starts at the joint readings before it, because a program keeps the configuration of the arm.
+    """
+    lines = np.concatenate([joints.table.rows, poses.table.rows])
+    is_joint = np.repeat([True, False], [len(joints.readings), len(poses.readings)])
+    readings = np.concatenate([joints.readings, poses.readings])
+    frames = forward(robot, robot.mixing @ joints.readings.T)
+    own = transform(flange_matrices(frames), frames.end_origin.T)
+    matrices = np.concatenate([own, poses.poses])
+    order = np.argsort(lines, kind="stable")
+    readings, is_joint = readings[order], is_joint[order]
+    last = np.maximum.accumulate(np.where(is_joint, np.arange(len(order)), -1))
+    readings = np.where((last >= 0)[:, None], readings[last], readings)
+    columns = {}
+    for name in {**joints.table.columns, **poses.table.columns}:
+        cells = [part.table.columns.get(name) for part in (joints, poses)]
+        is_text = any(part.dtype.kind != "f" for part in cells if part is not None)
+        filled = [_gaps(part, one, is_text) for part, one in zip((joints, poses), cells)]
+        columns[name] = np.concatenate(filled)[order]
+    table = Table(joints.table.called, columns, lines[order])
+    return Programme(table, readings, matrices[order], {}, anywhere=True, is_joint=is_joint)
+
+
+def _gaps(part: Programme, cells: np.ndarray | None, is_text: bool) -> np.ndarray:
+    """The cells of a column, or as many empty ones."""
+    if cells is not None:
+        return cells
+    return np.full(len(part.readings), "" if is_text else np.nan)
 
 
 def _unknown_columns(called: str, columns, robot: Robot):

@@ -10,18 +10,30 @@ from scipy.spatial.transform import Rotation
 
 from datasets.errors import complaint
 from datasets.importers.sources.program_frames import tool_poses
-from datasets.importers.sources.robot_programs import is_robot_program, read_robot_program
+from datasets.importers.sources.robot_programs import (
+    FANUC_OTHER_GROUPS,
+    is_robot_program,
+    program_text,
+    read_robot_program,
+)
 from datasets.importers.sources.text_tables import encoding_of
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
-_SUFFIXES = {"KUKA": (".src", ".dat"), "ABB": (".mod", ".sys", ".prg")}
+_SUFFIXES = {"KUKA": (".src", ".dat"), "ABB": (".mod", ".sys", ".prg"), "FANUC": (".ls",)}
 _VALUES = {
     "KUKA": re.compile(r"\{[^{}]{1,2000}\}"),
     "ABB": re.compile(r":=\s*\[[^;]{1,2000}\]\s*;"),
+    "FANUC": re.compile(r"P\[\d{1,9}[^\]]{0,100}\]\s{0,9}\{[^{};]{1,4000}\}\s*;"),
 }
-_KEYS = {True: ("A1", "A2", "A3", "A4", "A5", "A6"), False: ("X", "Y", "Z", "A", "B", "C")}
-_DECIMALS, _QUATERNION_DECIMALS = 5, 9
-"""1e-5 deg at 2 m are 0.3 um; a quaternion of nine decimals is as exact."""
+_KEYS = {
+    ("KUKA", True): ("A1", "A2", "A3", "A4", "A5", "A6"),
+    ("KUKA", False): ("X", "Y", "Z", "A", "B", "C"),
+    ("FANUC", True): ("J1", "J2", "J3", "J4", "J5", "J6"),
+    ("FANUC", False): ("X", "Y", "Z", "W", "P", "R"),
+}
+_EULER = {"KUKA": "ZYX", "FANUC": "xyz"}
+_DECIMALS, _QUATERNION_DECIMALS, _FANUC_DECIMALS = 5, 9, 3
+"""1e-5 deg at 2 m are 0.3 um; a quaternion of nine decimals is as exact. FANUC's own files hold three."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +45,7 @@ class PatchedProgram:
 
 
 def is_program_of(path: Path, maker: str) -> bool:
-    """Whether a file is a program of this maker (KUKA, ABB) whose positions can be replaced."""
+    """Whether a file is a program of this maker (KUKA, ABB, FANUC) whose positions can be replaced."""
     return path.suffix.lower() in _SUFFIXES[maker] and is_robot_program(path)
 
 
@@ -49,17 +61,10 @@ def patched_program(
     encoding = encoding_of(path)
     raw = path.read_bytes()
     text = raw.decode(encoding)
-    tables = read_robot_program(path)
-    if len(tables) != 1 or len(tables[0].lines) != len(readings):
-        raise complaint(
-            path.name, f"{len(readings)} positions of one kind", "others", "name the program itself"
-        )
-    table = tables[0]
-    is_joint = "J1 [deg]" in table.columns
-    new = readings if is_joint else _tool_values(maker, text, table, flange)
+    new = _new_values(path, maker, readings, flange)
     starts = [0, *(match.end() for match in re.finditer("\n", text))]
     pieces, done = [], 0
-    for line, values in zip(table.lines, new):
+    for line, is_joint, values in new:
         found = _VALUES[maker].search(text, max(starts[line - 1], done))
         if found is None:
             raise complaint(f"{path.name}, row {line}", "a position", "none", "correct the program")
@@ -69,12 +74,34 @@ def patched_program(
     return PatchedProgram(made.encode(encoding), len(new))
 
 
-def _tool_values(maker: str, text: str, table, flange: np.ndarray) -> np.ndarray:
-    """(n, 6) mm and deg of KUKA, (n, 7) mm and quaternion of ABB: the tool in its frame."""
-    poses = tool_poses(maker, text, table.columns["position name"], flange)
+def _new_values(path: Path, maker: str, readings: np.ndarray, flange: np.ndarray) -> list[tuple]:
+    """(line, whether the position is one of joints, its new numbers) of each position in the order of the file."""
+    tables = read_robot_program(path)
+    if sum(len(table.lines) for table in tables) != len(readings):
+        raise complaint(
+            path.name, f"{len(readings)} positions", "others", "name the program itself"
+        )
+    places = [(line, t, k) for t, table in enumerate(tables) for k, line in enumerate(table.lines)]
+    places.sort(key=lambda place: place[:2])
+    made = []
+    for row, (line, t, k) in enumerate(places):
+        is_joint = "J1 [deg]" in tables[t].columns
+        name = tables[t].columns["position name"][k : k + 1]
+        values = (
+            readings[row]
+            if is_joint
+            else _tool_values(maker, program_text(path), name, flange[row : row + 1])[0]
+        )
+        made.append((line, is_joint, values))
+    return made
+
+
+def _tool_values(maker: str, text: str, names, flange: np.ndarray) -> np.ndarray:
+    """(n, 6) mm and deg of KUKA and FANUC, (n, 7) mm and quaternion of ABB: the tool in its frame."""
+    poses = tool_poses(maker, text, names, flange)
     rotations = Rotation.from_matrix(poses[:, :3, :3])
-    if maker == "KUKA":
-        return np.column_stack([poses[:, :3, 3], rotations.as_euler("ZYX", degrees=True)])
+    if maker in _EULER:
+        return np.column_stack([poses[:, :3, 3], rotations.as_euler(_EULER[maker], degrees=True)])
     return np.column_stack([poses[:, :3, 3], rotations.as_quat(scalar_first=True)])
 
 
@@ -85,24 +112,32 @@ def _replaced(maker: str, text: str, values: Sequence[float], is_joint: bool) ->
     new = np.array(values, float)
     if maker == "ABB" and not is_joint:  # both signs of a quaternion are the same rotation
         new[3:] *= 1.0 if new[3:] @ old[3:] >= 0 else -1.0
-    if maker == "KUKA" and not is_joint:
+    if maker in _EULER and not is_joint:
         new[3:] += 360 * np.round((old[3:] - new[3:]) / 360)
     for k in reversed(range(len(spans))):
         begin, end = spans[k]
-        decimals = _QUATERNION_DECIMALS if maker == "ABB" and k >= 3 and not is_joint else _DECIMALS
+        decimals = _decimals(maker, maker == "ABB" and k >= 3 and not is_joint)
         text = f"{text[:begin]}{new[k]:.{decimals}f}{text[end:]}"
     return text
+
+
+def _decimals(maker: str, is_quaternion: bool) -> int:
+    if maker == "FANUC":
+        return _FANUC_DECIMALS
+    return _QUATERNION_DECIMALS if is_quaternion else _DECIMALS
 
 
 def _spans(maker: str, text: str, is_joint: bool) -> list[tuple[int, int]]:
     """Where the six or seven numbers of a position are in its text."""
     if maker == "ABB":
         return [match.span() for match in _NUMBER.finditer(text)][: 6 if is_joint else 7]
+    between = r"\s+" if maker == "KUKA" else r"\s*=\s*"
+    own = text if maker == "KUKA" else FANUC_OTHER_GROUPS.split(text)[0]
     found: Mapping[str, tuple[int, int]] = {
         match[1].upper(): match.span(2)
-        for match in re.finditer(rf"\b([A-Z]\d?)\s+({_NUMBER.pattern})", text, re.IGNORECASE)
+        for match in re.finditer(rf"\b([A-Z]\d?){between}({_NUMBER.pattern})", own, re.IGNORECASE)
     }
-    return [found[key] for key in _KEYS[is_joint]]
+    return [found[key] for key in _KEYS[maker, is_joint]]
 
 
 __all__ = ["PatchedProgram", "is_program_of", "patched_program"]

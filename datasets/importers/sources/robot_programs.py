@@ -45,12 +45,16 @@ _ABB = re.compile(r"\b(robtarget|jointtarget)\s+(\w+)\s*:=\s*(\[[^;]{1,2000}\])\
 _FANUC = re.compile(
     r"P\[(\d{1,9})(?:\s{0,9}:\s{0,9}\"([^\"\n]{0,80})\")?\]\s{0,9}\{([^{};]{1,4000})\}\s*;"
 )
+FANUC_OTHER_GROUPS = re.compile(r"\bGP[2-9]\s{0,9}:")
+"""Where the axes of a positioner or a second arm begin in a FANUC position."""
 _FANUC_KEY = re.compile(rf"\b([XYZWPR]|J\d)\s*=\s*({_NUMBER})")
 
 _FANUC_CONFIG = re.compile(r"CONFIG\s*:\s*'([^'\n]{1,80})'")
 
 _POSITION = ("X [mm]", "Y [mm]", "Z [mm]")
 _QUATERNION = ("qw", "qx", "qy", "qz")
+NAME_OF_POSITION = "position name"
+"""Column of the table of a program, which no other table has."""
 CONFIGURATION = "configuration"
 """Column with the configuration data of a pose as the program states them: S and T, cf1 to cfx, or CONFIG."""
 
@@ -94,21 +98,29 @@ def read_robot_program(path: Path) -> list[RawTable]:
         names = [f"J{k + 1} [deg]" for k in range(size)]
         tables.append(_table(path, joints, dict(zip(names, values.T))))
     if poses:
-        tables.append(_pose_table(path, maker, text, poses))
+        tables.append(_pose_table(path, maker, poses))
     return tables
+
+
+def program_text(path: Path) -> str:
+    """The text of a program; of KUKA with that of its other half, because `.src` sets the frames of the `.dat` file."""
+    others = {".src": ".dat", ".dat": ".src"}
+    twin = path.with_suffix(others.get(path.suffix.lower(), path.suffix))
+    has_twin = twin != path and twin.is_file()
+    return "\n".join(_text(file, -1) for file in ((path, twin) if has_twin else (path,)))
 
 
 def _table(path: Path, rows: Sequence[_Position], columns: Mapping[str, np.ndarray]) -> RawTable:
     names = np.array([position.name for position in rows])
     lines = np.array([position.line for position in rows])
-    return RawTable(path.name, {"position name": names, **columns}, lines)
+    return RawTable(path.name, {NAME_OF_POSITION: names, **columns}, lines)
 
 
-def _pose_table(path: Path, maker: str, text: str, rows: Sequence[_Position]) -> RawTable:
+def _pose_table(path: Path, maker: str, rows: Sequence[_Position]) -> RawTable:
     """Poses of the flange, or of the tool with the question that the file leaves open; in mm and quaternions."""
     poses, question, warning = _matrices(maker, path, rows), "", ""
     try:
-        poses = flange_poses(maker, text, [position.name for position in rows], poses)
+        poses = flange_poses(maker, program_text(path), [position.name for position in rows], poses)
     except UnstatedFrame as found:
         question = (
             f"{path.name}: expected poses of the flange, found those of a tool, whose tool and frame the file does not "
@@ -193,7 +205,8 @@ def _fanuc(text: str, path: Path) -> Iterator[_Position]:
     line_of = _line_counter(text)
     for match in _FANUC.finditer(text):
         line = line_of(match.start())
-        keys = {key: float(value) for key, value in _FANUC_KEY.findall(match[3])}
+        content = FANUC_OTHER_GROUPS.split(match[3])[0]
+        keys = {key: float(value) for key, value in _FANUC_KEY.findall(content)}
         name = match[2] or f"P[{match[1]}]"
         if "J1" in keys:
             size = max(int(key[1:]) for key in keys if key.startswith("J"))
@@ -203,7 +216,7 @@ def _fanuc(text: str, path: Path) -> Iterator[_Position]:
         missing = [key for key in wanted if key not in keys]
         if missing:
             raise _incomplete(path, line, name, missing[0])
-        stated = _FANUC_CONFIG.search(match[3])
+        stated = _FANUC_CONFIG.search(content)
         values = [keys[key] for key in wanted]
         yield _Position("J1" in keys, name, line, values, stated[1] if stated else "")
 

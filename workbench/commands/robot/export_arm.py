@@ -7,7 +7,7 @@ from pathlib import Path
 
 from workbench.core.errors import InputError
 
-PROGRAMS = ("urscript", "krl", "rapid")
+PROGRAMS = ("urscript", "krl", "rapid", "fanuc")
 GEOMETRY_ALONE = ("urdf", "ros", "mdh-json", "mdh-csv")
 """Formats that cannot hold effects."""
 FORMATS = ("urdf", "mjcf", "python", "ros", *PROGRAMS, "mdh-json", "mdh-csv")
@@ -222,6 +222,11 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
     own = _own_program(arm, to, options, found, back)
     if own is not None:
         return ArmExport({file: own[0]}, [], (*notes, own[1]))
+    if to == "fanuc":
+        raise InputError(
+            f"--to fanuc: expected --targets with a FANUC program as text (.ls), found {options.targets}; name the "
+            "program whose positions are to be corrected"
+        )
     name = file.stem.replace("-", "_")
     program = Program(found.readings, name, arm.robot.name, arm.held_out_mm)
     text = program_text(program, to, arm.robot)
@@ -238,7 +243,7 @@ def _own_program(arm, to: str, options: ArmOptions, found, back) -> tuple[bytes,
     from workbench.files.exports.check import check_patched_program
     from workbench.jobs.robot.compensate import nominal_poses
 
-    maker = {"krl": "KUKA", "rapid": "ABB"}.get(to)
+    maker = {"krl": "KUKA", "rapid": "ABB", "fanuc": "FANUC"}.get(to)
     if maker is None or options.targets is None or not is_program_of(options.targets, maker):
         return None
     flange = nominal_poses(arm.robot, found.readings)

@@ -40,6 +40,8 @@ def with_start(programme, robot: Robot, start: str | None):
         readings = _nearest_readings(programme.poses, robot, start)
     else:
         readings = np.tile(_checked(stated, robot), (len(programme.poses), 1))
+    if programme.is_joint is not None:
+        readings = np.where(programme.is_joint[:, None], programme.readings, readings)
     return replace(programme, readings=readings)
 
 

@@ -253,10 +253,13 @@ def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judge
 
 def _joint_changes(arm: CalibratedArm, programme, found, largest: float) -> list[tuple[int, str]]:
     """Target and reason where a programmed joint angle would change by more than `largest`, deg."""
-    if programme.poses is not None:
+    is_joint = programme.is_joint
+    if programme.poses is not None and is_joint is None:
         return []
     rotates = ~sliding(arm.robot)
     changes = np.rad2deg(np.abs(found.readings - programme.readings)) * rotates
+    if is_joint is not None:
+        changes = changes * is_joint[:, None]
     reasons = []
     for row in np.flatnonzero(found.reached & (changes.max(1) > largest)):
         joint = int(changes[row].argmax())

@@ -6,8 +6,13 @@
 | KUKA | S | bit 0: wrist centre behind axis 1; bit 1: axis 3 beyond the stretched arm; bit 2: axis 5 negative |
 | ABB | cf1, cf4, cf6 | quadrant of axes 1, 4, 6: 0 from 0 to 90 deg, -1 from -90 to 0 deg |
 | ABB | cfx | sum of 4: wrist centre behind axis 1; 2: behind the lower arm; 1: axis 5 negative |
+| FANUC | F, N | axis 5 positive, negative |
+| FANUC | U, D | wrist centre before, behind the lower arm |
+| FANUC | T, B | wrist centre before, behind axis 1 |
+| FANUC | t1, t4, t6 | revolutions of axes 1, 4, 6: 0 from -180 to 180 deg, 1 from 180 to 540 deg |
 
-Sources: KUKA System Software, status and turn of a position; ABB RAPID reference, confdata.
+Sources: KUKA System Software, status and turn of a position; ABB RAPID reference, confdata; FANUC as measured on
+ROBOGUIDE, the simulation by the maker, for CrossArm (github.com, `convert/configuration.py`).
 """
 
 import re
@@ -23,6 +28,7 @@ from workbench.files.targets import CONFIGURATION
 from workbench.jobs.robot.compensate import search_readings
 
 _KUKA = re.compile(r"(?:S (?P<status>\d+))?(?:, )?(?:T (?P<turn>\d+))?")
+_FANUC = re.compile(r"([FN]) ([UD]) ([TB]), (-?\d+), (-?\d+), (-?\d+)")
 _TRIES = 60
 _ROUNDING_DEG = 0.01  # of a stored pose, next to the border between two signs
 _NAMED = 6
@@ -31,11 +37,13 @@ _JOINTS = 6
 
 @dataclass(frozen=True)
 class _Stated:
-    """`low`, `high` (6,) deg of the joint readings; `is_beyond`: joint 3 beyond the stretched arm, None: not stated."""
+    """`low`, `high` (6,) deg of the joint readings; `is_beyond`: joint 3 beyond the stretched arm, None: not stated;
+    `is_behind`: wrist centre behind axis 1, None: not stated, or decided by the sign of joint 1."""
 
     low: np.ndarray
     high: np.ndarray
     is_beyond: bool | None
+    is_behind: bool | None = None
 
 
 def with_stated_configuration(programme, robot: Robot) -> tuple:
@@ -55,10 +63,15 @@ def with_stated_configuration(programme, robot: Robot) -> tuple:
     made = replace(
         programme,
         readings=readings,
-        anywhere=not is_found.all(),
+        anywhere=not is_found.all() or len(rows) < _count_poses(programme),
         is_configured=True,
     )
     return made, _sentences(column, rows, is_found)
+
+
+def _count_poses(programme) -> int:
+    is_joint = programme.is_joint
+    return len(programme.readings) if is_joint is None else int((~is_joint).sum())
 
 
 def _parsed(text: str) -> _Stated | None:
@@ -66,6 +79,9 @@ def _parsed(text: str) -> _Stated | None:
     kuka = _KUKA.fullmatch(text)
     if text and kuka:
         return _of_kuka(kuka["status"], kuka["turn"])
+    fanuc = _FANUC.fullmatch(text)
+    if fanuc:
+        return _of_fanuc(*fanuc.groups())
     numbers = text.split(", ")
     if len(numbers) == 4 and all(re.fullmatch(r"-?\d+", number) for number in numbers):
         return _of_abb([int(number) for number in numbers])
@@ -88,6 +104,14 @@ def _of_abb(numbers: list[int]) -> _Stated:
         low[k], high[k] = 90.0 * quadrant, 90.0 * (quadrant + 1)
     _set_sign(low, high, 4, bool(numbers[3] & 1))
     return _Stated(low, high, not numbers[3] & 2)
+
+
+def _of_fanuc(flip: str, elbow: str, side: str, *revolutions: str) -> _Stated:
+    low, high = np.full(_JOINTS, -np.inf), np.full(_JOINTS, np.inf)
+    for k, count in zip((0, 3, 5), revolutions):
+        low[k], high[k] = 360.0 * int(count) - 180, 360.0 * int(count) + 180
+    _set_sign(low, high, 4, flip == "N")
+    return _Stated(low, high, elbow == "D", side == "B")
 
 
 def _set_sign(low: np.ndarray, high: np.ndarray, joint: int, is_negative: bool) -> None:
@@ -128,11 +152,20 @@ def _matches(robot: Robot, readings: np.ndarray, stated) -> np.ndarray:
     is_within = (angles >= low - _ROUNDING_DEG) & (angles <= high + _ROUNDING_DEG)
     axes = forward(robot, robot.mixing @ readings.T).z
     growing = np.sign((axes[1] * axes[2]).sum(0) * robot.mixing[2, 2])
-    elbow = configuration_signs(robot, readings)[:, 1] * growing
-    wanted = np.array(
-        [0 if one.is_beyond is None else 1 if one.is_beyond else -1 for one in stated]
+    signs = configuration_signs(robot, readings)
+    beyond = signs[:, 1] * growing
+    # the wrist in the direction in which positive readings of joint 2 lean the arm, seen from axis 1
+    behind = signs[:, 0] * np.sign(axes[0, 2] * robot.mixing[1, 1])
+    return (
+        is_within.all(1)
+        & (beyond * _wanted([one.is_beyond for one in stated]) >= 0)
+        & (behind * _wanted([one.is_behind for one in stated]) >= 0)
     )
-    return is_within.all(1) & (elbow * wanted >= 0)
+
+
+def _wanted(stated) -> np.ndarray:
+    """(m,) 1, -1, or 0 where nothing is stated."""
+    return np.array([0 if one is None else 1 if one else -1 for one in stated])
 
 
 def _sentences(column, rows, is_found) -> list[str]:

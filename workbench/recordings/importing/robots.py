@@ -8,6 +8,7 @@ from datasets.errors import complaint
 from datasets.importers.sources.dh_tables import is_dh_table, read_dh_table
 from datasets.importers.sources.text_tables import read_text_table
 from robot_model import builtin_robots
+from workbench.core.builtin_names import check_builtin_name
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_toml
 
@@ -61,13 +62,15 @@ def _plain_keys(name: str | None, file: str) -> Mapping:
             ) from None
         check_robot(keys, path.name)
         return keys
-    if name not in builtin_robots():
-        raise complaint(
-            f"--robot {name}",
-            f"a robot.toml, a URDF, a Denavit-Hartenberg table (.csv, .xlsx) or one of {known}",
-            "another name",
-            "correct it",
-        )
+    plain = name.lower().replace("-", "_").replace(" ", "_")
+    if plain in builtin_robots():
+        return {"builtin": plain}
+    check_builtin_name(
+        name,
+        f"--robot {name}",
+        builtin_robots(),
+        "a robot.toml, a URDF, a Denavit-Hartenberg table (.csv, .xlsx)",
+    )
     return {"builtin": name}
 
 
