@@ -105,9 +105,9 @@ def read_robot_program(path: Path) -> list[RawTable]:
 def program_text(path: Path) -> str:
     """The text of a program; of KUKA with that of its other half, because `.src` sets the frames of the `.dat` file."""
     others = {".src": ".dat", ".dat": ".src"}
-    twin = path.with_suffix(others.get(path.suffix.lower(), path.suffix))
-    has_twin = twin != path and twin.is_file()
-    return "\n".join(_text(file, -1) for file in ((path, twin) if has_twin else (path,)))
+    other = path.with_suffix(others.get(path.suffix.lower(), path.suffix))
+    has_other = other != path and other.is_file()
+    return "\n".join(_text(file, -1) for file in ((path, other) if has_other else (path,)))
 
 
 def _table(path: Path, rows: Sequence[_Position], columns: Mapping[str, np.ndarray]) -> RawTable:

@@ -163,9 +163,9 @@ def check_patched_program(
         raise _Differs("the patched program differs in more than numbers")
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / path.name
-        for twin in path.parent.glob(f"{path.stem}.*"):  # the other half of a KUKA program
-            if twin.suffix.lower() in (".src", ".dat") and twin != path:
-                shutil.copyfile(twin, copy.with_name(twin.name))
+        for half in path.parent.glob(f"{path.stem}.*"):  # the other half of a KUKA program
+            if half.suffix.lower() in (".src", ".dat") and half != path:
+                shutil.copyfile(half, copy.with_name(half.name))
         copy.write_bytes(content)
         again = read_programme(copy, arm.robot)
     wanted = _flanges(arm.robot, readings @ arm.robot.mixing.T)

@@ -62,9 +62,6 @@ def _plain_keys(name: str | None, file: str) -> Mapping:
             ) from None
         check_robot(keys, path.name)
         return keys
-    plain = name.lower().replace("-", "_").replace(" ", "_")
-    if plain in builtin_robots():
-        return {"builtin": plain}
     check_builtin_name(
         name,
         f"--robot {name}",
