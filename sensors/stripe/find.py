@@ -22,7 +22,7 @@ from sensors.stripe.flags import (
     others,
     usual_misfit,
 )
-from sensors.stripe.noise import exposure_scale, pixel_noise
+from sensors.stripe.noise import exposure_scales, pixel_noise
 from sensors.stripe.pilot import SAMPLE, Search, first_look
 from sensors.stripe.profile import Noise, speckle_floor
 from sensors.stripe.rows import Rows
@@ -99,6 +99,8 @@ class Task:
     region: np.ndarray | None
     turned: bool
     saturation: float
+    scale: np.ndarray | None
+    """(F,) how much brighter the images are exposed than the background; None without one."""
 
     @property
     def height(self) -> int:
@@ -106,13 +108,10 @@ class Task:
 
     def rows(self, frames: slice, step: int = 1) -> tuple[Rows, np.ndarray]:
         """Every `step`-th row of some images, and the image (n, width) in which the line is searched."""
-        pixels, under = self._cut(self.stack[frames], step), None
-        scale = None
+        pixels, under, scale = self._cut(self.stack[frames], step), None, None
         if self.background is not None:
-            under = self._cut(
-                self.background[frames] if len(self.background) > 1 else self.background, step
-            )
-            scale = exposures(pixels, under)
+            below = self.background[frames] if len(self.background) > 1 else self.background
+            under, scale = self._cut(below, step), self.scale[frames]
         region = None if self.region is None else self._cut(self.region[None], step)[0]
         height = pixels.shape[1]
         flat = None if under is None else under.reshape(-1, under.shape[2])
@@ -238,11 +237,10 @@ def _gathered(parts, noise: Noise, task: Task, mode: str, resolution: float) -> 
     return made.select(sound)
 
 
-def exposures(pixels: np.ndarray, under: np.ndarray) -> np.ndarray:
+def exposures(images: np.ndarray, under: np.ndarray) -> np.ndarray:
     """(F,) how much brighter images (F, h, w) are exposed than their backgrounds (F or 1, h, w)."""
-    noise = pixel_noise(pixels[0, :: max(1, pixels[0].size // 24_000)])
-    scale = [exposure_scale(image, under[k % len(under)], noise) for k, image in enumerate(pixels)]
-    return np.array(scale, np.float32)
+    noise = pixel_noise(images[0, :: max(1, images[0].size // 24_000)])
+    return exposure_scales(images, under, noise)
 
 
 def _task(stack, along, background, region, saturation) -> Task:
@@ -268,9 +266,9 @@ def _task(stack, along, background, region, saturation) -> Task:
                 f"{region.shape}; draw it on one of the images"
             )
     turned = along == "columns"
-    return Task(
-        stack, background, region, turned, clip_level(stack, saturation, 1 if turned else 2)
-    )
+    level = clip_level(stack, saturation, 1 if turned else 2)
+    scale = None if background is None else exposures(stack, background)
+    return Task(stack, background, region, turned, level, scale)
 
 
 def _images(stack, called: str, axes: int) -> np.ndarray:

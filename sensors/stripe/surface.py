@@ -44,14 +44,14 @@ def uneven_pull(rows: Rows, fits: Fits, noise: float) -> np.ndarray:
 def _pull(rows, row, centre, table, noise):
     size = 2 * table.half + 1
     start = np.clip(np.rint(centre).astype(np.intp) - table.half, 0, rows.width - size)
-    u = (start[:, None] + np.arange(size) - centre[:, None]) / table.width
-    g = np.exp(-u * u / 2)
-    lit = g * rows.ambient_windows(row, start, size)
+    first = ((start - centre) / table.width).astype(np.float32)
+    u = first[:, None] + np.arange(size, dtype=np.float32) / np.float32(table.width)
+    lit = np.exp(-u * u / 2) * rows.ambient_windows(row, start, size)
     phase = np.clip(np.rint((centre - start - table.half + 0.5) * PHASES), 0, PHASES).astype(
         np.intp
     )
     at = np.arange(len(row)) * (PHASES + 1) + phase
-    q = (lit.astype(np.float32) @ table.q).reshape(-1, 4).take(at, 0)
+    q = (lit @ table.q).reshape(-1, 4).take(at, 0)
     number = np.einsum("nij,nj->ni", table.back.T[phase].reshape(-1, 4, 4), q)
     scale = table.width / np.maximum(number[:, 1], 1e-3 * lit.max(1) + 1e-9)
     pull = np.clip(scale * number[:, 2], -1.5 * table.width, 1.5 * table.width)
