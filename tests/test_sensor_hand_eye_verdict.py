@@ -1,7 +1,9 @@
 """The verdict of `handeye` on recordings that determine little: no errors are blamed on the flange poses."""
 
 import json
+import tomllib
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +13,11 @@ import datasets
 import hand_eye_recordings as recordings
 from workbench.commands import cli
 from workbench.core.rigid import transform
-from workbench.fitting.verdicts.hand_eye_verdict import flange_errors
+from workbench.fitting.verdicts.hand_eye_verdict import (
+    _profiles,
+    flange_errors,
+    rotation_error_words,
+)
 
 
 def flat_turns(scene, random) -> np.ndarray:
@@ -84,6 +90,9 @@ def test_a_sound_recording_has_no_such_warning(tmp_path):
     assert status == 0 and answer["warnings"] == []
     assert answer["robot_sigma"]["position_mm"] is not None
     assert "Not determined" not in answer["verdict"]["sentence"]
+    text = (tmp_path / "run" / "hand-eye.toml").read_text()
+    assert text.startswith("# matrix: 4x4 in mm") and "covariance: 6x6 of x y z (mm)" in text
+    assert np.shape(tomllib.loads(text)["covariance"]) == (6, 6)
 
 
 def test_errors_of_the_flange_poses_are_3d_like_the_others():
@@ -91,3 +100,32 @@ def test_errors_of_the_flange_poses_are_3d_like_the_others():
     place, turn = flange_errors({"position_mm": 0.1, "rotation_deg": 0.02})
     assert place == pytest.approx(0.1732, abs=1e-4) and turn == pytest.approx(0.03464, abs=1e-5)
     assert flange_errors({"position_mm": 0.1})[1] is None
+
+
+@pytest.mark.parametrize(
+    ("place", "turn", "words"),
+    [
+        (0.07, 1.7e-5, "no rotation error that is distinguishable from zero"),
+        (0.07, 0.004, "0.004 deg (angle of the rotation)"),
+        (0.001, 1.7e-5, "1.7e-05 deg (angle of the rotation)"),
+    ],
+)
+def test_a_rotation_error_at_its_lower_bound_is_called_so(place, turn, words):
+    assert rotation_error_words(place, turn) == words
+
+
+@pytest.mark.parametrize(
+    ("position", "radius", "words"),
+    [
+        (0.05, 0.004, "comes from the flange poses, whose estimated RMS error is 0.087 mm"),
+        (0.002, 0.06, "a radius that differs between the profiles (1 sigma 0.06 mm"),
+    ],
+)
+def test_the_verdict_on_profiles_names_what_exceeds_their_noise(position, radius, words):
+    errors = {"rms_mm": 0.095, "pose_rms_mm": 0.1}
+    sigma = {"position_mm": position, "radius_mm": radius}
+    made = SimpleNamespace(radius=12.7, held_out=errors, fit=errors, noise=0.04, robot_sigma=sigma)
+    made = SimpleNamespace(**vars(made), poses=(None,) * 40, std={"sensor.x": 0.1}, misfit=None)
+    assert words in _profiles(made, ()).sentence
+    quiet = SimpleNamespace(**{**vars(made), "noise": 0.094})
+    assert words not in _profiles(quiet, ()).sentence

@@ -207,6 +207,12 @@ def handeye(console, answer: Mapping) -> None:
     ]
     title = f"{answer['recording']}: {answer['transform']}, {answer['poses']} poses"
     grid(console, title, ["", "value", "1 sigma"], rows)
+    frame = "base" if answer["transform"] == "T_base_sensor" else "flange"
+    console.print(
+        f"Takes points from the frame of the sensor to that of the {frame}; rx ry rz is a rotation vector. "
+        "hand-eye.toml has the 4x4 matrix and the covariance.\n",
+        markup=False,
+    )
     if answer.get("radius_mm") is not None:
         radius, std = measured(answer["radius_mm"], answer["radius_std_mm"])
         console.print(

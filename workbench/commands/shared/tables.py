@@ -9,7 +9,8 @@ ROTATION_MEASURES = (
     "rotation_p95_deg",
     "rotation_max_deg",
 )
-_LONGEST_NAME, _WIDEST = 40, 400
+_LONGEST_NAME = 40
+_GAP = 2  # spaces between columns
 _BLOCKS = ("nominal", "fit", "held_out")
 _DEGREES = ("rotation_rms_deg", "held_out_rotation_rms_deg")
 
@@ -100,27 +101,60 @@ def measured(value: float | None, std: float | None) -> tuple[str, str]:
 def grid(console, title: str, head: Sequence[str], rows: Sequence[Sequence], left: int = 1) -> None:
     """Print a table. The first `left` columns, and any without a heading, are text; the others are numbers.
 
-    Numbers and the names of the first column are never wrapped: a table of them that is too wide for the terminal
-    keeps its width. Other text is wrapped to fit into 80 columns.
+    Numbers and the names of the first column are never wrapped, and no word is broken. A table that is too wide for the
+    terminal gets headings of several lines, then wrapped text, and else keeps its width.
     """
     from rich import box
     from rich.markup import escape
     from rich.table import Table
+    from rich.text import Text
 
     if title:
         console.print(title, style="bold", markup=False)
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
-    for index, name in enumerate(head):
-        word = index < left or not name
-        is_whole = not word or (index == 0 and _longest(rows, index) <= _LONGEST_NAME)
+    texts = [index < left or not name for index, name in enumerate(head)]
+    widths = _column_widths(head, rows, texts, console.width)
+    for name, word, width in zip(head, texts, widths):
         table.add_column(
-            name, justify="left" if word else "right", overflow="fold", no_wrap=is_whole
+            name, justify="left" if word else "right", overflow="fold", min_width=width, width=width
         )
     for row in rows:
         table.add_row(*(escape(number(cell)) for cell in row))
-    least = console.measure(table, options=console.options.update(width=_WIDEST)).minimum
-    console.print(table, width=max(least, console.width), crop=False)
+    wide = console.options.update(width=max(sum(widths) + _GAP * len(widths), console.width))
+    for line in console.render_lines(
+        table, wide, pad=False
+    ):  # print() has no more than the terminal's width
+        text = Text.assemble(*((part.text, part.style or "") for part in line))
+        text.rstrip()
+        console.print(text, soft_wrap=True)
     console.print()
+
+
+def _column_widths(head, rows: Sequence[Sequence], texts: Sequence[bool], most: int) -> list[int]:
+    """Characters of each column of a table that has `most`, or more where no word can be wrapped any more.
+
+    texts: which columns are text. The others are wide enough for their longest cell, and for each word of the heading.
+    """
+    full = [max(len(name), _longest(rows, index), 1) for index, name in enumerate(head)]
+    if sum(full) + _GAP * len(full) <= most:
+        return full
+    least = [_least_width(head[k], rows, k, texts[k]) for k in range(len(head))]
+    spare = max(most - sum(least) - _GAP * len(least), 0)
+    wanted = [wide - narrow for wide, narrow in zip(full, least)]
+    for k in sorted(range(len(head)), key=lambda k: (not texts[k], wanted[k])):
+        given = min(wanted[k], spare)
+        least[k] += given
+        spare -= given
+    return least
+
+
+def _least_width(name: str, rows: Sequence[Sequence], index: int, is_text: bool) -> int:
+    """Characters of the longest word of a column, or of its longest cell if cells stay whole."""
+    is_whole = not is_text or (index == 0 and _longest(rows, index) <= _LONGEST_NAME)
+    cells = [number(row[index]) for row in rows]
+    words = cells if is_whole else [word for cell in cells for word in cell.split()]
+    longest = max(map(len, [*words, *name.split()]), default=1)
+    return max(longest if is_whole else min(longest, _LONGEST_NAME), 1)
 
 
 def _longest(rows: Sequence[Sequence], index: int) -> int:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from robot_model.task_priority import LEVER_MM
 from sensors.hand_eye.result import HandEye
 from sensors.hand_eye.review import UNEXPLAINED
 from workbench.fitting.verdicts.sensor_verdict import repeated_warnings
@@ -28,6 +29,9 @@ FROM_PROFILES = "from each profile alone, without the robot"
 _WEAK_FOCAL = 0.05
 # Redundancy of P poses is 6 P - 12: below 8 poses the estimated errors of flange poses are uncertain by over 12 %.
 _FEW_POSES = 8
+# share of the position error below which a rotation error, at a lever of 200 mm, explains nothing
+_NEGLIGIBLE = 0.01
+_REDUCE = "To reduce it, calibrate the arm, warm it up, and approach all poses from the same side."
 _TURN = "turn the flange about a second axis, by 20 deg or more"
 _TILT = "tilt the board against the camera by 20 to 45 deg"
 
@@ -150,9 +154,24 @@ def _advice(made: HandEye) -> str:
     them = "it and for the errors that images share" if is_misfit else "it"
     return (
         f"The rest comes from the flange poses, whose estimated RMS errors are {place:.2g} mm (3-D position) and "
-        f"{turn:.2g} deg (angle of the rotation); the stated uncertainty of the transform accounts for {them}. To "
-        "reduce it, calibrate the arm, warm it up, and approach all poses from the same side."
+        f"{rotation_error_words(place, turn)}; the stated uncertainty of the transform accounts for {them}. "
+        f"{_REDUCE}"
     )
+
+
+def rotation_error_words(place: float, turn: float) -> str:
+    """The RMS rotation error (deg) of flange poses whose position error is `place` (mm), in words.
+
+    A variance that is estimated at its lower bound says no more than that rotations explain nothing beyond positions.
+    """
+    if not is_rotation_seen(place, turn):
+        return "no rotation error that is distinguishable from zero"
+    return f"{turn:.2g} deg (angle of the rotation)"
+
+
+def is_rotation_seen(place: float, turn: float) -> bool:
+    """Whether a rotation error (deg) displaces a point 200 mm away by more than a hundredth of `place` (mm)."""
+    return LEVER_MM * math.radians(turn) > _NEGLIGIBLE * place
 
 
 def flange_errors(robot_sigma) -> tuple[float, float | None]:
@@ -169,8 +188,28 @@ def _profiles(made: HandEye, tolerances) -> Verdict:
     label = "held-out" if math.isfinite(value) else "fitted"
     value = value if math.isfinite(value) else made.fit["rms_mm"]
     residual = Residual(value, "mm", f"{label} RMS distance of the points from the ball")
-    advice = "the flange poses, the radius of the ball or the profiler's scale are off by more than the noise"
-    return judge(residual, Noise(made.noise, FROM_PROFILES), tolerances, advice)
+    verdict = judge(residual, Noise(made.noise, FROM_PROFILES), tolerances)
+    if not _is_above(verdict, len(made.poses)):
+        return verdict
+    own = verdict.sentence.partition("; ")[0]
+    return replace(
+        verdict, sentence=f"{own}; the profiles alone leave {made.noise:.3g} mm. {_rest(made)}"
+    )
+
+
+def _rest(made: HandEye) -> str:
+    """What the model attributes the distances beyond the noise of the profiles to, and what to do."""
+    place, _ = flange_errors(made.robot_sigma)
+    radius = made.robot_sigma.get("radius_mm", 0.0)
+    if radius > place:
+        return (
+            f"The rest is mostly a radius that differs between the profiles (1 sigma {radius:.2g} mm; flange poses "
+            f"{place:.2g} mm RMS): check the radius of the ball, the scale of the profiler and its outliers."
+        )
+    return (
+        f"The rest comes from the flange poses, whose estimated RMS error is {place:.2g} mm (3-D position); the stated "
+        f"uncertainty of the transform accounts for it. {_REDUCE}"
+    )
 
 
 def handeye_warnings(run) -> list[str]:

@@ -39,6 +39,12 @@ from workbench.machine.progress import paced
 
 FILE = "hand-eye.toml"
 IN_HAND, TO_HAND = "in-hand", "to-hand"
+_COMMENT = """\
+# matrix: 4x4 in mm; p = matrix [p_sensor; 1] takes a point from the frame of the sensor to that of the flange
+# (T_flange_sensor) or of the base (T_base_sensor). rotvec_deg: rotation vector, its length is the angle.
+# covariance: 6x6 of x y z (mm) and a small rotation about the x, y and z axes of the flange or base (rad), left-
+# multiplied; std_mm and std_deg are the roots of its diagonal.
+"""
 FEWEST = 3
 """Images that a hand-eye transform needs."""
 HELD = "the recording's own guess, held"
@@ -358,4 +364,4 @@ def save(run: HandEyeRun, folder: Path) -> None:
         "suspicions": result["suspicions"],
         "provenance": {key: value for key, value in result["provenance"].items() if value},
     }
-    (folder / FILE).write_text(tomli_w.dumps(text), encoding="utf-8")
+    (folder / FILE).write_text(f"{_COMMENT}{tomli_w.dumps(text)}", encoding="utf-8")

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from workbench.fitting.verdicts.hand_eye_verdict import (
     flange_errors,
+    is_rotation_seen,
     robot_sigma,
     suspicions,
     undetermined,
@@ -104,6 +105,8 @@ def _flange_sentence(spread) -> str:
     start = "The flange poses are modelled with random errors; estimated RMS 3-D position error: "
     if turn is None:
         return f"{start}{rounded(place)} mm{_of_radius(spread)}."
+    if not is_rotation_seen(place, turn):
+        return f"{start}{rounded(place)} mm; a rotation error is not distinguishable from zero."
     return f"{start}{rounded(place)} mm, RMS angle of the rotation error: {rounded(turn)}°."
 
 
@@ -140,13 +143,15 @@ def _poses(run):
         f"RMS residual of each pose with the recorded flange poses ({made.unit}); held out: predicted from the other "
         "poses. Orange: excluded as an outlier.",
     )
+    place, turn = flange_errors(made.robot_sigma)
+    is_seen = turn is not None and is_rotation_seen(place, turn)
     rows = [
         (
             name,
             rounded(row.residual),
             rounded(row.held_out),
             rounded(row.moved_mm),
-            rounded(row.turned_deg),
+            rounded(row.turned_deg) if is_seen else "–",
         )
         for name, row in zip(run.names, made.poses)
     ]
