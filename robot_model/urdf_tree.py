@@ -246,11 +246,20 @@ def _parse(file: Path) -> ET.Element:
         raise wrong(file, "a readable URDF", problem.strerror, "check the path") from None
     except (ET.ParseError, ValueError, LookupError) as problem:
         raise wrong(file, "XML", f"a mistake ({problem})", "correct it there") from None
+    _strip_namespace(element)
     if element.tag != "robot":
         raise wrong(file, "the root element robot", f"<{element.tag}>", "give a URDF file")
     if any("xacro" in part.tag for part in element.iter() if isinstance(part.tag, str)):
         raise wrong(file, "a finished URDF", "xacro macros", "expand them with xacro first")
     return element
+
+
+def _strip_namespace(root: ET.Element) -> None:
+    """Plain names for elements in the default namespace of the root (xmlns), as in the files of Drake."""
+    space, end, _ = root.tag.rpartition("}")
+    for part in root.iter():
+        if end and isinstance(part.tag, str) and part.tag.startswith(space + end):
+            part.tag = part.tag.removeprefix(space + end)
 
 
 def _joint(element: ET.Element, file: Path) -> Joint:

@@ -40,6 +40,54 @@ def test_a_patched_urdf_differs_in_numbers_alone_and_is_the_calibrated_arm(tmp_p
     assert made.left_out == ("joint-compliance at joint-2",) and made.is_whole
 
 
+_ORIGIN = (
+    '<origin my:xyz="1 2 3" note="a > b, xyz=9" rpy = {q}{rpy}{q}\n   xyz = {q}{xyz}{q} ></origin>'
+)
+_WRITTEN = {
+    "xacro": lambda text: text.replace(
+        "<robot ", '<robot xmlns:xacro="http://w" xmlns:my="http://x" '
+    ),
+    "drake": lambda text: text.replace("<robot ", '<robot xmlns="http://d" xmlns:my="http://x" '),
+}
+
+
+@pytest.mark.parametrize("quote", ['"', "'"])
+@pytest.mark.parametrize("style", _WRITTEN)
+def test_only_numbers_between_quotes_change_whatever_the_style_of_the_file(tmp_path, style, quote):
+    """Attributes in another order, with other quotes and spaces, of other namespaces, and names in their values."""
+    import re
+
+    plain = write_urdf(tmp_path)
+    text = (tmp_path / "cell.urdf").read_text(encoding="utf-8")
+    turned = re.compile(r'<origin xyz="([^"]*)" rpy="([^"]*)"\s*/>')
+    text = turned.sub(lambda m: _ORIGIN.format(q=quote, xyz=m[1], rpy=m[2]), text)
+    text = _WRITTEN[style](text).replace("do not edit by hand", "nicht ändern")
+    spec = plain | {"urdf": str(tmp_path / "styled.urdf")}
+    (tmp_path / "styled.urdf").write_text(text, encoding="utf-8")
+    arm = arm_with(spec, ())
+    made = patched_urdf(arm, spec).content
+    (tmp_path / "new.urdf").write_bytes(made)
+    again = load_robot({"urdf": str(tmp_path / "new.urdf"), "tip": "tool0"})
+    readings = readings_of(arm.robot)
+    wanted = flanges(arm.robot, readings, calibrated_geometry(arm))
+    np.testing.assert_allclose(flanges(again, readings), wanted, atol=1e-6)
+    number = re.compile(rb"(?<=\s)((?:xyz|rpy) = )(\"[^\"]*\"|'[^']*')")
+    before = (tmp_path / "styled.urdf").read_bytes()
+    assert number.search(before) and before != made
+    left = [re.sub(rb"<origin[^m]*?/>\s*", b"", number.sub(rb"\1", one)) for one in (before, made)]
+    assert left[0] == left[1]
+
+
+def test_a_urdf_in_utf_16_is_refused_with_the_remedy(tmp_path):
+    spec = write_urdf(tmp_path)
+    arm = arm_with(spec, ())
+    file = tmp_path / "cell.urdf"
+    text = file.read_text(encoding="utf-8").replace("utf-8", "utf-16")
+    file.write_bytes(text.encode("utf-16"))
+    with pytest.raises(InputError, match="expected a text in UTF-8, found UTF-16"):
+        patched_urdf(arm, spec)
+
+
 def test_a_nominal_arm_leaves_its_urdf_as_it_is(tmp_path):
     spec = write_urdf(tmp_path)
     arm = arm_with(spec, ())

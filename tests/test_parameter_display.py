@@ -95,7 +95,7 @@ def test_page_counts_what_the_terminal_counts(calibration, rows):
         ("rad", 0.0021, 1.2e-5, ["deg", "0.12032", "+0.12032", "0.00069"]),
         ("rad", -1.571, 2e-5, ["deg", "-90.0117", "-90.0117", "0.0011"]),
         ("mm", 270.4, 0.011, ["mm", "270.400", "+270.400", "0.011"]),
-        ("rad/(N m)", 3.1e-5, 2e-6, ["µrad/(N·m)", "31.0", "+31.0", "2"]),
+        ("rad/(N m)", 3.1e-5, 2e-6, ["µrad/(N m)", "31.0", "+31.0", "2"]),
     ],
 )
 def test_numbers_of_a_parameter_have_two_digits_of_their_std(unit, value, std, shown):

@@ -110,6 +110,19 @@ def _columns(q, points):
     return columns
 
 
+STIFFNESS = {
+    "where": "joint-2",
+    "known_from": "recorded loads",
+    "value": 4e-5,
+    "std": 2e-6,
+    "unit": "rad/(N m)",
+    "clear": True,
+    "stiffness": 24912.3,
+    "stiffness_std": 1123.4,
+    "centre_per_mm": 0.012,
+}
+
+
 def fake(n=240, sigma=0.02, points=None, seed=5):
     """What `workbench.jobs.robot.calibrate` returns, with joint 3 still wrong by a sine and one row never held out."""
     random = np.random.default_rng(seed)
@@ -158,6 +171,7 @@ def fake(n=240, sigma=0.02, points=None, seed=5):
         suspects=(17,),
         provenance={"seed": 1, "versions": {"numpy": "2"}, "command": "calibrate fake"},
         rotation={},
+        stiffness=[STIFFNESS],
     )
 
 
@@ -252,6 +266,11 @@ def test_solve_that_did_not_converge_is_a_warning(tmp_path):
     assert '<p class="warning">The solver did not converge: allow more steps.</p>' in page
 
 
+def test_the_page_has_the_stiffness_of_the_joints(written):
+    assert "<td>24,900 ± 1,100 N m/rad</td><td>12 %</td>" in written[1]
+    assert "holds for the centre of the load as stated (<code>com_mm</code>" in written[1]
+
+
 def test_parameters_are_shown_in_degrees_to_two_digits_of_their_sigma():
     row = parameters.row(PARAMETERS[1])
     assert (row["unit"], row["std"], row["value"]) == ("deg", "0.00069", "0.12032")
@@ -260,7 +279,7 @@ def test_parameters_are_shown_in_degrees_to_two_digits_of_their_sigma():
 def test_small_compliances_are_shown_in_micro():
     row = parameters.row(PARAMETERS[5])
     assert (row["unit"], row["value"], row["std"], row["sigmas"]) == (
-        "µrad/(N·m)",
+        "µrad/(N m)",
         "31.0",
         "2.0",
         "16",

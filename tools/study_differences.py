@@ -4,8 +4,13 @@ Each scene is an arm that differs from its simulation in parameters, noise, phys
 is MuJoCo's (`datasets.makers.planted`). The recording is diagnosed against the simulation, the corrected model is
 exported as MJCF, and MuJoCo runs the exported file at poses that the recording does not have. One row a scene is kept
 in docs/studies/differences.csv, and a run goes on where an earlier one stopped. About half an hour on one core.
+
+Seeds that no run has seen, scenes with differences in parameters or physics alone, in a table of their own:
+
+    python tools/study_differences.py --count 30 --first-seed 880100 --twins --table twins.csv
 """
 
+import argparse
 import csv
 import sys
 import tempfile
@@ -162,11 +167,13 @@ def predicted(truth, arm: CalibratedArm) -> float:
     return float(np.sqrt(((found - measured) ** 2).sum(1).mean() / (3 * sigma**2)))
 
 
-def collect(count: int = SCENES, table: Path = TABLE) -> list[Scene]:
-    """All scenes; those in the table are not computed again."""
+def collect(
+    count: int = SCENES, table: Path = TABLE, first: int = FIRST_SEED, combinations=COMBINATIONS
+) -> list[Scene]:
+    """All scenes, with seeds from `first` on and combinations in turn; those in the table are not computed again."""
     rows = read(table)
     for k in range(len(rows), count):
-        rows.append(scene(FIRST_SEED + k, COMBINATIONS[k % len(COMBINATIONS)]))
+        rows.append(scene(first + k, combinations[k % len(combinations)]))
         write(rows, table)
         print(k, rows[-1], rows[-1].wrong_names, rows[-1].missed, flush=True)
     return rows
@@ -274,6 +281,21 @@ def _fault(row: Scene) -> str:
     return f"- scene {row.seed}: {'; '.join(said)}"
 
 
+def main() -> None:
+    """Write the published page, or print the figures of another population."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--count", type=int, default=SCENES)
+    parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
+    parser.add_argument("--twins", action="store_true", help="scenes with differences alone")
+    parser.add_argument("--table", type=Path, default=TABLE)
+    options = parser.parse_args()
+    combinations = [one for one in COMBINATIONS if not options.twins or one[0] or one[1]]
+    scenes = collect(options.count, options.table, options.first_seed, combinations)
+    if options.table == TABLE:
+        PAGE.write_text(page(scenes), encoding="utf-8")
+    else:
+        sys.stdout.write(page(scenes))
+
+
 if __name__ == "__main__":
-    scenes = collect(int(sys.argv[1]) if len(sys.argv) > 1 else SCENES)
-    PAGE.write_text(page(scenes), encoding="utf-8")
+    main()

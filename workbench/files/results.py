@@ -147,7 +147,7 @@ def calibration_json(calibration) -> dict:
         "converged": solution.converged,
         "outcome": solution.outcome,
         "joint_curves": describe_curves(calibration.model, solution.parameters),
-        "stiffness": _stiffness(calibration),
+        "stiffness": calibration.stiffness,
         "undetermined": list(solution.null_sentences),
         "observability": known.observability(calibration.recording.n),
         "suspect_samples": list(calibration.suspects),
@@ -158,7 +158,7 @@ def calibration_json(calibration) -> dict:
     }
 
 
-def _stiffness(calibration) -> list[dict]:
+def joint_stiffness(calibration) -> list[dict]:
     """Which joint stiffness is known in N m/rad, and which only times a first moment."""
     solution = calibration.solution
     known = _standard_deviations(solution)

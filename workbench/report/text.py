@@ -44,7 +44,7 @@ def decimals_of(std: float) -> int:
 def shown_unit(unit: str) -> tuple[str, float]:
     """Unit on the page, and the factor from `unit` to it."""
     if unit.startswith("rad/") and unit not in UNITS:
-        return "µ" + unit.replace("(N m)", "(N·m)"), 1e6
+        return f"µ{unit}", 1e6
     return UNITS.get(unit, (unit, 1.0))
 
 

@@ -150,8 +150,8 @@ def _rms(values) -> float:
 
 def _show(console, result) -> None:
     rows = [
-        ["least translational compliance, µm/N", 1e3 * result["compliance_least_mm_per_n"]],
-        ["largest translational compliance, µm/N", 1e3 * result["compliance_largest_mm_per_n"]],
+        ["least translational compliance, mm/N", result["compliance_least_mm_per_n"]],
+        ["largest translational compliance, mm/N", result["compliance_largest_mm_per_n"]],
     ]
     for part, value in result.get("deflection_rms_mm", {}).items():
         rows.append([f"RMS deflection, {part}, mm", value])

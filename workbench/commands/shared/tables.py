@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
+from workbench.core.text.stiffness_text import holds_for, stiffness_table
+
 MEASURES = ("rms_mm", "mean_mm", "p95_mm", "max_mm")
 ROTATION_MEASURES = (
     "rotation_rms_deg",
@@ -194,25 +196,10 @@ def _stiffness(console, stiffness: Sequence[Mapping]) -> None:
     """Stiffness of the joints in N m/rad where loads or masses are known, else deflection under the links."""
     if not stiffness:
         return
-    rows = []
-    for row in stiffness:
-        value, std, shown = row["stiffness"], row["stiffness_std"], "kN m/rad"
-        factor = 1e-3
-        if value is None:
-            value, std = row["value"], row["std"]
-            shown, factor = ("mrad", 1e3) if row["unit"] == "rad" else ("µrad/(N m)", 1e6)
-        spread = "" if std is None else f" ± {std * factor:.2g}"
-        is_known = row["clear"] or std is not None
-        said = f"{value * factor:.3g}{spread} {shown}" if is_known else "not determined"
-        if is_known and not row["clear"]:
-            said += ", not significant"
-        rows.append([row["where"], row["known_from"], said])
-    title = "Joint stiffness"
-    if any(row["known_from"] == "product only" for row in stiffness):
-        title += "; 'product only': deflection under the links, whose masses are not stated"
-    grid(
-        console, title, ["where", "known from", "stiffness, compliance or deflection"], rows, left=2
-    )
+    title, head, rows = stiffness_table(stiffness)
+    grid(console, title, head, rows, left=3)
+    if said := holds_for(stiffness):
+        console.print(f"{said.replace('`', '')}\n", markup=False)
 
 
 def _key(row: Mapping) -> str:

@@ -24,7 +24,8 @@ from workbench.files.solution_file import CalibratedArm
 
 _SAME_MM, _SAME = 1e-7, 1e-10
 _SAME_ARM_MM = 1e-2
-_ATTRIBUTE = r"\b{name}\s*=\s*(\"[^\"]*\"|'[^']*')"
+_ATTRIBUTE = re.compile(r"([^\s=<>/\"']+)\s*=\s*(\"[^\"]*\"|'[^']*')")
+_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,8 @@ def patched_urdf(arm: CalibratedArm, spec: dict) -> PatchedUrdf:
         )
     origins = _origins(tree, path, moving, moves)
     content = tree.file.read_bytes()
+    if content.startswith(_UTF_16):
+        raise wrong(tree.file, "a text in UTF-8", "UTF-16", "save it as UTF-8")
     changed = [j for j in path if not _is_same(origins[j.name], j.origin)]
     content = _with_origins(content, {j.name: (j.origin, origins[j.name]) for j in changed})
     titles = tuple(effect.title for effect in arm.effects)
@@ -189,8 +192,8 @@ def _with_origins(content: bytes, origins: dict[str, tuple[np.ndarray, np.ndarra
     for name, (start, end, has_tag) in sorted(places.items(), key=lambda item: -item[1][0]):
         if name not in origins:
             continue
-        tag = content[start:end].decode("utf-8") if has_tag else "<origin/>"
-        made = _tag_with(tag, *origins[name]).encode("utf-8")
+        tag = content[start:end].decode("latin-1") if has_tag else "<origin/>"
+        made = _tag_with(tag, *origins[name]).encode("latin-1")  # every byte as it was
         content = content[:start] + made + content[end:]
     return content
 
@@ -205,10 +208,12 @@ def _tag_with(tag: str, old: np.ndarray, new: np.ndarray) -> str:
 
 
 def _attribute(tag: str, name: str, numbers) -> str:
+    """The tag with other numbers inside of the quotes of an attribute, or with this attribute at its end."""
     text = " ".join(f"{number:.12g}" for number in numbers)
-    pattern = re.compile(_ATTRIBUTE.format(name=name))
-    if pattern.search(tag):
-        return pattern.sub(f'{name}="{text}"', tag, count=1)
+    for found in _ATTRIBUTE.finditer(tag):
+        if found.group(1) == name:
+            start, end = found.start(2) + 1, found.end(2) - 1
+            return tag[:start] + text + tag[end:]
     return re.sub(r"\s*/?>$", lambda end: f' {name}="{text}"{end.group()}', tag, count=1)
 
 

@@ -29,7 +29,7 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Solution, Stage
 from workbench.files.provenance import provenance
-from workbench.files.results import StageResult, calibration_json, parameter_rows
+from workbench.files.results import StageResult, calibration_json, joint_stiffness, parameter_rows
 from workbench.fitting.checked_samples import CheckedSamples, check_samples, rows_to_fit
 from workbench.fitting.cross_validation import (
     HeldOut,
@@ -105,6 +105,11 @@ class Calibration:
     def noise(self) -> NoiseReport:
         """The residual of the fit compared with the stated noise, replicates and its own structure."""
         return noise_report(self)
+
+    @cached_property
+    def stiffness(self) -> list[dict]:
+        """A row a joint that deflects, as of `robot_model.effects.stiffness.StiffnessRow`."""
+        return joint_stiffness(self)
 
     def as_json(self) -> dict:
         """The object of the JSON contract."""

@@ -216,15 +216,15 @@ def map_figure(found: CartesianStiffness, wrench):
 
     columns = stiffness_columns(found, wrench)
     name, label = (
-        ("compliance_largest_mm_per_n", "largest translational compliance (µm/N)")
+        ("compliance_largest_mm_per_n", "largest translational compliance (mm/N)")
         if wrench is None
-        else ("deflection_mm", "deflection under the wrench (µm)")
+        else ("deflection_mm", "deflection under the wrench (mm)")
     )
     made = Figure(figsize=(9, 4.2), layout="constrained")
     panels = made.subplots(1, 2)
     for axes, (first, second) in zip(panels, ((0, 1), (0, 2))):
         shown = axes.scatter(
-            found.points[:, first], found.points[:, second], c=1e3 * columns[name], cmap="viridis"
+            found.points[:, first], found.points[:, second], c=columns[name], cmap="viridis"
         )
         axes.set(xlabel=f"{'xyz'[first]} (mm)", ylabel=f"{'xyz'[second]} (mm)", aspect="equal")
     made.colorbar(shown, ax=panels, label=label)
@@ -237,23 +237,23 @@ def models_figure(found: CartesianStiffness, wrench):
 
     models = found.models(wrench)
     label = (
-        "largest translational compliance (µm/N)"
+        "largest translational compliance (mm/N)"
         if wrench is None
-        else "deflection under the wrench (µm)"
+        else "deflection under the wrench (mm)"
     )
     made = Figure(figsize=(4.2 * len(models), 7.6), layout="constrained")
     maps, below = made.subfigures(2, 1)
     panels = maps.subplots(1, len(models), sharex=True, sharey=True)
-    top = 1e3 * max(float(values.max()) for values in models.values())
+    top = max(float(values.max()) for values in models.values())
     for axes, (name, values) in zip(panels, models.items()):
-        shown = axes.scatter(*found.points.T[[0, 2]], c=1e3 * values, vmin=0, vmax=max(top, 1e-9))
+        shown = axes.scatter(*found.points.T[[0, 2]], c=values, vmin=0, vmax=max(top, 1e-12))
         axes.set(xlabel="x (mm)", title=name, aspect="equal")
         axes.title.set_size(9)
     panels[0].set(ylabel="z (mm)")
     maps.colorbar(shown, ax=panels, label=label)
     axes = below.subplots()
     for name, values in models.items():
-        axes.ecdf(1e3 * values, label=name)
+        axes.ecdf(values, label=name)
     axes.set(xlabel=label, ylabel="share of poses (1)")
     axes.legend(frameon=False)
     return made

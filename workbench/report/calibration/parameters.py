@@ -3,6 +3,7 @@
 from collections import Counter
 from math import isfinite
 
+from workbench.core.text.stiffness_text import holds_for, stiffness_table
 from workbench.report.text import counted, decimals_of, fixed, listed, rounded, sentence, shown_unit
 
 _ROUNDING = 1e-9
@@ -18,6 +19,20 @@ def section(calibration) -> dict:
         "groups": [group(where, rows) for where, rows in groups.items()],
         "count": count(calibration.parameters),
         "null_space": null_space(calibration),
+        "stiffness": stiffness(calibration),
+    }
+
+
+def stiffness(calibration) -> dict | None:
+    """Table of joint stiffness, as in the terminal, and what it holds for; None where no joint deflects."""
+    if not calibration.stiffness:
+        return None
+    title, head, rows = stiffness_table(calibration.stiffness)
+    return {
+        "title": title,
+        "head": head,
+        "rows": rows,
+        "holds_for": holds_for(calibration.stiffness),
     }
 
 

@@ -1,0 +1,59 @@
+"""Joint stiffness in words: one table for the terminal and the report page.
+
+Units are those of all output: stiffness in N m/rad, compliance in µrad/(N m), deflection in mrad.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+HEAD = ("where", "known from", "stiffness, compliance or deflection")
+CENTRE_HEAD = "load 10 mm off"
+_STEP_MM = 10.0  # how far the centre of a load is easily off
+
+
+def stiffness_table(stiffness: Sequence[Mapping]) -> tuple[str, list[str], list[list[str]]]:
+    """Title, column heads and rows of joint stiffness; stiffness: rows of `StiffnessRow.as_json`."""
+    title = "Joint stiffness"
+    if any(row["known_from"] == "product only" for row in stiffness):
+        title += "; 'product only': deflection under the links, whose masses are not stated"
+    rows = [[row["where"], row["known_from"], stiffness_text(row)] for row in stiffness]
+    if not any(row.get("centre_per_mm") for row in stiffness):
+        return title, list(HEAD), rows
+    for row, cells in zip(stiffness, rows):
+        share = row.get("centre_per_mm")
+        cells.append("" if share is None else f"{100 * _STEP_MM * share:.2g} %")
+    return title, [*HEAD, CENTRE_HEAD], rows
+
+
+def holds_for(stiffness: Sequence[Mapping]) -> str:
+    """A sentence on the centre of the load, where the stated stiffness depends on it; else ""."""
+    if not any(row.get("centre_per_mm") for row in stiffness):
+        return ""
+    return (
+        "Stiffness holds for the centre of the load as stated (`com_mm` of `[payload]`). The standard deviations "
+        "do not contain its uncertainty; the last column lists the change for 10 mm in the least favourable direction."
+    )
+
+
+def stiffness_text(row: Mapping) -> str:
+    """'24,900 ± 1,100 N m/rad', the compliance where no stiffness is stated, or that it is not determined."""
+    if row["stiffness"] is not None:
+        return f"{_whole(row['stiffness'], row['stiffness_std'])} N m/rad"
+    if not row["clear"] and row["std"] is None:
+        return "not determined"
+    unit, factor = ("mrad", 1e3) if row["unit"] == "rad" else ("µrad/(N m)", 1e6)
+    spread = "" if row["std"] is None else f" ± {row['std'] * factor:.2g}"
+    doubt = "" if row["clear"] else ", not significant"
+    return f"{row['value'] * factor:.3g}{spread} {unit}{doubt}"
+
+
+def _whole(value: float, std: float | None) -> str:
+    """Without powers of ten: to two digits of the standard deviation, or three digits where there is none."""
+    size = abs(value) if std is None else std
+    if not size > 0:
+        return f"{value:,.6g}"
+    digits = 2 if std is None else 1
+    decimals = digits - math.floor(math.log10(float(f"{size:.{digits}e}")))
+    shown = max(decimals, 0)
+    spread = "" if std is None else f" ± {round(std, decimals):,.{shown}f}"
+    return f"{round(value, decimals):,.{shown}f}{spread}"
