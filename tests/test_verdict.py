@@ -114,3 +114,13 @@ def test_no_verdict_is_null():
     assert (
         made["pass"] is None and made["tolerance"] is None and made["residual_over_noise"] is None
     )
+
+
+def test_a_noise_in_another_unit_is_not_compared():
+    made = judge(Residual(0.11, "mm", "held-out RMS position error", 100), Noise(4.3e-5, "stated"))
+    assert "cannot be that of this recording" in made.sentence
+    assert (
+        "correct the unit of the noise first" in made.sentence and "unmodelled" not in made.sentence
+    )
+    usual = judge(Residual(0.11, "mm", "held-out RMS position error", 100), Noise(0.01, "stated"))
+    assert "cannot be that" not in usual.sentence

@@ -32,6 +32,8 @@ _COLUMNS = {
 }
 _KIND = r"(?:type|typ|kind|art|sigma)"
 _SIGN = r"(?:sign|vorzeichen|direction|richtung)"
+_LOW = r"(?:joint|q|theta|limits?|range)*(?:min|minimum|low|lower|von|from)(?:limit|imum)?"
+_HIGH = r"(?:joint|q|theta|limits?|range)*(?:max|maximum|high|upper|bis|to)(?:limit|imum)?"
 _PREVIOUS = re.compile(r"(?:i|k|j|n)\s*[-−_ ]\s*1|prev")
 _MODIFIED, _STANDARD = ("modified", "craig", "mdh", "proximal"), ("standard", "classic", "distal")
 _PI = re.compile(r"([+-]?\d*\.?\d*)\*?(?:pi|π)(?:/(\d+\.?\d*))?")
@@ -63,7 +65,7 @@ def read_dh_table(path: Path) -> list[dict]:
     _check_filled(table, [columns[name] for name in ("d", "a", "alpha")])
     values = {name: _cells(table, header) for name, header in columns.items()}
     factors = _factors(table, columns, values)
-    joints = []
+    joints, limits = [], _limits(table)
     for k in range(table.n):
         joint = {
             f"{name}_{'deg' if name in _ANGLES else 'mm'}": float(
@@ -71,9 +73,11 @@ def read_dh_table(path: Path) -> list[dict]:
             )
             for name in ("theta", "d", "a", "alpha")
         }
-        joints.append(
-            {key: _tidy(key, value) for key, value in joint.items()} | _optional(table, k)
-        )
+        optional = _optional(table, k)
+        joint = {key: _tidy(key, value) for key, value in joint.items()} | optional
+        if np.isfinite(limits[k]).all() and "kind" not in optional:
+            joint["limits_deg"] = limits[k].tolist()
+        joints.append(joint)
     return [_robot(path, joints, convention) for convention in _conventions(path, columns)]
 
 
@@ -214,6 +218,29 @@ def _optional(table: RawTable, row: int) -> dict:
         elif re.fullmatch(_SIGN, plain) and text.startswith("-"):
             keys["sign"] = -1
     return keys
+
+
+def _limits(table: RawTable) -> np.ndarray:
+    """(J, 2) deg, lowest and highest reading of each joint; nan where the table has none.
+
+    Without a unit, numbers up to one revolution in radians are radians: no arm moves by so few degrees.
+    """
+    found = []
+    for pattern in (_LOW, _HIGH):
+        names = [
+            n
+            for n in table.columns
+            if re.fullmatch(pattern, re.sub(r"[\W_\d]|deg$", "", n.lower().split("[")[0]))
+        ]
+        cells = table.columns[names[0]] if names else None
+        if cells is None or cells.dtype.kind != "f":
+            return np.full((table.n, 2), np.nan)
+        unit = read_header(names[0], table.units.get(names[0])).unit
+        found.append(cells * ANGLES.get(unit, 1.0))
+        is_stated = unit in ANGLES
+    limits = np.stack(found, axis=1)
+    is_radian = not is_stated and np.nanmax(np.abs(limits), initial=0.0) <= 2 * math.pi
+    return np.round(np.rad2deg(limits) if is_radian else limits, 6)
 
 
 def _conventions(path: Path, columns: Mapping[str, Header]) -> tuple[str, ...]:

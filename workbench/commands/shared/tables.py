@@ -33,6 +33,8 @@ def calibration(console, answer: Mapping) -> None:
     described = tuple(f"{row['where']}.{JointCurve.effect}." for row in curves)
     others = [p for p in answer["parameters"] if not _key(p).startswith(described)]
     _parameters(console, others)
+    if sentence := unidentified(answer["parameters"]):
+        console.print(f"{sentence}\n", markup=False)
     if sentence := combinations(answer["stages"]):
         console.print(f"{sentence}\n", markup=False)
 
@@ -245,8 +247,6 @@ def _parameters(console, parameters: Sequence[Mapping], most: int = 15) -> None:
             others = ", ".join(row["tied_to"])
             line = f"{row['where']}.{row['name']} is not identifiable alone: its value holds with {others} at nominal."
             console.print(line, markup=False)
-    if sentence := unidentified(parameters):
-        console.print(f"{sentence}\n", markup=False)
 
 
 def _largest_lengths(parameters: Sequence[Mapping], most: int = 3) -> list[Mapping]:

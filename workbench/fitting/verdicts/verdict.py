@@ -24,6 +24,8 @@ _LEVEL = 0.001
 _RELEVANT = 1.1
 # A held-out error agrees with the noise up to this ratio: the estimated parameters add to it.
 _AGREES = 1.25
+# No error of an arm is so many times the noise of an instrument: the noise is stated in another unit, or nothing fits.
+_INCREDIBLE = 300.0
 # Without degrees of freedom there is no test. Twice the noise is then called far above it.
 _FAR_UNTESTED = 2.0
 
@@ -230,6 +232,11 @@ def _against_noise(
     far = residual.is_significant
     if far is None:
         far = is_far_above(ratio, residual.degrees)
+    if ratio > _INCREDIBLE and noise.source == STATED:
+        return (
+            f"it is {ratio:.3g} times {stated}, which therefore cannot be that of this recording, or the model is that "
+            "of another arm: correct the unit of the noise first (mm and deg)"
+        )
     if far and ratio < 1:
         return f"it is not larger than {stated}, but it is not random: {advice}"
     if far:

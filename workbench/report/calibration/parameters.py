@@ -53,9 +53,14 @@ def shortened(words: str, most: int = 8) -> str:
 def count(parameters) -> str:
     """Number of parameters that are estimated, not identifiable, and held."""
     statuses = Counter(p["status"] for p in parameters)
+    bounded = (
+        f"{statuses['at zero']} cannot be negative and are held at zero, "
+        if statuses["at zero"]
+        else ""
+    )
     return (
         f"Of {counted(len(parameters), 'parameter')}, {statuses['estimated']} are estimated with a standard "
-        f"deviation, {statuses['not identifiable']} are not identifiable from this recording, and "
+        f"deviation, {statuses['not identifiable']} are not identifiable from this recording, {bounded}and "
         f"{statuses['held']} are held at nominal by the plan."
     )
 
