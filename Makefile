@@ -52,6 +52,7 @@ check: $(VENV)/.test
 	$(BIN)/python tools/check_language.py
 	$(BIN)/python tools/effects_page.py --check
 	$(BIN)/python tools/api_stub.py --check
+	$(BIN)/python tools/api_summary.py --check
 
 fuzz: $(VENV)/.test
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tools/fuzz.py --inputs 20000 --minutes 600

@@ -58,3 +58,12 @@ def test_the_import_page_names_every_built_in_robot_and_boards_that_are_read():
     boards = re.findall(r'^\| `"([^"]+)"` \|', page, re.MULTILINE)
     kinds = {(keys["kind"], keys.get("asymmetric", False)) for keys in map(board_keys, boards)}
     assert len(kinds) == len(boards) == 5
+
+
+def test_the_summary_of_the_api_page_is_that_of_the_code():
+    sys.path.insert(0, str(ROOT / "tools"))
+    import api_summary
+
+    text = api_summary.PAGE.read_text(encoding="utf-8")
+    assert text == api_summary.page(text), "run python tools/api_summary.py and commit the page"
+    assert "`wb.calibrate(recording=" in text and "Calibrate the robot of a recording" in text
