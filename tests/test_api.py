@@ -14,6 +14,7 @@ import workbench as wb
 from conftest import ROOT
 from datasets.columns import misspelt
 from workbench.api.functions import COMMANDS
+from workbench.api.results import Table
 from workbench.commands import cli
 
 NOT_FUNCTIONS = {"open"}
@@ -74,6 +75,31 @@ def test_tables_become_frames(calibration, recording):
     assert {"where", "name", "value", "std"} <= set(frame.columns)
     assert len(frame) == len(calibration.answer["parameters"])
     assert len(calibration.residuals.to_frame()) == recording.n
+
+
+def test_a_frame_has_no_nested_objects():
+    """Entries of objects are columns, a row is repeated for each of its parameters, lists of objects are left out."""
+    size = {
+        "name": "compliance",
+        "value": 2e-5,
+        "std": 1e-6,
+        "unit": "rad/(N m)",
+        "where": "joint-2",
+    }
+    found = {
+        "effect": "joint-compliance",
+        "where": "joint-2",
+        "size_mm": 0.4,
+        "found_again": {"folds": 8, "of": 9},
+        "controls": [{"control": "permuted"}],
+        "parameters": [size, size | {"name": "other", "size_mm": 0.1}],
+    }
+    frame = Table([found, found | {"parameters": []}]).to_frame()
+    assert frame["name"].tolist()[:2] == ["compliance", "other"] and len(frame) == 3
+    assert frame["found_again.folds"].tolist() == [8, 8, 8] and "controls" not in frame
+    assert frame["size_mm"].tolist() == [0.4] * 3 and frame["parameter.size_mm"][1] == 0.1
+    nested = frame.map(lambda cell: isinstance(cell, dict | list))
+    assert not nested.to_numpy().any()
 
 
 def test_a_result_shows_itself(calibration):

@@ -49,6 +49,16 @@ def test_a_known_transform_is_found():
     assert found.distances.max() < 1e-9
 
 
+def test_a_point_far_off_is_named_and_noise_is_not():
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-400, 400, (20, 3))
+    measured = points + rng.normal(0, 0.03, points.shape)
+    assert register(points, measured).outliers() == []
+    assert register(points, points).outliers() == []
+    measured[7] += [2.0, 0.0, 0.0]
+    assert register(points, measured).outliers() == [7]
+
+
 def test_points_on_a_line_determine_no_rotation():
     line = np.outer(np.arange(5.0), [1, 2, 3])
     with pytest.raises(InputError, match="one line"):

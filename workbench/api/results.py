@@ -81,8 +81,47 @@ class Table(Sequence):
         return list(dict.fromkeys(key for row in self._rows for key in row))
 
     def to_frame(self):
-        """A pandas DataFrame with one row for each row and a column for each key."""
-        return _pandas().DataFrame(self._rows)
+        """A pandas DataFrame with a column for each key, without nested objects.
+
+        Entries of an object are columns of their own (`noise.rms_mm`). A row with `parameters` becomes one row for each
+        of them. Other lists of objects are left out; the answer has them.
+        """
+        rows = [flat for row in self._rows for flat in _flat_rows(row)]
+        return _pandas().DataFrame(rows)
+
+
+def _flat_rows(row: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """A row without nested objects, once for each of its `parameters` where it has such a list."""
+    own = _flat({key: value for key, value in row.items() if key != "parameters"})
+    inner = row.get("parameters")
+    if not isinstance(inner, list | tuple) or not all(isinstance(one, Mapping) for one in inner):
+        return [_flat(row)]
+    return [own | _prefixed(one, own) for one in inner] or [own]
+
+
+def _prefixed(inner: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    """Entries of a parameter; those with a name that its row has, too, and another value are `parameter.name`."""
+    flat = _flat(inner)
+    return {
+        f"parameter.{key}" if key in own and own[key] != value else key: value
+        for key, value in flat.items()
+    }
+
+
+def _flat(row: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """The row with entries of objects as `key.inner key`, and without lists of objects."""
+    made: dict[str, Any] = {}
+    for key, value in row.items():
+        name = f"{before}{key}"
+        if isinstance(value, Mapping):
+            made |= _flat(value, f"{name}.")
+        elif not _holds_objects(value):
+            made[name] = value
+    return made
+
+
+def _holds_objects(value: Any) -> bool:
+    return isinstance(value, list | tuple) and any(isinstance(one, Mapping) for one in value)
 
 
 class Result:

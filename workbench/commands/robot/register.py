@@ -54,6 +54,8 @@ def command(
                 "source": source,
                 "target": target,
                 **found.as_json(),
+                "max_point": labels[int(found.distances.argmax())],
+                "outliers": [labels[k] for k in found.outliers()],
                 "verdict": no_verdict(_NO_RESIDUAL).as_json(),
                 "run": run.path,
             }
@@ -85,10 +87,17 @@ def _show(console, result) -> None:
         "rms_mm": "RMS distance",
         "mean_mm": "mean distance",
         "std_mm": "standard deviation of the distance",
-        "max_mm": "largest distance",
+        "max_mm": f"largest distance (point {result['max_point']})",
         "sigma_mm": "standard deviation of a coordinate",
         "left_one_out_rms_mm": "RMS distance of points left out of the fit",
     }
     rows = [[text, result[key]] for key, text in names.items() if result[key] is not None]
     tables.grid(console, f"{result['points']} points", ["", "mm"], rows)
+    if result["outliers"]:
+        console.print(
+            f"Warning: {', '.join(result['outliers'])}: much farther off than the other points, whose agreement is "
+            "therefore better than these figures; measure again, or remove it from both files.",
+            style="bold red",
+            markup=False,
+        )
     console.print(str(result["run"]), soft_wrap=True, markup=False)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.stats import chi2
 
 from workbench.core.errors import InputError
 from workbench.core.rigid import nearest_rotation, transform
@@ -19,6 +20,7 @@ from workbench.core.text.csv_text import csv_text
 _LEAST, _ROUNDS = 3, 200
 _FLAT = 1e-6  # share of the largest extent below which points lie on a line
 _SIGNS = tuple(product((1, -1), repeat=3))
+_CHANCE = 1e-3  # that one of all points is called an outlier with none there
 _FREE = 6  # numbers of a rigid transform
 
 
@@ -39,6 +41,17 @@ class Registration:
     def distances(self) -> np.ndarray:
         """(n,) mm."""
         return np.linalg.norm(self.residual, axis=1)
+
+    def outliers(self) -> list[int]:
+        """Numbers of the points that are farther off than chance puts one of as many points.
+
+        Each distance is compared with the median, which a third of wrong points does not change by much: squared
+        distances in units of the variance of a coordinate follow a chi-square of three degrees of freedom.
+        """
+        squares = self.distances**2
+        variance = float(np.median(squares)) / chi2.median(3)
+        limit = chi2.isf(_CHANCE / len(squares), 3) * variance
+        return np.flatnonzero((squares > limit) & (squares > 0)).tolist()
 
     def as_json(self) -> dict:
         """Figures with their unit: RMS, mean, largest distance, and the RMS of points that were left out."""
