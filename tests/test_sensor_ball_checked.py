@@ -1,5 +1,6 @@
 """What a ball fit checks before it is believed: convergence, form, plane, cylinder, and the stated radius."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,7 @@ from sensors.ball.form import low_orders
 from sensors.ball.point_errors import plane_error
 from sensors.ball.search import find_balls
 from sensors.ball.shared import Shared
+from sensors.light.planes import moved
 from sensors.scanner.cloud import Cloud
 from sensors.scanner.model import Scanner
 from workbench.jobs.sensor.ball_centres import ball_json, uncertainty
@@ -243,9 +245,48 @@ def test_a_ball_at_the_images_edge_or_the_sweeps_end_is_cut(centre, swept, cut):
     points, n = instrument.reconstruct(pixels, steps), len(steps)
     bench = _Work(SimpleNamespace(balls={}, columns={}, name="made"), instrument, None)
     cloud = Cloud(instrument, points, pixels, steps, steps - min(swept))
-    (ball,), _ = bench.balls(rows, cloud, np.full(n, 0.05), np.full((2, n), [[4.0], [20.0]]))
+    (ball,), *_ = bench.balls(rows, cloud, np.full(n, 0.05), np.full((2, n), [[4.0], [20.0]]))
     assert bool(ball.fit.cut) == cut
     assert ball_json(ball, instrument)["cut_by_field"] == cut
+
+
+def with_joint_errors(factor, draw):
+    """The scanner as a calibration with errors `factor @ draw` of camera and planes states it."""
+    true = scanner()
+    joint = factor @ draw
+    count = len(CAMERA.values)
+    camera = type(CAMERA).of(CAMERA.values + joint[:count], CAMERA.size)
+    planes = moved(true.planes, joint[count:].reshape(-1, 3))
+    rays = np.zeros((count + 6, count + 6 + 90))
+    whole = factor @ factor.T
+    rays[:count, :count], rays[:count, count + 6 :] = whole[:count, :count], whole[:count, count:]
+    return replace(true, camera=camera, planes=planes, covariance=whole[count:, count:], rays=rays)
+
+
+@pytest.mark.parametrize(("is_held", "low", "high"), [(True, 0.7, 1.35), (False, 2.0, np.inf)])
+def test_sigma_of_a_centre_holds_the_camera_with_the_planes_that_it_misplaced(is_held, low, high):
+    """A focal length that is 0.1 % off and planes that are off with it: mean square over variance."""
+    random = np.random.default_rng(5)
+    count = len(CAMERA.values)
+    factor = np.zeros((count + 90, 12))
+    factor[:2, 0] = 1e-3 * CAMERA.fx
+    factor[count + 2 :: 3, 0] = 0.04  # the offset of every plane follows the focal length
+    factor[count:, 1:] = 1e-5 * random.normal(size=(90, 11))
+    centre, scores = np.array([0.0, 0.5, 128]), []
+    true = scanner()
+    pixels, steps = stripes_on_ball(true, centre, 8.0, range(0, 30, 3))
+    for _ in range(60):
+        made = with_joint_errors(factor, random.normal(size=12))
+        made = made if is_held else replace(made, rays=None)
+        noisy = pixels + random.normal(0, 0.05, pixels.shape) * [[1], [0]]
+        points = made.reconstruct(noisy, steps)
+        cloud = Cloud(made, points, noisy, steps, steps)
+        length = np.linalg.norm(cloud.error, axis=0)
+        errors = dict(sigma=0.05 * length, direction=cloud.error / length, **cloud.together())
+        fit = fit_ball(points, radius=8.0, start=np.append(centre, 8.0), compare=False, **errors)
+        off = fit.centre - centre
+        scores.append(off @ np.linalg.solve(fit.covariance[:3, :3], off) / 3)
+    assert low < np.mean(scores) < high
 
 
 @pytest.mark.parametrize("seed", [15, 60])

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ CASES = (
     ("lens-residual", "camera", {}),
     ("lens-residual", "camera", {"degree": 4}),
     ("camera-thermal-drift", "camera", {}),
+    ("camera-thermal-drift", "camera", {"time_constant_s": 120.0, "start_s": 7.0}),
     ("window-refraction", "camera", {"index": 1.52, "tilt_deg": [2.0, -1.0]}),
     ("window-refraction", "camera", {"unknown_tilt": True}),
     ("focus-breathing", "camera", {"z0": 120.0}),
@@ -49,6 +51,7 @@ CASES = (
     ("ball-form", "ball-2", {}),
     ("ball-form", "ball-2", {"degree": 3}),
     ("artefact-expansion", "artefact", {}),
+    ("artefact-expansion", "artefact", {"time_constant_s": 120.0}),
     (
         "noise-heteroscedastic",
         "noise",
@@ -199,7 +202,7 @@ def test_a_covariate_that_it_needs_is_named_where_it_is_missing(case):
     effect, bench, count = made(case, replace(observations(), covariates={}))
     needs = NEEDS.get(case[0]) if effect.needs else None
     if case[0] in ("camera-thermal-drift", "artefact-expansion"):
-        needs = "temperature_c"
+        needs = "time_s" if effect.needs else "temperature_c"
     if needs is None:
         assert np.isfinite(effect.delta(np.ones(count), bench.state)).all()
         return
@@ -364,3 +367,33 @@ def test_heat_is_taken_from_the_camera_the_room_or_the_clock():
         np.testing.assert_allclose(
             effect.basis(replace(state, covariates=covariates))[1, 0], expected
         )
+
+
+@pytest.mark.parametrize(
+    "name, where", [("camera-thermal-drift", "camera"), ("laser-drift", "laser")]
+)
+def test_one_law_of_warming_up_at_every_port(name, where):
+    """63 % of the final value after one time constant, 95 % after three, nothing before the start."""
+    state = SimpleNamespace(covariates={"time_s": np.array([0.0, 50.0, 150.0, 350.0])}, n=4)
+    state.covariate = state.covariates.__getitem__
+    progress = CATALOGUE[name](where, 100.0, 50.0).progress(state)
+    assert progress == pytest.approx([0, 0, 1 - np.exp(-1), 1 - np.exp(-3)])
+
+
+def test_a_warm_up_is_tested_with_time_constants_where_no_temperature_is_recorded():
+    class Chain(SimpleNamespace):
+        def places(self, kind):
+            return (kind,)
+
+        def varies(self, name):
+            return name in self.varying
+
+    effect = CATALOGUE["camera-thermal-drift"]
+    timed = Chain(varying={"time_s"}, times=(100.0, 3700.0))
+    found = list(effect.candidates(timed))
+    constants = [one.effect.time_constant_s for one in found]
+    assert constants[0] == 0 and min(constants[1:]) == 60 and max(constants) == 5400
+    assert {one.effect.start_s for one in found[1:]} == {100.0}
+    assert sum(one.mass for one in found) == pytest.approx(1)
+    warm = Chain(varying={"time_s", "temperature_c"}, times=timed.times)
+    assert [one.effect.time_constant_s for one in effect.candidates(warm)] == [0]

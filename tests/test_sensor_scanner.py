@@ -338,6 +338,7 @@ def full_scanner():
         (114.9, 135.1),
         np.array([0.0, 1.0]),
         {"data_sha256": "0f", "seed": 3},
+        rays=1e-4 * rng.normal(size=(15, 36)),
     )
 
 
@@ -345,7 +346,7 @@ def test_the_file_is_read_back_to_the_bit(tmp_path):
     scanner = full_scanner()
     write_scanner(scanner, tmp_path / "scanner.toml")
     read = read_scanner(tmp_path / "scanner.toml")
-    for name in ("steps", "planes", "angles", "covariance", "scan"):
+    for name in ("steps", "planes", "angles", "covariance", "scan", "rays"):
         assert np.array_equal(getattr(read, name), getattr(scanner, name)), name
     for name in ("axis", "point", "face", "offset", "beam"):
         assert np.array_equal(getattr(read.mirror, name), getattr(scanner.mirror, name)), name

@@ -19,19 +19,39 @@ _ROUNDS, _STILL = 6, 0.05
 
 
 @dataclass(frozen=True)
+class Common:
+    """Errors that all points share, whatever their group, as those of the camera's values.
+
+    `derivative` (m, d, n) mm by which a point moves for one unit of each of m errors; `covariance` (m, m); `by_group`
+    (m, G, k) their covariance with the first k errors of each group of a `Shared`. They are too few and act too evenly
+    for one ball to tell them, so they are not estimated with it: its covariance includes them.
+    """
+
+    derivative: np.ndarray
+    covariance: np.ndarray
+    by_group: np.ndarray
+
+    def some(self, chosen: np.ndarray, groups: np.ndarray) -> "Common":
+        """Of the chosen points and groups."""
+        return Common(self.derivative[..., chosen], self.covariance, self.by_group[:, groups])
+
+
+@dataclass(frozen=True)
 class Shared:
     """Errors that all points of a group share, as those of the light plane of a step.
 
     `labels` (n,) int from 0 to G - 1; `derivative` (k, d, n) mm by which a point moves for one unit
     of each of the k errors of its group; `covariance` (k G, k G), group after group, singular
     where groups err together (the planes of one mirror). `unknown` (m, d, n), as `derivative`, of
-    errors that each group has of its own, each kind of one variance, which is not known.
+    errors that each group has of its own, each kind of one variance, which is not known. `common`: errors that all
+    groups share.
     """
 
     labels: np.ndarray
     derivative: np.ndarray
     covariance: np.ndarray
     unknown: np.ndarray | None = None
+    common: Common | None = None
 
     def some(self, chosen: np.ndarray) -> "Shared":
         """Of the chosen points, and of their groups alone."""
@@ -43,6 +63,7 @@ class Shared:
             self.derivative[..., chosen],
             np.asarray(self.covariance)[np.ix_(rows, rows)],
             None if self.unknown is None else self.unknown[..., chosen],
+            None if self.common is None else self.common.some(chosen, groups),
         )
 
     def with_errors(self, derivative: np.ndarray, variance: np.ndarray) -> "Shared":
@@ -71,6 +92,7 @@ class Shared:
             self.labels,
             np.concatenate([self.derivative, self.unknown]),
             whole.reshape(groups * (k + m), -1),
+            common=self.common,
         )
 
 
@@ -238,6 +260,35 @@ def _covariance(problem, solved, by_error, loss, shared, lasting):
     first = normal(variance)
     spent = np.trace(_inner(first, shared.covariance) @ first.groups)
     independent = used.sum() / lasting
-    last = normal(variance * independent / max(independent - problem.size - spent, 1))
-    schur = last.ball - last.between @ _inner(last, shared.covariance) @ last.between.T
-    return inverse_positive(schur)
+    variance = variance * independent / max(independent - problem.size - spent, 1)
+    last = normal(variance)
+    mixed = last.between @ _inner(last, shared.covariance)
+    own = inverse_positive(last.ball - mixed @ last.between.T)
+    if shared.common is None:
+        return own
+    by_group = own @ (last.between - mixed @ last.groups)
+    by_common = own @ _pull_of_common(problem, solved.at, by_error, used / variance, shared, mixed)
+    return own + _by_common(shared.common, by_common, by_group)
+
+
+def _pull_of_common(problem, at: Linear, by_error, weight, shared: Shared, mixed) -> np.ndarray:
+    """(size, m) right-hand side of the ball's normal equations for one unit of each common error."""
+    common = _by_error(at, replace(shared, derivative=shared.common.derivative)) * weight
+    rows = at.rows[: problem.size] / at.sigma
+    count = int(shared.labels.max()) + 1
+    pull = np.empty((count, len(by_error), len(common)))
+    for kind, error in enumerate(by_error):
+        for m, row in enumerate(common):
+            pull[:, kind, m] = np.bincount(shared.labels, error * row, count)
+    return rows @ common.T - mixed @ pull.reshape(-1, len(common))
+
+
+def _by_common(common: Common, moves: np.ndarray, by_group: np.ndarray) -> np.ndarray:
+    """(size, size) that common errors add to a covariance which holds those of the groups.
+
+    moves (size, m) and by_group (size, k G): how what was fitted moves with either.
+    """
+    m, groups, known = common.by_group.shape
+    own = by_group.reshape(len(by_group), groups, -1)[..., :known].reshape(len(by_group), -1)
+    mixed = moves @ common.by_group.reshape(m, -1) @ own.T
+    return moves @ common.covariance @ moves.T + mixed + mixed.T

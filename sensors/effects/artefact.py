@@ -5,7 +5,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from sensors.effects.covariates import warming
+from sensors.effects.covariates import WarmUpLaw, warming
 from workbench.core.common_effects import ArtefactExpansionLaw, BallPositionLaw
 from workbench.core.covariates import known
 from workbench.core.effect import Effect, Variant
@@ -124,10 +124,26 @@ class BallPosition(BallPositionLaw, Effect):
         return ()
 
 
-class ArtefactExpansion(ArtefactExpansionLaw, Effect):
-    """The board or plate grows with temperature, or with time where none was recorded."""
+class ArtefactExpansion(WarmUpLaw, ArtefactExpansionLaw, Effect):
+    """The board or plate grows with temperature, or with time where none was recorded.
+
+    With time linearly, or exponentially with a time constant as it warms up.
+    """
+
+    equation = "X -> X (1 + c (T - T0)); 1 - exp(-(t - t0) / tau) instead of T - T0"
+    column = ArtefactExpansionLaw.column
 
     @classmethod
     def candidates(cls, chain):
-        """One, with time where no temperature is recorded."""
+        """One; linear with time and warm-up with time constants where no temperature is recorded."""
         return warming(cls, chain)
+
+    def table(self, chain):
+        """One coefficient of expansion."""
+        unit, size, prior = self.sizes(chain, 1e-5)
+        of_growth = "1" if unit == "1" else f"1/{unit}"
+        return (self.parameter("per_unit", of_growth, size, "the artefact's expansion", prior),)
+
+    def basis(self, state):
+        """(1, 3, n) the nominal point times what it grows by."""
+        return (known(state.target) * self.progress(state))[None]

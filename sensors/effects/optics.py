@@ -6,8 +6,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from sensors.effects.covariates import warming
-from workbench.core.covariates import known, warmth, warmth_sizes
+from sensors.effects.covariates import WarmUpLaw, warming
+from workbench.core.covariates import known
 from workbench.core.effect import Effect, Variant
 
 _STEP = 0.05  # rad, of the difference quotients by the tilt of a window
@@ -99,38 +99,43 @@ def _circle(z, r2, a, b):
     return angular * np.polyval(radial, r2)
 
 
-class CameraThermalDrift(Effect):
-    """Focal length and principal point move with temperature, or with time where none was recorded."""
+class CameraThermalDrift(WarmUpLaw, Effect):
+    """Focal length and principal point move with temperature, or with time where none was recorded.
+
+    With time linearly, or exponentially with a time constant as the camera warms up.
+    """
 
     effect = "camera-thermal-drift"
     port = "pixel"
     places = ("camera",)
-    equation = "du = (c (u - cx) + d) (T - T0), dv likewise"
+    equation = (
+        "du = (c (u - cx) + d) (T - T0), dv likewise; 1 - exp(-(t - t0) / tau) instead of T - T0"
+    )
     source = "first-order warm-up drift of the intrinsics: Handel, ACCV (2007)"
     reads = ("temperature",)
     unrecorded = "temperature"
+    column = "temperature_camera_c"
 
     @classmethod
     def candidates(cls, chain):
-        """One, with time where no temperature is recorded."""
+        """One; linear with time and warm-up with time constants where no temperature is recorded."""
         return warming(cls, chain)
 
     def table(self, chain):
-        unit, size, prior = warmth_sizes(chain.state, 1e-5, self.column)
+        unit, size, prior = self.sizes(chain, 1e-5)
         shift, wide = 1e3 * size, prior and 1e3 * prior
+        of_focal, of_shift = ("1", "px") if unit == "1" else (f"1/{unit}", f"px/{unit}")
         return (
-            self.parameter("focal", f"1/{unit}", size, "the focal length's growth", prior),
-            self.parameter("x", f"px/{unit}", shift, "the principal point's drift in x", wide),
-            self.parameter("y", f"px/{unit}", shift, "the principal point's drift in y", wide),
+            self.parameter("focal", of_focal, size, "the focal length's growth", prior),
+            self.parameter("x", of_shift, shift, "the principal point's drift in x", wide),
+            self.parameter("y", of_shift, shift, "the principal point's drift in y", wide),
         )
 
     def basis(self, state):
         camera = state.camera
         away = known(state.pixels - np.array([[camera.cx], [camera.cy]]))
         aside = np.broadcast_to(np.eye(2)[:, :, None], (2, *away.shape))
-        return np.concatenate([away[None], aside]) * warmth(state, self.column)
-
-    column = "temperature_camera_c"
+        return np.concatenate([away[None], aside]) * self.progress(state)
 
 
 class WindowRefraction(Effect):

@@ -5,21 +5,11 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from sensors.effects.covariates import WarmUpLaw, warm_ups
 from workbench.core.covariates import known
 from workbench.core.effect import Effect, Grid, Variant
 from workbench.core.vocabulary import Covariate
 
-_TIME_CONSTANTS = (
-    30.0,
-    60.0,
-    120.0,
-    300.0,
-    600.0,
-    1800.0,
-)  # s, where the times of the images are not known
-# Of the duration: a shorter warm-up is over within the first images, a longer one is linear. Neighbours differ by a
-# third, so that the nearest one leaves 1 % of the drift.
-_SHORTEST, _LONGEST, _COUNT = 1 / 60, 1.5, 17
 _FINEST = (
     6.0  # frequencies per 2 pi / duration: the phase is then off by at most a quarter of a radian
 )
@@ -27,16 +17,7 @@ _MOST = 3000  # frequencies
 _KNOWN = ("time_s", "sweep", "mirror_speed_deg_s")
 
 
-def _time_constants(times) -> list[float]:
-    """Time constants (s), three digits each, that images at `times` (n,) s can distinguish."""
-    duration = float(np.ptp(times)) if len(times) else 0.0
-    if not duration > 0:
-        return list(_TIME_CONSTANTS)
-    values = duration * np.geomspace(_SHORTEST, _LONGEST, _COUNT)
-    return [float(f"{value:.3g}") for value in values]
-
-
-class LaserDrift(Effect):
+class LaserDrift(WarmUpLaw, Effect):
     """The laser's direction drifts while it warms up: linearly with time, or exponentially with a time constant.
 
     The light plane turns before the mirror, which moves every light plane as a turn of the mirror does.
@@ -46,13 +27,9 @@ class LaserDrift(Effect):
     port = "mirror"
     places = ("laser",)
     needs = ("time_s",)
-    equation = "dphi = A t (in hours), or A (1 - exp(-t / tau))"
+    equation = "dphi = A t (in hours), or A (1 - exp(-(t - t0) / tau))"
     source = "first-order lag of a warm-up; pointing stability of lasers: ISO 11670"
     reads = needs
-
-    def __init__(self, where: str, time_constant_s: Annotated[float, Field(ge=0)] = 0.0):
-        super().__init__(where)
-        self.time_constant_s = time_constant_s
 
     @classmethod
     def candidates(cls, chain):
@@ -61,10 +38,7 @@ class LaserDrift(Effect):
             return
         for where in chain.places("laser"):
             yield Variant(cls(where), "linear with time", 0.5)
-            constants = _time_constants(getattr(chain, "times", ()))
-            for constant in constants:
-                label = f"warm-up, time constant {constant:g} s"
-                yield Variant(cls(where, constant), label, 0.5 / len(constants))
+            yield from warm_ups(cls, where, getattr(chain, "times", ()), 0.5)
 
     def table(self, chain):
         if self.time_constant_s:
@@ -72,10 +46,9 @@ class LaserDrift(Effect):
         return (self.parameter("rate", "rad/h", 1e-4, "the laser's drift"),)
 
     def basis(self, state):
-        time = state.covariate("time_s")
-        if not self.time_constant_s:
-            return (time / 3600.0)[None, None]
-        return (1 - np.exp(-time / self.time_constant_s))[None, None]
+        if self.time_constant_s:
+            return self.progress(state)[None, None]
+        return (state.covariate("time_s") / 3600.0)[None, None]
 
 
 class MirrorVibration(Effect):

@@ -199,6 +199,7 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
         apart.frame,
         stripes.together.named,
         camera_covariance=_camera_covariance(made),
+        rays=apart.rays,
     )
     about_fit = *_on_mirror(checked), *_on_shared(made, centre), *_on_fit(made)
     sentences = *_on_dropped(dropped), *camera.undetermined, *about_fit

@@ -6,6 +6,8 @@ from functools import cached_property
 import numpy as np
 
 from sensors.ball.point_errors import plane_error, stripe_error
+from sensors.ball.shared import Common
+from sensors.scanner.errors import by_rays
 from sensors.scanner.model import Scanner
 from sensors.scanner.motion import Motion, Seen
 from sensors.stripe.bend import Bend, bend_on_ball
@@ -79,6 +81,8 @@ class Cloud:
             covariance = np.zeros((3 * planes.shape[1],) * 2)
         own = stripe_error(self.error, place, self.along)
         shared = plane_error(self.points, planes, place, covariance, own)
+        if self.scanner.rays is not None:
+            shared = replace(shared, common=ray_error(self.scanner, self.points, place))
         if self.scanner.stripe_variance.any():
             shared = shared.with_errors(own, self.scanner.stripe_variance)
         return {"shared": shared, "ordered": True}
@@ -147,3 +151,15 @@ class Cloud:
         return bend_on_ball(
             scanner.camera, centre, radius, self.pixels, planes, scanner.scan, light
         )
+
+
+def ray_error(scanner: Scanner, points: np.ndarray, place: np.ndarray) -> Common:
+    """What points (3, n) mm in the camera frame, on the planes of columns `place` (n,), share through the camera.
+
+    In the frame that fits the scanner's points best; the errors of the planes are correlated with it, since boards that
+    the camera misplaces place the planes.
+    """
+    count = len(scanner.rays)
+    by_plane = scanner.rays[:, count:].reshape(count, -1, 3)
+    moves = by_rays(scanner.camera, points, scanner.planes[:, place])
+    return Common(moves, scanner.rays[:, :count], by_plane)

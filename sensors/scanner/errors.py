@@ -129,11 +129,13 @@ class Apart:
     `planes` (3 S, 3 S) covariance of their tilts (rad) and offsets (mm) in that frame; `frame` (6, 6)
     of the frame itself, mm and rad; `point_mm` what points of the working volume are off by then,
     1 sigma, root of the mean square of the 3-D distance: camera and planes together, without noise.
+    `rays` (V + 6, V + 6 + 3 S): covariance of the camera's V values and of the frame with these and with the planes.
     """
 
     planes: np.ndarray
     frame: np.ndarray
     point_mm: float
+    rays: np.ndarray
 
 
 def apart_from_frame(
@@ -166,7 +168,17 @@ def apart_from_frame(
     laid = -solve_positive(normal, np.tensordot(frame, moves, ((1, 2), (0, 1))))
     moves += np.tensordot(frame, laid, (0, 0))
     left = joint[count:] + plane_moves(planes).transpose(2, 1, 0).reshape(-1, 6) @ laid
-    return Apart(left @ left.T, laid @ laid.T, float(np.sqrt((moves**2).sum() / len(step))))
+    rays = np.concatenate([joint[:count], laid])
+    covariance = rays @ np.concatenate([rays, left]).T
+    point = float(np.sqrt((moves**2).sum() / len(step)))
+    return Apart(left @ left.T, laid @ laid.T, point, covariance)
+
+
+def by_rays(camera: Camera, points: np.ndarray, planes: np.ndarray) -> np.ndarray:
+    """(V + 6, 3, n) mm per unit of the camera's values and of the frame, which turns and shifts the rays of pixels
+    while the planes (4, n) of points (3, n) stay: what `Apart.rays` is the covariance of."""
+    shifted = np.einsum("pkn,kin->pin", plane_moves(planes), by_plane(points, planes))
+    return np.concatenate([by_camera(camera, points, planes), frame_moves(points) - shifted])
 
 
 def laid_over(

@@ -66,6 +66,7 @@ class _Light(_Section):
     sigma_tilt_rad: list[Pair] | None = None
     sigma_offset_mm: list[Finite] | None = None
     covariance: str | None = None
+    rays_covariance: str | None = None
     frame_covariance: (
         Annotated[
             list[Annotated[list[Finite], Field(min_length=6, max_length=6)]],
@@ -203,12 +204,16 @@ def _light_keys(scanner):
     if scanner.covariance is not None:
         std = np.sqrt(np.maximum(np.diag(scanner.covariance), 0)).reshape(-1, 3)
         keys |= {"sigma_tilt_rad": _list(std[:, :2]), "sigma_offset_mm": _list(std[:, 2])}
-        keys["covariance"] = base64.b64encode(
-            np.asarray(scanner.covariance, "<f8").tobytes()
-        ).decode("ascii")
+        keys["covariance"] = _encoded(scanner.covariance)
+    if scanner.rays is not None and np.isfinite(scanner.rays).all():
+        keys["rays_covariance"] = _encoded(scanner.rays)
     if scanner.frame is not None:
         keys["frame_covariance"] = _list(scanner.frame)  # shift mm, turn rad
     return keys
+
+
+def _encoded(values: np.ndarray) -> str:
+    return base64.b64encode(np.asarray(values, "<f8").tobytes()).decode("ascii")
 
 
 def _effect_keys(scanner, effect, values):
@@ -277,6 +282,7 @@ def scanner_of(keys: Mapping, where: str) -> Scanner:
         light.shared_px or {},
         _turntable(file, where),
         covariance_from_keys(file.camera, camera, f"{where}, [camera]"),
+        _rays(light, camera, where),
         trust_from_keys(keys, where),
         trust_from_keys(file.camera, f"{where}, [camera]"),
     )
@@ -340,23 +346,32 @@ def _mirror(file, planes, where):
 
 
 def _covariance(light, where):
-    if light.covariance is None:
-        return None
     size = 3 * len(light.steps)
+    return _decoded(light.covariance, (size, size), f"{where}, key light.covariance")
+
+
+def _rays(light, camera, where):
+    size = len(camera.values) + 6
+    shape = (size, size + 3 * len(light.steps))
+    return _decoded(light.rays_covariance, shape, f"{where}, key light.rays_covariance")
+
+
+def _decoded(text: str | None, shape: tuple[int, int], called: str) -> np.ndarray | None:
+    """Numbers of a shape from base64; None for no text."""
+    if text is None:
+        return None
     try:
-        values = np.frombuffer(base64.b64decode(light.covariance, validate=True), "<f8").astype(
-            float
-        )
+        values = np.frombuffer(base64.b64decode(text, validate=True), "<f8").astype(float)
     except (binascii.Error, ValueError):
         values = np.empty(0)
-    if values.size != size**2 or not np.isfinite(values).all():
+    if values.size != shape[0] * shape[1] or not np.isfinite(values).all():
         raise _wrong(
-            f"{where}, key light.covariance",
-            f"{size} x {size} numbers, base64 of little-endian doubles",
+            called,
+            f"{shape[0]} x {shape[1]} numbers, base64 of little-endian doubles",
             f"{values.size} of them",
             "remove the key or calibrate again",
         )
-    return values.reshape(size, size)
+    return values.reshape(shape)
 
 
 def _frame(light, where):

@@ -35,8 +35,9 @@ class Scanner:
     farthest) depth in mm that was calibrated; `scan` (2,) unit vector of the line in which centres are measured, px;
     `shared_px` 1 sigma (px) by which whole stripes on boards erred, by kind (`sensors.light.together`): it is in the
     covariance. `turntable`: that turns the object, None without one. `camera_covariance` (V, V) of the camera's values,
-    None where unknown. `trust`: verdict of its calibration, and `camera_trust` of that of its camera alone; None where
-    the file of an older version holds none.
+    None where unknown; `rays` (V + 6, V + 6 + 3 S) covariance of these values and of the frame with these and with
+    the planes, None where unknown. `trust`: verdict of its calibration, and `camera_trust` of that of its camera alone;
+    None where the file of an older version holds none.
     """
 
     camera: Camera
@@ -54,6 +55,7 @@ class Scanner:
     shared_px: Mapping[str, float] = field(default_factory=dict)
     turntable: Turntable | None = None
     camera_covariance: np.ndarray | None = None
+    rays: np.ndarray | None = None
     trust: Trust | None = None
     camera_trust: Trust | None = None
 

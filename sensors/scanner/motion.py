@@ -5,25 +5,28 @@ robot moves the sensor, from the axis and the angle of a turntable where the obj
 transforms are small twists: a point p of the frame moves by t + w x p.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from sensors.ball.point_errors import plane_error, stripe_error
-from sensors.ball.shared import Shared
-from sensors.scanner.errors import frame_moves
+from sensors.ball.shared import Common, Shared
+from sensors.camera.model import Camera
+from sensors.scanner.errors import by_rays, frame_moves
 
 
 class LightPlanes(Protocol):
     """What a motion needs of a `sensors.scanner.model.Scanner`; the attributes are described there."""
 
+    camera: Camera
     steps: np.ndarray
     planes: np.ndarray
     scan: np.ndarray
     frame: np.ndarray | None
     covariance: np.ndarray | None
+    rays: np.ndarray | None
 
     def places(self, steps: np.ndarray) -> np.ndarray: ...
 
@@ -37,7 +40,8 @@ class Motion:
     `frame`: name of the frame ("base", "turntable"); `poses` (F, 4, 4), mm. `common` (F, P, 6): twist (mm, rad) of each
     image's points for one unit of each of P errors that all images share, with `common_covariance` (P, P); `own`
     (F, Q, 6) and `own_covariance` (Q, Q): the same of errors that every image has of its own. `is_closed`: the images
-    go all the way round, so that none is at the limit of the scan.
+    go all the way round, so that none is at the limit of the scan. `absorbs_frame`: the transforms were calibrated with
+    the scanner's camera, as that of hand and eye is, and took up the error of its frame.
     """
 
     frame: str
@@ -47,6 +51,7 @@ class Motion:
     own: np.ndarray
     own_covariance: np.ndarray
     is_closed: bool = False
+    absorbs_frame: bool = False
 
     def points(self, local: np.ndarray, image: np.ndarray) -> np.ndarray:
         """(3, n) mm in the frame, of points (3, n) in the camera frame of `image` (n,)."""
@@ -76,9 +81,30 @@ class Motion:
         along = seen.pixels[1 if abs(scanner.scan[0]) >= abs(scanner.scan[1]) else 0]
         stripe = stripe_error(error, label, along)
         shared = Shared(label, derivative, covariance, stripe)
+        if self._holds_sensor(scanner):
+            shared = replace(shared, common=self._sensor_errors(scanner, local, seen, shared))
         if scanner.stripe_variance.any():
             shared = shared.with_errors(stripe, scanner.stripe_variance)
         return shared
+
+    def _holds_sensor(self, scanner: LightPlanes) -> bool:
+        """Whether `own_errors` has those of camera and light planes too."""
+        return self.absorbs_frame and scanner.rays is not None and scanner.covariance is not None
+
+    def _sensor_errors(self, scanner: LightPlanes, local, seen, shared: Shared) -> Common:
+        """Errors of camera and light planes, in the frame that fits the scanner's points best."""
+        place = scanner.places(seen.steps)
+        used = np.unique(place)
+        plane, of_plane = _of_planes(scanner, local, place)
+        rays = by_rays(scanner.camera, local, scanner.planes[:, place])
+        count = len(rays)
+        rows = (count + 3 * used[:, None] + np.arange(3)).ravel()
+        mixed = scanner.rays[:, rows]
+        covariance = np.block([[scanner.rays[:, :count], mixed], [mixed.T, of_plane]])
+        moves = [self.directions(part, seen.image) for part in np.concatenate([rays, plane])]
+        groups = int(shared.labels.max(initial=-1)) + 1
+        none = np.zeros((len(moves), groups, len(shared.derivative)))
+        return Common(np.stack(moves), covariance, none)
 
     def common_of_centre(
         self, points: np.ndarray, image: np.ndarray, outward: np.ndarray
@@ -92,7 +118,8 @@ class Motion:
     def centre_covariance(
         self, scanner: LightPlanes, local: np.ndarray, seen: "Seen", outward: np.ndarray
     ) -> np.ndarray:
-        """(3, 3) mm^2 of a ball's centre from errors that all images share: light planes, camera frame, and motion.
+        """(3, 3) mm^2 of a ball's centre from errors that all images share, beyond those of `own_errors`: of the motion
+        and, where the motion does not absorb the frame, of light planes and camera frame.
 
         local (3, n) mm in the camera frame; outward (3, n) unit normals in the frame. A ball of known radius whose
         points move by d has its centre moved by the least-squares solution of n.c = n.d.
@@ -102,11 +129,13 @@ class Motion:
 
     def _systematic(self, scanner: LightPlanes, local, seen) -> tuple[np.ndarray, np.ndarray]:
         """Derivative (K, 3, n) of the points by K errors that all images share, and their covariance (K, K)."""
+        common = _moved(self.common[seen.image], self.points(local, seen.image))
+        if self._holds_sensor(scanner):
+            return common, self.common_covariance
         plane, of_plane = _of_planes(scanner, local, scanner.places(seen.steps))
         frame = np.zeros((6, 6)) if scanner.frame is None else scanner.frame
         camera = np.concatenate([plane, frame_moves(local)])
         turned = np.stack([self.directions(part, seen.image) for part in camera])
-        common = _moved(self.common[seen.image], self.points(local, seen.image))
         covariance = block_diag(of_plane, frame, self.common_covariance)
         return np.concatenate([turned, common]), covariance
 

@@ -42,6 +42,7 @@ def with_unseen_steps(
         angles=every,
         covariance=apart.planes,
         frame=apart.frame,
+        rays=apart.rays,
     )
     return made, tuple(kept)
 

@@ -292,13 +292,17 @@ def _what(term: Term, tip: str, unit: str) -> str:
         depends = (
             listed([covariate(name) for name in found.depends_on]) or "nothing that was recorded"
         )
-        text = f"{place(found.where).capitalize()} errs with {depends}, by a law that no effect of the catalogue has"
+        text = (
+            f"{place(found.where).capitalize()} errs with {depends}, by a law that no tested effect of the catalogue "
+            "describes as well"
+        )
         return f"{text}{': ' + size if size else ''}."
     said = law(
         found.effect, found.where, found.label, type(found.effects[0]) if found.effects else None
     )
     numbers = figures(term.parameters) if term.parameters else ""
-    by_time = any(row["unit"].endswith("/h") for row in term.parameters)
+    warms_up = any(getattr(one, "time_constant_s", 0) for one in found.effects)
+    by_time = warms_up or any(row["unit"].endswith("/h") for row in term.parameters)
     said = said.replace(
         _EITHER, "with time (no temperature was recorded)" if by_time else "with temperature"
     )

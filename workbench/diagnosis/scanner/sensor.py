@@ -273,7 +273,8 @@ def _kind(chains: Chains) -> Kind:
     mirror = chains.board_stripes is not None and chains.board_stripes.mirror is not None
     light = tuple(chains.board_stripes.mirror.point.tolist()) if mirror else None
     balls = () if chains.balls is None else tuple(sorted(set(chains.balls.number.tolist())))
-    times = () if chains.board_stripes is None else _laser_column(chains, "time_s")
+    has_stripes = chains.board_stripes is not None
+    times = _laser_column(chains, "time_s") if has_stripes else _times(chains.corners)
     lines = tuple(tuple(np.unique(np.round(row, 6)).tolist()) for row in chains.corners.points[:2])
     return Kind(
         chains.board_stripes is not None,
@@ -285,6 +286,11 @@ def _kind(chains: Chains) -> Kind:
         times=tuple(np.unique(times).tolist()),
         board_lines=lines,
     )
+
+
+def _times(corners) -> np.ndarray:
+    """(n,) s when corners were seen; empty where that is not recorded."""
+    return np.asarray(corners.covariates.get("time_s", ()), float)
 
 
 def _laser_column(chains: Chains, name: str) -> np.ndarray:

@@ -176,4 +176,4 @@ def moved_by_robot(flange: np.ndarray, known: KnownHandEye) -> Motion:
     own = np.zeros((len(flange), 3, 6))
     own[:, :, :3] = np.eye(3)
     variance = max(known.position_mm, _LEAST_MM) ** 2 * np.eye(3)
-    return Motion(FRAME, poses, common, known.covariance, own, variance)
+    return Motion(FRAME, poses, common, known.covariance, own, variance, absorbs_frame=True)
