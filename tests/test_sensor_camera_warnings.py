@@ -5,7 +5,10 @@ import pytest
 
 from sensors.boards.board import Board
 from sensors.camera.calibration import calibrate_camera
+from sensors.camera.displaced_lines import displaced_lines
 from sensors.camera.model import Camera
+from sensors.camera.random_effects import Reduced
+from sensors.camera.shared_effects import BoardLine
 from test_sensor_camera_doubts import seen_by
 from workbench.fitting.verdicts.sensor_verdict import camera_warnings
 
@@ -34,6 +37,27 @@ def test_a_misprinted_row_of_the_board_is_named(seed):
     displaced[1, row] += 0.04
     (said,) = warned(seed, displaced)
     assert "rows or columns of the board are not where they are said to be" in said
+    assert "row 3 of its points (y = 10 mm) by 0.0" in said and " mm in x and 0.0" in said
+
+
+def test_displaced_lines_have_their_size_and_are_silent_where_no_line_is_displaced():
+    """Six points on two rows: size and standard uncertainty are those of least squares."""
+    random, design = np.random.default_rng(3), np.random.default_rng(4).normal(size=(400, 14))
+    rows = [BoardLine(1, k + 1, 5.0 * k, np.arange(3) + [[3 * k], [6 + 3 * k]]) for k in (0, 1)]
+    effect, other = np.zeros(14), np.zeros(14)
+    effect[[9, 10, 11]] = 0.3  # the points of the second row in y: of the model less the image
+    other[13] = 0.5  # another effect, of no line
+    for truth in (effect, other):
+        residual = design @ truth + random.normal(0, 0.1, 400)
+        gram, pull = design.T @ design, design.T @ residual
+        data = Reduced(gram, pull, residual @ residual, 400, np.zeros(14, int), 1)
+        found = displaced_lines(data, rows, 0.01)
+        if truth is other:
+            assert found == ()
+            continue
+        (line,) = found
+        assert line.line is rows[1] and abs(line.shift[1] + 0.3) < 4 * line.std[1] < 0.03
+        assert abs(line.shift[0]) < 4 * line.std[0]
 
 
 @pytest.mark.parametrize("seed", [1, 2])

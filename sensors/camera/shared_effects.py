@@ -13,16 +13,29 @@ _SAME = 1e-6  # of the size of the board: two coordinates on one line
 
 
 @dataclass(frozen=True)
+class BoardLine:
+    """A row (`axis` 1) or column (`axis` 0) of the board's points at `at_mm`, the `number`-th from 1 in the order of
+    that coordinate; `members` (2, m) numbers of the effects that displace its points in x and in y."""
+
+    axis: int
+    number: int
+    at_mm: float
+    members: np.ndarray
+
+
+@dataclass(frozen=True)
 class SharedEffects:
     """Sparse derivative of n corners by q effects.
 
-    `rows` (2 n, q), CSR, px per unit: u of all corners, then v; `component` (q,) index into `names`.
+    `rows` (2 n, q), CSR, px per unit: u of all corners, then v; `component` (q,) index into `names`; `lines`
+    of the board.
     """
 
     rows: object
     component: np.ndarray
     names: tuple[str, ...]
     units: tuple[str, ...]
+    lines: tuple[BoardLine, ...] = ()
 
 
 def shared_effects(
@@ -51,7 +64,8 @@ def shared_effects(
     units += [UNITS[3]] * (len(_LENS_NODES) - 1)
     parts = [_stacked(field, rows) for _, field, rows in blocks]
     component = np.concatenate([np.full(one.shape[1], k) for (k, _, _), one in zip(blocks, parts)])
-    return SharedEffects(csr_matrix(hstack(parts)), component, tuple(names), tuple(units))
+    lines = tuple(_board_lines(points, int((component == 0).sum())))
+    return SharedEffects(csr_matrix(hstack(parts)), component, tuple(names), tuple(units), lines)
 
 
 def _beyond_bow(field, points):
@@ -73,13 +87,27 @@ def _stacked(field, rows):
 
 
 def _lines(points, by_point):
-    """One displacement across each line; none where hardly two points share a coordinate."""
-    made = []
-    for axis in (0, 1):
+    """One displacement across each line."""
+    return [(0, _indicator(_labels(points[axis])), by_point[axis]) for axis in _line_axes(points)]
+
+
+def _line_axes(points):
+    """Axes along which lines are counted: not where hardly two points share a coordinate."""
+    count = np.unique(_point_labels(points)).size
+    return [axis for axis in (0, 1) if 1 < _labels(points[axis]).max() + 1 <= count / 2]
+
+
+def _board_lines(points, first):
+    """The lines, with the effects of their points, of which those in x begin at number `first` and those in y next."""
+    point = _point_labels(points)
+    count = int(point.max()) + 1
+    for axis in _line_axes(points):
         label = _labels(points[axis])
-        if 1 < label.max() + 1 <= np.unique(_point_labels(points)).size / 2:
-            made.append((0, _indicator(label), by_point[axis]))
-    return made
+        for number in range(int(label.max()) + 1):
+            mine = label == number
+            members = first + np.unique(point[mine])
+            at = float(points[axis][mine].mean())
+            yield BoardLine(axis, number + 1, at, np.stack([members, members + count]))
 
 
 def _points(points, by_point):

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sensors.camera.displaced_lines import DisplacedLine, displaced_lines
 from sensors.camera.random_effects import Reduced, Variances, restricted_variances
 from sensors.camera.shared_effects import SharedEffects
 from workbench.core.least_squares.linear_algebra import solve_positive
@@ -46,12 +47,14 @@ class CornerRows:
 @dataclass(frozen=True)
 class SharedErrors:
     """`noise` standard deviation of the independent errors, in that of the rows; `effects` (name, 1 sigma, unit, RMS
-    displacement) by component; `variances` (q,) of the effects; `p_value` of independent errors alone."""
+    displacement) by component; `variances` (q,) of the effects; `p_value` of independent errors alone; `lines` of the
+    board that explain most of the errors, where few do."""
 
     noise: float
     effects: tuple[tuple[str, float, str, float], ...]
     variances: np.ndarray
     p_value: float
+    lines: tuple[DisplacedLine, ...] = ()
 
     @property
     def significant(self) -> bool:
@@ -64,14 +67,14 @@ class SharedErrors:
 
     @property
     def names(self) -> str:
-        """The largest components with their standard deviations."""
+        """The largest components with their standard deviations, and lines of the board that are displaced."""
         most = self.largest
         large = {}
         for name, sigma, unit, size in self.effects:
             if size > _LARGE * most:
                 large[name] = np.hypot(large.get(name, (0.0, unit))[0], sigma), unit
-        words = (f"{name} {value:.2g} {unit}" for name, (value, unit) in large.items())
-        return ", ".join(words)
+        words = [f"{name} {value:.2g} {unit}" for name, (value, unit) in large.items()]
+        return ", ".join(words + [line.sentence for line in self.lines])
 
     def covariance(self, influence: np.ndarray) -> np.ndarray:
         """(F, F) of estimates that the effects change by `influence` (F, q)."""
@@ -80,13 +83,14 @@ class SharedErrors:
 
 def shared_errors(rows: CornerRows, precision: np.ndarray) -> SharedErrors:
     """Variance components; precision (F,): of the priors of `rows.shared`, 0 without."""
-    variances = restricted_variances(_reduced(rows, precision))
-    effects = rows.effects
+    reduced, effects = _reduced(rows, precision), rows.effects
+    variances = restricted_variances(reduced)
     return SharedErrors(
         float(np.sqrt(variances.noise)),
         tuple(_sizes(effects, variances)),
         variances.effects[effects.component],
         variances.p_value,
+        displaced_lines(reduced, effects.lines, variances.noise),
     )
 
 

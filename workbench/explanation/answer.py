@@ -10,7 +10,7 @@ import numpy as np
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.errors import InputError
 from workbench.diagnosis.levels import MISSING, MOVES
-from workbench.diagnosis.linear.problem import Bench, Finding, Found
+from workbench.diagnosis.linear.problem import Alternative, Bench, Finding, Found
 from workbench.diagnosis.noise.random_effects import find_random_effect, unrecorded
 from workbench.diagnosis.robot.bench import RobotBench, bench_of
 from workbench.diagnosis.search.select import find, found_terms
@@ -403,9 +403,19 @@ def _somewhere(found: Found, terms, refused, problem) -> tuple[Term, ...]:
         at.size,
         0.0,
         at.depends_on,
-        unrecorded(problem, at),
+        (*_refused_there(refused, at), *unrecorded(problem, at)),
     )
     return (Term(unknown, share=at.share, remainder=bool(terms)),)
+
+
+def _refused_there(refused, at) -> tuple[Alternative, ...]:
+    """Named effects of the first search at a place that cross-validation refused, the most probable first."""
+    named = [term.finding for term in refused if term.finding.effects]
+    there = [one for one in named if one.where == at.where and one.p_value < _PLACED]
+    return tuple(
+        Alternative(one.effect, one.where, one.label, one.probability, 1.0, words.UNCONFIRMED)
+        for one in sorted(there, key=lambda one: -one.probability)
+    )
 
 
 def _of_refused(found: Found, refused, remainder: bool) -> Finding:

@@ -118,7 +118,12 @@ def random_focal_error(bench, terms: Sequence[Term]) -> str:
     found = focal_scatter(at_solution(chains, fit).corners, fit, on_corners)
     if found is None or not found.significant:
         return ""
-    return f"{found.sentence[0].upper()}{found.sentence[1:]}."
+    other = (
+        ""
+        if any(effect.effect == "lens-residual" for effect in effects)
+        else "; or the lens is not of the model fitted, which looks alike where boards fill only a part of the image"
+    )
+    return f"{found.sentence[0].upper()}{found.sentence[1:]}{other}."
 
 
 def _distance_error(

@@ -66,6 +66,7 @@ NOT_LOCATED = "not located: no smooth function of one or two covariates at any p
 _MASSES = "_mass_"  # in the name of a law's number for a first moment
 _PART = "A part of the machine"  # in the sentence of an effect that may sit anywhere
 _OF_DATA = ("outliers", NoiseLaw.effect, "encoder-quantisation", ReadingLattice.effect)
+UNCONFIRMED = "found in the first search, not confirmed by cross-validation"
 _EITHER = "with temperature, or with time where none was recorded"
 
 
@@ -270,13 +271,13 @@ def _what(term: Term, tip: str, unit: str) -> str:
         depends = listed([covariate(name) for name in found.depends_on])
         if term.remainder:
             return (
-                f"Much is left that nothing in the catalogue makes: a function of {depends} at "
-                f"{place(found.where)} makes {100 * term.share:.0f} % of it."
+                f"Much is left that no retained effect makes: a function of {depends} at "
+                f"{place(found.where)} makes {100 * term.share:.0f} % of it.{_unconfirmed(found)}"
             )
         return (
             f"There is structure that these data show and do not explain: a function of {depends} at "
             f"{place(found.where)} makes {100 * term.share:.0f} % of the mismatch, and yet nothing that was fitted "
-            "to some of the poses predicts the others. No more is claimed."
+            f"to some of the poses predicts the others.{_unconfirmed(found) or ' No more is claimed.'}"
         )
     if found.effect == "stated-noise":
         return _of_stated_noise(term)
@@ -307,6 +308,18 @@ def _what(term: Term, tip: str, unit: str) -> str:
         _EITHER, "with time (no temperature was recorded)" if by_time else "with temperature"
     )
     return f"{said}: {', '.join(filter(None, (numbers, size)))}." if numbers or size else f"{said}."
+
+
+def _unconfirmed(found: Finding) -> str:
+    """The most probable effect at the place of an unknown, if it was found there and not retained; else ""."""
+    for one in found.alternatives:
+        if one.why == UNCONFIRMED:
+            label = f" ({one.label})" if one.label else ""
+            return (
+                f" The most probable cause there is {one.effect}{label}, probability {one.probability:.2f} in the "
+                "first search; cross-validation did not confirm it, so it is not corrected."
+            )
+    return ""
 
 
 def _of_jitter(term: Term) -> str:
@@ -382,11 +395,10 @@ def _proved(term: Term, unit: str) -> str:
 
 def _doubt(found: Finding) -> str:
     """What else would do as well."""
-    if not found.alternatives or found.probability >= 0.95:
+    others = [one for one in found.alternatives if one.why != UNCONFIRMED]
+    if not others or found.probability >= 0.95:
         return ""
-    likely = [
-        one for one in found.alternatives if one.probability >= NOTABLE
-    ] or found.alternatives[:1]
+    likely = [one for one in others if one.probability >= NOTABLE] or others[:1]
     texts = [f"this ({found.probability:.2f})", *(_other(one) for one in likely[:_MOST])]
     more = len(likely) - _MOST
     rest = f", or one of {more} less likely ones" if more > 0 else ""
