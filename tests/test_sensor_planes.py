@@ -6,7 +6,7 @@ import pytest
 from plane_scenes import CAMERA, HALF_DIAGONAL, MIDDLE, bow, mirror, simulated_scanner
 from sensors.camera.model import Camera
 from sensors.light.board_chain import BoardStripeChain
-from sensors.light.mirror import NAMES, MovedMirror, start_mirror
+from sensors.light.mirror import NAMES, MovedMirror, on_one_branch, start_mirror
 from sensors.light.planes import in_tilts, moved, moved_rows, plane_through
 from workbench.core.errors import InputError
 
@@ -183,6 +183,16 @@ def test_the_start_of_a_mirror_makes_its_planes_and_finds_unknown_steps():
         made = found.planes(commanded * gain if by_step else commanded)
         assert abs(made - planes).max() < 1e-9
         assert gain == pytest.approx((0.17 / 29) if by_step else 1.0, rel=1e-9)
+
+
+def test_commanded_angles_on_two_branches_are_brought_to_one():
+    """A quarter turn leaves the planes; angles of the light, twice those of the mirror, span as much and stay."""
+    angles = np.linspace(-0.6, 0.2, 12)
+    planes = mirror().planes(angles)
+    branches = angles + np.where(np.arange(12) < 4, np.pi / 2, 0.0)
+    assert on_one_branch(planes, branches) == pytest.approx(angles, abs=1e-12)
+    assert np.array_equal(on_one_branch(planes, angles), angles)
+    assert np.array_equal(on_one_branch(planes, 2 * angles), 2 * angles)
 
 
 @pytest.mark.parametrize("by_step", [False, True])

@@ -177,6 +177,10 @@ class MovedMirror:
         return rows
 
 
+_QUARTER = np.pi / 2  # rad
+_BETTER = 0.5  # of the misfit: noise of planes alone does not decide
+
+
 def start_mirror(
     planes: np.ndarray, commanded: np.ndarray, by_step: bool = False, incidence: float = np.pi / 4
 ):
@@ -199,6 +203,25 @@ def start_mirror(
     ]
     scale = float(np.median(np.abs(planes[3])))
     return min(found, key=lambda one: _misfit(one, planes, commanded, by_step, scale))
+
+
+def on_one_branch(planes: np.ndarray, commanded: np.ndarray) -> np.ndarray:
+    """Commanded angles (S,) rad less whole quarter turns, where only then planes (4, S) are those of one mirror.
+
+    A mirror that is turned by 90 deg sends the light into the same plane through its axis, so that angles on two
+    branches may belong to neighbouring planes.
+    """
+    if np.ptp(commanded) < _QUARTER / 2:
+        return commanded
+    middle = np.angle(np.exp(4j * commanded).mean()) / 4
+    middle += _QUARTER * np.round((np.median(commanded) - middle) / _QUARTER)
+    wrapped = commanded - _QUARTER * np.round((commanded - middle) / _QUARTER)
+    scale = float(np.median(np.abs(planes[3])))
+    raw, near = (
+        _misfit(start_mirror(planes, angles, True), planes, angles, True, scale)
+        for angles in (commanded, wrapped)
+    )
+    return wrapped if near < _BETTER * raw else commanded
 
 
 def _misfit(found, planes, commanded, by_step: bool, scale: float) -> float:

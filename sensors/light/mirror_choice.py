@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtrc
 
-from sensors.light.mirror import NAMES, Mirror, start_mirror
+from sensors.light.mirror import NAMES, Mirror, on_one_branch, start_mirror
 from sensors.light.planes import plane_variance
 from sensors.scanner.adjustment import Adjustment, fresh_start, solve_once
 from sensors.scanner.errors import field_points, laid_over
@@ -93,6 +93,7 @@ def try_mirror(
     commanded: (S,) rad, or numbers of the steps where by_step; at least `FEWEST`. effects: also those of the mirror.
     """
     known = _well_known(free, volume)
+    commanded, branches = _on_one_branch(free, commanded, by_step)
     start, gain = start_mirror(free.board_stripes.planes[:, known], commanded[known], by_step)
     said = _odd_gain(gain, by_step)
     if said:  # what was commanded is no angle of the mirror: only its steps count
@@ -110,7 +111,21 @@ def try_mirror(
         made = solve_once(free.corners, made.board_stripes, effects, made.parameters, names)
     if by_step:
         gain = gain * made.board_stripes.angles[-1] / angles[-1] if angles[-1] else gain
-    return made, _compared(free, made, gain, volume, (*said, *tied))
+    return made, _compared(free, made, gain, volume, (*branches, *said, *tied))
+
+
+def _on_one_branch(free: Adjustment, commanded, by_step: bool):
+    """The commanded angles on one branch, and sentences on those that were on another."""
+    if by_step:
+        return commanded, []
+    angles = on_one_branch(free.board_stripes.planes, commanded)
+    moved = int((angles != commanded).sum())
+    if not moved:
+        return commanded, []
+    return angles, [
+        f"mirror_deg of {moved} of {len(angles)} steps is on another branch: a mirror that is turned by 90 deg sends "
+        "the light into the same plane; whole quarter turns are taken off"
+    ]
 
 
 def _well_known(free: Adjustment, volume) -> np.ndarray:

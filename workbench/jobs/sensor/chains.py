@@ -19,7 +19,7 @@ from sensors.light.ball_stripes import Balls
 from sensors.light.board_chain import BoardStripeChain
 from sensors.light.board_stripes import thinned
 from sensors.light.grouping import groups
-from sensors.light.mirror import NAMES, MovedMirror, start_mirror
+from sensors.light.mirror import NAMES, MovedMirror, on_one_branch, start_mirror
 from sensors.light.mirror_choice import FEWEST
 from sensors.light.planes import moved
 from sensors.scanner.calibration import calibrate_scanner
@@ -127,6 +127,7 @@ def with_mirror(
     count = np.bincount(board_stripes.labels["step"], minlength=board_stripes.planes.shape[1])
     well = count >= np.median(count) / 2
     well = well if well.sum() >= FEWEST else np.ones_like(well)
+    commanded = on_one_branch(board_stripes.planes, commanded)
     mirror, gain = start_mirror(board_stripes.planes[:, well], commanded[well])
     angles, odd = commanded, abs(gain - 1) > _ODD
     if odd:
