@@ -9,6 +9,7 @@ from robot_model.mjcf import unread
 from robot_model.state import State
 from robot_model.statics import STANDARD_GRAVITY
 from workbench.core.errors import InputError
+from workbench.explanation.reference import reference_of
 
 ARM = """<mujoco model="arm">
   <compiler angle="radian" meshdir="assets"/>
@@ -110,6 +111,16 @@ def _torques(robot, readings) -> np.ndarray:
     still = np.zeros(n), np.zeros(3), blank, np.ones(n, int), blank
     state = State(robot, robot.mixing @ readings.T, {}, robot.gravity, *still)
     return state.torque * 9.81 / STANDARD_GRAVITY
+
+
+def test_a_simulation_takes_tip_and_joints_of_the_recording_where_it_has_them(scene, tmp_path):
+    """A gripper whose fingers end alike has no last link of its own."""
+    fingers = ARM.replace('<site name="tcp" pos="0 0 0.1"/>', "")
+    (tmp_path / "parts" / "arm.xml").write_text(fingers)
+    with pytest.raises(InputError, match="left, right; choose one of them as tip"):
+        reference_of(scene, None, {"tip": "elsewhere"})
+    found = reference_of(scene, None, {"tip": "hand", "joints": ["joint1", "joint2"]})
+    assert found.robot.joints == 2 and found.robot_keys["tip"] == "hand"
 
 
 def test_springs_of_a_class_are_said(scene):

@@ -83,7 +83,7 @@ def diagnose(
     say = _Reporter(progress, first)
     if recording.measures in IMAGES:
         return _of_sensor(recording, simulation or solution, say)
-    reference = references.reference_of(simulation, solution)
+    reference = references.reference_of(simulation, solution, recording.robot)
     say("the baseline")
     bench = bench_of(recording, baseline, trust_data)
     shares = None

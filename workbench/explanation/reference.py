@@ -5,7 +5,7 @@ What a simulation and a recording differ by is, first, parameter values that are
 third, structure that no value of those parameters makes. Only the third is missing physics.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from robot_model.loading import DESCRIPTIONS
 from robot_model.measurements import samples_of
 from robot_model.mjcf import is_mjcf, terms_of, unread
 from robot_model.system import bind, geometry_free
+from robot_model.urdf import tree_of
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.least_squares.solver import solve
@@ -77,15 +78,20 @@ class Shares:
         }
 
 
-def reference_of(simulation: Path | None, solution: Path | None) -> Reference | None:
-    """The scene or the solution that was named; None where neither was. InputError for both, or an unreadable one."""
+def reference_of(
+    simulation: Path | None, solution: Path | None, robot: object = None
+) -> Reference | None:
+    """The scene or the solution that was named; None where neither was. InputError for both, or an unreadable one.
+
+    robot: that of the recording, as in its file; `tip` and `joints` that it names count for a URDF or MJCF file, too.
+    """
     if simulation is not None and solution is not None:
         raise InputError(
             "--simulation and --solution: expected one of them, found both; leave out the one that the recording is "
             "not to be compared with."
         )
     if simulation is not None and Path(simulation).suffix.lower() in DESCRIPTIONS:
-        return _from_description(Path(simulation))
+        return _from_description(Path(simulation), robot if isinstance(robot, Mapping) else {})
     if simulation is not None:
         truth = truth_of(Path(simulation))
         robot, parameters = truth.model.chain.robot, truth.parameters
@@ -102,9 +108,17 @@ def reference_of(simulation: Path | None, solution: Path | None) -> Reference | 
     return Reference(f"solution {solution}", arm.robot, arm.effects, arm.values, keys)
 
 
-def _from_description(path: Path) -> Reference:
-    """A URDF or MJCF file: its nominal arm, and the terms of an exported one."""
+def _from_description(path: Path, named: Mapping) -> Reference:
+    """A URDF or MJCF file: its nominal arm, and the terms of an exported one.
+
+    named: `tip` and `joints` that count where the file has such links and joints.
+    """
     keys = {"urdf": str(path.resolve())}
+    tree = tree_of(keys, str(path))
+    if named.get("tip") in tree.links:
+        keys["tip"] = named["tip"]
+    if named.get("joints") and set(named["joints"]) <= set(tree.joints):
+        keys["joints"] = list(named["joints"])
     robot = load_robot(keys, str(path))
     held, notes = {}, ()
     if is_mjcf(path):
