@@ -192,8 +192,11 @@ def _layout_with(lines: Sequence[str], separator: str) -> tuple[Layout, float] |
 
 
 def _count_of_numbers(cell: str) -> int:
-    """1 for a number, the length of a list in brackets, 0 for anything else."""
-    return 1 if is_number_text(cell) else len(list_in(cell))
+    """1 for a number, the length of a list in brackets, 0 for anything else.
+
+    A number with spaces between its thousands counts as often as spaces divide it, so that spaces explain no more.
+    """
+    return len(cell.split()) if is_number_text(cell) else len(list_in(cell))
 
 
 def split_cells(line: str, separator: str) -> list[str]:
