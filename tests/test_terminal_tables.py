@@ -48,3 +48,12 @@ def test_a_word_that_is_too_long_keeps_the_table_wide():
         30, ["name", "file"], [["a", 1.5], ["a-name-of-more-than-thirty-characters", 2.5]]
     )
     assert "a-name-of-more-than-thirty-characters" in text and "2.5" in text
+
+
+@pytest.mark.parametrize("missing", [0, 1])
+def test_a_table_that_just_fits_keeps_its_headings(missing):
+    """Three columns of 60, 8 and 8 characters and two gaps of 2 are 80 wide."""
+    rows = [["x" * (60 + missing), 0.009899, 0.01197], ["y", 0.05, 0.06]]
+    lines = printed(80, ["", "fit", "held out"], rows, 1).splitlines()
+    assert ("held out" in lines[1]) == (missing == 0)
+    assert lines[1 if missing == 0 else 2].endswith("out")

@@ -124,7 +124,7 @@ def grid(console, title: str, head: Sequence[str], rows: Sequence[Sequence], lef
         )
     for row in rows:
         table.add_row(*(escape(number(cell)) for cell in row))
-    wide = console.options.update(width=max(sum(widths) + _GAP * len(widths), console.width))
+    wide = console.options.update(width=max(sum(widths) + _GAP * (len(widths) - 1), console.width))
     for line in console.render_lines(
         table, wide, pad=False
     ):  # print() has no more than the terminal's width
@@ -140,10 +140,10 @@ def _column_widths(head, rows: Sequence[Sequence], texts: Sequence[bool], most: 
     texts: which columns are text. The others are wide enough for their longest cell, and for each word of the heading.
     """
     full = [max(len(name), _longest(rows, index), 1) for index, name in enumerate(head)]
-    if sum(full) + _GAP * len(full) <= most:
+    if sum(full) + _GAP * (len(full) - 1) <= most:
         return full
     least = [_least_width(head[k], rows, k, texts[k]) for k in range(len(head))]
-    spare = max(most - sum(least) - _GAP * len(least), 0)
+    spare = max(most - sum(least) - _GAP * (len(least) - 1), 0)
     wanted = [wide - narrow for wide, narrow in zip(full, least)]
     for k in sorted(range(len(head)), key=lambda k: (not texts[k], wanted[k])):
         given = min(wanted[k], spare)

@@ -29,8 +29,8 @@ FROM_PROFILES = "from each profile alone, without the robot"
 _WEAK_FOCAL = 0.05
 # Redundancy of P poses is 6 P - 12: below 8 poses the estimated errors of flange poses are uncertain by over 12 %.
 _FEW_POSES = 8
-# share of the position error below which a rotation error, at a lever of 200 mm, explains nothing
-_NEGLIGIBLE = 0.01
+# share of the position error below which a rotation error, at a lever of 200 mm, adds less than 0.1 % to its variance
+_NEGLIGIBLE = 0.03
 _REDUCE = "To reduce it, calibrate the arm, warm it up, and approach all poses from the same side."
 _TURN = "turn the flange about a second axis, by 20 deg or more"
 _TILT = "tilt the board against the camera by 20 to 45 deg"
@@ -170,7 +170,7 @@ def rotation_error_words(place: float, turn: float) -> str:
 
 
 def is_rotation_seen(place: float, turn: float) -> bool:
-    """Whether a rotation error (deg) displaces a point 200 mm away by more than a hundredth of `place` (mm)."""
+    """Whether a rotation error (deg) displaces a point 200 mm away by more than 3 % of `place` (mm)."""
     return LEVER_MM * math.radians(turn) > _NEGLIGIBLE * place
 
 
