@@ -31,6 +31,7 @@ _WIDEST = 3.0  # typical sizes: what a term may be, 1 sigma
 _GRID = 4096
 _LEFT = 0.05  # share of a curve's variance below which further cycles are not stated
 _MOST_PER_MOTOR = 4  # cycles per revolution of a motor that gears and encoders make
+_REPEATS = 2  # periods on the visited angles from which on a sinusoid repeats
 _OVERSAMPLING = 8  # candidate orders per cycle over the domain
 
 
@@ -155,6 +156,22 @@ def dominant_cycles(
     """
     error = effect.curve(coefficients, _grid(effect))
     return _cycles(effect, error, count, gear_ratio)
+
+
+def periodic_share(effect: JointCurve, coefficients: np.ndarray, cycles: list[Cycle]) -> float:
+    """Share (0-1) of a curve's variance that is made by those of its cycles that repeat on its domain.
+
+    Any curve has a spectrum. A sinusoid with less than two periods on the domain describes a bend, and no period.
+    """
+    error, angle = effect.curve(coefficients, _grid(effect)), _grid(effect)
+    least = 2 * np.pi * _REPEATS / float(np.ptp(angle))
+    columns = [np.ones(_GRID)]
+    for cycle in cycles:
+        if cycle.order >= least:
+            columns += [np.cos(cycle.order * angle), np.sin(cycle.order * angle)]
+    made = np.stack(columns, 1)
+    left = error - made @ np.linalg.lstsq(made, error, rcond=None)[0]
+    return float(np.clip(1 - left.var() / max(error.var(), 1e-300), 0.0, 1.0))
 
 
 def _grid(effect: JointCurve) -> np.ndarray:
@@ -299,5 +316,6 @@ __all__ = [
     "curve_options",
     "describe_curves",
     "dominant_cycles",
+    "periodic_share",
     "resolved_terms",
 ]

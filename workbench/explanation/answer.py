@@ -421,6 +421,16 @@ def _refused_there(refused, at) -> tuple[Alternative, ...]:
 def _of_refused(found: Found, refused, remainder: bool) -> Finding:
     """The unknown of structure that no smooth function locates: at the place of the strongest refused term."""
     p = found.p_remainder if remainder else found.p_first
+    likely = _likely(refused)
+    where = likely[0].where if likely else "samples"
+    return Finding("unknown", where, words.NOT_LOCATED, (), p, 0.0, 0.0, 0.0, (), likely)
+
+
+def _likely(refused) -> tuple[Alternative, ...]:
+    """What an unknown most likely is: the strongest of the significant terms that were refused; () where none is."""
     named = [term.finding for term in refused if term.finding.p_value < _PLACED]
-    where = max(named, key=lambda one: one.gain).where if named else "samples"
-    return Finding("unknown", where, words.NOT_LOCATED, (), p, 0.0, 0.0, 0.0)
+    if not named:
+        return ()
+    one = max(named, key=lambda one: one.gain)
+    about = (one.effect, one.where, one.label, one.probability, 1.0)
+    return (Alternative(*about, words.UNCONFIRMED),)

@@ -1,7 +1,7 @@
 """What a diagnosis hands on: findings that have been proved, what was refused, and the JSON of the contract."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
@@ -197,14 +197,33 @@ def _effect(term: Term, unit: str) -> dict:
         "parameters": [dict(row) for row in term.parameters],
         "depends_on": list(found.depends_on),
         "options": options_of(found.effects),
+        "instant": asdict(found.instant) if found.instant else None,
+        "spectrum": _spectrum(term),
         f"size_{unit}": term.size,
         "t": term.t,
         "t_searched_anew": term.t_nested,
         f"held_out_gain_{unit}": term.gain,
-        "found_again": {"folds": term.again, "of": term.chances},
+        "reselected": {"folds": term.again, "of": term.chances},
+        "found_again": {"folds": term.again, "of": term.chances},  # the same, by its older name
         "controls": [_control(one) for one in term.controls],
         "alarms": list(found.alarms),
         "statement": term.statement,
+    }
+
+
+def _spectrum(term: Term) -> dict | None:
+    """Cycles of a joint's error curve, largest first, and the share of the curve that repeats; None of all others."""
+    row = next((row for row in term.parameters if "cycles" in row), None)
+    if row is None:
+        return None
+    per = "revolution" if row["unit"] == "rad" else "mm"
+    names = ("order", "amplitude", "per_motor_revolution")
+    return {
+        "order_unit": f"cycles per {per}",
+        "amplitude_unit": row["unit"],
+        "cycles": [dict(zip(names, cycle)) for cycle in row["cycles"]],
+        "periodic_share": row["periodic_share"],
+        "curve_rms": row["curve_rms"],
     }
 
 

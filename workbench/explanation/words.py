@@ -15,7 +15,7 @@ from workbench.core.common_effects import NoiseLaw
 from workbench.core.least_squares.adjustment_tests import p_text
 from workbench.core.text.uncertain import with_std
 from workbench.core.vocabulary import Covariate, Place
-from workbench.diagnosis.levels import NOTABLE
+from workbench.diagnosis.levels import MOST, NOTABLE
 from workbench.diagnosis.linear.problem import Finding, Found
 from workbench.diagnosis.noise.random_effects import ALONG
 from workbench.diagnosis.scanner.image_jitter import EFFECT as JITTER
@@ -195,6 +195,7 @@ def figures(rows: Sequence[Mapping]) -> str:
     if rows and "cycles" in rows[0]:
         others = [row for row in rows if row.get("effect") != rows[0].get("effect")]
         return _spectrum(rows[0], [row for _, row in _waves(others)])
+    rows = [row for row in rows if row.get("acts", True)]
     masses = [row for row in rows if _MASSES in row["name"]]
     vague = [row for row in rows if row not in masses and not row.get("identifiable", True)]
     rows = [row for row in rows if row not in masses and row not in vague]
@@ -222,6 +223,9 @@ def _spectrum(row: Mapping, harmonics: Sequence[Mapping] = ()) -> str:
     harmonics: amplitudes of harmonics that belong to the curve, named cosN.
     """
     unit = row["unit"]
+    size = f"RMS {measured(row['curve_rms'], None, unit)}"
+    if row["periodic_share"] < MOST:
+        return f"{size}, not periodic on the visited angles"
     per = "per revolution" if unit == "rad" else "per mm"
     waves = []
     for order, size, of_motor in row["cycles"]:
@@ -229,7 +233,7 @@ def _spectrum(row: Mapping, harmonics: Sequence[Mapping] = ()) -> str:
         waves.append(f"{order:.3g} ({measured(size, None, unit)}{motor})")
     for one in harmonics:
         waves.append(f"{one['name'].removeprefix('cos')} ({measured(one['value'], None, unit)})")
-    return f"RMS {measured(row['curve_rms'], None, unit)}, cycles {per}: {listed(waves)}"
+    return f"{size}, cycles {per}: {listed(waves)}"
 
 
 def _name(row) -> str:
@@ -283,6 +287,11 @@ def _what(term: Term, tip: str, unit: str) -> str:
         return _of_stated_noise(term)
     if found.effect == JITTER:
         return _of_jitter(term)
+    if found.label == NOT_LOCATED and _unconfirmed(found):
+        text = (
+            f"There is structure that is not explained ({p_text(found.p_value)}), most likely at "
+        )
+        return f"{text}{place(found.where)}.{_unconfirmed(found)}"
     if found.effect == "unknown" and found.label in (BY_POSE, NOT_LOCATED):
         return f"There is structure that nothing in the catalogue explains: {found.label} ({p_text(found.p_value)})."
     if found.effect in _OF_DATA or (

@@ -427,6 +427,15 @@ class Alternative:
 
 
 @dataclass(frozen=True)
+class Instant:
+    """When something begins: `value` and its standard deviation `std`, in `unit`: "s", or "sample" without a time."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
 class Finding:
     """One thing that the baseline does not hold.
 
@@ -434,7 +443,7 @@ class Finding:
     `effects` is empty. `p_value`: valid under the whole search. `probability`: posterior that it is
     this effect at this place, among all named and unnamed. `size`: RMS over all coordinates of what
     remains of it orthogonal to the baseline, in sigmas. `gain`: fall of the
-    whitened sum of squares.
+    whitened sum of squares. `instant`: when it begins, where it begins within the recording.
     """
 
     effect: str
@@ -448,6 +457,7 @@ class Finding:
     depends_on: tuple[str, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     alarms: tuple[str, ...] = ()
+    instant: Instant | None = None
 
 
 @dataclass(frozen=True)

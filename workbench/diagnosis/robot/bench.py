@@ -19,6 +19,7 @@ from workbench.core.least_squares.linear_algebra import covariance_of
 from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
+from workbench.diagnosis.levels import SEEN
 from workbench.diagnosis.linear.problem import Problem, Site, parameter_row
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot import mass_responses
@@ -308,7 +309,10 @@ class RobotBench:
     def parameters(
         self, effects: Sequence[Effect], samples: np.ndarray | None = None
     ) -> tuple[dict, ...]:
-        """Every effect's parameters with value and std; `size_mm` RMS of what one does to a measured coordinate."""
+        """Every effect's parameters with value and std; `size_mm` RMS of what one does to a measured coordinate.
+
+        `acts`: whether one of typical size moves any. The weight deflects no joint about a vertical axis.
+        """
         model, fit, _ = self.solve(effects, samples)
         free, values = fit.parameters.mask, fit.parameters.values
         units = np.outer(fit.parameters.typical[free], fit.parameters.typical[free])
@@ -324,8 +328,10 @@ class RobotBench:
             own = fit.parameters.only(np.isin(np.arange(len(values)), numbers))
             for column, k in zip(model.linearise(own)[1], numbers):
                 size = float(np.sqrt(((column[:3] * values[k]) ** 2).mean()))
-                row = parameter_row(fit.parameters.table[k], effect, values[k], std[k])
-                rows.append(row | {"size_mm": size})
+                p = fit.parameters.table[k]
+                row = parameter_row(p, effect, values[k], std[k])
+                sigmas = p.typical * np.linalg.norm(column / model.sigma(fit.parameters))
+                rows.append(row | {"size_mm": size, "acts": bool(sigmas > SEEN)})
             if span.start in masses:
                 rows.append(masses[span.start])
             if isinstance(effect, JointCurve):

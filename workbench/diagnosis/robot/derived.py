@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robot_model.effects.curve import JointCurve, dominant_cycles
+from robot_model.effects.curve import JointCurve, dominant_cycles, periodic_share
 from robot_model.effects.load import LoadDeflection
 from robot_model.effects.load_mass import load_masses
 from workbench.core.effect import Effect
@@ -54,12 +54,14 @@ def linear_values(
 
 
 def spectrum(effect: JointCurve, coefficients: np.ndarray, chain) -> dict:
-    """Size of an error curve on the visited angles, and its dominant cycles, for the row of its first term."""
+    """Size of an error curve on the visited angles, its dominant cycles and how much of it they repeat, for the row of
+    its first term."""
     error = effect.curve(coefficients, chain.variables[effect.number - 1])
     ratio = float(chain.robot.gear_ratio[effect.number - 1])
     found = dominant_cycles(effect, coefficients, gear_ratio=ratio)
     cycles = [(c.order, c.amplitude, c.per_motor_revolution) for c in found]
-    return {"curve_rms": float(error.std()), "cycles": cycles}
+    share = periodic_share(effect, coefficients, found)
+    return {"curve_rms": float(error.std()), "cycles": cycles, "periodic_share": share}
 
 
 __all__ = ["linear_values", "mass_rows", "negative_masses", "spectrum"]

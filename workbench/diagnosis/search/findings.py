@@ -15,6 +15,7 @@ from workbench.diagnosis.noise.random_effects import hidden, movement
 from workbench.diagnosis.robot.library import compliances, names
 from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.compatible import same_place
+from workbench.diagnosis.search.instants import instant_of
 from workbench.diagnosis.search.posterior import Name
 from workbench.diagnosis.search.prior import LAW_ERROR, SECOND
 from workbench.diagnosis.search.state import Search
@@ -30,7 +31,8 @@ def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -
 
     names: posterior of the elastic terms over sets of them, see `search.posterior`; it decides between these.
     """
-    table, mine, own = search.table(search.others(i)), search.accepted[i], search.own(i)
+    table, mine = search.rivals(i), search.accepted[i]
+    own = search.own(i, table)
     explained, chance = search.explained(), _NEAR * search.variance()
     explanations = []
     for h in table:
@@ -51,6 +53,7 @@ def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -
         own.gain,
         mine.unnamed,
         _alternatives(explanations, shares, own, search.left(), chance),
+        instant=instant_of(search, i, own),
     )
     if names and mine.key in names:
         made = _among_sets(made, shares, names)

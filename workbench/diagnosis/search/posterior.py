@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 from robot_model.effects.transmission import TransmissionHarmonic
 from robot_model.effects.unknown_masses import GravityCompliance
 from workbench.core.least_squares.linear_algebra import pseudo_inverse
-from workbench.diagnosis.levels import NOTABLE, SHOWN, WORTHWHILE
+from workbench.diagnosis.levels import NOTABLE, ROUNDING, SHOWN, WORTHWHILE
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.likeliest import as_solved, order_by_gain, say_terms
@@ -34,7 +34,8 @@ _EXPANDED, _SWAPS = 8, 6
 class Name:
     """`probability` that a term is present, over all sets; `instead`: (key, probability, alike) of others.
 
-    The probability of an alternative is that the term is absent and the alternative, which is not accepted, present.
+    A set without the term counts for the alternatives, not accepted, that it holds instead, each by its share of the
+    term's signature: term and alternatives exclude one another, and their probabilities add up to at most one.
     """
 
     probability: float
@@ -76,21 +77,44 @@ class Window:
         gain = self.objective.value(self.sets[best]) - own
         return self.sets[best] if gain > WORTHWHILE else None
 
+    def likelier_names(self, count: int) -> Members | None:
+        """The set of the first `count` terms with the one exchanged whose best alternative is likelier by most.
+
+        None where every term is the likeliest at its place.
+        """
+        terms = self.objective.terms
+        numbers = {h.key: i for i, h in enumerate(terms)}
+        names = self.names({h.key for h in terms[:count]}, [h.key for h in terms if is_elastic(h)])
+        best, exchanged = 0.0, None
+        for i, h in enumerate(terms[:count]):
+            name = names.get(h.key)
+            if name is None or not name.instead:
+                continue
+            other, probability, _ = name.instead[0]
+            if probability - name.probability > best:
+                best, rest = probability - name.probability, range(count)
+                exchanged = tuple(numbers[other] if j == i else j for j in rest)
+        return exchanged
+
     def names(self, accepted: set[Key], keys: Sequence[Key]) -> dict[Key, Name]:
-        """Of each key: its probability, and what is present in the sets without it and not accepted."""
+        """Of each key its probability, and of those accepted what is present instead in the sets without it."""
         present = self._present(keys)
+        others = [key for key in keys if key not in accepted]
+        held = np.array([present[key] for key in others]).reshape(len(others), len(self.sets))
         out = {}
         for key in keys:
             absent = self.weights * ~present[key]
-            instead = []
-            for other in keys:
-                share = float(absent @ present[other])
-                if share >= NOTABLE and other not in accepted:
-                    instead.append((other, share, alike(self.objective, key, other)))
-            instead.sort(key=lambda row: -row[1])
-            chance = float(min(self.weights @ present[key], 1.0))
-            out[key] = Name(chance, tuple(instead[:SHOWN]))
+            instead = self._instead(key, others, held, absent) if key in accepted else ()
+            out[key] = Name(float(min(self.weights @ present[key], 1.0)), instead)
         return out
+
+    def _instead(self, key: Key, others: Sequence[Key], held: np.ndarray, absent: np.ndarray):
+        """Of a key the `instead` of its name: others, in which sets these are, held (others, sets), weights absent."""
+        likeness = np.array([alike(self.objective, key, other) for other in others])
+        parts = held * np.maximum(likeness, ROUNDING)[:, None]
+        shares = parts / np.maximum(parts.sum(0), ROUNDING) @ absent
+        ranked = [k for k in np.argsort(-shares)[:SHOWN] if shares[k] >= NOTABLE]
+        return tuple((others[k], float(shares[k]), float(likeness[k])) for k in ranked)
 
     def _present(self, keys: Sequence[Key]) -> dict[Key, np.ndarray]:
         """Key -> (sets,) bool."""
@@ -165,7 +189,7 @@ def _likelier(search, i: int) -> Hypothesis | None:
     if mine.unnamed or is_elastic(mine):
         return None
     families: dict[Key, list[Hypothesis]] = {}
-    for h in search.table(search.others(i)):
+    for h in search.rivals(i):
         if not h.unnamed and not is_elastic(h):
             families.setdefault(h.key, []).append(h)
     marginal = {key: logsumexp([h.log_weight for h in own]) for key, own in families.items()}
@@ -178,13 +202,18 @@ def _likelier(search, i: int) -> Hypothesis | None:
 def _exchange_elastic(search) -> None:
     """Accept the likeliest set of the window of elastic terms, where it is clearly likelier than the accepted one.
 
+    Else, of each term, the name that the most of the probability of the sets has.
+
     The search exchanges what is at hand, the window all elastic terms: what is accepted and the probabilities of names
     then agree.
     """
     tried = [{name_of(h) for h in search.accepted}]
     for _ in range(_ROUNDS):
         window = _elastic_window(search)
-        members = None if window is None else window.likelier_than(len(search.accepted))
+        if window is None:
+            break
+        count = len(search.accepted)
+        members = window.likelier_than(count) or window.likelier_names(count)
         if members is None:
             break
         # an accepted function without a law is solved with its effect, which its row in a table does not have

@@ -23,6 +23,7 @@ class Search:
     `impossible`: names of hypotheses whose fitted values no machine has.
     `alone`: what is likely with no other term, under this noise; judged at the first solution, as it hardly changes
     after that. `judged_under`: spread, random effect and whether a compliance is accepted, for which it holds.
+    `also`: hypotheses that every table holds, however unlikely they are.
     """
 
     bench: Bench
@@ -39,6 +40,7 @@ class Search:
     impossible: set[tuple] = field(default_factory=set)
     alone: list[Hypothesis] = field(default_factory=list)
     judged_under: tuple = (None, None, False)
+    also: tuple[Hypothesis, ...] = ()
 
     def say(self, line: str):
         """A line for the trail and for whoever waits."""
@@ -112,7 +114,7 @@ class Search:
     def whole_table(self, kept: tuple[int, ...]) -> list[Hypothesis]:
         """As `table`, with all that acts through compliances."""
         if kept not in self.tables:
-            wanted = [(h.family, h.label) for h in self.accepted]
+            wanted = [(h.family, h.label) for h in (*self.accepted, *self.also)]
             held = [self.accepted[i] for i in kept]
             self.tables[kept] = [
                 h
@@ -131,10 +133,26 @@ class Search:
         """Numbers of all accepted but one."""
         return tuple(j for j in self.everyone if j != i)
 
-    def own(self, i: int) -> Hypothesis:
-        """An accepted hypothesis as the table conditional on the others judges it."""
-        table, mine = self.table(self.others(i)), name_of(self.accepted[i])
+    def own(self, i: int, table: list[Hypothesis] | None = None) -> Hypothesis:
+        """An accepted hypothesis as a table judges it; by default the one conditional on the others."""
+        table, mine = table or self.table(self.others(i)), name_of(self.accepted[i])
         return next((h for h in table if name_of(h) == mine), table[0])
+
+    def rivals(self, i: int) -> list[Hypothesis]:
+        """All that may stand in the place of an accepted one, itself included, judged at one solution.
+
+        What acts through compliances is a product with them. About the solution with it, these have the values that
+        need it, and all others seem to gain what it makes: the solution without it compares like with like.
+        """
+        mine = self.accepted[i]
+        if not mine.needs_compliance:
+            return self.table(self.others(i))
+        held = tuple(self.accepted[j] for j in self.others(i))
+        without = Search(self.bench, self.samples, self.level, lambda line: None, held)
+        without.random_effect, without.spread = self.random_effect, self.spread
+        without.impossible, without.also = self.impossible, (mine,)
+        without.solve()
+        return without.table(without.everyone)
 
     def conditional_gain(self, i: int) -> tuple[float, float]:
         """Gain of an accepted hypothesis conditional on the others, and the p-value of its F test by itself."""

@@ -19,7 +19,7 @@ from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.vocabulary import Covariate
-from workbench.diagnosis.levels import MISSING
+from workbench.diagnosis.levels import MISSING, REAL
 from workbench.diagnosis.linear.problem import Problem
 from workbench.explanation.planning.planned import Plan, plans
 from workbench.explanation.planning.scenes import scene_of
@@ -35,6 +35,7 @@ _LIKELY, _ALIKE = (
 )  # probability, or share of the signature, from which on an alternative is plausible
 _BROAD = 10.0  # typical sizes: what is known of the sizes of the two before measuring
 NOTHING = "No finding is in doubt, so that no further recording is needed to distinguish it from anything else."
+EXCEPT = "No finding is in doubt, except by what this recording does not hold."
 REFUSED = (
     "Of the findings that are retained none is in doubt. Open is {names}, which was found and not retained, because "
     "the held-out samples do not show it clearly: more poses, spread over the workspace, decide whether it is there."
@@ -42,6 +43,10 @@ REFUSED = (
 FEW = (
     "Measure more poses, spread over the workspace: from {poses} a law that fits some of them does not carry to the "
     "others."
+)
+CONFIRM = (
+    "To confirm {name}: about {more} more poses like these, if it is there at the size found, else a recording in "
+    "which it is larger."
 )
 UNTESTED = (
     "Backlash was not tested by the side of approach and cannot be distinguished from hysteresis: the recording has no "
@@ -80,10 +85,10 @@ def next_experiment(
         return Experiment(" ".join(filter(None, (few if p_first < MISSING else CLEAN, untested))))
     doubtful = [term for term in terms if not term.certain or term.finding.effect == "unknown"]
     if not doubtful:
-        said = (_nothing(refused), untested_backlash(bench.chain))
-        return Experiment(" ".join(filter(None, said)))
+        untested = untested_backlash(bench.chain) if _may_be_backlash(terms) else ""
+        nothing = EXCEPT if untested and not refused else _nothing(refused)
+        return Experiment(" ".join(filter(None, (nothing, untested))))
     untested = untested_backlash(bench.chain) if _may_be_backlash(terms) else ""
-    missing = " ".join(filter(None, (_missing(doubtful), untested)))
     asked = sorted(doubtful, key=lambda one: (not one.finding.effects, one.finding.probability))[
         :_ASKED
     ]
@@ -97,13 +102,32 @@ def next_experiment(
     )  # rather one that these poses leave open than one that they tell already
     term, (others, doubt, rows) = asked[k], tried[k]
     if not rows:
-        asked_for = _missing(doubtful) or _by_word(term)
+        asked_for = _confirmed(bench, term, refused) or _missing(doubtful) or _by_word(term)
         return Experiment(" ".join(filter(None, (asked_for, untested))))
     best, plan = rows[0]
     scene, robot = scene_of(bench, others, doubt, plan, len(best["poses"]))
-    sentence = describe_comparison(doubt, rows) + (f" {missing}" if missing else "")
+    parts = (describe_comparison(doubt, rows), _missing(doubtful, others=True), untested)
+    sentence = " ".join(filter(None, parts))
     figures = tuple({k: v for k, v in row.items() if k != "poses"} for row, _ in rows)
     return Experiment(sentence, figures, scene, plan.listing(best["poses"]), robot)
+
+
+def _confirmed(bench, term: Term, refused: Sequence[Term]) -> str:
+    """How many more poses would confirm what an unknown most likely is; "" where no refused term is likely.
+
+    A t grows with the root of the number of poses.
+    """
+    keys = {(one.effect, one.where, one.label) for one in term.finding.alternatives}
+    if term.finding.effect != "unknown":
+        return ""
+    for one in refused:
+        found = one.finding
+        t = min(value for value in (one.t, one.t_nested, np.inf) if value is not None)
+        if (found.effect, found.where, found.label) in keys and 0 < t < REAL:
+            poses = len(np.unique(bench.pose))
+            more = poses * min((REAL / t) ** 2 - 1, _HOPELESS)
+            return CONFIRM.format(name=_called(one), more=max(int(np.ceil(more / 10)) * 10, 10))
+    return ""
 
 
 def _nothing(refused: Sequence[Term]) -> str:
@@ -114,7 +138,12 @@ def _nothing(refused: Sequence[Term]) -> str:
 
 def _may_be_backlash(terms: Sequence[Term]) -> bool:
     """Whether backlash would explain a term: hysteresis, a function of the last move, or what no place explains."""
-    return any(_resembles_backlash(term.finding) for term in terms)
+    return any(_resembles_backlash(t.finding) and not _has_likely_law(t.finding) for t in terms)
+
+
+def _has_likely_law(found) -> bool:
+    """Whether an unknown has an alternative that needs no other column: a law that was found and not confirmed."""
+    return found.effect == "unknown" and any(not one.missing for one in found.alternatives)
 
 
 def _resembles_backlash(found) -> bool:
@@ -156,14 +185,17 @@ def missing_of(terms: Sequence[Term]) -> tuple[str, ...]:
     )
 
 
-def _missing(terms: Sequence[Term]) -> str:
-    """The sentence on columns that were not recorded and that an alternative to some term would need."""
-    lacking = {covariate(name) for name in missing_of(terms)}
-    return (
-        f"Record {listed(sorted(lacking))} with every sample; without it this is not identifiable."
-        if lacking
-        else ""
-    )
+def _missing(terms: Sequence[Term], others: bool = False) -> str:
+    """The sentence on columns that were not recorded and that an alternative to some term would need.
+
+    others: whether other recordings, too, would tell.
+    """
+    lacking = listed(sorted({covariate(name) for name in missing_of(terms)}))
+    if not lacking:
+        return ""
+    if others:
+        return f"In any recording, record {lacking} with every sample: it tells whether the error follows it."
+    return f"Record {lacking} with every sample; without it this is not identifiable."
 
 
 def _by_word(term: Term) -> str:
@@ -306,13 +338,18 @@ def _by_pose(rows, pose):
     return made.reshape(len(counts), -1, rows.shape[2])
 
 
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
 def describe_comparison(doubt: Doubt, rows: Sequence[tuple[Mapping, Plan]]) -> str:
     """What `compared` found, as a sentence or two."""
     best, plan = rows[0]
     if best["samples_needed"] == 0:
         return (
-            f"These poses distinguish {doubt.name} from {doubt.other} already: at this size they stand "
-            f"{best['apart_now_sigma']:.1f} σ apart ({separable_length():.1f} σ are needed to be 95 % sure)."
+            f"At the size found, {doubt.name} and {doubt.other} stand {best['apart_now_sigma']:.1f} σ apart in these "
+            f"poses ({separable_length():.1f} σ are needed to be 95 % sure). That both remain likely says that neither "
+            f"alone describes what is there. {_capital(plan.words.format(poses=len(best['poses'])))}."
         )
     if best["samples_needed"] > _HOPELESS * best["samples"]:
         return (

@@ -12,6 +12,7 @@ from workbench.core.least_squares.adjustment_tests import (
     variance_test,
 )
 from workbench.core.least_squares.identifiability import identifiability
+from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import Model
 from workbench.fitting.verdicts.noise_report import (
@@ -23,7 +24,7 @@ from workbench.fitting.verdicts.noise_report import (
     replicate_noise,
     report,
 )
-from workbench.fitting.verdicts.residual_structure import Samples, structure
+from workbench.fitting.verdicts.residual_structure import Samples, Structure, structure
 
 _OUTLIER_LEVEL = 0.002
 _ROUNDS = 6
@@ -41,7 +42,10 @@ def noise_report(calibration) -> NoiseReport:
     degrees = fit.degrees * position.size / fit.residual.size
     stated = None if model.chain.sigma_unknown else model.chain.stated_sigma[:3]
     test = None if stated is None else variance_test(position / stated, degrees)
-    wrong = _outlying(model, fit, stated, test is None or is_above(test))
+    above = test is None or is_above(test)
+    wrong = _outlying(model, fit, stated, above)
+    known = structure(model, fit.parameters, fit.residual, _samples(recording))
+    absorbed = None if known.found or not above else _absorbed(model, fit, _samples(recording))
     corrected = (position**2).sum(0) * position.size / max(degrees, 1.0)
     found = Findings(
         stated=None if stated is None else float(f"{np.sqrt((stated**2).mean()):.12g}"),
@@ -50,7 +54,7 @@ def noise_report(calibration) -> NoiseReport:
         residual=robust_sigma(corrected, len(position)),
         residual_rms=float(np.sqrt(corrected.mean() / len(position))),
         degrees=degrees,
-        structure=structure(model, fit.parameters, fit.residual, _samples(recording)),
+        structure=known,
         rms=calibration.fit["rms_mm"],
         reach=reach_of(model.chain.robot, model.chain.variables),
         samples=recording.n,
@@ -58,8 +62,25 @@ def noise_report(calibration) -> NoiseReport:
         outlying=tuple(int(k) for k in recording.sample_ids[wrong]),
         left_out=calibration.suspects,
         rotation=_rotation(recording, model, fit),
+        absorbed=absorbed,
     )
     return report(found)
+
+
+def _absorbed(model: Model, fit: Fit, samples: Samples) -> Structure | None:
+    """Structure of the residual that the geometry alone leaves, to first order about the fit; None without effects."""
+    _, rows = model.linearise(fit.parameters)
+    free = np.flatnonzero(fit.parameters.mask)
+    is_geometry = free < len(model.chain.parameters)
+    if is_geometry.all():
+        return None
+    sigma = model.sigma(fit.parameters)
+    made = np.tensordot(fit.parameters.values[free[~is_geometry]], rows[~is_geometry], axes=1)
+    white = ((fit.residual - made) / sigma).ravel()
+    columns = (rows[is_geometry] / sigma).reshape(is_geometry.sum(), -1).T
+    change = least_squares(columns, white)
+    left = (white - columns @ change).reshape(fit.residual.shape) * sigma
+    return structure(model, fit.parameters, left, samples)
 
 
 def _rotation(recording, model: Model, fit: Fit) -> RotationNoise | None:

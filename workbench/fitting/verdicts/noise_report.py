@@ -51,7 +51,7 @@ class Findings:
     distances. `reach` of the arm (mm). `outlying`: sample numbers that do not agree with the others, of `samples`.
     `components`: coordinates of one measured position (1 where lengths are measured).
     `left_out`: sample numbers that the fit leaves out as blunders. `rotation`: where the noise of orientations is
-    stated.
+    stated. `absorbed`: structure of the residual of the geometry alone, where retained terms leave none.
     """
 
     stated: float | None
@@ -68,6 +68,12 @@ class Findings:
     outlying: tuple[int, ...] = ()
     left_out: tuple[int, ...] = ()
     rotation: RotationNoise | None = None
+    absorbed: Structure | None = None
+
+    @property
+    def is_absorbed(self) -> bool:
+        """Whether the residual has a structure that the retained terms absorb."""
+        return self.absorbed is not None and self.absorbed.found
 
 
 @dataclass(frozen=True)
@@ -148,6 +154,8 @@ class NoiseReport:
             found.replicates is not None or (found.structure is not None and found.structure.found)
         ):
             return f"unmodelled effects remain, as in most real arms; {DIAGNOSE}"
+        if found.is_absorbed and found.replicates is None:
+            return f"an effect that is modelled only in part, or noise stated too small; {DIAGNOSE}"
         return f"noise stated too small is more likely than an unmodelled effect; check sigma_mm, or {DIAGNOSE}"
 
     def as_json(self) -> dict:
@@ -262,6 +270,13 @@ def _cause(found: Findings) -> str:
         return _cause_by_replicates(found)
     if found.structure is not None and found.structure.found:
         return _cause_by_structure(found)
+    if found.is_absorbed:
+        return (
+            f"With the geometry alone, the residual depends on {' and '.join(found.absorbed.depends_on)}; with the "
+            "retained terms no dependence is found. These terms may describe an effect only in part (a drift in the "
+            "place of a changed load or a slipped tool), or the noise is stated too small. Run `workbench diagnose` "
+            "before you change sigma_mm."
+        )
     return (
         "No dependence of the residual on the joint angles or on the order of the samples is found. A noise that is "
         "stated too small is therefore more likely than an unmodelled effect (the arm's repeatability counts as "
