@@ -54,7 +54,7 @@ def warm_ups(kind, where: str, times, prior: float = 1.0, missing: str = ""):
     """Variants of a `WarmUpLaw` with time constants that images at `times` (n,) s can distinguish."""
     constants, start = time_constants(times)
     for constant in constants:
-        label = f"warm-up, time constant {constant:g} s"
+        label = f"warming up with time constant {constant:g} s"
         yield Variant(kind(where, constant, start), label, prior / len(constants), missing)
 
 

@@ -215,13 +215,18 @@ def on_one_branch(planes: np.ndarray, commanded: np.ndarray) -> np.ndarray:
         return commanded
     middle = np.angle(np.exp(4j * commanded).mean()) / 4
     middle += _QUARTER * np.round((np.median(commanded) - middle) / _QUARTER)
-    wrapped = commanded - _QUARTER * np.round((commanded - middle) / _QUARTER)
+    wrapped = nearest_branch(commanded, middle)
     scale = float(np.median(np.abs(planes[3])))
     raw, near = (
         _misfit(start_mirror(planes, angles, True), planes, angles, True, scale)
         for angles in (commanded, wrapped)
     )
     return wrapped if near < _BETTER * raw else commanded
+
+
+def nearest_branch(angle, middle: float):
+    """Angles (rad) less the whole quarter turns that bring them nearest to `middle`."""
+    return angle - _QUARTER * np.round((angle - middle) / _QUARTER)
 
 
 def _misfit(found, planes, commanded, by_step: bool, scale: float) -> float:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sensors.light.mirror import nearest_branch, on_one_branch
 from sensors.scanner.calibration import ScannerCalibration
 from sensors.scanner.model import Scanner
 
@@ -52,10 +53,13 @@ def _angles(calibration: ScannerCalibration, new: Mapping[int, float | None]) ->
     scanner = calibration.scanner
     known = calibration.commanded
     if known is not None and all(angle is not None for angle in new.values()):
-        law = _law(known, scanner.angles)
-        return {
-            step: float(np.polyval(law, angle)) for step, angle in new.items() if law is not None
-        }
+        branch = on_one_branch(scanner.planes, known)
+        law = _law(branch, scanner.angles)
+        if law is None:
+            return {}
+        if not np.array_equal(branch, known):
+            new = {step: nearest_branch(angle, branch.mean()) for step, angle in new.items()}
+        return {step: float(np.polyval(law, angle)) for step, angle in new.items()}
     law = _law(scanner.steps.astype(float), scanner.angles)
     return {step: float(np.polyval(law, step)) for step in new if law is not None}
 

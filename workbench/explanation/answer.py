@@ -34,6 +34,7 @@ from workbench.explanation.result import (
 )
 from workbench.explanation.sensor_errors import (
     ball_centres,
+    displaced_lines,
     errors_by_kind,
     jitter_term,
     random_focal_error,
@@ -286,7 +287,7 @@ def _warnings(bench, recording, terms=()) -> tuple[str, ...]:
     on_data, chain = bench.warnings or recording.warnings, bench.chain
     if chain is None:
         random = random_focal_error(bench, terms)
-        return (*on_data, random) if random else on_data
+        return (*on_data, *displaced_lines(bench), *([random] if random else []))
     if chain.robot.mass.any() or chain.state.payload.any():
         return on_data
     return (*on_data, NO_MASSES.format(robot=chain.robot.name))

@@ -6,6 +6,8 @@ import numpy as np
 
 from datasets.recording import Recording
 from sensors.camera.focal_scatter import focal_scatter
+from sensors.effects.optics import LensResidual
+from sensors.effects.recorded import BoardPointErrors
 from workbench.diagnosis.linear.problem import Found, Problem
 from workbench.diagnosis.scanner.image_jitter import find_image_jitter, jitter_before_proof
 from workbench.diagnosis.scanner.sensor_linear import acts
@@ -110,6 +112,18 @@ def jitter_term(bench, terms: Sequence[Term], problem: Problem) -> tuple[Term, .
     return (Term(jitter.finding, jitter.parameters, jitter.sigma_px),)
 
 
+def displaced_lines(bench) -> tuple[str, ...]:
+    """A sentence where the calibration of the camera found rows or columns of the board displaced; () else."""
+    chains = getattr(bench, "chains", None)  # only a bench of images has them
+    if chains is None or not chains.lines:
+        return ()
+    lines = ", ".join(line.sentence for line in chains.lines)
+    return (
+        f"The board errs ({BoardPointErrors.effect}): the calibration of the camera finds {lines}; measure or replace "
+        "the board. Corners that contradict all others are left out of this diagnosis.",
+    )
+
+
 def random_focal_error(bench, terms: Sequence[Term]) -> str:
     """A sentence where the focal length differs from board pose to board pose, "" where it does not."""
     effects = [e for term in terms for e in term.finding.effects]
@@ -120,7 +134,7 @@ def random_focal_error(bench, terms: Sequence[Term]) -> str:
         return ""
     other = (
         ""
-        if any(effect.effect == "lens-residual" for effect in effects)
+        if any(isinstance(effect, LensResidual) for effect in effects)
         else "; or the lens is not of the model fitted, which looks alike where boards fill only a part of the image"
     )
     return f"{found.sentence[0].upper()}{found.sentence[1:]}{other}."

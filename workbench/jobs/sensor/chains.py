@@ -14,6 +14,7 @@ from datasets.recording import Recording
 from sensors.boards.detection import detect_all
 from sensors.camera.calibration import calibrate_camera
 from sensors.camera.corners import Corners
+from sensors.camera.displaced_lines import DisplacedLine
 from sensors.camera.model import Camera
 from sensors.light.ball_stripes import Balls
 from sensors.light.board_chain import BoardStripeChain
@@ -45,7 +46,8 @@ class Chains:
     """The measurements of a sensor, each chain started at a fit; `board_stripes`, `balls` None where there are none.
 
     With a mirror where the angles were commanded, else with free planes; `gain_free`: what was
-    commanded is no angle of the mirror, whose turn a command is then unknown. `placements`, `scans` names.
+    commanded is no angle of the mirror, whose turn a command is then unknown. `placements`, `scans` names; `lines` of
+    the board that the calibration of the camera found displaced.
     """
 
     corners: Corners
@@ -54,6 +56,7 @@ class Chains:
     placements: tuple[str, ...] = ()
     scans: tuple[str, ...] = ()
     gain_free: bool = False
+    lines: tuple[DisplacedLine, ...] = ()
 
     @property
     def parts(self) -> dict[str, Corners | BoardStripeChain | Balls]:
@@ -80,7 +83,8 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
     )
     stripes = _stripes(recording, camera, progress)
     if stripes is None:
-        return noisy(Chains(camera.chain, placements=tuple(camera.placements)))
+        names = tuple(camera.placements)
+        return noisy(Chains(camera.chain, placements=names, lines=_displaced(camera)))
     made = calibrate_scanner(
         camera.views,
         stripes,
@@ -95,7 +99,14 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
     size = max(1, round(made.stripes.n / max(board_stripes.n, 1)))
     board_stripes, gain_free = with_mirror(board_stripes, _commanded(stripes, made.scanner.steps))
     balls, scans = balls_of(recording, made, board_stripes, size, progress)
-    return noisy(Chains(made.free.corners, board_stripes, balls, made.placements, scans, gain_free))
+    whole = Chains(made.free.corners, board_stripes, balls, made.placements, scans, gain_free)
+    return noisy(replace(whole, lines=_displaced(camera)))
+
+
+def _displaced(camera) -> tuple[DisplacedLine, ...]:
+    """Lines of the board that are displaced beyond doubt."""
+    is_shared = camera.shared is not None and camera.shared.significant
+    return camera.shared.errors.lines if is_shared else ()
 
 
 def _stripes(recording, camera, progress):
