@@ -1,11 +1,12 @@
-"""`python -m benchmarks.app_steps [SAMPLES]`: each interaction of the app in Chromium on a million samples.
+"""`python -m benchmarks.app_steps [SAMPLES [REPEATS]]`: each interaction of the app in Chromium on a million samples.
 
 The mouse and the keyboard act as a person's do. Prints, for each interaction, the time in ms from the event in the page
 until something has been painted, as median, 95 % and largest: `answer` is the line or table that answers it, the other
-names are figures. The first visit of a tab stands apart from the further ones; what was not
-drawn within 20 s is `nan`. Also prints the load of the machine, the
-processor time of server and browser while nothing happens, and the peak memory of the server. Needs the extra test and
-Debian's chromium.
+names are figures. `server_cpu` and `page_cpu` are the processor time in ms of the server's thread and of the page's
+process for the interaction, with the pause after it: on a busy machine these are the figures that count. The first
+visit of a tab stands apart from the further ones; what was not drawn within 20 s is `nan`. Also prints the load of the
+machine, the processor time of server and page while nothing happens, and the peak memory of the server. Needs the extra
+test and Debian's chromium.
 """
 
 import json
@@ -19,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.app import make_run
-from benchmarks.app_browser import new_browser, peak_mib, serve, server_seconds
+from benchmarks.app_browser import new_browser, peak_mib, serve
 
 _REPEATS = 12
 _PAUSE_MS = 1200
@@ -96,15 +97,22 @@ class Times:
     """Times in ms of each interaction: name -> one dictionary for each repetition."""
 
     page: object
+    clock: "_Clock"
+    repeats: int = _REPEATS
     found: dict[str, list[dict]] = field(default_factory=dict)
 
     def measure(self, name: str, step: Step, act, *values) -> None:
         """Act as a person, by a call of `act` with `values`, and note the times until the page has answered."""
         words = [step.event, step.line, *map(list, (step.planes, step.scenes, step.overlays))]
         self.page.evaluate(_WATCH, words)
+        before = self.clock.seconds
         act(*values)
-        self.found.setdefault(name, []).append(self.page.evaluate("() => window.stepTimes"))
+        row = self.page.evaluate("() => window.stepTimes")
         self.page.wait_for_timeout(_PAUSE_MS)
+        spent = [1000 * (new - old) for old, new in zip(before, self.clock.seconds)]
+        self.found.setdefault(name, []).append(
+            {**row, "server_cpu": spent[0], "page_cpu": spent[1]}
+        )
 
     def summary(self, name: str) -> dict:
         """Median, 95 % and largest ms of each part of an interaction."""
@@ -120,7 +128,7 @@ def main(words: list[str]) -> int:
     """Measure a recording of the given number of samples."""
     from playwright.sync_api import sync_playwright
 
-    samples = int(words[0]) if words else 1_000_000
+    samples, repeats = [*map(int, words), *(1_000_000, _REPEATS)[len(words) :]]
     with tempfile.TemporaryDirectory() as name, sync_playwright() as started:
         folder = Path(name)
         make_run(folder, samples)
@@ -132,15 +140,16 @@ def main(words: list[str]) -> int:
             page.wait_for_function("() => performance.getEntriesByName('step-all_figures').length")
             browser.stop_tracing()
             page.wait_for_timeout(3 * _PAUSE_MS)
-            _say({"samples": samples, "idle": _idle(page, process.pid)})
-            times = Times(page)
+            clock = _Clock(page, process.pid)
+            _say({"samples": samples, "idle": _idle(clock)})
+            times = Times(page, clock, repeats)
             for measure in (_tabs, _residuals, _recording, _edit):
                 known = set(times.found)
                 measure(times)
                 for step in times.found.keys() - known:
                     _say({step: times.summary(step)})
             load = round(os.getloadavg()[0], 1)
-            _say({"peak_mib": peak_mib(process.pid), "load": load, "repeats": _REPEATS})
+            _say({"peak_mib": peak_mib(process.pid), "load": load, "repeats": repeats})
         finally:
             process.terminate()
             process.wait(30)
@@ -151,19 +160,27 @@ def _say(made: dict) -> None:
     print(json.dumps(made), flush=True)
 
 
-def _idle(page, pid: int) -> dict:
-    """Per cent of a processor core while nothing happens, of the server and of the page's process."""
-    session = page.context.new_cdp_session(page)
-    session.send("Performance.enable")
+class _Clock:
+    """Processor time of the thread that answers in the server, and of the page's process."""
 
-    def seconds() -> tuple[float, float]:
-        metrics = session.send("Performance.getMetrics")["metrics"]
+    def __init__(self, page, pid: int):
+        self._file = Path(f"/proc/{pid}/schedstat")  # of the main thread, in ns
+        self._session = page.context.new_cdp_session(page)
+        self._session.send("Performance.enable")
+
+    @property
+    def seconds(self) -> tuple[float, float]:
+        """Of the server's thread, and of the page, so far."""
+        metrics = self._session.send("Performance.getMetrics")["metrics"]
         on_page = next(one["value"] for one in metrics if one["name"] == "ProcessTime")
-        return server_seconds(pid), on_page
+        return int(self._file.read_text().split()[0]) / 1e9, on_page
 
-    before = seconds()
+
+def _idle(clock: _Clock) -> dict:
+    """Per cent of a processor core while nothing happens, of the server's thread and of the page's process."""
+    before = clock.seconds
     time.sleep(_IDLE_S)
-    shares = [100 * (new - old) / _IDLE_S for old, new in zip(before, seconds())]
+    shares = [100 * (new - old) / _IDLE_S for old, new in zip(before, clock.seconds)]
     return dict(zip(("server_percent", "page_percent"), np.round(shares, 1).tolist()))
 
 
@@ -179,7 +196,7 @@ def _tabs(times: Times) -> None:
         "Edit and rerun": Step("click", "[data-tab=edit]", ("threshold", "comparison")),
         "Diagnosis": Step("click", "[data-tab=diagnosis]"),
     }
-    for visit in range(_REPEATS // 2):
+    for visit in range(max(times.repeats // 2, 2)):
         for title in _TABS:
             step = figures[title]
             step = step if visit == 0 else Step(step.event, step.line)
@@ -190,16 +207,17 @@ def _tabs(times: Times) -> None:
 
 
 def _residuals(times: Times) -> None:
-    """Brush, exclude, take back, another axis."""
+    """Brush, exclude samples or poses, take back, another axis."""
     page = times.page
     line = "[data-text=selection]"
     selected = Step("mouseup", line, overlays=("chart", "arrows"))
-    edited = Step("click", line, ("histogram",), ("arrows",), ("chart", "arrows"))
+    edited = Step("click", line, ("histogram",), (), ("chart", "arrows"))
     axis = Step("click", "", ("chart",))
-    for repeat in range(_REPEATS):
+    for repeat in range(times.repeats):
         times.measure("brush", selected, _brush, page, 0.1 + 0.05 * repeat)
-        exclude = page.get_by_role("button", name="Exclude selected samples")
-        times.measure("exclude", edited, exclude.click)
+        name = ("Exclude selected samples", "Exclude their poses")[repeat % 2]
+        exclude = page.get_by_role("button", name=name)
+        times.measure(("exclude", "exclude poses")[repeat % 2], edited, exclude.click)
         _choose_axis(times, axis, repeat + 1)
         _tab(page, "Edit and rerun").click()
         page.wait_for_timeout(2 * _PAUSE_MS)
@@ -234,9 +252,9 @@ def _recording(times: Times) -> None:
     page.wait_for_timeout(3 * _PAUSE_MS)
     slider = page.get_by_role("slider", name="Sample in the order of the recording")
     slider.focus()
-    moved = Step("keydown", "[data-text=row]", (), ("scene",))
-    dragged = Step("mouseup", "[data-text=row]", (), ("scene",))
-    for repeat in range(_REPEATS):
+    moved = Step("keydown", "[data-text=row]", overlays=("scene",))
+    dragged = Step("mouseup", "[data-text=row]", overlays=("scene",))
+    for repeat in range(times.repeats):
         times.measure("scrub by key", moved, page.keyboard.press, "PageUp")
         times.measure("scrub by mouse", dragged, _click_slider, page, slider, repeat)
 
@@ -259,7 +277,7 @@ def _edit(times: Times) -> None:
     page.mouse.move(box["x"] + box["width"] / 2, y)
     page.mouse.down()
     step = Step("mousemove", "[data-text=threshold]", ("threshold",))
-    for repeat in range(_REPEATS):
+    for repeat in range(times.repeats):
         x = box["x"] - 12 * (repeat + 1)
         times.measure("threshold", step, page.mouse.move, x, y)
     page.mouse.up()

@@ -348,18 +348,24 @@ def cancel_run(page, command: str) -> None:
     wait_for_text(page, "job", "Cancelled")
 
 
+_PLACES_IN_SCENE = """(name) => {
+    const place = document.querySelector('[data-figure=scene] .js-plotly-plot');
+    const drawn = Array.from(place._fullData.find((one) => one.name === name).x).filter((one) => one !== null);
+    const layers = document.querySelector('[data-overlay=scene]').layers.filter((one) => one.name === name);
+    return JSON.stringify([drawn, layers.map((one) => Array.from(one.places[0]))]);
+}"""
+"""Where a part of the scene is: of the traces of plotly, and of the marks above them."""
+
+
 def scrub_by_key(page, name: str) -> None:
-    """Move to the next sample by an arrow key, and wait until a trace of the scene has moved."""
+    """Move to the next sample by an arrow key, and wait until what `name` says has moved in or above the scene."""
     show_tab(page, "Recording")
-    before = trace(page, "scene", name)["x"]
+    trace(page, "scene", name)
+    before = page.evaluate(_PLACES_IN_SCENE, name)
+    assert before != "[[],[]]"
     page.get_by_role("slider", name="Sample in the order of the recording").press("ArrowRight")
     page.wait_for_function(
-        """([name, old]) => {
-            const place = document.querySelector('[data-figure=scene] .js-plotly-plot');
-            const found = place._fullData.find((one) => one.name === name);
-            return JSON.stringify(Array.from(found.x)) !== JSON.stringify(old);
-        }""",
-        arg=[name, before],
+        f"([name, old]) => ({_PLACES_IN_SCENE})(name) !== old", arg=[name, before]
     )
 
 

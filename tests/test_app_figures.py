@@ -1,5 +1,6 @@
 """Figures of the app without their page: needles, charts, the arm, and which of many samples are drawn."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 
 from workbench.app.data import decimate
 from workbench.app.data.arm import arm_pose, joint_coverage
+from workbench.app.data.memo import Memo
+from workbench.app.data.numbers import rows_of
 from workbench.app.data.opened import open_subject
 from workbench.app.data.sensor import camera_of
 from workbench.app.figures import residuals, robot, style
@@ -59,6 +62,21 @@ def test_excluded_samples_are_marked_and_not_counted(work):
     assert sum(residuals.histogram_figure(work).data[0].y) == 290
 
 
+def test_excluded_arrows_are_covered_from_their_point_to_their_tip(work):
+    arrows = residuals.arrows(work)
+    needles = next(one for one in arrows.data if one.name == "residuals")
+    work.select([3, 7])
+    work.exclude_selected()
+    assert residuals.arrows(work).to_json() == arrows.to_json()  # the scene is not drawn again
+    traces = residuals.arrow_marks(work).traces
+    (ring,) = [one for one in traces if one.get("name") == "excluded"]
+    assert np.allclose(ring["x"], work.opened.residuals.points[0, [3, 7]], atol=0.01)
+    cover = next(one for one in traces if one.get("line", {}).get("color") == "white")
+    tips = np.array([cover[axis] for axis in "xyz"]).reshape(3, -1, 3)[:, :, 1]
+    drawn = np.array([needles.x, needles.y, needles.z]).reshape(3, -1, CORNERS)
+    assert np.allclose(tips, drawn[:, [3, 7], 3], atol=0.01)
+
+
 def test_the_arm_ends_at_the_flange_and_looks_at_the_measured_ball(work):
     for row in (0, 17):
         pose = arm_pose(work.opened, row)
@@ -69,8 +87,19 @@ def test_the_arm_ends_at_the_flange_and_looks_at_the_measured_ball(work):
 
 
 def test_the_scene_shows_arm_sensor_and_artefact(work):
-    names = {one.name for one in robot.scene(work).data}
+    scene = robot.scene(work)
+    names = {one.name for one in scene.data}
     assert {"arm at the current sample", "field of the sensor", "balls of the artefact"} <= names
+    (balls,) = [one for one in scene.data if one.name == "balls of the artefact"]
+    assert len(balls.x) == 4
+    marks = {one["name"]: one for one in robot.scene_marks(work).traces}
+    arm = np.array([marks["arm at the current sample"][axis] for axis in "xyz"])
+    assert np.allclose(arm, arm_pose(work.opened, work.opened.rows[work.current]).links, atol=0.01)
+    work.go_to(17)
+    (moved,) = [one for one in robot.scene_marks(work).traces if one["name"] == "current sample"]
+    assert np.allclose(
+        [moved[axis][0] for axis in "xyz"], work.opened.residuals.points[:, 17], atol=0.01
+    )
 
 
 def test_coverage_counts_every_reading(work):
@@ -91,6 +120,62 @@ def test_histograms_count_all_samples_whatever_is_drawn():
     values = {"fit": np.random.default_rng(2).random(10_000), "held_out": np.full(10_000, np.nan)}
     counted = decimate.histogram(values)
     assert counted.counts["fit"].sum() == 10_000 and counted.counts["held_out"].sum() == 0
+
+
+@pytest.mark.parametrize("left_out", [[], [0], [9, 8, 8], [3, 9], list(range(10)), [1, 2, 2, 5]])
+def test_a_histogram_without_some_values_is_that_of_the_others(left_out):
+    rng = np.random.default_rng(3)
+    many = np.append(rng.random(500), [3.0, 3.0, np.nan])
+    rows = np.argsort(many)[
+        [-2 - k for k in sorted(set(left_out))]
+    ]  # the largest first; nan is last
+    rows = np.append(rows, len(many) - 1) if 9 in left_out else rows
+    kept = np.delete(many, rows)
+    values = {"fit": many, "held_out": 2 * many}
+    ordered = {kind: np.sort(row[np.isfinite(row)]) for kind, row in values.items()}
+    found = decimate.histogram_without(ordered, {kind: row[rows] for kind, row in values.items()})
+    expected = decimate.histogram({"fit": kept, "held_out": 2 * kept})
+    assert np.allclose(found.edges, expected.edges)
+    for kind, counts in expected.counts.items():
+        assert found.counts[kind].tolist() == counts.tolist()
+
+
+def test_a_histogram_without_all_values_is_empty():
+    found = decimate.histogram_without({"fit": np.arange(9.0)}, {"fit": np.arange(9.0)[::-1]})
+    assert found.counts["fit"].sum() == 0 and np.isfinite(found.edges).all()
+
+
+@pytest.mark.parametrize("share", [0.1, 0.7])
+def test_counts_and_means_leave_out_what_is_excluded(work, share):
+    rows = np.random.default_rng(5).permutation(300)[: int(share * 300)]
+    work.select(rows)
+    work.exclude_selected()
+    kept = np.delete(np.arange(300), rows)
+    assert work.excluded_rows.tolist() == sorted(rows.tolist())
+    counted = work.counts(["fit", "held_out"])
+    expected = decimate.histogram({kind: work.lengths(kind)[kept] for kind in counted.counts})
+    assert all((counted.counts[kind] == expected.counts[kind]).all() for kind in counted.counts)
+    name = next(iter(work.quantities))
+    place, x, y = decimate.bins_of(work.quantities[name]), work.quantities[name], work.lengths()
+    centres, means = work.means(name)
+    filled = [k for k in range(place.max() + 1) if (place[kept] == k).any()]
+    assert np.allclose(centres, [x[kept][place[kept] == k].mean() for k in filled])
+    assert np.allclose(means, [y[kept][place[kept] == k].mean() for k in filled])
+
+
+def test_rows_are_found_by_number_in_any_order():
+    for ids in (np.array([2, 4, 9, 30]), np.array([30, 2, 9, 4]), np.zeros(0, int)):
+        wanted = np.array([9, 3, 30, 99, 2])
+        rows, is_there = rows_of(ids, wanted)
+        assert is_there.tolist() == [number in ids for number in wanted]
+        assert ids[rows[is_there]].tolist() == wanted[is_there].tolist()
+
+
+def test_a_memo_keeps_the_latest_results():
+    memo, made = Memo(2), []
+    for key in ("a", "b", "a", "c", "b", "a"):
+        memo.get((key,), partial(made.append, key))
+    assert made == ["a", "b", "c", "a"]
 
 
 def test_bin_means_are_those_of_all_samples():

@@ -1,24 +1,19 @@
 """What is open, selected and edited: the state of the app without its page."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
-from threading import RLock
 
 import numpy as np
 
-from workbench.app.data.decimate import (
-    Histogram,
-    bins_of,
-    drawn_always,
-    histogram,
-    means_in,
-    within,
-)
+from workbench.app.data.decimate import Histogram, within
+from workbench.app.data.memo import Memo
+from workbench.app.data.numbers import rows_of
 from workbench.app.data.opened import Opened, open_subject
 from workbench.app.data.plan import DIAGNOSE
 from workbench.app.data.prediction import lengths_by_number, predicted_lengths
 from workbench.app.data.sample_images import sample_images
+from workbench.app.data.summaries import Summaries
 from workbench.app.edits.apply import kept_rows
 from workbench.app.edits.changes import (
     ADD,
@@ -31,7 +26,12 @@ from workbench.app.edits.changes import (
     SAMPLES,
     Change,
 )
-from workbench.app.edits.excluded import Excluded, excluded_items, excluded_numbers
+from workbench.app.edits.excluded import (
+    Excluded,
+    excluded_items,
+    excluded_numbers,
+    excluded_pose_count,
+)
 from workbench.app.edits.history import History
 from workbench.app.edits.session import CALIBRATE, CAMERA, HAND_EYE, Session
 from workbench.app.edits.start import first_session
@@ -74,7 +74,6 @@ class Workspace:
 
     def __init__(self, opened: Opened, path: Path):
         self.path = Path(path)
-        self._lock = RLock()
         self.runs: list[Opened] = [opened]
         self.history = History(first_session(opened, self.path))
         self.job: Job | None = None
@@ -181,68 +180,50 @@ class Workspace:
 
     # What is drawn
 
-    @cached_property
+    @property
     def quantities(self) -> dict[str, np.ndarray]:
         """Label with unit -> (m,) values of everything that a residual can be drawn over."""
-        return quantities_of(self.opened)
+        return self.summaries.quantities
 
     def lengths(self, kind: str = "") -> np.ndarray:
         """(m,) mm, length of the residual of a kind, "" for the one that is shown; zeros without a run."""
-        residuals = self.opened.residuals
-        if residuals is None:
-            return np.zeros(self.count)
-        return residuals.lengths[kind] if kind in residuals.lengths else residuals.shown
+        return self.summaries.lengths(kind)
 
     @property
     def kept(self) -> np.ndarray:
         """(m,) bool: rows that no change of the session excludes."""
         return self._memo(("kept", self.session.changes), self._find_kept)
 
+    @property
+    def excluded_rows(self) -> np.ndarray:
+        """(k,) rows that a change of the session excludes, ascending."""
+        return self._memo(
+            ("excluded rows", self.session.changes), lambda: np.flatnonzero(~self.kept)
+        )
+
     def _find_kept(self) -> np.ndarray:
         recording = self.opened.recording
         changed = self.session.excluded(SAMPLES) or self.session.excluded(POSES)
         if not recording.n or not changed:
             return np.ones(self.count, bool)
-        kept, numbers = kept_rows(self.session, recording), self.opened.edit_ids
-        if np.array_equal(
-            numbers, recording.sample_ids
-        ):  # the rows of the run are those of the recording
-            return kept
-        return ~np.isin(numbers, recording.sample_ids[~kept])
+        kept = np.append(kept_rows(self.session, recording), True)  # for row -1
+        return kept[self.opened.edit_rows]
 
     def drawn(self, most: int, kind: str = "") -> np.ndarray:
         """Rows that a figure of at most about `most` marks shows: the largest, and some evenly spread."""
-        return self._memo(("drawn", most, kind), lambda: drawn_always(self.lengths(kind), most))
+        return self.summaries.drawn(most, kind)
 
     def means(self, name: str, kind: str = "") -> tuple[np.ndarray, np.ndarray]:
         """Mean quantity and mean length of the residual, over bins of equal count, of the rows that are kept."""
-
-        def compute():
-            x = self.quantities[name]
-            place = self._memo(("bins", name), lambda: bins_of(x))
-            return means_in(np.where(self.kept, place, -1), x, self.lengths(kind))
-
-        return self._memo(("means", name, kind, self.session.changes), compute)
+        return self.summaries.means(name, kind, self.excluded_rows)
 
     def counts(self, kinds: Iterable[str]) -> Histogram:
         """Counts of the lengths of the residual of some kinds, of the rows that are kept."""
-
-        def compute():
-            lengths, kept = self.opened.residuals.lengths, self.kept
-            if kept.all():
-                return histogram({kind: lengths[kind] for kind in kinds})
-            return histogram({kind: lengths[kind][kept] for kind in kinds})
-
-        return self._memo(("counts", tuple(kinds), self.session.changes), compute)
-
-    def _memo(self, key: tuple, compute: Callable):
-        """What `compute` gives, computed once for a key; a few of the latest are kept."""
-        with self._lock:  # the first figures are prepared in the background
-            if key not in self._known:
-                while len(self._known) >= _MOST_KNOWN:
-                    self._known.pop(next(iter(self._known)))
-                self._known[key] = compute()
-            return self._known[key]
+        kinds, excluded = tuple(kinds), self.excluded_rows
+        return self._memo(
+            ("counts", kinds, self.session.changes),
+            lambda: self.summaries.counts(kinds, excluded),
+        )
 
     # Edits
 
@@ -273,18 +254,23 @@ class Workspace:
 
     def include_all(self) -> None:
         """Include all excluded samples and poses. Raises InputError where there are none."""
-        self._include(self.excluded_items)
+        self._include_numbers(
+            {kind: sorted(self.session.excluded(kind)) for kind in (SAMPLES, POSES)}
+        )
 
     def _include(self, items: Iterable[Excluded]) -> None:
-        """Include some items: one change for the samples, one for the poses."""
+        """Include some items."""
         items = list(items)
-        if not items:
+        kinds = (SAMPLES, POSES)
+        self._include_numbers(
+            {kind: [n for one in items if one.kind == kind for n in one.numbers] for kind in kinds}
+        )
+
+    def _include_numbers(self, numbers: Mapping[str, list[int]]) -> None:
+        """Include samples and poses by their numbers: one change for each kind. Raises InputError for none."""
+        changes = [Change(INCLUDE, kind, tuple(some)) for kind, some in numbers.items() if some]
+        if not changes:
             raise InputError("None of these samples is excluded; there is nothing to include")
-        changes = []
-        for kind in (SAMPLES, POSES):
-            numbers = tuple(n for item in items if item.kind == kind for n in item.numbers)
-            if numbers:
-                changes.append(Change(INCLUDE, kind, numbers))
         self._saved(lambda history: [history.apply(change) for change in changes])
 
     @property
@@ -309,8 +295,7 @@ class Workspace:
 
         def compute():
             samples = len(session.excluded(SAMPLES))
-            poses = len(excluded_items(session, recording, 0))
-            return {SAMPLES: samples, POSES: poses}
+            return {SAMPLES: samples, POSES: excluded_pose_count(session, recording)}
 
         return self._memo(("excluded counts", session.changes), compute)
 
@@ -322,7 +307,7 @@ class Workspace:
             numbers = excluded_numbers(self.session, self.opened.recording)
             if not numbers.size:  # the numbers of a large recording are not sorted for nothing
                 return 0
-            return int((~np.isin(numbers, self.opened.edit_ids)).sum())
+            return int((~rows_of(self.opened.edit_ids, numbers)[1]).sum())
 
         return self._memo(("outside", self.session.changes), compute)
 
@@ -409,8 +394,7 @@ class Workspace:
     def open_run(self, opened: Opened) -> None:
         """Show another run of the same recording; the selection is lost."""
         self.runs.append(opened)
-        for name in ("quantities", "_sample_images"):
-            self.__dict__.pop(name, None)
+        self.__dict__.pop("_sample_images", None)
         self._select_none()
 
     def comparison(self) -> list[dict]:
@@ -427,7 +411,8 @@ class Workspace:
     # Inside
 
     def _select_none(self) -> None:
-        self._known: dict[tuple, object] = {}
+        self.summaries = Summaries(self.opened)
+        self._memo = Memo(_MOST_KNOWN).get
         self.selected = np.zeros(self.count, bool)
         self.current = 0
 
@@ -473,18 +458,6 @@ class Workspace:
         while (folder / f"{command}-{number}").exists():
             number += 1
         return folder / f"{command}-{number}"
-
-
-def quantities_of(opened: Opened) -> dict[str, np.ndarray]:
-    """Label with unit -> (m,) values of joints, time, covariates and targets, one for each row of the residuals."""
-    from workbench.report.calibration.residuals import quantities
-
-    if not opened.samples.n:  # images alone
-        return {}
-    rows = opened.rows
-    if np.array_equal(rows, np.arange(opened.samples.n)):  # no copy of a large recording
-        return dict(quantities(opened.samples))
-    return {label: values[rows] for label, values in quantities(opened.samples)}
 
 
 def _figure(answer, key: str, inner: str = "rms_mm") -> str:

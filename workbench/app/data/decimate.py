@@ -9,6 +9,8 @@ MOST_ARROWS = 1500
 MOST_BINS = 60
 _FEWEST_BINS = 8
 _LEAST_IN_BIN = 8
+_MOST_ORDERED = 50_000
+"""Values that the edges of bins of equal count are computed from."""
 
 
 def thinned(
@@ -52,15 +54,52 @@ def histogram(values: dict[str, np.ndarray], bins: int | None = None) -> Histogr
 
     bins: their number; where left out that of Rice's rule, 2 n^(1/3), with at most `MOST_BINS`.
     """
+    most = max((int(np.isfinite(row).sum()) for row in values.values()), default=1)
+    edges = _edges(most, [_largest(row) for row in values.values()], bins)
+    counts = {name: np.histogram(row, edges)[0] for name, row in values.items()}
+    return Histogram(edges, counts)
+
+
+def histogram_without(ordered: dict[str, np.ndarray], left_out: dict[str, np.ndarray]) -> Histogram:
+    """Counts of the finite values of each kind without some of them, as `histogram` gives them for the others.
+
+    ordered: kind -> (k,) all finite values, ascending; left_out: kind -> (l,) those not counted, nan among them.
+    The time is that of the values left out, not that of all values.
+    """
+    gone = {name: np.sort(row[np.isfinite(row)]) for name, row in left_out.items()}
+    counts_left = [len(row) - len(gone[name]) for name, row in ordered.items()]
+    largest = [_largest_left(row, gone[name]) for name, row in ordered.items()]
+    edges = _edges(max(counts_left, default=1), largest, None)
+    counts = {}
+    for name, row in ordered.items():
+        below = np.searchsorted(row, edges) - np.searchsorted(gone[name], edges)
+        counts[name] = np.diff(below)
+    return Histogram(edges, counts)
+
+
+def _edges(most: int, largest: list[float], bins: int | None) -> np.ndarray:
+    """(B + 1,) edges of bins from zero to the largest value; their number by Rice's rule for `most` values."""
     if bins is None:
-        largest = max((len(row) for row in values.values()), default=1)
-        bins = int(np.clip(np.ceil(2 * largest ** (1 / 3)), _FEWEST_BINS, MOST_BINS))
-    top = max(
-        (float(np.nanmax(row)) for row in values.values() if np.isfinite(row).any()), default=1.0
-    )
-    ends = (0.0, top * (1 + 1e-9) or 1.0)
-    counts = {name: np.histogram(row, bins, ends)[0] for name, row in values.items()}
-    return Histogram(np.linspace(*ends, bins + 1), counts)
+        bins = int(np.clip(np.ceil(2 * most ** (1 / 3)), _FEWEST_BINS, MOST_BINS))
+    finite = [value for value in largest if np.isfinite(value)]
+    top = max(finite, default=1.0)
+    return np.linspace(0.0, top * (1 + 1e-9) or 1.0, bins + 1)
+
+
+def _largest(values: np.ndarray) -> float:
+    """The largest finite value; nan where there is none."""
+    return float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
+
+
+def _largest_left(ordered: np.ndarray, gone: np.ndarray) -> float:
+    """The largest of the ascending values that are not among `gone`, ascending too; nan where none is left."""
+    at = len(ordered) - len(gone)
+    if at == 0:
+        return np.nan
+    tail = ordered[at - 1 :]  # one more than are gone
+    missing = tail[1:] != gone if len(gone) else np.zeros(0, bool)
+    last_kept = np.flatnonzero(missing)
+    return float(tail[1 + last_kept[-1]]) if len(last_kept) else float(tail[0])
 
 
 def bins_of(x: np.ndarray, bins: int = 24) -> np.ndarray:
@@ -69,23 +108,31 @@ def bins_of(x: np.ndarray, bins: int = 24) -> np.ndarray:
     if not finite.any():
         return np.full(len(x), -1)
     bins = int(np.clip(finite.sum() // _LEAST_IN_BIN, 1, bins))
-    edges = np.unique(np.quantile(x[finite], np.linspace(0, 1, bins + 1)[1:-1]))
-    return np.where(finite, np.searchsorted(edges, x, side="right"), -1).astype(np.int16)
+    some = x[finite][thinned(int(finite.sum()), _MOST_ORDERED)]
+    edges = np.unique(np.quantile(some, np.linspace(0, 1, bins + 1)[1:-1]))
+    return np.where(finite, np.searchsorted(edges, x, side="right"), -1).astype(np.int8)
 
 
-def means_in(place: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean of x and y (n,) over the samples of each bin `place` (n,); -1 and what is not finite are left out."""
+def sums_in(place: np.ndarray, x: np.ndarray, y: np.ndarray, bins: int = 0) -> np.ndarray:
+    """(3, B) count, sum of x and sum of y (n,) over each bin `place` (n,); -1 and what is not finite are left out.
+
+    bins: least number of bins B.
+    """
     used = (place >= 0) & np.isfinite(y)
     place, x, y = place[used], x[used], y[used]
-    count = np.bincount(place)
-    filled = count > 0
-    means = [np.bincount(place, row)[filled] / count[filled] for row in (x, y)]
-    return means[0], means[1]
+    return np.stack([np.bincount(place, row, bins) for row in (None, x, y)])
 
 
 def bin_means(x: np.ndarray, y: np.ndarray, bins: int = 24) -> tuple[np.ndarray, np.ndarray]:
     """Mean of x and y (n,) over at most `bins` bins of about equal count; all finite samples count."""
-    return means_in(bins_of(x, bins), x, y)
+    return means_of(sums_in(bins_of(x, bins), x, y))
+
+
+def means_of(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean of x and of y over each bin that is not empty, from `sums_in` (3, B)."""
+    count, sum_x, sum_y = sums
+    filled = count > 0
+    return sum_x[filled] / count[filled], sum_y[filled] / count[filled]
 
 
 def within(

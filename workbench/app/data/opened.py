@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from workbench.app.data.numbers import rows_of
 from workbench.app.data.residuals import Residuals, read_residuals
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_json
@@ -56,11 +57,8 @@ class Opened:
         """(m,) row of `samples` of each row of `residuals`, all rows where there are none."""
         if self.residuals is None:
             return np.arange(self.samples.n)
-        ids = self.samples.sample_ids
-        order = np.argsort(ids, kind="stable")
-        place = np.minimum(np.searchsorted(ids[order], self.residuals.sample), len(ids) - 1)
-        found = order[place]
-        if not np.array_equal(ids[found], self.residuals.sample):
+        found, is_there = rows_of(self.samples.sample_ids, self.residuals.sample)
+        if not is_there.all():
             raise InputError(
                 f"{self.folder}: expected residuals of samples of {self.subject}, found others; name the "
                 "recording of this run with --recording"
@@ -78,6 +76,12 @@ class Opened:
         if self.samples is self.recording or "pose" not in self.samples.columns:
             return self.samples.sample_ids[self.rows]
         return self.samples.columns["pose"][self.rows].astype(int)
+
+    @cached_property
+    def edit_rows(self) -> np.ndarray:
+        """(m,) row of `recording` that each row of the residuals stems from, -1 where it has no such sample."""
+        rows, is_there = rows_of(self.recording.sample_ids, self.edit_ids)
+        return np.where(is_there, rows, -1)
 
     @cached_property
     def robot(self):

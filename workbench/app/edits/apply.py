@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from workbench.app.data.numbers import rows_of
 from workbench.app.edits.changes import ADDED, EFFECTS, IMAGES, POSES, SAMPLES, STAGES, effect_label
 from workbench.app.edits.session import Session
 from workbench.core.errors import InputError
@@ -16,18 +17,29 @@ def kept_rows(session: Session, recording) -> np.ndarray:
     """(n,) bool: rows of samples.csv that no change excludes. Raises InputError for samples that do not exist."""
     ids = recording.sample_ids
     samples, poses = session.excluded(SAMPLES), session.excluded(POSES)
-    wanted = np.array(sorted(samples | poses), int)
-    missing = wanted[~np.isin(wanted, ids)]
+    rows, missing = _rows_of_items(ids, samples)
+    pose_rows, missing_poses = _rows_of_items(ids, poses)
+    missing = np.sort(np.append(missing, missing_poses))
     if missing.size:
         raise InputError(
             f"session of recording '{recording.name}': sample {missing[0]} is excluded, but the recording has "
             "no such sample; name the recording that the session was made with"
         )
-    excluded = np.isin(ids, list(samples))
+    kept = np.ones(len(ids), bool)
+    kept[rows] = False
     if poses:
         labels = recording.poses
-        excluded |= np.isin(labels, labels[np.isin(ids, list(poses))])
-    return ~excluded
+        is_excluded = np.zeros(labels.max() + 1, bool)
+        is_excluded[labels[pose_rows]] = True
+        kept &= ~is_excluded[labels]
+    return kept
+
+
+def _rows_of_items(ids: np.ndarray, items: frozenset) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of the samples with the numbers `items`, and those numbers that no sample has."""
+    numbers = np.fromiter(items, int, len(items))
+    rows, is_there = rows_of(ids, numbers)
+    return rows[is_there], numbers[~is_there]
 
 
 def edited_recording(session: Session, recording):

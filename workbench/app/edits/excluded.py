@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.app.data.numbers import rows_of
 from workbench.app.edits.apply import kept_rows
 from workbench.app.edits.changes import EXCLUDE, POSES, SAMPLES
 from workbench.app.edits.session import Session
@@ -33,12 +34,13 @@ class Excluded:
 def excluded_items(session: Session, recording, most: int | None = None) -> list[Excluded]:
     """Excluded samples, then excluded poses, each in ascending order of their numbers.
 
-    most: how many samples are wanted, None for all. A brush excludes up to a million; a list shows a hundred.
+    most: how many samples, and how many poses, are wanted, None for all. A brush excludes up to a million; a list
+    shows a hundred.
     """
     numbers = sorted(session.excluded(SAMPLES))[:most]
     reasons = _reasons(session, SAMPLES, numbers)
     samples = [Excluded(SAMPLES, (number,), (number,), reasons[number]) for number in numbers]
-    return samples + _excluded_poses(session, recording)
+    return samples + _excluded_poses(session, recording, most)
 
 
 def excluded_numbers(session: Session, recording) -> np.ndarray:
@@ -59,18 +61,44 @@ def _reasons(session: Session, kind: str, numbers: Iterable[int]) -> dict[int, s
     return found
 
 
-def _excluded_poses(session: Session, recording) -> list[Excluded]:
-    """One item for each excluded pose, by the first number that was given for it."""
-    given = np.array(sorted(session.excluded(POSES)), int)
+def excluded_pose_count(session: Session, recording) -> int:
+    """How many poses a session excludes, however many of their samples it names."""
+    return len(np.unique(_given_poses(session, recording)[1]))
+
+
+def _given_poses(session: Session, recording) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of samples (k,) that stand for excluded poses, in the order of the recording, and labels of the poses."""
+    given = np.fromiter(session.excluded(POSES), int)
     if not len(given):
+        return given, given
+    rows, is_there = rows_of(recording.sample_ids, given)
+    order = np.argsort(rows[is_there])
+    return given[is_there][order], recording.poses[rows[is_there][order]]
+
+
+def _excluded_poses(session: Session, recording, most: int | None) -> list[Excluded]:
+    """One item for each excluded pose, by the first number that was given for it; the first `most` poses."""
+    given, given_labels = _given_poses(session, recording)
+    in_order = list(dict.fromkeys(given_labels.tolist()))[:most]
+    if not in_order:
         return []
-    reasons = _reasons(session, POSES, given.tolist())
-    ids, labels = recording.sample_ids, recording.poses
-    is_given = np.isin(ids, given)
+    labels = recording.poses
+    is_listed = np.zeros(labels.max() + 1, bool)
+    is_listed[in_order] = True
+    here, is_shown = np.flatnonzero(is_listed[labels]), is_listed[given_labels]
+    samples_at = _numbers_by_label(labels[here], recording.sample_ids[here])
+    given_at = _numbers_by_label(given_labels[is_shown], given[is_shown])
+    reasons = _reasons(session, POSES, given[is_shown].tolist())
     found = []
-    for label in dict.fromkeys(labels[is_given].tolist()):
-        is_here = labels == label
-        numbers = tuple(sorted(ids[is_here & is_given].tolist()))
-        samples = tuple(ids[is_here].tolist())
-        found.append(Excluded(POSES, numbers, samples, reasons[numbers[0]]))
+    for label in in_order:
+        numbers = tuple(sorted(given_at[label]))
+        found.append(Excluded(POSES, numbers, tuple(samples_at[label]), reasons[numbers[0]]))
+    return found
+
+
+def _numbers_by_label(labels: np.ndarray, numbers: np.ndarray) -> dict[int, list[int]]:
+    """Label -> numbers of the rows with that label, in the order of the rows."""
+    found: dict[int, list[int]] = {}
+    for label, number in zip(labels.tolist(), numbers.tolist()):
+        found.setdefault(label, []).append(number)
     return found

@@ -5,6 +5,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 from workbench.app.edits.changes import (
@@ -73,6 +74,17 @@ class Session:
         """Items of a kind that are excluded after all changes."""
         if kind not in KINDS:
             raise ValueError(f"unknown kind {kind!r}")
+        known = self._excluded_by_kind
+        if kind not in known:
+            known[kind] = self._find_excluded(kind)
+        return known[kind]
+
+    @cached_property
+    def _excluded_by_kind(self) -> dict[str, frozenset]:
+        """What `excluded` has found so far: a brush excludes up to a million samples."""
+        return {}
+
+    def _find_excluded(self, kind: str) -> frozenset:
         found: set = set()
         for change in self.changes:
             if change.action == ADD:

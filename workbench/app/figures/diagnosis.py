@@ -9,8 +9,8 @@ from robot_model.chain import forward
 from workbench.app.data.decimate import MOST_POINTS, bin_means, histogram, thinned
 from workbench.app.data.diagnosis import NextPoses, Place
 from workbench.app.data.opened import Opened
+from workbench.app.data.summaries import quantities_of
 from workbench.app.figures import style
-from workbench.app.workspace import quantities_of
 from workbench.report.diagnosis.chain import side
 
 _MARGIN = 0.05

@@ -72,7 +72,7 @@ def scene(work: Workspace) -> go.Figure:
         seen += shapes.add(made, found, "camera of each pose", style.GREY, 1)
         shapes.add(made, current, "camera at the current sample", style.VIOLET, 4)
     if has_arm(opened):
-        add_arm(made, work, with_outer=False)
+        add_arm(made, work)
         seen += [np.array([one.x, one.y, one.z], float) for one in made.data[-2:]]
     _axes(made, now, _AXIS * size)
     points = np.concatenate(seen, axis=1)

@@ -53,14 +53,22 @@ def _layers(trace: Mapping) -> Iterable[dict]:
     """Line, then marks of a trace."""
     places = [_encoded(trace[axis]) for axis in "xyz" if axis in trace]
     line, marker = trace.get("line", {}), trace.get("marker", {})
+    name = trace.get("name", "")
     if "lines" in trace["mode"]:
         width = _LINE * line.get("width", 2) if "z" in trace else line.get("width", 2)
-        yield {"kind": "line", "places": places, "colour": line["color"], "width": width}
+        yield {
+            "kind": "line",
+            "name": name,
+            "places": places,
+            "colour": line["color"],
+            "width": width,
+        }
     if "markers" in trace["mode"]:
         shape, _, opened = marker.get("symbol", "circle").partition("-")
         edge = marker.get("line", {})
         yield {
             "kind": "marks",
+            "name": name,
             "places": places,
             "shape": shape,
             "size": marker["size"],

@@ -16,7 +16,7 @@ from workbench.app.data.residuals import (
     unit_of,
 )
 from workbench.app.figures import robot, style
-from workbench.app.figures.arrows import Needles, add_needles, colour_top
+from workbench.app.figures.arrows import Needles, add_needles, colour_top, rounded
 from workbench.app.figures.overlay import Overlay
 from workbench.app.workspace import Workspace
 
@@ -30,6 +30,8 @@ _NAMES = {
     HELD_OUT_AFTER: "after, held out",
 }
 _MOST_NAMES = 12
+_COVER = 8
+"""Width of a white line that covers an arrow, in plotly's units."""
 _MARGIN = 0.1
 """Room for the tips of arrows around the points, as a share of the diagonal."""
 _COLOURS = {
@@ -44,31 +46,29 @@ _COLOURS = {
 
 
 def arrows(work: Workspace) -> go.Figure:
-    """Arrows from the measured points, coloured by length, without what a selection changes."""
+    """Arrows from the measured points, coloured by length, without what a selection or an edit changes."""
     made = style.space("arrows")
     residuals = work.opened.residuals
     if residuals is None or residuals.points is None:
         return made
     drawn = work.drawn(MOST_ARROWS)
-    drawn = drawn[work.kept[drawn]]
-    marks = arrow_marks(work)
-    places, vectors = residuals.points[:, drawn], residuals.arrows[:, drawn]
-    low, high = _box(work, places)
-    scale = _enlargement(low, high, vectors)
-    numbers = work.opened.edit_ids[drawn]
-    needles = Needles(places, scale * vectors, drawn, numbers, residuals.shown[drawn])
+    low, high = _box(work)
+    scale = _enlargement(work)
+    places, vectors = residuals.points[:, drawn], scale * residuals.arrows[:, drawn]
+    needles = Needles(places, vectors, drawn, work.opened.edit_ids[drawn], residuals.shown[drawn])
     add_needles(made, needles, float(np.linalg.norm(high - low)), showlegend=True)
-    marks.add_legend(made)
+    arrow_marks(work).add_legend(made)
     style.framed(made, low, high)
     text = f"arrows enlarged {scale:,.0f} times; {len(drawn):,} of {work.count:,} samples drawn"
     made.update_layout(title=dict(text=text, x=0.01, y=0.99, yanchor="top", font_size=13))
     return made
 
 
-def _box(work: Workspace, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest (3,) mm of the scene: of the arm in all its poses, else of the points (3, k)."""
+def _box(work: Workspace) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest (3,) mm of the scene: of the arm in all its poses, else of the points that are drawn."""
     if has_arm(work.opened):
         return reach(work.opened, False)
+    places = work.opened.residuals.points[:, work.drawn(MOST_ARROWS)]
     if not places.size:
         return np.zeros(3), np.ones(3)
     low, high = places.min(axis=1), places.max(axis=1)
@@ -76,25 +76,45 @@ def _box(work: Workspace, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return low - margin, high + margin
 
 
-def _enlargement(low: np.ndarray, high: np.ndarray, vectors: np.ndarray) -> float:
-    """How many times arrows (3, k) mm are enlarged, so that they can be seen in a scene with the arm too."""
+def _enlargement(work: Workspace) -> float:
+    """How many times the drawn arrows are enlarged, so that they can be seen in a scene with the arm too."""
     from workbench.report.calibration.scene import arrow_scale
 
-    return arrow_scale(np.stack([low, high], axis=1), vectors) if vectors.size else 1.0
+    def compute():
+        vectors = work.opened.residuals.arrows[:, work.drawn(MOST_ARROWS)]
+        return arrow_scale(np.stack(_box(work), axis=1), vectors) if vectors.size else 1.0
+
+    return work.summaries.memo.get(("enlargement",), compute)
 
 
 def arrow_marks(work: Workspace) -> Overlay:
-    """Above the arrows: the selected samples, and the arm at the current one."""
+    """Above the arrows: the excluded and the selected samples, and the arm at the current one."""
     marks = Overlay()
     residuals = work.opened.residuals
     if residuals is None or residuals.points is None:
         return marks
     if has_arm(work.opened):
-        robot.add_arm(marks, work, with_outer=False)
+        robot.add_arm(marks, work)
+    _add_excluded(marks, work)
     x, y, z = residuals.points[:, work.selected_rows[: MOST_ARROWS // 4]]
     ring = dict(size=9, color=style.ORANGE, symbol="diamond-open")
     marks.add_scatter3d(x=x, y=y, z=z, mode="markers", name="selected", marker=ring)
     return marks
+
+
+def _add_excluded(marks: Overlay, work: Workspace) -> None:
+    """Grey lines with white edges over the drawn arrows of excluded samples, and rings at their measured points."""
+    found, drawn = work.opened.residuals, work.drawn(MOST_ARROWS)
+    drawn = drawn[~work.kept[drawn]]
+    points = found.points[:, drawn]
+    tips = points + _enlargement(work) * found.arrows[:, drawn]
+    gap = np.full_like(points, np.nan)
+    x, y, z = rounded(np.stack([points, tips, gap], axis=2).reshape(3, -1))
+    marks.add_scatter3d(x=x, y=y, z=z, mode="lines", line=dict(color="white", width=_COVER))
+    marks.add_scatter3d(x=x, y=y, z=z, mode="lines", line=dict(color=style.GREY, width=2))
+    x, y, z = rounded(points)
+    ring = dict(color="white", size=7, line=dict(color=style.GREY, width=1.5))
+    marks.add_scatter3d(x=x, y=y, z=z, mode="markers", name="excluded", marker=ring)
 
 
 def chart(work: Workspace, name: str, kind: str) -> go.Figure:

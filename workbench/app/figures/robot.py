@@ -16,6 +16,7 @@ from workbench.app.data.arm import (
 )
 from workbench.app.data.decimate import MOST_POINTS, thinned
 from workbench.app.figures import style
+from workbench.app.figures.overlay import Overlay
 from workbench.app.workspace import Workspace
 
 _ACROSS = 3
@@ -24,14 +25,25 @@ _MOST_AROUND = 800
 
 
 def scene(work: Workspace) -> go.Figure:
-    """The arm at the current sample, measured points, reflectors, instrument or artefact, and the sensor's field."""
+    """Measured points and instrument or artefact, without what depends on the current sample."""
     made = style.space("recording")
     if not has_arm(work.opened):
         return made
     drawn = thinned(work.count, _MOST_AROUND)
     _add_places(made, work, drawn)
-    add_arm(made, work)
+    outer = outer_frame(work.opened)
+    if outer is not None:
+        _outer(made, work.opened, outer)
+    scene_marks(work).add_legend(made)
     return style.framed(made, *reach(work.opened, True))
+
+
+def scene_marks(work: Workspace) -> Overlay:
+    """Above the scene: the arm at the current sample with reflectors and the sensor's field."""
+    marks = Overlay()
+    if has_arm(work.opened):
+        add_arm(marks, work)
+    return marks
 
 
 def has_points(work: Workspace) -> bool:
@@ -62,11 +74,8 @@ def _add_places(made: go.Figure, work: Workspace, rows: np.ndarray) -> None:
     )
 
 
-def add_arm(made: go.Figure, work: Workspace, with_outer: bool = True) -> None:
-    """The nominal arm at the current row with what it carries.
-
-    with_outer: also the frame of the instrument, or the balls of the artefact.
-    """
+def add_arm(made: go.Figure | Overlay, work: Workspace) -> None:
+    """The nominal arm at the current row with what it carries."""
     opened = work.opened
     row = int(opened.rows[work.current])
     pose = arm_pose(opened, row)
@@ -76,15 +85,17 @@ def add_arm(made: go.Figure, work: Workspace, with_outer: bool = True) -> None:
         _line(made, stalk, "reflectors" if k == 0 else "", style.GREEN, 4, 4)
     if pose.sensor is not None:
         _sensor(made, opened, pose)
-    outer = outer_frame(opened)
-    if outer is not None and with_outer:
-        _outer(made, opened, outer)
     if has_points(work):
         _current(made, work)
 
 
 def _line(
-    made: go.Figure, path: np.ndarray, name: str, colour: str, width: float, size: float = 0
+    made: go.Figure | Overlay,
+    path: np.ndarray,
+    name: str,
+    colour: str,
+    width: float,
+    size: float = 0,
 ) -> None:
     x, y, z = np.round(path, 2)
     made.add_scatter3d(
@@ -100,8 +111,8 @@ def _line(
     )
 
 
-def _current(made: go.Figure, work: Workspace) -> None:
-    """The measured point of the current sample; it covers others, so that a click on it selects its sample."""
+def _current(made: go.Figure | Overlay, work: Workspace) -> None:
+    """The measured point of the current sample."""
     row = work.current
     x, y, z = np.round(work.opened.residuals.points[:, row], 2)
     made.add_scatter3d(
@@ -110,9 +121,6 @@ def _current(made: go.Figure, work: Workspace) -> None:
         z=[z],
         mode="markers",
         name="current sample",
-        customdata=[row],
-        text=[work.opened.edit_ids[row]],
-        hovertemplate="sample %{text} (current)<extra></extra>",
         marker=dict(size=5, color=style.ORANGE, symbol="diamond"),
     )
 

@@ -5,7 +5,8 @@ import functools
 import importlib
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 
 from trame.app import asynchronous
@@ -102,7 +103,15 @@ class Page:
         self.handler(lambda: None)()
         if self.work is not None and not self._is_warm:
             self._is_warm = True
-            threading.Thread(target=warm_up, args=(self.work.opened,), daemon=True).start()
+            shown = self.tabs[self.state.tab]
+            shown.queue("other tabs", functools.partial(self._prepare_others, shown))
+
+    def _prepare_others(self, shown: "Tab") -> None:
+        """Compute in the background what the first visit of each other tab needs."""
+        tabs = list(self.tabs.values())
+        steps = [tab.prepare for tab in tabs if tab is not shown]
+        steps += [tab.prepare_more for tab in tabs]
+        threading.Thread(target=warm_up, args=(self.work.opened, steps), daemon=True).start()
 
     def show_tab(self) -> None:
         """Draw the tab that was chosen."""
@@ -191,6 +200,7 @@ class Tab:
         self._last_made: dict[str, object] = {}
         self._wanted: dict[str, Callable] = {}
         self._drawn: dict[str, tuple] = {}
+        self._prepared: dict[str, tuple] = {}
         self._is_drawing = False
 
     @property
@@ -207,7 +217,14 @@ class Tab:
         raise NotImplementedError
 
     def prepare(self) -> None:
-        """Compute what the first figures need; called in the background while the browser starts."""
+        """Make the first figures; called in the background, for the first tab while the browser starts."""
+
+    def prepare_more(self) -> None:
+        """Compute what further interactions need; called in the background after all first figures."""
+
+    def prepare_figure(self, name: str, key: tuple, make: Callable) -> None:
+        """Make a figure before it is asked for; `draw_when_changed` sends it where the key is the same."""
+        self._prepared[name] = (key, make())
 
     @property
     def is_shown(self) -> bool:
@@ -312,7 +329,11 @@ class Tab:
         """Make and send a figure in its turn, unless it is already drawn for the same key."""
         if self._drawn.get(name) != key:
             self._drawn[name] = key
-            self.draw_in_turn(**{name: make})
+            self.draw_in_turn(**{name: functools.partial(self._prepared_or_made, name, key, make)})
+
+    def _prepared_or_made(self, name: str, key: tuple, make: Callable):
+        known, made = self._prepared.pop(name, (None, None))
+        return made if known == key else make()
 
     async def _draw_wanted(self) -> None:
         await asyncio.sleep(_TURN_S)
@@ -360,8 +381,14 @@ def _waiting(is_waiting: str) -> None:
         html.Div("Drawing ...", classes="mt-2")
 
 
-def warm_up(opened) -> None:
-    """Import what the tabs of a sensor need: at the first click it would take more than a second."""
+def warm_up(opened, steps: Iterable[Callable]) -> None:
+    """Prepare the tabs in some steps, and import what those of a sensor need.
+
+    At the first click it would take more than a second. What fails here is reported when the tab is drawn.
+    """
+    for step in steps:
+        with suppress(Exception):
+            step()
     from workbench.app.data.sensor import scans_of
 
     modules = ["sensors.boards.detection", "sensors.stripe.find"] if opened.recording.images else []

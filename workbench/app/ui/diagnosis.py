@@ -6,11 +6,12 @@ from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
 from workbench.app.data import diagnosis as data
+from workbench.app.data.summaries import quantities_of
 from workbench.app.figures import diagnosis
 from workbench.app.ui.attributes import raw
 from workbench.app.ui.base import Tab, points_of, whole_number
 from workbench.app.ui.view import SPACE
-from workbench.app.workspace import CALIBRATE, quantities_of
+from workbench.app.workspace import CALIBRATE
 from workbench.report.text import counted
 
 PLAN = "plan.toml"

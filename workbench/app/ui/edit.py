@@ -2,6 +2,7 @@
 
 import asyncio
 import functools
+from collections.abc import Callable
 
 from trame.app import asynchronous
 from trame.widgets import html
@@ -182,12 +183,19 @@ class EditTab(Tab):
         state.has_residuals = work.opened.residuals is not None
         if state.has_residuals:
             self._show_threshold()
-            key = (work.previous, work.opened)
-            self.draw_when_changed("comparison", key, lambda: residuals.comparison(self.work))
+            self._draw_comparison(self.draw_when_changed)
         state.has_side_by_side = residuals.has_side_by_side(work)
         if state.has_side_by_side:
             key = (work.previous, work.opened)
             self.draw_when_changed("side_by_side", key, lambda: residuals.side_by_side(self.work))
+
+    def prepare(self) -> None:
+        if self.work.opened.residuals is not None:
+            self._draw_comparison(self.prepare_figure)
+
+    def _draw_comparison(self, send: Callable) -> None:
+        work = self.work
+        send("comparison", (work.previous, work.opened), lambda: residuals.comparison(work))
 
     def show_changes(self) -> None:
         """Send the list of changes; also called while another tab is shown, so that it never lags behind."""

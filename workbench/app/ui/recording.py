@@ -1,5 +1,7 @@
 """Tab "Recording": the arm at each pose, coverage, and the images with what was detected in them."""
 
+from collections.abc import Callable
+
 from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
@@ -9,6 +11,7 @@ from workbench.app.data.hand_eye import has_flange
 from workbench.app.data.images import image_rows
 from workbench.app.edits.session import HAND_EYE
 from workbench.app.figures import hand_eye, robot
+from workbench.app.figures.overlay import Overlay
 from workbench.app.ui.attributes import raw
 from workbench.app.ui.base import Tab, points_of, whole_number
 from workbench.app.ui.excluded import ExcludedList
@@ -127,18 +130,35 @@ class RecordingTab(Tab):
         self._describe()
         self.excluded.refresh()
         if self.state.has_arm:
-            self.draw_still("scene", lambda: [_scene(self.work)])
-            key = (self.work.opened, self.work.current)
-            self.draw_when_changed("scene", key, lambda: _scene(self.work))
-        if self.state.has_joints:  # no edit changes it
-            key = (self.work.opened,)
-            self.draw_when_changed("coverage", key, lambda: robot.coverage(self.work))
+            is_still = _is_still(self.work)
+            self.overlay("scene", robot.scene_marks(self.work) if is_still else Overlay())
+            self.draw_still("scene", self._still)
+            self._draw_scene(self.draw_when_changed)
+        if self.state.has_joints:
+            self._draw_coverage(self.draw_when_changed)
         if self.state.images:
             self._show_image()
 
     def prepare(self) -> None:
-        if has_arm(self.work.opened) or has_flange(self.work.opened):
-            _scene(self.work)
+        opened = self.work.opened
+        if has_arm(opened) or has_flange(opened):
+            self._draw_scene(self.prepare_figure)
+        if joint_columns(opened.samples.columns):
+            self._draw_coverage(self.prepare_figure)
+
+    def _draw_scene(self, send: Callable) -> None:
+        """With an arm, which the page draws above the scene, the scene is the same at each sample."""
+        work = self.work
+        key = (work.opened, 0 if _is_still(work) else work.current)
+        send("scene", key, lambda: _scene(work))
+
+    def _still(self):
+        return _scene(self.work), robot.scene_marks(self.work) if _is_still(self.work) else None
+
+    def _draw_coverage(self, send: Callable) -> None:
+        """No edit changes it."""
+        work = self.work
+        send("coverage", (work.opened,), lambda: robot.coverage(work))
 
     def _describe(self) -> None:
         work = self.work
@@ -203,11 +223,14 @@ class RecordingTab(Tab):
             self.go_to(rows[0])
 
 
+def _is_still(work) -> bool:
+    """Whether the scene is that of an arm, which is the same at each sample but for the arm."""
+    return work.opened.command != HAND_EYE and has_arm(work.opened)
+
+
 def _scene(work):
     """Flange, camera and board of a hand-eye run or of flange poses without an arm; else the arm."""
-    if work.opened.command == HAND_EYE or not has_arm(work.opened):
-        return hand_eye.scene(work)
-    return robot.scene(work)
+    return robot.scene(work) if _is_still(work) else hand_eye.scene(work)
 
 
 def _steps(name: str, last: str) -> tuple[str, str]:

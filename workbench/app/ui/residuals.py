@@ -1,5 +1,7 @@
 """Tab "Residuals": arrows in space, a chart over any quantity, a histogram; click or brush to select."""
 
+from collections.abc import Callable
+
 from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
@@ -23,6 +25,8 @@ _MODES = [
     {"title": "add", "value": EXTEND},
     {"title": "remove", "value": REMOVE},
 ]
+_MOST_PREPARED = 24
+"""Quantities whose means are prepared in the background."""
 _HEADS = {
     "sample": "Sample",
     "pose": "Pose",
@@ -213,16 +217,26 @@ class ResidualsTab(Tab):
         self._show_marks()
         if not state.no_arrows:
             self.draw_still("arrows", self._still)
-        self._draw_histogram()
-        self._draw_chart()
-        key = (work.opened, work.session.changes)
-        self.draw_when_changed("arrows", key, lambda: residuals.arrows(self.work))
+        self._draw_histogram(self.draw_when_changed)
+        self._draw_chart(self.draw_when_changed)
+        self._draw_arrows(self.draw_when_changed)
 
     def prepare(self) -> None:
-        if self.work.opened.residuals is not None:
-            residuals.arrows(self.work)
-            residuals.histogram_figure(self.work)
-            residuals.chart(self.work, next(iter(self.work.quantities), ""), "")
+        work = self.work
+        if work.opened.residuals is None:
+            return
+        self._draw_arrows(self.prepare_figure)
+        self._draw_histogram(self.prepare_figure)
+        self._draw_chart(self.prepare_figure)
+
+    def prepare_more(self) -> None:
+        work = self.work
+        for name in list(work.quantities)[:_MOST_PREPARED]:
+            work.means(name)
+        _ = work.opened.recording.poses  # so that poses can be excluded at once
+
+    def _draw_arrows(self, send: Callable) -> None:
+        send("arrows", (self.work.opened,), lambda: residuals.arrows(self.work))
 
     def _show_marks(self) -> None:
         """Show what a selection changes above chart and scene, which are not drawn again."""
@@ -233,15 +247,16 @@ class ResidualsTab(Tab):
     def _still(self):
         return residuals.arrows(self.work), residuals.arrow_marks(self.work)
 
-    def _draw_chart(self) -> None:
-        name, kind = self.state.quantity, self.state.kind or ""
+    def _draw_chart(self, send: Callable) -> None:
+        name = self.state.quantity or next(iter(self.work.quantities), "")
+        kind = self.state.kind or ""
         key = (self.work.opened, name, kind)
-        self.draw_when_changed("chart", key, lambda: residuals.chart(self.work, name, kind))
+        send("chart", key, lambda: residuals.chart(self.work, name, kind))
 
-    def _draw_histogram(self) -> None:
+    def _draw_histogram(self, send: Callable) -> None:
         """It needs no WebGL and is drawn soonest; a selection does not change it."""
         kind = self.state.kind or ""
-        self.draw_when_changed(
+        send(
             "histogram",
             (self.work.opened, self.work.session.changes, kind),
             lambda: residuals.histogram_figure(self.work, shown=kind),
@@ -301,8 +316,8 @@ class ResidualsTab(Tab):
     def _on_choice(self, **_) -> None:
         if self.is_shown and not self.state.no_residuals:
             self._show_marks()
-            self._draw_chart()
-            self._draw_histogram()
+            self._draw_chart(self.draw_when_changed)
+            self._draw_histogram(self.draw_when_changed)
 
     def select_rows(self, rows, mode=REPLACE) -> None:
         """Select some rows, as the chosen mode says."""

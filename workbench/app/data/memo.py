@@ -1,0 +1,29 @@
+"""Results that are computed once."""
+
+from collections.abc import Callable
+from threading import Lock
+
+
+class Memo:
+    """What a key was computed to be, for the `most` latest keys.
+
+    Several threads may ask: the first figures are prepared in the background. Nobody waits for the result of another
+    thread, so that a click never waits for a preparation; the same result is then computed twice.
+    """
+
+    def __init__(self, most: int):
+        self._most = most
+        self._known: dict[tuple, object] = {}
+        self._lock = Lock()
+
+    def get(self, key: tuple, compute: Callable):
+        """What `compute` gives, computed once for a key."""
+        with self._lock:
+            if key in self._known:
+                return self._known[key]
+        made = compute()
+        with self._lock:
+            while len(self._known) >= self._most:
+                self._known.pop(next(iter(self._known)))
+            self._known[key] = made
+        return made
