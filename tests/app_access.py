@@ -10,6 +10,14 @@ GROUPED = """() => Array.from(document.querySelectorAll('[role=tab]'))
     .map((one) => one.dataset.control)"""
 NAMES = """(keys) => keys.map((k) =>
     document.querySelector(`[data-control='${k}']`).outerHTML.slice(0, 200))"""
+KINDS_OF_BUTTONS = """() => {
+    const first = new Map();
+    for (const one of document.querySelectorAll('.v-btn:not([disabled])'))
+        if (one.offsetParent && getComputedStyle(one).visibility !== 'hidden' && !first.has(one.className))
+            first.set(one.className, one);
+    return Array.from(first.values()).map((one, k) => { one.dataset.kind = k; return String(k); });
+}"""
+"""Marks one enabled button of each look."""
 CONTRAST = """() => {
     const channel = (v) => (v / 255 <= 0.04045 ? v / 255 / 12.92 : ((v / 255 + 0.055) / 1.055) ** 2.4);
     const luminance = (c) => 0.2126 * channel(c[0]) + 0.7152 * channel(c[1]) + 0.0722 * channel(c[2]);
@@ -23,8 +31,11 @@ CONTRAST = """() => {
         for (let e = element; e; e = e.parentElement) found.push(e);
         return found;
     };
+    const veils = (e) => Array.from(e.children).filter((one) => one.matches('.v-btn__overlay'))  // of hover and focus
+        .map((one) => [one, getComputedStyle(one)])
+        .map(([, style]) => [...parse(style.backgroundColor).slice(0, 3), Number(style.opacity)]);
     const ground = (element) => parents(element)
-        .map((e) => parse(getComputedStyle(e).backgroundColor)).reverse()
+        .flatMap((e) => [...veils(e), parse(getComputedStyle(e).backgroundColor)]).reverse()
         .reduce((under, top) => over(top, under), [255, 255, 255]);
     const opacity = (element) => parents(element)
         .reduce((so_far, e) => so_far * getComputedStyle(e).opacity, 1);
@@ -33,7 +44,7 @@ CONTRAST = """() => {
         const [a, b] = [luminance(ink), luminance(back)].sort((x, y) => y - x);
         return (a + 0.05) / (b + 0.05);
     };
-    const skipped = '[disabled], .v-btn--disabled, .js-plotly-plot, style, script';
+    const skipped = '.js-plotly-plot, style, script';
     const found = [];
     const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
     for (let node = walker.nextNode(); node; node = walker.nextNode()) {

@@ -2,7 +2,7 @@
 
 import pytest
 
-from app_access import CONTRAST, missed_controls
+from app_access import CONTRAST, KINDS_OF_BUTTONS, missed_controls
 from app_browser import (
     TABS,
     click_row,
@@ -57,6 +57,28 @@ def test_the_arrow_keys_open_every_tab(page):
 def test_text_has_a_contrast_of_at_least_4_5(page, tab):
     show_tab(page, tab)
     wait_until_drawn(page)
+    assert page.evaluate(CONTRAST) == []
+
+
+def test_text_below_the_mouse_has_a_contrast_of_at_least_4_5(page):
+    """One enabled control of each kind: the mouse lays a veil over it."""
+    show_tab(page, "Residuals")
+    wait_until_drawn(page)
+    kinds = page.evaluate(KINDS_OF_BUTTONS)
+    assert len(kinds) >= 3
+    for kind in kinds:
+        button = page.locator(f"[data-kind='{kind}']")
+        button.hover()
+        page.wait_for_function(
+            "(kind) => document.querySelector(`[data-kind='${kind}']`).matches(':hover')", arg=kind
+        )
+        assert page.evaluate(CONTRAST) == [], kind
+
+
+def test_disabled_controls_are_readable_too(page):
+    show_tab(page, "Edit and rerun")
+    wait_until_drawn(page)
+    assert page.locator("button[disabled]:visible").count() >= 2  # Redo and Cancel
     assert page.evaluate(CONTRAST) == []
 
 

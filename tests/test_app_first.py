@@ -115,7 +115,7 @@ def test_a_tab_that_was_left_is_there_again_and_a_new_one_says_that_it_draws(bro
     wait_until_drawn(page)
     page.evaluate(_KEEP)
     page.evaluate(_HAS_WAITED)
-    for tab in ("Recording", "Residuals", "Edit and rerun", "Residuals"):
+    for tab in ("Recording", "Residuals", "Edit and rerun", "Diagnosis", "Recording", "Residuals"):
         show_tab(page, tab)
         wait_until_drawn(page)
         assert page.locator("[data-tab]:visible").count() == 1

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from app_diagnosis import write_diagnosis
+from workbench.app.data.effect_titles import Units, change_sentence, effect_title
 from workbench.app.data.opened import open_subject
 from workbench.app.data.plan import plan_sentence, stage_items
 from workbench.app.data.residuals import updated_threshold
@@ -159,7 +160,40 @@ def test_added_effects_leave_all_samples_in_use(work):
         [{"effect": "zero-shift", "where": "joint-2", "after": 3104.3500000000004}], ""
     )
     assert work.kept.all() and work.counts(["fit"]).counts["fit"].sum() == 300
-    assert "after=3104.35)" in work.session.changes[0].sentence
+    sentence = change_sentence(work.session.changes[0], Units())
+    assert sentence == "add 1 effect: zero-shift at joint-2 (after 3104.35 s)"
+
+
+@pytest.mark.parametrize(
+    ("label", "title"),
+    [
+        ("joint-compliance at joint-3", "joint-compliance at joint-3"),
+        (
+            "joint-curve at joint-3 (end=2.200065, start=-0.727365, terms=7)",
+            "joint-curve at joint-3 (from -41.67 deg to 126.1 deg, 7 terms)",
+        ),
+        (
+            "joint-curve at joint-7 (end=900.5, start=12, terms=3)",
+            "joint-curve at joint-7 (from 12 mm to 900.5 mm, 3 terms)",
+        ),
+        ("joint-hysteresis at joint-1 (width=0.1)", "joint-hysteresis at joint-1 (width 5.73 deg)"),
+        (
+            "base-drift at base (end=900, order=3, start=0)",
+            "base-drift at base (from 0 s to 900 s, order 3)",
+        ),
+        ("joint-coupling at joint-4 (joint=5)", "joint-coupling at joint-4 (from joint 5)"),
+        ("reading-lag at time (law=braking)", "reading-lag at time (law braking)"),
+    ],
+)
+def test_options_of_effects_are_words_with_units(label, title):
+    assert effect_title(label, Units(frozenset({"joint-7"}))) == title
+
+
+def test_units_are_those_of_the_recording(work):
+    samples = work.opened.samples
+    assert Units.of(samples) == Units(frozenset(), "s")
+    columns = {f"q{k}_{unit}": np.zeros(2) for k, unit in enumerate(("deg", "mm"), 1)}
+    assert Units.of(replace(samples, columns=columns)) == Units(frozenset({"joint-2"}), "rows")
 
 
 def test_the_session_is_taken_up_again_when_the_run_is_opened_again(work, run):

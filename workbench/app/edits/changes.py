@@ -34,19 +34,6 @@ class Change:
         """Of what can be hashed: the items of added effects are tables, which cannot."""
         return hash((self.action, self.kind, len(self.items), self.why))
 
-    @property
-    def sentence(self) -> str:
-        """The change for people."""
-        count = len(self.items)
-        noun = self.kind if count != 1 else self.kind.removesuffix("s")
-        shown = ", ".join(map(_shown, self.items[:4])) + (", …" if count > 4 else "")
-        because = f" ({self.why})" if self.why else ""
-        return f"{self.action} {count} {noun}: {shown}{because}"
-
-
-def _shown(item) -> str:
-    return effect_label(item) if isinstance(item, Mapping) else str(item)
-
 
 def effect_label(row: Mapping) -> str:
     """Name of an effect with its place and options: "transmission-harmonic at joint-3 (order=2)"."""

@@ -3,6 +3,7 @@
 import asyncio
 import functools
 import importlib
+import itertools
 import logging
 import threading
 from collections.abc import Callable, Iterable
@@ -24,7 +25,8 @@ from workbench.core.errors import InputError
 
 _log = logging.getLogger(__name__)
 _TURN_S = 0.005
-_MOST_KEPT = 3
+_MOST_CONTEXTS = 15
+"""WebGL contexts of the tabs that are kept: a browser holds at most 16 at once and takes the oldest away."""
 REPORT = "report.html"
 _STILL = "position: absolute; width: 100%; height: calc(100% - 64px)"
 """Where the scene of a figure in space lies, above its legend."""
@@ -89,12 +91,13 @@ class Page:
         self.server.force_state_push("tab")
 
     def keep_tabs(self) -> None:
-        """Have the browser keep the figures of the tabs that were shown last, so that they are there at once.
-
-        A browser holds at most 16 images of WebGL at once; a tab needs up to five.
-        """
+        """Have the browser keep the figures of the tabs that were shown last, so that they are there at once."""
         latest = [name for name in self.state.latest_tabs if name != self.state.tab]
-        self.state.latest_tabs = [self.state.tab, *latest][:_MOST_KEPT]
+        latest = [self.state.tab, *latest]
+        contexts = itertools.accumulate(self.tabs[name].contexts for name in latest)
+        self.state.latest_tabs = [
+            name for name, count in zip(latest, contexts) if count <= _MOST_CONTEXTS
+        ]
 
     def show(self) -> None:
         """Draw the chosen tab; called once the browser has painted the bar, so that figures do not delay it."""
@@ -186,12 +189,14 @@ class Page:
 class Tab:
     """One tab: `name` is its value in the state, `title` what people read.
 
-    `needs_work`: it is shown only once something is open.
+    `needs_work`: it is shown only once something is open. `contexts`: WebGL contexts of its figures, one for each
+    scene and three for a chart of many marks.
     """
 
     name = ""
     title = ""
     needs_work = True
+    contexts = 0
 
     def __init__(self, page: Page):
         self.page, self.state = page, page.state

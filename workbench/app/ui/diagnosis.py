@@ -23,6 +23,7 @@ class DiagnosisTab(Tab):
     """Which unmodelled effects were found, and where."""
 
     name, title = "diagnosis", "Diagnosis"
+    contexts = 4
 
     def build(self) -> None:
         state = self.state

@@ -8,6 +8,7 @@ from trame.app import asynchronous
 from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
+from workbench.app.data.effect_titles import Units, change_sentence, effect_title
 from workbench.app.data.plan import DIAGNOSE, plan_sentence, stage_items
 from workbench.app.data.residuals import updated_threshold
 from workbench.app.edits.changes import EFFECTS, STAGES
@@ -30,6 +31,7 @@ class EditTab(Tab):
     """Every change is an entry of session.toml."""
 
     name, title = "edit", "Edit and rerun"
+    contexts = 2
 
     def build(self) -> None:
         state = self.state
@@ -164,10 +166,11 @@ class EditTab(Tab):
     def refresh(self) -> None:
         work, state = self.work, self.state
         stages, effects = stage_items(work.opened, work.session, work.runs[:-1])
+        units = Units.of(work.opened.samples)
         for one in stages:
             one["label"] = f"{one['name']} ({one['state']})"
         for one in effects:
-            one["label"] = one["name"]
+            one["label"] = effect_title(one["name"], units)
         state.stages, state.effects = stages, effects
         state.has_plan = work.session.command == CALIBRATE
         state.plan_text = plan_sentence(work.session)
@@ -200,7 +203,8 @@ class EditTab(Tab):
     def show_changes(self) -> None:
         """Send the list of changes; also called while another tab is shown, so that it never lags behind."""
         history = self.work.history
-        self.state.changes = [change.sentence for change in history.session.changes]
+        units = Units.of(self.work.opened.samples)
+        self.state.changes = [change_sentence(change, units) for change in history.session.changes]
         self.state.can_undo, self.state.can_redo = history.can_undo, history.can_redo
 
     def _show_threshold(self) -> None:

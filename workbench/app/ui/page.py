@@ -27,6 +27,10 @@ _STYLE = """
 .v-field input::placeholder { color: #4b5563 !important; opacity: 1 !important; }
 .v-label { opacity: 1 !important; color: #1b1f24; }
 .v-tab { opacity: 1 !important; }
+.v-btn--disabled { opacity: 1 !important; color: #5b6470 !important; }
+.v-btn--disabled:not(.v-tab) { background: white !important; border: 1px dashed #5b6470 !important; }
+.v-btn--disabled .v-btn__overlay { opacity: 0 !important; }
+.v-selection-control--disabled, .v-input--disabled .v-label { opacity: 1 !important; color: #5b6470 !important; }
 .hidden-tab { position: fixed; top: 0; left: 0; width: 100%; visibility: hidden; pointer-events: none; z-index: -1; }
 """
 _STOPPED = """

@@ -23,6 +23,7 @@ class RecordingTab(Tab):
     """Robot in 3-D, scrubbing through the samples, coverage, images."""
 
     name, title = "recording", "Recording"
+    contexts = 4
 
     def __init__(self, page):
         super().__init__(page)

@@ -48,6 +48,7 @@ class ResidualsTab(Tab):
     """Where the residuals are large, and which samples they belong to."""
 
     name, title = "residuals", "Residuals"
+    contexts = 4
 
     def __init__(self, page):
         super().__init__(page)

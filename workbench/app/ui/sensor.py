@@ -26,6 +26,7 @@ class SensorTab(Tab):
     """What the run says of the sensor."""
 
     name, title = "sensor", "Sensor"
+    contexts = 5
 
     def __init__(self, page):
         super().__init__(page)

@@ -123,7 +123,10 @@ class Identifiability:
         k = self.keys.index(key)
         if self.weight[k] < _NO_EFFECT:
             return f"{self.labels[k]} has no effect on these measurements"
-        least = f"{self.typical[k] / self.weight[k]:.2g} {self.units[k]}"
+        size, unit = self.typical[k] / self.weight[k], self.units[k]
+        if unit == "rad" and size < 1e-3:
+            size, unit = 1e3 * size, "mrad"
+        least = f"{size:.2g} {unit}"
         return f"{self.labels[k]} has too small an effect here: it is detectable only from about {least}"
 
     def observability(self, samples: int) -> dict[str, float]:
