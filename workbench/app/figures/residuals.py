@@ -111,9 +111,9 @@ def _add_excluded(marks: Overlay, work: Workspace) -> None:
     gap = np.full_like(points, np.nan)
     x, y, z = rounded(np.stack([points, tips, gap], axis=2).reshape(3, -1))
     marks.add_scatter3d(x=x, y=y, z=z, mode="lines", line=dict(color="white", width=_COVER))
-    marks.add_scatter3d(x=x, y=y, z=z, mode="lines", line=dict(color=style.GREY, width=2))
+    marks.add_scatter3d(x=x, y=y, z=z, mode="lines", line=dict(color=style.GREY, width=1.5))
     x, y, z = rounded(points)
-    ring = dict(color="white", size=7, line=dict(color=style.GREY, width=1.5))
+    ring = dict(color="white", size=4, line=dict(color=style.GREY, width=1))
     marks.add_scatter3d(x=x, y=y, z=z, mode="markers", name="excluded", marker=ring)
 
 

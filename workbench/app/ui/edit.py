@@ -4,6 +4,7 @@ import asyncio
 import functools
 from collections.abc import Callable
 
+import numpy as np
 from trame.app import asynchronous
 from trame.widgets import html
 from trame.widgets import vuetify3 as v3
@@ -180,7 +181,7 @@ class EditTab(Tab):
         command = work.session.command
         state.calibrate_label = _LABELS.get(command, "Calibrate")
         state.session_file = f"Repeat without the app: workbench {command} --session {work.path}"
-        top = float(work.lengths().max(initial=0)) or 1.0
+        top = float(np.max(work.lengths(), where=work.kept, initial=0)) or 1.0
         state.threshold = updated_threshold(float(state.threshold), state.threshold_top, top)
         state.threshold_top = top
         state.has_residuals = work.opened.residuals is not None
