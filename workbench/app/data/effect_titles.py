@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from datasets.columns import joint_columns
+from robot_model.effects.curve import JointCurve
+from robot_model.effects.friction import JointHysteresis, JointTorque
 from workbench.app.edits.changes import Change, effect_label
 
 _LABEL = re.compile(r"(?P<name>\S+ at \S+)(?: \((?P<options>.*)\))?")
-_OF_JOINT = ("joint-curve", "joint-torque", "joint-hysteresis")
+_OF_JOINT = (JointCurve.effect, JointTorque.effect, JointHysteresis.effect)
 """Effects whose options are readings of their joint: rad, mm of a slide."""
 _OF_CLOCK = ("after", "start", "end", "time_constant")
 _MOST_SHOWN = 4
