@@ -16,6 +16,7 @@ from workbench.fitting.shrinkage import settled
 _ROUNDING = (1e-6, 1e-9)
 _MATERIAL = 0.1  # of a mean square: 5 % of the RMS, more than a simpler model is worth
 _JUDGED = 4000  # samples by which stages are compared at most
+_STEPS = 50  # of a solve, at most
 
 
 @dataclass(frozen=True)
@@ -193,12 +194,24 @@ def hold_out(
     test: np.ndarray,
     fit_on: np.ndarray,
     loss: str,
-    steps: int = 50,
+    steps: int = _STEPS,
     settle: bool = False,
 ) -> HeldOut:
     """Fit on the samples `fit_on` (n,) bool and predict those of `test` (n,) bool; settle as above."""
     residual = no_residual(model)
     residual[:, test], located = _predict(model, start, test, fit_on, loss, steps, settle)
+    return HeldOut(residual, np.where(test, 0, -1), located, stated_sigma(model))
+
+
+def predict_test(
+    model: Model, fitted: Parameters, test: np.ndarray, fit_on: np.ndarray, loss: str
+) -> HeldOut:
+    """Predict the samples of `test` (n,) bool with parameters that were fitted on those of `fit_on` (n,) bool.
+
+    Only places on tool or artefact that the fitted samples do not touch are located.
+    """
+    residual = no_residual(model)
+    residual[:, test], located = _placed(model.part(fit_on), model.part(test), fitted, loss, _STEPS)
     return HeldOut(residual, np.where(test, 0, -1), located, stated_sigma(model))
 
 
@@ -216,9 +229,14 @@ def stated_sigma(model: Model) -> np.ndarray | None:
 
 def _predict(model, start, test, fit_on, loss, steps, settle):
     """Residual (3, tested) of a fit on other samples, and what had to be located on the tested ones."""
-    known, seen = model.part(fit_on), model.part(test)
+    known = model.part(fit_on)
     fit = solve(known, start, loss, steps)
     fitted = (settled(known, fit, loss, steps) if settle else fit).parameters
+    return _placed(known, model.part(test), fitted, loss, steps)
+
+
+def _placed(known, seen, fitted, loss, steps):
+    """Residual and located places, as of `_predict`, of a model that was fitted on the samples of `known`."""
     unseen = _unseen(known, seen, fitted)
     if unseen.any():
         placed = solve(seen, fitted.only(unseen), loss, steps).parameters

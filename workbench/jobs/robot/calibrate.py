@@ -37,9 +37,9 @@ from workbench.fitting.cross_validation import (
     blocks,
     cross_validate,
     error_summary,
-    hold_out,
     in_rotation,
     in_space,
+    predict_test,
     repeat_summary,
 )
 from workbench.fitting.gauge import non_negligible_lengths, resized, size_of
@@ -380,12 +380,12 @@ def _held_out(model, fit, split, loss, steps, settle=False) -> HeldOut:
 def _final_held_out(step: _Step, split: Split, progress, what: str) -> HeldOut:
     """The error on the named test samples, else that over the folds of all fitted samples.
 
-    what: of the model, for the line of progress.
+    Test samples judge the model that is saved, without another fit. what: of the model, for the line of progress.
     """
     model, start, loss = step.model, step.fit.parameters, step.loss
     if split.test.any():
         progress(f"error of {what} on the test samples")
-        return hold_out(model, step.parameters, split.test, split.fit, loss, settle=step.settle)
+        return predict_test(model, step.parameters, split.test, split.fit, loss)
     progress(f"cross-validation of {what}")
     folds = paced(progress, f"cross-validation of {what}, fold")
     return cross_validate(model, start, split.fold, loss, settle=step.settle, tick=folds)
