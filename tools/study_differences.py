@@ -7,7 +7,7 @@ in docs/studies/differences.csv, and a run goes on where an earlier one stopped.
 
 Seeds that no run has seen, scenes with differences in parameters or physics alone, in a table of their own:
 
-    python tools/study_differences.py --count 30 --first-seed 880100 --twins --table twins.csv
+    python tools/study_differences.py --count 30 --first-seed 880100 --differences-alone --table alone.csv
 """
 
 import argparse
@@ -286,10 +286,14 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--count", type=int, default=SCENES)
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
-    parser.add_argument("--twins", action="store_true", help="scenes with differences alone")
+    parser.add_argument(
+        "--differences-alone", action="store_true", help="scenes with differences alone"
+    )
     parser.add_argument("--table", type=Path, default=TABLE)
     options = parser.parse_args()
-    combinations = [one for one in COMBINATIONS if not options.twins or one[0] or one[1]]
+    combinations = [
+        one for one in COMBINATIONS if not options.differences_alone or one[0] or one[1]
+    ]
     scenes = collect(options.count, options.table, options.first_seed, combinations)
     if options.table == TABLE:
         PAGE.write_text(page(scenes), encoding="utf-8")

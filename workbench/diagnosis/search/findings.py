@@ -31,7 +31,7 @@ def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -
 
     names: posterior of the elastic terms over sets of them, see `search.posterior`; it decides between these.
     """
-    table, mine = search.rivals(i), search.accepted[i]
+    table, mine = search.alternatives(i), search.accepted[i]
     own = search.own(i, table)
     explained, chance = search.explained(), _NEAR * search.variance()
     explanations = []

@@ -189,7 +189,7 @@ def _likelier(search, i: int) -> Hypothesis | None:
     if mine.unnamed or is_elastic(mine):
         return None
     families: dict[Key, list[Hypothesis]] = {}
-    for h in search.rivals(i):
+    for h in search.alternatives(i):
         if not h.unnamed and not is_elastic(h):
             families.setdefault(h.key, []).append(h)
     marginal = {key: logsumexp([h.log_weight for h in own]) for key, own in families.items()}

@@ -138,7 +138,7 @@ class Search:
         table, mine = table or self.table(self.others(i)), name_of(self.accepted[i])
         return next((h for h in table if name_of(h) == mine), table[0])
 
-    def rivals(self, i: int) -> list[Hypothesis]:
+    def alternatives(self, i: int) -> list[Hypothesis]:
         """All that may stand in the place of an accepted one, itself included, judged at one solution.
 
         What acts through compliances is a product with them. About the solution with it, these have the values that
