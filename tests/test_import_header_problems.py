@@ -33,7 +33,7 @@ def test_all_mistakes_are_reported_at_once(table, tmp_path):
     for words in (
         "expected columns with joint readings",
         "Also: log.csv: expected columns with a measured point",
-        "Also: --robot ur11: expected a robot.toml",
+        "Also: --robot ur11: expected one of ",
         "Also: log.csv, column op: expected numbers in all rows, found text (row 9: 'pause')",
     ):
         assert words in said
