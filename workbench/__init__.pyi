@@ -552,13 +552,13 @@ def export(
 
     A calibrated arm goes to urdf (your own file with corrected origins, where there is one), mjcf,
     python (one module that needs numpy alone), ros (kinematics of a Universal Robots arm),
-    urscript, krl and rapid (a program with corrected `targets`), mdh-json and mdh-csv. A camera or
-    the camera of a scanner goes to ros, opencv and kalibr; a hand-eye transform to ros: a static
-    transform and a launch file that publishes it.
+    urscript, krl, rapid and fanuc (a program with corrected `targets`), mdh-json and mdh-csv. A
+    camera or the camera of a scanner goes to ros, opencv and kalibr; a hand-eye transform to ros: a
+    static transform and a launch file that publishes it.
 
     Args:
         source: Run folder, solution.json, camera.toml, scanner.toml or hand-eye.toml.
-        to: urdf, mjcf, python, ros, urscript, krl, rapid, mdh-json, mdh-csv, opencv, kalibr
+        to: urdf, mjcf, python, ros, urscript, krl, rapid, fanuc, mdh-json, mdh-csv, opencv, kalibr
         file: Write this file.
         force: Also use a calibration or corrections that are refused as implausible.
         parent_frame: ROS frame of flange or base, of a hand-eye transform.
