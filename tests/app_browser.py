@@ -344,7 +344,7 @@ def cancel_run(page, command: str) -> None:
     show_tab(page, "Edit and rerun")
     page.get_by_role("button", name=command).click()
     page.get_by_role("progressbar", name="Run in progress").wait_for()
-    page.get_by_role("button", name="Cancel").click()
+    page.get_by_role("button", name="Cancel").press("Enter")
     wait_for_text(page, "job", "Cancelled")
 
 
