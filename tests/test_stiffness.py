@@ -221,7 +221,7 @@ def test_published_stiffness_is_an_input_and_models_stand_side_by_side(tmp_path)
         ("[joint]", "[joint", "cannot be read"),
         (
             '"abb_irb120"',
-            '"abb_irb12"',
+            '"abb_ibr120"',
             "k.toml, key robot: expected one of .* did you mean abb_irb120",
         ),
         (
