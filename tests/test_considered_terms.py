@@ -115,7 +115,9 @@ def test_a_missing_column_of_a_considered_term_counts_with_its_worst_value(recor
     unknown = compensate(arm, readings)
     np.testing.assert_allclose(unknown.sigma_mm, np.maximum(*sides), rtol=1e-6)
     assert np.sqrt((unknown.sigma_mm**2).mean()) > 2 * np.sqrt((alone**2).mean())
-    programme = SimpleNamespace(covariates={}, poses=None, readings=readings)
+    programme = SimpleNamespace(
+        covariates={}, poses=None, readings=readings, is_joint=np.ones(40, bool)
+    )
     said = judge_targets(arm, programme, unknown, Limits()).warnings
     assert any("no column approach3 (-1 to 1)" in one for one in said)
     programme.covariates = {"approach3": np.ones(40)}

@@ -5,7 +5,9 @@ import numpy as np
 from workbench.core.errors import InputError
 from workbench.core.terms import term_names
 from workbench.files.solution_file import CalibratedArm, name_of
-from workbench.jobs.robot.compensate import actual_poses
+from workbench.jobs.robot.compensate import actual_poses, covariates_read
+
+_ROUNDING_MM = 1e-9
 
 
 def switched_off_warning(
@@ -23,11 +25,16 @@ def switched_off_warning(
     names = [term_names(effect.effect, effect.where, name_of(effect))[0] for effect in off]
     rows = readings[reached]
     columns = {name: np.asarray(v)[reached] for name, v in (covariates or {}).items()}
+    lacking = covariates_read(whole) - covariates_read(arm) - set(columns)
     try:
         poses = [actual_poses(one, rows, columns) for one in (whole, arm)]
         distance = np.linalg.norm(poses[0][:, :3, 3] - poses[1][:, :3, 3], axis=1)
         size = f"by up to {distance.max():.3g} mm (RMS {np.sqrt((distance**2).mean()):.3g} mm)"
+        # a loop of unknown direction counts with its centre, which says nothing of its width
+        unknown = bool(lacking) and distance.max() < _ROUNDING_MM
     except InputError:  # the targets lack a column that only these terms read
+        unknown = True
+    if unknown:
         size = "by a distance that the columns of the targets do not determine"
     return (
         f"--without: the terms {', '.join(names)}, as they were calibrated, move the flange at these targets {size}. "
