@@ -274,7 +274,7 @@ def test_a_broken_hand_eye_file_is_a_sentence(tmp_path, matrix, transform):
         (
             ["solution.json", "camera.toml"],
             "none",
-            "expected one of urdf, mjcf, python, ros, urscript, krl, rapid, mdh-json, mdh-csv",
+            "expected one of urdf, mjcf, python, ros, urscript, krl, rapid, fanuc, mdh-json, mdh-csv",
         ),
         (
             ["answer.json"],
