@@ -7,23 +7,14 @@ import pytest
 
 from robot_model.effects.stiffness import stiffness_rows
 from scenes import model_of, observed, scene
+from test_report import STIFFNESS
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.core.text.stiffness_text import CENTRE_HEAD, holds_for, stiffness_table
 from workbench.fitting.plans import frames_of
 
 KEYS = ("joint-2.joint-compliance.compliance", "joint-4.joint-compliance.compliance")
-ROW = {
-    "where": "joint-2",
-    "known_from": "recorded loads",
-    "value": 4e-5,
-    "std": 2e-6,
-    "unit": "rad/(N m)",
-    "clear": True,
-    "stiffness": 24912.3,
-    "stiffness_std": 1123.4,
-    "centre_per_mm": None,
-}
+ROW = STIFFNESS | {"centre_per_mm": None}
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from workbench.core.terms import term_names
 from workbench.files.solution_file import CalibratedArm, name_of
 from workbench.jobs.robot.compensate import actual_poses, covariates_read
 
-_ROUNDING_MM = 1e-9
+_ROUNDING_MM = 1e-9  # below it, two models have the same poses
 
 
 def switched_off_warning(
