@@ -127,6 +127,8 @@ class YeCompliance(Effect):
     The paper prints a plus at joint 3. Statics wants a minus: the links' energy is
     F (s1 cos q2 + s2 cos(q2 - q3)), and the torque is its fall by q3. A plus needs axes 2 and 3
     alike, but then the forearm stands at q2 + q3.
+
+    The load terms are regression coefficients: Table 1 has negative ones, so none is held at zero.
     """
 
     effect = "joint-compliance"
@@ -135,7 +137,6 @@ class YeCompliance(Effect):
     elastic = True
     equation = "dq = lambda (J^T H e3 + N23 [s1, s2])"
     source = "Ye et al., Sensors 24, 2559 (2024), eq. 24-27 and Table 1, with the sign of joint 3 from statics"
-    nonnegative = 6
 
     @classmethod
     def candidates(cls, chain):

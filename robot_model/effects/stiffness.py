@@ -67,7 +67,7 @@ def _moved_by_centre(model, parameters) -> dict[str, np.ndarray]:
 
     To first order, with all free parameters and their priors fitted again.
     """
-    n = model.chain.n
+    n = model.chain.sigma.shape[1]  # samples: a length has two columns of joint readings
     part = np.arange(n)[:: max(1, -(-n // _MOST_SAMPLES))]
     chain = model.chain.at(part)
     model = Model(chain, model.effects)
