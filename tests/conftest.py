@@ -6,8 +6,10 @@ import os
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+import fcntl  # noqa: E402
 import json  # noqa: E402
 import select  # noqa: E402
+import shutil  # noqa: E402
 import signal  # noqa: E402
 import subprocess  # noqa: E402
 import sys  # noqa: E402
@@ -39,8 +41,13 @@ def _slow(case):
     return pytest.param(*values, marks=pytest.mark.slow)
 
 
+@pytest.hookimpl(tryfirst=True)  # before pytest selects by marks
 def pytest_collection_modifyitems(items):
-    """Slow tests start first, so that no worker is left alone with one at the end."""
+    """Tests of `slow_tests.txt` are slow, too. Slow ones start first, lest one worker is left alone with one at the end."""
+    measured = set((ROOT / "tests" / "slow_tests.txt").read_text(encoding="utf-8").splitlines())
+    for item in items:
+        if item.nodeid in measured:
+            item.add_marker(pytest.mark.slow)
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)
 
 
@@ -141,6 +148,20 @@ def workbench(tmp_path, tmp_path_factory, command_server):
     return call
 
 
+def made_once(tmp_path_factory, name: str, make) -> Path:
+    """What `make(folder)` returns for a new folder; one of the workers makes it, the others wait for it."""
+    root = tmp_path_factory.getbasetemp()
+    root = root.parent if "PYTEST_XDIST_WORKER" in os.environ else root
+    folder, result = root / name, root / f"{name}.txt"
+    with (root / f"{name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not result.exists():
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir()
+            result.write_text(str(make(folder)), encoding="utf-8")
+    return Path(result.read_text(encoding="utf-8"))
+
+
 @pytest.fixture(scope="session")
 def browser():
     """Playwright's browser for the tests of the app; they are skipped where it is absent."""
@@ -157,7 +178,9 @@ def arm_run(tmp_path_factory):
     """A run of `workbench calibrate` on the bundled arm."""
     import app_browser
 
-    return app_browser.calibrate_arm("elastic-arm", tmp_path_factory.mktemp("arm"))
+    return made_once(
+        tmp_path_factory, "arm", lambda folder: app_browser.calibrate_arm("elastic-arm", folder)
+    )
 
 
 @pytest.fixture(scope="session")
@@ -182,7 +205,7 @@ def hand_eye_run(tmp_path_factory):
     """A run of `workbench handeye` on the template of images of a board, which lies next to it."""
     import app_browser
 
-    return app_browser.calibrate_hand_eye(tmp_path_factory.mktemp("hand-eye"))
+    return made_once(tmp_path_factory, "hand-eye", app_browser.calibrate_hand_eye)
 
 
 @pytest.fixture(scope="session")
@@ -190,4 +213,4 @@ def scanner_run(tmp_path_factory):
     """A run of `workbench calibrate` on a rendered recording of a line scanner on an arm."""
     import app_browser
 
-    return app_browser.calibrate_scanner(tmp_path_factory.mktemp("scanner"))
+    return made_once(tmp_path_factory, "scanner", app_browser.calibrate_scanner)
