@@ -7,13 +7,14 @@ BIN := $(VENV)/bin
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest \
 	-n logical --maxprocesses 8 --dist worksteal -p no:cacheprovider
 
-.PHONY: help demo prove test test-slow test-all test-long check fuzz language docs lock package sbom bench system clean
+.PHONY: help demo prove test test-slow test-all test-times test-long check fuzz language docs lock package sbom bench system clean
 
 help:
 	@echo "make demo       calibrate a recording and write a report page"
 	@echo "make test       the fast tests"
 	@echo "make test-slow  the slow tests"
 	@echo "make test-all   both, in one run"
+	@echo "make test-times both, and a list of the tests above a second, which are then slow ones"
 	@echo "make test-long  the statistical studies on hundreds of recordings (about an hour)"
 	@echo "make check      lint, format, import rules, house style"
 	@echo "make fuzz       20,000 damaged inputs to every reader and command (an hour)"
@@ -39,6 +40,10 @@ test-slow: $(VENV)/.test
 
 test-all: $(VENV)/.test
 	$(PYTEST) -m "not long" --durations=30 --durations-min=5
+
+test-times: $(VENV)/.test
+	$(PYTEST) -m "not long" --junitxml=build/tests.xml
+	$(BIN)/python tools/slow_tests.py build/tests.xml
 
 test-long: $(VENV)/.test
 	$(PYTEST) -m long

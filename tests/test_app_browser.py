@@ -408,6 +408,22 @@ def test_a_stage_is_excluded_and_the_change_undone_and_redone(page, served):
     page.locator("[data-change]", has_text="compliance").wait_for()
 
 
+def test_keys_undo_and_redo_a_change_whatever_tab_is_shown(page, served):
+    show_tab(page, "Edit and rerun")
+    page.get_by_role("checkbox", name=re.compile("^compliance ")).click()
+    page.locator("[data-change]", has_text="compliance").wait_for()
+    show_tab(page, "Residuals")
+    page.keyboard.press("Control+z")
+    show_tab(page, "Edit and rerun")
+    page.get_by_text("No changes yet.").wait_for()
+    page.keyboard.press("Control+Shift+z")
+    page.locator("[data-change]", has_text="compliance").wait_for()
+    page.keyboard.press("Control+z")
+    page.get_by_text("No changes yet.").wait_for()
+    page.keyboard.press("Control+y")
+    page.locator("[data-change]", has_text="compliance").wait_for()
+
+
 def test_an_effect_is_excluded(page, served):
     show_tab(page, "Edit and rerun")
     page.get_by_role("checkbox", name="joint-compliance at joint-3").click()

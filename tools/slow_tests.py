@@ -1,6 +1,7 @@
 """Write tests/slow_tests.txt, the tests that `make test` leaves out because they take more than a second.
 
-Usage: python tools/slow_tests.py REPORT.xml [SECONDS]. `make test-times` makes the report (JUnit's format) and runs this.
+Usage: python tools/slow_tests.py REPORT.xml [SECONDS]
+`make test-times` makes the report, in the format of JUnit, and runs this.
 Tests that are marked as slow or long in their file need not be listed and do no harm.
 """
 

@@ -19,6 +19,7 @@ from workbench.app.ui.overlay import SCRIPT, STYLE
 from workbench.app.ui.recording import RecordingTab
 from workbench.app.ui.residuals import ResidualsTab
 from workbench.app.ui.sensor import SensorTab
+from workbench.app.ui.shortcuts import undo_keys
 from workbench.app.workspace import Workspace
 
 _STYLE = """
@@ -142,6 +143,8 @@ def _layout(server, page: Page, tabs) -> None:
         layout.root.style = "background: white"
         client.Style(_STYLE + STYLE)
         client.Script(SCRIPT)
+        edit = page.tabs["edit"]
+        client.Script(undo_keys(server, page.handler(edit.undo), page.handler(edit.redo)))
         client.ClientTriggers(mounted=page.show)
         client.ClientStateChange(value="tab", change="window.scrollTo(0, 0)")
         _bar(tabs)
