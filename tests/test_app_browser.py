@@ -321,7 +321,7 @@ def test_the_chart_can_show_any_covariate(page):
     page.get_by_role("combobox", name="Horizontal axis").focus()
     page.keyboard.type("payload")
     page.wait_for_function(
-        "() => document.querySelector('[data-figure=chart] .js-plotly-plot').layout.xaxis.title.text === 'payload_kg'"
+        "() => document.querySelector('[data-figure=chart] .js-plotly-plot').layout.xaxis.title.text === 'payload (kg)'"
     )
     assert (
         set(trace(page, "chart", "samples")["x"]) == {0, 1, 2}

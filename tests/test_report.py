@@ -320,10 +320,11 @@ def test_joint_that_the_residual_depends_on_is_named():
     made = fake()
     found = residuals.section(made, spread.errors_of(made))
     assert found["kinds"][0]["most"].startswith("joint 3 (deg)") and found["constant"] == [
-        "payload_kg"
+        "payload (kg)"
     ]
     assert (
-        found["menu"][:6] == [f"joint {k} (deg)" for k in range(1, 7)] and "time_s" in found["menu"]
+        found["menu"][:6] == [f"joint {k} (deg)" for k in range(1, 7)]
+        and "time (s)" in found["menu"]
     )
 
 

@@ -113,6 +113,22 @@ def test_axes_of_covariates_state_their_units():
     assert shown_covariate("time", {"time": np.arange(3.0)})[1] == "row number"
 
 
+def test_a_column_is_titled_by_quantity_and_unit():
+    from workbench.report.text import column_title
+
+    titles = {
+        "time_s": "time (s)",
+        "payload_kg": "payload (kg)",
+        "temperature_c": "temperature (°C)",
+        "temperature_j2_c": "temperature of joint 2 (°C)",
+        "temperature_artefact_c": "temperature of the artefact (°C)",
+        "approach3": "direction of approach of joint 3",
+        "tau2": "gravity torque of joint 2",
+        "my_own_column": "my own column",
+    }
+    assert {name: column_title(name) for name in titles} == titles
+
+
 def test_small_numbers_are_powers_of_ten():
     from workbench.explanation.words import measured
 

@@ -2,8 +2,32 @@
 
 import math
 
+from workbench.core.vocabulary import Covariate
+
 UNITS = {"rad": ("deg", 180 / math.pi), "rad/rad": ("mrad/rad", 1e3)}
 """Unit of a parameter -> unit on the page and the factor to it; other rad/... become µrad/..."""
+
+_UNITS_OF_COLUMNS = {"c": "°C", "nm": "N m", "deg_s": "deg/s", "mm_s": "mm/s", "m_s2": "m/s²"}
+_QUANTITIES = {
+    "tau": "gravity torque",
+    "qdot": "speed",
+    "move": "last move",
+    "approach": "direction of approach",
+    "moment": "bending moment",
+}
+
+
+def column_title(name: str) -> str:
+    """Axis label of a column: quantity and unit, "temperature of joint 2 (°C)" for "temperature_j2_c"."""
+    known = Covariate.of(name)
+    words = _QUANTITIES.get(known.kind, known.kind.replace("_", " "))
+    if known.place is not None:
+        number = known.place.number
+        words += f" of the {known.place}" if number is None else f" of {known.place.kind} {number}"
+    if known.component:
+        words += f", {known.component}"
+    unit = _UNITS_OF_COLUMNS.get(known.unit, known.unit)
+    return f"{words} ({unit})" if unit else words
 
 
 def rounded(value: float | None, digits: int = 3) -> str:

@@ -1,13 +1,16 @@
 """Table of parameters by group, and the combinations that the data do not identify."""
 
 from collections import Counter
+from collections.abc import Mapping
 from math import isfinite
+from types import MappingProxyType
 
 from workbench.core.text.stiffness_text import holds_for, stiffness_table
 from workbench.report.text import counted, decimals_of, fixed, listed, rounded, sentence, shown_unit
 
 _ROUNDING = 1e-9
 """What is smaller, in the unit of the page, is rounding in the file of a robot: no instrument measures it."""
+_NO_LABELS: Mapping[str, str] = MappingProxyType({})
 
 
 def section(calibration) -> dict:
@@ -15,8 +18,9 @@ def section(calibration) -> dict:
     groups: dict[str, list] = {}
     for parameter in calibration.parameters:
         groups.setdefault(parameter["where"], []).append(parameter)
+    labels = {f"{p['where']}.{p['name']}": p["label"] for p in calibration.parameters}
     return {
-        "groups": [group(where, rows) for where, rows in groups.items()],
+        "groups": [group(where, rows, labels) for where, rows in groups.items()],
         "count": count(calibration.parameters),
         "null_space": null_space(calibration),
         "stiffness": stiffness(calibration),
@@ -65,8 +69,8 @@ def count(parameters) -> str:
     )
 
 
-def group(where: str, parameters: list[dict]) -> dict:
-    """One fold-out group with its one-line summary."""
+def group(where: str, parameters: list[dict], labels: Mapping[str, str]) -> dict:
+    """One fold-out group with its one-line summary; labels: key of a parameter -> what it is in words."""
     free = [p for p in parameters if p["free"]]
     statuses = Counter(p["status"] for p in parameters)
     parts = [
@@ -76,13 +80,13 @@ def group(where: str, parameters: list[dict]) -> dict:
     ]
     return {
         "where": where.replace("-", " "),
-        "rows": [row(p) for p in parameters],
+        "rows": [row(p, labels) for p in parameters],
         "lost": sum(not p["identifiable"] for p in free),
         "summary": ", ".join(parts) + _largest(free),
     }
 
 
-def row(p: dict) -> dict:
+def row(p: dict, labels: Mapping[str, str] = _NO_LABELS) -> dict:
     """One line, in the unit of the page, rounded to two digits of its standard deviation."""
     unit, factor = shown_unit(p["unit"])
     known = p["free"] and p["identifiable"]
@@ -99,19 +103,20 @@ def row(p: dict) -> dict:
         "nominal": _number(nominal, decimals),
         "change": _signed(change, decimals, digits) if p["free"] else "–",
         "sigmas": _sigmas(change, std),
-        "state": state(p),
+        "state": state(p, labels),
         "known": known,
         "free": p["free"],
     }
 
 
-def state(p: dict) -> str:
+def state(p: dict, labels: Mapping[str, str]) -> str:
     """Why a parameter is held or not identifiable; "" if it is estimated."""
     if p["free"] and p["identifiable"]:
         return ""
     others = list(p["tied_to"])
-    tied = f": tied to {_several(others)}" if others else ""
-    why = p["why"].replace(", ".join(others), _several(others)) if others else p["why"]
+    words = _several([labels.get(key, key) for key in others])
+    tied = f": tied to {words}" if others else ""
+    why = p["why"].replace(", ".join(others), words) if others else p["why"]
     return sentence(why or p["status"] + tied)
 
 
