@@ -114,7 +114,7 @@ def test_axes_of_covariates_state_their_units():
 
 
 def test_a_column_is_titled_by_quantity_and_unit():
-    from workbench.report.text import column_title
+    from workbench.report.text import covariate_label
 
     titles = {
         "time_s": "time (s)",
@@ -126,7 +126,31 @@ def test_a_column_is_titled_by_quantity_and_unit():
         "tau2": "gravity torque of joint 2",
         "my_own_column": "my own column",
     }
-    assert {name: column_title(name) for name in titles} == titles
+    assert {name: covariate_label(name) for name in titles} == titles
+
+
+@pytest.mark.parametrize(
+    ("name", "path", "unit", "label"),
+    [
+        (
+            "compliance_2",
+            "scene.effect.1.values.compliance",
+            "rad/(N m)",
+            "compliance 2 (rad/(N m))",
+        ),
+        ("noise", "scene.sigma_mm", "", "noise (mm)"),
+        ("sigma_mm", "scene.sigma_mm", "", "sigma (mm)"),
+        ("warmest", "scene.temperature_c.2", "", "warmest (°C)"),
+        ("boards", "scene.placements.count", "", "boards"),
+    ],
+)
+def test_axes_of_a_study_have_the_unit_that_is_stated_or_at_the_end_of_a_name(
+    name, path, unit, label
+):
+    from workbench.report.text import axis_label
+    from workbench.studies.spec import Axis
+
+    assert axis_label(Axis(name=name, path=path, unit=unit, values=[1.0, 2.0])) == label
 
 
 def test_small_numbers_are_powers_of_ten():

@@ -7,7 +7,14 @@ from workbench.core.vocabulary import Covariate
 UNITS = {"rad": ("deg", 180 / math.pi), "rad/rad": ("mrad/rad", 1e3)}
 """Unit of a parameter -> unit on the page and the factor to it; other rad/... become µrad/..."""
 
-_UNITS_OF_COLUMNS = {"c": "°C", "nm": "N m", "deg_s": "deg/s", "mm_s": "mm/s", "m_s2": "m/s²"}
+_UNITS_OF_COLUMNS = {
+    "c": "°C",
+    "e": "electrons",
+    "nm": "N m",
+    "deg_s": "deg/s",
+    "mm_s": "mm/s",
+    "m_s2": "m/s²",
+}
 _QUANTITIES = {
     "tau": "gravity torque",
     "qdot": "speed",
@@ -17,7 +24,7 @@ _QUANTITIES = {
 }
 
 
-def column_title(name: str) -> str:
+def covariate_label(name: str) -> str:
     """Axis label of a column: quantity and unit, "temperature of joint 2 (°C)" for "temperature_j2_c"."""
     known = Covariate.of(name)
     words = _QUANTITIES.get(known.kind, known.kind.replace("_", " "))
@@ -88,8 +95,23 @@ def joint_label(column: str) -> str:
 def column_label(column: str) -> str:
     """A column of a table of results: "geometry_test_3kg_mm" -> "geometry test 3kg (mm)"."""
     stem, _, unit = column.rpartition("_")
-    known = stem and unit in ("mm", "deg", "px", "um", "kg", "s")
+    known = stem and unit in ("mm", "deg", "px", "um", "kg", "s", "c", "e")
+    unit = _UNITS_OF_COLUMNS.get(unit, unit)
     return f"{stem} ({unit})".replace("_", " ") if known else column.replace("_", " ")
+
+
+def axis_label(axis) -> str:
+    """A varied parameter of a study with its unit: the stated one, else that of its name or path."""
+    if axis.unit:
+        return f"{axis.name.replace('_', ' ')} ({axis.unit})"
+    said, of_path = column_label(axis.name), column_label(_key(axis.paths[0]))
+    has_unit = of_path.endswith(")") and not said.endswith(")")
+    return f"{said} {of_path[of_path.rindex('(') :]}" if has_unit else said
+
+
+def _key(path: str) -> str:
+    """The last part of a path that is no number of an entry: "sigma_mm" of "scene.sigma_mm.2"."""
+    return next(part for part in reversed(path.split(".")) if not part.isdecimal())
 
 
 def listed(words: list[str]) -> str:

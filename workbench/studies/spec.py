@@ -22,11 +22,13 @@ class _Table(BaseModel):
 class Axis(_Table):
     """A varied parameter: `path` (one or several keys with the same value) from `low` to `high` or one of `values`.
 
-    `scale` is linear or logarithmic; a grid has `levels` values.
+    `scale` is linear or logarithmic; a grid has `levels` values. `unit`: of the axis on the pages; where it is
+    missing, that at the end of the name or of the path ("sigma_mm").
     """
 
     name: Name
     path: str | list[str]
+    unit: str = ""
     low: float | None = None
     high: float | None = None
     scale: Literal["linear", "log"] = "linear"

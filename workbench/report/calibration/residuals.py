@@ -12,7 +12,7 @@ from plotly.subplots import make_subplots
 from datasets.columns import joint_columns
 from workbench.report import style
 from workbench.report.calibration.errors import Errors
-from workbench.report.text import column_title, listed
+from workbench.report.text import covariate_label, listed
 
 _PANELS_ACROSS = 4
 
@@ -39,7 +39,9 @@ def section(calibration, errors: Errors, rotation: Errors | None = None) -> dict
     """
     found, names = quantities(calibration.recording), calibration.recording.group_names
     constant = [
-        column_title(name) for name, x in calibration.recording.covariates.items() if not _varies(x)
+        covariate_label(name)
+        for name, x in calibration.recording.covariates.items()
+        if not _varies(x)
     ]
     return {
         "kinds": [_of_kind(found, one, names) for one in (errors, rotation) if one is not None],
@@ -74,7 +76,7 @@ def quantities(recording) -> list[tuple[str, np.ndarray]]:
     ]
     found.append(("row order (row number)", np.arange(1, recording.n + 1)))
     covariates = sorted(recording.covariates.items(), key=lambda pair: pair[0] != "time_s")
-    found += [(column_title(name), x) for name, x in covariates]
+    found += [(covariate_label(name), x) for name, x in covariates]
     found += [(f"{word} (number)", getattr(recording, word)) for word in ("ball", "reflector")]
     return [(label, np.asarray(x, float)) for label, x in found if _varies(x)]
 

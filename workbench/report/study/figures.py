@@ -6,7 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from workbench.report import style
-from workbench.report.text import column_label, rounded
+from workbench.report.text import axis_label, column_label, rounded
 from workbench.studies.spec import Axis
 
 _COLOURS = (style.BLUE, style.ORANGE, style.GREEN, style.VIOLET, style.GREY)
@@ -17,7 +17,7 @@ def over(
     axis: Axis, across: np.ndarray, up: np.ndarray, name: str, groups: np.ndarray | None = None
 ) -> go.Figure:
     """One dot per run, medians and the 90 % band in bins of the parameter; separately for each of `groups`."""
-    made = style.figure(340, column_label(axis.name), column_label(name))
+    made = style.figure(340, axis_label(axis), column_label(name))
     for k, group in enumerate([None] if groups is None else list(dict.fromkeys(groups.tolist()))):
         chosen = np.isfinite(up) & (True if group is None else groups == group)
         colour = _COLOURS[k % len(_COLOURS)]
@@ -266,7 +266,7 @@ def grid_map(axes: list[Axis], columns: dict, name: str) -> go.Figure:
     along, up, outcome = columns[axes[0].name], columns[axes[1].name], columns[name]
     first, second = np.unique(along), np.unique(up)
     cells = [[np.nanmedian(outcome[(along == a) & (up == b)]) for a in first] for b in second]
-    made = style.figure(400, *(column_label(axis.name) for axis in axes[:2]))
+    made = style.figure(400, *(axis_label(axis) for axis in axes[:2]))
     made.add_heatmap(
         x=[f"{a:g}" for a in first],
         y=[f"{b:g}" for b in second],

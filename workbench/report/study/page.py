@@ -3,7 +3,7 @@
 from workbench.report.sections import Page, Section, facts, figure, note, pair, table, words
 from workbench.report.study import figures as figures
 from workbench.report.study import maps as maps
-from workbench.report.text import column_label, counted, rounded, sentence
+from workbench.report.text import axis_label, column_label, counted, rounded, sentence
 from workbench.studies import tables
 from workbench.studies.summary import numeric
 
@@ -83,7 +83,7 @@ def _outcome(made, found):
         figure(
             f"over{k}",
             figures.over(axis, columns[axis.name], values, name, groups),
-            f"{said} over {column_label(axis.name)}: one dot per run, line through the medians, band of 90 %.",
+            f"{said} over {axis_label(axis)}: one dot per run, line through the medians, band of 90 %.",
         )
         for k, axis in enumerate(drawn)
     ]
