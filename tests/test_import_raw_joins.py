@@ -37,7 +37,13 @@ def stops(truth, step_s: float = 5.0):
 
 @pytest.mark.parametrize(
     ("header", "first", "second"),
-    [("Punktkennung", "{}", "{}"), ("Point", "P{:03d}", "{}"), ("Point", "P{}", "p_{:04d}")],
+    [
+        ("Punktkennung", "{}", "{}"),
+        ("Point", "P{:03d}", "{}"),
+        ("Point", "P{}", "p_{:04d}"),
+        ("Point", "P{:03d}", "A::UR poses::P{:03d}"),
+        ("Point", "P{}", "A::UR poses::p_{:04d}"),
+    ],
 )
 def test_rows_are_matched_by_their_names(header, first, second, truth, tmp_path):
     names, others = ([form.format(k + 1) for k in range(truth.n)] for form in (first, second))
@@ -45,6 +51,31 @@ def test_rows_are_matched_by_their_names(header, first, second, truth, tmp_path)
     made = import_recording(sources, tmp_path / "out", UR10)
     assert made.mapping.join.by == "key"
     assert_same_rows(made.recording, truth.select(np.arange(truth.n)[:3:-1]))
+
+
+def test_names_with_groups_are_matched_where_all_rows_have_one(truth, tmp_path):
+    """As many points as poses, in another order: the row number would join wrong rows."""
+    names, others = ([f"{front}P{k:03d}" for k in range(truth.n)] for front in ("", "A::Poses::"))
+    sources = write_pair(tmp_path, truth, "Point", names, others, slice(None, None, -1))
+    made = import_recording(sources, tmp_path / "out", UR10)
+    assert made.mapping.join.by == "key"
+    assert_same_rows(made.recording, truth)
+
+
+def test_tables_with_names_that_differ_say_that_the_row_number_joins_them(truth, tmp_path):
+    names, others = ([f"P{first + k}" for k in range(truth.n)] for first in (1, 501))
+    sources = write_pair(tmp_path, truth, "Point", names, others)
+    made = import_recording(sources, tmp_path / "out", UR10)
+    assert made.mapping.join.by == "index"
+    (said,) = [text for text in made.warnings if "joined by row number" in text]
+    assert "'P1'" in said and "'P501'" in said
+
+
+def test_names_that_differ_are_quoted_where_they_prevent_a_join(truth, tmp_path):
+    names, others = ([f"P{first + k}" for k in range(truth.n)] for first in (1, 501))
+    sources = write_pair(tmp_path, truth, "Point", names, others, slice(None, -3))
+    with pytest.raises(InputError, match="names differ .*'P501'.*'P1'"):
+        import_recording(sources, tmp_path / "out", UR10)
 
 
 def test_a_mapping_names_the_times_of_a_join(truth, tmp_path):

@@ -49,6 +49,7 @@ def join_tables(tables: Sequence[RawTable], join: Join) -> tuple[RawTable, Join,
         used = join if join.by else _choose(few, many, join)
         if used.by == "index":
             joined = _by_index(few, many)
+            warnings += [] if join.by else _unused_names(few, many)
         elif used.by == "key":
             joined, said = _by_key(few, many, used)
             warnings += said
@@ -92,7 +93,7 @@ def _choose(few: RawTable, many: RawTable, join: Join) -> Join:
     raise complaint(
         f"{few.file} and {many.file}",
         "equally many rows, a column with the same numbers or names in both, or times in both",
-        f"{few.n} and {many.n} rows and neither",
+        f"{few.n} and {many.n} rows, {_differing_names(few, many) or 'no such column'}, and no times in both",
         'add the column, or write [join] by = "key" with key = "<column>" into a mapping file for --map',
     )
 
@@ -126,6 +127,31 @@ def _other_keys(few: RawTable, many: RawTable):
                 yield name, other
 
 
+def _unused_names(few: RawTable, many: RawTable) -> list[str]:
+    """A sentence where tables are joined by row number although both name their rows."""
+    names = _differing_names(few, many)
+    if not names:
+        return []
+    return [
+        f"{few.file} and {many.file} are joined by row number: both have {few.n} rows, and {names}. If the rows are "
+        'in different orders, give them the same names, or write [join] by = "key" into a mapping file for --map.'
+    ]
+
+
+def _differing_names(few: RawTable, many: RawTable) -> str:
+    """What the first two columns that may name the rows of both tables hold; "" without such columns."""
+    pairs = [
+        (mine, its)
+        for mine, its in _shared_keys(few, many)
+        if _may_name_rows(few.columns[mine]) and _may_name_rows(many.columns[its])
+    ]
+    if not pairs:
+        return ""
+    cells = zip(pairs[0], (few.columns[pairs[0][0]], many.columns[pairs[0][1]]), (few, many))
+    said = [f"{table.file} has '{str(column[0])[:40]}' in {name}" for name, column, table in cells]
+    return f"their names differ ({said[0]}, {said[1]})"
+
+
 def _may_name_rows(cells: np.ndarray) -> bool:
     """Whether cells are all filled and differ, and numbers are whole ones."""
     if cells.dtype.kind == "f" and not (np.isfinite(cells).all() and (cells % 1 == 0).all()):
@@ -148,13 +174,13 @@ def _match_share(first: np.ndarray, second: np.ndarray) -> float:
 def _names_in_both(first: np.ndarray, second: np.ndarray) -> tuple[list[str], list[str]]:
     """Names of the rows of two tables, simplified where they agree in nothing otherwise.
 
-    "P1" and "p_001" are one name if no two names of one table become equal, and so are "P001" and "1" if all names of
-    the table begin with "P".
+    "Arm::Poses::P001" and "P001" are one name if no two names of one table become equal, and so are "P1" and "p_001",
+    and "P001" and "1" if all names of the table begin with "P".
     """
     mine, its = _as_text(first), _as_text(second)
     if set(mine) & set(its):
         return mine, its
-    for simplify in (_plain_names, _numbers_of_names):
+    for simplify in (_without_groups, _plain_names, _numbers_of_names):
         plain = [simplify(names) for names in (mine, its)]
         is_distinct = all(len(set(p)) == len(set(n)) for p, n in zip(plain, (mine, its)))
         if is_distinct and set(plain[0]) & set(plain[1]):
@@ -162,9 +188,14 @@ def _names_in_both(first: np.ndarray, second: np.ndarray) -> tuple[list[str], li
     return mine, its
 
 
+def _without_groups(names: Sequence[str]) -> list[str]:
+    """Names without the collection and group in front of them, as SpatialAnalyzer writes them."""
+    return [name.rpartition("::")[2].strip() for name in names]
+
+
 def _plain_names(names: Sequence[str]) -> list[str]:
     """Names without signs, and their numbers without leading zeros."""
-    parts = [re.findall(r"\d+|[^\W\d_]+", name) for name in names]
+    parts = [re.findall(r"\d+|[^\W\d_]+", name) for name in _without_groups(names)]
     return ["".join(part.lstrip("0") or "0" for part in found) for found in parts]
 
 
