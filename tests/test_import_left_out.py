@@ -69,6 +69,20 @@ def test_a_pose_without_a_rotation_and_unknown_columns_are_said():
     assert "Kierto X, Kierto Y, Kierto Z" in said[1]
 
 
+@pytest.mark.parametrize("names", [("ax", "ay", "az"), ("i", "j", "k"), ("Zx", "Zy", "Zz")])
+@pytest.mark.parametrize("decimals", [2, 6])
+def test_unit_vectors_are_offered_as_a_measured_axis(names, decimals):
+    vectors = np.random.default_rng(4).normal(size=(3, 5))
+    axis = np.round(vectors / np.linalg.norm(vectors, axis=0), decimals)
+    table = table_of("A1", "A2", "A3", "X", "Y", "Z", *names)
+    table = replace(table, columns={**table.columns, **dict(zip(names, axis))})
+    (said,) = left_out_sentences(table, propose(table).mapping, has_images=False)
+    assert f'[axis] columns = ["{names[0]}", "{names[1]}", "{names[2]}"]' in said
+    longer = replace(table, columns={**table.columns, names[0]: axis[0] + 0.5})
+    said = left_out_sentences(longer, propose(longer).mapping, has_images=False)
+    assert not any("[axis]" in text for text in said)
+
+
 def test_a_rotation_that_no_point_takes_is_said():
     table = table_of("A1", "A2", "A3", "Tracker X", "Tracker Y", "Tracker Z", "phi", "theta", "psi")
     mapping = propose(table).mapping

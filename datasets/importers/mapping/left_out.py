@@ -11,6 +11,7 @@ from datasets.importers.source import RawTable
 
 _TOKEN = re.compile(r"[A-Za-z]+|\d+")
 _FEWEST = 3
+_UNIT_LENGTH = 5e-3  # by which a unit vector of two or three decimals may miss one
 _ROTATIONS = ("angles", "quaternion", "vector", "matrix")
 
 
@@ -28,7 +29,14 @@ def left_out_sentences(table: RawTable, mapping: Mapping, has_images: bool) -> t
             f"The position of the flange ({names}) has no rotation, which {need} needs: no header names one. Add "
             '[flange_rotation] columns = ["...", "...", "..."] to the mapping.'
         )
-    for names in similar_columns(table, unused):
+    axes = unit_vectors(table, unused) if mapping.axis is None else []
+    for names in axes:
+        quoted = ", ".join(f'"{name}"' for name in names)
+        said.append(
+            f"The columns {', '.join(names)} are components of a unit vector in every row and are not used. If they "
+            f"are a measured axis of the target, add [axis] columns = [{quoted}] to the mapping."
+        )
+    for names in similar_columns(table, [one for one in unused if not any(one in a for a in axes)]):
         said.append(
             f"The columns {', '.join(names)} {_reason(table, names)} and are not used. If they are a point, a "
             "rotation or joint readings of the recording, add them to the mapping under [point], [rotation], "
@@ -67,6 +75,20 @@ def unused_columns(table: RawTable, mapping: Mapping) -> tuple[str, ...]:
         group = getattr(mapping, name)
         used |= set(group.columns) if group is not None else set()
     return tuple(name for name in table.columns if name not in used)
+
+
+def unit_vectors(table: RawTable, names: Iterable[str]) -> list[tuple[str, ...]]:
+    """Triples of neighbouring columns of numbers that are unit vectors, to the digits of a table, in every row."""
+    found: list[tuple[str, ...]] = []
+    numbers = [name for name in names if table.columns[name].dtype.kind == "f"]
+    for triple in zip(numbers, numbers[1:], numbers[2:]):
+        vectors = np.stack([table.columns[name] for name in triple])
+        lengths = np.linalg.norm(vectors, axis=0)
+        is_unit = len(lengths) >= _FEWEST and bool((np.abs(lengths - 1) < _UNIT_LENGTH).all())
+        is_new = not any(set(triple) & set(other) for other in found)
+        if is_unit and is_new and np.ptp(vectors, axis=1).max() > _UNIT_LENGTH:
+            found.append(triple)
+    return found
 
 
 def similar_columns(table: RawTable, names: Iterable[str]) -> list[tuple[str, ...]]:
