@@ -118,14 +118,15 @@ def warm_up_variants(kind, chain) -> list[Variant]:
     start, span = float(time.min()), float(np.ptp(time))
     if span <= 0 or any("temperature" in name for name in chain.state.covariates):
         return []
+    word, mass = "with time constant {:g}", 1 / len(_TIME_CONSTANTS)
     found = []
     for where in (w for place in kind.places for w in chain.places(place)):
         for share in _TIME_CONSTANTS:
             constant = float(f"{share * span:.3g}")
             made = kind(where, constant, start)
             if np.any(made.basis(chain.state)):
-                label = f"with time constant {constant:g}"
-                found.append(Variant(made, label, 1 / len(_TIME_CONSTANTS), "temperature"))
+                about = (word.format(constant), mass, "temperature", "time_constant", word)
+                found.append(Variant(made, *about))
     return found
 
 

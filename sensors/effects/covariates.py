@@ -53,9 +53,10 @@ class WarmUpLaw:
 def warm_ups(kind, where: str, times, prior: float = 1.0, missing: str = ""):
     """Variants of a `WarmUpLaw` with time constants that images at `times` (n,) s can distinguish."""
     constants, start = time_constants(times)
+    word = "warming up with time constant {:g} s"
     for constant in constants:
-        label = f"warming up with time constant {constant:g} s"
-        yield Variant(kind(where, constant, start), label, prior / len(constants), missing)
+        about = (word.format(constant), prior / len(constants), missing)
+        yield Variant(kind(where, constant, start), *about, "time_constant_s", word)
 
 
 def time_constants(times) -> tuple[list[float], float]:

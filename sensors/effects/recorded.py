@@ -86,7 +86,7 @@ class MirrorVibration(Effect):
         values = np.arange(6 * np.pi / duration, highest, spacing)
         even = np.full(len(values), 1 / max(len(values), 1))
         for where in chain.places("mirror") if len(values) else ():
-            label = "{:.4g} rad/s"
+            label = "{:g} rad/s"
             yield Grid(cls, where, "angular_frequency", "wave", "time_s", values, even, 1e-4, label)
 
     def table(self, chain):

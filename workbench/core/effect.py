@@ -28,13 +28,16 @@ class Variant:
     `label`: what distinguishes it from other variants at that place ("order 2"). `mass`: its share
     of the prior probability of its family, relative to the other members. `missing`: the kind of
     covariate that the law needs and the recording does not hold ("temperature"), for which another
-    one (time) is used instead; "" where nothing is missing.
+    one (time) is used instead; "" where nothing is missing. `option`: name of the option that is a real number, of
+    which the variants of a family hold a few values; `word`: format string of their labels. "" of all others.
     """
 
     effect: "Effect"
     label: str = ""
     mass: float = 1.0
     missing: str = ""
+    option: str = ""
+    word: str = ""
 
     @property
     def family(self) -> str:

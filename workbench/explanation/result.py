@@ -198,6 +198,7 @@ def _effect(term: Term, unit: str) -> dict:
         "depends_on": list(found.depends_on),
         "options": options_of(found.effects),
         "instant": asdict(found.instant) if found.instant else None,
+        "estimated_option": asdict(found.option) if found.option else None,
         "spectrum": _spectrum(term),
         f"size_{unit}": term.size,
         "t": term.t,

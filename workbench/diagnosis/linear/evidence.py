@@ -341,7 +341,7 @@ def squares_of(waves: np.ndarray) -> np.ndarray:
 
 def scan_moments(projected: Projected, scan: Scan) -> Moments:
     """Moments of every option of a scan."""
-    slots = projected.slots(scan.rows, ("scan", scan.where, scan.effect, scan.kind))
+    slots = projected.slots(scan.rows, scan.key)
     if scan.kind == "step":
         return slots.steps(scan.x, scan.options, scan.typical, scan.centred)
     parts = []
@@ -361,6 +361,6 @@ def _waves(problem: Problem, scan: Scan, chunk: slice) -> np.ndarray:
         phase = scan.options[chunk, None] * scan.x
         return np.stack([np.cos(phase), np.sin(phase)], 1)
 
-    is_small = scan.options.size * problem.n <= AT_ONCE
+    is_small = scan.options.size * problem.n <= AT_ONCE and not scan.is_exact
     kept = problem.made if is_small else {}
     return once(kept, ("wave", scan.where, scan.effect, chunk.start), make)

@@ -20,8 +20,8 @@ from scipy.linalg import block_diag
 
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import thin_svd
-from workbench.core.parameters import Parameter
-from workbench.diagnosis.levels import REAL, ROUNDING, SEEN, VAGUE
+from workbench.diagnosis.levels import ROUNDING, SEEN
+from workbench.diagnosis.linear.estimates import Instant, RealOption
 from workbench.diagnosis.linear.kept_effects import Added, Beyond
 
 _SINGULAR = 1e-11
@@ -42,7 +42,8 @@ class Candidate:
     which another stands in (time); "" where nothing is missing. `together`: whether another of the
     family may act together with it (a second order), or they exclude one another (a gap has one law).
     `positive`: how many of its first parameters cannot be negative (a compliance deflects along its load).
-    `load`: RMS torque or moment (N m) under which an elastic law deflects; 0 of all others.
+    `load`: RMS torque or moment (N m) under which an elastic law deflects; 0 of all others. `option`, `word`: as of
+    `Variant`.
     """
 
     effect: str
@@ -57,6 +58,8 @@ class Candidate:
     together: bool = False
     positive: int = 0
     load: float = 0.0
+    option: str = ""
+    word: str = ""
 
     @property
     def key(self) -> tuple:
@@ -74,6 +77,8 @@ class Scan:
     family has no name (a periodic movement of the floor). `typical`: prior size of an amplitude in
     the port's unit, one a row. `mass` (V,): prior of each option, relative to the others.
     `unnamed`: the covariates it would depend on, for a family without a name. `centred`: as of `Grid`.
+    `option`: name of the option where it is a real number and no integer, else "". `is_exact`: whether it was
+    made for the single value that the data determine.
     """
 
     effect: str
@@ -90,11 +95,14 @@ class Scan:
     unnamed: tuple[str, ...] = ()
     together: bool = False
     centred: bool = False
+    option: str = ""
+    is_exact: bool = False
 
     @property
     def key(self) -> tuple:
         """What it is called at every solution."""
-        return "scan", self.effect, self.where, self.kind, self.family, self.word
+        about = ("scan", self.effect, self.where, self.kind, self.family, self.word)
+        return (*about, float(self.options[0])) if self.is_exact else about
 
 
 @dataclass(frozen=True)
@@ -146,6 +154,7 @@ class Problem:
     `given`: whitened sum of squares of what elastic laws of the baseline make beyond its geometry.
     `mass_responses`: of every elastic law, what first moments that are off by one sigma change in its columns;
     `given_values`: (effect, where) -> fitted values (P,) of the elastic laws that the baseline holds.
+    `columns_of`: makes the columns (N, P) of an effect at its null, of one that is no candidate.
     """
 
     residual: np.ndarray
@@ -177,6 +186,7 @@ class Problem:
     beyond: Beyond | None = (
         None  # of a problem that keeps some effects: what these make, see `conditional_on`
     )
+    columns_of: Callable[[Effect], np.ndarray] | None = None
     rotation: np.ndarray | None = (
         None  # (N,) True for coordinates of an orientation, in rad; None: there are none
     )
@@ -269,6 +279,9 @@ class Problem:
         def places(held):
             return tuple(replace(s, rows=white(s.rows)) for s in held)
 
+        def columns_of(effect):
+            return columns(self.columns_of(effect))
+
         return replace(
             self,
             residual=white(self.residual),
@@ -283,6 +296,7 @@ class Problem:
             known={},
             beyond=None,
             mass_responses=candidates(self.mass_responses),
+            columns_of=columns_of,
         )
 
     def orthogonal_basis(self, columns: np.ndarray) -> np.ndarray:
@@ -341,26 +355,6 @@ def seen_basis(columns: np.ndarray) -> np.ndarray:
     q, r = np.linalg.qr(columns)
     u, s, _ = thin_svd(r)
     return q @ u[:, s > max(SEEN, _SINGULAR * s[:1].max(initial=0.0))]
-
-
-def parameter_row(p: Parameter, effect: Effect, value: float, std: float) -> dict:
-    """A row of `Bench.parameters`, but for the sizes of what the parameter does.
-
-    A parameter that could be many times its typical size, and zero as well, is not identifiable by itself.
-    """
-    is_identifiable = std < VAGUE * p.typical or abs(value) > REAL * std
-    return {
-        "key": p.key,
-        "name": p.key.split(".", 2)[2],
-        "where": effect.where,
-        "label": p.label,
-        "effect": effect.effect,
-        "value": float(value),
-        "std": float(std),
-        "unit": p.unit,
-        "typical": p.typical,
-        "identifiable": bool(is_identifiable),
-    }
 
 
 class Bench(Protocol):
@@ -427,15 +421,6 @@ class Alternative:
 
 
 @dataclass(frozen=True)
-class Instant:
-    """When something begins: `value` and its standard deviation `std`, in `unit`: "s", or "sample" without a time."""
-
-    value: float
-    std: float
-    unit: str
-
-
-@dataclass(frozen=True)
 class Finding:
     """One thing that the baseline does not hold.
 
@@ -443,7 +428,8 @@ class Finding:
     `effects` is empty. `p_value`: valid under the whole search. `probability`: posterior that it is
     this effect at this place, among all named and unnamed. `size`: RMS over all coordinates of what
     remains of it orthogonal to the baseline, in sigmas. `gain`: fall of the
-    whitened sum of squares. `instant`: when it begins, where it begins within the recording.
+    whitened sum of squares. `instant`: when it begins, where it begins within the recording. `option`: of its law
+    where that is a real number (a frequency, a time constant).
     """
 
     effect: str
@@ -458,6 +444,7 @@ class Finding:
     alternatives: tuple[Alternative, ...] = ()
     alarms: tuple[str, ...] = ()
     instant: Instant | None = None
+    option: RealOption | None = None
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,8 @@ from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.diagnosis.levels import SEEN
-from workbench.diagnosis.linear.problem import Problem, Site, parameter_row
+from workbench.diagnosis.linear.estimates import parameter_row
+from workbench.diagnosis.linear.problem import Problem, Site
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot import mass_responses
 from workbench.diagnosis.robot.derived import mass_rows, spectrum

@@ -67,6 +67,8 @@ def candidate_of(
         effect.coexists,
         effect.nonnegative,
         load,
+        variant.option,
+        variant.word,
     )
 
 
@@ -81,6 +83,7 @@ def scan_of(grid: Grid, rows: np.ndarray, covariate: np.ndarray) -> Scan:
 
     kind = grid.effect
     family = Variant(grid.make(grid.values[0])).family
+    is_real = grid.shape == "wave" and grid.values.dtype.kind == "f"
     return Scan(
         kind.effect,
         grid.where,
@@ -95,6 +98,7 @@ def scan_of(grid: Grid, rows: np.ndarray, covariate: np.ndarray) -> Scan:
         grid.label,
         together=kind.coexists,
         centred=grid.centred,
+        option=grid.option if is_real else "",
     )
 
 

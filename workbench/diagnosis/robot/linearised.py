@@ -119,6 +119,7 @@ def with_candidates(problem: Problem, model: Model, fit: Fit, library, variants)
         given=_given(bare, fit, rows.white),
         mass_responses=_candidates(model, fit, rows, mass_laws),
         given_values=values,
+        columns_of=partial(_columns, model, fit, rows),
     )
 
 

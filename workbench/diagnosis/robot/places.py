@@ -140,6 +140,7 @@ def _floor(chain, rows, turns) -> list[Scan]:
             make,
             "to and fro, {:g} rad a unit of time",
             ("time",),
+            option="rate",
         )
     ]
 

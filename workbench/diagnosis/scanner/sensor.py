@@ -19,7 +19,8 @@ from workbench.core.effect import Effect
 from workbench.core.least_squares.bundle import BundleFit, solve_bundle
 from workbench.core.model import Model
 from workbench.core.parameters import Parameter, Parameters
-from workbench.diagnosis.linear.problem import Found, Problem, Site, parameter_row
+from workbench.diagnosis.linear.estimates import parameter_row
+from workbench.diagnosis.linear.problem import Found, Problem, Site
 from workbench.diagnosis.scanner.pose_error import without_pose_error
 from workbench.diagnosis.scanner.sensor_library import Kind, described, places
 from workbench.diagnosis.scanner.sensor_linear import (

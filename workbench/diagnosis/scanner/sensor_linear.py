@@ -168,6 +168,7 @@ class Linear:
             effects=self.effects,
             added=added,
             values=values,
+            columns_of=lambda effect: self.columns(effect)[0],
         )
 
     @cached_property

@@ -16,6 +16,7 @@ from workbench.diagnosis.robot.library import compliances, names
 from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.compatible import same_place
 from workbench.diagnosis.search.instants import instant_of
+from workbench.diagnosis.search.options import option_of
 from workbench.diagnosis.search.posterior import Name
 from workbench.diagnosis.search.prior import LAW_ERROR, SECOND
 from workbench.diagnosis.search.state import Search
@@ -54,6 +55,7 @@ def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -
         mine.unnamed,
         _alternatives(explanations, shares, own, search.left(), chance),
         instant=instant_of(search, i, own),
+        option=option_of(search, i),
     )
     if names and mine.key in names:
         made = _among_sets(made, shares, names)

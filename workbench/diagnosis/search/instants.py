@@ -3,9 +3,10 @@
 import numpy as np
 from scipy.special import logsumexp
 
+from workbench.diagnosis.linear.estimates import Instant
 from workbench.diagnosis.linear.evidence import Projected, scan_moments
 from workbench.diagnosis.linear.hypotheses import Hypothesis
-from workbench.diagnosis.linear.problem import Instant, Scan
+from workbench.diagnosis.linear.problem import Scan
 
 
 def instant_of(search, i: int, own: Hypothesis) -> Instant | None:

@@ -9,9 +9,11 @@ import numpy as np
 from workbench.core.model import STATE_PORTS
 from workbench.diagnosis.levels import WORTHWHILE
 from workbench.diagnosis.linear.evidence import Projected
+from workbench.diagnosis.linear.exact_options import with_exact_options
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Candidate
 from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members
+from workbench.diagnosis.search.options import refine_options, with_estimated_options
 from workbench.diagnosis.search.state import Search, name_of
 from workbench.diagnosis.search.stepwise import Stepwise
 
@@ -46,6 +48,8 @@ def accept_likeliest(search: Search, thorough: bool = True) -> None:
         search.accepted = tuple(_with_effect(search.bench, h) for h in chosen)
         say_terms(search, chosen)
         search.solve_possible()
+        order_by_gain(search)
+        refine_options(search, is_first=len(tried) == 1 and not thorough)
     order_by_gain(search)
 
 
@@ -82,12 +86,16 @@ def _at_hand(search: Search, thorough: bool) -> tuple[list[Hypothesis], tuple[in
     thorough: also the likeliest in the place of each.
     """
     if not search.alone:
-        search.alone = _likeliest(search.whole_table(()), _FIRST, _UNNAMED)
+        first = _likeliest(search.whole_table(()), _FIRST, _UNNAMED)
+        search.alone = with_estimated_options(search, first, ())
     pools = [search.alone]
     if search.accepted:
-        pools.append(_likeliest(search.table(search.everyone), _CONDITIONAL, _UNNAMED))
+        more = _likeliest(search.table(search.everyone), _CONDITIONAL, _UNNAMED)
+        pools.append(with_estimated_options(search, more, search.everyone))
     if thorough and len(search.accepted) <= _WIDE:
-        pools += [_likeliest(search.table(search.others(i)), _INSTEAD, 0) for i in search.everyone]
+        for kept in map(search.others, search.everyone):
+            instead = _likeliest(search.table(kept), _INSTEAD, 0)
+            pools.append(with_estimated_options(search, instead, kept))
     chosen = {name_of(h): h for h in _here(search, search.accepted)}
     present = tuple(range(len(chosen)))
     for pool in pools:
@@ -98,7 +106,9 @@ def _at_hand(search: Search, thorough: bool) -> tuple[list[Hypothesis], tuple[in
 
 def _here(search: Search, terms: Iterable[Hypothesis]) -> list[Hypothesis]:
     """The terms with their columns at the present solution."""
-    return [h for h in (one.at(search.problem) for one in terms) if h is not None]
+    terms = list(terms)
+    problem = with_exact_options(search.problem, terms)
+    return [h for h in (one.at(problem) for one in terms) if h is not None]
 
 
 def _likeliest(table: list[Hypothesis], named: int, unnamed: int) -> list[Hypothesis]:

@@ -19,6 +19,7 @@ from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.likeliest import as_solved, order_by_gain, say_terms
 from workbench.diagnosis.search.objective import LogPosterior, Members
+from workbench.diagnosis.search.options import refine_options
 from workbench.diagnosis.search.prior import DEFLECTS
 from workbench.diagnosis.search.state import name_of
 
@@ -167,6 +168,7 @@ def exchange_names(search) -> None:
     """Exchange what is accepted for what is likelier once variants, and sets of elastic terms, are summed over."""
     _exchange_laws(search)
     _exchange_elastic(search)
+    refine_options(search)
 
 
 def _exchange_laws(search) -> None:

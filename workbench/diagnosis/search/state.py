@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from workbench.diagnosis.linear.evidence import Projected
+from workbench.diagnosis.linear.exact_options import with_exact_options
 from workbench.diagnosis.linear.hypotheses import Hypothesis, family_wise, judged
 from workbench.diagnosis.linear.problem import Bench, Problem
 from workbench.diagnosis.noise.data import evened_out
@@ -62,6 +63,7 @@ class Search:
         self.problem = (
             problem if self.random_effect is None else evened_by(problem, self.random_effect)
         )
+        self.problem = with_exact_options(self.problem, (*self.accepted, *self.also))
         self.tables = {}
 
     def solve_possible(self):

@@ -1,0 +1,97 @@
+"""Options that are real numbers: what lies between two values of the grid is one finding, its value right within 3 sigma."""
+
+import numpy as np
+import pytest
+
+import test_diagnosis_sensor_recorded as sensor_cases
+from robot_model.effects import CATALOGUE
+from robot_model.effects.nonparametric import PeriodicMotion
+from sensors.effects import CATALOGUE as SENSOR_EFFECTS
+from sensors.effects.covariates import time_constants
+from test_diagnosis_engine import SIGMA, recorded
+from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.scanner import sensor
+from workbench.diagnosis.scanner.sensor_simulate import simulated
+from workbench.diagnosis.search.select import find
+
+SPAN = 20.0 * 219  # s, of `recorded`
+CONSTANTS = SPAN * np.geomspace(0.03, 1.0, 10)
+SIZE = 100 * SIGMA  # mm, RMS of an effect at the measured point
+LEVER = 500.0  # mm, about the distance of the point from a joint
+
+
+def order(value):
+    """A harmonic at joint 2."""
+    amplitude = SIZE / LEVER
+    return CATALOGUE["transmission-harmonic"]("joint-2", value), [amplitude, -amplitude]
+
+
+def warm_up(value):
+    """Joint 2 warming up."""
+    variants = CATALOGUE["warm-up"].candidates(bench_of(recorded(1)).chain)
+    kind = next(type(v.effect) for v in variants if v.effect.where == "joint-2")
+    return kind("joint-2", value), [4 * SIZE / LEVER]
+
+
+def floor(value):
+    """The base moving to and fro along x and y."""
+    effect = PeriodicMotion("base", value, ["mm"] * 3 + ["rad"] * 3, [0.05] * 3 + [3e-4] * 3)
+    return effect, [SIZE, 0.0, 0.0, SIZE, *np.zeros(8)]
+
+
+@pytest.mark.parametrize(
+    ("make", "value"),
+    [
+        (order, 17.25),
+        (order, 88.5),
+        (warm_up, float(np.mean(CONSTANTS[3:5]))),
+        pytest.param(floor, 2 * np.pi * 12.25 / SPAN, marks=pytest.mark.slow),
+    ],
+)
+def test_an_option_between_two_values_of_the_grid_is_one_finding_of_an_arm(make, value):
+    effect, values = make(value)
+    found = find(bench_of(recorded(11, [effect], values)))
+    assert_one_finding(found, effect, value)
+
+
+def assert_one_finding(found, effect, value):
+    """One finding, whose option is known and right."""
+    assert [(one.effect, one.where) for one in found.findings] == [(effect.effect, effect.where)], (
+        found.trail
+    )
+    option = found.findings[0].option
+    assert 0 < option.std < 0.02 * value
+    assert abs(option.value - value) < 3 * option.std
+    assert option.value == getattr(found.findings[0].effects[0], option.name)
+
+
+@pytest.mark.parametrize(
+    ("make", "value"),
+    [(order, 17.0), (order, 4.0)],
+)
+def test_an_order_that_is_a_whole_number_stays_one(make, value):
+    effect, values = make(value)
+    found = find(bench_of(recorded(12, [effect], values)))
+    assert [one.effects[0].order for one in found.findings] == [value]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [0, 20])
+def test_a_vibration_between_two_frequencies_of_the_grid_is_one_finding(number):
+    kind = SENSOR_EFFECTS["mirror-vibration"]
+    (grid,) = kind.grids(sensor.SensorBench(sensor_cases.true()).kind)
+    value = float(grid.values[number : number + 2].mean())
+    key = "mirror.mirror-vibration."
+    sizes = {key + "cos": 2e-3, key + "sin": 1e-3}
+    effect = kind("mirror", value)
+    made = simulated(sensor_cases.true(), (effect,), sizes, 5)
+    assert_one_finding(find(sensor.SensorBench(made)), effect, value)
+
+
+@pytest.mark.slow
+def test_a_warm_up_between_two_time_constants_of_the_grid_is_one_finding():
+    constants, start = time_constants(sensor.SensorBench(sensor_cases.true()).kind.times)
+    value = float(np.mean(constants[8:10]))
+    effect = SENSOR_EFFECTS["laser-drift"]("laser", value, start)
+    made = simulated(sensor_cases.true(), (effect,), {"laser.laser-drift.amplitude": 5e-3}, 6)
+    assert_one_finding(find(sensor.SensorBench(made)), effect, value)

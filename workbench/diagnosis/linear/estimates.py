@@ -1,0 +1,48 @@
+"""Estimates of a diagnosis with their standard deviations: parameters, instants, options that are real numbers."""
+
+from dataclasses import dataclass
+
+from workbench.core.effect import Effect
+from workbench.core.parameters import Parameter
+from workbench.diagnosis.levels import REAL, VAGUE
+
+
+@dataclass(frozen=True)
+class Instant:
+    """When something begins: `value` and its standard deviation `std`, in `unit`: "s", or "sample" without a time."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class RealOption:
+    """An option of an effect that is a real number: `name`, `value` and standard deviation `std`, in its own unit."""
+
+    name: str
+    value: float
+    std: float
+
+
+def parameter_row(p: Parameter, effect: Effect, value: float, std: float) -> dict:
+    """A row of `Bench.parameters`, but for the sizes of what the parameter does.
+
+    A parameter that could be many times its typical size, and zero as well, is not identifiable by itself.
+    """
+    is_identifiable = std < VAGUE * p.typical or abs(value) > REAL * std
+    return {
+        "key": p.key,
+        "name": p.key.split(".", 2)[2],
+        "where": effect.where,
+        "label": p.label,
+        "effect": effect.effect,
+        "value": float(value),
+        "std": float(std),
+        "unit": p.unit,
+        "typical": p.typical,
+        "identifiable": bool(is_identifiable),
+    }
+
+
+__all__ = ["Instant", "RealOption", "parameter_row"]

@@ -1,0 +1,116 @@
+"""Options that are real numbers (an order, a frequency, a time constant), off the grid on which they are searched.
+
+Of a family the search knows its variants on a grid. One that is accepted gets the value that the data determine, and is
+then a further variant of its family: a `Candidate`, or a `Scan` with this one option.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from workbench.diagnosis.linear.hypotheses import Hypothesis, columns_of
+from workbench.diagnosis.linear.problem import Candidate, Problem, Scan
+
+
+@dataclass(frozen=True)
+class RealFamily:
+    """The variants of an accepted hypothesis in a problem: `name` of their option and its `grid` (V,), ascending."""
+
+    problem: Problem
+    own: Hypothesis
+    name: str
+    grid: np.ndarray
+
+    @classmethod
+    def of(cls, problem: Problem, own: Hypothesis) -> "RealFamily | None":
+        """None where its option is no real number, or has a single value."""
+        source = own.source if isinstance(own.source, Candidate) else own.source[0]
+        name = getattr(source, "option", "")
+        if not name:
+            return None
+        if isinstance(source, Scan):
+            base = _base_of(source, problem)
+            values = [] if base is None else base.options.tolist()
+        else:
+            variants = [c for c in problem.candidates if c.word == source.word != ""]
+            alike = [c for c in variants if (c.effect, c.where) == own.key and c.key != source.key]
+            values = [getattr(c.effects[0], name) for c in alike]
+        return cls(problem, own, name, np.unique(values)) if len(values) > 1 else None
+
+    @property
+    def value(self) -> float:
+        """The present value."""
+        return float(getattr(self.own.effects[0], self.name))
+
+    @property
+    def bracket(self) -> tuple[float, float]:
+        """The neighbours of the present value on the grid; at an end of the grid as far away as the next value is."""
+        lower, upper = self.grid[self.grid < self.value], self.grid[self.grid > self.value]
+        first, last = np.diff(self.grid)[[0, -1]]
+        low = lower.max() if len(lower) else max(self.value - first, self.value / 2)
+        return float(low), float(upper.min() if len(upper) else self.value + last)
+
+    def columns(self, value: float) -> np.ndarray:
+        """(N, P) whitened columns in typical sizes at a value."""
+        if isinstance(self.own.source, Candidate):
+            return self.problem.columns_of(self._effects(value)[0]) * self.own.typical
+        return columns_of((self.own.source[0], value), self.problem)
+
+    def at(self, value: float) -> Hypothesis:
+        """The hypothesis with another value."""
+        effects, source = self._effects(value), self.own.source
+        if isinstance(source, Candidate):
+            label = source.word.format(value)
+            made = replace(
+                source, label=label, effects=effects, columns=self.columns(value) / self.own.typical
+            )
+            return replace(self.own, label=label, effects=effects, source=made)
+        scan = _exact(_base_of(source[0], self.problem), value)
+        return replace(
+            self.own, label=scan.word.format(value), effects=effects, source=(scan, value)
+        )
+
+    def _effects(self, value: float) -> tuple:
+        if not isinstance(self.own.source, Candidate):
+            return self.own.source[0].make(value)
+        effect = self.own.effects[0]
+        return (type(effect)(effect.where, **effect.options | {self.name: value}),)
+
+
+def with_exact_options(problem: Problem, held: Sequence[Hypothesis]) -> Problem:
+    """The problem with a variant more for each hypothesis whose option is off the grid."""
+    scans, candidates = [], []
+    for h in held:
+        source = h.source[0] if isinstance(h.source, tuple) else h.source
+        if source is None or source.key in problem.sources:
+            continue
+        if isinstance(source, Candidate) and source.option:
+            candidates.append(replace(source, columns=problem.columns_of(source.effects[0])))
+        elif isinstance(source, Scan) and (base := _base_of(source, problem)) is not None:
+            scans.append(_exact(base, h.source[1]))
+    if not scans and not candidates:
+        return problem
+    # what is known of the candidates is known by their number
+    return replace(
+        problem,
+        candidates=(*problem.candidates, *candidates),
+        scans=(*problem.scans, *scans),
+        known={},
+    )
+
+
+def _exact(scan: Scan, value: float) -> Scan:
+    """A scan with one option, which has the mass of the nearest one."""
+    nearest = int(np.argmin(np.abs(scan.options - value)))
+    return replace(
+        scan, options=np.array([value]), mass=scan.mass[nearest : nearest + 1], is_exact=True
+    )
+
+
+def _base_of(scan: Scan, problem: Problem) -> Scan | None:
+    """The scan over the whole grid; None where the problem does not hold it."""
+    return problem.sources.get(scan.key[:-1] if scan.is_exact else scan.key)
+
+
+__all__ = ["RealFamily", "with_exact_options"]

@@ -1,0 +1,143 @@
+"""Maximum-likelihood values of options that are real numbers: a grid finds a frequency, the data determine it.
+
+What an accepted effect leaves because its option is that of a grid is fitted by other effects, which are then named
+falsely. So the option of each accepted effect is estimated before the search goes on (variable projection: Golub &
+Pereyra, SIAM J. Numer. Anal. 10 (1973) 413).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from workbench.core.least_squares.linear_algebra import least_squares
+from workbench.diagnosis.levels import ROUNDING
+from workbench.diagnosis.linear.estimates import RealOption
+from workbench.diagnosis.linear.evidence import Projected
+from workbench.diagnosis.linear.exact_options import RealFamily
+from workbench.diagnosis.linear.hypotheses import Hypothesis
+
+_ROUNDS = 3  # of estimates, each about a new solution
+_CLOSE = 0.1  # standard deviations of an option that are worth no other solution
+_WHOLE = 3.0  # standard deviations within which an order of the grid that is a whole number is kept
+_CLEAR = 100.0
+"""Fall of the sum of squares over the variance that is left: a grid leaves a hundredth of it, which is then a sigma."""
+_RESOLUTION = 1e-5  # of the distance between neighbours of a grid
+_STEP = 1e-4  # of the same, half-step of a derivative
+
+
+def refine_options(search, is_first: bool = False) -> None:
+    """Give the options of all accepted hypotheses the values that the data determine, and solve with them.
+
+    Conditional on all others. is_first: on those before it alone, in the order in which they explain most. What
+    explains less may be what an option that is not known yet leaves, and would keep it from its value.
+    """
+    for _ in range(1 if is_first else _ROUNDS):
+        refined = []
+        for i, h in enumerate(search.accepted):
+            others = tuple(range(i)) if is_first else search.others(i)
+            refined.append(_refined(_Profile.of(search, i, others), h))
+        if not _accept(search, refined):
+            return
+
+
+def with_estimated_options(
+    search, pool: Sequence[Hypothesis], kept: tuple[int, ...]
+) -> list[Hypothesis]:
+    """Terms for a search with a variant more of each effect that is clearly there: that of the likeliest option.
+
+    Conditional on the accepted ones that are kept. Two neighbours of a grid make a wave between them, and a function
+    without a law what a warm-up on a grid leaves: a search without that variant prefers them.
+    """
+    seen, more = set(), []
+    projected = Projected(search.problem.conditional_on(kept))
+    whole = float(projected.y @ projected.y)
+    for h in pool:
+        if h.unnamed or h.key in seen or not h.gain > _CLEAR * (whole - h.gain) / projected.degrees:
+            continue
+        seen.add(h.key)
+        family = RealFamily.of(search.problem, h)
+        own = h if family is None else _refined(_Profile(family, projected), h)
+        more += [own] if own is not h else []
+    return [*pool, *more]
+
+
+def _accept(search, refined: list[Hypothesis]) -> bool:
+    """Accept other values of options, and whether there are any."""
+    if all(one is held for one, held in zip(refined, search.accepted)):
+        return False
+    search.accepted = tuple(refined)
+    search.solve_possible()
+    return True
+
+
+def option_of(search, i: int) -> RealOption | None:
+    """The option of an accepted hypothesis with its standard deviation; None where it is no real number."""
+    likelihood = _Profile.of(search, i, search.others(i))
+    if likelihood is None:
+        return None
+    family = likelihood.family
+    return RealOption(family.name, family.value, likelihood.std(family.value))
+
+
+def _refined(likelihood: "_Profile | None", own: Hypothesis) -> Hypothesis:
+    """An accepted hypothesis, with another value of its option where that is likelier."""
+    if likelihood is None:
+        return own
+    family = likelihood.family
+    lower, upper = family.bracket
+    resolution = _RESOLUTION * (upper - lower)
+    best = minimize_scalar(
+        lambda value: -likelihood.gain(value),
+        bounds=(lower, upper),
+        method="bounded",
+        options={"xatol": resolution},
+    )
+    value, std = float(best.x), likelihood.std(float(best.x))
+    if not std < upper - lower:  # the grid is as fine as the data are
+        return own
+    whole = float(np.round(value))
+    if abs(value - whole) < _WHOLE * std and whole in family.grid:
+        value = whole
+    value = round(value, 1 - int(np.floor(np.log10(max(std, resolution)))))
+    return own if abs(value - family.value) < _CLOSE * std else family.at(value)
+
+
+class _Profile:
+    """Profile likelihood of one option, conditional on accepted hypotheses."""
+
+    def __init__(self, family: RealFamily, projected: Projected):
+        self.family, self.projected = family, projected
+
+    @classmethod
+    def of(cls, search, i: int, others: tuple[int, ...]) -> "_Profile | None":
+        """Conditional on some others; None where the option is no real number."""
+        family = RealFamily.of(search.problem, search.accepted[i])
+        if family is None:
+            return None
+        return cls(family, Projected(search.problem.conditional_on(others)))
+
+    def gain(self, value: float) -> float:
+        """Fall of the sum of squares at a value."""
+        columns, coefficients = self._solved(value)
+        return float(self.projected.y @ (columns @ coefficients))
+
+    def std(self, value: float) -> float:
+        """Standard deviation of the option at a value: as of a further parameter of the linearised model."""
+        columns, coefficients = self._solved(value)
+        step = _STEP * float(np.diff(self.family.grid).min())
+        either = [self.family.columns(value + h) @ coefficients for h in (step, -step)]
+        slope = self.projected.problem.clear((either[0] - either[1]) / (2 * step))
+        slope = slope - columns @ least_squares(columns, slope, ROUNDING)
+        left = self.projected.y - columns @ coefficients
+        variance = float(left @ left) / max(self.projected.problem.degrees, 1)
+        squares = float(slope @ slope) / self.projected.design_effect
+        return float(np.sqrt(variance / max(squares, 1e-300)))
+
+    def _solved(self, value: float) -> tuple[np.ndarray, np.ndarray]:
+        """Columns (N, P) at a value, the baseline projected out, and their coefficients (P,)."""
+        columns = self.projected.problem.clear(self.family.columns(value))
+        return columns, least_squares(columns, self.projected.y, ROUNDING)
+
+
+__all__ = ["option_of", "refine_options", "with_estimated_options"]
