@@ -245,7 +245,9 @@ def test_a_ball_at_the_images_edge_or_the_sweeps_end_is_cut(centre, swept, cut):
     points, n = instrument.reconstruct(pixels, steps), len(steps)
     bench = _Work(SimpleNamespace(balls={}, columns={}, name="made"), instrument, None)
     cloud = Cloud(instrument, points, pixels, steps, steps - min(swept))
-    (ball,), *_ = bench.balls(rows, cloud, np.full(n, 0.05), np.full((2, n), [[4.0], [20.0]]))
+    (ball,), *_ = bench.balls(
+        rows, cloud, np.full(n, 0.05), np.full((3, n), [[4.0], [20.0], [120.0]])
+    )
     assert bool(ball.fit.cut) == cut
     assert ball_json(ball, instrument)["cut_by_field"] == cut
 

@@ -32,7 +32,7 @@ from sensors.camera.model import Camera
 
 _STEP = 0.5  # px, of the difference quotients; a ball's radius is some hundred px, a board wider
 _STEEPEST = 0.1  # cosine of the light's incidence below which nothing is lit
-_SMOOTH = 0.5
+SMOOTH = 0.5
 """Cosine of incidence, of light and of sight, from which on a width follows the slope alone. Where incidence grazes
 more, the silhouette or the shadow cuts the line, which is as wide as these let it be."""
 _RATIOS = np.geomspace(1e-2, 1e3, 26)
@@ -88,7 +88,7 @@ class Bend:
         square = np.asarray(width, float) ** 2
         shape = np.stack([self.slope**-2, 1 + self.tilt**2])
         kept = np.isfinite(shape).all(0) & np.isfinite(square) & (square > 0)
-        kept &= (self.lit > _SMOOTH) & (self.facing > _SMOOTH)
+        kept &= (self.lit > SMOOTH) & (self.facing > SMOOTH)
         if kept.sum() < _FEWEST_WIDTHS:
             return LineShape(0.0, 0.0)
         relative = shape[:, kept] / square[kept]

@@ -45,7 +45,8 @@ def uncertainty(scanner: Scanner | None) -> str:
     """What the sigmas of ball centres are measured from; scanner: None where the sensor gave points."""
     best = (
         "std_in_best_frame_mm: 1 sigma in the frame that fits the scanner's points best, for distances between balls, "
-        "hand-eye and robot calibration"
+        "hand-eye and robot calibration; scans that flange poses join share the error of the hand-eye transform, which "
+        "turns with the flange: between two of them std_mm holds"
     )
     if scanner is None:
         return (

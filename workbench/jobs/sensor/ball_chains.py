@@ -15,6 +15,7 @@ from sensors.light.planes import light_origin
 from sensors.scanner.calibration import ScannerCalibration
 from sensors.scanner.model import Scanner
 from sensors.stripe.bend import bend_on_ball
+from sensors.stripe.brightness import brightness_law
 from sensors.stripe.find import find_stripes
 from workbench.files.images.ball_names import named
 from workbench.files.images.columns import recorded_columns
@@ -96,13 +97,15 @@ def _arcs(recording, scanner: Scanner, rows, depth, light) -> list[_Arc]:
 
 
 def _stripes(recording, scanner, rows, depth):
-    """Pixels (2, n), steps, sigma (n,), shape (2, n) as of `Bend.pull` and covariates (n,) of a scan's stripes."""
+    """Pixels (2, n), steps, sigma (n,), line (3, n) (as of `Bend.pull`, and peak in grey values) and
+    covariates (n,) of a scan's stripes."""
     paths = [path_of(recording, row) for row in rows]
     along = "rows" if abs(scanner.scan[0]) >= abs(scanner.scan[1]) else "columns"
     parts, first = [], 0
     for stack in stacks(paths, _FRAMES, {p: str(row["image"]) for p, row in zip(paths, rows)}.get):
         found = find_stripes(stack, along, saturation=depth)
-        parts.append((found.pixels, first + found.frame, found.sigma, found.shape))
+        line = np.vstack([found.shape, found.peak])
+        parts.append((found.pixels, first + found.frame, found.sigma, line))
         first += len(stack)
     pixels, frame, sigma, shape = (
         np.concatenate([part[k] for part in parts], axis=-1) for k in range(4)
@@ -117,7 +120,7 @@ def _arc(scanner, seen, shape, points, fit, radius, number, light) -> _Arc | Non
     """A ball's points without those seen or lit too steeply, their centres straightened; None where few are left."""
     on = (np.abs(fit.residual) < 0.05 * radius) & np.isfinite(points).all(0)
     pixels, step = seen["pixels"][:, on], seen["step"][on]
-    bend = bend_on_ball(
+    matt = bend_on_ball(
         scanner.camera,
         fit.centre,
         fit.radius,
@@ -126,7 +129,9 @@ def _arc(scanner, seen, shape, points, fit, radius, number, light) -> _Arc | Non
         scanner.scan,
         light,
     )
-    pull = np.nan_to_num(bend.pull(bend.line_shape(shape[0, on]), *shape[:, on]))
+    width, ratio, peak = shape[:, on]
+    bend = brightness_law(matt, width, peak).applied(matt)
+    pull = np.nan_to_num(bend.pull(bend.line_shape(width), width, ratio))
     outward = points[:, on] - fit.centre[:, None]
     facing = (
         -(outward * points[:, on]).sum(0)

@@ -18,6 +18,7 @@ from sensors.images import flaw, read, stacks, unlit
 from sensors.scanner.cloud import Cloud
 from sensors.scanner.misfit import Misfit, stripe_misfit
 from sensors.scanner.model import Scanner
+from sensors.stripe.brightness import brightness_law
 from sensors.stripe.find import find_stripes
 from workbench.core.errors import InputError
 from workbench.core.text.file_names import differ_in_case_only, file_name
@@ -325,7 +326,8 @@ class _Work:
         own = own | cloud.together()
         radius = self._radius(number, free.radius, self.radii)
         start = np.append(free.centre, free.radius if radius is None else radius)
-        bend = cloud.bend(start, shape)
+        matt = cloud.bend(start, shape)
+        bend = brightness_law(matt, shape[0], shape[2]).applied(matt)
         pull = np.nan_to_num(bend.pull(bend.line_shape(shape[0]), *shape[:2]))
         straight = cloud.points - cloud.error * pull
         lit = bend.lit > np.cos(own["incidence"])
