@@ -284,6 +284,26 @@ def test_kalibr_aprilgrid_becomes_a_board(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("text", "keys"),
+    [
+        ("circles 4x11 0.5in asymmetric", {"square_mm": 12.7, "asymmetric": True}),
+        ("circles 4x11 .7 in asymmetric on tool", {"square_mm": 17.78, "fixed_to": "tool"}),
+        ("Charuco 7×5 3cm 22 mm DICT_5X5_250", {"square_mm": 30.0, "marker_mm": 22.0}),
+        ("checkerboard 11x8 0.005 m", {"kind": "chessboard", "square_mm": 5.0}),
+        ("chessboard 11x8 500 mil", {"square_mm": 12.7}),
+    ],
+)
+def test_lengths_of_a_board_have_a_unit(text, keys):
+    found = board_keys(text)
+    assert {key: found[key] for key in keys} == keys
+
+
+def test_a_board_without_a_unit_is_refused_with_those_that_are_known():
+    with pytest.raises(InputError, match="lengths in mm, m, in, cm"):
+        board_keys("chessboard 11x8 5")
+
+
+@pytest.mark.parametrize(
     ("text", "words"),
     [
         ("target_type: 'aprilgrid'\ntagCols: 6\ntagRows: 6\n", "key 'tagSize'"),

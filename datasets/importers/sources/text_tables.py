@@ -358,9 +358,9 @@ def _read_rows(path: Path, encoding: str, layout: Layout, above: Sequence[list[s
         )
     warnings = []
     if repeated:
+        more = f", as are {len(repeated) - 1} further rows" if len(repeated) > 1 else ""
         warnings.append(
-            f"{path.name}: row {repeated[0]} repeats a line above the data and is left out, as are "
-            f"{len(repeated) - 1} further rows."
+            f"{path.name}: row {repeated[0]} repeats a line above the data and is left out{more}."
         )
     if foreign:
         warnings.append(

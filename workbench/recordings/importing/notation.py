@@ -2,11 +2,13 @@
 
 import re
 
+from datasets.importers.units import LENGTHS
 from workbench.core.errors import InputError
 
+_LENGTH = rf"\s+(\d*\.?\d+)\s*({'|'.join(LENGTHS)})"
 _BOARD = re.compile(
-    r"(chessboard|checkerboard|circles|charuco|aprilgrid)\s+(\d+)\s*[x×]\s*(\d+)\s+([\d.]+)\s*mm"
-    r"(?:\s+([\d.]+)\s*mm(?:\s+(DICT\w+))?)?(\s+asymmetric)?(\s+on\s+tool)?",
+    rf"(chessboard|checkerboard|circles|charuco|aprilgrid)\s+(\d+)\s*[x×]\s*(\d+){_LENGTH}"
+    rf"(?:{_LENGTH}(?:\s+(DICT\w+))?)?(\s+asymmetric)?(\s+on\s+tool)?",
     re.IGNORECASE,
 )
 
@@ -16,23 +18,30 @@ def board_keys(text: str) -> dict:
     match = _BOARD.fullmatch(text.strip())
     if match is None:
         raise InputError(
-            f'--board "{text}": expected kind, inner corners and distance such as "chessboard 11x8 5mm", "circles 7x6 '
-            '10mm asymmetric", "charuco 7x5 30mm 22mm DICT_5X5_250" or "aprilgrid 6x6 71.5mm 55mm", with "on tool" '
-            "where the robot holds it; correct it."
+            f'--board "{text}": expected kind, inner corners and distance such as "chessboard 11x8 5mm", "circles 4x11 '
+            '0.5in asymmetric", "charuco 7x5 30mm 22mm DICT_5X5_250" or "aprilgrid 6x6 71.5mm 55mm", with "on tool" '
+            f"where the robot holds it, and lengths in {', '.join(LENGTHS)}; correct it."
         )
-    kind = match[1].lower().replace("checkerboard", "chessboard")
+    kind, columns, rows, square, unit, marker, marker_unit, dictionary, is_asymmetric, on_tool = (
+        match.groups()
+    )
     keys: dict = {
-        "kind": kind,
-        "columns": int(match[2]),
-        "rows": int(match[3]),
-        "square_mm": float(match[4]),
+        "kind": kind.lower().replace("checkerboard", "chessboard"),
+        "columns": int(columns),
+        "rows": int(rows),
+        "square_mm": _mm(square, unit),
     }
-    if match[5]:
-        keys["marker_mm"] = float(match[5])
-    if match[6]:
-        keys["dictionary"] = match[6]
-    if match[7]:
+    if marker:
+        keys["marker_mm"] = _mm(marker, marker_unit)
+    if dictionary:
+        keys["dictionary"] = dictionary
+    if is_asymmetric:
         keys["asymmetric"] = True
-    if match[8]:
+    if on_tool:
         keys["fixed_to"] = "tool"
     return keys
+
+
+def _mm(value: str, unit: str) -> float:
+    """A length in mm, to the digits of a number of few digits: 0.7 in are 17.78 mm."""
+    return round(float(value) * LENGTHS[unit.lower()], 9)
