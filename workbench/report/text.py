@@ -9,7 +9,6 @@ UNITS = {"rad": ("deg", 180 / math.pi), "rad/rad": ("mrad/rad", 1e3)}
 
 _UNITS_OF_COLUMNS = {
     "c": "°C",
-    "e": "electrons",
     "nm": "N m",
     "deg_s": "deg/s",
     "mm_s": "mm/s",
@@ -95,8 +94,7 @@ def joint_label(column: str) -> str:
 def column_label(column: str) -> str:
     """A column of a table of results: "geometry_test_3kg_mm" -> "geometry test 3kg (mm)"."""
     stem, _, unit = column.rpartition("_")
-    known = stem and unit in ("mm", "deg", "px", "um", "kg", "s", "c", "e")
-    unit = _UNITS_OF_COLUMNS.get(unit, unit)
+    known = stem and unit in ("mm", "deg", "px", "um", "kg", "s")
     return f"{stem} ({unit})".replace("_", " ") if known else column.replace("_", " ")
 
 
@@ -104,9 +102,10 @@ def axis_label(axis) -> str:
     """A varied parameter of a study with its unit: the stated one, else that of its name or path."""
     if axis.unit:
         return f"{axis.name.replace('_', ' ')} ({axis.unit})"
-    said, of_path = column_label(axis.name), column_label(_key(axis.paths[0]))
-    has_unit = of_path.endswith(")") and not said.endswith(")")
-    return f"{said} {of_path[of_path.rindex('(') :]}" if has_unit else said
+    said, unit = column_label(axis.name), Covariate.of(_key(axis.paths[0])).unit
+    if said.endswith(")") or not unit:
+        return said
+    return f"{said} ({_UNITS_OF_COLUMNS.get(unit, unit)})"
 
 
 def _key(path: str) -> str:

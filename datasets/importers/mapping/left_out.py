@@ -11,7 +11,7 @@ from datasets.importers.source import RawTable
 
 _TOKEN = re.compile(r"[A-Za-z]+|\d+")
 _FEWEST = 3
-_UNIT_LENGTH = 5e-3  # by which a unit vector of two or three decimals may miss one
+_UNIT_LENGTH = 1e-2  # a vector of two decimals misses one by 0.005 sqrt(3) at most
 _ROTATIONS = ("angles", "quaternion", "vector", "matrix")
 
 
