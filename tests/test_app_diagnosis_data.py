@@ -66,7 +66,7 @@ def test_a_diagnosis_run_is_opened_with_its_views(tmp_path):
     work = Workspace(
         open_subject(str(write_diagnosis(tmp_path / "run"))), tmp_path / "session.toml"
     )
-    made = diagnosis_figures.before_after(work.diagnosis, "time_s")
+    made = diagnosis_figures.before_after(work.diagnosis, "time (s)")
     assert {one.name for one in made.data} == {"before", "after", "mean before", "mean after"}
     poses = diagnosis.next_poses(work.diagnosis.folder, work.diagnosis.robot)
     arms, flanges = diagnosis_figures.next_poses(work.diagnosis, poses).data
