@@ -1,15 +1,14 @@
 """What a proposed mapping leaves out although it looks like a quantity: sentences for the person who completes it."""
 
-import re
 from collections.abc import Iterable
 
 import numpy as np
 
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.mapping.sets import find_sets, headers_of
+from datasets.importers.mapping.stems import columns_by_stem
 from datasets.importers.source import RawTable
 
-_TOKEN = re.compile(r"[A-Za-z]+|\d+")
 _FEWEST = 3
 _UNIT_LENGTH = 1e-2  # a vector of two decimals misses one by 0.005 sqrt(3) at most
 _ROTATIONS = ("angles", "quaternion", "vector", "matrix")
@@ -93,19 +92,12 @@ def unit_vectors(table: RawTable, names: Iterable[str]) -> list[tuple[str, ...]]
 
 def similar_columns(table: RawTable, names: Iterable[str]) -> list[tuple[str, ...]]:
     """Three or more columns of numbers each, whose headers differ in one letter or number, as "Turn X", "Turn Y"."""
-    by_stem: dict[str, list[str]] = {}
-    for name in names:
-        cells = table.columns[name]
-        if cells.dtype.kind != "f" or not np.isfinite(cells).any():
-            continue
-        for match in _TOKEN.finditer(name):
-            if len(match[0]) == 1 or match[0].isdigit():
-                stem = f"{name[: match.start()]}*{name[match.end() :]}"
-                by_stem.setdefault(stem, []).append(name)
-        # letters that are joined to a word: "giroX"
-        joined = re.fullmatch(r"(.*[a-z])([XYZABC])", name)
-        if joined:
-            by_stem.setdefault(f"{joined[1]}*", []).append(name)
+    numbers = [
+        name
+        for name in names
+        if table.columns[name].dtype.kind == "f" and np.isfinite(table.columns[name]).any()
+    ]
+    by_stem = columns_by_stem(numbers)
     groups, taken = [], set()
     for group in sorted(by_stem.values(), key=len, reverse=True):
         left = tuple(name for name in group if name not in taken)

@@ -1,21 +1,25 @@
 """Sets of columns that belong together: joint readings, points, rotations; found from the headers of a table."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from datasets.importers.mapping.column_units import ColumnUnits, joined_units
 from datasets.importers.mapping.headers import (
     ACTUAL_WORDS,
+    DEVIATION_WORDS,
     FLANGE_WORDS,
     MEASURED_WORDS,
     Header,
     read_header,
 )
 from datasets.importers.mapping.spherical import find_triple
+from datasets.importers.mapping.stems import columns_by_stem
 from datasets.importers.source import RawTable
 
+_PARTIAL = ("angles", "vector", "point", "axis", "joints")
+"""Kinds of sets that three or four columns of a quaternion may look like by their headers."""
 _MATRIX_NAMES = tuple(f"{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 _MATRIX_FROM_0 = tuple(f"{row}{column}" for row in (0, 1, 2) for column in (0, 1, 2))
 _TRANSFORMS = ((_MATRIX_NAMES, ("14", "24", "34")), (_MATRIX_FROM_0, ("03", "13", "23")))
@@ -85,8 +89,30 @@ def find_sets(table: RawTable) -> list[ColumnSet]:
         found += _sets_of(same, table)
     if not any(one.kind == "point" and not one.is_flange for one in found):
         found += _spherical(table)
+    found = _with_quaternions_by_length(found, table)
     order = {name: k for k, name in enumerate(table.columns)}
     return sorted(found, key=lambda one: order[one.names[0]])
+
+
+def _with_quaternions_by_length(found: list[ColumnSet], table: RawTable) -> list[ColumnSet]:
+    """The sets, with quaternions whose headers do not name their components, as in rot_a, rot_b, rot_c, rot_d.
+
+    Four columns whose headers differ in one letter or number are a quaternion where they have length 1 in every row.
+    Three of them are no set by themselves.
+    """
+    headers = headers_of(table)
+    by_stem = columns_by_stem(n for n, cells in table.columns.items() if cells.dtype.kind == "f")
+    for names in by_stem.values():
+        own = {name: headers[name] for name in names}
+        words = [{*header.words, header.core} for header in own.values()]
+        common = frozenset(set.intersection(*words))
+        taken = [one for one in found if set(one.names) & set(names)]
+        is_free = all(one.kind in _PARTIAL and set(one.names) <= set(names) for one in taken)
+        is_change = len(names) == 4 and is_free and not common & DEVIATION_WORDS
+        if is_change and _has_length_1(own, table) and _varies(names, table):
+            found = [one for one in found if one not in taken]
+            found.append(replace(_set("quaternion", list(own.values()), "numbered"), words=common))
+    return found
 
 
 def _spherical(table: RawTable) -> list[ColumnSet]:
@@ -224,7 +250,14 @@ def _has_length_1(columns: Mapping[str, Header], table: RawTable) -> bool:
     if any(cell.dtype.kind != "f" for cell in cells):
         return False
     lengths = np.sqrt(np.sum(np.square(cells), axis=0))
+    if not np.isfinite(lengths).any():
+        return False
     return bool(np.nanmax(np.abs(lengths - 1)) < 0.02)
+
+
+def _varies(names: Iterable[str], table: RawTable) -> bool:
+    """Whether columns change: four constants of length 1 are no measured rotation."""
+    return any(np.nanmax(table.columns[n]) > np.nanmin(table.columns[n]) for n in names)
 
 
 def _poses(components: Mapping[str, Header], table: RawTable) -> list[ColumnSet]:
