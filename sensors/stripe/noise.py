@@ -1,5 +1,7 @@
 """What the images themselves tell about noise: read noise, photon noise, exposure of the background, speckle."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sensors.stripe.profile import Noise, speckle_floor
@@ -68,42 +70,69 @@ def exposure_scales(images: np.ndarray, under: np.ndarray, noise: float) -> np.n
     whatever the exposure; of the levels themselves where the background is even. 1 where it is too
     dark to tell (sigma of the scale above 0.02).
     """
-    made = np.ones(len(images), np.float32)
+    made, scene = np.ones(len(images), np.float32), None
     for k, image in enumerate(images):
-        light, below = (
-            v[::7, ::5].astype(np.float32).ravel() for v in (image, under[k % len(under)])
-        )
-        uneven = noise <= _DARK * np.sqrt(len(below)) * below.std()
-        if uneven:
-            light, below = light - light.mean(), below - below.mean()
-        made[k] = _exposure_scale(light, below, noise, uneven)
+        if scene is None or len(under) > 1:
+            scene = _Scene.of(_thinned(under[k % len(under)]), noise)
+        made[k] = scene.exposure_scale(_thinned(image), noise)
     return made
 
 
-def _exposure_scale(light, below, noise, uneven) -> float:
-    """Scale between grey values (n,): medians, which are slow, of some pixels find the line, all others count."""
-    some = slice(None, None, max(1, len(light) // _ROBUST))
-    a, b, use = light[some], below[some], np.ones(len(light[some]), bool)
-    for _ in range(8):
-        scale, offset, _ = _line_fit(a, b, use, uneven)
-        rest = a - scale * b
-        middle = np.median(rest)
-        spread = max(1.4826 * float(np.median(np.abs(rest - middle))), 0.5 * noise, 1e-9)
-        before, use = use, np.abs(rest - middle * uneven) < 3 * spread
-        if np.array_equal(use, before):
-            break
-    use = np.abs(light - np.float32(scale) * below - np.float32(offset)) < np.float32(3 * spread)
-    scale, _, power = _line_fit(light, below, use, uneven)
-    return scale if noise < _DARK * np.sqrt(power) else 1.0
+def _thinned(image) -> np.ndarray:
+    """(n,) float32, every 35th pixel of an image (h, w)."""
+    return image[::7, ::5].astype(np.float32).ravel()
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """A background's pixels (n,), less their mean where they are `uneven`: where its level varies more than noise."""
+
+    below: np.ndarray
+    uneven: bool
+
+    @classmethod
+    def of(cls, below: np.ndarray, noise: float) -> "_Scene":
+        """From grey values (n,)."""
+        uneven = bool(noise <= _DARK * np.sqrt(len(below)) * below.std())
+        return cls(below - below.mean() if uneven else below, uneven)
+
+    def exposure_scale(self, light: np.ndarray, noise: float) -> float:
+        """Scale of grey values (n,): medians, which are slow, of some pixels find the line, all others count."""
+        light = light - light.mean() if self.uneven else light
+        some = slice(None, None, max(1, len(light) // _ROBUST))
+        a, b = light[some].copy(), self.below[some].copy()
+        use = np.ones(len(a), bool)
+        for _ in range(8):
+            scale, offset, _ = _line_fit(a, b, use, self.uneven)
+            rest = a - scale * b
+            middle = _median(rest)
+            spread = max(1.4826 * float(_median(np.abs(rest - middle))), 0.5 * noise, 1e-9)
+            before, use = use, np.abs(rest - middle * self.uneven) < 3 * spread
+            if np.array_equal(use, before):
+                break
+        rest = np.float32(scale) * self.below
+        np.subtract(light, rest, out=rest)
+        rest -= np.float32(offset)
+        use = np.abs(rest, out=rest) < np.float32(3 * spread)
+        scale, _, power = _line_fit(light, self.below, use, self.uneven)
+        return scale if noise < _DARK * np.sqrt(power) else 1.0
+
+
+def _median(values: np.ndarray) -> np.floating:
+    """As `np.median` of finite values (n,), which takes twice as long."""
+    half = len(values) // 2
+    if len(values) % 2:
+        return np.partition(values, half)[half]
+    return np.partition(values, (half - 1, half))[half - 1 : half + 1].mean()
 
 
 def _line_fit(a, b, use, uneven) -> tuple[float, float, float]:
     """Least squares of a = scale b + offset over `use` (n,), offset 0 unless `uneven`; (scale, offset, power of b)."""
-    count = max(np.count_nonzero(use), 1)
-    a, b = a * use, b * use
-    mean_a, mean_b = (float(v.sum()) / count * uneven for v in (a, b))
-    power = float(b @ b) - count * mean_b**2
-    scale = (float(a @ b) - count * mean_a * mean_b) / power if power > 0 else 1.0
+    use = use.astype(np.float32)
+    count, used = max(float(use.sum()), 1.0), b * use
+    mean_a, mean_b = (float(a @ use) / count, float(used.sum()) / count) if uneven else (0.0, 0.0)
+    power = float(used @ b) - count * mean_b**2
+    scale = (float(used @ a) - count * mean_a * mean_b) / power if power > 0 else 1.0
     return scale, mean_a - scale * mean_b, max(power, 0.0)
 
 

@@ -45,8 +45,12 @@ class Rows:
 
     def ambient_windows(self, row: np.ndarray, start: np.ndarray, size: int) -> np.ndarray:
         """(n, size) grey values that are subtracted in windows as `windows` cuts them."""
-        below = _cut(self.under, row % len(self.under) * self.width + start, size)
+        below = self.under_windows(row, start, size)
         return below * self.scale[row // self.height, None]
+
+    def under_windows(self, row: np.ndarray, start: np.ndarray, size: int) -> np.ndarray:
+        """Pixels (n, size) of what is under, in windows as `windows` cuts them, as recorded."""
+        return _cut(self.under, row % len(self.under) * self.width + start, size)
 
     def searched(self) -> np.ndarray:
         """(n, width) where the line is searched: less what is under, its least value outside the region."""
