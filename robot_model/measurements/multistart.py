@@ -14,6 +14,7 @@ rotations cost little. A weak prior on the translations keeps what the samples d
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -37,6 +38,9 @@ _ROUNDS, _CENTRED = 12, 2
 _SETTLED_RAD, _SETTLED_MM = 1e-8, 1e-7
 _SAME_RAD = np.deg2rad(3.0)
 _AS_WELL, _BARRIER = 9.0, 100.0
+_LEAST_RAD, _FLAT_RAD = 1e-12, 1e-9
+_FLAT = 1e-14
+"""Relative fall of the cost that rounding hides: a step that should make less, and fails, ends a descent."""
 _LEAST_VARIANCE, _WEAKER = 1e-4, 1e3
 _CAUCHY = 6.0  # robust standard deviations at which a sample's weight is one half
 _MEDIAN_TO_SIGMA = 1.4826
@@ -224,16 +228,19 @@ class _Reduced:
         """Distinct local minima reached from rotations (S, K, 3, 3), best first."""
         rotations = self._distinct(self.descended(begin, _SHORT))
         rotations = self._distinct(self.descended(rotations[:_KEPT], _LONG))
-        return [self._start(one) for one in rotations[:_ALTERNATIVES]]
+        return self._starts(rotations[:_ALTERNATIVES])
 
     def _distinct(self, rotations: np.ndarray) -> np.ndarray:
         """(D, K, 3, 3) those of S sets that differ from every better one, the best first."""
         order = np.argsort(self._rounded_cost(rotations), kind="stable")
-        kept = []
-        for one in rotations[order]:
-            if all(_angle_between(one, other) > _SAME_RAD for other in kept):
-                kept.append(one)
-        return np.stack(kept)
+        rotations = rotations[order]
+        differs = _angle_between(rotations[:, None], rotations) > _SAME_RAD
+        left, kept = np.ones(len(rotations), bool), []
+        while left.any():
+            kept.append(int(np.argmax(left)))
+            left &= differs[kept[-1]]
+            left[kept[-1]] = False
+        return rotations[kept]
 
     def _rounded_cost(self, rotations: np.ndarray) -> np.ndarray:
         """(S,) costs in which rounding decides no order: of equal minima the first start wins."""
@@ -241,45 +248,68 @@ class _Reduced:
         unit = max(1e-6 * cost.min(), 1e-9)
         return np.floor(cost / unit)
 
-    def _start(self, rotations: np.ndarray) -> Start:
-        jacobian = self._jacobian(rotations[None])[0]
-        values = symmetric_eigenvalues(jacobian.T @ jacobian)
-        curvature = float(max(values[0], 0.0) / max(values[-1], 1e-300))
-        cost = float(self.cost(rotations[None])[0])
-        return Start(rotations, self.translations(rotations), cost, curvature)
+    def _starts(self, rotations: np.ndarray) -> list[Start]:
+        """What is known of each of S sets of rotations (S, K, 3, 3)."""
+        values = symmetric_eigenvalues(self._products(rotations)[:, :-1, :-1])
+        curvature = np.maximum(values[:, 0], 0.0) / np.maximum(values[:, -1], 1e-300)
+        cost = self.cost(rotations)
+        return [
+            Start(one, self.translations(one), float(cost[i]), float(curvature[i]))
+            for i, one in enumerate(rotations)
+        ]
 
-    def _jacobian(self, rotations: np.ndarray) -> np.ndarray:
-        """(S, r, 3 K) derivative of the residual by left rotations (rad) of each matrix."""
-        parts = []
+    @cached_property
+    def _linear(self) -> np.ndarray:
+        """(9 K, (3 K + 1) r): maps vec(X) to the derivatives of the residual by left rotations, then to the residual.
+
+        d vec(X) / d omega_j = vec([e_j]x X) is linear in X, too.
+        """
+        parts = np.zeros((self.count, 3, 3, 3 * self.count + 1, len(self.rows)))
         for k in range(self.count):
-            # d vec(X) / d omega_j = vec([e_j]x X)
-            turned = np.einsum("jab,sbc->sjac", _GENERATORS, rotations[:, k]).reshape(
-                len(rotations), 3, 9
-            )
-            parts.append(np.einsum("rv,sjv->srj", self.rows[:, 9 * k : 9 * k + 9], turned))
-        return np.concatenate(parts, 2)
+            mine = self.rows[:, 9 * k : 9 * k + 9].reshape(-1, 3, 3)
+            parts[k, :, :, 3 * k : 3 * k + 3] = np.einsum("jab,rac->bcjr", _GENERATORS, mine)
+            parts[k, :, :, -1] = mine.transpose(1, 2, 0)
+        return parts.reshape(9 * self.count, -1)
+
+    def _products(self, rotations: np.ndarray) -> np.ndarray:
+        """(S, 3 K + 1, 3 K + 1) inner products of the columns of the Jacobian (rad) and, last, of the residual."""
+        made = rotations.reshape(len(rotations), -1) @ self._linear
+        made = made.reshape(len(rotations), -1, len(self.rows))
+        made[:, -1] += self.rows[:, -1]
+        return made @ made.swapaxes(1, 2)
 
     def descended(self, rotations: np.ndarray, steps: int) -> np.ndarray:
-        """Levenberg-Marquardt on SO(3)^K from S starts (S, K, 3, 3) at once."""
-        count, size = len(rotations), 3 * self.count
-        damping, cost = np.full(count, 1e-3), self.cost(rotations)
+        """Levenberg-Marquardt on SO(3)^K from S starts (S, K, 3, 3) at once; those that have converged rest."""
+        found, moving = rotations.copy(), np.arange(len(rotations))
+        products, damping = self._products(rotations), np.full(len(rotations), 1e-3)
         for _ in range(steps):
-            jacobian, residual = self._jacobian(rotations), self.residual(rotations)
-            normal = np.einsum("sri,srj->sij", jacobian, jacobian)
-            gradient = np.einsum("sri,sr->si", jacobian, residual)
-            scale = np.maximum(np.trace(normal, axis1=1, axis2=2), 1e-12) / size
-            regular = normal + (scale * np.maximum(damping, 1e-10))[:, None, None] * np.eye(size)
-            move = -np.linalg.solve(regular, gradient[:, :, None])[:, :, 0]
-            moved = rotation_matrix(move.reshape(count, self.count, 3)) @ rotations
-            lower = self.cost(moved)
-            accepted = lower < cost
+            move, expected = _damped_move(products, damping)
+            moved = rotation_matrix(move.reshape(-1, self.count, 3)) @ rotations
+            tried = self._products(moved)
+            cost = products[:, -1, -1]
+            accepted = tried[:, -1, -1] < cost
             rotations = np.where(accepted[:, None, None, None], moved, rotations)
+            found[moving] = rotations
+            products = np.where(accepted[:, None, None], tried, products)
             damping = np.where(accepted, damping / 10, np.minimum(damping * 10, 1e6))
-            done = np.abs(move).max(1) < 1e-12
-            cost = np.where(accepted, lower, cost)
-            if done.all():
+            length = np.abs(move).max(1)
+            is_flat = (expected < _FLAT * cost) | (length < _FLAT_RAD)
+            held = np.flatnonzero((length >= _LEAST_RAD) & (accepted | ~is_flat))
+            if not len(held):
                 break
-        return nearest_rotation(rotations)
+            rotations, products = rotations[held], products[held]
+            damping, moving = damping[held], moving[held]
+        return nearest_rotation(found)
+
+
+def _damped_move(products: np.ndarray, damping: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Moves (S, 3 K) rad of Levenberg-Marquardt, and by how much each would lower a linear problem's cost at most."""
+    normal, gradient = products[:, :-1, :-1], products[:, :-1, -1]
+    size = gradient.shape[1]
+    scale = np.maximum(np.trace(normal, axis1=1, axis2=2), 1e-12) / size
+    regular = normal + (scale * np.maximum(damping, 1e-10))[:, None, None] * np.eye(size)
+    move = -np.linalg.solve(regular, gradient[:, :, None])[:, :, 0]
+    return move, -2 * (gradient * move).sum(1)
 
 
 _GENERATORS = np.array(
@@ -301,10 +331,10 @@ def _between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return rotation_matrix(shares * way) @ first
 
 
-def _angle_between(first: np.ndarray, second: np.ndarray) -> float:
-    """Largest angle (rad) between corresponding rotations of (K, 3, 3)."""
-    chord = np.linalg.norm(first - second, axis=(1, 2)) / np.sqrt(8)
-    return float(2 * np.arcsin(np.minimum(chord, 1)).max())
+def _angle_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(...,) largest angle (rad) between corresponding rotations of two sets (..., K, 3, 3)."""
+    chord = np.sqrt(((first - second) ** 2).sum((-2, -1)) / 8)
+    return 2 * np.arcsin(np.minimum(chord, 1)).max(-1)
 
 
 def lever_arm(points: np.ndarray) -> float:
