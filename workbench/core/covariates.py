@@ -70,22 +70,24 @@ def wound_up(moves: np.ndarray, time: np.ndarray, widths: np.ndarray) -> np.ndar
     steps = moves[:, order]
     is_new = np.ones(len(order), bool)
     is_new[1:] = (np.diff(steps, axis=1) != 0).any(0)
-    out, z = np.zeros((*widths.shape, len(order))), np.zeros(widths.shape)
-    for i, row in enumerate(order):
-        if is_new[i]:
-            z = _wound(z, steps[:, i, None] / widths)
-        out[..., row] = z
+    arrived = order[is_new]
+    side = np.where(moves[:, arrived] < 0, -1.0, 1.0).T[:, :, None]  # (K, J, 1)
+    lengths = np.abs(moves[:, arrived]).T[:, :, None] / widths
+    z, reached = np.zeros(widths.shape), np.empty((len(arrived), *widths.shape))
+    for k, length in enumerate(lengths):
+        z = reached[k] = side[k] * _wound(side[k] * z, length)
+    out = np.empty((*widths.shape, len(order)))
+    out[:, :, order] = np.moveaxis(reached[np.cumsum(is_new) - 1], 0, -1)
     return out
 
 
-def _wound(z: np.ndarray, move: np.ndarray) -> np.ndarray:
-    """The state z after a straight move, in widths."""
-    side = np.sign(move)
-    against = np.where(z * side < 0, np.abs(z), 0.0)  # widths on which the spring is released
-    left = np.maximum(np.abs(move) - against, 0.0)
-    start = np.where(against > 0, 0.0, np.abs(z))
-    wound = side * (1 - (1 - start) * np.exp(-left))
-    return np.where(np.abs(move) < against, z + move, np.where(move == 0, z, wound))
+def _wound(z: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """The state after a straight move whose length is given in widths; z, from -1 to 1, is positive along the move."""
+    beyond = (
+        np.minimum(z, 0.0) + length
+    )  # what remains once the spring is released; negative: not yet released
+    wound = 1 - (1 - np.maximum(z, 0.0)) * np.exp(-np.maximum(beyond, 0.0))
+    return np.minimum(beyond, 0.0) + wound
 
 
 def missing_temperature(state, *names: str) -> str:
