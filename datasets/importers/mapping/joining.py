@@ -8,6 +8,7 @@ nearest row.
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -84,7 +85,11 @@ def _choose(few: RawTable, many: RawTable, join: Join) -> Join:
             key, other = mine.rpartition(": ")[2], its.rpartition(": ")[2]
             return replace(join, by="key", key=key if key == other else None)
     if few.n == many.n:
-        return replace(join, by="index")
+        is_named = any(
+            _match_share(few.columns[mine], many.columns[its]) == 1.0
+            for mine, its in _other_keys(few, many)
+        )
+        return replace(join, by="key" if is_named else "index", key=None)
     if seconds_of(few) is not None and seconds_of(many) is not None:
         return replace(join, by="time")
     for mine, its in _other_keys(few, many):
@@ -115,16 +120,23 @@ def _shared_keys(few: RawTable, many: RawTable):
 
 
 def _other_keys(few: RawTable, many: RawTable):
-    """Pairs of a number of rows and a name of points, as in "No." with 7 and "Point" with P007."""
-    for name, header in headers_of(few).items():
-        for other, its in headers_of(many).items():
-            is_pair = {header.kind, its.kind} <= set(_KEYS) and header.kind != its.kind
-            if (
-                is_pair
-                and _may_name_rows(few.columns[name])
-                and _may_name_rows(many.columns[other])
-            ):
-                yield name, other
+    """Pairs of columns with different headers that may name the same rows: "No." with 7, and "Point" with P007.
+
+    One of them has a header that says so; that of the other may be unknown.
+    """
+    mine, its = _possible_names(few), _possible_names(many)
+    for (kind, name), (other_kind, other) in product(mine, its):
+        if kind != other_kind:
+            yield name, other
+
+
+def _possible_names(table: RawTable) -> list[tuple[str, str]]:
+    """(kind, column) of columns that may name rows, by headers that say so or that are unknown."""
+    return [
+        (header.kind, name)
+        for name, header in headers_of(table).items()
+        if header.kind in (*_KEYS, "") and _may_name_rows(table.columns[name])
+    ]
 
 
 def _unused_names(few: RawTable, many: RawTable) -> list[str]:
@@ -274,8 +286,15 @@ def _by_key(few: RawTable, many: RawTable, join: Join):
             "none",
             "correct it",
         )
-    other = many.take(np.array([place[keys[row]] for row in rows]))
+    order = [place[keys[row]] for row in rows]
+    other = many.take(np.array(order))
     said = []
+    if few.n == many.n and join.key is None and order != list(range(few.n)):
+        said.append(
+            f"The rows of {few.file} and {many.file} are in different orders and are joined by the names in {mine} "
+            f'and {its}. If the rows belong together as they stand, write [join] by = "index" into a mapping file '
+            "for --map."
+        )
     for table, used in ((few, len(rows)), (many, len({place[keys[row]] for row in rows}))):
         partner = many if table is few else few
         if used < table.n:

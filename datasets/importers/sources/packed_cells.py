@@ -53,9 +53,13 @@ def unpacked(name: str, cells: Sequence[str], where: str, lines: Sequence[int]):
 
 
 def list_in(cell: str) -> list[str]:
-    """The numbers of a cell such as "p[0.1, -0.2, 0.3]" or "(1; 2; 3)"; [] for another cell."""
+    """The numbers of a cell such as "p[0.1, -0.2, 0.3]", "(1; 2; 3)" or "(1,5; 2,5)"; [] for another cell."""
     match = _LISTED.fullmatch(cell.strip())
-    parts = re.split(r"\s*[,;]\s*|\s+", match[1].strip()) if match else []
+    if match is None:
+        return []
+    parts = re.split(r"\s*;\s*|\s+", match[1].strip())
+    if ";" not in match[1] or not all(map(_NUMBER.fullmatch, parts)):  # no decimal commas
+        parts = re.split(r"\s*[,;]\s*|\s+", match[1].strip())
     return parts if len(parts) >= _FEWEST and all(map(_NUMBER.fullmatch, parts)) else []
 
 

@@ -5,7 +5,6 @@ lines of comments (`#`, `//`, `%`, `!`); title lines before the header; a row of
 last row. The file is read line by line, so that a log of many hours takes the memory of its numbers alone.
 """
 
-import csv
 import re
 from array import array
 from collections import Counter
@@ -20,6 +19,7 @@ from datasets.errors import complaint
 from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.words import accented_words, names_something
 from datasets.importers.source import RawTable
+from datasets.importers.sources.cells import labels_of, split_cells
 from datasets.importers.sources.packed_cells import list_in, unpacked
 from datasets.importers.units import is_unit, length_unit_in_text
 
@@ -39,12 +39,6 @@ _EMPTY = {
     *("inf", "+inf", "-inf", "infinity", "1.#qnan", "-1.#ind", "1.#inf", "-1.#inf", "-nan", "+nan"),
     *("#n/a", "#nv", "#wert!", "#value!", "#div/0!", "#num!", "#zahl!", "#ref!", "#bezug!"),
 }
-_WITH_UNIT = re.compile(
-    r"([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(?:°|º|deg|grad|rad|gon|mm|cm|m|in|\"|s|ms)", re.IGNORECASE
-)
-_SEXAGESIMAL = re.compile(
-    r"([+-]?)(\d{1,3})\s*[°º]\s*(\d{1,2})\s*['′’](?:\s*(\d{1,2}(?:[.,]\d+)?)\s*(?:\"|″|”|''))?"
-)
 _BRACKETED = re.compile(r"\[[^\]]*\]|\([^)]*\)|<[^>]*>")
 _TIME_FORMAT = re.compile(r"[dtmyhs]{1,4}([.:/ -]+[dtmyhs]{1,4})+(\.[sf0]+)?", re.IGNORECASE)
 _FEWEST_COLUMNS = 2
@@ -74,6 +68,7 @@ def read_text_table(path: Path) -> RawTable:
     names, units = find_header(sample[: layout.first], layout)
     above = [split_cells(line, layout.separator) for line in sample[: layout.first]]
     columns, lines, warnings = _read_rows(path, encoding, layout, above)
+    names = names_from_rows(names, columns, sample[layout.first], layout)
     names = names or names_without_header(path, layout.width)
     used = _used_columns(columns)
     table, stated = {}, {}
@@ -91,6 +86,25 @@ def read_text_table(path: Path) -> RawTable:
         default_units={"length": unit} if unit else {},
         warnings=tuple(warnings),
     )
+
+
+def names_from_rows(
+    header: list[str] | None, columns: Sequence["_Column"], row: str, layout: Layout
+) -> list[str] | None:
+    """The header, or names from the rows themselves where it says nothing: "speed=5", or a word before a number.
+
+    header: names above the data. row: the first line with data. The word before a number counts only where all rows
+    have it.
+    """
+    labels = labels_of(row, layout.separator)
+    is_known = header is not None and any(read_header(name).kind for name in header)
+    if is_known or len(labels) != layout.width or not any(labels):
+        return header
+    for k in range(1, layout.width):
+        before = columns[k - 1].texts or [""]
+        if before[0].rstrip(":=") == labels[k] and len(set(before)) > 1:
+            labels[k] = ""
+    return _unique(labels) if any(labels) else header
 
 
 def names_without_header(path: Path, width: int) -> list[str]:
@@ -180,7 +194,8 @@ def _layout_with(lines: Sequence[str], separator: str) -> tuple[Layout, float] |
         total += 1
         cells = split_cells(line, separator)
         numbers = sum(map(_count_of_numbers, cells))
-        if len(cells) >= _FEWEST_COLUMNS and numbers >= max(2, len(cells) / 3):
+        is_row = len(cells) >= _FEWEST_COLUMNS or bool(list_in(cells[0]))
+        if is_row and numbers >= max(2, len(cells) / 3):
             widths[len(cells)] += 1
             numeric[len(cells)] = numeric.get(len(cells), 0) + numbers
             first.setdefault(len(cells), number)
@@ -197,45 +212,6 @@ def _count_of_numbers(cell: str) -> int:
     A number with spaces between its thousands counts as often as spaces divide it, so that spaces explain no more.
     """
     return len(cell.split()) if is_number_text(cell) else len(list_in(cell))
-
-
-def split_cells(line: str, separator: str) -> list[str]:
-    """Cells of a line, stripped; double quotes enclose cells with separators in them."""
-    text = line.strip("\r\n")
-    if separator == " ":
-        return [_without_unit(cell) for cell in _spaced(text)]
-    if '"' in text:
-        try:
-            cells = next(csv.reader([text], delimiter=separator, skipinitialspace=True))
-        except csv.Error:  # a cell above the size that a cell can have: no table of measurements
-            cells = text.split(separator)
-        return [_without_unit(cell.strip()) for cell in cells]
-    return [_without_unit(cell.strip()) for cell in text.split(separator)]
-
-
-def _without_unit(cell: str) -> str:
-    """The number of a cell such as "12,5°"; the unit is tested on the robot like an unstated one."""
-    if not cell or cell[-1].isdigit() or not (cell[0].isdigit() or cell[0] in "+-.,"):
-        return cell
-    match = _WITH_UNIT.fullmatch(cell)
-    if match:
-        return match[1]
-    parts = _SEXAGESIMAL.fullmatch(cell)
-    return cell if parts is None else _degrees(parts)
-
-
-def _degrees(parts: re.Match) -> str:
-    """The number of degrees of an angle such as 12°34'56,7"."""
-    sign, degrees, minutes, seconds = parts.groups(default="0")
-    value = int(degrees) + int(minutes) / 60 + float(seconds.replace(",", ".")) / 3600
-    return f"{'-' if sign == '-' else ''}{value:.12g}"
-
-
-def _spaced(text: str) -> list[str]:
-    """Cells between runs of spaces or tabs; a quoted cell may hold spaces."""
-    if '"' not in text:
-        return text.split()
-    return [quoted or plain for quoted, plain in re.findall(r'"([^"]*)"|(\S+)', text)]
 
 
 def is_number_text(cell: str) -> bool:

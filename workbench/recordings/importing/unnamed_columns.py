@@ -59,7 +59,8 @@ def find_unnamed(
     `ImportOptions`. Raises InputError where several sets fit and nobody can be asked.
     """
     is_open = mapping.joints is None or mapping.point is None
-    if not is_open or mapping.measures is not None or mapping.flange_point is not None:
+    is_other = mapping.measures not in (None, "external-point", "external-pose")
+    if not is_open or is_other or mapping.flange_point is not None:
         return mapping, ()
     found = [one for robot in robots for one in _fitting(table, mapping, robot, positions)]
     best = _best_of_each(found)
