@@ -89,9 +89,9 @@ def test_joint_readings_and_poses_in_brackets(truth, tmp_path, separator):
 
 
 def test_a_log_that_labels_its_rows_is_joined_by_them(truth, tmp_path):
-    """The log names each row ("stop 7:"), the table of the tracker has the rows in another order."""
+    """The log names each row ("stop 7:") but not its joints; the rows of the tracker are in another order."""
     log = tmp_path / "log.txt"
-    stops = [f"stop {k + 1}: q={{{listed(row)[1:-1]}}} v=5" for k, row in enumerate(degrees(truth))]
+    stops = [f"stop {k + 1}: {{{listed(row)[1:-1]}}} v=5" for k, row in enumerate(degrees(truth))]
     log.write_text("\n".join(stops) + "\n")
     order = np.random.default_rng(2).permutation(truth.n)
     rows = [[f"S{k + 1:03d}", *truth.points[k]] for k in order]
