@@ -52,7 +52,6 @@ def clip_level(stack: np.ndarray, saturation: float | None = None, across: int =
     saturation: full scale where it is known; None takes it from the images. Below that it is
     their largest value where values pile up there. across: the axis along which lines are searched.
     """
-    largest = stack.max()
     if stack.dtype == np.uint8:
         full = 255
     elif stack.dtype.kind == "u":
@@ -60,14 +59,23 @@ def clip_level(stack: np.ndarray, saturation: float | None = None, across: int =
     else:
         full = np.inf
     level = float(full if saturation is None else saturation)
-    return float(largest) if largest < level and _piles_up(stack, largest, across) else level
+    lines = _some_lines(stack, across)
+    largest = lines.max()
+    # only where values pile up in some lines it has to be known whether others have larger ones
+    if largest < level and _piles_up(lines, largest) and stack.max() == largest:
+        return float(largest)
+    return level
 
 
-def _piles_up(stack: np.ndarray, largest, across: int) -> bool:
-    """Whether far more pixels have the largest value than have any other one near it."""
+def _some_lines(stack: np.ndarray, across: int) -> np.ndarray:
+    """(F, n, w) every so-manieth line of all images."""
     lines = np.moveaxis(stack, across, 2)
-    lines = np.ascontiguousarray(lines[:, :: max(1, lines.shape[0] * lines.shape[1] // _LINES)])
-    step = Counts.of(lines).step if stack.dtype.kind == "u" else 1
+    return np.ascontiguousarray(lines[:, :: max(1, lines.shape[0] * lines.shape[1] // _LINES)])
+
+
+def _piles_up(lines: np.ndarray, largest) -> bool:
+    """Whether far more pixels have the largest value than have any other one near it."""
+    step = Counts.of(lines).step if lines.dtype.kind == "u" else 1
     span = float(largest) - float(np.median(lines[:, ::4, ::4]))
     if not span >= _COARSE * step:
         return False

@@ -5,7 +5,7 @@ looks for a ridge in images smoothed along the line (`stripe_ridge`): for noisy 
 in resolution along the line that the result states.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import cv2
 import numpy as np
@@ -101,6 +101,8 @@ class Task:
     saturation: float
     scale: np.ndarray | None
     """(F,) how much brighter the images are exposed than the background; None without one."""
+    exposed: dict = field(default_factory=dict)
+    """The background at some exposures."""
 
     @property
     def height(self) -> int:
@@ -116,7 +118,7 @@ class Task:
         height = pixels.shape[1]
         flat = None if under is None else under.reshape(-1, under.shape[2])
         rows = Rows(pixels.reshape(-1, pixels.shape[2]), height, flat, scale, region)
-        return rows, rows.searched()
+        return rows, rows.searched(self.exposed if step == 1 else None)
 
     def _cut(self, images, step):
         if not self.turned:

@@ -110,12 +110,14 @@ def first_step(rows: Rows, row: np.ndarray, column: np.ndarray, setting: Setting
     raw, net = rows.windows(row, start, size)
     fits = Fits.empty(row)
     fits.cut = (start != column - table.half) | (size < 2 * table.half + 1)
-    fits.saturated = row_max(raw) >= setting.saturation
+    if raw.max(initial=0) >= setting.saturation:
+        fits.saturated = row_max(raw) >= setting.saturation
     middle = slice(2 * PHASES, 2 * PHASES + 4)
     if size == 2 * table.half + 1:
-        q = (net @ table.q[:, middle]).T
-        number = table.back[:, PHASES // 2].reshape(4, 4) @ q
-        fits.strength = q[1]
+        q = table.q[:, middle]
+        back = table.back[:, PHASES // 2].reshape(4, 4)
+        number = np.concatenate([back @ q.T, q.T[1:2]]) @ net.T
+        fits.strength = number[4]
         fits.background, fits.peak = number[0], number[1]
         _move(fits, slice(None), column.astype(float), table.width, number)
     hard = fits.cut | fits.saturated

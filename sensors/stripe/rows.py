@@ -9,6 +9,12 @@ SEGMENT = 64
 """px a row is searched in pieces of about so many: the largest pixel of a piece costs next to nothing."""
 
 
+_EXPOSURE = 1 / 512
+"""Steps of a background's exposure where lines are searched: less than the rounding of 8 bits. Fits take it exactly."""
+_KEPT = 8
+"""Exposures of a background that are kept."""
+
+
 @dataclass(frozen=True)
 class Rows:
     """Rows (n, width) of one or several images of `height` rows each, one under the other.
@@ -52,29 +58,38 @@ class Rows:
         """Pixels (n, size) of what is under, in windows as `windows` cuts them, as recorded."""
         return _cut(self.under, row % len(self.under) * self.width + start, size)
 
-    def searched(self) -> np.ndarray:
-        """(n, width) where the line is searched: less what is under, its least value outside the region."""
+    def searched(self, kept: dict | None = None) -> np.ndarray:
+        """(n, width) where the line is searched: less what is under, its least value outside the region.
+
+        kept: what is under at some exposures, for further rows of the same background.
+        """
         if self.under is None and self.region is None:
             return self.pixels
-        made = np.empty_like(self.pixels)
+        made, kept = np.empty_like(self.pixels), {} if kept is None else kept
         for k in range(len(self.pixels) // self.height):
             place = slice(k * self.height, (k + 1) * self.height)
-            self._subtract(
-                place, float(self.scale[k]) if self.under is not None else 0.0, made[place]
-            )
+            if self.under is None:
+                made[place] = self.pixels[place]
+            else:
+                cv2.subtract(self.pixels[place], self._exposed(k, kept), dst=made[place])
             if self.region is not None:
                 made[place] = np.where(self.region, made[place], floor(made[place]))
         return made
 
-    def _subtract(self, place, scale, into):
-        if self.under is None:
-            into[:] = self.pixels[place]
-        elif abs(scale - 1) < 1e-3:
-            below = self.under[place] if len(self.under) > self.height else self.under
-            cv2.subtract(self.pixels[place], below, dst=into)
-        else:
-            below = self.under[place] if len(self.under) > self.height else self.under
-            cv2.addWeighted(self.pixels[place], 1, below, -scale, 0, dst=into)
+    def _exposed(self, image: int, kept: dict) -> np.ndarray:
+        """(height, width) what is under an image at its exposure, to a half of `_EXPOSURE`."""
+        scale, steps = float(self.scale[image]), round(float(self.scale[image]) / _EXPOSURE)
+        if len(self.under) > self.height:
+            below = self.under[image * self.height :][: self.height]
+            near = abs(scale - 1) < _EXPOSURE / 2
+            return below if near else cv2.addWeighted(below, scale, below, 0, 0)
+        if steps * _EXPOSURE == 1:
+            return self.under
+        exposed = kept.get(steps)
+        if exposed is None:
+            exposed = cv2.addWeighted(self.under, steps * _EXPOSURE, self.under, 0, 0)
+            kept.update({steps: exposed} if len(kept) < _KEPT else {})
+        return exposed
 
 
 def _cut(pixels, first, size):
@@ -106,19 +121,35 @@ def brightest(image: np.ndarray) -> Brightest:
     width = image.shape[1]
     length = _piece(width)
     pieces = cv2.reduce(image.reshape(-1, length), 1, cv2.REDUCE_MAX).reshape(-1, width // length)
-    piece = _argmax(pieces)
-    rows = np.arange(len(image)) * pieces.shape[1] + piece
-    column = _argmax(image.reshape(-1, length).take(rows, 0)) + piece * length
-    return Brightest(image, pieces, column, pieces.reshape(-1).take(rows))
+    piece, value = _argmax(pieces)
+    rows = np.arange(0, pieces.size, pieces.shape[1]) + piece
+    column = _place(image.reshape(-1, length).take(rows, 0), value) + piece * length
+    return Brightest(image, pieces, column, value)
 
 
-def _argmax(table: np.ndarray) -> np.ndarray:
-    """(n,) as `table.argmax(1)` of (n, up to 256); bytes are packed with their place, four times as fast."""
-    if table.dtype != np.uint8 or table.shape[1] > 256:
-        return table.argmax(1)
-    packed = np.left_shift(table, 8, dtype=np.uint16)
+def _argmax(table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`table.argmax(1)` and `table.max(1)` of (n, w <= 256); bytes are packed with their place, four times as fast."""
+    if table.dtype != np.uint8:
+        place = table.argmax(1)
+        return place, np.take_along_axis(table, place[:, None], 1)[:, 0]
+    packed = table.astype(np.uint16)
+    packed <<= 8
     packed |= np.arange(table.shape[1] - 1, -1, -1, dtype=np.uint16)
-    return table.shape[1] - 1 - (row_max(packed) & 255).astype(np.intp)
+    largest = row_max(packed)
+    return table.shape[1] - 1 - (largest & 255).astype(np.intp), (largest >> 8).astype(np.uint8)
+
+
+def _place(table: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """(n,) first place in rows of (n, w) that has the row's largest value (n,).
+
+    64 places are the bits of one number: all but the leading one of each run are cleared, so that
+    a conversion to double precision does not round up, and its exponent tells the leading bit.
+    """
+    if table.shape[1] != 64:
+        return table.argmax(1) if table.dtype != np.uint8 else _argmax(table)[0]
+    bits = np.packbits((table == value[:, None]).reshape(-1)).view(">u8").astype(np.uint64)
+    bits &= ~(bits >> np.uint64(1))
+    return 63 + 1023 - (bits.astype(np.float64).view(np.int64) >> 52)
 
 
 def floor(table: np.ndarray):

@@ -32,7 +32,16 @@ def uneven_pull(rows: Rows, fits: Fits, noise: float) -> np.ndarray:
             pull[:, place] = _pull(rows, row, centre, table, noise / np.sqrt(2))
     pull, variance = cv2.blur(pull, (_OVER, 1))
     sure = np.where(pull**2 > 9 * variance / _OVER, np.abs(pull), 0)
-    return cv2.dilate(sure, np.ones((_OVER, 1)))[:, 0]
+    return _largest_around(sure, _OVER // 2)
+
+
+def _largest_around(values: np.ndarray, reach: int) -> np.ndarray:
+    """(n,) the largest of values (n,) up to `reach` places away."""
+    made = values.copy()
+    for step in range(1, reach + 1):
+        np.maximum(made[step:], values[:-step], out=made[step:])
+        np.maximum(made[:-step], values[step:], out=made[:-step])
+    return made
 
 
 def _pull(rows, row, centre, table, noise):
@@ -48,7 +57,7 @@ def _pull(rows, row, centre, table, noise):
     phase = np.rint((centre - start - table.half + 0.5) * PHASES).astype(np.intp)
     phase = np.clip(phase, 0, PHASES)
     at = np.arange(len(row)) * (PHASES + 1) + phase
-    peak, moment = ((lit @ _answer(table, number)).reshape(-1).take(at) for number in (1, 2))
+    peak, moment = ((lit @ _answer(table, number)).take(at) for number in (1, 2))
     scale = table.width / np.maximum(peak, 1e-3 * row_max(lit) + 1e-9)
     pull = np.clip(scale * moment, -1.5 * table.width, 1.5 * table.width)
     return pull, (scale * noise) ** 2 * table.at("across_lit", phase)
