@@ -61,13 +61,15 @@ def check_robot(robot: Mapping, called: str) -> None:
 
 
 def nominal_reach(robot: Mapping) -> float:
-    """Sum of |a| + |d| over the joints, mm: no point of the flange is farther from the base.
+    """Sum of |a| + |d| over the joints and of [base] and [flange], mm: no point of the flange is farther from the base.
 
     nan where the robot's numbers are not in the recording (built-in arm, URDF).
     """
     if "joint" not in robot:
         return math.nan
-    return sum(abs(j["a_mm"]) + abs(j["d_mm"]) for j in robot["joint"])
+    ends = [robot[name].get("xyz_mm", ()) for name in ("base", "flange") if name in robot]
+    fixed = sum(math.hypot(*place) for place in ends)
+    return fixed + sum(abs(j["a_mm"]) + abs(j["d_mm"]) for j in robot["joint"])
 
 
 def _urdf(path: Path, section: Mapping) -> dict:

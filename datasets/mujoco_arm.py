@@ -104,6 +104,8 @@ def arm_from_robot(robot: Mapping | str | Path, **elastic) -> Arm:
         "prismatic" == r.get("kind") for r in rows
     ):
         raise ValueError("the MuJoCo arm takes revolute joints in the distal convention")
+    if "base" in robot or "flange" in robot:
+        raise ValueError("the MuJoCo arm takes no sections [base] and [flange]")
     tool = robot.get("payload", {})
     fields = {
         "geometry": np.array([_row(r) for r in rows]),

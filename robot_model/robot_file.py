@@ -3,9 +3,16 @@
 from collections.abc import Mapping
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from robot_model.robot import PARALLEL, Robot, wrong
-from workbench.core.robot_file import Joint, Payload, RobotFile, checked_robot_file
+from workbench.core.robot_file import (
+    Joint,
+    Payload,
+    Placement,
+    RobotFile,
+    checked_robot_file,
+)
 from workbench.core.text.structured_text import ContentError, read_toml
 
 
@@ -46,9 +53,18 @@ def _robot(file: RobotFile) -> Robot:
         com=np.array([j.com_mm or [0.0, 0.0, 0.0] for j in joints]),
         payload_mass=payload.mass_kg,
         payload_com=np.array(payload.com_mm),
-        base=np.eye(4),
-        flange=np.eye(4),
+        base=_pose(file.base),
+        flange=_pose(file.flange),
     )
+
+
+def _pose(placement: Placement | None) -> np.ndarray:
+    """(4, 4) of a section [base] or [flange], mm; the identity without one."""
+    pose = np.eye(4)
+    if placement is not None:
+        turn = Rotation.from_euler("xyz", placement.rpy_deg, degrees=True)
+        pose[:3, :3], pose[:3, 3] = turn.as_matrix(), placement.xyz_mm
+    return pose
 
 
 def _hayati(file: RobotFile, alpha: np.ndarray) -> np.ndarray:

@@ -72,6 +72,13 @@ class Joint(Section):
         return [np.nan, np.nan] if found is None else [limit * self.unit for limit in found]
 
 
+class Placement(Section):
+    """`[base]`, `[flange]`: a fixed transform; roll, pitch and yaw are about fixed x, y and z."""
+
+    xyz_mm: Vector = Field(default_factory=lambda: [0.0, 0.0, 0.0])
+    rpy_deg: Vector = Field(default_factory=lambda: [0.0, 0.0, 0.0])
+
+
 class RobotFile(Section):
     """The whole file."""
 
@@ -81,6 +88,8 @@ class RobotFile(Section):
     gravity: Vector = Field(default_factory=lambda: [0.0, 0.0, -1.0])
     joint: Annotated[list[Joint], Field(min_length=1)]
     payload: Payload | None = None
+    base: Placement | None = None
+    flange: Placement | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -149,7 +158,7 @@ def _place(path: tuple) -> tuple[str, list[str]]:
 
 
 def _known(place: str, names: list[str]) -> list[str]:
-    sections = {"coupled": Coupled, "payload": Payload}
+    sections = {"coupled": Coupled, "payload": Payload, "base": Placement, "flange": Placement}
     section = sections[names[0]] if len(names) > 1 else Joint if place else RobotFile
     return list(section.model_fields)
 

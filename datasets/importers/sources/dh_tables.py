@@ -1,8 +1,8 @@
 """A Denavit-Hartenberg table as text or spreadsheet: the nominal kinematics of a robot that has no robot.toml.
 
-One row per joint with theta (offset), d, a and alpha, in any order and with any usual header. Units come from the
-headers, else from the numbers. The convention (`distal`, or `craig`, the modified one) follows from headers such as
-"alpha i-1", else both are returned, and the measurements decide.
+One row per joint, and fixed rows at either end (`dh_fixed_rows`), with theta (offset), d, a and alpha, in any order and
+with any usual header. Units come from the headers, else from the numbers. The convention (`distal`, or `craig`, the
+modified one) follows from headers such as "alpha i-1", else both are returned, and the measurements decide.
 """
 
 import math
@@ -16,6 +16,7 @@ from datasets.arms import check_robot
 from datasets.errors import complaint
 from datasets.importers.mapping.headers import Header, read_header
 from datasets.importers.source import RawTable
+from datasets.importers.sources.dh_fixed_rows import fixed_rows, placements
 from datasets.importers.sources.excel import read_excel
 from datasets.importers.sources.text_tables import read_text_table
 from datasets.importers.units import ANGLES, LENGTHS
@@ -65,20 +66,23 @@ def read_dh_table(path: Path) -> list[dict]:
     _check_filled(table, [columns[name] for name in ("d", "a", "alpha")])
     values = {name: _cells(table, header) for name, header in columns.items()}
     factors = _factors(table, columns, values)
-    joints, limits = [], _limits(table)
-    for k in range(table.n):
-        joint = {
-            f"{name}_{'deg' if name in _ANGLES else 'mm'}": float(
-                values[name][0][k] * factors[name]
-            )
-            for name in ("theta", "d", "a", "alpha")
-        }
-        optional = _optional(table, k)
-        joint = {key: _tidy(key, value) for key, value in joint.items()} | optional
-        if np.isfinite(limits[k]).all() and "kind" not in optional:
+    rows = [
+        {key: float(values[key][0][k] * factors[key]) for key in ("theta", "d", "a", "alpha")}
+        for k in range(table.n)
+    ]
+    rows = [_tidy_row(row) for row in rows]
+    more, limits = [_optional(table, k) for k in range(table.n)], _limits(table)
+    fixed = fixed_rows(table, columns["theta"].name, ["kind" in one for one in more])
+    joints = []
+    for k in np.flatnonzero(~fixed):
+        joint = rows[k] | more[k]
+        if np.isfinite(limits[k]).all() and "kind" not in more[k]:
             joint["limits_deg"] = limits[k].tolist()
         joints.append(joint)
-    return [_robot(path, joints, convention) for convention in _conventions(path, columns)]
+    return [
+        _robot(path, joints, convention, placements(rows, fixed, convention))
+        for convention in _conventions(path, columns)
+    ]
 
 
 def _table(path: Path) -> RawTable:
@@ -149,7 +153,7 @@ def _evaluated(text: str) -> float | None:
     """The constant of a cell such as "q2 - 90°", "theta1" or "-pi/2"; None for other text."""
     plain = text.lower().replace("°", "").replace("−", "-").replace(" ", "")
     plain = _VARIABLE.sub("", plain, count=1) if _VARIABLE.match(plain) else plain
-    if plain in ("", "+"):
+    if plain in ("", "+", "-", "fixed"):
         return 0.0
     match = _PI.fullmatch(plain)
     try:
@@ -207,6 +211,12 @@ def _tidy(key: str, value: float) -> float:
     return round(value, 9)
 
 
+def _tidy_row(row: Mapping[str, float]) -> dict[str, float]:
+    """theta_deg, d_mm, a_mm and alpha_deg of a row."""
+    named = {f"{name}_{'deg' if name in _ANGLES else 'mm'}": value for name, value in row.items()}
+    return {key: _tidy(key, value) for key, value in named.items()}
+
+
 def _optional(table: RawTable, row: int) -> dict:
     """Kind and sign of a joint, where the table has such columns."""
     keys: dict = {}
@@ -252,8 +262,8 @@ def _conventions(path: Path, columns: Mapping[str, Header]) -> tuple[str, ...]:
     return ("distal",) if any(word in stated for word in _STANDARD) else CONVENTIONS
 
 
-def _robot(path: Path, joints: list[dict], convention: str) -> dict:
+def _robot(path: Path, joints: list[dict], convention: str, ends: Mapping[str, dict]) -> dict:
     source = f"Denavit-Hartenberg table {path.name}"
-    keys = {"name": path.stem, "convention": convention, "source": source, "joint": joints}
+    keys = {"name": path.stem, "convention": convention, "source": source, **ends, "joint": joints}
     check_robot(keys, path.name)
     return keys

@@ -3,11 +3,13 @@
 from collections.abc import Mapping as Keys
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from datasets.columns import KINDS
 from datasets.importers.mapping.conversion import complete_rows
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.source import RawTable
+from datasets.importers.sources.dh_tables import is_dh_table
 from datasets.importers.units import LENGTHS
 from datasets.recording import Recording
 from robot_model import builtin_robots, load_robot
@@ -29,6 +31,10 @@ from workbench.recordings.importing.unnamed_columns import find_unnamed, refuse_
 
 _SEARCH_S = 15.0
 """Processor time of a search for the cause of a misfit."""
+_FIXED_ROWS = (
+    " A row of the Denavit-Hartenberg table that moves with no joint, such as the flange's, needs the word fixed in a "
+    "column type, and the theta of a joint needs its variable (q6) where those of the others have theirs."
+)
 _OTHER_KIND = {"external-point": "ball-centre", "ball-centre": "external-point"}
 
 
@@ -302,10 +308,12 @@ def _check_count(robot, mapping: Mapping, table: RawTable) -> None:
     wanted = robot.mixing.shape[1]
     if len(mapping.joints.columns) != wanted:
         columns = ", ".join(f'"{name}"' for name in mapping.joints.columns[:wanted])
+        is_table = mapping.robot is not None and is_dh_table(Path(mapping.robot))
+        hint = _FIXED_ROWS if is_table else ""
         raise InputError(
             f"{table.file}: expected {wanted} joint columns for '{robot.name}', found "
             f"{len(mapping.joints.columns)} ({', '.join(mapping.joints.columns)}); add [joints] columns = [{columns}] "
-            "to a mapping file and name it with --map, or name another robot."
+            f"to a mapping file and name it with --map, or name another robot.{hint}"
         )
 
 
