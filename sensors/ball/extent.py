@@ -7,24 +7,31 @@ _SECTORS = 24
 _ENOUGH = 20_000
 
 
-def seen_extent(normal, used, view):
+def seen_extent(normal, place, view):
     """Half angle (rad) of the cone about the mean direction with 99 % of the points, and the share seen all round.
 
-    normal (d, n) outward unit normals, of points that are `used` (n,); view: directions of sight or None.
+    normal (d, n) outward unit normals, `place` (m,) numbers of the points used; view: directions of sight or None.
     """
-    mean = _unit(normal @ used.astype(float))
+    mean = _unit(normal.take(place, 1).sum(1))
     axis = mean if view is None else _unit(-view.mean(1))
-    place = np.flatnonzero(used)
-    some = normal[:, place[:: len(place) // _ENOUGH + 1]]
-    from_mean = np.arccos(np.clip(mean @ some, -1, 1))
-    half_angle = float(np.quantile(from_mean, 0.99))
+    some = normal.take(place[:: len(place) // _ENOUGH + 1], 1)
+    half_angle = _angle_of_share(mean @ some, 0.99)
     # the farthest point from the axis in every sector about it
-    from_axis = np.arccos(np.clip(axis @ some, -1, 1))
     sectors, sector = _sectors_about(axis, some)
-    reach = np.zeros(sectors)
-    np.maximum.at(reach, sector, from_axis)
+    least = np.ones(sectors)
+    np.minimum.at(least, sector, np.clip(axis @ some, -1, 1))
+    reach = np.arccos(least)
     is_seen = reach > 0.7 * np.quantile(reach, 0.8)
     return half_angle, float(is_seen.mean())
+
+
+def _angle_of_share(cosine: np.ndarray, share: float) -> float:
+    """Angle, rad, within which a share of those with a cosine (n,) lie; their quantile, linear between two of them."""
+    place, last = (1 - share) * (len(cosine) - 1), len(cosine) - 1
+    low = int(place)
+    ordered = np.partition(cosine, (low, min(low + 1, last)))
+    near, far = np.arccos(np.clip(ordered[[min(low + 1, last), low]], -1, 1))
+    return float(far + (place - low) * (near - far))
 
 
 def _unit(direction):
@@ -39,8 +46,9 @@ def _sectors_about(axis, directions):
         sectors, turn = _SECTORS, np.arctan2(across[1], across[0])
     else:
         sectors, turn = 2, np.pi * (across[0] < 0)
-    share = turn / (2 * np.pi) % 1
-    return sectors, (share * sectors).astype(int) % sectors
+    sector = np.floor(turn * (sectors / (2 * np.pi))).astype(int)
+    sector[sector < 0] += sectors
+    return sectors, sector
 
 
 def shell(residual: np.ndarray, share: float) -> float:

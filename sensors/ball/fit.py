@@ -5,11 +5,12 @@ second-order bias, their covariance, the form as metrologists count it, and why 
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from sensors.ball.extent import seen_extent, shell
-from sensors.ball.form import UNLIKELY, Form, low_orders, plane_gain, some_points
+from sensors.ball.form import UNLIKELY, Form, low_orders, plane_gain, some_of
 from sensors.ball.shared import Shared, solve_shared
 from sensors.ball.solve import (
     LOSSES,
@@ -19,6 +20,7 @@ from sensors.ball.solve import (
     bias,
     covariance,
     memory,
+    one_sigma,
     solve,
     step_left,
     used_part,
@@ -404,11 +406,11 @@ class _Part:
         self.problem, self.values, self.at, self.trim = problem, solved.values, solved.at, trim
         solved = replace(solved, spread=max(solved.spread, 1e-12 * self.values[-1]))
         self.white = solved.white
-        self.used = solved.keep & (loss(solved.white / solved.spread)[0] > 0)
-        self.part = used_part(problem, solved, loss, self.used)
+        self.used, self.part = used_part(problem, solved, loss)
         self.step = step_left(self.part, self.values[-1]) if solved.step is None else solved.step
 
-    def distance(self):
+    @cached_property
+    def distance(self) -> np.ndarray:
         """(n,) mm from the surface."""
         if self.problem.direction is None:
             return self.at.residual
@@ -418,11 +420,14 @@ class _Part:
 
     def plane_gain(self) -> float:
         """See `ball_form.plane_gain`."""
-        return plane_gain(self.problem.points, self.distance(), self.at.sigma, self.used)
+        place, sigma = self.part.place, one_sigma(self.at.sigma)
+        sigma = sigma.take(place) if np.ndim(sigma) else sigma
+        ball = float(np.square(self.distance.take(place) / sigma).sum())
+        return plane_gain(self.problem.points, ball, self.at.sigma, self.used)
 
     def form(self, lasting: float) -> Form:
         """See `ball_form.low_orders`; of the points' own errors."""
-        some = some_points(self.used)
+        some = some_of(self.part.place)
         normal, rows = self.at.normal[:, some], self.at.rows[:, some]
         return low_orders(normal, self.white[some], self.at.sigma[some], rows, lasting)
 
@@ -436,16 +441,18 @@ class _Part:
     def result(self, made, present, at_limit, shape: Form) -> BallFit:
         """The fit, as statements about all points, `present` (n,) or not."""
         problem, used, n = self.problem, self.used, len(present)
-        degrees = max(int(used.sum()) - problem.size, 1)
-        sigma_scale = float(np.sqrt(np.square(self.white[used]).sum() / degrees))
-        off = bias(problem, self.at, self.part, self.values[-1], sigma_scale, used)
+        degrees = max(len(self.part.place) - problem.size, 1)
+        sigma_scale = float(np.sqrt(self.part.white @ self.part.white / degrees))
+        off = bias(problem, self.at, self.part, self.values[-1], sigma_scale)
         off = np.pad(off, (0, len(self.values) - len(off)))
-        distance = self.distance()
+        distance = self.distance
         residual, reason = np.full(n, np.nan), np.full(n, MISSING, np.uint8)
         codes = self.trim.codes(self.values, self.at.normal)
-        codes[(codes == USED) & ~used] = OUTLIER
-        residual[present], reason[present] = distance, codes
-        cap, coverage = seen_extent(self.at.normal, used, self.trim.view)
+        np.copyto(codes, OUTLIER, where=(codes == USED) & ~used)
+        whole = slice(None) if present.all() else present
+        residual[whole], reason[whole] = distance, codes
+        squares = float(np.square(distance.take(self.part.place)).sum())
+        cap, coverage = seen_extent(self.at.normal, self.part.place, self.trim.view)
         cut = 0 if at_limit is None else int((at_limit & used).sum())
         values, shape_warnings = self.values - off, _misshapen(shape)
         return BallFit(
@@ -454,7 +461,7 @@ class _Part:
             made,
             off,
             sigma_scale,
-            float(np.sqrt(np.square(distance[used]).sum() / degrees)),
+            float(np.sqrt(squares / degrees)),
             residual,
             reason,
             cap,

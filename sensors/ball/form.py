@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtrc
 
-from sensors.ball.solve import blocks
+from sensors.ball.solve import BLOCK, blocks, one_sigma
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
 
 UNLIKELY = 1e-3
@@ -23,29 +23,28 @@ class Form:
     probability: float
 
 
-def plane_gain(
-    points: np.ndarray, distance: np.ndarray, sigma: np.ndarray, used: np.ndarray
-) -> float:
-    """By how much a plane (a line where d = 2) fits points (d, n) better than the ball from whose surface they are
-    `distance` (n,) mm away, as a difference of chi-square; the noise is that of the better of both. Of the points
-    that are `used` (n,)."""
-    first, total, ball = points[:, used.argmax()][:, None], 0.0, 0.0
-    mean, moments = np.zeros(len(points)), np.zeros((len(points), len(points)))
+def plane_gain(points: np.ndarray, ball: float, sigma: np.ndarray, used: np.ndarray) -> float:
+    """By how much a plane (a line where d = 2) fits points (d, n) better than the ball, whose chi-square over them is
+    `ball`, as a difference of chi-square; the noise is that of the better of both. Of points that are `used` (n,)."""
+    first, d = points[:, used.argmax()][:, None], len(points)
+    moments, sigma = np.zeros((d + 1, d + 1)), one_sigma(sigma)
+    near = np.ones((d + 1, min(BLOCK, points.shape[1])))
     for block in blocks(points.shape[1]):
-        weight, near = used[block] / sigma[block] ** 2, points[:, block] - first
-        weighted = near * weight
-        mean, moments = mean + weighted.sum(1), moments + weighted @ near.T
-        total += weight.sum()
-        ball += float(weight @ np.where(used[block], distance[block], 0) ** 2)
-    scatter = moments - np.outer(mean, mean) / total
+        own = sigma[block] if np.ndim(sigma) else sigma
+        weight = used[block] / own**2
+        part = near[:, : len(weight)]
+        np.subtract(points[:, block], first, out=part[:-1])
+        moments += (part * weight) @ part.T
+    mean, total = moments[:-1, -1], moments[-1, -1]
+    scatter = moments[:-1, :-1] - np.outer(mean, mean) / total
     plane = float(symmetric_eigenvalues(scatter)[0])
-    noise = max(min(plane, ball) / max(int(used.sum()) - len(points), 1), 1e-300)
+    noise = max(min(plane, ball) / max(int(used.sum()) - d, 1), 1e-300)
     return (ball - plane) / noise
 
 
-def some_points(used: np.ndarray) -> np.ndarray:
-    """Numbers of every so-manieth of the points that are `used` (n,), enough to test their form."""
-    return np.flatnonzero(used)[:: -(-int(used.sum()) // _ENOUGH)]
+def some_of(place: np.ndarray) -> np.ndarray:
+    """Every so-manieth of the numbers (m,) of points, enough to test their form."""
+    return place[:: -(-len(place) // _ENOUGH)]
 
 
 def low_orders(
@@ -54,7 +53,7 @@ def low_orders(
     """Form of orders two and three of the direction `normal` (d, n) in whitened residuals (n,).
 
     rows (d + 1, n): derivatives by centre and radius, which are left free. memory: times that the errors of neighbours
-    make a mean vary more. The F test of a linear model; `some_points` are enough for it.
+    make a mean vary more. The F test of a linear model; `some_of` the points are enough for it.
     """
     rows = rows / sigma
     own = np.linalg.qr(rows.T)[0]

@@ -25,7 +25,7 @@ _REFINEMENTS, _FAR = 4, 30.0
 _LAST = 0.3
 # Points of which a spread or a cap is taken: it is then good to half a per cent.
 _ENOUGH = 20_000
-_BLOCK = 8192
+BLOCK = 8192
 # Below this cosine a line of error only grazes the ball: where it meets it is no smooth function any more.
 _GRAZING = 0.1
 
@@ -134,17 +134,28 @@ def spread(white: np.ndarray, size: int) -> float:
     The median of all of them, then that of those within three such sigmas, until it stays.
     """
     size_of = np.abs(white[:: len(white) // _ENOUGH + 1])
-    size_of = size_of[np.isfinite(size_of)]
+    size_of = np.sort(size_of[np.isfinite(size_of)])
     if not len(size_of):
         return np.nan
-    scale = np.median(size_of) / _MEDIAN
+    scale = _middle(size_of) / _MEDIAN
     for _ in range(20):
-        near = size_of[size_of <= 3 * scale]
-        smaller = np.median(near) / _MEDIAN_CUT if len(near) > size else scale
+        near = size_of[: np.searchsorted(size_of, 3 * scale, "right")]
+        smaller = _middle(near) / _MEDIAN_CUT if len(near) > size else scale
         if smaller >= 0.999 * scale:
             break
         scale = smaller
     return float(scale * np.sqrt(len(size_of) / max(len(size_of) - size, 1)))
+
+
+def median(values: np.ndarray) -> np.ndarray:
+    """(...,) of finite numbers (..., n), by sorting, which takes half the time of `np.median`."""
+    return _middle(np.sort(values))
+
+
+def _middle(ordered):
+    """(...,) median of (..., n) ascending numbers."""
+    half, odd = divmod(ordered.shape[-1], 2)
+    return ordered[..., half] if odd else (ordered[..., half - 1] + ordered[..., half]) / 2
 
 
 @dataclass(frozen=True)
@@ -215,21 +226,34 @@ def _newton(problem, values, loss, scale, trim):
     for block in blocks(problem.points.shape[1]):
         at = linearise(problem.some(block), values)
         keep = trim(values, at.normal, block) & np.isfinite(at.residual)
-        white = np.where(keep, at.residual, 0) / at.sigma
-        weight, slope = (part * keep for part in loss(white * (1 / max(scale, 1e-300))))
-        rows = at.rows[:size] / at.sigma
-        normal += (rows * slope) @ rows.T
-        pull += rows @ (weight * white)
+        sigma = one_sigma(at.sigma)
+        white = at.residual / sigma
+        if not keep.all():
+            white[~keep] = 0
+        weight, slope = loss(white * (1 / max(scale, 1e-300)))
+        if not keep.all():
+            weight, slope = weight * keep, slope * keep
         slopes, weights = slopes + slope.sum(), weights + weight.sum()
+        rows = at.rows[:size]
+        slope /= sigma**2
+        normal += (rows * slope) @ rows.T
+        weight *= white
+        weight /= sigma
+        pull += rows @ weight
     if not slopes > 0.5 * weights:
         return pull, np.inf
     move = solve_positive(normal, pull)
     return move, float(np.sqrt(max(move @ normal @ move, 0.0))) / max(scale, 1e-300)
 
 
+def one_sigma(sigma: np.ndarray) -> np.ndarray | float:
+    """Sigma (n,) of the points, or one number where it is one that was broadcast."""
+    return float(sigma[0]) if len(sigma) and sigma.strides == (0,) else sigma
+
+
 def blocks(n: int) -> Iterator[slice]:
     """Slices of n points, each small enough for the processor's cache."""
-    return (slice(first, first + _BLOCK) for first in range(0, n, _BLOCK))
+    return (slice(first, first + BLOCK) for first in range(0, n, BLOCK))
 
 
 def _rounds(problem, values, loss, trim):
@@ -281,22 +305,26 @@ def _descend(problem, values, at, loss, scale, keep):
 
 @dataclass(frozen=True)
 class Used:
-    """The points that count, whitened: rows (size, m), residuals, scores psi and slopes psi' (m,), normal matrix."""
+    """The points that count: their numbers `place` (m,), whitened rows (size, m), scores psi, slopes psi' and residuals
+    (m,), and the normal matrix."""
 
+    place: np.ndarray
     rows: np.ndarray
     score: np.ndarray
     slope: np.ndarray
+    white: np.ndarray
     normal: np.ndarray
 
 
-def used_part(problem: Problem, solved: Solved, loss: Loss, used: np.ndarray) -> Used:
-    """What the covariances of an M-estimate are made of."""
-    place = np.flatnonzero(used)
+def used_part(problem: Problem, solved: Solved, loss: Loss) -> tuple[np.ndarray, Used]:
+    """Which points have a weight, (n,) bool, and what the covariances of an M-estimate are made of."""
+    weight, slope = loss(solved.white / solved.spread)
+    used = solved.keep & (weight > 0)
+    place, sigma = np.flatnonzero(used), one_sigma(solved.at.sigma)
     rows = solved.at.rows[: problem.size].take(place, 1)
-    rows /= solved.at.sigma.take(place)
-    white = solved.white.take(place)
-    weight, slope = loss(white / solved.spread)
-    return Used(rows, weight * white, slope, rows @ rows.T)
+    rows /= sigma.take(place) if np.ndim(sigma) else sigma
+    white, slope = solved.white.take(place), slope.take(place)
+    return used, Used(place, rows, weight.take(place) * white, slope, white, rows @ rows.T)
 
 
 def step_left(part: Used, radius: float) -> float:
@@ -358,9 +386,7 @@ def memory(white: np.ndarray) -> float:
     return float(max(1.0, 1 + 2 * correlation[1:end].sum()))
 
 
-def bias(
-    problem: Problem, at: Linear, part: Used, radius: float, scale: float, used: np.ndarray
-) -> np.ndarray:
+def bias(problem: Problem, at: Linear, part: Used, radius: float, scale: float) -> np.ndarray:
     """(size,) bias of second order in the noise, mm: take it off the estimate.
 
     Noise across the normal lengthens the distance from the centre by (tr S - u'Su) / 2r, S the
@@ -371,14 +397,15 @@ def bias(
     made = np.zeros(problem.size)
     if problem.direction is not None:
         return made
-    sigma = at.sigma[used]
+    sigma = one_sigma(at.sigma)
+    sigma = sigma.take(part.place) if np.ndim(sigma) else sigma
     if problem.covariance is None:
-        pull = part.rows @ sigma * (len(at.normal) - 1) / 2
+        pull = (part.rows * sigma).sum(1) * (len(at.normal) - 1) / 2
     else:
-        u = at.normal[:, used]
-        turned = np.einsum("den,en->dn", problem.covariance[..., used], u)
+        u, whole = at.normal.take(part.place, 1), problem.covariance.take(part.place, 2)
+        turned = np.einsum("den,en->dn", whole, u)
         across = turned - u * sigma**2
-        total = np.einsum("ddn->n", problem.covariance[..., used])
+        total = np.einsum("ddn->n", whole)
         bent = (total - sigma**2) / 2 - 2 * (turned * across).sum(0) / sigma**2
         pull = part.rows @ (bent / sigma)
         pull[: len(u)] += across @ sigma**-2

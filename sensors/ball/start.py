@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from sensors.ball.solve import median
+
 _TRIES, _JUDGES, _BEST = 300, 2000, 8
 _FIRST_JUDGES, _LEFT, _DRAWN = 250, 40, 10_000
 # Less than half: with half of the points wrong, this share still lies on the ball.
@@ -20,10 +22,12 @@ def start(
     fitted again to the half that is nearest. A known radius moves each sphere about its apex.
     """
     n = points.shape[1]
-    points = points[:, random.permutation(n) if n <= _DRAWN else random.integers(0, n, _DRAWN)]
-    middle = np.median(points, axis=1)
-    size = float(np.median(np.linalg.norm(points - middle[:, None], axis=0))) or 1.0
-    scaled = (points - middle[:, None]) / size
+    drawn = random.permutation(n) if n <= _DRAWN else random.integers(0, n, _DRAWN)
+    points = points.take(drawn, 1)
+    middle = median(points)
+    scaled = points - middle[:, None]
+    size = float(median(np.sqrt(np.square(scaled).sum(0)))) or 1.0
+    scaled /= size
     judges = scaled[:, :_JUDGES]
     known = None if radius is None else radius / size
     found = _sensible(_through(scaled, random), scaled, known)
@@ -31,23 +35,26 @@ def start(
         return None
     found = found[:, np.argsort(_score(judges[:, :_FIRST_JUDGES], found))[:_LEFT]]
     best = found[:, np.argsort(_score(judges, found))[:_BEST]]
-    again = np.stack([algebraic(_nearest(judges, one)) for one in best.T], axis=1)
+    again = algebraic(_nearest(judges, best)).T
     both = np.concatenate([best, _sensible(again, scaled, known)], axis=1)
     chosen = both[:, np.argmin(_score(judges, both))]
     return np.append(chosen[:-1] * size + middle, chosen[-1] * size if radius is None else radius)
 
 
 def algebraic(points: np.ndarray) -> np.ndarray:
-    """(d + 1,) centre and radius that minimise the sum of (|X - c|^2 - r^2)^2 over points (d, n).
+    """(..., d + 1) centre and radius that minimise the sum of (|X - c|^2 - r^2)^2 over points (..., d, n).
 
     Kasa, IEEE Trans. Instrum. Meas. 25 (1976). A start only: the noise pulls it into the cap, by
     36 sigma^2 / R at 60 degrees.
     """
-    middle = points.mean(1, keepdims=True)
+    middle = points.mean(-1, keepdims=True)
     from_middle = points - middle
-    square = (from_middle**2).sum(0)
-    centre = np.linalg.lstsq(2 * from_middle @ from_middle.T, from_middle @ square, rcond=1e-14)[0]
-    return np.append(centre + middle[:, 0], np.sqrt(square.mean() + centre @ centre))
+    square = (from_middle**2).sum(-2)
+    moments = np.swapaxes(from_middle, -1, -2)
+    right = square[..., None, :] @ moments
+    centre = (right @ np.linalg.pinv(2 * from_middle @ moments, rcond=1e-14))[..., 0, :]
+    radius = np.sqrt(square.mean(-1) + (centre**2).sum(-1))
+    return np.concatenate([centre + middle[..., 0], radius[..., None]], axis=-1)
 
 
 def _through(points, random):
@@ -81,15 +88,24 @@ def _sensible(spheres, points, radius):
 
 def _distances(points, spheres):
     """(m, n) distance of points (d, n) from spheres (d + 1, m), without sign."""
-    square = (points**2).sum(0) - 2 * spheres[:-1].T @ points + (spheres[:-1] ** 2).sum(0)[:, None]
-    return np.abs(np.sqrt(np.maximum(square, 0)) - spheres[-1][:, None])
+    square = (-2 * spheres[:-1]).T @ points
+    square += (points**2).sum(0)
+    square += (spheres[:-1] ** 2).sum(0)[:, None]
+    np.sqrt(np.maximum(square, 0, out=square), out=square)
+    square -= spheres[-1][:, None]
+    return np.abs(square, out=square)
 
 
 def _score(points, spheres):
     place = int(_SHARE * points.shape[1])
-    return np.partition(_distances(points, spheres), place, axis=1)[:, place]
+    distance = _distances(points, spheres)
+    distance.partition(place, axis=1)
+    return distance[:, place]
 
 
-def _nearest(points, sphere):
-    distance = _distances(points, sphere[:, None])[0]
-    return points[:, np.argsort(distance)[: max(len(sphere) + 1, int(_SHARE * len(distance)))]]
+def _nearest(points, spheres):
+    """(m, d, k) the points (d, n) that are nearest to each of some spheres (d + 1, m)."""
+    distance, n = _distances(points, spheres), points.shape[1]
+    count = min(max(len(spheres), int(_SHARE * n)), n)
+    nearest = np.argpartition(distance, count - 1, axis=1)[:, :count]
+    return points[:, nearest].transpose(1, 0, 2)
