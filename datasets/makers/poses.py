@@ -10,23 +10,25 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 _LEVER = 300.0  # mm that one rad of orientation error counts as
+_LEAST_STEP = 1e-13  # rad
 
 
-def _step(theta, d, a, alpha, beta) -> np.ndarray:
-    """(n, 4, 4) Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta) for theta (n,)."""
-    turn = Rotation.from_euler("Z", theta[:, None]).as_matrix()
-    out = np.zeros((len(theta), 4, 4))
-    out[:, :3, :3] = turn @ Rotation.from_euler("XY", [alpha, beta]).as_matrix()
-    out[:, :3, 3] = turn @ [a, 0, 0] + [0, 0, d]
-    out[:, 3, 3] = 1
+def _fixed(d, a, alpha, beta) -> np.ndarray:
+    """(4, 4) Tz(d) Tx(a) Rx(alpha) Ry(beta), what follows the turn of a joint."""
+    out = np.eye(4)
+    out[:3, :3] = Rotation.from_euler("XY", [alpha, beta]).as_matrix()
+    out[:3, 3] = a, 0, d
     return out
 
 
 def forward(geometry: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """(n, 4, 4) flange poses of the rigid arm at joint angles (n, J)."""
-    out = np.eye(4)
+    out = np.tile(np.eye(4), (len(joints), 1, 1))
     for (theta, *rest), q in zip(geometry, joints.T):
-        out = out @ _step(q + theta, *rest)
+        cosine, sine = np.cos(q + theta)[:, None], np.sin(q + theta)[:, None]
+        x, y = out[..., 0].copy(), out[..., 1].copy()
+        out[..., 0], out[..., 1] = cosine * x + sine * y, cosine * y - sine * x
+        out = out @ _fixed(*rest)
     return out
 
 
@@ -38,7 +40,7 @@ def _miss(geometry, joints, targets) -> np.ndarray:
     return np.hstack([targets[:, :3, 3] - here[:, :3, 3], _LEVER * rotation])
 
 
-def _newton(geometry, joints, targets, damping: float = 1.0) -> np.ndarray:
+def _newton_step(geometry, joints, targets, damping: float = 1.0) -> np.ndarray:
     miss = _miss(geometry, joints, targets)
     h = 1e-6
     columns = [
@@ -48,7 +50,7 @@ def _newton(geometry, joints, targets, damping: float = 1.0) -> np.ndarray:
     slope = np.stack(columns, axis=2)
     normal = slope.transpose(0, 2, 1) @ slope + damping * np.eye(joints.shape[1])
     step = np.linalg.solve(normal, np.einsum("nij,ni->nj", slope, miss)[..., None])[..., 0]
-    return joints + np.clip(step, -0.4, 0.4)
+    return np.clip(step, -0.4, 0.4)
 
 
 def inverse(
@@ -56,12 +58,17 @@ def inverse(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Joint angles (n, J) near `start` (n, J), and (n,) whether target and limits are met.
 
-    targets: (n, 4, 4) flange poses; limits: (J, 2). Damped Newton steps on all
-    rows together; a row that does not get within 0.01 mm counts as not reached.
+    targets: (n, 4, 4) flange poses; limits: (J, 2). Damped Newton steps on all rows together; a row rests once a step
+    is lost in rounding, and one that does not get within 0.01 mm counts as not reached.
     """
     joints = np.array(start, float)
+    moving = np.arange(len(joints))
     for _ in range(iterations):
-        joints = _newton(geometry, joints, targets)
+        step = _newton_step(geometry, joints[moving], targets[moving])
+        joints[moving] += step
+        moving = moving[np.abs(step).max(1) > _LEAST_STEP]
+        if not len(moving):
+            break
     joints = (joints + np.pi) % (2 * np.pi) - np.pi
     near = np.linalg.norm(_miss(geometry, joints, targets), axis=1) < 0.01
     inside = np.all((joints > limits[:, 0]) & (joints < limits[:, 1]), axis=1)

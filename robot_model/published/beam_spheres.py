@@ -60,16 +60,19 @@ def calibrate_beams(
     """
     free = np.setdiff1d(np.arange(22), held)
 
+    pairs = _Pairs.of(point)
+
     def residual(x):
-        return _residual(_beams(robot, joints, _geometry(robot, free, x)), point, with_crossings)
+        return _residual(_beams(robot, joints, _geometry(robot, free, x)), pairs, with_crossings)
 
     nominal = np.zeros(len(free))
     start = residual(nominal)
     x, end, rows = _marquardt(residual, nominal)
     singular = np.linalg.svd(rows, compute_uv=False)
     geometry = _geometry(robot, free, x)
-    crossings = _crossings(*_beams(robot, joints, geometry), point)
-    means = np.array([c.mean(0) for c in crossings])
+    crossings = _crossings(*_beams(robot, joints, geometry), pairs)
+    means = pairs.means(crossings)
+    crossings = np.split(crossings, pairs.begin[1:])
     return BeamFit(geometry, crossings, means, float(start @ start), end, singular)
 
 
@@ -116,18 +119,40 @@ def _beams(robot, joints, geometry):
     return frames.end_origin.T, frames.end[0].T
 
 
-def _crossings(origins, directions, point):
-    """For each position the middles (P, 3) of the common perpendiculars of all pairs of its beams."""
-    found = []
-    for k in np.unique(point):
-        mine = np.flatnonzero(point == k)
-        i, j = mine[np.stack(np.triu_indices(len(mine), 1))]
-        u, v, between = directions[i], directions[j], origins[j] - origins[i]
-        c = (u * v).sum(1)
-        a, b = (u * between).sum(1), (v * between).sum(1)
-        s, t = (a - c * b) / (1 - c**2), (c * a - b) / (1 - c**2)
-        found.append((origins[i] + s[:, None] * u + origins[j] + t[:, None] * v) / 2)
-    return found
+@dataclass(frozen=True)
+class _Pairs:
+    """Pairs of beams of one position, position after position: beams `first`, `second` (P,); `begin` (M,) of each."""
+
+    first: np.ndarray
+    second: np.ndarray
+    begin: np.ndarray
+
+    @classmethod
+    def of(cls, point: np.ndarray) -> "_Pairs":
+        """All pairs of beams with the same label of `point` (n,)."""
+        beams = [np.flatnonzero(point == k) for k in np.unique(point)]
+        pairs = [mine[np.stack(np.triu_indices(len(mine), 1))] for mine in beams]
+        counts = [one.shape[1] for one in pairs]
+        return cls(*np.concatenate(pairs, 1), np.cumsum([0, *counts[:-1]]))
+
+    @property
+    def counts(self) -> np.ndarray:
+        """(M,) pairs of each position."""
+        return np.diff(self.begin, append=len(self.first))
+
+    def means(self, values: np.ndarray) -> np.ndarray:
+        """(M, 3) mean of values (P, 3) over the pairs of each position."""
+        return np.add.reduceat(values, self.begin) / self.counts[:, None]
+
+
+def _crossings(origins, directions, pairs: _Pairs) -> np.ndarray:
+    """The middles (P, 3) of the common perpendiculars of all pairs of beams."""
+    i, j = pairs.first, pairs.second
+    u, v, between = directions[i], directions[j], origins[j] - origins[i]
+    c = (u * v).sum(1)
+    a, b = (u * between).sum(1), (v * between).sum(1)
+    s, t = (a - c * b) / (1 - c**2), (c * a - b) / (1 - c**2)
+    return (origins[i] + s[:, None] * u + origins[j] + t[:, None] * v) / 2
 
 
 def sphere_centres(means: np.ndarray) -> np.ndarray:
@@ -138,12 +163,12 @@ def sphere_centres(means: np.ndarray) -> np.ndarray:
     return np.linalg.solve(edges, (squares[:, 1:] - squares[:, :1])[..., None])[..., 0]
 
 
-def _residual(beams, point, with_crossings):
+def _residual(beams, pairs: _Pairs, with_crossings):
     """Coordinate errors of the centres (eq. 6), and of the crossings relative to their means (eq. 7)."""
-    crossings = _crossings(*beams, point)
-    means = np.array([c.mean(0) for c in crossings])
+    crossings = _crossings(*beams, pairs)
+    means = pairs.means(crossings)
     centres = sphere_centres(means)
-    parts = [(centres - centres.mean(0)).ravel()]
-    if with_crossings:
-        parts += [(c - m).ravel() for c, m in zip(crossings, means)]
-    return np.concatenate(parts)
+    errors = (centres - centres.mean(0)).ravel()
+    if not with_crossings:
+        return errors
+    return np.concatenate([errors, (crossings - np.repeat(means, pairs.counts, 0)).ravel()])
