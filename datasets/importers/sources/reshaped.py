@@ -12,10 +12,9 @@ import numpy as np
 from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.sets import find_sets, headers_of
 from datasets.importers.source import RawTable
+from datasets.importers.sources.axis_rows import AXES, rows_of_axes
 from workbench.core.errors import InputError
 
-_AXES = ("x", "y", "z")
-_FEWEST_POINTS = 3
 _MOST_QUANTITIES = 2000
 _ACTUAL = frozenset("meas measured measurement actual act ist istwert value wert".split())
 
@@ -42,18 +41,14 @@ def _refuse_width(table: RawTable) -> RawTable:
 def _unstacked(table: RawTable) -> RawTable | None:
     """Columns X, Y, Z of a table with one row for each of them; None for another table."""
     for name, cells in table.columns.items():
-        if cells.dtype.kind != "f" and _is_axis_column(cells):
-            value = _value_column(table)
-            if value is not None:
-                return _points(table, name, value)
+        if cells.dtype.kind == "f":
+            continue
+        rows = rows_of_axes([str(cell).strip().lower() for cell in cells])
+        if rows is not None:
+            kept = table.take(np.array(rows))
+            value = _value_column(kept)
+            return None if value is None else _points(kept, name, value)
     return None
-
-
-def _is_axis_column(cells: np.ndarray) -> bool:
-    """Whether cells are X, Y, Z again and again."""
-    words = [str(cell).strip().lower() for cell in cells]
-    count = len(words) // len(_AXES)
-    return count >= _FEWEST_POINTS and tuple(words) == _AXES * count
 
 
 def _value_column(table: RawTable) -> str | None:
@@ -72,15 +67,15 @@ def _words(name: str) -> Sequence[str]:
 
 def _points(table: RawTable, axis: str, value: str) -> RawTable:
     """One row for each point: its name, and its three values."""
-    rows = slice(0, None, len(_AXES))
+    rows = slice(0, None, len(AXES))
     columns: dict[str, np.ndarray] = {}
     for name, header in headers_of(table).items():
         if name != axis and header.kind in ("name", "sample", "pose"):
             columns[name] = table.columns[name][rows]
-    points = table.columns[value].reshape(-1, len(_AXES))
+    points = table.columns[value].reshape(-1, len(AXES))
     unit = read_header(value, table.units.get(value)).unit
-    units = {letter.upper(): unit for letter in _AXES if unit}
-    columns |= {letter.upper(): points[:, k] for k, letter in enumerate(_AXES)}
+    units = {letter.upper(): unit for letter in AXES if unit}
+    columns |= {letter.upper(): points[:, k] for k, letter in enumerate(AXES)}
     return replace(table, columns=columns, lines=table.lines[rows], units=units)
 
 

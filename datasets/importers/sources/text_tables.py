@@ -19,6 +19,7 @@ from datasets.errors import complaint
 from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.words import accented_words, names_something
 from datasets.importers.source import RawTable
+from datasets.importers.sources.axis_rows import find_axis_rows
 from datasets.importers.sources.cells import labels_of, split_cells
 from datasets.importers.sources.packed_cells import list_in, unpacked
 from datasets.importers.units import is_unit, length_unit_in_text
@@ -49,11 +50,15 @@ _EUROPEAN = ("cp1252", "cp1250")
 
 @dataclass(frozen=True)
 class Layout:
-    """How a text file is divided: separator, number of cells of a row, index of the first line with data."""
+    """How a text file is divided: separator, number of cells of a row, index of the first line with data.
+
+    `by_axis`: the table has a row for each axis of a point, and a row without a number is one that was not measured.
+    """
 
     separator: str
     width: int
     first: int
+    by_axis: bool = False
 
 
 def read_text_table(path: Path) -> RawTable:
@@ -164,6 +169,9 @@ def find_layout(lines: Sequence[str], path: Path) -> Layout:
 
     Raises InputError where no separator gives a table.
     """
+    by_axis = find_axis_rows(lines)
+    if by_axis is not None:
+        return Layout(*by_axis, by_axis=True)
     best, most = None, 0.0
     for separator in _SEPARATORS:
         found = _layout_with(lines, separator)
@@ -318,7 +326,8 @@ def _read_rows(path: Path, encoding: str, layout: Layout, above: Sequence[list[s
         if cells in above:
             repeated.append(number)
             continue
-        if len(cells) != layout.width or not any(map(_count_of_numbers, cells)):
+        is_row = layout.by_axis or any(map(_count_of_numbers, cells))
+        if len(cells) != layout.width or not is_row:
             foreign.append(number)
             continue
         lines.append(number)
@@ -353,6 +362,8 @@ def _data_lines(path: Path, encoding: str, layout: Layout) -> Iterator[tuple[int
             cells = split_cells(line, layout.separator)
             while len(cells) > layout.width and not cells[-1]:
                 cells.pop()
+            if layout.by_axis:
+                cells += [""] * (layout.width - len(cells))
             yield number, cells
 
 
