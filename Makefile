@@ -14,7 +14,7 @@ help:
 	@echo "make test       the fast tests"
 	@echo "make test-slow  the slow tests"
 	@echo "make test-all   both, in one run"
-	@echo "make test-times both, and a list of the tests above a second, which are then slow ones"
+	@echo "make test-times both, and a list of the tests above 0.7 s, which are then slow ones"
 	@echo "make test-long  the statistical studies on hundreds of recordings (about an hour)"
 	@echo "make check      lint, format, import rules, house style"
 	@echo "make fuzz       20,000 damaged inputs to every reader and command (an hour)"

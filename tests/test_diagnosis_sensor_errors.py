@@ -129,7 +129,7 @@ def test_structure_next_to_jitter_alone_counts_as_where_nothing_was_found(bench)
     proved = SimpleNamespace(before=0.063, after=0.063, noise=0.055)
     for p_value, expected in ((0.0062, False), (0.001, True)):
         found = SimpleNamespace(remainder=(real,), p_remainder=p_value)
-        assert _is_much_left(bench, found, jitter, proved) is expected
+        assert _is_much_left(bench, found, jitter, proved, False) is expected
 
 
 def replace_t(term, t):

@@ -40,6 +40,19 @@ def stated(rng, factor=1.0, poses=60, repeats=1, kind="normal", rank=33) -> Stat
     )
 
 
+@pytest.mark.parametrize("repeats", [1, 12])
+def test_a_residual_above_the_noise_is_recognised(repeats):
+    """The residual of poses in common, which repeats do not show, or a residual of twice the stated noise."""
+    rng = np.random.default_rng(12)
+    quiet = [stated(rng, poses=60, repeats=repeats) for _ in range(50)]
+    assert not any(one.is_exceeded() for one in quiet)
+    one = stated(rng, factor=2.0 if repeats == 1 else 1.0, poses=60, repeats=repeats)
+    if repeats > 1:
+        common = rng.normal(size=(3, 60))[:, one.pose]
+        one = replace(one, white=one.white + common)
+    assert one.is_exceeded()
+
+
 @pytest.mark.parametrize("kind", ["normal", "heavy tails", "outliers"])
 @pytest.mark.parametrize("repeats", [1, 4])
 def test_a_right_statement_raises_no_alarm(kind, repeats):

@@ -273,10 +273,10 @@ class Effect:
 
     @property
     def options(self) -> dict:
-        """Constructor arguments other than the place, by name, for files."""
-        return {
-            name: getattr(self, name) for name in list(inspect.signature(type(self)).parameters)[1:]
-        }
+        """Constructor arguments other than the place, by name, for files; without those that are left out (None)."""
+        names = list(inspect.signature(type(self)).parameters)[1:]
+        held = {name: getattr(self, name) for name in names}
+        return {name: value for name, value in held.items() if value is not None}
 
     @property
     def carries_load(self) -> bool:

@@ -151,7 +151,7 @@ def _whole(
     terms = _with_noise(last, terms, refused)
     terms = (*terms, *jitter_term(bench, terms, found.before))
     proved, terms = _with_stated_noise(last, proved, terms, refused)
-    verdict = _verdict(bench, found, terms, refused, proved)
+    verdict = _verdict(last, terms, refused, proved)
     if verdict == UNEXPLAINED:
         bare = last.after if terms else found.before
         terms = (*terms, *_somewhere(found, terms, refused, bare))
@@ -199,9 +199,12 @@ def _visible(bench: Bench, found: Found) -> tuple:
     return tuple(smallest(problem, unwhitened(problem), lambda one: bench.units(one.effects)))
 
 
-def _verdict(bench, found: Found, terms, refused, proved) -> str:
-    """The word of the contract for what was proved."""
-    left = _is_much_left(bench, found, terms, proved)
+def _verdict(last: "Final", terms, refused, proved) -> str:
+    """The word of the contract for what was proved; last: residuals of the final model."""
+    bench, found = last.bench, last.found
+    compared = last.stated_noise()
+    above = compared is not None and compared.is_exceeded()
+    left = _is_much_left(bench, found, terms, proved, above)
     return verdict_of(terms, found.p_first, left, is_placed=_is_placed(bench, found, refused))
 
 
@@ -212,7 +215,7 @@ def _for_sensor(bench, recording, proved, terms, usual):
     return errors_by_kind(bench, proved, usual), ball_centres(bench, recording, terms)
 
 
-def _is_much_left(bench, found: Found, terms, proved) -> bool:
+def _is_much_left(bench, found: Found, terms, proved, is_above: bool) -> bool:
     """Whether structure is left that the terms do not explain.
 
     A sensor's random effect, as image jitter, takes nothing off the error, so that what is left cannot be compared with
@@ -221,7 +224,7 @@ def _is_much_left(bench, found: Found, terms, proved) -> bool:
     placed = _is_remainder_placed(bench, found)
     if bench.chain is None and not any(term.finding.effects for term in terms):
         return placed and found.p_remainder < MISSING
-    return placed and much_left(proved, found.p_remainder)
+    return placed and much_left(proved, found.p_remainder, is_above)
 
 
 def _is_remainder_placed(bench, found: Found) -> bool:

@@ -169,10 +169,18 @@ def verdict_of(
     return EXPLAINED if all(term.certain for term in terms) else AMBIGUOUS
 
 
-def much_left(proof: Proof, p_remainder: float, level: float = 0.01) -> bool:
-    """Whether structure is left, and more than a third of what was above the noise in the held-out error."""
+def much_left(
+    proof: Proof, p_remainder: float, is_above: bool = False, level: float = 0.01
+) -> bool:
+    """Whether structure is left, and the remainder is above the noise.
+
+    is_above: whether the residual of the final model is significantly above the noise. Where no noise is known, or the
+    residual is not, more than a third of what was above the noise in the held-out error counts.
+    """
+    if p_remainder >= level:
+        return False
     above = [max(error**2 - proof.noise**2, 0.0) for error in (proof.before, proof.after)]
-    return p_remainder < level and above[1] > _REST * above[0]
+    return is_above or above[1] > _REST * above[0]
 
 
 def with_statements(diagnosis: Diagnosis, statements) -> Diagnosis:

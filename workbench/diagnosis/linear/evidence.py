@@ -306,6 +306,11 @@ def log_evidence_each(volume: np.ndarray, gained: np.ndarray, projected) -> np.n
     return -0.5 * volume - 0.5 * (projected.degrees + _ANCHOR) * np.log1p(-share)
 
 
+def log_null(projected) -> float:
+    """Log evidence of no term at all, up to a constant of the samples: of problems about several solutions."""
+    return float(-0.5 * (projected.degrees + _ANCHOR) * np.log(projected.yy + _ANCHOR))
+
+
 def _summed_over_sizes(logs: np.ndarray) -> np.ndarray:
     """Log of the average over the sizes (the first axis) of exp(logs), each size as likely as it is."""
     logs = logs + _LOG_PRIOR.reshape(-1, *[1] * (logs.ndim - 1))

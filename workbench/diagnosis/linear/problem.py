@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 from scipy.linalg import block_diag
 
-from workbench.core.effect import Effect
+from workbench.core.effect import Effect, Variant
 from workbench.core.least_squares.linear_algebra import thin_svd
 from workbench.diagnosis.levels import ROUNDING, SEEN
 from workbench.diagnosis.linear.estimates import Instant, RealOption
@@ -154,7 +154,8 @@ class Problem:
     `given`: whitened sum of squares of what elastic laws of the baseline make beyond its geometry.
     `mass_responses`: of every elastic law, what first moments that are off by one sigma change in its columns;
     `given_values`: (effect, where) -> fitted values (P,) of the elastic laws that the baseline holds.
-    `columns_of`: makes the columns (N, P) of an effect at its null, of one that is no candidate.
+    `columns_of`: makes the columns (N, P) of an effect at its null, of one that is no candidate; with an effect on
+    gravity or masses of C parameters as its second argument their change (C, N, P) per unit of each.
     """
 
     residual: np.ndarray
@@ -186,7 +187,7 @@ class Problem:
     beyond: Beyond | None = (
         None  # of a problem that keeps some effects: what these make, see `conditional_on`
     )
-    columns_of: Callable[[Effect], np.ndarray] | None = None
+    columns_of: Callable[..., np.ndarray] | None = None
     rotation: np.ndarray | None = (
         None  # (N,) True for coordinates of an orientation, in rad; None: there are none
     )
@@ -279,8 +280,9 @@ class Problem:
         def places(held):
             return tuple(replace(s, rows=white(s.rows)) for s in held)
 
-        def columns_of(effect):
-            return columns(self.columns_of(effect))
+        def columns_of(effect, cause=None):
+            made = self.columns_of(effect, cause)
+            return columns(made) if cause is None else np.stack([columns(one) for one in made])
 
         return replace(
             self,
@@ -363,6 +365,7 @@ class Bench(Protocol):
     `baseline`: effects that the baseline already holds; `unit` of a measured point, mm or px; `whole`: whether a search
     needs all samples, however many; `pose` (n,) labels of repeats; `sigma` (n,) noise of each sample, None where all
     are of one kind; `warnings` on the recording; `chain`: that of the arm, None where no arm is measured.
+    `constant_loads`: variants of effects that act all the time, and only through what deflects.
     """
 
     baseline: tuple[Effect, ...]
@@ -372,6 +375,7 @@ class Bench(Protocol):
     sigma: np.ndarray | None
     warnings: tuple[str, ...]
     chain: object | None
+    constant_loads: tuple[Variant, ...]
 
     def problem(
         self,

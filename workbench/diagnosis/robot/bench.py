@@ -17,7 +17,7 @@ from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import covariance_of
 from workbench.core.least_squares.solver import Fit, solve
-from workbench.core.model import Model
+from workbench.core.model import STATE_PORTS, Model
 from workbench.core.parameters import Parameters
 from workbench.diagnosis.levels import SEEN
 from workbench.diagnosis.linear.estimates import parameter_row
@@ -245,6 +245,12 @@ class RobotBench:
         return tuple(
             replace(o, effect=mass_responses.MassResponse(o.effect.where, o.effect)) for o in known
         )
+
+    @cached_property
+    def constant_loads(self) -> tuple[Variant, ...]:
+        """Loads and tilts that act all the time through what deflects."""
+        known = variants(CATALOGUE, self.chain, elastic=True)
+        return tuple(o for o in known if o.effect.needs_compliance and o.effect.port in STATE_PORTS)
 
     def solve(
         self,

@@ -216,8 +216,16 @@ def _load(model: Model, effect: Effect) -> float:
     return float(np.sqrt((model.basis(effect)[0] ** 2).sum(0).mean()))
 
 
-def _columns(model, fit, rows, effect):
-    """(N, P) whitened derivative of the residual by an effect's parameters at its null."""
+def _columns(model, fit, rows, effect, cause=None):
+    """(N, P) whitened derivative of the residual by an effect's parameters at its null.
+
+    cause: an effect on gravity or masses with C parameters; then (C, N, P), their change per unit of each.
+    """
+    if cause is not None:
+        basis = model.basis(effect, cause)
+        slots = rows(effect.port, effect.slots(model.chain))
+        change = np.einsum("cpkn,kmn->cpmn", basis, slots)
+        return change.reshape(*change.shape[:2], -1).transpose(0, 2, 1)
     if effect.port in STATE_PORTS:
         present = tuple(
             e for e in model.effects if (type(e), e.where) != (type(effect), effect.where)

@@ -61,6 +61,7 @@ class SensorBench:
     chain = None
     warnings: tuple[str, ...] = ()
     whole = True  # a third of the board poses would show a third as much, and other balls
+    constant_loads = ()
 
     def __init__(self, chains: Chains):
         self.jitter_px = 0.0

@@ -17,6 +17,7 @@ from workbench.core.least_squares.linear_algebra import pseudo_inverse
 from workbench.diagnosis.levels import NOTABLE, ROUNDING, SHOWN, WORTHWHILE
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.robot.mass_responses import LABEL
+from workbench.diagnosis.search.constant_load import accept_constant_loads
 from workbench.diagnosis.search.likeliest import as_solved, order_by_gain, say_terms
 from workbench.diagnosis.search.objective import LogPosterior, Members
 from workbench.diagnosis.search.options import refine_options
@@ -168,6 +169,7 @@ def exchange_names(search) -> None:
     """Exchange what is accepted for what is likelier once variants, and sets of elastic terms, are summed over."""
     _exchange_laws(search)
     _exchange_elastic(search)
+    accept_constant_loads(search)
     refine_options(search)
 
 

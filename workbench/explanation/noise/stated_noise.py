@@ -90,6 +90,13 @@ class StatedNoise:
             fisher.sf((found.factor / within.factor) ** 2, max(min(self.degrees, poses), 1.0), free)
         )
 
+    def is_exceeded(self) -> bool:
+        """Whether the residual is larger than the noise, beyond chance: that of replicates, else the stated one."""
+        if self.from_replicates() is not None:
+            return self.lack_of_fit() < ON_DATA
+        found = self.from_residuals()
+        return found is not None and found.agreed > 1 and found.p_value < ON_DATA
+
 
 def _ratio(
     each: np.ndarray, m: int, pose: np.ndarray, usual: np.ndarray, degrees: float, source: str

@@ -1,0 +1,232 @@
+"""A load that acts all the time, searched together with the compliances that it deflects.
+
+Next to no compliance such a load moves nothing. Next to compliances that were found without it, it has little left to
+explain: they have taken its place, with masses that the data sheet does not know. The deflection is bilinear in
+compliances and load. So for a given load the likeliest set of laws is searched, and for a given set the load is
+estimated, in turn (variable projection: Golub & Pereyra, Inverse Problems 19 (2003) R1). The result is solved, and kept
+where it is clearly likelier than what is accepted.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from workbench.core.effect import Effect
+from workbench.core.least_squares.linear_algebra import least_squares
+from workbench.diagnosis.levels import MISSING, ROUNDING, WORTHWHILE
+from workbench.diagnosis.linear.evidence import Projected, log_null
+from workbench.diagnosis.linear.hypotheses import Hypothesis
+from workbench.diagnosis.linear.problem import Candidate, Problem
+from workbench.diagnosis.search.likeliest import as_solved, order_by_gain, say_terms
+from workbench.diagnosis.search.objective import LogPosterior, Members
+from workbench.diagnosis.search.prior import DEFLECTS
+from workbench.diagnosis.search.state import Search, name_of
+from workbench.diagnosis.search.stepwise import Stepwise
+
+_ROUNDS = 6  # of laws and load in turn, from each start
+_STEPS = 20  # of the load of one set of laws
+_PRIOR = 10.0  # standard deviation of a load in its typical sizes: any that an arm carries
+_CLOSE = 1e-3  # typical sizes of a load that are worth no other step
+
+
+def accept_constant_loads(search: Search) -> None:
+    """Accept each constant load that, with compliances of its own, is clearly likelier than what is accepted."""
+    if not search.accepted:
+        return
+    held = {(h.effect, h.where) for h in search.accepted if h.needs_compliance}
+    for load in search.bench.constant_loads:
+        name = (load.effect.effect, load.effect.where)
+        if name in held or (*name, load.label) in search.impossible:
+            continue
+        laws = _Laws.of(search, load.effect)
+        likeliest = laws.likeliest() if laws is not None else None
+        if likeliest is None:
+            continue
+        trial = _solved_with(search, likeliest, load)
+        if trial is not None and _log_posterior(trial) > _log_posterior(search) + WORTHWHILE:
+            search.accepted = trial.accepted
+            say_terms(search, search.accepted)
+            search.solve()
+            order_by_gain(search)
+
+
+def _solved_with(search: Search, laws: Sequence[Hypothesis], load) -> Search | None:
+    """A search that has accepted the laws and the load; None where they do not act together or its mass is negative."""
+    # an accepted function without a law is solved with its effect, which its row in a table does not have
+    accepted = {name_of(h): h for h in search.accepted}
+    held = tuple(accepted.get(name_of(h), h) for h in laws)
+    trial = Search(search.bench, search.samples, search.level, lambda line: None, held)
+    trial.random_effect, trial.spread = search.random_effect, search.spread
+    trial.impossible = set(search.impossible)
+    trial.solve()
+    name = (load.effect.effect, load.effect.where, load.label)
+    own = [h for h in trial.whole_table(trial.everyone) if name_of(h) == name]
+    if not own:
+        return None
+    trial.accepted = (*trial.accepted, own[0])
+    trial.solve_possible()
+    return trial if any(name_of(h) == name for h in trial.accepted) else None
+
+
+def _log_posterior(search: Search) -> float:
+    """Log posterior of what is accepted, which is comparable with that about another solution.
+
+    Each solution widens the sigmas to what it leaves, so that these belong to the density of the samples.
+    """
+    problem = search.problem.conditional_on(())
+    terms = [h.at(problem) for h in search.accepted]
+    remainder = Projected(search.problem.conditional_on()).y
+    solved = as_solved(search, terms)
+    objective = LogPosterior.of(problem, terms, remainder, solved)
+    value = objective.value(tuple(range(len(terms)))) + log_null(objective)
+    return value - objective.degrees * float(np.log(search.problem.sigma).mean())
+
+
+@dataclass(frozen=True)
+class _Laws:
+    """Terms in a problem that keeps none of them, and what a load of C parameters makes of their columns.
+
+    `columns` (N, T) of all terms and `changes` (C, N, T) by each parameter of the load, in typical sizes, the baseline
+    projected out; `start` (K + 1,) of each term; `y` (N,) what all together explain, `remainder` (N,) what is left with
+    those accepted; `variance` of a whitened coordinate; `first`: sets to start from.
+    """
+
+    problem: Problem
+    terms: tuple[Hypothesis, ...]
+    columns: np.ndarray
+    changes: np.ndarray
+    start: np.ndarray
+    y: np.ndarray
+    remainder: np.ndarray
+    variance: float
+    first: tuple[Members, ...]
+
+    @classmethod
+    def of(cls, search: Search, load: Effect) -> "_Laws | None":
+        """Of what is accepted and all elastic laws, at the present solution; None where nothing deflects."""
+        problem = search.problem.conditional_on(())
+        table = [h for h in search.whole_table(()) if _deflects(h)]
+        others = [search.own(i) for i in search.everyone if not _is_elastic(search.accepted[i])]
+        terms = (*(h for h in others if not h.needs_compliance), *table)
+        if not table:
+            return None
+        parts = [h.columns(problem) for h in terms]
+        start = np.concatenate([[0], np.cumsum([part.shape[1] for part in parts])]).astype(int)
+        sizes = np.array([p.typical for p in load.table(search.bench.chain)])
+        changes = [_change(problem, h, load, sizes, part.shape) for h, part in zip(terms, parts)]
+        every = np.concatenate(changes, 2)
+        held = tuple(range(len(terms) - len(table)))
+        found = {h.key for h in search.accepted}
+        numbers = range(len(held), len(terms))
+        return cls(
+            problem,
+            terms,
+            problem.clear(np.concatenate(parts, 1)),
+            np.stack([problem.clear(one) for one in every]),
+            start,
+            Projected(problem).y,
+            Projected(search.problem.conditional_on()).y,
+            search.variance(),
+            (
+                (*held, *(k for k in numbers if terms[k].where.startswith("joint-"))),
+                (*held, *(k for k in numbers if terms[k].key in found)),
+            ),
+        )
+
+    def likeliest(self) -> list[Hypothesis] | None:
+        """The likeliest terms next to a load, without it; None where they are hardly likelier than without any load."""
+        starts = [members for members in dict.fromkeys(self.first) if self._needs_load(members)]
+        if not starts:
+            return None
+        none = self._objective(np.zeros(len(self.changes)))
+        without = max(none.value(Stepwise(none).likeliest(members)) for members in starts)
+        value, members = max(map(self._climb, starts), key=lambda one: one[0])
+        if value <= without + WORTHWHILE:
+            return None
+        return [self.terms[i] for i in members]
+
+    def _needs_load(self, members: Members) -> bool:
+        """Whether a load is significant next to a set of laws, by the likelihood ratio."""
+        none = np.zeros(len(self.changes))
+        squares = [self._left(members, load) for load in (none, self._load(members, none))]
+        ratio = self.problem.degrees * np.log(squares[0] / squares[1])
+        return float(chi2.sf(ratio, len(none))) < MISSING
+
+    def _left(self, members: Members, load: np.ndarray) -> float:
+        """Sum of squares that a set of laws leaves under a load."""
+        columns = self._under(load)[:, self._index(members)]
+        y = self.y
+        return float(((y - columns @ least_squares(columns, y, ROUNDING)) ** 2).sum())
+
+    def _under(self, load: np.ndarray) -> np.ndarray:
+        """(N, T) columns of all terms under a load."""
+        return self.columns + np.tensordot(load, self.changes, 1)
+
+    def _index(self, members: Members) -> np.ndarray:
+        """Columns of a set."""
+        spans = [np.arange(self.start[i], self.start[i + 1]) for i in members]
+        return np.concatenate([np.zeros(0, int), *spans])
+
+    def _climb(self, members: Members) -> tuple[float, Members]:
+        """The log posterior and members of the set that laws and load in turn lead to from a given one."""
+        load, best = np.zeros(len(self.changes)), (-np.inf, members)
+        for _ in range(_ROUNDS):
+            load = self._load(members, load)
+            objective = self._objective(load)
+            members = tuple(sorted(Stepwise(objective).likeliest(members)))
+            reached = objective.value(members)
+            if reached <= best[0] + WORTHWHILE:
+                break
+            best = (reached, members)
+        return best
+
+    def _load(self, members: Members, load: np.ndarray) -> np.ndarray:
+        """(C,) the load that a set of laws has under its likeliest coefficients, from a given one."""
+        held = self._index(members)
+        columns, changes = self.columns[:, held], self.changes[:, :, held]
+        y, prior = self.y, np.sqrt(self.variance) / _PRIOR
+        count = len(load)
+        for _ in range(_STEPS):
+            present = columns + np.tensordot(load, changes, 1)
+            made = least_squares(present, y, ROUNDING)
+            by_load = np.einsum("cnt,t->nc", changes, made)
+            own = np.hstack([present, by_load])
+            priors = np.hstack([np.zeros((count, len(held))), prior * np.eye(count)])
+            right = np.concatenate([y, -prior * load])
+            step = least_squares(np.vstack([own, priors]), right, ROUNDING)[len(held) :]
+            load = load + step
+            if np.abs(step).max(initial=0.0) < _CLOSE:
+                break
+        return load
+
+    def _objective(self, load: np.ndarray) -> LogPosterior:
+        """The objective of all sets of terms under a load."""
+        columns = self._under(load)
+        terms = []
+        for h, first, end in zip(self.terms, self.start, self.start[1:]):
+            if _deflects(h):
+                own = columns[:, first:end] / h.typical
+                h = replace(h, source=replace(h.source, columns=own))
+            terms.append(h)
+        return LogPosterior.of(self.problem, terms, self.remainder)
+
+
+def _change(problem: Problem, h: Hypothesis, load: Effect, sizes: np.ndarray, shape) -> np.ndarray:
+    """(C, N, P) change of a term's columns by each parameter of a load, in typical sizes."""
+    if not _deflects(h):
+        return np.zeros((len(sizes), *shape))
+    return problem.columns_of(h.effects[0], load) * h.typical * sizes[:, None, None]
+
+
+def _is_elastic(h: Hypothesis) -> bool:
+    return not h.unnamed and h.effect in DEFLECTS
+
+
+def _deflects(h: Hypothesis) -> bool:
+    """Whether a term is a law of the catalogue by which something deflects under gravity, its masses as stated."""
+    return isinstance(h.source, Candidate) and any(effect.mass_dependent for effect in h.effects)
+
+
+__all__ = ["accept_constant_loads"]
