@@ -6,7 +6,7 @@ the name of its module appended.
 """
 
 import ast
-from collections.abc import Iterable
+from collections.abc import Iterable, Set
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.util import find_spec
@@ -120,9 +120,9 @@ def _needed(roots: list[Symbol], methods: set[str]) -> tuple[set[Symbol], set[st
     while True:
         found, names = set(symbols), set(mentioned)
         for symbol in symbols:
-            node = _trimmed(symbol, mentioned)
-            found |= _references(symbol.module, node)
-            names |= {part.attr for part in ast.walk(node) if isinstance(part, ast.Attribute)}
+            content = _content(symbol, mentioned)
+            found |= content.needed
+            names |= content.attributes
         if (found, names) == (symbols, mentioned):
             return symbols, mentioned
         symbols, mentioned = found, names
@@ -149,7 +149,34 @@ def _imports_of(module: str, node: ast.AST) -> set[str]:
     return {known[p.id] for p in ast.walk(node) if isinstance(p, ast.Name) and p.id in known}
 
 
-def _trimmed(symbol: Symbol, mentioned: set[str]) -> ast.stmt:
+@dataclass(frozen=True)
+class _Content:
+    """What a trimmed definition names: symbols, those of them that it needs where it is defined, and attributes."""
+
+    needed: frozenset[Symbol]
+    needed_at_once: frozenset[Symbol]
+    attributes: frozenset[str]
+
+
+def _content(symbol: Symbol, mentioned: set[str]) -> _Content:
+    """The content of a definition with the methods that some code mentions."""
+    node = _module(symbol.module).definitions[symbol.name]
+    body = node.body if isinstance(node, ast.ClassDef) else ()
+    methods = {part.name for part in body if isinstance(part, _FUNCTIONS)}
+    return _content_with(symbol, frozenset(methods & mentioned))
+
+
+@cache
+def _content_with(symbol: Symbol, methods: frozenset[str]) -> _Content:
+    """The same, made once for each choice of methods."""
+    node = _trimmed(symbol, methods)
+    needed = frozenset(_references(symbol.module, node))
+    attributes = frozenset(part.attr for part in ast.walk(node) if isinstance(part, ast.Attribute))
+    at_once = frozenset(_references(symbol.module, _Outside().visit(node)))
+    return _Content(needed, at_once, attributes)
+
+
+def _trimmed(symbol: Symbol, mentioned: Set[str]) -> ast.stmt:
     """A copy of a definition without annotations and without methods that no code mentions."""
     made = ast.parse(ast.unparse(_module(symbol.module).definitions[symbol.name])).body[0]
     if isinstance(made, ast.ClassDef):
@@ -157,7 +184,7 @@ def _trimmed(symbol: Symbol, mentioned: set[str]) -> ast.stmt:
     return ast.fix_missing_locations(_Bare().visit(made))
 
 
-def _is_kept(part: ast.stmt, mentioned: set[str]) -> bool:
+def _is_kept(part: ast.stmt, mentioned: Set[str]) -> bool:
     if not isinstance(part, _FUNCTIONS):
         return True
     return part.name in mentioned or (part.name.startswith("__") and part.name.endswith("__"))
@@ -257,14 +284,14 @@ def _ordered(roots, symbols: set[Symbol], mentioned: set[str]) -> list[Symbol]:
         if symbol in seen:
             return
         seen.add(symbol)
-        node = _trimmed(symbol, mentioned)
-        every = _references(symbol.module, node)
-        with_bodies = with_bodies or isinstance(node, ast.Assign)
-        first = every if with_bodies else _references(symbol.module, _Outside().visit(node))
+        content = _content(symbol, mentioned)
+        is_constant = isinstance(_module(symbol.module).definitions[symbol.name], ast.Assign)
+        with_bodies = with_bodies or is_constant
+        first = content.needed if with_bodies else content.needed_at_once
         for other in _sorted(first):
             visit(other, with_bodies)
         done.append(symbol)
-        for other in _sorted(every - first):
+        for other in _sorted(content.needed - first):
             visit(other, False)
 
     for root in roots:
