@@ -41,6 +41,7 @@ _AS_WELL, _BARRIER = 9.0, 100.0
 _LEAST_RAD, _FLAT_RAD = 1e-12, 1e-9
 _FLAT = 1e-14
 """Relative fall of the cost that rounding hides: a step that should make less, and fails, ends a descent."""
+_CONVEX = 1e-6  # of the mean diagonal, that the least eigenvalue of a Hessian exceeds
 _LEAST_VARIANCE, _WEAKER = 1e-4, 1e3
 _CAUCHY = 6.0  # robust standard deviations at which a sample's weight is one half
 _MEDIAN_TO_SIGMA = 1.4826
@@ -109,7 +110,7 @@ class RotationSystem:
         for done in range(_ROUNDS):
             reduced = _Reduced(self, weights, centre)
             begin = reduced.screened() if found is None else np.stack([s.rotations for s in found])
-            before, found = found, reduced.minima(begin)
+            before, found = found, reduced.minima(begin, is_near=found is not None)
             if before is not None and found[0].is_near(before[0]):
                 break
             weights = self._robust_weights(found[0])
@@ -224,10 +225,13 @@ class _Reduced:
         free = np.linalg.lstsq(self.rows[:, :-1], -self.rows[:, -1], rcond=1e-9)[0]
         return nearest_rotation(free.reshape(-1, 3, 3))
 
-    def minima(self, begin: np.ndarray) -> list[Start]:
-        """Distinct local minima reached from rotations (S, K, 3, 3), best first."""
-        rotations = self._distinct(self.descended(begin, _SHORT))
-        rotations = self._distinct(self.descended(rotations[:_KEPT], _LONG))
+    def minima(self, begin: np.ndarray, is_near: bool) -> list[Start]:
+        """Distinct local minima reached from rotations (S, K, 3, 3), best first.
+
+        is_near: `begin` are minima under slightly other weights.
+        """
+        rotations = self._distinct(self.descended(begin, _SHORT, by_newton=is_near))
+        rotations = self._distinct(self.descended(rotations[:_KEPT], _LONG, by_newton=True))
         return self._starts(rotations[:_ALTERNATIVES])
 
     def _distinct(self, rotations: np.ndarray) -> np.ndarray:
@@ -278,12 +282,31 @@ class _Reduced:
         made[:, -1] += self.rows[:, -1]
         return made @ made.swapaxes(1, 2)
 
-    def descended(self, rotations: np.ndarray, steps: int) -> np.ndarray:
-        """Levenberg-Marquardt on SO(3)^K from S starts (S, K, 3, 3) at once; those that have converged rest."""
+    def _second_order(self, rotations: np.ndarray) -> np.ndarray:
+        """(S, 3 K, 3 K) second derivatives of the residual, weighted by the residual.
+
+        With P = X G', G the derivative of half the cost by X, each rotation adds sym(P) - tr(P) I.
+        """
+        slope = (self.residual(rotations) @ self.rows[:, :-1]).reshape(rotations.shape)
+        product = rotations @ slope.swapaxes(2, 3)
+        trace = np.trace(product, axis1=2, axis2=3)[:, :, None, None]
+        each = (product + product.swapaxes(2, 3)) / 2 - trace * np.eye(3)
+        made = np.zeros((len(rotations), 3 * self.count, 3 * self.count))
+        for k in range(self.count):
+            made[:, 3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = each[:, k]
+        return made
+
+    def descended(self, rotations: np.ndarray, steps: int, by_newton: bool = False) -> np.ndarray:
+        """Levenberg-Marquardt on SO(3)^K from S starts (S, K, 3, 3) at once; those that have converged rest.
+
+        by_newton: with the second derivatives of the residual where they leave the cost convex. Large residuals, as of
+        a hypothesis that does not hold, otherwise make the last digits slow.
+        """
         found, moving = rotations.copy(), np.arange(len(rotations))
         products, damping = self._products(rotations), np.full(len(rotations), 1e-3)
         for _ in range(steps):
-            move, expected = _damped_move(products, damping)
+            second = self._second_order(rotations) if by_newton else 0.0
+            move, expected = _damped_move(products, damping, second)
             moved = rotation_matrix(move.reshape(-1, self.count, 3)) @ rotations
             tried = self._products(moved)
             cost = products[:, -1, -1]
@@ -302,11 +325,19 @@ class _Reduced:
         return nearest_rotation(found)
 
 
-def _damped_move(products: np.ndarray, damping: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Moves (S, 3 K) rad of Levenberg-Marquardt, and by how much each would lower a linear problem's cost at most."""
+def _damped_move(
+    products: np.ndarray, damping: np.ndarray, second
+) -> tuple[np.ndarray, np.ndarray]:
+    """Moves (S, 3 K) rad of Levenberg-Marquardt, and by how much each lowers the cost of a linear problem at most.
+
+    second (S, 3 K, 3 K), or 0: added to the normal matrix where the sum is positive definite.
+    """
     normal, gradient = products[:, :-1, :-1], products[:, :-1, -1]
     size = gradient.shape[1]
     scale = np.maximum(np.trace(normal, axis1=1, axis2=2), 1e-12) / size
+    if np.ndim(second):
+        convex = np.linalg.eigvalsh(normal + second)[:, 0] > _CONVEX * scale
+        normal = normal + np.where(convex[:, None, None], second, 0.0)
     regular = normal + (scale * np.maximum(damping, 1e-10))[:, None, None] * np.eye(size)
     move = -np.linalg.solve(regular, gradient[:, :, None])[:, :, 0]
     return move, -2 * (gradient * move).sum(1)
