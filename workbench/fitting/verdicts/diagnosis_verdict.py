@@ -100,6 +100,7 @@ def noise_of(made, recording, held_out: Mapping) -> NoiseReport | None:
             samples=moving.n,
             components=components,
             outlying=tuple(made.outliers),
+            is_diagnosed=True,
         )
     )
 

@@ -52,6 +52,7 @@ class Findings:
     `components`: coordinates of one measured position (1 where lengths are measured).
     `left_out`: sample numbers that the fit leaves out as blunders. `rotation`: where the noise of orientations is
     stated. `absorbed`: structure of the residual of the geometry alone, where retained terms leave none.
+    `is_diagnosed`: whether the fit is that of a diagnosis, after which another one is no advice.
     """
 
     stated: float | None
@@ -69,6 +70,7 @@ class Findings:
     left_out: tuple[int, ...] = ()
     rotation: RotationNoise | None = None
     absorbed: Structure | None = None
+    is_diagnosed: bool = False
 
     @property
     def is_absorbed(self) -> bool:
@@ -277,11 +279,13 @@ def _cause(found: Findings) -> str:
             "place of a changed load or a slipped tool), or the noise is stated too small. Run `workbench diagnose` "
             "before you change sigma_mm."
         )
+    advice = "Run `workbench diagnose`, which searches more, or measure some poses repeatedly,"
+    if found.is_diagnosed:
+        advice = "Measure some poses repeatedly"
     return (
         "No dependence of the residual on the joint angles or on the order of the samples is found. A noise that is "
         "stated too small is therefore more likely than an unmodelled effect (the arm's repeatability counts as "
-        "noise). Run `workbench diagnose`, which searches more, or measure some poses repeatedly, before you state "
-        f"sigma_mm = {found.residual_rms:.2g}."
+        f"noise). {advice} before you state sigma_mm = {found.residual_rms:.2g}."
     )
 
 
@@ -297,8 +301,13 @@ def _cause_by_structure(found: Findings) -> str:
     )
     return (
         f"The residual depends on {' and '.join(names)}, which noise does not: unmodelled effects{moved}. At most "
-        f"{limit:.3g} mm of it can be noise{check}. Run `workbench diagnose`."
+        f"{limit:.3g} mm of it can be noise{check}.{_next(found, ' Run `workbench diagnose`.')}"
     )
+
+
+def _next(found: Findings, advice: str) -> str:
+    """The advice to diagnose, which a diagnosis itself does not give."""
+    return "" if found.is_diagnosed else advice
 
 
 def _cause_by_replicates(found: Findings) -> str:
@@ -306,7 +315,7 @@ def _cause_by_replicates(found: Findings) -> str:
     if _exceeds_replicates(found):
         return (
             f"Repeated measurements of one pose scatter by {again.sigma:.3g} mm only, so that the rest comes from "
-            "unmodelled effects; run `workbench diagnose`."
+            f"unmodelled effects{_next(found, '; run `workbench diagnose`')}."
         )
     return f"Repeated measurements of one pose scatter by as much ({again.sigma:.3g} mm)."
 
