@@ -65,12 +65,20 @@ def mapping_schema() -> dict:
         "robot": text,
         "join": join,
         **dict.fromkeys(QUANTITIES, group),
+        "joints": _with_counts(group),
         "columns": {"type": "object", "additionalProperties": text},
         "board": _table(SECTIONS["board"]),
     }
     return _root("mapping of an import, format import/1", properties, []) | {
         "additionalProperties": False
     }
+
+
+def _with_counts(group: dict) -> dict:
+    """The schema of [joints]: counts of the encoders in one degree take the place of a unit."""
+    size = {"type": "number", "not": {"const": 0}}
+    counts = {"anyOf": [size, {"type": "array", "items": size, "minItems": 1}]}
+    return group | {"properties": group["properties"] | {"counts_per_deg": counts}}
 
 
 def samples_schema() -> dict:

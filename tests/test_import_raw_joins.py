@@ -115,7 +115,10 @@ def test_a_table_without_known_headers_is_named_where_its_columns_are_missing(tr
     second = write_rows(tmp_path / "tracker.csv", POINT, truth.points)
     with pytest.raises(InputError, match="not read: osie.csv"):
         import_recording([first, second], tmp_path / "out", UR10)
-    first = write_rows(tmp_path / "osie.csv", header, degrees(truth))
+    shuffled = np.random.default_rng(1).permutation(
+        degrees(truth)
+    )  # rows that do not fit the points
+    first = write_rows(tmp_path / "osie.csv", header, shuffled)
     with pytest.raises(InputError, match="osie.csv . tracker.csv: .* found f1, f2") as refused:
         import_recording([first, second], tmp_path / "out", UR10)
     assert 'columns = ["f1", "f2", "f3", "f4", "f5", "f6"]' in refused.value.example

@@ -29,6 +29,9 @@ COVARIATE_UNITS = {
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 """Unit -> s."""
 
+COUNTS = "counts"
+"""Unit of encoders: how much one is, a mapping states."""
+
 _NAMES = {
     "mm": (
         *("mm", "millimeter", "millimeters", "millimetre", "millimetres", "millimetern"),
@@ -67,6 +70,17 @@ _NAMES = {
     "kg": ("kg", "kilogram", "kilograms"),
     "g": ("g", "gram", "grams", "gramm"),
     "lb": ("lb", "lbs", "pound", "pounds"),
+    COUNTS: (
+        "counts",
+        "count",
+        "pulses",
+        "pulse",
+        "impulse",
+        "impulses",
+        "inkremente",
+        "increments",
+        "ticks",
+    ),
     "1": ("1", "-"),
 }
 _BY_NAME = {name: unit for unit, names in _NAMES.items() for name in names}

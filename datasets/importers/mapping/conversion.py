@@ -69,6 +69,12 @@ def joint_columns(
     table: RawTable, group: Group, prismatic: Sequence[bool], length_unit: str
 ) -> dict[str, np.ndarray]:
     """q1_deg ... (qK_mm of a prismatic joint) in the units of a recording."""
+    if group.counts_per_deg is not None:
+        counted = zip(group.columns, prismatic, group.counts_per_deg)
+        return {
+            f"q{number}_{'mm' if slides else 'deg'}": table.numbers(name) / size
+            for number, (name, slides, size) in enumerate(counted, 1)
+        }
     columns = {}
     units = each_unit(group.unit, len(group.columns))
     for number, (name, slides, unit) in enumerate(zip(group.columns, prismatic, units), 1):

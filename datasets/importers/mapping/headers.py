@@ -13,7 +13,7 @@ from datasets.importers.mapping.words import (
     without_accents,
     without_east_asian,
 )
-from datasets.importers.units import ANGLES, LENGTHS, is_unit, unit_named
+from datasets.importers.units import ANGLES, COUNTS, LENGTHS, is_unit, unit_named
 
 FLANGE_WORDS = frozenset(
     "flange flansch robot roboter tcp tool tool0 ee eef effector hand gripper werkzeug arm kuka abb fanuc "
@@ -266,7 +266,9 @@ def _has_foreign_unit(name: str, unit: str | None) -> bool:
     """Whether brackets or a row of units state a unit that no joint reading has, as of a current or a temperature."""
     bracket = _BRACKETS.match(name)
     texts = [unit or "", bracket[2] if bracket else ""]
-    return any(is_unit(text) and unit_named(text) not in (*ANGLES, *LENGTHS) for text in texts)
+    return any(
+        is_unit(text) and unit_named(text) not in (*ANGLES, *LENGTHS, COUNTS) for text in texts
+    )
 
 
 def _is_remark(text: str) -> bool:

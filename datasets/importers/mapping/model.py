@@ -45,13 +45,15 @@ JOINS = ("index", "key", "time", "append")
 class Group:
     """Columns of one quantity. `unit`, `convention`: None where neither header, format nor user states them.
 
-    `unit`: of all columns, or one for each of them ("" where it is open).
+    `unit`: of all columns, or one for each of them ("" where it is open). `counts_per_deg`: of joint readings, counts
+    of the encoders in one degree (of a prismatic joint, one mm) for each column; the unit is then "deg".
     """
 
     columns: tuple[str, ...]
     unit: ColumnUnits = None
     convention: str | None = None
     inverse: bool = False
+    counts_per_deg: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,9 @@ def _completed(mine, its):
 
 def _group_keys(group: Group) -> dict:
     keys: dict = {"columns": list(group.columns)}
-    if group.unit is not None:
+    if group.counts_per_deg is not None:
+        keys["counts_per_deg"] = list(group.counts_per_deg)
+    elif group.unit is not None:
         keys["unit"] = list(group.unit) if isinstance(group.unit, tuple) else group.unit
     if group.convention is not None:
         keys["convention"] = group.convention
@@ -235,13 +239,12 @@ def _group(keys, name: str, called: str) -> Group:
         raise complaint(
             f"{where}, key columns", "a list of column names", repr(columns)[:60], "write the names"
         )
-    if unknown := set(keys) - {"columns", "unit", "convention", "inverse"}:
-        raise complaint(
-            f"{where}, key {sorted(unknown)[0]}",
-            "columns, unit, convention or inverse",
-            "it",
-            "remove it",
-        )
+    known = ["columns", "unit", "convention", "inverse"]
+    known += ["counts_per_deg"] if name == "joints" else []
+    if unknown := set(keys) - set(known):
+        said = f"{', '.join(known[:-1])} or {known[-1]}"
+        raise complaint(f"{where}, key {sorted(unknown)[0]}", said, "it", "remove it")
+    counts = _counts(keys, len(columns), where)
     unit, convention = keys.get("unit"), keys.get("convention")
     units = LENGTHS if name in ("point", "flange_point") else ANGLES
     if name != "time" and unit is not None:
@@ -268,7 +271,24 @@ def _group(keys, name: str, called: str) -> Group:
         raise complaint(
             f"{where}, key inverse", "true or false", repr(keys["inverse"]), "correct it"
         )
-    return Group(tuple(columns), unit, convention, keys.get("inverse", False))
+    inverse = keys.get("inverse", False)
+    return Group(tuple(columns), unit if counts is None else "deg", convention, inverse, counts)
+
+
+def _counts(keys: Keys, count: int, where: str) -> tuple[float, ...] | None:
+    """The value of a key counts_per_deg, one number for each column; None without it. Raises InputError for others."""
+    if "counts_per_deg" not in keys:
+        return None
+    stated = keys["counts_per_deg"]
+    numbers = stated if isinstance(stated, list) else [stated] * count
+    if len(numbers) != count or not all(is_number(one) and one != 0 for one in numbers):
+        expected = f"one number, or {count} numbers, none of them 0"
+        raise complaint(f"{where}, key counts_per_deg", expected, repr(stated)[:60], "correct it")
+    if "unit" in keys:
+        raise complaint(
+            f"{where}, key unit", "no unit next to counts_per_deg", repr(keys["unit"]), "remove it"
+        )
+    return tuple(float(one) for one in numbers)
 
 
 def _unit(unit, known: Keys, name: str, count: int, where: str) -> ColumnUnits:

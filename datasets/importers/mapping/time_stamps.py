@@ -8,7 +8,7 @@ from datetime import datetime
 
 import numpy as np
 
-from datasets.importers.mapping.sets import headers_of
+from datasets.importers.mapping.sets import find_sets, headers_of
 from datasets.importers.source import RawTable
 from datasets.importers.units import TIMES
 
@@ -27,6 +27,9 @@ def times_of(table: RawTable) -> tuple[np.ndarray | None, tuple[str, ...]]:
         return _stated_times(table)
     headers = headers_of(table)
     names = [name for name, header in headers.items() if header.kind == "time"]
+    if names:  # the joint T of S, L, U, R, B, T is no time
+        taken = {name for one in find_sets(table) for name in one.names}
+        names = [name for name in names if name not in taken]
     dates = [name for name, header in headers.items() if header.kind == "date"]
     for name in names:
         cells = table.columns[name]

@@ -20,6 +20,7 @@ from datasets.importers.sources import (
     storage,
     text_tables,
     urscript,
+    yaskawa_jobs,
 )
 from datasets.importers.sources.pose_files import STRUCTURED, read_pose_files
 from datasets.importers.sources.reshaped import one_row_per_sample
@@ -32,10 +33,6 @@ _EXCEL = {".xlsx", ".xlsm"}
 _UNREADABLE = {
     ".xls": ("a workbook of Excel 97", "save it as .xlsx or CSV"),
     ".ods": ("an OpenDocument spreadsheet", "save it as .xlsx or CSV"),
-    ".jbi": (
-        "a job of Yaskawa, whose positions are pulses of the encoders, so that each needs the ratio of its gear",
-        "export the joint angles in degrees, as in the Cartesian or angle display, as CSV",
-    ),
     ".zip": ("an archive", "unpack it and name the files"),
     ".7z": ("an archive", "unpack it and name the files"),
     ".rar": ("an archive", "unpack it and name the files"),
@@ -49,7 +46,7 @@ _UNREADABLE = {
 _OFTEN_TEXT = {".xls"}
 _IN_FOLDERS = (
     *(*IMAGES, *(_TEXT - {""}), *_PROGRAMS, *_EXCEL, *(_ARRAYS - {".npy"}), ".gz"),
-    *(*storage.EXTENSIONS, *urscript.EXTENSIONS, *clouds.EXTENSIONS),
+    *(*storage.EXTENSIONS, *urscript.EXTENSIONS, *yaskawa_jobs.EXTENSIONS, *clouds.EXTENSIONS),
 )
 """Extensions of the files that are read in a folder."""
 _OURS = {"recording.toml", "import.toml"}
@@ -107,6 +104,8 @@ def _read_file(path: Path, scratch: Path) -> Source:
         return Source(clouds=(path,))
     if suffix in urscript.EXTENSIONS:
         return Source(tables=tuple(urscript.read_urscript(path)))
+    if suffix in yaskawa_jobs.EXTENSIONS:
+        return Source(tables=tuple(yaskawa_jobs.read_job(path)))
     if suffix in _PROGRAMS | _TEXT:
         if robot_programs.is_robot_program(path):
             return Source(tables=tuple(robot_programs.read_robot_program(path)))

@@ -135,6 +135,10 @@ def _units(group: Mapping) -> str | None:
     """The unit of a group in words."""
     from datasets.importers.mapping.column_units import unit_words
 
+    if "counts_per_deg" in group:
+        return (
+            f"pulses ({', '.join(f'{size:g}' for size in group['counts_per_deg'])} in one degree)"
+        )
     unit = group.get("unit")
     return unit_words(tuple(unit), group["columns"], str) if isinstance(unit, list) else unit
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from datasets.errors import InputError
+from datasets.importers.mapping.counts import refuse_counts
 from datasets.importers.mapping.joining import join_tables, zone_sentence
 from datasets.importers.mapping.left_out import left_out_sentences
 from datasets.importers.mapping.model import QUANTITIES, Join, Mapping
@@ -74,6 +75,7 @@ def find_mapping(
     if mapping.join.by == APPEND and len(source.tables) > 1:
         raise _not_alike(source)
     found = _found_in(source, source.tables, options)
+    refuse_counts(found.table, found.mapping)
     return replace(found, warnings=(*warnings, *found.warnings))
 
 
@@ -159,6 +161,7 @@ def _found_sessions(source: Source, groups, options, warnings: Sequence[str]) ->
     parts = tuple(_joined(source, group, options) for group in groups)
     table = appended([part.table for part in parts])
     mapping, unused = _proposed(table, source, options)
+    refuse_counts(table, mapping)
     mapping = replace(mapping, join=Join(APPEND))
     said = (*warnings, *table.warnings)
     return Found(source, table, mapping, unused, said, sessions=parts)
