@@ -128,7 +128,10 @@ def first_step(rows: Rows, row: np.ndarray, column: np.ndarray, setting: Setting
                 fits.take(hard), net[hard], raw[hard] >= setting.saturation, start[hard], setting
             ),
         )
-    quiet = setting.noise.variance(fits.background + 2 * rows.ambient(row, column))
+    lit = fits.background
+    if setting.noise.gain > 0:
+        lit = lit + 2 * rows.ambient(row, column)
+    quiet = setting.noise.variance(lit)
     fits.strength = np.where(hard, fits.peak, fits.strength) / np.sqrt(quiet)
     return fits, hard, _steep(raw, table.half, 8 * setting.noise.read)
 
@@ -198,7 +201,7 @@ def _bins(rows, fits, setting, todo):
     else:
         wide = width_bin(_template(fits, todo, smooth))
     level = fits.background.take(todo)
-    if rows.under is not None:
+    if rows.under is not None and setting.noise.gain > 0:
         level = level + 2 * rows.ambient(fits.row[todo], _column(fits, todo, rows))
     level = setting.noise.variance(level)
     bins = np.full(len(todo), wide * 8)
@@ -264,17 +267,21 @@ def _step(rows: Rows, fits: Fits, place, quiet, table: Bank, setting: Setting, h
 
 
 def _solve(net, phase, table: Bank):
-    """The four numbers (4, n), the line's matched filter (n,), the weighted sum of squares that is left (n,)."""
+    """The four numbers (4, n), the line's matched filter (n,), the weighted sum of squares that is left (n,).
+
+    `net` is squared in place.
+    """
     at = np.arange(len(net)) * (PHASES + 1) + phase
     q = np.ascontiguousarray((net @ table.q).reshape(-1, 4).take(at, 0).T)
     if table.even:
         number = table.back[:, PHASES // 2].reshape(4, 4) @ q
     else:
         number = np.einsum("nij,jn->in", table.back.T.reshape(-1, 4, 4).take(phase, 0), q)
+    square = np.square(net, out=net)
     if table.ratio == 0:
-        left = np.einsum("nw,nw->n", net, net)
+        left = square @ np.ones(net.shape[1], np.float32)
     else:
-        left = (net * net @ table.weight).reshape(-1).take(at)
+        left = (square @ table.weight).reshape(-1).take(at)
     return number, q[1] / table.at("detect", phase), np.maximum(left - (q * q).sum(0), 0)
 
 

@@ -24,7 +24,7 @@ def pixel_noise(image: np.ndarray, region: np.ndarray | None = None) -> float:
     image = image.astype(np.float32)
     rough = np.abs(image[:, 2:] - 2 * image[:, 1:-1] + image[:, :-2]) / np.float32(np.sqrt(6))
     rough = rough.ravel() if region is None or not region[:, 1:-1].any() else rough[region[:, 1:-1]]
-    sigma = max(1.4826 * float(np.median(rough)), 0.3)
+    sigma = max(1.4826 * float(_median(rough)), 0.3)
     for _ in range(10):
         kept = rough[rough < _CLIP * sigma]
         sigma = max(float(np.sqrt((kept**2).mean() / _KEPT)), 1e-6) if len(kept) else sigma
@@ -48,18 +48,22 @@ def fitted_noise(
     """
     if len(squares) < 500:
         return None
-    x, y = level, squares / freedom
-    variance = np.full(len(squares), float(np.median(y)) / 0.455)
+    y, middle, trust = squares / freedom, level.mean(), freedom**2
+    x = level - middle
+    square, variance = x**2, np.full(len(squares), float(_median(y)) / 0.455)
     for _ in range(6):
-        use = (y < 20 * variance) * freedom**2
-        weight = use / variance**2
-        total, mean = weight.sum(), (weight * x).sum() / weight.sum()
-        gain = (weight * (x - mean) * y).sum() / (weight * (x - mean) ** 2).sum()
-        slope = weight * (x - mean)
-        uncertain = np.sqrt(2 * (slope**2 * variance**2).sum()) / (slope * (x - mean)).sum()
-        gain = gain if gain > 3 * uncertain else 0.0
-        read = max((weight * y).sum() / total - gain * mean, least**2)
-        variance = read + gain * np.maximum(x, 0)
+        kept = (y < 20 * variance) * trust
+        weight = kept / variance**2
+        total, mean = weight.sum(), float(weight @ x) / weight.sum()
+        power = float(weight @ square) - total * mean**2
+        weighted, first = weight * y, float(weight @ y)
+        gain = (float(weighted @ x) - mean * first) / power
+        # the variance of a slope's pull is the weight's square times that of y
+        kept *= weight
+        scatter = float(kept @ square) - 2 * mean * float(kept @ x) + mean**2 * kept.sum()
+        gain = gain if gain > 3 * np.sqrt(2 * scatter) / power else 0.0
+        read = max(first / total - gain * (mean + middle), least**2)
+        variance = read + gain * np.maximum(level, 0)
     return Noise(float(np.sqrt(read)), float(gain))
 
 

@@ -97,7 +97,7 @@ def _search(image, found: Brightest, noise: float) -> tuple[float, Search]:
         made = lines_enhanced(calm, width)
         rough = pixel_noise_of(made)
         column = made.argmax(1)
-        strength = made.max(1) / rough
+        strength = made[np.arange(len(made)), column] / rough
         if best is None or np.median(strength) > np.median(best[1]):
             best = width, strength, column, rough
     width, strength, column, rough = best

@@ -222,6 +222,8 @@ def lines_enhanced(image: np.ndarray, width: float) -> np.ndarray:
     """
     near = 2 * int(round(1.4 * width - 0.5)) + 1
     far = 3 * near + 4
-    image = image.astype(np.float32)
+    image = image.astype(np.float32, copy=False)
     inner, outer = cv2.blur(image, (near, 1)), cv2.blur(image, (far, 1))
-    return (inner - outer) * (far / (far - near))
+    inner -= outer
+    inner *= far / (far - near)
+    return inner
