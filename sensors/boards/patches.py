@@ -13,6 +13,8 @@ import numpy as np
 STEPS = 40
 SETTLED = 2e-4
 """px: a fit ends when no patch moves farther than this in a step."""
+_AT_REST, _NOTHING = 1e-9, 1e-12
+"""px, and share of the cost: a step that changes less is lost in rounding."""
 REACH = 10.0
 """px: corners use pixels up to this far; beyond it edges are no longer straight behind a real lens."""
 CLEAR = 4.0
@@ -275,24 +277,32 @@ def _fit(model: Model, start, spots, grey, weight) -> Fit:
 
 
 def _levenberg(model, p, spots, grey, weight):
-    """Damped Gauss-Newton, one damping a patch: values (n, P + 1) and σ of the place (n,)."""
-    damping = np.full(len(p), 1e-3)
-    cost, normal, slope = _normal(model, p, spots, grey, weight)
+    """Damped Gauss-Newton, one damping a patch: values (n, P + 1) and σ of the place (n,).
+
+    A patch rests once its steps are lost in rounding; all end when none moves farther than `SETTLED`.
+    """
+    seen, found = (spots, grey, weight), np.copy(p)
+    cost, normal, slope = all_cost, all_normal, _ = _normal(model, p, *seen)
+    damping, moving = np.full(len(p), 1e-3), np.arange(len(p))
     for _ in range(STEPS):
         damped = normal + damping[:, None, None] * _diagonal(normal)
         step = _solved(damped, slope)
-        new_cost, new_normal, new_slope = _normal(model, p + step, spots, grey, weight)
+        new_cost, new_normal, new_slope = _normal(model, p + step, *seen)
         better = new_cost <= cost
+        falls = new_cost < (1 - _NOTHING) * cost
         p = np.where(better[:, None], p + step, p)
-        normal, slope = (
-            np.where(better[:, None, None], new_normal, normal),
-            np.where(better[:, None], new_slope, slope),
-        )
-        settled = np.abs(step[:, :2]).max(1) < SETTLED
+        normal = np.where(better[:, None, None], new_normal, normal)
+        slope = np.where(better[:, None], new_slope, slope)
         cost, damping = np.where(better, new_cost, cost), np.where(better, damping / 8, damping * 6)
-        if settled.all():
+        found[moving], all_cost[moving], all_normal[moving] = p, cost, normal
+        length = np.abs(step[:, :2]).max(1)
+        if (length < SETTLED).all():
             break
-    return _with_sigma(model, p, spots, grey, weight, normal, cost)
+        held = np.flatnonzero((length > _AT_REST) | falls)
+        p, normal, slope, cost = p[held], normal[held], slope[held], cost[held]
+        damping, moving = damping[held], moving[held]
+        seen = seen[0][:, held], seen[1][held], seen[2][held]
+    return _with_sigma(model, found, spots, grey, weight, all_normal, all_cost)
 
 
 def _solved(matrices, right):

@@ -3,6 +3,7 @@
 import inspect
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Protocol
 
 import numpy as np
@@ -274,8 +275,7 @@ class Effect:
     @property
     def options(self) -> dict:
         """Constructor arguments other than the place, by name, for files; without those that are left out (None)."""
-        names = list(inspect.signature(type(self)).parameters)[1:]
-        held = {name: getattr(self, name) for name in names}
+        held = {name: getattr(self, name) for name in _option_names(type(self))}
         return {name: value for name, value in held.items() if value is not None}
 
     @property
@@ -286,6 +286,12 @@ class Effect:
     @property
     def title(self) -> str:
         return f"{self.effect} at {self.where}"
+
+
+@cache
+def _option_names(kind: type[Effect]) -> tuple[str, ...]:
+    """Names of the constructor's arguments other than the place."""
+    return tuple(inspect.signature(kind).parameters)[1:]
 
 
 def numeric_derivative(function, p: np.ndarray, step) -> np.ndarray:
