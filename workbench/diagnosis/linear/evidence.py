@@ -43,6 +43,12 @@ class Moments:
     score: np.ndarray
     raw: np.ndarray
 
+    @classmethod
+    def joined(cls, parts: "list[Moments]") -> "Moments":
+        """Of several groups of hypotheses with equally many columns, as one."""
+        held = zip(*((part.gram, part.score, part.raw) for part in parts))
+        return cls(*map(np.concatenate, held))
+
 
 @dataclass(frozen=True)
 class Scores:
@@ -58,6 +64,10 @@ class Scores:
         """Evidence, p-value, gain and rank of one hypothesis."""
         gain, rank = float(self.gain[i]), int(self.rank[i])
         return float(self.evidence[i]), float(self.p[i]), gain, rank
+
+    def part(self, chosen: slice) -> "Scores":
+        """Those of some of the hypotheses."""
+        return Scores(self.evidence[chosen], self.gain[chosen], self.rank[chosen], self.p[chosen])
 
 
 class Projected:
@@ -147,6 +157,18 @@ class Projected:
             Moments(*(part / self.design_effect for part in parts)), self.yy, self.degrees
         )
         return replace(scores, gain=scores.gain * self.design_effect)
+
+    def judge_each(self, groups: list[Moments]) -> list[Scores]:
+        """`judge` of several groups of hypotheses, of all groups with equally many columns at once."""
+        found: list = [None] * len(groups)
+        widths = np.array([group.score.shape[1] for group in groups])
+        for width in np.unique(widths):
+            rows = np.flatnonzero(widths == width)
+            scores = self.judge(Moments.joined([groups[i] for i in rows]))
+            ends = np.cumsum([len(groups[i].score) for i in rows])
+            for i, end in zip(rows, ends):
+                found[i] = scores.part(slice(end - len(groups[i].score), end))
+        return found
 
 
 def design_effect(y: np.ndarray, problem: Problem) -> float:
@@ -355,8 +377,7 @@ def scan_moments(projected: Projected, scan: Scan) -> Moments:
         waves = _waves(projected.problem, scan, slice(start, start + step))
         typical = np.broadcast_to(np.repeat(scan.typical, 2), (len(waves), 2 * len(scan.typical)))
         parts.append(slots.times(("wave", start), waves, typical, partial(squares_of, waves)))
-    held = zip(*((part.gram, part.score, part.raw) for part in parts))
-    return Moments(*map(np.concatenate, held))
+    return Moments.joined(parts)
 
 
 def _waves(problem: Problem, scan: Scan, chunk: slice) -> np.ndarray:

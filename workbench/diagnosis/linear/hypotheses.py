@@ -155,9 +155,10 @@ def judged(
     wanted = set(wanted)
     named = [*_of_candidates((*problem.candidates, *problem.with_masses), projected)]
     periods = []
-    for scan in problem.scans:
-        (periods if scan.unnamed else named).extend(_of_scan(scan, projected, wanted))
-    smooth = [h for site in problem.sites for h in _of_site(site, problem, projected)]
+    scans = projected.judge_each([scan_moments(projected, scan) for scan in problem.scans])
+    for scan, scores in zip(problem.scans, scans):
+        (periods if scan.unnamed else named).extend(_of_scan(scan, scores, wanted))
+    smooth = [*_of_sites(problem, projected)]
     found = [*_named_priors(named), *_unnamed_priors(smooth, periods)]
     free = [h for h in found if not any(_excludes(effect, h) for effect in problem.effects)]
     return sorted(free, key=lambda h: -h.log_weight)
@@ -216,9 +217,8 @@ def _one_sided(chosen, moments: Moments, scores: Scores, projected: Projected) -
     return np.where(only, np.log(2) + log_ndtr(z), 0.0)
 
 
-def _of_scan(scan: Scan, projected: Projected, wanted: set) -> Iterator[Hypothesis]:
+def _of_scan(scan: Scan, scores: Scores, wanted: set) -> Iterator[Hypothesis]:
     """The best options of a scan, and those whose (family, label) is wanted; the first stands for all others, too."""
-    scores = projected.judge(scan_moments(projected, scan))
     mass = scan.mass / max(scan.mass.sum(), 1e-300)
     best = np.argsort(-(scores.evidence + np.log(mass)))
     others = best[SHOWN:]
@@ -243,23 +243,34 @@ def _of_scan(scan: Scan, projected: Projected, wanted: set) -> Iterator[Hypothes
         )
 
 
-def _of_site(site: Site, problem: Problem, projected: Projected) -> Iterator[Hypothesis]:
-    """Functions of one covariate and of two at a site, those with equally many numbers at once."""
+def _of_sites(problem: Problem, projected: Projected) -> Iterator[Hypothesis]:
+    """Functions of one covariate and of two at all sites, those with equally many columns judged at once."""
+    groups = [
+        (site, chosen, moments)
+        for site in problem.sites
+        for chosen, moments in _site_moments(site, problem, projected)
+    ]
+    judged_groups = projected.judge_each([moments for *_, moments in groups])
+    for (site, chosen, _), scores in zip(groups, judged_groups):
+        kind = "sharply changing" if site.sharp else "smooth"
+        for i, names in enumerate(chosen):
+            label = f"a {kind} function of {' and '.join(names)}"
+            about = ("unknown", site.where, label, "", (), (site, names), 1.0)
+            yield Hypothesis(*about, *scores.row(i), unnamed=names)
+
+
+def _site_moments(site: Site, problem: Problem, projected: Projected):
+    """(chosen, Moments) of the functions of a site: names of covariates that are mapped to equally many numbers."""
     slots = projected.slots(site.rows, ("site", site.where, site.port))
     groups: dict[int, list[tuple[str, ...]]] = {}
     for names in (*((c,) for c in site.covariates), *site.pairs):
         groups.setdefault(len(waves_at(problem, names, site.fine)[0]), []).append(names)
-    kind = "sharply changing" if site.sharp else "smooth"
     for chosen in groups.values():
         known = [waves_at(problem, names, site.fine) for names in chosen]
         waves = np.stack([functions for functions, _ in known])
         typical = np.stack([np.outer(site.typical, sizes).ravel() for _, sizes in known])
         squares = partial(_squares, problem, chosen, site.fine)
-        scores = projected.judge(slots.times((site.fine, *chosen), waves, typical, squares))
-        for i, names in enumerate(chosen):
-            label = f"a {kind} function of {' and '.join(names)}"
-            about = ("unknown", site.where, label, "", (), (site, names), 1.0)
-            yield Hypothesis(*about, *scores.row(i), unnamed=names)
+        yield chosen, slots.times((site.fine, *chosen), waves, typical, squares)
 
 
 def _named_priors(rows: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
