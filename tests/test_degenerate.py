@@ -141,8 +141,8 @@ def test_a_recording_that_determines_little_ends_in_a_result_or_in_a_sentence(se
 
 
 def in_parts(first: int, end: int, size: int) -> list:
-    """First seeds of parts of so many seeds: two parts are slow tests, the others run in `make test-long`."""
-    marks = [pytest.mark.slow] * 2
+    """First seeds of parts of so many seeds: one part is a slow test, the others run in `make test-long`."""
+    marks = [pytest.mark.slow]
     starts = range(first, end, size)
     return [pytest.param(k, marks=marks.pop() if marks else pytest.mark.long) for k in starts]
 

@@ -201,11 +201,14 @@ def test_errors_of_the_print_are_found_and_in_the_sigmas():
     assert root.max() < 1.3 and np.sqrt(np.mean(np.square(plain), axis=0))[[2, 3, 6, 7]].min() > 1.6
 
 
-@pytest.mark.slow
-def test_the_test_of_the_print_is_right_under_noise_alone():
+COUNTS = [pytest.param(80, marks=pytest.mark.slow), pytest.param(200, marks=pytest.mark.long)]
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_the_test_of_the_print_is_right_under_noise_alone(count):
     """p values are uniform, and sigmas those of the bundle, where corners differ by noise only."""
     p_values = []
-    for seed in range(200):
+    for seed in range(count):
         views, board = printed_views(np.random.default_rng(1000 + seed), 0.0)
         p_values.append(calibrate_camera(views, board, CAMERA.size, folds=0).printed.p_value)
     assert (
