@@ -25,23 +25,25 @@ def test_the_made_recording_is_the_nominal_arm_but_for_what_was_planted():
     assert len(other.parameters) == 2 and len(other.physics) == 2 and other.factor != 1.0
 
 
-@pytest.mark.slow
-def test_attribution_over_a_fixed_population():
-    """Ten scenes, one of every combination, with seeds that were fixed before any of them was run.
+@pytest.mark.parametrize(
+    "step", [pytest.param(2, marks=pytest.mark.slow), pytest.param(1, marks=pytest.mark.long)]
+)
+def test_attribution_over_a_fixed_population(step):
+    """Ten scenes, one of every combination, with seeds that were fixed before any of them was run; or every second.
 
     The published table (docs/studies/differences.md) has 58 of 60 right: with that share, fewer than eight of ten
-    have a probability of 0.4 %.
+    have a probability of 0.4 %, fewer than four of five one of 1 %.
     """
     import study_differences
 
-    combinations = study_differences.COMBINATIONS
-    found = [study_differences.scene(3000 + k, one) for k, one in enumerate(combinations)]
+    scenes = list(enumerate(study_differences.COMBINATIONS))[::step]
+    found = [study_differences.scene(3000 + k, one) for k, one in scenes]
     wrong = [(one.seed, one.wrong_names, one.missed) for one in found if not one.is_right]
-    assert len(wrong) <= 2, wrong
+    assert len(wrong) <= len(found) // 5, wrong
     factors = [one.found_factor / one.factor for one in found]
     assert factors == pytest.approx(np.ones(len(found)), abs=0.1)
     predictions = [one.prediction for one in found]
-    assert sum(prediction < 1.1 for prediction in predictions) >= 9, predictions
+    assert sum(prediction < 1.1 for prediction in predictions) >= len(found) - 1, predictions
 
 
 @pytest.mark.long
