@@ -15,7 +15,7 @@ from datasets.columns import (
     POINT,
     QUATERNION,
 )
-from datasets.importers.mapping.model import FORMAT, JOINS, QUANTITIES
+from datasets.importers.mapping.model import FORMAT, JOINS, PLACEMENTS, QUANTITIES
 from datasets.importers.mapping.rotations import CONVENTIONS
 from datasets.importers.mapping.spherical import CONVENTIONS as SPHERICAL_CONVENTIONS
 from datasets.importers.units import ANGLES
@@ -67,6 +67,7 @@ def mapping_schema() -> dict:
         **dict.fromkeys(QUANTITIES, group),
         "joints": _with_counts(group),
         "columns": {"type": "object", "additionalProperties": text},
+        **dict.fromkeys(PLACEMENTS, _placement()),
         "board": _table(SECTIONS["board"]),
     }
     return _root("mapping of an import, format import/1", properties, []) | {
@@ -79,6 +80,17 @@ def _with_counts(group: dict) -> dict:
     size = {"type": "number", "not": {"const": 0}}
     counts = {"anyOf": [size, {"type": "array", "items": size, "minItems": 1}]}
     return group | {"properties": group["properties"] | {"counts_per_deg": counts}}
+
+
+def _placement() -> dict:
+    """[tool] and [frame] of a mapping."""
+    three = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
+    return {
+        "type": "object",
+        "properties": {"xyz_mm": three, "rpy_deg": three},
+        "minProperties": 1,
+        "additionalProperties": False,
+    }
 
 
 def samples_schema() -> dict:

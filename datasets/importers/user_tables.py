@@ -37,7 +37,8 @@ from datasets.importers.mapping.model import QUANTITIES, Group, Mapping
 from datasets.importers.mapping.proposal import propose
 from datasets.importers.source import RawTable
 from datasets.importers.sources.choice import read_sources
-from datasets.importers.sources.robot_programs import NAME_OF_POSITION
+from datasets.importers.sources.program_frames import NOTHING_STATED, StatedFrames
+from datasets.importers.sources.robot_programs import NAME_OF_POSITION, read_robot_program
 from datasets.importers.units import ANGLES, LENGTHS
 
 _PARQUET = (".parquet", ".pq")
@@ -59,7 +60,7 @@ def read_targets(
     """
     if mapping is None and _is_native(path, (*POINT, *QUATERNION)):
         return [read_table(path, path.name, ("note",))]
-    return [_converted(raw, sliding, mapping) for raw in _tables(path)]
+    return [_converted(raw, sliding, mapping) for raw in _tables(path, frames_of(mapping))]
 
 
 def _converted(raw: RawTable, sliding: Sequence[bool], mapping: Mapping | None) -> Table:
@@ -126,7 +127,16 @@ def _one_table(path: Path) -> RawTable:
     return tables[0]
 
 
-def _tables(path: Path) -> list[RawTable]:
+def frames_of(mapping: Mapping | None) -> StatedFrames:
+    """What a mapping states of tool and frame of the positions of a program."""
+    placements = [
+        None if mapping is None else mapping.tool,
+        None if mapping is None else mapping.frame,
+    ]
+    return StatedFrames(*(one if one is None else one.matrix for one in placements))
+
+
+def _tables(path: Path, stated: StatedFrames = NOTHING_STATED) -> list[RawTable]:
     """The table of a file, or the joint positions and the poses of a robot program. Raises InputError for others."""
     with TemporaryDirectory() as scratch:
         tables = read_sources([path], Path(scratch)).tables
@@ -135,6 +145,11 @@ def _tables(path: Path) -> list[RawTable]:
         shown = [f"{table.file} with {', '.join(list(table.columns)[:4])}, ..." for table in tables]
         found = " and ".join(shown) or "none"
         raise complaint(str(path), "one table", found, "name a file with one table")
+    if any(one is not None for one in (stated.tool, stated.frame)):
+        if not all(NAME_OF_POSITION in table.columns for table in tables):
+            expected = "[tool] and [frame] of a mapping for a robot program"
+            raise complaint(str(path), expected, "a table", "remove them from the mapping")
+        tables = read_robot_program(path, stated)
     for table in tables:
         if table.frame_question:
             raise InputError(table.frame_question)

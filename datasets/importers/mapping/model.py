@@ -32,12 +32,14 @@ from datasets.columns import KINDS
 from datasets.errors import complaint
 from datasets.importers.mapping import spherical
 from datasets.importers.mapping.column_units import OPEN, ColumnUnits
+from datasets.importers.mapping.placements import Placement, placement_from_keys
 from datasets.importers.mapping.rotations import CONVENTIONS, SIZES
 from datasets.importers.units import ANGLES, LENGTHS
 from workbench.core.text.structured_text import ContentError, read_toml
 
 FORMAT = "import/1"
 QUANTITIES = ("joints", "point", "rotation", "axis", "flange_point", "flange_rotation", "time")
+PLACEMENTS = ("tool", "frame")
 JOINS = ("index", "key", "time", "append")
 
 
@@ -70,7 +72,10 @@ class Join:
 
 @dataclass(frozen=True)
 class Mapping:
-    """The complete mapping; quantities that a source does not hold are None."""
+    """The complete mapping; quantities that a source does not hold are None.
+
+    `tool`, `frame`: T_flange_tool and T_root_frame of the positions of a program.
+    """
 
     measures: str | None = None
     robot: str | None = None
@@ -84,6 +89,8 @@ class Mapping:
     time: Group | None = None
     columns: Keys[str, str] = field(default_factory=dict)
     board: Keys | None = None
+    tool: Placement | None = None
+    frame: Placement | None = None
 
     def updated(self, quantity: str, **changes) -> "Mapping":
         """The mapping with other fields of one quantity."""
@@ -109,6 +116,9 @@ class Mapping:
             group = getattr(self, name)
             if group is not None:
                 keys[name] = _group_keys(group)
+        for name in PLACEMENTS:
+            if getattr(self, name) is not None:
+                keys[name] = getattr(self, name).as_keys()
         if self.columns:
             keys["columns"] = dict(self.columns)
         if self.board:
@@ -174,7 +184,7 @@ def _relative_to(mapping_file: Path, robot: str | None) -> str | None:
 
 def mapping_from_keys(keys: Keys, called: str) -> Mapping:
     """The mapping of the keys of a file that errors name `called`. Raises InputError."""
-    known = {"format", "measures", "robot", "join", "columns", "board", *QUANTITIES}
+    known = {"format", "measures", "robot", "join", "columns", "board", *QUANTITIES, *PLACEMENTS}
     for name in keys:
         if name not in known:
             raise complaint(
@@ -191,6 +201,11 @@ def mapping_from_keys(keys: Keys, called: str) -> Mapping:
             f"{called}, key measures", f"one of {', '.join(KINDS)}", repr(measures), "correct it"
         )
     groups = {name: _group(keys[name], name, called) for name in QUANTITIES if name in keys}
+    frames = {
+        name: placement_from_keys(keys[name], f"{called}, [{name}]")
+        for name in PLACEMENTS
+        if name in keys
+    }
     columns = keys.get("columns", {})
     if not isinstance(columns, Keys) or not all(isinstance(v, str) for v in columns.values()):
         raise complaint(
@@ -206,6 +221,7 @@ def mapping_from_keys(keys: Keys, called: str) -> Mapping:
         columns=dict(columns),
         board=keys.get("board"),
         **groups,
+        **frames,
     )
 
 

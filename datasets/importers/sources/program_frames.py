@@ -9,10 +9,12 @@ the root frame of the robot follows from both: T_root_flange = T_root_frame T_fr
 | KUKA | $TOOL, TOOL_NO, BAS(#TOOL, n): a frame, $NULLFRAME, 0, or TOOL_DATA[n] of the file | $BASE and BASE_NO |
 | FANUC | UT : 0 | UF : 0 |
 
+What only the controller knows (UT : 1, TOOL_DATA[3] without a value) the user may state (`StatedFrames`).
 The world frame of the controller counts as the root frame of the robot.
 """
 
 import re
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -45,16 +47,32 @@ REMEDIES = {
 """Maker -> what to do where the file does not state tool or frame."""
 
 
+@dataclass(frozen=True)
+class StatedFrames:
+    """What the user states of tool and frame: T_flange_tool and T_root_frame (4, 4) mm, each None where not stated.
+
+    They hold for all positions, and take the place of what the file states or leaves to the controller.
+    """
+
+    tool: np.ndarray | None = None
+    frame: np.ndarray | None = None
+
+
+NOTHING_STATED = StatedFrames()
+
+
 class UnstatedFrame(ValueError):
     """The file does not state tool or frame of a position; the text says what it states instead."""
 
 
-def flange_poses(maker: str, text: str, names, poses: np.ndarray) -> np.ndarray:
+def flange_poses(
+    maker: str, text: str, names, poses: np.ndarray, stated: StatedFrames = NOTHING_STATED
+) -> np.ndarray:
     """(n, 4, 4) T_root_flange (mm) of the named positions (n, 4, 4) of the tool in its frame.
 
     Raises UnstatedFrame where the file states tool or frame of a position not at all, or in several ways.
     """
-    frames_of = _READERS[maker](text)
+    frames_of = _READERS[maker](text, stated)
     made = np.empty_like(poses)
     for k, (name, pose) in enumerate(zip(names, poses)):
         frame, tool = frames_of(name)
@@ -62,10 +80,12 @@ def flange_poses(maker: str, text: str, names, poses: np.ndarray) -> np.ndarray:
     return made
 
 
-def tool_poses(maker: str, text: str, names, flange: np.ndarray) -> np.ndarray:
+def tool_poses(
+    maker: str, text: str, names, flange: np.ndarray, stated: StatedFrames = NOTHING_STATED
+) -> np.ndarray:
     """(n, 4, 4) poses of the tool in its frame (mm) for poses of the flange in the root frame: the inverse of
     `flange_poses`."""
-    frames_of = _READERS[maker](text)
+    frames_of = _READERS[maker](text, stated)
     made = np.empty_like(flange)
     for k, (name, pose) in enumerate(zip(names, flange)):
         frame, tool = frames_of(name)
@@ -76,7 +96,8 @@ def tool_poses(maker: str, text: str, names, flange: np.ndarray) -> np.ndarray:
 class _RapidFrames:
     """Work object and tool of a robtarget: those of the move instructions that name it."""
 
-    def __init__(self, text: str):
+    def __init__(self, text: str, given: StatedFrames):
+        self.given = given
         self.text = _RAPID_COMMENT.sub("", text)
         self.data: dict[tuple[str, str], list[str]] = {}
         for kind, name, value in _RAPID_DATA.findall(self.text):
@@ -97,7 +118,8 @@ class _RapidFrames:
         if len(used) != 1:
             raise UnstatedFrame(f"{len(used)} tools and work objects in the moves to {name}")
         ((work_object, tool),) = used
-        return self._work_object(work_object), self._tool(tool)
+        frame = self._work_object(work_object) if self.given.frame is None else self.given.frame
+        return frame, self._tool(tool) if self.given.tool is None else self.given.tool
 
     def _tool(self, name: str) -> np.ndarray:
         if name == "tool0":
@@ -144,7 +166,8 @@ def _rapid_pose(value: str, first: int, name: str) -> np.ndarray:
 class _KukaFrames:
     """$BASE and $TOOL of a program: all statements of the file have to agree."""
 
-    def __init__(self, text: str):
+    def __init__(self, text: str, given: StatedFrames):
+        self.given = {"BASE": given.frame, "TOOL": given.tool}
         self.text = re.sub(r"(?m)^\s*;(?!FOLD).*$", "", text)
         self.data = {
             (kind.upper(), int(number)): value
@@ -161,6 +184,11 @@ class _KukaFrames:
         return self.frames
 
     def _only(self, kind: str) -> np.ndarray:
+        if self.given[kind] is not None:
+            words = {value or word for value, word in self._stated(kind)} | self._numbers(kind)
+            if len(words) > 1:
+                raise UnstatedFrame(f"several values of ${kind}")
+            return self.given[kind]
         found = [self._named(kind, word, value) for value, word in self._stated(kind)]
         found += [self._numbered(kind, number) for number in self._numbers(kind)]
         if not found:
@@ -211,15 +239,22 @@ def _kuka_pose(value: str, name: str) -> np.ndarray:
 class _FanucFrames:
     """User frame and tool frame of FANUC positions; their values are not in the file."""
 
-    def __init__(self, text: str):
+    def __init__(self, text: str, given: StatedFrames):
+        self.given = {"UF": given.frame, "UT": given.tool}
         self.stated = {(kind, number) for kind, number in _FANUC_FRAMES.findall(text)}
 
     def __call__(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """(T_root_frame, T_flange_tool), both the identity."""
-        if self.stated != {("UF", "0"), ("UT", "0")}:
+        """(T_root_frame, T_flange_tool): the identity for number 0, else what the user states."""
+        numbers = {kind: {n for own, n in self.stated if own == kind} for kind in self.given}
+        is_known = all(
+            found == {"0"} or (self.given[kind] is not None and len(found) == 1)
+            for kind, found in numbers.items()
+        )
+        if not is_known:
             shown = ", ".join(f"{kind} : {number}" for kind, number in sorted(self.stated))
             raise UnstatedFrame(shown or "no UF and UT")
-        return np.eye(4), np.eye(4)
+        frame, tool = (np.eye(4) if one is None else one for one in self.given.values())
+        return frame, tool
 
 
 _READERS = {"ABB": _RapidFrames, "KUKA": _KukaFrames, "FANUC": _FanucFrames}

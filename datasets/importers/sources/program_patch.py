@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from datasets.errors import complaint
-from datasets.importers.sources.program_frames import tool_poses
+from datasets.importers.sources.program_frames import NOTHING_STATED, StatedFrames, tool_poses
 from datasets.importers.sources.robot_programs import (
     FANUC_OTHER_GROUPS,
     is_robot_program,
@@ -50,7 +50,11 @@ def is_program_of(path: Path, maker: str) -> bool:
 
 
 def patched_program(
-    path: Path, maker: str, readings: np.ndarray, flange: np.ndarray
+    path: Path,
+    maker: str,
+    readings: np.ndarray,
+    flange: np.ndarray,
+    stated: StatedFrames = NOTHING_STATED,
 ) -> PatchedProgram:
     """The program with corrected positions, in the order of the file.
 
@@ -61,7 +65,7 @@ def patched_program(
     encoding = encoding_of(path)
     raw = path.read_bytes()
     text = raw.decode(encoding)
-    new = _new_values(path, maker, readings, flange)
+    new = _new_values(path, maker, readings, flange, stated)
     starts = [0, *(match.end() for match in re.finditer("\n", text))]
     pieces, done = [], 0
     for line, is_joint, values in new:
@@ -74,7 +78,9 @@ def patched_program(
     return PatchedProgram(made.encode(encoding), len(new))
 
 
-def _new_values(path: Path, maker: str, readings: np.ndarray, flange: np.ndarray) -> list[tuple]:
+def _new_values(
+    path: Path, maker: str, readings: np.ndarray, flange: np.ndarray, stated: StatedFrames
+) -> list[tuple]:
     """(line, whether the position is one of joints, its new numbers) of each position in the order of the file."""
     tables = read_robot_program(path)
     if sum(len(table.lines) for table in tables) != len(readings):
@@ -90,15 +96,17 @@ def _new_values(path: Path, maker: str, readings: np.ndarray, flange: np.ndarray
         values = (
             readings[row]
             if is_joint
-            else _tool_values(maker, program_text(path), name, flange[row : row + 1])[0]
+            else _tool_values(maker, program_text(path), name, flange[row : row + 1], stated)[0]
         )
         made.append((line, is_joint, values))
     return made
 
 
-def _tool_values(maker: str, text: str, names, flange: np.ndarray) -> np.ndarray:
+def _tool_values(
+    maker: str, text: str, names, flange: np.ndarray, stated: StatedFrames
+) -> np.ndarray:
     """(n, 6) mm and deg of KUKA and FANUC, (n, 7) mm and quaternion of ABB: the tool in its frame."""
-    poses = tool_poses(maker, text, names, flange)
+    poses = tool_poses(maker, text, names, flange, stated)
     rotations = Rotation.from_matrix(poses[:, :3, :3])
     if maker in _EULER:
         return np.column_stack([poses[:, :3, 3], rotations.as_euler(_EULER[maker], degrees=True)])

@@ -24,8 +24,10 @@ from scipy.spatial.transform import Rotation
 from datasets.errors import complaint
 from datasets.importers.source import RawTable
 from datasets.importers.sources.program_frames import (
+    NOTHING_STATED,
     REMEDIES,
     UNIT_LENGTH,
+    StatedFrames,
     UnstatedFrame,
     flange_poses,
 )
@@ -77,7 +79,7 @@ def is_robot_program(path: Path) -> bool:
     return bool(is_kuka or _ABB.search(text) or _FANUC.search(text))
 
 
-def read_robot_program(path: Path) -> list[RawTable]:
+def read_robot_program(path: Path, stated: StatedFrames = NOTHING_STATED) -> list[RawTable]:
     """A table of the joint positions and a table of the poses, as far as each is there.
 
     Raises InputError where a position lacks a number.
@@ -98,7 +100,7 @@ def read_robot_program(path: Path) -> list[RawTable]:
         names = [f"J{k + 1} [deg]" for k in range(size)]
         tables.append(_table(path, joints, dict(zip(names, values.T))))
     if poses:
-        tables.append(_pose_table(path, maker, poses))
+        tables.append(_pose_table(path, maker, poses, stated))
     return tables
 
 
@@ -116,15 +118,19 @@ def _table(path: Path, rows: Sequence[_Position], columns: Mapping[str, np.ndarr
     return RawTable(path.name, {NAME_OF_POSITION: names, **columns}, lines)
 
 
-def _pose_table(path: Path, maker: str, rows: Sequence[_Position]) -> RawTable:
+def _pose_table(
+    path: Path, maker: str, rows: Sequence[_Position], stated: StatedFrames
+) -> RawTable:
     """Poses of the flange, or of the tool with the question that the file leaves open; in mm and quaternions."""
     poses, question, warning = _matrices(maker, path, rows), "", ""
     try:
-        poses = flange_poses(maker, program_text(path), [position.name for position in rows], poses)
+        names = [position.name for position in rows]
+        poses = flange_poses(maker, program_text(path), names, poses, stated)
     except UnstatedFrame as found:
         question = (
             f"{path.name}: expected poses of the flange, found those of a tool, whose tool and frame the file does not "
-            f"state ({found}); {REMEDIES[maker]}."
+            f"state ({found}); state it with [tool] and [frame] (xyz_mm, rpy_deg) in a mapping file for --map, "
+            f"{REMEDIES[maker]}."
         )
         warning = (
             f"{path.name}: the poses are those of the active tool, not of the flange ({found}). A hand-eye transform "

@@ -239,7 +239,9 @@ def _own_program(arm, to: str, options: ArmOptions, found, back) -> tuple[bytes,
     """The user's own program with corrected numbers, and a sentence; None where the targets are no such program."""
     import numpy as np
 
+    from datasets.importers.mapping.model import read_mapping
     from datasets.importers.sources.program_patch import is_program_of, patched_program
+    from datasets.importers.user_tables import frames_of
     from workbench.files.exports.check import check_patched_program
     from workbench.jobs.robot.compensate import nominal_poses
 
@@ -247,9 +249,11 @@ def _own_program(arm, to: str, options: ArmOptions, found, back) -> tuple[bytes,
     if maker is None or options.targets is None or not is_program_of(options.targets, maker):
         return None
     flange = nominal_poses(arm.robot, found.readings)
-    made = patched_program(options.targets, maker, np.rad2deg(found.readings), flange)
+    stated = frames_of(None if options.map is None else read_mapping(options.map))
+    readings = np.rad2deg(found.readings)
+    made = patched_program(options.targets, maker, readings, flange, stated)
     back()
-    check_patched_program(arm, options.targets, made.content, found.readings)
+    check_patched_program(arm, options.targets, made.content, found.readings, options.map)
     note = (
         f"Only the numbers of {made.count} positions were changed: moves, names, speeds, tools and comments are those "
         f"of {options.targets.name}."

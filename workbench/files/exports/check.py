@@ -150,11 +150,16 @@ def check_program(readings: np.ndarray, text: str, language: str) -> None:
 
 
 def check_patched_program(
-    arm: CalibratedArm, path: Path, content: bytes, readings: np.ndarray
+    arm: CalibratedArm,
+    path: Path,
+    content: bytes,
+    readings: np.ndarray,
+    mapping: Path | None = None,
 ) -> None:
     """RuntimeError where the patched program differs in more than numbers, or sends the flange elsewhere.
 
-    path: the program before; readings (n, 6) rad. Five decimals of the text are 0.3 um at 2 m.
+    path: the program before; readings (n, 6) rad; mapping: file that states tool and frame of the program. Five
+    decimals of the text are 0.3 um at 2 m.
     """
     from workbench.files.targets import read_programme
 
@@ -167,7 +172,7 @@ def check_patched_program(
             if half.suffix.lower() in (".src", ".dat") and half != path:
                 shutil.copyfile(half, copy.with_name(half.name))
         copy.write_bytes(content)
-        again = read_programme(copy, arm.robot)
+        again = read_programme(copy, arm.robot, mapping)
     wanted = _flanges(arm.robot, readings @ arm.robot.mixing.T)
     found = again.poses
     if found is None:

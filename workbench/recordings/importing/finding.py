@@ -57,6 +57,11 @@ def find_mapping(
 
     options: `ImportOptions`.
     """
+    if options.mapping.tool is not None or options.mapping.frame is not None:
+        raise InputError(
+            "--map: expected no [tool] and [frame], which state the frames of targets (compensate, stiffness, export), "
+            "found them; remove them. Poses of one tool are imported as they are."
+        )
     progress("reading the files")
     source, mapping = read_sources(paths, scratch), options.mapping
     warnings = tuple(source.warnings)
