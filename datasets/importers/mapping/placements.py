@@ -36,7 +36,7 @@ class Placement:
 
 
 def placement_from_keys(keys, where: str) -> Placement:
-    """The placement of a section of a mapping. Raises InputError for other keys and values."""
+    """The transform that a section of a mapping states. Raises InputError for other keys and values."""
     if not isinstance(keys, Keys) or not keys or set(keys) - set(_KEYS):
         raise complaint(where, f"the keys {' and '.join(_KEYS)}", repr(keys)[:60], "correct it")
     for name, value in keys.items():

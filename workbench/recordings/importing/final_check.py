@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from datasets.columns import joint_columns
+from datasets.duplicates import first_of_equal_rows
 from datasets.trust import accepted_by_option, naming_option
 from robot_model.chain import forward
 from robot_model.robot import Robot
@@ -38,7 +39,8 @@ def check_fit(
     if best is not None and best.is_good:
         said = _calculated_points(robot, recording, trust_data)
         far = _far_geometry(robot, recording, trust_data)
-        return (*said, *far, *_implausible_rows(robot, recording, lines))
+        rows = _implausible_rows(robot, recording, lines)
+        return (*said, *far, *rows, *_copied_rows(recording, lines))
     found = check_plausibility(robot, recording)
     sentence = found[0].sentence if found else _sentence(robot, best)
     if best is None and not found:
@@ -53,6 +55,22 @@ def _implausible_rows(robot: Robot, recording, lines: np.ndarray) -> tuple[str, 
     found = check_plausibility(robot, recording)
     return tuple(
         _with_lines(one, recording, lines) for one in found if one.cause not in (CAUSE, OTHER_ROBOT)
+    )
+
+
+def _copied_rows(recording, lines: np.ndarray) -> tuple[str, ...]:
+    """A sentence on rows that are exact copies of earlier ones, with the user's rows; () without any."""
+    first = first_of_equal_rows(recording)
+    copies = np.flatnonzero(first != np.arange(recording.n))
+    if not copies.size:
+        return ()
+    pairs = [f"{lines[row]} = {lines[first[row]]}" for row in copies[:_NAMED_ROWS]]
+    more = f" and {len(copies) - _NAMED_ROWS} more" if len(copies) > _NAMED_ROWS else ""
+    what = "1 row is an exact copy" if len(copies) == 1 else f"{len(copies)} rows are exact copies"
+    return (
+        f"{what} of an earlier row in joint readings and measured values (row {', '.join(pairs)}{more}). A copy is no "
+        "further measurement and is counted once by calibrate. Remove these rows, or export the measurements again "
+        "if they were repeated.",
     )
 
 
