@@ -10,6 +10,7 @@ from workbench.core.errors import InputError
 
 _YEAR_S = 365 * 86400.0
 _PREVIEWED = 4
+_FAR_WORSE = 20.0  # times the RMS of the best reading: further ones are counted only
 _SHOWN_FITS = 8
 
 
@@ -95,9 +96,18 @@ def show(console, answer: Mapping, result) -> None:
 
 
 def _fits(console, conventions: Sequence[Mapping]) -> None:
-    """The readings that fit best, and how many more were tested."""
-    fits = [[fit["name"], fit["rms_mm"], fit["rms_deg"]] for fit in conventions[:_SHOWN_FITS]]
-    tables.grid(console, "Fit before calibration", ["reading", "RMS mm", "RMS deg"], fits)
+    """The readings that fit best and the next one, and how many more were tested.
+
+    Degrees only where orientations were compared.
+    """
+    worst = _FAR_WORSE * conventions[0]["rms_mm"]
+    close = [fit for fit in conventions[2:_SHOWN_FITS] if fit["rms_mm"] <= worst]
+    shown = [*conventions[:2], *close]
+    keys = {"reading": "name", "RMS mm": "rms_mm", "RMS deg": "rms_deg"}
+    if all(fit["rms_deg"] is None for fit in shown):
+        del keys["RMS deg"]
+    fits = [[fit[key] for key in keys.values()] for fit in shown]
+    tables.grid(console, "Fit before calibration", list(keys), fits)
     if len(conventions) > len(fits):
         more = len(conventions) - len(fits)
         console.print(f"{more} other readings fit worse; --json lists all.", markup=False)
