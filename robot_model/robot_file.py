@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from robot_model.robot import PARALLEL, Robot, wrong
 from workbench.core.robot_file import (
@@ -62,6 +61,10 @@ def _pose(placement: Placement | None) -> np.ndarray:
     """(4, 4) of a section [base] or [flange], mm; the identity without one."""
     pose = np.eye(4)
     if placement is not None:
+        from scipy.spatial.transform import (
+            Rotation,
+        )  # a tenth of a second that few robot files need
+
         turn = Rotation.from_euler("xyz", placement.rpy_deg, degrees=True)
         pose[:3, :3], pose[:3, 3] = turn.as_matrix(), placement.xyz_mm
     return pose
