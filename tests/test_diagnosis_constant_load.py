@@ -5,8 +5,11 @@ import pytest
 from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded
 from workbench.core.model import STATE_PORTS
+from workbench.diagnosis.levels import MISSING
 from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.search.constant_load import _gain, _solved_with
 from workbench.diagnosis.search.select import find
+from workbench.diagnosis.search.state import Search
 
 COMPLIANCES = {"joint-2": 4e-6, "joint-3": 9e-6, "joint-4": 5e-5}
 LOAD = (12.0, 900.0, -700.0, 1500.0)  # kg, kg mm in the flange frame
@@ -35,6 +38,30 @@ def test_a_load_that_acts_all_the_time_is_found_with_the_compliances_that_it_def
     assert not [
         name for f in findings for e in f.effects for name in e.options
     ]  # None is no option
+
+
+@pytest.mark.slow
+def test_the_gain_of_a_load_depends_neither_on_repeats_nor_on_the_unit_of_length():
+    """The numbers that repeats are worth are the same for both solutions, and so is the unit that their densities have."""
+    gains = [_gain_of_load(scale) for scale in (1.0, 5.0)]
+    assert min(gains) > 20
+    assert gains[0] == pytest.approx(gains[1], rel=0.2)
+
+
+def _gain_of_load(scale: float) -> float:
+    """Log posterior that a load adds to its compliances in poses measured four times, at some scale of all lengths."""
+    effects = [CATALOGUE["joint-compliance"](where) for where in COMPLIANCES]
+    values = [*(scale * value for value in COMPLIANCES.values()), *LOAD]
+    effects = [*effects, CATALOGUE["payload"]("tool")]
+    made = recorded(5, effects, values, repeats=4, sigma=0.02 * scale)
+    search = Search(bench_of(made), None, MISSING, lambda line: None)
+    search.solve()
+    table = {h.where: h for h in search.whole_table(()) if h.effect == "joint-compliance"}
+    laws = [h for where, h in table.items() if where in COMPLIANCES and not h.label]
+    search.accepted = tuple(laws)
+    search.solve()
+    (load,) = [one for one in search.bench.constant_loads if one.effect.effect == "payload"]
+    return _gain(search, _solved_with(search, laws, load))
 
 
 @pytest.mark.slow

@@ -21,10 +21,18 @@ from workbench.diagnosis.search.select import find
 SIGMA = 0.02
 
 
-def recorded(seed: int, effects=(), values=(), n: int = 220, more=None) -> Recording:
-    """External points of an arm with wrong lengths, effects and noise."""
+def recorded(
+    seed: int,
+    effects=(),
+    values=(),
+    n: int = 220,
+    more=None,
+    repeats: int = 1,
+    sigma: float = SIGMA,
+) -> Recording:
+    """External points of an arm with wrong lengths, effects and noise; n samples, of n / repeats poses."""
     rng = np.random.default_rng(seed)
-    joints = rng.uniform(-1.4, 1.4, (n, 6))
+    joints = rng.uniform(-1.4, 1.4, (n // repeats, 6)).repeat(repeats, 0)
     columns = {f"q{k}_deg": np.rad2deg(q) for k, q in enumerate(joints.T, 1)}
     columns |= {
         "time_s": 20.0 * np.arange(n),
@@ -32,7 +40,7 @@ def recorded(seed: int, effects=(), values=(), n: int = 220, more=None) -> Recor
         **(more or {}),
     }
     recording = Recording(
-        "external-point", columns, elastic_arm.robot(), sigma_mm=SIGMA, name="made"
+        "external-point", columns, elastic_arm.robot(), sigma_mm=sigma, name="made"
     )
     start = np.array([300.0, -200.0, 100.0, 0.1, -0.2, 0.3, 40.0, -30.0, 90.0])
     chain = bind(load_robot(elastic_arm.robot(), "made"), recording, start)
@@ -44,7 +52,7 @@ def recorded(seed: int, effects=(), values=(), n: int = 220, more=None) -> Recor
     return replace(
         recording,
         columns=columns
-        | chain.measurement.columns(residual + rng.normal(0, SIGMA, residual.shape)),
+        | chain.measurement.columns(residual + rng.normal(0, sigma, residual.shape)),
     )
 
 

@@ -91,7 +91,6 @@ def test_the_noise_of_a_sensor_is_compared_with_what_a_diagnosis_leaves(source):
         unit="px",
         views=None,
         verdict="unexplained",
-        terms=(),
         as_json=lambda: {"held_out": held_out},
     )
     verdict = check_diagnosis(made, None).verdict

@@ -65,7 +65,7 @@ class Payload(Effect):
 
     def table(self, chain):
         mass = max(0.05 * float(chain.robot.mass.sum()), _LOAD_KG)
-        most = max(_MOST_SHARE * float(chain.robot.mass.sum()), _LOAD_KG)
+        most = max(_MOST_SHARE * float(chain.robot.mass.sum()), 3 * _LOAD_KG)
         label, suffix = "the load", ""
         if self.after is not None:
             instant = instant_format(chain.state).format(self.after)

@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.errors import InputError
-from workbench.diagnosis.levels import MISSING, MOVES
+from workbench.diagnosis.levels import MISSING, MOVES, ON_DATA
 from workbench.diagnosis.linear.problem import Alternative, Bench, Finding, Found
 from workbench.diagnosis.noise.random_effects import find_random_effect, unrecorded
 from workbench.diagnosis.robot.bench import RobotBench, bench_of
@@ -202,10 +202,22 @@ def _visible(bench: Bench, found: Found) -> tuple:
 def _verdict(last: "Final", terms, refused, proved) -> str:
     """The word of the contract for what was proved; last: residuals of the final model."""
     bench, found = last.bench, last.found
-    compared = last.stated_noise()
-    above = compared is not None and compared.is_exceeded()
-    left = _is_much_left(bench, found, terms, proved, above)
+    left = _is_much_left(bench, found, terms, proved, _is_above_noise(last, terms))
     return verdict_of(terms, found.p_first, left, is_placed=_is_placed(bench, found, refused))
+
+
+def _is_above_noise(last: "Final", terms) -> bool:
+    """Whether the residual of the final model is significantly above the noise.
+
+    That of replicates where there are enough of them, else the stated one, unless a finding says that it is wrong.
+    """
+    compared = last.stated_noise()
+    if compared is None:
+        lack = last.lack()
+        return lack is not None and lack["after"]["p_value"] < ON_DATA
+    if any(term.finding.effect == stated_noise.EFFECT for term in terms):
+        return compared.lack_of_fit() < ON_DATA
+    return compared.is_exceeded()
 
 
 def _for_sensor(bench, recording, proved, terms, usual):

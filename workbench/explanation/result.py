@@ -152,8 +152,8 @@ def verdict_of(
 ) -> str:
     """The word of the contract.
 
-    `unexplained` where a kept term has no name, where nothing was kept though structure is there, or where more is
-    `left` than the terms explain away; `ambiguous` where a kept term is less than certain and has alternatives.
+    `unexplained` where a kept term has no name, where nothing was kept though structure is there, or where much is
+    `left`, see `much_left`; `ambiguous` where a kept term is less than certain and has alternatives.
     A wrong statement of the noise explains no structure. is_placed: whether structure that nothing explains holds a
     share of the residual at some place, or a refused term is significant; without either there is nothing to explain.
     """
@@ -172,10 +172,10 @@ def verdict_of(
 def much_left(
     proof: Proof, p_remainder: float, is_above: bool = False, level: float = 0.01
 ) -> bool:
-    """Whether structure is left, and the remainder is above the noise.
+    """Whether structure is left, and the remainder is above the noise or more than a third of what there was.
 
-    is_above: whether the residual of the final model is significantly above the noise. Where no noise is known, or the
-    residual is not, more than a third of what was above the noise in the held-out error counts.
+    is_above: whether the residual of the final model is significantly above the noise. Where it is not, or no noise is
+    known, more than a third of what was above the noise in the held-out error counts.
     """
     if p_remainder >= level:
         return False

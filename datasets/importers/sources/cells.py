@@ -18,6 +18,8 @@ _LABELLED = re.compile(
     r"([A-Za-z]\w*)(?:(?:\s*=\s*|:\s+)([-+.\d]\S*)|\s*[=:]\s*([A-Za-z]{0,4}[\[({].*))"
 )
 """Without a space behind it, a colon may be part of a name, as in A:1."""
+_NUMBERED = re.compile(r"\s*([A-Za-z_]+\d+)\s*[:=]\s*(?=[A-Za-z]{0,4}[\[({])")
+"""A name with a number in front of a list in brackets, as in "P17: {": it names the row, not the column."""
 _COUNTED = re.compile(r"([+-]?\d+):")
 _KEPT = "\ue000"
 """Stands for a separator inside brackets while a line is divided; no text has this character of private use."""
@@ -47,6 +49,9 @@ def labels_of(line: str, separator: str) -> list[str]:
 
 def _divided(line: str, separator: str) -> list[str]:
     text = _lists_kept(line.strip("\r\n"), separator)
+    numbered = _NUMBERED.match(text)
+    if numbered:
+        text = f"{numbered[1]}{separator}{text[numbered.end() :]}"
     return [cell.replace(_KEPT, separator) for cell in _at(text, separator)]
 
 

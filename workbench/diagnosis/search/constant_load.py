@@ -19,6 +19,7 @@ from workbench.diagnosis.levels import MISSING, ROUNDING, WORTHWHILE
 from workbench.diagnosis.linear.evidence import Projected, log_null
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Candidate, Problem
+from workbench.diagnosis.search.compatible import compatible
 from workbench.diagnosis.search.likeliest import as_solved, order_by_gain, say_terms
 from workbench.diagnosis.search.objective import LogPosterior, Members
 from workbench.diagnosis.search.prior import DEFLECTS
@@ -27,61 +28,81 @@ from workbench.diagnosis.search.stepwise import Stepwise
 
 _ROUNDS = 6  # of laws and load in turn, from each start
 _STEPS = 20  # of the load of one set of laws
-_PRIOR = 10.0  # standard deviation of a load in its typical sizes: any that an arm carries
+_PRIOR = 10.0  # standard deviation of a load in its typical sizes, which leaves it to the data
 _CLOSE = 1e-3  # typical sizes of a load that are worth no other step
 
 
 def accept_constant_loads(search: Search) -> None:
-    """Accept each constant load that, with compliances of its own, is clearly likelier than what is accepted."""
-    if not search.accepted:
+    """Accept each constant load that, with compliances of its own, is clearly likelier than what is accepted.
+
+    Not next to a random effect, by which two solutions are whitened differently, nor where the baseline holds
+    compliances: a load is then found among the other effects that act through them.
+    """
+    if search.random_effect is not None or any(e.carries_load for e in search.bench.baseline):
         return
-    held = {(h.effect, h.where) for h in search.accepted if h.needs_compliance}
     for load in search.bench.constant_loads:
         name = (load.effect.effect, load.effect.where)
-        if name in held or (*name, load.label) in search.impossible:
+        held = {h.key for h in search.accepted if h.needs_compliance}
+        if not search.accepted or name in held:
             continue
         laws = _Laws.of(search, load.effect)
         likeliest = laws.likeliest() if laws is not None else None
         if likeliest is None:
             continue
         trial = _solved_with(search, likeliest, load)
-        if trial is not None and _log_posterior(trial) > _log_posterior(search) + WORTHWHILE:
+        if trial is not None and _gain(search, trial) > WORTHWHILE:
             search.accepted = trial.accepted
+            search.impossible = trial.impossible
             say_terms(search, search.accepted)
             search.solve()
             order_by_gain(search)
 
 
 def _solved_with(search: Search, laws: Sequence[Hypothesis], load) -> Search | None:
-    """A search that has accepted the laws and the load; None where they do not act together or its mass is negative."""
+    """A search that has accepted the laws and the load, next to other accepted loads; None where its mass is negative.
+
+    Next to the compliances that were accepted before, the mass may have been impossible.
+    """
     # an accepted function without a law is solved with its effect, which its row in a table does not have
     accepted = {name_of(h): h for h in search.accepted}
     held = tuple(accepted.get(name_of(h), h) for h in laws)
-    trial = Search(search.bench, search.samples, search.level, lambda line: None, held)
-    trial.random_effect, trial.spread = search.random_effect, search.spread
-    trial.impossible = set(search.impossible)
-    trial.solve()
     name = (load.effect.effect, load.effect.where, load.label)
+    trial = Search(search.bench, search.samples, search.level, lambda line: None, held)
+    trial.spread, trial.impossible = search.spread, search.impossible - {name}
+    trial.solve()
     own = [h for h in trial.whole_table(trial.everyone) if name_of(h) == name]
     if not own:
         return None
-    trial.accepted = (*trial.accepted, own[0])
+    loads = [h for h in search.accepted if h.needs_compliance and compatible(h, own[0])]
+    trial.accepted = (*trial.accepted, *loads, own[0])
     trial.solve_possible()
     return trial if any(name_of(h) == name for h in trial.accepted) else None
 
 
-def _log_posterior(search: Search) -> float:
+def _gain(search: Search, trial: Search) -> float:
+    """By how much the log posterior of what the trial has accepted exceeds that of the search.
+
+    Repeats of a pose count for as many independent numbers as the remainder says; the same for both solutions, once by
+    the remainder of each, of which the smaller gain counts.
+    """
+    remainders = [Projected(one.problem.conditional_on()).y for one in (search, trial)]
+    gains = [_log_posterior(trial, one) - _log_posterior(search, one) for one in remainders]
+    return min(gains)
+
+
+def _log_posterior(search: Search, remainder: np.ndarray) -> float:
     """Log posterior of what is accepted, which is comparable with that about another solution.
 
-    Each solution widens the sigmas to what it leaves, so that these belong to the density of the samples.
+    Each solution widens the sigmas, and weights the samples, by what it leaves, so that both belong to the density.
     """
     problem = search.problem.conditional_on(())
     terms = [h.at(problem) for h in search.accepted]
-    remainder = Projected(search.problem.conditional_on()).y
+    if None in terms:  # a load without a compliance
+        return -np.inf
     solved = as_solved(search, terms)
     objective = LogPosterior.of(problem, terms, remainder, solved)
     value = objective.value(tuple(range(len(terms)))) + log_null(objective)
-    return value - objective.degrees * float(np.log(search.problem.sigma).mean())
+    return value - objective.degrees * float(np.log(problem.units).mean())
 
 
 @dataclass(frozen=True)
@@ -89,8 +110,8 @@ class _Laws:
     """Terms in a problem that keeps none of them, and what a load of C parameters makes of their columns.
 
     `columns` (N, T) of all terms and `changes` (C, N, T) by each parameter of the load, in typical sizes, the baseline
-    projected out; `start` (K + 1,) of each term; `y` (N,) what all together explain, `remainder` (N,) what is left with
-    those accepted; `variance` of a whitened coordinate; `first`: sets to start from.
+    projected out; `start` (K + 1,) of each term; `y` (N,) the residual without any of them, `remainder` (N,) with those
+    accepted; `variance` of a whitened coordinate; `first`: sets to start from.
     """
 
     problem: Problem
@@ -136,7 +157,7 @@ class _Laws:
         )
 
     def likeliest(self) -> list[Hypothesis] | None:
-        """The likeliest terms next to a load, without it; None where they are hardly likelier than without any load."""
+        """The likeliest terms next to a load, which is not among them; None where a load makes them hardly likelier."""
         starts = [members for members in dict.fromkeys(self.first) if self._needs_load(members)]
         if not starts:
             return None
@@ -151,7 +172,8 @@ class _Laws:
         """Whether a load is significant next to a set of laws, by the likelihood ratio."""
         none = np.zeros(len(self.changes))
         squares = [self._left(members, load) for load in (none, self._load(members, none))]
-        ratio = self.problem.degrees * np.log(squares[0] / squares[1])
+        free = Projected(self.problem, self.remainder).degrees - len(self._index(members))
+        ratio = max(free, 1.0) * np.log(squares[0] / max(squares[1], 1e-300))
         return float(chi2.sf(ratio, len(none))) < MISSING
 
     def _left(self, members: Members, load: np.ndarray) -> float:

@@ -20,6 +20,7 @@ from workbench.explanation.noise.replicates import LEAST_REPEATS, replicates
 EFFECT, WHERE = "stated-noise", "noise"
 RELEVANT = 1.25
 """Ratio of standard deviations from which on a wrong statement matters: noise is seldom known better."""
+_EXCESS = 1.1  # from which on a residual is above the noise, which is hardly ever known to a tenth
 _QUANTILES = (0.5, 0.9)
 FROM_REPLICATES, FROM_RESIDUALS = "from replicates", "from residuals"
 
@@ -95,7 +96,7 @@ class StatedNoise:
         if self.from_replicates() is not None:
             return self.lack_of_fit() < ON_DATA
         found = self.from_residuals()
-        return found is not None and found.agreed > 1 and found.p_value < ON_DATA
+        return found is not None and found.agreed > _EXCESS and found.p_value < ON_DATA
 
 
 def _ratio(

@@ -57,8 +57,6 @@ def check_diagnosis(made, recording, tolerances: Sequence[Tolerance] = ()) -> Di
     noise = noise_of(made, recording, held_out) if unit == "mm" and made.views is not None else None
     above = None if noise is None else noise.is_above
     expected = _expected(noise, held_out, unit)
-    if any(term.finding.effect == _STATED_NOISE for term in made.terms):
-        above, expected = None, Noise(held_out[f"noise_{unit}"], held_out["noise_from"])
     error = Residual(held_out[f"after_{unit}"], unit, "held-out RMS error", is_significant=above)
     return DiagnosisCheck(judge(error, expected, tolerances, _advice(made, noise)), noise)
 
