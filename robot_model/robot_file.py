@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from robot_model.robot import PARALLEL, Robot, wrong
+from workbench.core.rigid import placement
 from workbench.core.robot_file import (
     Joint,
     Payload,
@@ -57,17 +58,11 @@ def _robot(file: RobotFile) -> Robot:
     )
 
 
-def _pose(placement: Placement | None) -> np.ndarray:
+def _pose(section: Placement | None) -> np.ndarray:
     """(4, 4) of a section [base] or [flange], mm; the identity without one."""
-    pose = np.eye(4)
-    if placement is not None:
-        from scipy.spatial.transform import (
-            Rotation,
-        )  # a tenth of a second that few robot files need
-
-        turn = Rotation.from_euler("xyz", placement.rpy_deg, degrees=True)
-        pose[:3, :3], pose[:3, 3] = turn.as_matrix(), placement.xyz_mm
-    return pose
+    if section is None:
+        return np.eye(4)
+    return placement(section.xyz_mm, section.rpy_deg)
 
 
 def _hayati(file: RobotFile, alpha: np.ndarray) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Rotations and rigid transforms as arrays: one, or many at a time."""
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -103,6 +104,13 @@ def transform(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
     made = np.zeros((*np.shape(translation)[:-1], 4, 4))
     made[..., :3, :3], made[..., :3, 3], made[..., 3, 3] = rotation, translation, 1
     return made
+
+
+def placement(xyz: Sequence[float], rpy_deg: Sequence[float]) -> np.ndarray:
+    """(4, 4) from a translation (3,) and roll, pitch and yaw (3,), deg, about the fixed axes x, y and z, as in URDF."""
+    from scipy.spatial.transform import Rotation  # takes a tenth of a second that few files need
+
+    return transform(Rotation.from_euler("xyz", rpy_deg, degrees=True).as_matrix(), xyz)
 
 
 def inverse(matrix: np.ndarray) -> np.ndarray:

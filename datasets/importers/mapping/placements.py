@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from datasets.errors import complaint
+from workbench.core.rigid import placement
 
 _KEYS = ("xyz_mm", "rpy_deg")
 
@@ -25,10 +25,7 @@ class Placement:
     @property
     def matrix(self) -> np.ndarray:
         """(4, 4), mm."""
-        pose = np.eye(4)
-        pose[:3, :3] = Rotation.from_euler("xyz", self.rpy_deg, degrees=True).as_matrix()
-        pose[:3, 3] = self.xyz_mm
-        return pose
+        return placement(self.xyz_mm, self.rpy_deg)
 
     def as_keys(self) -> dict:
         """Plain keys for TOML."""

@@ -139,8 +139,10 @@ class _Laws:
         changes = [_change(problem, h, load, sizes, part.shape) for h, part in zip(terms, parts)]
         every = np.concatenate(changes, 2)
         held = tuple(range(len(terms) - len(table)))
-        found = {h.key for h in search.accepted}
         numbers = range(len(held), len(terms))
+        found = {h.key for h in search.accepted}
+        joints = tuple(k for k in numbers if terms[k].where.startswith("joint-"))
+        present = tuple(k for k in numbers if terms[k].key in found)
         return cls(
             problem,
             terms,
@@ -150,10 +152,7 @@ class _Laws:
             Projected(problem).y,
             Projected(search.problem.conditional_on()).y,
             search.variance(),
-            (
-                (*held, *(k for k in numbers if terms[k].where.startswith("joint-"))),
-                (*held, *(k for k in numbers if terms[k].key in found)),
-            ),
+            (held + joints, held + present),
         )
 
     def likeliest(self) -> list[Hypothesis] | None:
