@@ -344,3 +344,30 @@ def test_real_images_follow_a_smooth_line_on_black_and_white(real):
         rest = y - np.polyval(np.polyfit(x - x.mean(), y, 3), x - x.mean())
         assert len(found) > 0.5 * region.any(0).sum()
         assert np.sqrt(np.mean(rest**2)) < 0.2 and np.abs(rest).max() < 1.0
+
+
+def test_a_line_in_few_images_is_found_where_ambient_light_shows_a_wide_surface_in_all():
+    """Of a sweep over few light planes most images hold only the surface: its width is not the line's."""
+    frames, rows = 16, np.arange(HEIGHT)
+    is_seen = np.abs(rows - 330) < 42
+    lit = np.broadcast_to(_shaded_balls(rows), (frames, HEIGHT, WIDTH)).copy()
+    truth = np.broadcast_to(185 + 20 * np.cos((rows - 330) / 40), (frames, HEIGHT))
+    shown = np.arange(5, 8)
+    line = light(truth[shown], np.where(is_seen, 120.0, 0.0), width=1.0)
+    lit[shown] += line
+    found = find_stripes(images(lit, noise=0.8, ground=4.0))
+    on_line = np.isin(found.frame, shown) & (np.abs(errors(found, truth)) < 1)
+    assert on_line.sum() > 0.9 * len(shown) * is_seen.sum()
+    assert (~on_line).sum() < 0.02 * on_line.sum()
+    assert 0.7 < rms(errors(found, truth)[on_line] / found.sigma[on_line]) < 1.3
+
+
+def _shaded_balls(rows):
+    """(H, W) grey values of two balls of 45 px radius in weak light from above."""
+    made = np.zeros((len(rows), WIDTH))
+    for row, column in ((115, 110), (330, 200)):
+        down, right = (rows[:, None] - row) / 45, (np.arange(WIDTH) - column) / 45
+        inward = 1 - down**2 - right**2
+        shade = np.clip(0.8 * np.sqrt(np.maximum(inward, 0)) - 0.4 * down, 0, 1)
+        made += np.where(inward > 0, 1 + 14 * shade, 0.0)
+    return made

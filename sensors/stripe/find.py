@@ -190,7 +190,7 @@ def _gauss_parts(task: Task):
     ]
     apart = max(1, sum(len(fits.row) for _, fits, *_ in parts) // SOME)
     some = _joined([fits.take(slice(None, None, apart)) for _, fits, *_ in parts])
-    misfit, scale = usual_misfit(some), noise_scale(some, setting)
+    misfit, scale = usual_misfit(some, setting), noise_scale(some, setting)
     noise, made = replace(setting.noise, read=setting.noise.read * scale), []
     for first, fits, count, pull, rows in parts:
         fits.sigma = fits.sigma * scale

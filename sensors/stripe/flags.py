@@ -190,9 +190,9 @@ def flags(
     return made.astype(np.uint8)
 
 
-def usual_misfit(fits: Fits) -> float:
+def usual_misfit(fits: Fits, setting: Setting) -> float:
     """How far real profiles are from a Gaussian, as the excess of chi-square over strength^2: the median."""
-    strong = fits.strength > STRONG
+    strong = (fits.strength > STRONG) & _plausible(fits, setting)
     excess = np.maximum(fits.misfit[strong] - 1, 0) / fits.strength[strong] ** 2
     return float(np.median(excess)) if strong.any() else 0.0
 
@@ -202,7 +202,7 @@ def noise_scale(fits: Fits, setting: Setting) -> float:
 
     Read noise alone: with photon noise the tabulated weights are too coarse to tell.
     """
-    clean = (fits.strength > STRONG) & ~fits.cut & ~fits.saturated
+    clean = (fits.strength > STRONG) & ~fits.cut & ~fits.saturated & _plausible(fits, setting)
     if setting.noise.gain > 0 or clean.sum() < 100:
         return 1.0
     left = fits.misfit[clean]

@@ -22,6 +22,9 @@ _SCALES = (0.8, 2.0, 5.0)
 _SURE = 7.0
 """Sigma of a filtered row above which its largest value is no noise: 1e-12 a place."""
 
+_ALIKE = 0.8
+"""ln: widths that differ from the line's by more belong to something else, and say nothing of the noise next to it."""
+
 
 @dataclass(frozen=True)
 class Search:
@@ -47,6 +50,14 @@ class Search:
             found.image if self.width is None else None,
         )
 
+    def at_width(self, width: float, image: np.ndarray, found: Brightest) -> "Search":
+        """The same for a line of `width` px, where another filter suits it better; `image` and `found` of a sample."""
+        suited = min(_SCALES, key=lambda scale: abs(np.log(scale / width)))
+        if self.width is None or suited == self.width:
+            return self
+        calm = without_hot(image[_bright_rows(found)]).astype(np.float32)
+        return Search(suited, pixel_noise_of(lines_enhanced(calm, suited)))
+
 
 def first_look(rows: Rows, image: np.ndarray, saturation: float) -> tuple[Setting, Search]:
     """What holds for the stack that `rows` are a sample of; `image` is where the line is searched."""
@@ -60,9 +71,11 @@ def first_look(rows: Rows, image: np.ndarray, saturation: float) -> tuple[Settin
         if len(fits.row) < 20:
             return setting, search
         before, setting = setting, _learned(rows, fits, setting, _finest(rows.pixels))
+        last, search = search, search.at_width(setting.width, image, found)
         if (
             abs(np.log(setting.width / before.width)) < 0.5
             and setting.noise.gain == before.noise.gain
+            and search is last
         ):
             break
     return setting, search
@@ -87,7 +100,7 @@ def _finest(image) -> float:
 
 def _search(image, found: Brightest, noise: float) -> tuple[float, Search]:
     """Width and way of searching: filtered only where the brightest pixels often miss what the filter finds."""
-    rows = np.sort(np.argsort(found.value.astype(float))[-128:])
+    rows = _bright_rows(found)
     part, best = image[rows], None
     calm = without_hot(part).astype(np.float32)
     seen = without_spikes(
@@ -107,6 +120,11 @@ def _search(image, found: Brightest, noise: float) -> tuple[float, Search]:
     return width, Search(None, 0.0) if plain else Search(width, rough)
 
 
+def _bright_rows(found: Brightest) -> np.ndarray:
+    """(m,) rows of the largest pixels."""
+    return np.sort(np.argsort(found.value.astype(float))[-128:])
+
+
 def pixel_noise_of(made: np.ndarray) -> float:
     """1 sigma of filtered rows (n, width), from their middle half: most of a row is not line."""
     low, high = np.percentile(made[::7, ::11].ravel(), [25, 75])
@@ -115,7 +133,8 @@ def pixel_noise_of(made: np.ndarray) -> float:
 
 def _learned(rows: Rows, fits: Fits, setting: Setting, least: float) -> Setting:
     """Typical width and noise from what was fitted; the noise of pixels alone where too little was."""
-    clean = fits.take(~fits.saturated)
+    width = typical_width(fits)
+    clean = fits.take(~fits.saturated & (np.abs(np.log(fits.width / width)) < _ALIKE))
     odd = 1 + 4.5 * np.sqrt(2 / (2 * bank(int(width_bin(np.log(setting.width))), 0).half - 3))
     clean = clean.take(clean.misfit < odd * np.median(clean.misfit)) if len(clean.row) else clean
     clean = clean.take(slice(None, None, max(1, len(clean.row) // 1000)))
@@ -124,7 +143,22 @@ def _learned(rows: Rows, fits: Fits, setting: Setting, least: float) -> Setting:
         for k in np.unique(width_bin(np.log(clean.width)))
     ]
     noise = fitted_noise(*np.concatenate(pairs, 1), least) if pairs else None
-    return Setting(noise or setting.noise, float(np.median(fits.width)), setting.saturation)
+    return Setting(noise or setting.noise, width, setting.saturation)
+
+
+def typical_width(fits: Fits) -> float:
+    """px, median of the fits' widths, each counted with 1 / sigma of its centre.
+
+    Where few images of a stack show the line, most rows hold at best a surface in other light, far wider and placed far
+    worse, which must not stand for the line.
+    """
+    weight = 1 / fits.sigma.astype(float)
+    weight[~np.isfinite(weight)] = 0
+    if not weight.any():
+        return float(np.median(fits.width))
+    order = np.argsort(fits.width)
+    share = np.cumsum(weight[order])
+    return float(fits.width[order][np.searchsorted(share, share[-1] / 2)])
 
 
 def residuals(rows: Rows, fits: Fits, table) -> np.ndarray:
