@@ -16,11 +16,13 @@ from datasets.columns import (
     QUATERNION,
 )
 from datasets.importers.mapping.model import FORMAT, JOINS, PLACEMENTS, QUANTITIES
+from datasets.importers.mapping.placements import Controller
 from datasets.importers.mapping.rotations import CONVENTIONS
 from datasets.importers.mapping.spherical import CONVENTIONS as SPHERICAL_CONVENTIONS
 from datasets.importers.units import ANGLES
 from datasets.importers.units import LENGTHS as LENGTH_UNITS
 from datasets.keys import RECORDING, SECTIONS, Key
+from workbench.core.sections import Placement
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -67,7 +69,8 @@ def mapping_schema() -> dict:
         **dict.fromkeys(QUANTITIES, group),
         "joints": _with_counts(group),
         "columns": {"type": "object", "additionalProperties": text},
-        **dict.fromkeys(PLACEMENTS, _placement()),
+        **dict.fromkeys(PLACEMENTS, _placements()),
+        "controller": Controller.model_json_schema(),
         "board": _table(SECTIONS["board"]),
     }
     return _root("mapping of an import, format import/1", properties, []) | {
@@ -82,14 +85,14 @@ def _with_counts(group: dict) -> dict:
     return group | {"properties": group["properties"] | {"counts_per_deg": counts}}
 
 
-def _placement() -> dict:
-    """[tool] and [frame] of a mapping."""
-    three = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
+def _placements() -> dict:
+    """[tool] and [frame] of a mapping: one transform, or one for each number or name."""
+    one = Placement.model_json_schema()
     return {
         "type": "object",
-        "properties": {"xyz_mm": three, "rpy_deg": three},
+        "properties": one["properties"],
+        "additionalProperties": one,
         "minProperties": 1,
-        "additionalProperties": False,
     }
 
 

@@ -5,14 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from robot_model.robot import PARALLEL, Robot, wrong
-from workbench.core.rigid import placement
-from workbench.core.robot_file import (
-    Joint,
-    Payload,
-    Placement,
-    RobotFile,
-    checked_robot_file,
-)
+from workbench.core.robot_file import Joint, Payload, RobotFile, checked_robot_file
+from workbench.core.sections import Placement
 from workbench.core.text.structured_text import ContentError, read_toml
 
 
@@ -60,9 +54,7 @@ def _robot(file: RobotFile) -> Robot:
 
 def _pose(section: Placement | None) -> np.ndarray:
     """(4, 4) of a section [base] or [flange], mm; the identity without one."""
-    if section is None:
-        return np.eye(4)
-    return placement(section.xyz_mm, section.rpy_deg)
+    return np.eye(4) if section is None else section.matrix
 
 
 def _hayati(file: RobotFile, alpha: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from counted_robots import arm
 from robot_model import load_robot
 from robot_model.chain import forward
 from scenes import ABB
@@ -71,7 +72,7 @@ def test_a_mixed_program_is_corrected_in_place(tmp_path):
 def test_the_frames_of_a_data_file_are_those_of_its_program(tmp_path):
     pose = angles_of(nominal_poses(ROBOT, np.deg2rad(READINGS[1:2]))[0], "ZYX")
     keys = ",".join(f"{key} {value:.6f}" for key, value in zip("XYZABC", pose))
-    (tmp_path / "job.dat").write_text(f"DEFDAT job\nDECL E6POS XP1={{{keys},S 6,T 18}}\nENDDAT\n")
+    (tmp_path / "job.dat").write_text(f"DEFDAT job\nDECL E6POS XP1={{{keys},E1 0}}\nENDDAT\n")
     with pytest.raises(InputError, match="found those of a tool"):
         read_programme(tmp_path / "job.dat", ROBOT)
     (tmp_path / "job.src").write_text(
@@ -116,12 +117,14 @@ def test_a_fanuc_program_is_corrected_in_place(tmp_path):
     pose = nominal_poses(ROBOT, np.deg2rad(READINGS[1:2]))[0]
     blocks = [
         fanuc_block(1, fanuc_joints(READINGS[0])),
-        fanuc_block(2, fanuc_pose(pose, "N U T, 0, 0, 0")),
+        fanuc_block(2, fanuc_pose(pose, "F U T, 0, 0, 0")),
     ]
-    path = tmp_path / "job.ls"
+    path, mapping = tmp_path / "job.ls", tmp_path / "map.toml"
     path.write_bytes(fanuc_program(blocks).encode())
+    mapping.write_text('format = "import/1"\n[controller]\njoint_signs = [1, 1, -1, -1, -1, -1]\n')
     run = solution(tmp_path / "arm", changes=CHANGES)
-    made = export_arm(run, "fanuc", tmp_path / "out.ls", ArmOptions(targets=path))
+    options = ArmOptions(targets=path, map=mapping)
+    made = export_arm(run, "fanuc", tmp_path / "out.ls", options)
     (content,) = made.texts.values()
     assert re.sub(NUMBER, b"", content) == re.sub(NUMBER, b"", path.read_bytes())
     text = content.decode()
@@ -169,7 +172,9 @@ def test_the_configuration_of_fanuc_poses_is_read(tmp_path):
     poses = nominal_poses(FANUC, np.deg2rad(readings[chosen]))
     blocks = [fanuc_block(n, fanuc_pose(poses[n - 1], letters[k])) for n, k in enumerate(chosen, 1)]
     (tmp_path / "job.ls").write_text(fanuc_program(blocks))
-    programme, said = with_stated_configuration(read_programme(tmp_path / "job.ls", FANUC), FANUC)
+    programme, said = with_stated_configuration(
+        read_programme(tmp_path / "job.ls", FANUC), arm(FANUC)
+    )
     assert "chose their configuration" in said[0] and len(said) == 1
     assert [fanuc_letters(np.rad2deg(row)) for row in programme.readings] == [
         letters[k] for k in chosen

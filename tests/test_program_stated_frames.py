@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from datasets.importers.mapping.model import mapping_from_keys, read_mapping, write_mapping
-from datasets.importers.mapping.placements import Placement
 from datasets.importers.sources.program_frames import StatedFrames
 from datasets.importers.sources.program_patch import patched_program
 from datasets.importers.user_tables import frames_of, read_targets
@@ -13,11 +12,12 @@ from datasets.schemas import mapping_schema
 from robot_model import load_robot
 from robot_model.state import sliding
 from workbench.core.errors import InputError
+from workbench.core.sections import Placement
 
 SLIDING = sliding(load_robot("abb_irb120")).tolist()
-TOOL = Placement((12.0, -30.0, 145.0), (20.0, -35.0, 50.0))
-USER = Placement((700.0, 150.0, -90.0), (1.0, -2.0, 30.0))
-FLANGE = Placement((410.0, -120.0, 530.0), (170.0, 10.0, -60.0)).matrix
+TOOL = Placement(xyz_mm=[12.0, -30.0, 145.0], rpy_deg=[20.0, -35.0, 50.0])
+USER = Placement(xyz_mm=[700.0, 150.0, -90.0], rpy_deg=[1.0, -2.0, 30.0])
+FLANGE = Placement(xyz_mm=[410.0, -120.0, 530.0], rpy_deg=[170.0, 10.0, -60.0]).matrix
 SEEN = np.linalg.inv(USER.matrix) @ FLANGE @ TOOL.matrix
 """(4, 4) pose of the tool in the user frame, as the controller stores it."""
 
@@ -40,8 +40,15 @@ def krl(*lines) -> str:
     return "\n".join(["DEF p()", *lines, f"LIN {{{keys('KUKA', 'ZYX')}}}", "END"])
 
 
+def as_keys(placement):
+    """The section of one placement, or of several by number."""
+    if isinstance(placement, dict):
+        return {number: one.model_dump() for number, one in placement.items()}
+    return placement.model_dump()
+
+
 def mapping(**placements):
-    made = {name: one.as_keys() for name, one in placements.items()}
+    made = {name: as_keys(one) for name, one in placements.items()}
     return mapping_from_keys({"format": "import/1", **made}, "map.toml")
 
 
@@ -99,7 +106,7 @@ def test_a_patched_program_holds_poses_of_the_stated_tool(tmp_path):
     path.write_text(fanuc())
     moved = FLANGE.copy()
     moved[:3, 3] += USER.matrix[:3, :3] @ [1.0, 0.0, 0.0]
-    stated = StatedFrames(TOOL.matrix, USER.matrix)
+    stated = StatedFrames({"": TOOL.matrix}, {"": USER.matrix})
     made = patched_program(path, "FANUC", np.zeros((1, 6)), moved[None], stated)
     path.write_bytes(made.content)
     (table,) = read_targets(path, SLIDING, mapping(tool=TOOL, frame=USER))
@@ -111,8 +118,32 @@ def test_a_mapping_file_keeps_its_frames(tmp_path):
     stated = mapping(tool=TOOL, frame=USER)
     write_mapping(stated, tmp_path / "map.toml")
     again = read_mapping(tmp_path / "map.toml")
-    np.testing.assert_array_equal(frames_of(again).tool, TOOL.matrix)
+    np.testing.assert_array_equal(frames_of(again).tools[""], TOOL.matrix)
     assert {"tool", "frame"} <= set(mapping_schema()["properties"])
+
+
+def test_each_position_of_fanuc_has_the_tool_of_its_number(tmp_path):
+    other = Placement(xyz_mm=[0.0, 50.0, 210.0], rpy_deg=[0.0, 90.0, 0.0])
+    seen = np.linalg.inv(USER.matrix) @ FLANGE @ other.matrix
+    path = tmp_path / "job.ls"
+    path.write_text(fanuc() + fanuc(tool=4, pose=seen).replace("P[1]", "P[2]"))
+    stated = mapping(tool={"2": TOOL, "4": other}, frame=USER)
+    (table,) = read_targets(path, SLIDING, stated)
+    place = np.stack([table.columns[axis] for axis in ("x_mm", "y_mm", "z_mm")], 1)
+    np.testing.assert_allclose(place, np.tile(FLANGE[:3, 3], (2, 1)), atol=1e-4)
+    write_mapping(stated, tmp_path / "map.toml")
+    assert read_mapping(tmp_path / "map.toml") == stated
+    with pytest.raises(InputError, match="UT : 4"):
+        read_targets(path, SLIDING, mapping(tool={"2": TOOL}, frame=USER))
+
+
+def test_a_number_of_kuka_is_that_of_its_tool_data(tmp_path):
+    path = tmp_path / "p.src"
+    path.write_text(krl(*KRL))
+    (table,) = read_targets(path, SLIDING, mapping(tool={"5": TOOL}, frame={"1": USER}))
+    np.testing.assert_allclose(table.columns["x_mm"], FLANGE[0, 3], atol=1e-4)
+    with pytest.raises(InputError, match=r"TOOL_DATA\[5\] without a value"):
+        read_targets(path, SLIDING, mapping(tool={"6": TOOL}, frame=USER))
 
 
 @pytest.mark.parametrize(

@@ -1,89 +1,123 @@
-"""Configuration data of KUKA and ABB programs choose the joint readings that a pose takes."""
+"""Configuration data of KUKA, ABB and FANUC programs choose the joint readings that a pose takes."""
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
+from counted_robots import FILES, arm, counted, drawn, program, sides_of
+from datasets.importers.mapping.model import mapping_from_keys, write_mapping
 from robot_model import load_robot
-from robot_model.configuration import configuration_signs
-from scenes import ABB
+from robot_model.controller_conventions import parts_like_controller
+from workbench.core.errors import InputError
 from workbench.files.targets import doubts, read_programme
-from workbench.jobs.robot.compensate import nominal_poses
 from workbench.jobs.robot.stated_configuration import with_stated_configuration
 
-ROBOT = load_robot(ABB)
-# axis 3 of the IRB 120 stretches the arm near -77 deg (forearm offset 70 mm, length 302 mm)
-STRETCHED = -np.rad2deg(np.arctan2(302, 70))
+MAKERS = ["KUKA", "ABB", "FANUC"]
+SIGNS, ZEROS = (1, 1, -1, 1, -1, -1), (0.0, 90.0, -90.0, 0.0, 0.0, 180.0)
+"""Readings of a robot file of its own: signs * (those of the controller) + zeros."""
 
 
-def drawn(n):
-    """(n, 6) deg within the joint limits, away from singular postures."""
-    rng = np.random.default_rng(5)
-    low, high = np.rad2deg(ROBOT.limits).T
-    found = rng.uniform(0.8 * low, 0.8 * high, (40 * n, 6))
-    found[:, 5] = rng.uniform(-170, 170, 40 * n)
-    clear = (np.abs(found) > 8).all(1) & (np.abs(found[:, 2] - STRETCHED) > 8)
-    regular = (configuration_signs(ROBOT, np.deg2rad(found)) != 0).all(1)
-    return found[clear & regular][:n]
+def written(maker, readings, folder):
+    path = folder / FILES[maker]
+    path.write_text(program(maker, readings))
+    return path
 
 
-def is_behind(readings):
-    """(n,) bool: wrist centre behind axis 1, from the place of the wrist in the frame that axis 1 rotates."""
-    signs = configuration_signs(ROBOT, np.deg2rad(readings))[:, 0]
-    ahead = configuration_signs(ROBOT, np.deg2rad([[0.0, 0, 0, 0, 30, 0]]))[0, 0]
-    return signs != ahead
+def own(readings):
+    return readings * SIGNS + ZEROS
 
 
-def kuka(readings, name="XP"):
-    poses = nominal_poses(ROBOT, np.deg2rad(readings))
-    lines = ["$TOOL=$NULLFRAME", "$BASE=$NULLFRAME"]
-    for k, (pose, q, behind) in enumerate(zip(poses, readings, is_behind(readings)), 1):
-        x, y, z = pose[:3, 3]
-        a, b, c = Rotation.from_matrix(pose[:3, :3]).as_euler("ZYX", degrees=True)
-        status = int(behind) + 2 * int(q[2] >= STRETCHED) + 4 * int(q[4] < 0)
-        turn = sum(1 << j for j in range(6) if q[j] < 0)
-        lines.append(
-            f"DECL E6POS {name}{k}={{X {x:.6f},Y {y:.6f},Z {z:.6f},A {a:.6f},B {b:.6f},C {c:.6f},"
-            f"S {status},T {turn}}}"
-        )
-    return "job.dat", "\n".join([*lines, ""])
+def same_turn(found, wanted):
+    """Largest difference in deg, whole revolutions aside."""
+    return np.abs((np.rad2deg(found) - wanted + 180) % 360 - 180).max()
 
 
-def abb(readings):
-    poses = nominal_poses(ROBOT, np.deg2rad(readings))
-    lines = ["MODULE job"]
-    for k, (pose, q, behind) in enumerate(zip(poses, readings, is_behind(readings)), 1):
-        place = ",".join(f"{v:.6f}" for v in pose[:3, 3])
-        turn = Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)
-        cf = [int(np.floor(q[j] / 90)) for j in (0, 3, 5)]
-        cfx = 4 * int(behind) + 2 * int(q[2] < STRETCHED) + int(q[4] < 0)
-        lines += [
-            f"CONST robtarget p{k}:=[[{place}],[{','.join(f'{v:.9f}' for v in turn)}],"
-            f"[{cf[0]},{cf[1]},{cf[2]},{cfx}],[9E9,9E9,9E9,9E9,9E9,9E9]];",
-            f"MoveL p{k}, v100, fine, tool0;",
-        ]
-    return "job.mod", "\n".join([*lines, "ENDMODULE", ""])
+def one_side(maker, n, sides=(False, True, False)):
+    """(n, 6) deg: readings of the controller in one configuration."""
+    found = drawn(maker, 400)
+    return found[(sides_of(maker, found) == sides).all(1)][:n]
 
 
-@pytest.mark.parametrize("maker", [kuka, abb])
+@pytest.mark.parametrize("maker", MAKERS)
 def test_the_readings_are_those_that_the_program_was_taught_with(maker, tmp_path):
-    taught = drawn(12)
-    name, text = maker(taught)
-    (tmp_path / name).write_text(text)
-    programme = read_programme(tmp_path / name, ROBOT)
-    made, (sentence,) = with_stated_configuration(programme, ROBOT)
+    taught, robot = drawn(maker, 12), counted(maker)
+    assert len(np.unique(sides_of(maker, taught), axis=0)) >= 3
+    programme = read_programme(written(maker, taught, tmp_path), robot)
+    made, (sentence,) = with_stated_configuration(programme, arm(robot))
     np.testing.assert_allclose(np.rad2deg(made.readings), taught, atol=1e-2)
-    assert "12 of 12 positions" in sentence and not made.anywhere and not doubts(made, ROBOT)
+    assert "12 of 12 positions" in sentence and not made.anywhere and not doubts(made, robot)
 
 
 def test_data_that_no_readings_fulfil_are_named(tmp_path):
-    name, text = kuka(drawn(3))
-    lines = text.split("\n")
-    # axis 1 on the other side of the arm, and the rest as it was
+    path = written("KUKA", drawn("KUKA", 3), tmp_path)
+    lines = path.read_text().split("\n")
+    # axes 1 and 4 on the other side, and the rest as it was
     turn = int(lines[3].split("T ")[1].rstrip("}"))
     lines[3] = lines[3].replace(f"T {turn}}}", f"T {turn ^ 0b001001}}}")
-    (tmp_path / name).write_text("\n".join(lines))
-    programme = read_programme(tmp_path / name, ROBOT)
-    made, said = with_stated_configuration(programme, ROBOT)
+    path.write_text("\n".join(lines))
+    robot = counted("KUKA")
+    made, said = with_stated_configuration(read_programme(path, robot), arm(robot))
     assert made.anywhere and "2 of 3 positions" in said[0]
     assert "reach position 2: another configuration is taken" in said[1]
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+def test_builtin_robots_count_like_their_controllers(maker):
+    assert parts_like_controller(counted(maker), maker) == (True, True)
+    others = [other for other in MAKERS if other != maker]
+    assert not any(all(parts_like_controller(counted(other), maker)) for other in others)
+    assert not all(parts_like_controller(load_robot("staubli_tx60"), maker))
+    assert parts_like_controller(counted(maker, (1, 1, 1, 1, -1, 1)), maker) == (True, False)
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+def test_a_recording_in_one_configuration_tells_what_the_data_mean(maker, tmp_path):
+    robot, taught = counted(maker, SIGNS, ZEROS), one_side(maker, 20)
+    programme = read_programme(written(maker, taught[:8], tmp_path), robot)
+    made, said = with_stated_configuration(programme, arm(robot, own(taught[8:])))
+    assert same_turn(made.readings, own(taught[:8])) < 1e-2
+    assert not made.anywhere and f"than a controller of {maker}" in said[1]
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+def test_data_that_may_mean_several_configurations_are_asked_for(maker, tmp_path):
+    robot, taught = counted(maker, SIGNS, ZEROS), one_side(maker, 8)
+    programme = read_programme(written(maker, taught, tmp_path), robot)
+    for recorded, words in (
+        (own(drawn(maker, 60)), "of their possible meanings fit"),
+        (None, "none"),
+    ):
+        with pytest.raises(InputError, match=rf"{words}.*\[controller\].*--start"):
+            with_stated_configuration(programme, arm(robot, recorded))
+
+
+def test_a_wrist_that_counts_otherwise_leaves_the_arm_known(tmp_path):
+    """The recording has both shoulders, which the data of this robot still tell apart."""
+    signs = (1, 1, 1, 1, -1, 1)
+    robot, every = counted("FANUC", signs), drawn("FANUC", 400)
+    taught = every[~sides_of("FANUC", every)[:, 2]]
+    assert len(np.unique(sides_of("FANUC", taught[:8]), axis=0)) >= 2
+    programme = read_programme(written("FANUC", taught[:8], tmp_path), robot)
+    made, said = with_stated_configuration(programme, arm(robot, taught[8:60] * signs))
+    assert same_turn(made.readings, taught[:8] * signs) < 1e-2 and len(said) == 2
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+def test_a_mapping_states_how_the_controller_counts(maker, tmp_path):
+    robot, taught = counted(maker, SIGNS, ZEROS), drawn(maker, 12)
+    zeros = [float(-sign * zero) for sign, zero in zip(SIGNS, ZEROS)]
+    controller = {"joint_signs": list(SIGNS), "joint_zeros_deg": zeros}
+    mapping = mapping_from_keys({"format": "import/1", "controller": controller}, "map.toml")
+    write_mapping(mapping, tmp_path / "map.toml")
+    path = written(maker, taught, tmp_path)
+    programme = read_programme(path, robot, tmp_path / "map.toml")
+    made, said = with_stated_configuration(programme, arm(robot))
+    np.testing.assert_allclose(np.rad2deg(made.readings), own(taught), atol=1e-2)
+    assert "12 of 12 positions" in said[0] and len(said) == 1
+
+
+@pytest.mark.parametrize(
+    "keys", [{}, {"joint_signs": [1, 1, 1]}, {"joint_signs": [2] * 6}, {"signs": [1] * 6}, 3]
+)
+def test_a_section_that_cannot_be_is_refused(keys):
+    with pytest.raises(InputError, match=r"map.toml, \[controller\].*expected.*found"):
+        mapping_from_keys({"format": "import/1", "controller": keys}, "map.toml")

@@ -128,12 +128,11 @@ def _one_table(path: Path) -> RawTable:
 
 
 def frames_of(mapping: Mapping | None) -> StatedFrames:
-    """What a mapping states of tool and frame of the positions of a program."""
-    placements = [
-        None if mapping is None else mapping.tool,
-        None if mapping is None else mapping.frame,
-    ]
-    return StatedFrames(*(one if one is None else one.matrix for one in placements))
+    """What a mapping states of tools and frames of the positions of a program."""
+    if mapping is None:
+        return NOTHING_STATED
+    stated = (mapping.tool, mapping.frame)
+    return StatedFrames(*({} if one is None else one.matrices for one in stated))
 
 
 def _tables(path: Path, stated: StatedFrames = NOTHING_STATED) -> list[RawTable]:
@@ -145,7 +144,7 @@ def _tables(path: Path, stated: StatedFrames = NOTHING_STATED) -> list[RawTable]
         shown = [f"{table.file} with {', '.join(list(table.columns)[:4])}, ..." for table in tables]
         found = " and ".join(shown) or "none"
         raise complaint(str(path), "one table", found, "name a file with one table")
-    if any(one is not None for one in (stated.tool, stated.frame)):
+    if stated.tools or stated.frames:
         if not all(NAME_OF_POSITION in table.columns for table in tables):
             expected = "[tool] and [frame] of a mapping for a robot program"
             raise complaint(str(path), expected, "a table", "remove them from the mapping")

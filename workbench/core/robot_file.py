@@ -4,28 +4,14 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    StringConstraints,
-    ValidationError,
-    model_validator,
-)
+from pydantic import Field, StringConstraints, ValidationError, model_validator
 
 from workbench.core.errors import InputError, complaint
+from workbench.core.sections import Finite, Placement, Section, Vector
 from workbench.core.text.key_names import closest_key
 
-Finite = Annotated[float, Field(allow_inf_nan=False, gt=-1e12, lt=1e12)]
 Text = Annotated[str, StringConstraints(min_length=1)]
-Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 Range = Annotated[list[Finite], Field(min_length=2, max_length=2)]
-
-
-class Section(BaseModel):
-    """A table of the file: no unknown key, no conversion of types."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
 
 
 class Coupled(Section):
@@ -70,13 +56,6 @@ class Joint(Section):
         """[low, high] rad or mm, nan where the file states none."""
         found = self.limits_mm if self.kind == "prismatic" else self.limits_deg
         return [np.nan, np.nan] if found is None else [limit * self.unit for limit in found]
-
-
-class Placement(Section):
-    """`[base]`, `[flange]`: a fixed transform; roll, pitch and yaw are about fixed x, y and z."""
-
-    xyz_mm: Vector = Field(default_factory=lambda: [0.0, 0.0, 0.0])
-    rpy_deg: Vector = Field(default_factory=lambda: [0.0, 0.0, 0.0])
 
 
 class RobotFile(Section):

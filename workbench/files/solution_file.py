@@ -9,6 +9,7 @@ import numpy as np
 
 from datasets.columns import BOOKKEEPING, MEASURED, OTHER, joint_columns
 from robot_model import load_robot
+from robot_model.configuration import configuration_signs, has_configurations
 from robot_model.effects import CATALOGUE
 from robot_model.robot import Robot
 from workbench.core.effect import Effect, make_effects
@@ -40,6 +41,8 @@ class CalibratedArm:
     `fitted_samples` (k, 2): first and last number of each run of samples that were fitted; None where an older version
     wrote the file. `rows`: number of rows of the recording; the row is the clock where no time was recorded.
     `recorded_samples` (k, 2): runs of the numbers of all samples in the order of these rows, or None like the others.
+    `configurations` (k, 3): signs of the recorded configurations (`robot_model.configuration`), or None like the others
+    and for arms that have no such signs.
     """
 
     robot: Robot
@@ -58,6 +61,7 @@ class CalibratedArm:
     fitted_samples: np.ndarray | None = None
     rows: int = 0
     recorded_samples: np.ndarray | None = None
+    configurations: np.ndarray | None = None
 
     @property
     def acting_effects(self) -> tuple[Effect, ...]:
@@ -114,7 +118,16 @@ def solution_keys(calibration, noise=None) -> dict:
         "fitted_samples": _fitted_samples(calibration),
         "rows": int(recording.n),
         "recorded_samples": _runs(recording.sample_ids),
+        "configurations": _recorded_configurations(recording, calibration.model.chain.robot),
     }
+
+
+def _recorded_configurations(recording, robot: Robot) -> list[list[int]] | None:
+    """The configurations of the samples that are not singular, each once; None for arms without such signs."""
+    if not has_configurations(robot):
+        return None
+    signs = configuration_signs(robot, recording.joints)
+    return np.unique(signs[(signs != 0).all(1)], axis=0).tolist()
 
 
 def _fitted_samples(calibration) -> list[list[int]]:
@@ -199,6 +212,7 @@ def read_solution(path: Path) -> CalibratedArm:
             _runs_of_samples(keys.get("fitted_samples")),
             int(keys.get("rows") or 0),
             _runs_of_samples(keys.get("recorded_samples")),
+            _configurations(keys.get("configurations")),
         )
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
         if isinstance(problem, InputError):
@@ -216,6 +230,11 @@ def _runs_of_samples(rows) -> np.ndarray | None:
     if rows is None:
         return None
     return np.array(rows, float).reshape(len(rows), 2)
+
+
+def _configurations(rows) -> np.ndarray | None:
+    """(k, 3) of the key configurations. Raises ValueError or TypeError for another shape."""
+    return None if rows is None else np.array(rows, int).reshape(len(rows), 3)
 
 
 def _considered(path: Path, keys: Mapping) -> Considered | None:

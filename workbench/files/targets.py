@@ -1,7 +1,7 @@
 """Robot programmes as tables: targets of `workbench compensate` read, and corrected ones written as CSV."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from datasets.columns import POINT, QUATERNION, joint_columns
 from datasets.errors import complaint
 from datasets.formats.table import Table
 from datasets.importers.mapping.model import read_mapping
+from datasets.importers.mapping.placements import Controller
 from datasets.importers.sources.robot_programs import CONFIGURATION
 from datasets.importers.user_tables import read_targets
 from robot_model.chain import forward
@@ -28,6 +29,7 @@ class Programme:
     """n targets: `readings` (n, R) rad, mm; `poses` (n, 4, 4) T_root_flange mm, None where joints are the target;
     `anywhere`: poses alone, so that any posture will do; `is_configured`: stated configurations chose `readings`.
     `is_joint` (n,) bool: targets of a robot program that are joint readings, where others are poses; None elsewhere.
+    `controller`: how the controller of the program counts the joints, where a mapping states it.
     """
 
     table: Table
@@ -37,6 +39,7 @@ class Programme:
     anywhere: bool = False
     is_configured: bool = False
     is_joint: np.ndarray | None = None
+    controller: Controller | None = None
 
 
 def read_programme(path: Path, robot: Robot, mapping: Path | None = None) -> Programme:
@@ -52,7 +55,8 @@ def read_programme(path: Path, robot: Robot, mapping: Path | None = None) -> Pro
     stated = None if mapping is None else read_mapping(mapping)
     tables = read_targets(path, sliding(robot).tolist(), stated)
     parts = [_programme(path, table, robot) for table in tables]
-    return parts[0] if len(parts) == 1 else _joined(*parts, robot)
+    made = parts[0] if len(parts) == 1 else _joined(*parts, robot)
+    return made if stated is None else replace(made, controller=stated.controller)
 
 
 def _programme(path: Path, table: Table, robot: Robot) -> Programme:

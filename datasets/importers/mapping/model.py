@@ -32,14 +32,17 @@ from datasets.columns import KINDS
 from datasets.errors import complaint
 from datasets.importers.mapping import spherical
 from datasets.importers.mapping.column_units import OPEN, ColumnUnits
-from datasets.importers.mapping.placements import Placement, placement_from_keys
+from datasets.importers.mapping.placements import Controller, Placements, placements_from_keys
 from datasets.importers.mapping.rotations import CONVENTIONS, SIZES
 from datasets.importers.units import ANGLES, LENGTHS
+from workbench.core.sections import checked_section
 from workbench.core.text.structured_text import ContentError, read_toml
 
 FORMAT = "import/1"
 QUANTITIES = ("joints", "point", "rotation", "axis", "flange_point", "flange_rotation", "time")
 PLACEMENTS = ("tool", "frame")
+OF_PROGRAMS = (*PLACEMENTS, "controller")
+"""Sections on robot programs, which tables of measurements do not have."""
 JOINS = ("index", "key", "time", "append")
 
 
@@ -74,7 +77,8 @@ class Join:
 class Mapping:
     """The complete mapping; quantities that a source does not hold are None.
 
-    `tool`, `frame`: T_flange_tool and T_root_frame of the positions of a program.
+    `tool`, `frame`: T_flange_tool and T_root_frame of the positions of a program; `controller`: how its controller
+    counts the joints.
     """
 
     measures: str | None = None
@@ -89,8 +93,9 @@ class Mapping:
     time: Group | None = None
     columns: Keys[str, str] = field(default_factory=dict)
     board: Keys | None = None
-    tool: Placement | None = None
-    frame: Placement | None = None
+    tool: Placements | None = None
+    frame: Placements | None = None
+    controller: Controller | None = None
 
     def updated(self, quantity: str, **changes) -> "Mapping":
         """The mapping with other fields of one quantity."""
@@ -119,6 +124,8 @@ class Mapping:
         for name in PLACEMENTS:
             if getattr(self, name) is not None:
                 keys[name] = getattr(self, name).as_keys()
+        if self.controller is not None:
+            keys["controller"] = self.controller.model_dump()
         if self.columns:
             keys["columns"] = dict(self.columns)
         if self.board:
@@ -184,7 +191,7 @@ def _relative_to(mapping_file: Path, robot: str | None) -> str | None:
 
 def mapping_from_keys(keys: Keys, called: str) -> Mapping:
     """The mapping of the keys of a file that errors name `called`. Raises InputError."""
-    known = {"format", "measures", "robot", "join", "columns", "board", *QUANTITIES, *PLACEMENTS}
+    known = {"format", "measures", "robot", "join", "columns", "board", *QUANTITIES, *OF_PROGRAMS}
     for name in keys:
         if name not in known:
             raise complaint(
@@ -202,10 +209,12 @@ def mapping_from_keys(keys: Keys, called: str) -> Mapping:
         )
     groups = {name: _group(keys[name], name, called) for name in QUANTITIES if name in keys}
     frames = {
-        name: placement_from_keys(keys[name], f"{called}, [{name}]")
+        name: placements_from_keys(keys[name], f"{called}, [{name}]")
         for name in PLACEMENTS
         if name in keys
     }
+    where = f"{called}, [controller]"
+    stated = keys.get("controller")
     columns = keys.get("columns", {})
     if not isinstance(columns, Keys) or not all(isinstance(v, str) for v in columns.values()):
         raise complaint(
@@ -220,6 +229,7 @@ def mapping_from_keys(keys: Keys, called: str) -> Mapping:
         join=_join(keys.get("join", {}), called),
         columns=dict(columns),
         board=keys.get("board"),
+        controller=None if stated is None else checked_section(Controller, stated, where),
         **groups,
         **frames,
     )

@@ -1,46 +1,56 @@
-"""Tool and frame of the positions of a robot program, as a mapping states them: [tool] and [frame].
+"""What a mapping states of a robot program that only its controller knows: [tool], [frame] and [controller].
 
-The controller keeps them (FANUC UT : 1, KUKA TOOL_DATA[3]); the program holds their numbers only.
+[tool], [frame]: one transform for all positions, or one for each number or name, as in [tool.3].
 """
 
 from collections.abc import Mapping as Keys
 from dataclasses import dataclass
-from math import isfinite
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from datasets.errors import complaint
-from workbench.core.rigid import placement
+from workbench.core.sections import Finite, Placement, Section, checked_section
 
-_KEYS = ("xyz_mm", "rpy_deg")
+ALL = ""
+"""Key of the transform that holds for all positions of a program."""
 
 
 @dataclass(frozen=True)
-class Placement:
-    """A fixed transform: translation in mm; roll, pitch and yaw about fixed x, y and z in degrees."""
+class Placements:
+    """Transforms by the number or name of the tool or frame; `ALL`: of all positions."""
 
-    xyz_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    by_name: Keys[str, Placement]
 
     @property
-    def matrix(self) -> np.ndarray:
-        """(4, 4), mm."""
-        return placement(self.xyz_mm, self.rpy_deg)
+    def matrices(self) -> dict[str, np.ndarray]:
+        """(4, 4) mm by number or name."""
+        return {name: one.matrix for name, one in self.by_name.items()}
 
     def as_keys(self) -> dict:
         """Plain keys for TOML."""
-        return {"xyz_mm": list(self.xyz_mm), "rpy_deg": list(self.rpy_deg)}
+        keys = {name: one.model_dump() for name, one in self.by_name.items()}
+        return {**keys.pop(ALL, {}), **keys}
 
 
-def placement_from_keys(keys, where: str) -> Placement:
-    """The transform that a section of a mapping states. Raises InputError for other keys and values."""
-    if not isinstance(keys, Keys) or not keys or set(keys) - set(_KEYS):
-        raise complaint(where, f"the keys {' and '.join(_KEYS)}", repr(keys)[:60], "correct it")
-    for name, value in keys.items():
-        if not isinstance(value, list) or len(value) != 3 or not all(map(_is_number, value)):
-            raise complaint(f"{where}, key {name}", "three numbers", repr(value)[:60], "correct it")
-    return Placement(**{name: tuple(map(float, value)) for name, value in keys.items()})
+class Controller(Section):
+    """[controller]: reading of the controller = sign * reading of the robot file + zero, joint by joint."""
+
+    joint_signs: Annotated[list[Literal[-1, 1]], Field(min_length=6, max_length=6)]
+    joint_zeros_deg: Annotated[list[Finite], Field(min_length=6, max_length=6)] = Field(
+        default_factory=lambda: [0.0] * 6
+    )
 
 
-def _is_number(value) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+def placements_from_keys(keys: object, where: str) -> Placements:
+    """The transforms of [tool] or [frame]. Raises InputError for other keys and values."""
+    if not isinstance(keys, Keys) or not keys:
+        names = " and ".join(Placement.model_fields)
+        raise complaint(where, f"the keys {names}", repr(keys)[:60], "correct it")
+    numbered = {str(name): one for name, one in keys.items() if isinstance(one, Keys)}
+    of_all = {name: one for name, one in keys.items() if not isinstance(one, Keys)}
+    found = {ALL: checked_section(Placement, of_all, where)} if of_all else {}
+    for name, one in numbered.items():
+        found[name] = checked_section(Placement, one, f"{where.rstrip(']')}.{name}]")
+    return Placements(found)

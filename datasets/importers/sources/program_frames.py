@@ -7,14 +7,15 @@ the root frame of the robot follows from both: T_root_flange = T_root_frame T_fr
 |---|---|---|
 | ABB | last argument of the move instructions: tool0, or a tooldata of the file | WObj: wobj0, or a wobjdata |
 | KUKA | $TOOL, TOOL_NO, BAS(#TOOL, n): a frame, $NULLFRAME, 0, or TOOL_DATA[n] of the file | $BASE and BASE_NO |
-| FANUC | UT : 0 | UF : 0 |
+| FANUC | UT : 0 | UF : 0, position by position |
 
 What only the controller knows (UT : 1, TOOL_DATA[3] without a value) the user may state (`StatedFrames`).
 The world frame of the controller counts as the root frame of the robot.
 """
 
 import re
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -35,6 +36,12 @@ _KUKA_NUMBER = re.compile(
     r"\b(TOOL|BASE)_NO\s+(-?\d+)|\bBAS\s*\(\s*#(TOOL|BASE)\s*,\s*(\w+)\s*\)", re.IGNORECASE
 )
 _KUKA_KEY = re.compile(rf"\b([XYZABC])\s+({_NUMBER})", re.IGNORECASE)
+FANUC_POSITION = re.compile(
+    r"P\[(\d{1,9})(?:\s{0,9}:\s{0,9}\"([^\"\n]{0,80})\")?\]\s{0,9}\{([^{};]{1,4000})\}\s*;"
+)
+"""Number, comment and content of a position of a FANUC program."""
+FANUC_OTHER_GROUPS = re.compile(r"\bGP[2-9]\s{0,9}:")
+"""Where the axes of a positioner or a second arm begin in a FANUC position."""
 _FANUC_FRAMES = re.compile(r"\b(UF|UT)\s*:\s*(\w+)")
 UNIT_LENGTH = 0.01  # by which the length of a stated quaternion may differ from 1
 
@@ -49,13 +56,19 @@ REMEDIES = {
 
 @dataclass(frozen=True)
 class StatedFrames:
-    """What the user states of tool and frame: T_flange_tool and T_root_frame (4, 4) mm, each None where not stated.
+    """What the user states of tools and frames: T_flange_tool and T_root_frame (4, 4) mm by number or name.
 
-    They hold for all positions, and take the place of what the file states or leaves to the controller.
+    They take the place of what the file states or leaves to the controller. Those under the name "" hold for all
+    positions.
     """
 
-    tool: np.ndarray | None = None
-    frame: np.ndarray | None = None
+    tools: Mapping[str, np.ndarray] = field(default_factory=dict)
+    frames: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+def _stated(known: Mapping[str, np.ndarray], name: str, used: Collection[str]):
+    """The (4, 4) of this number or name, else the one of all where the program uses no other; None: not stated."""
+    return known.get(name, known.get("") if len(used) == 1 else None)
 
 
 NOTHING_STATED = StatedFrames()
@@ -118,8 +131,10 @@ class _RapidFrames:
         if len(used) != 1:
             raise UnstatedFrame(f"{len(used)} tools and work objects in the moves to {name}")
         ((work_object, tool),) = used
-        frame = self._work_object(work_object) if self.given.frame is None else self.given.frame
-        return frame, self._tool(tool) if self.given.tool is None else self.given.tool
+        frame = _of_any_case(self.given.frames, work_object)
+        held = _of_any_case(self.given.tools, tool)
+        frame = self._work_object(work_object) if frame is None else frame
+        return frame, self._tool(tool) if held is None else held
 
     def _tool(self, name: str) -> np.ndarray:
         if name == "tool0":
@@ -148,6 +163,11 @@ class _RapidFrames:
         return values[0]
 
 
+def _of_any_case(known: Mapping[str, np.ndarray], name: str) -> np.ndarray | None:
+    """The stated transform of a name of RAPID, which has no case, or the one of all."""
+    return {key.lower(): one for key, one in known.items()}.get(name, known.get(""))
+
+
 def _flags(value: str) -> list[str]:
     return [word.upper() for word in re.findall(r"\b(TRUE|FALSE)\b", value, re.IGNORECASE)]
 
@@ -167,7 +187,7 @@ class _KukaFrames:
     """$BASE and $TOOL of a program: all statements of the file have to agree."""
 
     def __init__(self, text: str, given: StatedFrames):
-        self.given = {"BASE": given.frame, "TOOL": given.tool}
+        self.given = {"BASE": given.frames, "TOOL": given.tools}
         self.text = re.sub(r"(?m)^\s*;(?!FOLD).*$", "", text)
         self.data = {
             (kind.upper(), int(number)): value
@@ -184,11 +204,15 @@ class _KukaFrames:
         return self.frames
 
     def _only(self, kind: str) -> np.ndarray:
-        if self.given[kind] is not None:
+        if self.given[kind]:
             words = {value or word for value, word in self._stated(kind)} | self._numbers(kind)
             if len(words) > 1:
                 raise UnstatedFrame(f"several values of ${kind}")
-            return self.given[kind]
+            word = words.pop() if words else ""
+            number = re.sub(rf"(?i)^{kind}_DATA\[(\d+)\]$", r"\1", word)
+            given = _stated(self.given[kind], number, [number])
+            if given is not None:
+                return given
         found = [self._named(kind, word, value) for value, word in self._stated(kind)]
         found += [self._numbered(kind, number) for number in self._numbers(kind)]
         if not found:
@@ -237,24 +261,35 @@ def _kuka_pose(value: str, name: str) -> np.ndarray:
 
 
 class _FanucFrames:
-    """User frame and tool frame of FANUC positions; their values are not in the file."""
+    """User frame and tool frame of each FANUC position; their values are not in the file."""
 
     def __init__(self, text: str, given: StatedFrames):
-        self.given = {"UF": given.frame, "UT": given.tool}
-        self.stated = {(kind, number) for kind, number in _FANUC_FRAMES.findall(text)}
+        self.given = {"UF": given.frames, "UT": given.tools}
+        self.numbers: dict[str, set[tuple[str, str]]] = {}
+        for match in FANUC_POSITION.finditer(text):
+            name = match[2] or f"P[{match[1]}]"
+            content = FANUC_OTHER_GROUPS.split(match[3])[0]
+            self.numbers.setdefault(name, set()).update(_FANUC_FRAMES.findall(content))
+        every = set().union(*self.numbers.values())
+        self.used = {kind: {number for own, number in every if own == kind} for kind in self.given}
 
     def __call__(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """(T_root_frame, T_flange_tool): the identity for number 0, else what the user states."""
-        numbers = {kind: {n for own, n in self.stated if own == kind} for kind in self.given}
-        is_known = all(
-            found == {"0"} or (self.given[kind] is not None and len(found) == 1)
-            for kind, found in numbers.items()
-        )
-        if not is_known:
-            shown = ", ".join(f"{kind} : {number}" for kind, number in sorted(self.stated))
-            raise UnstatedFrame(shown or "no UF and UT")
-        frame, tool = (np.eye(4) if one is None else one for one in self.given.values())
-        return frame, tool
+        own = self.numbers.get(name, set())
+        found = []
+        for kind in self.given:
+            numbers = [number for key, number in own if key == kind]
+            matrix = self._matrix(kind, numbers[0]) if len(numbers) == 1 else None
+            if matrix is None:
+                shown = ", ".join(f"{key} : {number}" for key, number in sorted(own))
+                raise UnstatedFrame(shown or "no UF and UT")
+            found.append(matrix)
+        return found[0], found[1]
+
+    def _matrix(self, kind: str, number: str) -> np.ndarray | None:
+        """(4, 4); None where neither the number 0 nor the user states it."""
+        given = _stated(self.given[kind], number, self.used[kind])
+        return np.eye(4) if given is None and number == "0" else given
 
 
 _READERS = {"ABB": _RapidFrames, "KUKA": _KukaFrames, "FANUC": _FanucFrames}

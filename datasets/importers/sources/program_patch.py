@@ -9,9 +9,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from datasets.errors import complaint
-from datasets.importers.sources.program_frames import NOTHING_STATED, StatedFrames, tool_poses
-from datasets.importers.sources.robot_programs import (
+from datasets.importers.sources.program_frames import (
     FANUC_OTHER_GROUPS,
+    NOTHING_STATED,
+    StatedFrames,
+    tool_poses,
+)
+from datasets.importers.sources.robot_programs import (
     is_robot_program,
     program_text,
     read_robot_program,

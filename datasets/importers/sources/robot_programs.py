@@ -24,6 +24,8 @@ from scipy.spatial.transform import Rotation
 from datasets.errors import complaint
 from datasets.importers.source import RawTable
 from datasets.importers.sources.program_frames import (
+    FANUC_OTHER_GROUPS,
+    FANUC_POSITION,
     NOTHING_STATED,
     REMEDIES,
     UNIT_LENGTH,
@@ -44,11 +46,6 @@ _KUKA_INLINE = re.compile(
 )
 _KUKA_KEY = re.compile(rf"\b([A-Z]\d?)\s+({_NUMBER})", re.IGNORECASE)
 _ABB = re.compile(r"\b(robtarget|jointtarget)\s+(\w+)\s*:=\s*(\[[^;]{1,2000}\])\s*;", re.IGNORECASE)
-_FANUC = re.compile(
-    r"P\[(\d{1,9})(?:\s{0,9}:\s{0,9}\"([^\"\n]{0,80})\")?\]\s{0,9}\{([^{};]{1,4000})\}\s*;"
-)
-FANUC_OTHER_GROUPS = re.compile(r"\bGP[2-9]\s{0,9}:")
-"""Where the axes of a positioner or a second arm begin in a FANUC position."""
 _FANUC_KEY = re.compile(rf"\b([XYZWPR]|J\d)\s*=\s*({_NUMBER})")
 
 _FANUC_CONFIG = re.compile(r"CONFIG\s*:\s*'([^'\n]{1,80})'")
@@ -76,7 +73,7 @@ def is_robot_program(path: Path) -> bool:
     """Whether the text of a file holds positions of one of the three controllers."""
     text = _text(path, 200_000)
     is_kuka = _KUKA.search(text) or _KUKA_INLINE.search(text)
-    return bool(is_kuka or _ABB.search(text) or _FANUC.search(text))
+    return bool(is_kuka or _ABB.search(text) or FANUC_POSITION.search(text))
 
 
 def read_robot_program(path: Path, stated: StatedFrames = NOTHING_STATED) -> list[RawTable]:
@@ -129,8 +126,8 @@ def _pose_table(
     except UnstatedFrame as found:
         question = (
             f"{path.name}: expected poses of the flange, found those of a tool, whose tool and frame the file does not "
-            f"state ({found}); state it with [tool] and [frame] (xyz_mm, rpy_deg) in a mapping file for --map, "
-            f"{REMEDIES[maker]}."
+            f"state ({found}); state it with [tool] and [frame] (xyz_mm, rpy_deg; [tool.2] for one of several) in a "
+            f"mapping file for --map, {REMEDIES[maker]}."
         )
         warning = (
             f"{path.name}: the poses are those of the active tool, not of the flange ({found}). A hand-eye transform "
@@ -209,7 +206,7 @@ def _abb(text: str, path: Path) -> Iterator[_Position]:
 
 def _fanuc(text: str, path: Path) -> Iterator[_Position]:
     line_of = _line_counter(text)
-    for match in _FANUC.finditer(text):
+    for match in FANUC_POSITION.finditer(text):
         line = line_of(match.start())
         content = FANUC_OTHER_GROUPS.split(match[3])[0]
         keys = {key: float(value) for key, value in _FANUC_KEY.findall(content)}

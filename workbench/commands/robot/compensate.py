@@ -114,7 +114,7 @@ def command(
         limits = Limits(max_correction_mm, max_correction_deg, max_sigma_mm, max_joint_change_deg)
         whole = checked(read_solution(solution), solution, force, limits)
         arm = without_terms(whole, without or (), str(solution))
-        programme, configured = _programme(targets, arm.robot, map, start)
+        programme, configured = _programme(targets, arm, map, start)
         covariates = covariates_of(arm, programme)
         tick = paced(say, f"inverting the model at {len(programme.readings)} targets, step")
         found = compensate(
@@ -144,14 +144,14 @@ def command(
         raise typer.Exit(1)
 
 
-def _programme(targets: Path, robot, map, start):
+def _programme(targets: Path, arm, map, start):
     """The targets, and sentences on their configuration: that of --start, else the one that the program states."""
     from workbench.files.targets import read_programme
     from workbench.jobs.robot.configurations import with_start
     from workbench.jobs.robot.stated_configuration import with_stated_configuration
 
-    programme = with_start(read_programme(targets, robot, map), robot, start)
-    return with_stated_configuration(programme, robot) if start is None else (programme, [])
+    programme = with_start(read_programme(targets, arm.robot, map), arm.robot, start)
+    return with_stated_configuration(programme, arm) if start is None else (programme, [])
 
 
 def _forced(reasons: Mapping[int, list[str]]) -> list[str]:

@@ -203,7 +203,7 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
     from workbench.jobs.robot.stated_configuration import with_stated_configuration
 
     programme = read_programme(options.targets, arm.robot, options.map)
-    programme, configured = with_stated_configuration(programme, arm.robot)
+    programme, configured = with_stated_configuration(programme, arm)
     covariates = covariates_of(arm, programme)
     found = compensate(arm, programme.readings, programme.poses, covariates, programme.anywhere)
     refused = {} if options.force else judge_targets(arm, programme, found, Limits()).refused

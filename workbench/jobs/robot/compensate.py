@@ -25,6 +25,7 @@ from workbench.files.considered import with_considered
 from workbench.files.solution_file import CalibratedArm
 from workbench.jobs.robot.extrapolation import extrapolation_mm
 from workbench.jobs.robot.model_error import remaining_error_mm
+from workbench.jobs.robot.recorded_turns import nearest_turns, recorded_middle
 
 COVERAGE_FACTOR = 2
 """Expanded uncertainty over standard uncertainty (GUM, JCGM 100:2008, 6.2)."""
@@ -101,6 +102,8 @@ def compensate(
     task = Task.of(arm.robot, arm.values)
     if poses is not None:
         found = _nominal_readings(arm.robot, found, wanted, anywhere, task)
+        if anywhere:
+            found = nearest_turns(arm.robot, found, _turn_reference(arm, readings))
     position, rotation = pose_sizes(_deviation(_model(arm, found, wanted, covariates), arm, task))
     best, least = found, np.full(len(found), np.inf)
     for done in range(_STEPS):
@@ -330,6 +333,12 @@ def _nominal_readings(robot, start, wanted, anywhere, task):
             robot, rng.uniform(low, high, (len(rows), len(low))), wanted[rows], task
         )
     return found
+
+
+def _turn_reference(arm: CalibratedArm, start: np.ndarray) -> np.ndarray:
+    """(n, R) readings whose revolutions count: those to start from, or recorded ones where nobody states a start."""
+    is_stated = (start != np.nan_to_num(arm.robot.limits.mean(1))).any(1)
+    return np.where(is_stated[:, None], start, recorded_middle(arm))
 
 
 def search_readings(robot, start, wanted, task):

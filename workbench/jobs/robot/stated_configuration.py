@@ -1,72 +1,76 @@
 """Configuration data of a robot program choose which of the solutions of the inverse kinematics a pose takes.
 
-| maker | data | meaning |
-|---|---|---|
-| KUKA | T | bit k - 1 is 1 where axis k is negative |
-| KUKA | S | bit 0: wrist centre behind axis 1; bit 1: axis 3 beyond the stretched arm; bit 2: axis 5 negative |
-| ABB | cf1, cf4, cf6 | quadrant of axes 1, 4, 6: 0 from 0 to 90 deg, -1 from -90 to 0 deg |
-| ABB | cfx | sum of 4: wrist centre behind axis 1; 2: behind the lower arm; 1: axis 5 negative |
-| FANUC | F, N | axis 5 positive, negative |
-| FANUC | U, D | wrist centre before, behind the lower arm |
-| FANUC | T, B | wrist centre before, behind axis 1 |
-| FANUC | t1, t4, t6 | revolutions of axes 1, 4, 6: 0 from -180 to 180 deg, 1 from 180 to 540 deg |
-
-Sources: KUKA System Software, status and turn of a position; ABB RAPID reference, confdata; FANUC as measured on
-ROBOGUIDE, the simulation by the maker, for CrossArm (github.com, `convert/configuration.py`).
+The data count the joints as the controller does. Where the robot file counts them as the maker of the controller, or a
+mapping states how they differ ([controller]), they are read directly. Elsewhere each of the eight senses that the three
+sides of the data may have is compared with the configurations of the recording: one of them has to fit.
 """
 
-import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from robot_model.chain import forward
 from robot_model.configuration import configuration_signs, has_configurations
+from robot_model.controller_conventions import parts_like_controller
 from robot_model.robot import Robot
 from robot_model.task_priority import Task
+from workbench.core.errors import InputError
+from workbench.files.solution_file import CalibratedArm
 from workbench.files.targets import CONFIGURATION
 from workbench.jobs.robot.compensate import search_readings
+from workbench.jobs.robot.configuration_data import ConfigurationData, parse_configuration
+from workbench.jobs.robot.recorded_turns import nearest_turns, recorded_middle
 
-_KUKA = re.compile(r"(?:S (?P<status>\d+))?(?:, )?(?:T (?P<turn>\d+))?")
-_FANUC = re.compile(r"([FN]) ([UD]) ([TB]), (-?\d+), (-?\d+), (-?\d+)")
-_TRIES = 60
+_STARTS, _ROUNDS = 10, 6  # of the search at positions where the first start led elsewhere
 _ROUNDING_DEG = 0.01  # of a stored pose, next to the border between two signs
 _NAMED = 6
 _JOINTS = 6
 
 
 @dataclass(frozen=True)
-class _Stated:
-    """`low`, `high` (6,) deg of the joint readings; `is_beyond`: joint 3 beyond the stretched arm, None: not stated;
-    `is_behind`: wrist centre behind axis 1, None: not stated, or decided by the sign of joint 1."""
+class _Wanted:
+    """What the readings of m positions have to fulfil: between `low` and `high` (m, 6) deg, and `signs` (m, 3) of
+    their configuration, 0 where any will do."""
 
     low: np.ndarray
     high: np.ndarray
-    is_beyond: bool | None
-    is_behind: bool | None = None
+    signs: np.ndarray
+
+    def rows(self, chosen: np.ndarray) -> "_Wanted":
+        """Those of some positions."""
+        return _Wanted(self.low[chosen], self.high[chosen], self.signs[chosen])
 
 
-def with_stated_configuration(programme, robot: Robot) -> tuple:
+def with_stated_configuration(programme, arm: CalibratedArm) -> tuple:
     """The programme with readings in the stated configurations to start from, and sentences on them.
 
     programme: `workbench.files.targets.Programme`. It is returned as it is where it states no configuration of this
-    robot, a robot with six rotary joints.
+    robot, a robot with six rotary joints. Raises InputError where the data may mean several configurations.
     """
-    column = programme.table.columns.get(CONFIGURATION)
+    column, robot = programme.table.columns.get(CONFIGURATION), arm.robot
     if column is None or not programme.anywhere or not has_configurations(robot):
         return programme, []
-    stated = [_parsed(str(text)) for text in column]
+    stated = [parse_configuration(str(text)) for text in column]
     rows = np.array([k for k, one in enumerate(stated) if one is not None], int)
     if not rows.size:
         return programme, []
-    readings, is_found = _found(programme, robot, stated, rows)
-    made = replace(
-        programme,
-        readings=readings,
-        anywhere=not is_found.all() or len(rows) < _count_poses(programme),
-        is_configured=True,
-    )
-    return made, _sentences(column, rows, is_found)
+    data = [stated[k] for k in rows]
+    is_alike = parts_like_controller(robot, data[0].maker)
+    if programme.controller is not None or all(is_alike):
+        readings, is_found = _found(
+            programme.poses[rows], robot, _as_counted(data, programme, robot)
+        )
+        said = []
+    else:
+        readings, is_found = _as_recorded(programme, arm, data, rows, is_alike)
+        said = [_recorded_sentence(data[0].maker)]
+    starts = programme.readings.copy()
+    starts[rows[is_found]] = readings[is_found]
+    is_whole = is_found.all() and len(rows) == _count_poses(programme)
+    made = replace(programme, readings=starts, anywhere=not is_whole, is_configured=True)
+    return made, [*_sentences(column, rows, is_found), *said]
 
 
 def _count_poses(programme) -> int:
@@ -74,98 +78,121 @@ def _count_poses(programme) -> int:
     return len(programme.readings) if is_joint is None else int((~is_joint).sum())
 
 
-def _parsed(text: str) -> _Stated | None:
-    """The limits that configuration data set; None for data of another maker."""
-    kuka = _KUKA.fullmatch(text)
-    if text and kuka:
-        return _of_kuka(kuka["status"], kuka["turn"])
-    fanuc = _FANUC.fullmatch(text)
-    if fanuc:
-        return _of_fanuc(*fanuc.groups())
-    numbers = text.split(", ")
-    if len(numbers) == 4 and all(re.fullmatch(r"-?\d+", number) for number in numbers):
-        return _of_abb([int(number) for number in numbers])
-    return None
+def _as_counted(data: Sequence[ConfigurationData], programme, robot: Robot) -> _Wanted:
+    """What the data say of a robot whose readings are those of the controller, or differ as [controller] states."""
+    signs, zeros = np.ones(_JOINTS), np.zeros(_JOINTS)
+    if programme.controller is not None:
+        signs = np.array(programme.controller.joint_signs, float)
+        zeros = np.array(programme.controller.joint_zeros_deg)
+    ends = [(np.stack([one.low, one.high], 1) - zeros[:, None]) * signs[:, None] for one in data]
+    ends = np.sort(ends, axis=2)
+    sides = _signs_of_sides(robot, signs) * [one.sides for one in data]
+    sides[:, 2] = 0  # the limits of joint 5 say it
+    return _Wanted(ends[..., 0], ends[..., 1], sides)
 
 
-def _of_kuka(status: str | None, turn: str | None) -> _Stated:
-    low, high = np.full(_JOINTS, -np.inf), np.full(_JOINTS, np.inf)
-    if status is not None:
-        _set_sign(low, high, 4, bool(int(status) & 4))
-    if turn is not None:
-        for k in range(_JOINTS):
-            _set_sign(low, high, k, bool(int(turn) >> k & 1))
-    return _Stated(low, high, None if status is None else bool(int(status) & 2))
+def _signs_of_sides(robot: Robot, signs: np.ndarray) -> np.ndarray:
+    """(3,) signs of the configuration that belong to the sides of the data: behind axis 1, beyond the stretched arm,
+    axis 5 negative.
+
+    signs (6,): senses of the readings of the controller relative to those of the robot file.
+    """
+    axes = forward(robot, np.zeros((_JOINTS, 1))).z[:, :, 0]
+    growing = np.diag(robot.mixing) * signs
+    # the wrist in the direction in which growing readings of joint 2 lean the arm, seen from axis 1
+    behind = axes[0, 2] * growing[1]
+    return np.sign([behind, (axes[1] @ axes[2]) * growing[2], -growing[4]])
 
 
-def _of_abb(numbers: list[int]) -> _Stated:
-    low, high = np.full(_JOINTS, -np.inf), np.full(_JOINTS, np.inf)
-    for k, quadrant in zip((0, 3, 5), numbers):
-        low[k], high[k] = 90.0 * quadrant, 90.0 * (quadrant + 1)
-    _set_sign(low, high, 4, bool(numbers[3] & 1))
-    return _Stated(low, high, not numbers[3] & 2)
+def _as_recorded(
+    programme, arm: CalibratedArm, data, rows, is_alike: tuple[bool, bool]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Readings (m, 6) rad in configurations of the recording, by the one sense of the data that fits, and (m,) True.
+
+    is_alike: arm and wrist count like the controller, which fixes the senses of their sides. Raises InputError where
+    no sense or several fit.
+    """
+    recorded = arm.configurations
+    sides = np.array([one.sides for one in data]) * _signs_of_sides(arm.robot, np.ones(_JOINTS))
+    senses = [] if recorded is None else _senses(sides.any(0), is_alike)
+    fitting = [one for one in senses if _are_recorded(sides * one, recorded)]
+    free = np.full((len(rows), _JOINTS), np.inf)
+    readings, is_found = np.zeros((len(rows), _JOINTS)), np.zeros(len(rows), bool)
+    if len(fitting) == 1:
+        wanted = _Wanted(-free, free, sides * fitting[0])
+        readings, is_found = _found(programme.poses[rows], arm.robot, wanted)
+    if not is_found.all():
+        raise _ambiguous(programme, data[0].maker, rows[0], len(fitting))
+    return nearest_turns(arm.robot, readings, recorded_middle(arm)), is_found
 
 
-def _of_fanuc(flip: str, elbow: str, side: str, *revolutions: str) -> _Stated:
-    low, high = np.full(_JOINTS, -np.inf), np.full(_JOINTS, np.inf)
-    for k, count in zip((0, 3, 5), revolutions):
-        low[k], high[k] = 360.0 * int(count) - 180, 360.0 * int(count) + 180
-    _set_sign(low, high, 4, flip == "N")
-    return _Stated(low, high, elbow == "D", side == "B")
+def _senses(is_stated: np.ndarray, is_alike: tuple[bool, bool]) -> list[tuple[int, ...]]:
+    """The senses that the three sides may have: both of a stated side whose part counts unlike the controller."""
+    is_known = (is_alike[0], is_alike[0], is_alike[1])
+    both = [(1, -1) if one and not known else (1,) for one, known in zip(is_stated, is_known)]
+    return list(product(*both))
 
 
-def _set_sign(low: np.ndarray, high: np.ndarray, joint: int, is_negative: bool) -> None:
-    if is_negative:
-        high[joint] = 0.0
-    else:
-        low[joint] = 0.0
+def _are_recorded(signs: np.ndarray, recorded: np.ndarray) -> bool:
+    """Whether each configuration (m, 3), 0 for any, is one of the recorded ones (k, 3)."""
+    differs = (signs[:, None] * recorded[None] < 0).any(2)
+    return not differs.all(1).any()
 
 
-def _found(programme, robot: Robot, stated, rows) -> tuple[np.ndarray, np.ndarray]:
-    """Readings (n, 6) rad in the stated configurations, and (m,) bool: for which of the rows there are some."""
+def _ambiguous(programme, maker: str, row: int, count: int) -> InputError:
+    text = programme.table.columns[CONFIGURATION][row]
+    words = {
+        0: "none of their meanings fits",
+        1: "the only meaning of them that fits is not attainable in",
+    }
+    fitting = words.get(count, f"{count} of their possible meanings fit")
+    return InputError(
+        f"{programme.table.called}: expected configuration data ({text}, ...) of one meaning, found that the robot "
+        f"file counts the joints with other zeros or senses than a controller of {maker} and that {fitting} the "
+        "configurations of the recording; state [controller] joint_signs and joint_zeros_deg in a mapping file for "
+        "--map, or joint readings to start from (--start)."
+    )
+
+
+def _found(poses: np.ndarray, robot: Robot, wanted: _Wanted) -> tuple[np.ndarray, np.ndarray]:
+    """Readings (m, 6) rad as wanted at poses (m, 4, 4), and (m,) bool: where there are some."""
     rng, task = np.random.default_rng(0), Task.of(robot, {})
-    readings, is_found = programme.readings.copy(), np.zeros(len(rows), bool)
-    for _ in range(_TRIES):
-        left = np.flatnonzero(~is_found)
+    readings, is_found = np.zeros((len(poses), _JOINTS)), np.zeros(len(poses), bool)
+    for starts in (1, *[_STARTS] * _ROUNDS):
+        left = np.repeat(np.flatnonzero(~is_found), starts)
         if not left.size:
             break
-        starts = np.stack([_start(stated[rows[k]], robot, rng) for k in left])
-        found, good = search_readings(robot, starts, programme.poses[rows[left]], task)
-        good &= _matches(robot, found, [stated[rows[k]] for k in left])
-        readings[rows[left[good]]] = found[good]
+        found, good = search_readings(
+            robot, _starts(wanted.rows(left), robot, rng), poses[left], task
+        )
+        good &= _matches(robot, found, wanted.rows(left))
+        readings[left[good]] = found[good]
         is_found[left[good]] = True
     return readings, is_found
 
 
-def _start(stated: _Stated, robot: Robot, rng) -> np.ndarray:
-    """(6,) rad: random readings within the stated limits and those of the joints."""
+def _starts(wanted: _Wanted, robot: Robot, rng) -> np.ndarray:
+    """(m, 6) rad: random readings within the wanted limits and those of the joints."""
     limits = np.where(np.isnan(robot.limits), [-np.pi, np.pi], robot.limits)
-    low = np.maximum(np.deg2rad(stated.low), limits[:, 0])
-    high = np.minimum(np.deg2rad(stated.high), limits[:, 1])
+    low = np.maximum(np.deg2rad(wanted.low), limits[:, 0])
+    high = np.minimum(np.deg2rad(wanted.high), limits[:, 1])
     return rng.uniform(np.minimum(low, high), np.maximum(low, high))
 
 
-def _matches(robot: Robot, readings: np.ndarray, stated) -> np.ndarray:
-    """(m,) bool: whether readings (m, 6) rad are in the stated configurations."""
+def _matches(robot: Robot, readings: np.ndarray, wanted: _Wanted) -> np.ndarray:
+    """(m,) bool: whether readings (m, 6) rad are in the wanted configurations."""
     angles = np.rad2deg(readings)
-    low, high = (np.stack([getattr(one, name) for one in stated]) for name in ("low", "high"))
-    is_within = (angles >= low - _ROUNDING_DEG) & (angles <= high + _ROUNDING_DEG)
-    axes = forward(robot, robot.mixing @ readings.T).z
-    growing = np.sign((axes[1] * axes[2]).sum(0) * robot.mixing[2, 2])
-    signs = configuration_signs(robot, readings)
-    beyond = signs[:, 1] * growing
-    # the wrist in the direction in which positive readings of joint 2 lean the arm, seen from axis 1
-    behind = signs[:, 0] * np.sign(axes[0, 2] * robot.mixing[1, 1])
+    is_within = (angles >= wanted.low - _ROUNDING_DEG) & (angles <= wanted.high + _ROUNDING_DEG)
+    differs = configuration_signs(robot, readings) * wanted.signs < 0
+    return is_within.all(1) & ~differs.any(1)
+
+
+def _recorded_sentence(maker: str) -> str:
     return (
-        is_within.all(1)
-        & (beyond * _wanted([one.is_beyond for one in stated]) >= 0)
-        & (behind * _wanted([one.is_behind for one in stated]) >= 0)
+        f"The robot file counts the joints with other zeros or senses than a controller of {maker}. One meaning of the "
+        "data alone puts all positions into configurations of the recording, and it was taken, with revolutions of the "
+        "joints nearest to the recorded ones ([controller] in a mapping file states another)."
     )
-
-
-def _wanted(stated) -> np.ndarray:
-    """(m,) 1, -1, or 0 where nothing is stated."""
-    return np.array([0 if one is None else 1 if one else -1 for one in stated])
 
 
 def _sentences(column, rows, is_found) -> list[str]:

@@ -8,7 +8,7 @@ from datasets.errors import InputError
 from datasets.importers.mapping.counts import refuse_counts
 from datasets.importers.mapping.joining import join_tables, zone_sentence
 from datasets.importers.mapping.left_out import left_out_sentences
-from datasets.importers.mapping.model import QUANTITIES, Join, Mapping
+from datasets.importers.mapping.model import OF_PROGRAMS, QUANTITIES, Join, Mapping
 from datasets.importers.mapping.proposal import measures_of, propose
 from datasets.importers.mapping.sessions import APPEND, appended, session_groups
 from datasets.importers.mapping.sets import find_sets
@@ -57,9 +57,10 @@ def find_mapping(
 
     options: `ImportOptions`.
     """
-    if options.mapping.tool is not None or options.mapping.frame is not None:
+    stated = [f"[{name}]" for name in OF_PROGRAMS if getattr(options.mapping, name) is not None]
+    if stated:
         raise InputError(
-            "--map: expected no [tool] and [frame], which state the frames of targets (compensate, stiffness, export), "
+            f"--map: expected no {' and '.join(stated)}, which belong to targets (compensate, stiffness, export), "
             "found them; remove them. Poses of one tool are imported as they are."
         )
     progress("reading the files")
