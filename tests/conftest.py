@@ -26,19 +26,40 @@ def recordings_folder() -> Path:
     return Path(setting) if setting else ROOT.parent / "shared" / "recordings"
 
 
-def mostly_slow(cases, fast: int) -> list:
-    """`cases` for parametrize, of which `fast`, evenly spread, belong to the fast tests and all others to the slow."""
+def mostly_slow(cases, fast: int, slow: int | None = None) -> list:
+    """`cases` for parametrize, of which `fast`, evenly spread, belong to the fast tests and all others to the slow.
+
+    Where `slow` is given, so many of the others, evenly spread, are slow and the rest are long: cases that show the
+    same once more.
+    """
     cases = list(cases)
-    kept = {round(k * (len(cases) - 1) / max(fast - 1, 1)) for k in range(fast)}
-    return [case if k in kept else _slow(case) for k, case in enumerate(cases)]
+    kept = _spread(range(len(cases)), fast)
+    others = [k for k in range(len(cases)) if k not in kept]
+    once = others if slow is None else _spread(others, slow)
+    marks = {k: pytest.mark.slow if k in once else pytest.mark.long for k in others}
+    return [_marked(case, marks[k]) if k in marks else case for k, case in enumerate(cases)]
 
 
-def _slow(case):
-    """One case of parametrize, plain or made by `pytest.param`, as a slow test."""
+def sizes(slow: int, whole: int) -> list:
+    """Sizes of a statistical study for parametrize: one of the slow tests, and the whole one of the long tests."""
+    return [
+        pytest.param(slow, marks=pytest.mark.slow),
+        pytest.param(whole, marks=pytest.mark.long),
+    ]
+
+
+def _spread(places, count: int) -> set:
+    """`count` of the places, evenly spread from the first to the last."""
+    places = list(places)
+    return {places[round(k * (len(places) - 1) / max(count - 1, 1))] for k in range(count)}
+
+
+def _marked(case, mark):
+    """One case of parametrize, plain or made by `pytest.param`, with a mark."""
     if hasattr(case, "marks"):
-        return pytest.param(*case.values, id=case.id, marks=pytest.mark.slow)
+        return pytest.param(*case.values, id=case.id, marks=mark)
     values = case if isinstance(case, tuple) else (case,)
-    return pytest.param(*values, marks=pytest.mark.slow)
+    return pytest.param(*values, marks=mark)
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest selects by marks

@@ -15,7 +15,13 @@ import numpy as np
 
 from sensors.hand_eye.result import placement
 from sensors.hand_eye.start import board_poses
-from workbench.core.rigid import inverse
+from workbench.core.rigid import (
+    inverse,
+    left_jacobian,
+    nearest_rotation,
+    rotation_vector,
+    skew,
+)
 
 LEVER = 300.0
 """mm of the board's origin that count as much as one radian of its turn."""
@@ -101,16 +107,54 @@ def _named(away):
 def _least(flange, seen, kind, start):
     """(4, 4) hand-eye of least scatter."""
     from scipy.optimize import least_squares
-    from scipy.spatial.transform import Rotation
 
-    def scattered(values):
-        placed = placed_boards(flange, placement(values), seen, kind)
-        turns = Rotation.from_matrix(placed[:, :3, :3])
-        away = LEVER * (turns.mean().inv() * turns).as_rotvec()
-        return np.concatenate([placed[:, :3, 3] - placed[:, :3, 3].mean(0), away]).ravel()
-
+    flange = flange if kind == "in-hand" else inverse(flange)
     scale = np.array([1, 1, 1, 1 / LEVER, 1 / LEVER, 1 / LEVER])
-    return placement(least_squares(scattered, start, x_scale=scale, method="lm").x)
+    found = least_squares(
+        scattered, start, scattered_derivative, x_scale=scale, method="lm", args=(flange, seen)
+    )
+    return placement(found.x)
+
+
+def scattered(values: np.ndarray, flange: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(6 P,) mm: of every board its origin from the mean, and its turn from the mean rotation times `LEVER`.
+
+    values (6,) x y z (mm) and rotation vector (rad) of the hand-eye, flange (P, 4, 4) T_base_flange, or T_flange_base
+    for "to-hand", seen (P, 4, 4) T_camera_board.
+    """
+    placed = flange @ placement(values) @ seen
+    away = LEVER * rotation_vector(_from_mean(placed[:, :3, :3])[1])
+    return np.hstack([_centred(placed[:, :3, 3]), away]).ravel()
+
+
+def scattered_derivative(values: np.ndarray, flange: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(6 P, 6) derivative of `scattered` with respect to the values."""
+    sensor, turn = placement(values), flange[:, :3, :3]
+    arm = (sensor[:3, :3] @ seen[:, :3, 3, None])[..., 0]
+    moved = [_centred(turn), -_centred(turn @ skew(arm))]
+    mean, away = _from_mean((flange @ sensor @ seen)[:, :3, :3])
+    turned = mean.T @ turn  # a small turn of the hand-eye, about the axes of the mean board
+    with_mean = _free_trace(away.sum(0))
+    of_mean = np.linalg.pinv(with_mean) @ (_free_trace(away) @ turned).sum(0)
+    turned = LEVER * np.linalg.solve(left_jacobian(rotation_vector(away)), turned - of_mean)
+    rows = np.concatenate([np.dstack(moved), np.dstack([0 * turned, turned])], 1)
+    rows[..., 3:] = rows[..., 3:] @ left_jacobian(values[3:6])
+    return rows.reshape(-1, 6)
+
+
+def _from_mean(turns):
+    """(3, 3) mean rotation in the Frobenius norm, and rotations (P, 3, 3) seen from it."""
+    mean = nearest_rotation(turns.sum(0))
+    return mean, mean.T @ turns
+
+
+def _free_trace(matrix):
+    """(..., 3, 3) tr(M) I - M, for which [v]x M + M' [v]x = [(tr(M) I - M) v]x."""
+    return np.trace(matrix, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - matrix
+
+
+def _centred(values):
+    return values - values.mean(0)
 
 
 def _placed(chain, values):
