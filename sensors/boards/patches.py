@@ -43,8 +43,9 @@ def fit_saddles(
     along: np.ndarray,
     down: np.ndarray,
     clear: float = 1.0,
+    steps: int = STEPS,
 ) -> Fit:
-    """Corners where four squares meet, from starts (2, n) px within a fifth of a square.
+    """Corners where four squares meet, from starts (2, n) px within a fifth of a square, in at most so many steps.
 
     along, down: (2, n) px, from a corner to its next one in the row and in the column. clear: share of a
     square next to each edge that shows nothing else, such as the rim around a marker. `values` are
@@ -74,7 +75,7 @@ def fit_saddles(
         1,
     )
     start[:, 6] *= np.sign(_side(start, spots, grey, weight))
-    fit = _fit(_saddle, start, spots, grey, weight)
+    fit = _fit(_saddle, start, spots, grey, weight, steps)
     return _checked(fit, centres, reach, fit.values[:, 6])
 
 
@@ -261,14 +262,15 @@ def _disc(p: np.ndarray, spots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return level + half * edge + right * ux + below * uy, jacobian
 
 
-def _fit(model: Model, start, spots, grey, weight) -> Fit:
+def _fit(model: Model, start, spots, grey, weight, steps: int = STEPS) -> Fit:
     """All patches, in groups of a size that memory bears; the last of `values` is the noise of a patch."""
     values_an_evaluation = spots.shape[2] * start.shape[1]
     at_once = max(1, CHUNK // values_an_evaluation)
     values, sigma = [], []
     for first in range(0, len(start), at_once):
         group = slice(first, first + at_once)
-        found = _levenberg(model, start[group], spots[:, group], grey[group], weight[group])
+        seen = spots[:, group], grey[group], weight[group]
+        found = _levenberg(model, start[group], seen, steps)
         values.append(found[0])
         sigma.append(found[1])
     values, sigma = np.concatenate(values), np.concatenate(sigma)
@@ -276,15 +278,15 @@ def _fit(model: Model, start, spots, grey, weight) -> Fit:
     return Fit(place, sigma, values, np.isfinite(sigma))
 
 
-def _levenberg(model, p, spots, grey, weight):
+def _levenberg(model, p, seen, steps):
     """Damped Gauss-Newton, one damping a patch: values (n, P + 1) and σ of the place (n,).
 
     A patch rests once its steps are lost in rounding; all end when none moves farther than `SETTLED`.
     """
-    seen, found = (spots, grey, weight), np.copy(p)
+    (spots, grey, weight), found = seen, np.copy(p)
     cost, normal, slope = all_cost, all_normal, _ = _normal(model, p, *seen)
     damping, moving = np.full(len(p), 1e-3), np.arange(len(p))
-    for _ in range(STEPS):
+    for _ in range(steps):
         damped = normal + damping[:, None, None] * _diagonal(normal)
         step = _solved(damped, slope)
         new_cost, new_normal, new_slope = _normal(model, p + step, *seen)
