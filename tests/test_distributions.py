@@ -20,6 +20,9 @@ def test_chi_square(degrees):
     np.testing.assert_allclose(chi2.cdf(X, degrees), stats.chi2.cdf(X, degrees), rtol=1e-10)
     np.testing.assert_allclose(chi2.ppf(P, degrees), stats.chi2.ppf(P, degrees), rtol=1e-9)
     np.testing.assert_allclose(chi2.isf(P, degrees), stats.chi2.isf(P, degrees), rtol=1e-9)
+    expected = stats.chi2.logsf(X, degrees)
+    np.testing.assert_allclose(chi2.logsf(X, degrees), expected, rtol=1e-9, atol=1e-14)
+    assert chi2.logsf(1e5, degrees) == -np.inf
 
 
 @pytest.mark.parametrize("first, second", [(1, 2), (3, 40), (12.5, 7.5), (900, 1100)])
@@ -59,8 +62,11 @@ def test_signed_ranks_with_ties_and_zeros():
     assert signed_rank_sf(np.zeros(6)) == 1.0
 
 
-def test_what_every_command_loads_is_without_scipy_stats():
-    code = "import sys, workbench.fitting.checked_samples; print('scipy.stats' in sys.modules)"
+@pytest.mark.parametrize(
+    "module", ["workbench.fitting.checked_samples", "workbench.explanation.answer"]
+)
+def test_what_commands_load_is_without_scipy_stats(module):
+    code = f"import sys, {module}; print('scipy.stats' in sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
     )

@@ -41,6 +41,12 @@ class chi2:
         return special.chdtrc(degrees, np.maximum(x, 0.0))
 
     @staticmethod
+    def logsf(x, degrees):
+        """Logarithm of the probability of a value above x, minus infinity where that is too small for a number."""
+        with np.errstate(divide="ignore"):
+            return np.log(chi2.sf(x, degrees))
+
+    @staticmethod
     def ppf(p, degrees):
         """The value that is not exceeded with probability p."""
         return 2.0 * special.gammaincinv(np.asarray(degrees) / 2.0, p)

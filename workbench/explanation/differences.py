@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 
 from robot_model.measurements import samples_of
 from robot_model.system import RobotChain, bind, geometry_free
+from workbench.core.distributions import chi2, fisher
 from workbench.core.effect import Effect
 from workbench.core.least_squares.identifiability import identifiability
 from workbench.core.least_squares.solver import Fit, solve
@@ -183,7 +183,7 @@ def _p_value(columns, white, chosen, added: int, degrees: int) -> float:
     """p-value of the partial F-test of one more parameter."""
     before, after = _left(columns, white, chosen), _left(columns, white, [*chosen, added])
     free = max(degrees - len(chosen) - 1, 1)
-    return float(stats.f.sf(max(before - after, 0) / max(after / free, 1e-300), 1, free))
+    return float(fisher.sf(max(before - after, 0) / max(after / free, 1e-300), 1, free))
 
 
 def _exchanged(columns, white, chosen: list[int], usable) -> list[int]:
@@ -266,7 +266,7 @@ def _noise(reference: Reference, moving, chain: RobotChain, fit: Fit) -> dict:
     if stated is None:
         return {"stated": None, "found": found, "factor": None, "p_value": None}
     ratio = degrees * (found / stated) ** 2
-    p = 2 * min(stats.chi2.sf(ratio, degrees), stats.chi2.cdf(ratio, degrees))
+    p = 2 * min(chi2.sf(ratio, degrees), chi2.cdf(ratio, degrees))
     return {"stated": stated, "found": found, "factor": found / stated, "p_value": float(p)}
 
 

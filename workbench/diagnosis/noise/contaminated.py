@@ -9,8 +9,8 @@ noises: by Markov's inequality the factor passes k by chance at most once in k t
 
 import numpy as np
 from scipy.special import gammaln, logsumexp
-from scipy.stats import chi2
-from scipy.stats import f as fisher
+
+from workbench.core.distributions import chi2, fisher
 
 _DEGREES = np.array([1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 11, 16, 25, 50])
 """Of freedom of Student's noises, from Cauchy's to one that no sample tells from a Gaussian."""

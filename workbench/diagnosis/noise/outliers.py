@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 from scipy.ndimage import median
-from scipy.stats import chi2
 
+from workbench.core.distributions import chi2
 from workbench.diagnosis.levels import OUTLIER
 
 _FULL, _LITTLE = 3.4, 6.0

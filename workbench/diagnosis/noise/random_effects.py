@@ -8,12 +8,11 @@ of each residual with the port's, given its length, so that neither heavy tails 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2, norm
-from scipy.stats import t as student
 
 from robot_model.effects.drift import LinkThermalGrowth
 from robot_model.effects.elastic import JointCompliance
 from robot_model.effects.transmission import Backlash, JointThermalDrift, TimeOffset
+from workbench.core.distributions import chi2, norm, student
 from workbench.core.least_squares.linear_algebra import inverse_positive, symmetric_eigen
 from workbench.diagnosis.levels import MOST, MOVES, ROUNDING, SAME
 from workbench.diagnosis.linear.problem import Alternative, Finding, Located, Problem, Site

@@ -10,11 +10,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import median_abs_deviation
 
 from datasets.recording import Recording
 from sensors.effects import artefact, recorded, surface
-from workbench.core.distributions import fisher
+from workbench.core.distributions import fisher, norm
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix, skew
 from workbench.core.text.uncertain import with_std
@@ -205,7 +204,7 @@ def _at(local, pose, flange, solution, error) -> Data:
 
 def _spread(values) -> float:
     """Standard deviation, robust."""
-    return float(median_abs_deviation(values, scale="normal"))
+    return float(np.median(np.abs(values - np.median(values))) / norm.isf(0.25))
 
 
 def _noise(residual, normal, pose) -> float:

@@ -3,9 +3,8 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.stats import chi2, norm
-from scipy.stats import t as student
 
+from workbench.core.distributions import chi2, norm, student
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
 from workbench.diagnosis.levels import SAME
@@ -14,7 +13,7 @@ from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.validation.folds import judged_part
 from workbench.fitting.cross_validation import hold_out
 
-_LIMIT, _MEDIAN = 2.8, float(chi2.median(3))
+_LIMIT, _MEDIAN = 2.8, float(chi2.ppf(0.5, 3))
 """Length on the scale of the median sample from which on an error counts by its length and not by its square, as in
 the fit (5 % of clean samples are beyond it), and the median of a squared length of three coordinates."""
 

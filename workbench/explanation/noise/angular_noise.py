@@ -6,10 +6,10 @@ whatever its tails and however it changes from sample to sample, so that the mea
 """
 
 import numpy as np
-from scipy.stats import norm
 
 from robot_model.effects.instrument import AngularNoise, sight_lines
 from workbench.core.common_effects import NoiseLaw
+from workbench.core.distributions import norm
 from workbench.diagnosis.levels import ON_DATA
 from workbench.diagnosis.linear.problem import Finding
 from workbench.explanation.result import Term

@@ -1,7 +1,8 @@
 """What the instrument alone leaves: noise from replicates, and the lack of fit of a model against them."""
 
 import numpy as np
-from scipy.stats import f as fisher
+
+from workbench.core.distributions import fisher
 
 LEAST_REPEATS = 10
 

@@ -9,10 +9,8 @@ the sensitivity of the chi-square test to kurtosis).
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
-from scipy.stats import f as fisher
-from scipy.stats import t as student
 
+from workbench.core.distributions import chi2, fisher, student
 from workbench.diagnosis.levels import ON_DATA
 from workbench.diagnosis.linear.problem import Finding
 from workbench.explanation.noise.replicates import LEAST_REPEATS, replicates

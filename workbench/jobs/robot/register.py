@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.stats import chi2
 
+from workbench.core.distributions import chi2
 from workbench.core.errors import InputError
 from workbench.core.rigid import nearest_rotation, transform
 from workbench.core.text.csv_text import csv_text
@@ -49,7 +49,7 @@ class Registration:
         distances in units of the variance of a coordinate follow a chi-square of three degrees of freedom.
         """
         squares = self.distances**2
-        variance = float(np.median(squares)) / chi2.median(3)
+        variance = float(np.median(squares)) / chi2.ppf(0.5, 3)
         limit = chi2.isf(_CHANCE / len(squares), 3) * variance
         return np.flatnonzero((squares > limit) & (squares > 0)).tolist()
 
