@@ -3,8 +3,9 @@ PYTHON ?= python3
 VENV ?= .venv
 BENCH_VENV ?= .venv-bench
 BIN := $(VENV)/bin
-# One worker a core, each single-threaded: more threads than cores only get in each other's way.
-PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest \
+# One worker a core, each single-threaded: more threads than cores only get in each other's way. Bytecode is kept, even
+# where the environment says otherwise: the hundreds of processes that the tests start would compile every module again.
+PYTEST := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest \
 	-n logical --maxprocesses 8 --dist worksteal -p no:cacheprovider
 
 .PHONY: help demo prove test test-slow test-all test-times test-long check fuzz language docs lock package sbom bench system clean

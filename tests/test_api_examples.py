@@ -10,6 +10,7 @@ import pytest
 
 import workbench as wb
 from conftest import ROOT
+from test_corrected_models import SCENE, recorded
 from workbench.api.answers import ANSWERS, SOURCES, TABLES
 from workbench.api.examples import EXAMPLES
 from workbench.api.functions import COMMANDS
@@ -90,7 +91,10 @@ def look_at(result: Result, place):
 
 @pytest.mark.slow
 def test_the_first_page_of_the_api_runs(tmp_path, monkeypatch):
-    recording = wb.load_example("elastic-arm")
+    recording = recorded(
+        tmp_path, SCENE
+    )  # its diagnosis takes seconds, that of the example a minute
+    monkeypatch.setattr(wb, "load_example", lambda name: recording)
     joints = np.rad2deg(recording.joints)
     lines = [
         ",".join([*(f"q{k}_deg" for k in range(1, joints.shape[1] + 1)), *recording.covariates])

@@ -12,11 +12,11 @@ import pytest
 from scenes import ABB, scene
 from workbench.jobs.robot.calibrate import calibrate, save
 
-WORKBENCH = Path(sys.executable).with_name("workbench")
 
-
-def run(*words, folder):
-    return subprocess.run([WORKBENCH, *map(str, words)], capture_output=True, text=True, cwd=folder)
+@pytest.fixture
+def run(workbench):
+    """`run("compensate", …, folder=…)`: a finished process of the command in a folder."""
+    return lambda *words, folder: workbench(*words, cwd=folder)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def write_targets(
     return path
 
 
-def test_targets_are_corrected(solution, tmp_path):
+def test_targets_are_corrected(run, solution, tmp_path):
     done = run(
         "compensate",
         solution,
@@ -83,7 +83,7 @@ def test_targets_are_corrected(solution, tmp_path):
         ("", "expected"),
     ],
 )
-def test_bad_targets_are_one_sentence(solution, tmp_path, text, words):
+def test_bad_targets_are_one_sentence(run, solution, tmp_path, text, words):
     done = run(
         "compensate", solution, write_targets(tmp_path, text), "--out", "run", folder=tmp_path
     )
@@ -93,7 +93,7 @@ def test_bad_targets_are_one_sentence(solution, tmp_path, text, words):
     assert not (tmp_path / "run").exists()
 
 
-def test_a_target_out_of_reach_keeps_no_readings_and_the_answer_is_no(solution, tmp_path):
+def test_a_target_out_of_reach_keeps_no_readings_and_the_answer_is_no(run, solution, tmp_path):
     text = "x_mm,y_mm,z_mm,qw,qx,qy,qz,payload_kg,time_s\n350,0,350,0,1,0,0,1,0\n3000,0,300,0,1,0,0,1,0\n"
     done = run(
         "compensate",
@@ -117,7 +117,7 @@ def test_a_target_out_of_reach_keeps_no_readings_and_the_answer_is_no(solution, 
     assert np.isfinite(table["q1_deg"]).tolist() == [True, False]
 
 
-def test_a_file_that_is_not_there_is_named_once(solution, tmp_path):
+def test_a_file_that_is_not_there_is_named_once(run, solution, tmp_path):
     done = run("compensate", solution, tmp_path / "none.csv", folder=tmp_path)
     assert (
         done.returncode == 2
@@ -126,7 +126,7 @@ def test_a_file_that_is_not_there_is_named_once(solution, tmp_path):
     )
 
 
-def test_a_calibration_that_failed_is_refused_unless_forced(solution, tmp_path):
+def test_a_calibration_that_failed_is_refused_unless_forced(run, solution, tmp_path):
     keys = json.loads((solution / "solution.json").read_text()) | {"converged": False}
     (tmp_path / "bad.json").write_text(json.dumps(keys))
     targets = write_targets(tmp_path)
@@ -140,7 +140,7 @@ def test_a_calibration_that_failed_is_refused_unless_forced(solution, tmp_path):
     assert run("compensate", "bad.json", targets, "--force", folder=tmp_path).returncode == 0
 
 
-def test_the_exported_model_runs_in_mujoco(solution, tmp_path):
+def test_the_exported_model_runs_in_mujoco(run, solution, tmp_path):
     mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo")
     done = run("export", solution, "--to", "mjcf", "--out", "arm.xml", folder=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -149,7 +149,7 @@ def test_the_exported_model_runs_in_mujoco(solution, tmp_path):
     assert model.nu == 6
 
 
-def test_the_exported_module_runs_in_a_fresh_interpreter(solution, tmp_path):
+def test_the_exported_module_runs_in_a_fresh_interpreter(run, solution, tmp_path):
     done = run("export", solution, "--to", "python", "--out", "arm.py", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     code = "import arm; print(arm.flange_poses([[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]]).shape)"
@@ -160,13 +160,13 @@ def test_the_exported_module_runs_in_a_fresh_interpreter(solution, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["urdf", "mdh-json", "mdh-csv"])
-def test_arms_are_exported(solution, tmp_path, name):
+def test_arms_are_exported(run, solution, tmp_path, name):
     done = run("export", solution, "--to", name, "--out", "arm.out", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "joint" in (tmp_path / "arm.out").read_text()
 
 
-def test_cameras_are_exported(tmp_path):
+def test_cameras_are_exported(run, tmp_path):
     import tomli_w
 
     from sensors.camera.model import Camera, camera_keys
@@ -196,7 +196,7 @@ def test_cameras_are_exported(tmp_path):
     )
 
 
-def test_poses_are_chosen(tmp_path):
+def test_poses_are_chosen(run, tmp_path):
     done = run("poses", "elastic-arm", "-n", "12", "--json", "-", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)

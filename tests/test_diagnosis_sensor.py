@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import sensor_virtual
+from conftest import mostly_slow
 from sensors.effects import CATALOGUE
 from workbench.core.model import Model
 from workbench.diagnosis.linear.hypotheses import Hypothesis
@@ -178,8 +179,7 @@ def test_a_bowed_light_plane_is_named_at_the_laser():
     named("plane-bow")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in CASES if name != "plane-bow"])
+@pytest.mark.parametrize("name", mostly_slow([name for name in CASES if name != "plane-bow"], 0, 4))
 def test_planted_effect_is_named_at_its_place(name):
     named(name)
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import sensor_virtual
+from conftest import mostly_slow
 from sensors.effects import CATALOGUE
 from workbench.diagnosis.scanner import sensor
 from workbench.diagnosis.scanner.sensor_simulate import simulated
@@ -44,17 +45,17 @@ def true():
     return replace(chains, corners=corners, **parts)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "recorded-column",
-        pytest.param("laser-drift", marks=pytest.mark.slow),
-        pytest.param("rolling-shutter", marks=pytest.mark.slow),
-        pytest.param("mirror-vibration", marks=pytest.mark.slow),
-        pytest.param("board-point-errors", marks=pytest.mark.slow),
-        pytest.param("ball-form", marks=pytest.mark.slow),
-    ],
-)
+NAMES = [
+    "recorded-column",
+    "laser-drift",
+    "rolling-shutter",
+    "mirror-vibration",
+    "board-point-errors",
+    "ball-form",
+]
+
+
+@pytest.mark.parametrize("name", mostly_slow(NAMES, 1, 3))
 def test_an_effect_of_a_recorded_column_is_named(name):
     where, options, values = CASES[name]
     effect = CATALOGUE[name](where, **options)

@@ -75,6 +75,7 @@ def test_a_drift_is_held_where_it_was_last(halves, tmp_path):
     assert module_rms(arm, samples.select(is_second)) == pytest.approx(error, abs=SAME_MM)
 
 
+@pytest.mark.long
 def test_module_and_evaluate_agree_on_a_diagnosis(halves, tmp_path):
     """A diagnosis of every fifth pose of the first half predicts the second: better than geometry and torsion."""
     _, first, second = halves

@@ -8,7 +8,7 @@ import pytest
 from fuzz_engine import Fuzzer, Outcome, fuzz
 from fuzz_targets import targets
 
-SECONDS = 45
+SECONDS = 20
 FORMER_FAILURES = {
     "camera": b"width_px = inf",
     "opencv": b"%YAML:1.0\n---\na: !!opencv-matrix\n   rows: -3\n   cols: 3\n   dt: d\n   data: [1]\n",

@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from conftest import ROOT, recordings_folder
+from conftest import ROOT, mostly_slow, recordings_folder
 
 sys.path.insert(0, str(ROOT / "tools"))
 
@@ -20,14 +20,14 @@ from tutorial_output import text_difference
 GALLERY = ROOT / "docs" / "gallery"
 LONG = [pytest.mark.long, pytest.mark.timeout(4 * 3600)]
 COMPUTED = (
-    pytest.param("laser-spot", "laser-spot", marks=pytest.mark.slow),
+    pytest.param("laser-spot", "laser-spot", marks=LONG),
     pytest.param("partial-pose", "partial-pose", marks=pytest.mark.slow),
     pytest.param("touch-point", "touch-point", marks=LONG),
     pytest.param("poses-and-compensation", "poses-and-compensation", marks=LONG),
     pytest.param("rendered-scanner", "rendered-scanner", marks=LONG),
     pytest.param("unified", "unified-kinematic-compliance", marks=LONG),
 )
-"""Names for `tools/gallery.py` and of the pages: two of a minute of processor time, and others of up to an hour."""
+"""Names for `tools/gallery.py` and of the pages: one of a minute of processor time, and others of up to an hour."""
 
 
 def test_every_page_of_the_gallery_is_computed_by_a_test():
@@ -61,8 +61,9 @@ def printed_row(stem: str, start: str) -> str:
     return row
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("effect", ["none", "mirror-encoder-harmonic", "camera-thermal-drift"])
+@pytest.mark.parametrize(
+    "effect", mostly_slow(["mirror-encoder-harmonic", "none", "camera-thermal-drift"], 0, 1)
+)
 def test_rows_of_the_rendered_scanner_are_what_is_computed_now(effect):
     import gallery_rendered_scanner as figures
     import gallery_rendered_scanner_page as text

@@ -8,6 +8,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from conftest import mostly_slow
 from datasets.importers.mapping.model import read_mapping
 from import_scenes import write_rows
 from robot_model import load_robot
@@ -80,13 +81,17 @@ def offset_in(folder: Path) -> float:
 
 @pytest.mark.parametrize(
     "robot, ahead_s, rest_s",
-    [
-        ("abb_irb120", 0.002, 0.6),
-        ("kuka_kr6_r900", -0.0073, 0.0),
-        ("ur10e", 0.041, 0.3),
-        ("staubli_tx60", -0.35, 0.6),
-        ("abb_irb120", 1.27, 0.6),
-    ],
+    mostly_slow(
+        [
+            ("abb_irb120", 0.002, 0.6),
+            ("kuka_kr6_r900", -0.0073, 0.0),
+            ("ur10e", 0.041, 0.3),
+            ("staubli_tx60", -0.35, 0.6),
+            ("abb_irb120", 1.27, 0.6),
+        ],
+        1,
+        2,
+    ),
 )
 def test_an_offset_is_estimated_and_corrected(robot, ahead_s, rest_s, tmp_path):
     motion = Motion(robot, 11, rest_s)

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import hand_eye_recordings
+from conftest import mostly_slow
 from import_scenes import SCENE, UR10, degrees, simulated, write_rows
 from workbench.commands.cli import run
 from workbench.core.errors import InputError
@@ -52,13 +53,17 @@ def test_a_sound_table_is_imported_without_a_word(truth, tmp_path):
 
 @pytest.mark.parametrize(
     ("column", "factor", "words"),
-    [
-        ("point", 1e-3, "millimetres in rows 2 to 23 and metres in rows 24 to 37"),
-        ("point", 1 / 25.4, "millimetres in rows 2 to 23 and inches in rows 24 to 37"),
-        ("point", 25.4, "inches in rows 2 to 23 and millimetres in rows 24 to 37"),
-        ("joints", np.pi / 180, "degrees in rows 2 to 23 and radians in rows 24 to 37"),
-        ("joints", 180 / np.pi, "radians in rows 2 to 23 and degrees in rows 24 to 37"),
-    ],
+    mostly_slow(
+        [
+            ("point", 1e-3, "millimetres in rows 2 to 23 and metres in rows 24 to 37"),
+            ("point", 1 / 25.4, "millimetres in rows 2 to 23 and inches in rows 24 to 37"),
+            ("point", 25.4, "inches in rows 2 to 23 and millimetres in rows 24 to 37"),
+            ("joints", np.pi / 180, "degrees in rows 2 to 23 and radians in rows 24 to 37"),
+            ("joints", 180 / np.pi, "radians in rows 2 to 23 and degrees in rows 24 to 37"),
+        ],
+        0,
+        3,
+    ),
 )
 def test_a_unit_that_changes_at_a_row_is_located(truth, tmp_path, column, factor, words):
     points, joints = truth.points.copy(), degrees(truth)

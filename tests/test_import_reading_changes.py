@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from conftest import mostly_slow
 from import_scenes import SCENE, UR10, degrees, simulated, write_rows
 from workbench.core.errors import InputError
 from workbench.recordings.importing import import_recording
@@ -68,7 +69,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("kind", CASES)
+@pytest.mark.parametrize("kind", mostly_slow(CASES, 0, 5))
 def test_the_rows_of_each_reading_are_named(truth, tmp_path, kind):
     joints, points, angles = changed(truth, kind)
     cells = [joints, points]

@@ -100,7 +100,7 @@ def test_there_are_60_variants():
 
 
 @pytest.mark.parametrize(
-    ("k", "form", "joint", "length", "angle", "separator"), mostly_slow(VARIANTS, 12)
+    ("k", "form", "joint", "length", "angle", "separator"), mostly_slow(VARIANTS, 12, 16)
 )
 def test_variant_is_right(k, form, joint, length, angle, separator, truth, tmp_path):
     path = tmp_path / "table.txt"
@@ -111,8 +111,9 @@ def test_variant_is_right(k, form, joint, length, angle, separator, truth, tmp_p
     assert is_same(made.recording, truth)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("k", "form", "joint", "length", "angle", "separator"), VARIANTS[::20])
+@pytest.mark.parametrize(
+    ("k", "form", "joint", "length", "angle", "separator"), mostly_slow(VARIANTS[::20], 0, 2)
+)
 def test_variant_of_few_noisy_rows_is_right_or_asked(
     k, form, joint, length, angle, separator, truth, tmp_path
 ):

@@ -58,7 +58,7 @@ def test_a_planned_recording_is_not_warned_of_its_stated_noise():
     assert_warned(made.robot, changed(made.recording, **noise), "sigma", "times the scatter")
 
 
-@pytest.mark.parametrize("measures, joint", mostly_slow(product(KINDS, (1, 3, 4)), 4))
+@pytest.mark.parametrize("measures, joint", mostly_slow(product(KINDS, (1, 3, 4)), 4, 4))
 def test_a_joint_of_the_other_sign_is_named(measures, joint):
     robot, recording = erring(measures, 1)
     name = f"q{joint}_deg"
@@ -119,7 +119,7 @@ def test_all_joints_in_radians_are_named():
 
 @pytest.mark.parametrize(
     "measures, unit",
-    mostly_slow(product(KINDS, ("cm", "inches", "m", "tenths of a mm", "um")), 6),
+    mostly_slow(product(KINDS, ("cm", "inches", "m", "tenths of a mm", "um")), 6, 6),
 )
 def test_points_in_another_unit_are_named(measures, unit):
     factors = {"cm": 0.1, "inches": 1 / 25.4, "m": 0.001, "tenths of a mm": 10, "um": 1000}
@@ -134,13 +134,13 @@ def test_points_in_another_unit_are_named(measures, unit):
     )
 
 
-@pytest.mark.parametrize("measures, axis", mostly_slow(product(KINDS[:2], XYZ), 2))
+@pytest.mark.parametrize("measures, axis", mostly_slow(product(KINDS[:2], XYZ), 2, 2))
 def test_left_handed_points_are_named(measures, axis):
     robot, recording = erring(measures, 7)
     assert_named(robot, changed(recording, **{axis: -recording.columns[axis]}), "left-handed")
 
 
-@pytest.mark.parametrize("axis", mostly_slow(XYZ, 1))
+@pytest.mark.parametrize("axis", mostly_slow(XYZ, 1, 1))
 def test_a_mirrored_axis_is_named_where_orientations_are_measured(axis):
     robot, recording = erring("external-pose", 8)
     assert_named(
@@ -192,7 +192,7 @@ def test_single_rows_of_another_ball_are_named():
     assert_warned(robot, wrong, "ball-labels", "sample 5 (ball 4 for 1) and 17 (ball 4 for 1);")
 
 
-@pytest.mark.parametrize("measures, step", mostly_slow(product(KINDS, (1, -1)), 2))
+@pytest.mark.parametrize("measures, step", mostly_slow(product(KINDS, (1, -1)), 2, 3))
 def test_positions_of_the_neighbouring_row_are_named(measures, step):
     words = {1: "of the row before", -1: "of the row after"}[step]
     robot, recording = erring(measures, 12)
@@ -201,8 +201,7 @@ def test_positions_of_the_neighbouring_row_are_named(measures, step):
     assert_named(robot, late.select(np.arange(1, 59)), words)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("measures", KINDS)
+@pytest.mark.parametrize("measures", mostly_slow(KINDS, 0, 2))
 def test_shuffled_rows_are_named_but_nothing_is_to_be_changed(measures):
     robot, recording = erring(measures, 13)
     order = np.random.default_rng(13).permutation(recording.n)
@@ -214,7 +213,7 @@ def test_shuffled_rows_are_named_but_nothing_is_to_be_changed(measures):
     )
 
 
-@pytest.mark.parametrize("measures, seed", mostly_slow(product(KINDS, range(8)), 9))
+@pytest.mark.parametrize("measures, seed", mostly_slow(product(KINDS, range(8)), 9, 9))
 def test_an_arm_off_its_data_sheet_is_not_suspected(measures, seed):
     arm = list(ARMS.values())[seed % len(ARMS)]
     robot, recording = erring(
@@ -288,7 +287,7 @@ def test_the_bundled_recording_is_not_suspected():
     assert check_plausibility(load_robot(recording.robot), recording) == ()
 
 
-@pytest.mark.parametrize("joint", mostly_slow([2, 5, 6], 1))
+@pytest.mark.parametrize("joint", mostly_slow([2, 5, 6], 1, 1))
 def test_orientation_counts_as_much_as_position(joint):
     """A joint whose sign hardly moves the point: the target is near the wrist centre, so only rotations show it."""
     made = scene("external-pose", n=60, seed=21)

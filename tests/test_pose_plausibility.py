@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from conftest import mostly_slow
+from conftest import mostly_slow, sizes
 from pose_scenes import SPREADS_DEG, pose_scene
 from workbench.core.errors import InputError
 from workbench.fitting.checked_samples import check_samples
@@ -55,10 +55,7 @@ def test_a_negated_joint_is_named(seed):
     assert is_named(seed)
 
 
-COUNTS = [
-    pytest.param(30, marks=pytest.mark.slow),
-    pytest.param(RECORDINGS, marks=pytest.mark.long),
-]
+COUNTS = sizes(12, RECORDINGS)
 
 
 @pytest.mark.parametrize("count", COUNTS)
@@ -82,7 +79,7 @@ def test_the_last_joint_negated_is_refused(spread_deg):
         check_samples(wrong)
 
 
-@pytest.mark.parametrize("spread_deg", mostly_slow([1.0, 30.0, 180.0], 1))
+@pytest.mark.parametrize("spread_deg", mostly_slow([1.0, 30.0, 180.0], 1, 1))
 def test_the_last_joint_stuck_is_a_warning_with_its_cause(spread_deg):
     recording = pose_scene(3, spread_deg).recording
     wrong = with_column(recording, "q6_deg", np.full(recording.n, 12.5))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from board_scenes import BOW, CAMERA, COLUMNS, ROWS, SQUARE, board_model
+from conftest import sizes
 from sensors import images
 from sensors.boards import detection as boards
 from sensors.boards.board import Board
@@ -60,10 +61,10 @@ def test_the_simulated_copy_of_the_published_instrument_is_found_within_its_sigm
     assert not made.undetermined and not made.rejected and made.fit.converged
 
 
-@pytest.mark.slow
-def test_stated_sigmas_cover_the_truth():
+@pytest.mark.parametrize("count", sizes(40, 100))
+def test_stated_sigmas_cover_the_truth(count):
     pulls = []
-    for seed in range(100):
+    for seed in range(count):
         views, truth = views_of(np.random.default_rng(1000 + seed))
         made = calibrated(views)
         pulls.append((made.parameters.values - truth.values) / np.sqrt(np.diag(made.covariance)))
@@ -125,11 +126,11 @@ def test_halves_differ_by_what_their_sigmas_say():
     assert np.sqrt(np.mean(np.square(ratios))) == pytest.approx(1, abs=0.2) and min(p_values) > 1e-3
 
 
-@pytest.mark.slow
-def test_the_map_of_uncertainty_covers_the_true_projection():
+@pytest.mark.parametrize("count", sizes(15, 40))
+def test_the_map_of_uncertainty_covers_the_true_projection(count):
     """Over cameras: the difference to the truth, after the best rigid motion, against the longer half axis."""
     inside = []
-    for seed in range(40):
+    for seed in range(count):
         made = calibrated(views_of(np.random.default_rng(50 + seed), 12)[0])
         gap = projection_difference(made.camera, CAMERA, made.distance_mm).value
         inside.append((gap < 1.52 * made.uncertainty.value).mean())

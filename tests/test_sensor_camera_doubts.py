@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from board_scenes import CAMERA, board_model
+from conftest import sizes
 from sensors.boards import detection as boards
 from sensors.boards.board import Board
 from sensors.boards.detection import View
@@ -105,9 +106,11 @@ def test_of_a_fisheye_the_model_is_blamed_and_not_the_images(near, across):
     )
 
 
-def test_the_map_of_the_lens_says_nothing_by_chance():
+@pytest.mark.parametrize("count", sizes(15, 40))
+def test_the_map_of_the_lens_says_nothing_by_chance(count):
     p_values = [
-        calibrated(views_of(np.random.default_rng(300 + k), 12)[0]).lens.p_value for k in range(40)
+        calibrated(views_of(np.random.default_rng(300 + k), 12)[0]).lens.p_value
+        for k in range(count)
     ]
     assert min(p_values) > 1e-3
 
@@ -177,10 +180,11 @@ def printed_views(rng, sigma):
     ), board
 
 
-def test_errors_of_the_print_are_found_and_in_the_sigmas():
+@pytest.mark.parametrize("count", sizes(12, 25))
+def test_errors_of_the_print_are_found_and_in_the_sigmas(count):
     """5 um a corner: cx, cy, p1, p2 were 2 to 3 of their plain sigmas off."""
     pulls, plain = [], []
-    for seed in range(25):
+    for seed in range(count):
         views, board = printed_views(np.random.default_rng(seed), 0.005)
         made = calibrate_camera(views, board, CAMERA.size, folds=0)
         assert made.printed.p_value < 1e-6 and any(
@@ -201,10 +205,7 @@ def test_errors_of_the_print_are_found_and_in_the_sigmas():
     assert root.max() < 1.3 and np.sqrt(np.mean(np.square(plain), axis=0))[[2, 3, 6, 7]].min() > 1.6
 
 
-COUNTS = [pytest.param(80, marks=pytest.mark.slow), pytest.param(200, marks=pytest.mark.long)]
-
-
-@pytest.mark.parametrize("count", COUNTS)
+@pytest.mark.parametrize("count", sizes(40, 200))
 def test_the_test_of_the_print_is_right_under_noise_alone(count):
     """p values are uniform, and sigmas those of the bundle, where corners differ by noise only."""
     p_values = []

@@ -96,16 +96,11 @@ OPEN = {
 }
 
 
-@pytest.mark.parametrize(("turns", "places"), OPEN)
-@pytest.mark.parametrize(
-    ("kind", "noise"),
-    [
-        ("in-hand", 0.0),
-        ("to-hand", 1.0),
-        pytest.param("in-hand", 1.0, marks=pytest.mark.slow),
-        pytest.param("to-hand", 0.0, marks=pytest.mark.slow),
-    ],
-)
+RECORDED = (("in-hand", 0.0), ("in-hand", 1.0), ("to-hand", 0.0), ("to-hand", 1.0))
+OPENED = [(*motions, *recorded) for motions in OPEN for recorded in RECORDED]
+
+
+@pytest.mark.parametrize(("turns", "places", "kind", "noise"), mostly_slow(OPENED, 4, 8))
 def test_one_sentence_says_which_translations_and_rotations_are_undetermined(
     turns, places, kind, noise
 ):
@@ -143,8 +138,10 @@ FEW = [
 ]
 
 
-@pytest.mark.parametrize(("turns", "repeated", "what"), mostly_slow(FEW, 4))
-@pytest.mark.parametrize("noise", [0.0, pytest.param(1.0, marks=pytest.mark.slow)])
+EXACT_AND_NOISY = [(*case, noise) for case in FEW for noise in (0.0, 1.0)]
+
+
+@pytest.mark.parametrize(("turns", "repeated", "what", "noise"), mostly_slow(EXACT_AND_NOISY, 4, 7))
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_repeated_poses_and_exact_data_end_in_a_result(turns, repeated, what, noise):
     """Duplicated poses, half turns, rotations of the size of rounding; residuals of exactly zero."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import tomli_w
 
+from conftest import sizes
 from hand_eye_scenes import CAMERA, images, off
 from sensors.boards.board import Board
 from sensors.boards.detection import View
@@ -52,9 +53,6 @@ def read(path):
     return hand_eye._camera(recording, path, found, None)[0]
 
 
-COUNTS = [pytest.param(20, marks=pytest.mark.slow), pytest.param(40, marks=pytest.mark.long)]
-
-
 def squared_errors(found) -> list[float]:
     """Of position and rotation, squared, in stated sigmas, for each of the three numbers."""
     error, covariance = off(found.sensor), found.covariance
@@ -62,7 +60,7 @@ def squared_errors(found) -> list[float]:
     return [error[p] @ np.linalg.solve(covariance[p, p], error[p]) / 3 for p in parts]
 
 
-@pytest.mark.parametrize("count", COUNTS)
+@pytest.mark.parametrize("count", sizes(20, 40))
 @pytest.mark.parametrize("images_of_the_camera", ["the same", "others"])
 def test_sigmas_hold_over_many_sets(images_of_the_camera, count, tmp_path):
     """Of these images counts what they say of the transform, once; of the camera, what its file says."""

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from conftest import sizes
 from plane_scenes import CAMERA, aligned, board, board_stripes, mirror, simulated_scanner, views
 from sensors.camera.calibration import calibrate_camera
 from sensors.effects import CATALOGUE
@@ -67,16 +68,13 @@ def test_planes_are_found_to_a_thousandth_of_a_millimetre_and_the_mirror_finds_t
     )
 
 
-COUNTS = [pytest.param(12, marks=pytest.mark.slow), pytest.param(24, marks=pytest.mark.long)]
-
-
 def test_stated_sigmas_cover_the_truth(made, truth):
     for adjustment in (made.free, made.made):
         z = whitened(adjustment, truth, made.scanner.steps)
         assert (z**2).mean() == pytest.approx(1, abs=4 * np.sqrt(2 / len(z)))
 
 
-@pytest.mark.parametrize("count", COUNTS)
+@pytest.mark.parametrize("count", sizes(6, 24))
 def test_stated_sigmas_cover_the_truth_in_68_percent_over_seeds(count):
     free, pooled, points = [], [], []
     for seed in range(count):

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -52,7 +53,9 @@ def test_a_reader_that_goes_away_changes_no_exit_status(line, tmp_path):
     )
 
 
-@pytest.mark.parametrize("end", ["| head -1", "| true", ">&-", ">&- 2>&-", "2>&1 | head -1"])
+@pytest.mark.parametrize(
+    "end", mostly_slow(["| head -1", "| true", ">&-", ">&- 2>&-", "2>&1 | head -1"], 0, 3)
+)
 def test_the_result_is_kept_when_nobody_reads(end, tmp_path):
     done = shell(f"workbench significance ur10e --out run {end}", tmp_path)
     assert done.returncode == 0, done.stderr
@@ -81,21 +84,22 @@ def test_an_answer_that_cannot_be_written_is_a_sentence_and_status_2(tmp_path):
     assert "Traceback" not in done.stderr
 
 
-def without(package: str, folder: Path) -> str:
-    """A folder for PYTHONPATH in which the package is there and says that it is not installed."""
-    place = folder / "without" / package
-    place.mkdir(parents=True)
-    (place / "__init__.py").write_text(
-        f'raise ModuleNotFoundError("No module named {package!r}", name="{package}")\n'
-    )
-    return str(place.parent)
+def without(packages: Iterable[str], folder: Path) -> str:
+    """A folder for PYTHONPATH in which the packages are there and say that they are not installed."""
+    for package in packages:
+        place = folder / "without" / package
+        place.mkdir(parents=True)
+        (place / "__init__.py").write_text(
+            f'raise ModuleNotFoundError("No module named {package!r}", name="{package}")\n'
+        )
+    return str(folder / "without")
 
 
 def test_a_study_without_salib_is_one_sentence(tmp_path):
     done = shell(
         "workbench study uncertainty-sources --workers 1",
         tmp_path,
-        first=without("SALib", tmp_path),
+        first=without(["SALib"], tmp_path),
     )
     assert done.returncode == 2 and len(done.stderr.strip().splitlines()) == 1
     assert "The package SALib is not installed" in done.stderr
@@ -103,12 +107,15 @@ def test_a_study_without_salib_is_one_sentence(tmp_path):
     assert not (tmp_path / "runs").exists()
 
 
-@pytest.mark.parametrize("name", mostly_slow(doctor.OPTIONAL, 1))
-def test_the_doctor_names_the_command_that_needs_a_missing_package(name, tmp_path):
+MISSING = [["mujoco"], pytest.param(list(doctor.OPTIONAL), marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize("names", MISSING, ids=["one", "all"])
+def test_the_doctor_names_the_commands_that_need_missing_packages(names, tmp_path):
     done = shell(
         "workbench doctor --json answer.json",
         tmp_path,
-        first=without(name, tmp_path),
+        first=without(names, tmp_path),
         COLUMNS="500",
     )
     assert done.returncode == 0, done.stderr
@@ -116,11 +123,12 @@ def test_the_doctor_names_the_command_that_needs_a_missing_package(name, tmp_pat
         check["name"]: check
         for check in json.loads((tmp_path / "answer.json").read_text())["checks"]
     }
-    extra = doctor.OPTIONAL[name]
-    assert not checks[name]["ok"] and not checks[name]["required"]
-    assert extra.needs in checks[name]["advice"] and extra.command in checks[name]["advice"]
-    assert f"Optional packages are missing: {name}" in done.stdout
-    assert extra.command in done.stdout
+    assert f"Optional packages are missing: {', '.join(names)};" in done.stdout
+    for name in names:
+        extra = doctor.OPTIONAL[name]
+        assert not checks[name]["ok"] and not checks[name]["required"]
+        assert extra.needs in checks[name]["advice"] and extra.command in checks[name]["advice"]
+        assert extra.command in done.stdout
 
 
 @pytest.mark.parametrize("package", ["pydantic", "pyarrow"])

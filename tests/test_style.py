@@ -64,10 +64,6 @@ def test_docstrings_do_not_count(tmp_path, capsys):
     assert count == 0, said
 
 
-def test_this_project_keeps_its_style(capsys):
-    assert check_style.main(ROOT) == 0, capsys.readouterr().out
-
-
 NAMED = {
     "in a table": ('TABLE = ("joint-compliance", 1)\n', 1),
     "in a key": ('KEY = f"joint-{1}.joint-compliance.load"\n', 1),
