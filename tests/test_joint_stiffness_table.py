@@ -30,7 +30,7 @@ ROW = STIFFNESS | {"centre_per_mm": None}
 )
 def test_a_stiffness_is_rounded_by_its_uncertainty_and_has_one_unit(change, words):
     _, head, rows = stiffness_table([ROW | change])
-    assert rows == [["joint-2", "recorded loads", words]] and len(head) == 3
+    assert rows == [["joint 2", "recorded loads", words]] and len(head) == 3
 
 
 def test_the_table_says_what_the_centre_of_the_load_changes():

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 import numpy as np
 
@@ -115,14 +116,32 @@ def rotation_candidates(group: Group, table: RawTable, stated_only: bool = True)
                     Group(tuple(columns), _in_order(unit, group, columns), convention, inverse)
                 )
                 try:
-                    # adding 0 makes -0 and 0 the same bytes
-                    key = (np.round(turn.matrices(table), _SAME_DECIMALS) + 0.0).tobytes()
+                    key = _rounded(turn, table)
                 except ValueError:
                     continue
                 if key not in seen:
                     seen.add(key)
                     turns.append(turn)
     return sorted(turns, key=lambda turn: (turn.group.inverse, turn.group.unit == "gon"))
+
+
+def reordered_candidates(group: Group, table: RawTable) -> list[Turn]:
+    """All readings of rotation columns in other orders than the stated one, that differ in some row.
+
+    They keep to the convention of the group where it states one.
+    """
+    turns: dict[bytes, Turn] = {}
+    for columns in list(permutations(group.columns))[1:] if len(group.columns) < 5 else ():
+        unit = _in_order(group.unit, group, columns)
+        for turn in rotation_candidates(replace(group, columns=columns, unit=unit), table):
+            turns.setdefault(_rounded(turn, table), turn)
+    return list(turns.values())
+
+
+def _rounded(turn: Turn, table: RawTable) -> bytes:
+    """The rotations of a reading, equal for readings that differ by rounding."""
+    # adding 0 makes -0 and 0 the same bytes
+    return (np.round(turn.matrices(table), _SAME_DECIMALS) + 0.0).tobytes()
 
 
 def _in_order(unit: ColumnUnits, group: Group, columns: Sequence[str]) -> ColumnUnits:
@@ -164,5 +183,6 @@ __all__ = [
     "angle_units",
     "length_units",
     "point_readings",
+    "reordered_candidates",
     "rotation_candidates",
 ]

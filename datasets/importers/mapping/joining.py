@@ -46,7 +46,7 @@ def join_tables(tables: Sequence[RawTable], join: Join) -> tuple[RawTable, Join,
     joined, used, warnings = tables[0], join, []
     for table in tables[1:]:
         few, many = (joined, table) if joined.n <= table.n else (table, joined)
-        few, many = _with_own_names(few, many)
+        few, many = with_own_names(few, many)
         used = join if join.by else _choose(few, many, join)
         if used.by == "index":
             joined = _by_index(few, many)
@@ -60,7 +60,7 @@ def join_tables(tables: Sequence[RawTable], join: Join) -> tuple[RawTable, Join,
     return joined, used, tuple(warnings)
 
 
-def _with_own_names(first: RawTable, second: RawTable) -> tuple[RawTable, RawTable]:
+def with_own_names(first: RawTable, second: RawTable) -> tuple[RawTable, RawTable]:
     """The tables with the stem of the file in front of columns that both have."""
     shared = set(first.columns) & set(second.columns)
     return _prefixed(first, shared, "1"), _prefixed(second, shared, "2")

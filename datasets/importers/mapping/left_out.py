@@ -32,12 +32,12 @@ def left_out_sentences(table: RawTable, mapping: Mapping, has_images: bool) -> t
     for names in axes:
         quoted = ", ".join(f'"{name}"' for name in names)
         said.append(
-            f"The columns {', '.join(names)} are components of a unit vector in every row and are not used. If they "
+            f"The columns {_quoted(names)} are components of a unit vector in every row and are not used. If they "
             f"are a measured axis of the target, add [axis] columns = [{quoted}] to the mapping."
         )
     for names in similar_columns(table, [one for one in unused if not any(one in a for a in axes)]):
         said.append(
-            f"The columns {', '.join(names)} {_reason(table, names)} and are not used. If they are a point, a "
+            f"The columns {_quoted(names)} {_reason(table, names)} and are not used. If they are a point, a "
             "rotation or joint readings of the recording, add them to the mapping under [point], [rotation], "
             "[flange_rotation] or [joints]."
         )
@@ -50,11 +50,15 @@ def unused_rotation_sentences(table: RawTable, mapping: Mapping) -> tuple[str, .
         return ()
     unused = set(unused_columns(table, mapping))
     return tuple(
-        f"The columns {', '.join(one.names)} are a rotation by their headers and are not used: state whose it is with "
+        f"The columns {_quoted(one.names)} are a rotation by their headers and are not used: state whose it is with "
         "[rotation] or [flange_rotation] in a mapping file for --map, or ignore them."
         for one in find_sets(table)
         if one.kind in _ROTATIONS and not one.is_nominal and unused >= set(one.names)
     )
+
+
+def _quoted(names: Iterable[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names)
 
 
 def _reason(table: RawTable, names: Iterable[str]) -> str:

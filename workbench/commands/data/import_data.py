@@ -145,12 +145,20 @@ def _propose(sources: Sequence[Path], file: Path, options, json: str | None) -> 
 
     from datasets.importers.mapping.model import write_mapping
     from workbench.recordings.importing.chain import find_mapping, never_read
+    from workbench.recordings.importing.unjoined import propose_unjoined
 
     answer.check_target(str(file), "--propose")
     with answer.progress("reading the files"), TemporaryDirectory() as scratch:
-        found = find_mapping(sources, options, Path(scratch))
+        try:
+            found = find_mapping(sources, options, Path(scratch))
+        except InputError as problem:
+            unjoined = propose_unjoined(sources, options, Path(scratch))
+            if unjoined is None:
+                raise
+            _write_unjoined(*unjoined, problem, file, json)
+            return
     left = never_read(found, found.mapping, with_times=True)
-    unused = ", ".join(left) or "none"
+    unused = ", ".join(f"'{name}'" for name in left) or "none"
     said = (*found.warnings, *found.left_out())
     lines = ["Proposed from the headers. Columns that are not used: " + unused, *said]
     comment = "".join(f"# {line}\n" for line in lines)
@@ -160,6 +168,18 @@ def _propose(sources: Sequence[Path], file: Path, options, json: str | None) -> 
     console = answer.console(json)
     for sentence in said:
         console.print(f"Warning: {sentence}", style="bold red", markup=False, soft_wrap=True)
+    console.print(str(file), markup=False, soft_wrap=True)
+
+
+def _write_unjoined(mapping, comment: str, problem: InputError, file: Path, json: str | None):
+    """Write the mapping of tables that could not be joined, with what is open about them."""
+    from datasets.importers.mapping.model import write_mapping
+
+    write_mapping(mapping, file, f"# {problem}\n#\n{comment}\n")
+    result = {"command": "import", "mapping": mapping.as_keys(), "file": file}
+    answer.deliver({**result, "unused_columns": [], "warnings": [str(problem)]}, json)
+    console = answer.console(json)
+    console.print(f"Warning: {problem}", style="bold red", markup=False, soft_wrap=True)
     console.print(str(file), markup=False, soft_wrap=True)
 
 

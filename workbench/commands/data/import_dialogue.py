@@ -92,7 +92,8 @@ def show(console, answer: Mapping, result) -> None:
         _fits(console, answer["conventions"])
     _preview(console, result.recording)
     if answer["unused_columns"]:
-        console.print(f"Not used: {', '.join(answer['unused_columns'])}", markup=False)
+        unused = ", ".join(f"'{name}'" for name in answer["unused_columns"])
+        console.print(f"Columns that are not used: {unused}", markup=False)
 
 
 def _fits(console, conventions: Sequence[Mapping]) -> None:

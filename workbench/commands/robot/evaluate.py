@@ -94,6 +94,8 @@ def _show(console, result) -> None:
         rows = [[name, *(errors[key] for key in keys)] for name, errors in models]
         tables.grid(console, title, ["model", f"RMS {unit}", "mean", "95 %", "max"], rows)
         title = "Orientation"
-    rows = [[row["joint"], *row["rms_mm"]] for row in result["by_joint"]]
+    from workbench.report.text import joint_label
+
+    rows = [[joint_label(row["joint"]), *row["rms_mm"]] for row in result["by_joint"]]
     head = ["joint", "lowest third", "middle", "highest third"]
     tables.grid(console, "RMS position error by joint reading, mm", head, rows)

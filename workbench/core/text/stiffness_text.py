@@ -16,7 +16,10 @@ def stiffness_table(stiffness: Sequence[Mapping]) -> tuple[str, list[str], list[
     title = "Joint stiffness"
     if any(row["known_from"] == "product only" for row in stiffness):
         title += "; 'product only': deflection under the links, whose masses are not stated"
-    rows = [[row["where"], row["known_from"], stiffness_text(row)] for row in stiffness]
+    rows = [
+        [row["where"].replace("-", " "), row["known_from"], stiffness_text(row)]
+        for row in stiffness
+    ]
     if not any(row.get("centre_per_mm") for row in stiffness):
         return title, list(HEAD), rows
     for row, cells in zip(stiffness, rows):

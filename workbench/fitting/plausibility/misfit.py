@@ -12,7 +12,13 @@ from workbench.fitting.plausibility.columns_at_rest import (
     equal_columns,
     longest_run,
 )
-from workbench.fitting.plausibility.fitting import Fit, base_and_tool, fit_recording, reach_of
+from workbench.fitting.plausibility.fitting import (
+    Fit,
+    base_and_tool,
+    fit_recording,
+    model_at,
+    reach_of,
+)
 from workbench.fitting.plausibility.hypotheses.corrections import observed_columns
 from workbench.fitting.plausibility.sampling import even_rows
 from workbench.fitting.plausibility.search import CLOSE, Explanation, search_further, search_singles
@@ -145,10 +151,10 @@ def _wrong_geometry(robot, recording, recorded, good) -> Suspicion | None:
     """
     chosen = recording.select(even_rows(recording, _ROWS))
     keys = [key for key in geometry_free(robot) if ".alpha" not in key and ".beta" not in key]
-    released = ()
+    released, nominal = (), model_at(robot, chosen)[1].values
     for _ in range(_MOST_RELEASED):
         fits = {
-            key: _released(robot, chosen, recorded, (*released, key))
+            key: _released(robot, chosen, recorded, (*released, key), nominal)
             for key in keys
             if key not in released
         }
@@ -163,14 +169,16 @@ def _wrong_geometry(robot, recording, recorded, good) -> Suspicion | None:
     return None
 
 
-def _released(robot, recording, recorded, keys) -> Fit:
+def _released(robot, recording, recorded, keys, nominal) -> Fit:
     """The fit without a prior on `keys`; the recorded fit where that cannot be computed.
 
-    First with all other geometry held: together they would creep along a narrow valley.
+    nominal: values (P,) with base and tool fitted at the nominal geometry, the start of all of them. First with all
+    other geometry held: together they would creep along a narrow valley.
     """
+    free = base_and_tool(recording)
     try:
         first = fit_recording(
-            robot, recording, free=base_and_tool(recording), widen=keys, steps=_RELEASE_STEPS
+            robot, recording, nominal, free=free, widen=keys, steps=_RELEASE_STEPS
         )
         return fit_recording(robot, recording, first.parameters.values, widen=keys)
     except (np.linalg.LinAlgError, InputError):

@@ -11,7 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.errors import InputError
-from workbench.fitting.plausibility.fitting import Fit, fit_recording, nominal_scale
+from workbench.fitting.plausibility.fitting import (
+    Fit,
+    fit_recording,
+    hopeless_mm,
+    nominal_scale,
+)
 from workbench.fitting.plausibility.hypotheses.artefact_corrections import artefact_corrections
 from workbench.fitting.plausibility.hypotheses.corrections import Correction, join
 from workbench.fitting.plausibility.hypotheses.joint_corrections import (
@@ -116,11 +121,13 @@ def _screened_scale(robot, recording, correction, rows):
 
 
 def judge(robot, recording, candidates: list[Candidate]) -> list[Explanation]:
-    """The candidates fitted with plausible geometry errors, the best first."""
+    """The candidates fitted with plausible geometry errors, the best first; none that these cannot make fit."""
     rows = even_rows(recording, _JUDGE_ROWS)
     found = []
     for candidate in _promising(candidates):
         arm, corrected = candidate.correction.apply(robot, recording)
+        if candidate.scale > candidate.correction.comparable(hopeless_mm(arm, corrected)):
+            continue
         try:
             fit = fit_recording(arm, corrected.select(rows[rows < corrected.n]))
         except (np.linalg.LinAlgError, InputError, ValueError):

@@ -19,7 +19,7 @@ from workbench.machine.progress import counted
 DEFAULT = "default"
 _BLOCKS, _LEAST_BLOCKS = 10, 5
 _EQUAL = 1e-6  # of the squared error: a hundredth of what a converged fit leaves open
-CHOSEN = "not printed: a plan chose its stages on these very folds; name --test-samples"
+CHOSEN = "not printed: a plan chose its stages on these very folds; name --test-samples (in Python test_samples)"
 SAME_FIRST = "the plan that the others are compared with"
 FEW = f"not printed: fewer than {_LEAST_BLOCKS} folds or blocks of test poses"
 SAME = "not printed: both predict the same"

@@ -11,7 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.importers.mapping.candidates import angle_units, length_units, rotation_candidates
+from datasets.importers.mapping.candidates import (
+    Turn,
+    angle_units,
+    length_units,
+    reordered_candidates,
+    rotation_candidates,
+)
 from datasets.importers.mapping.column_units import unit_toml, unit_words
 from datasets.importers.mapping.conversion import (
     complete_rows,
@@ -39,13 +45,14 @@ from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_matrix, transform
 from workbench.machine.progress import paced
 from workbench.recordings.importing.board_review import likely_mistake, pose_warnings
-from workbench.recordings.importing.decisions import choose_reading, least_misfits, turn_misfits
-from workbench.recordings.importing.fits import CandidateFit
+from workbench.recordings.importing.decisions import choose_reading
+from workbench.recordings.importing.fits import CandidateFit, is_only_good, order_error
 from workbench.recordings.importing.header_problems import pose_error
 from workbench.recordings.importing.image_rows import matched_rows
 from workbench.recordings.importing.measured_robot import Made
 from workbench.recordings.importing.pose_segments import PoseReadings, refuse_changed_poses
 from workbench.recordings.importing.robots import robot_keys
+from workbench.recordings.importing.turn_misfits import least_misfits, turn_misfits
 
 _IMAGES_TESTED = 60
 _FEWEST = 4
@@ -110,7 +117,10 @@ def import_images(found, options, folder: Path, progress) -> Made:
     try:
         mapping, fits = _decide(readings, views, kind, rows, options)
     except InputError as problem:
-        probable = [readings[place] for place, _ in _compared(readings, views, kind)]
+        compared = _compared(readings, views, kind)
+        if not (compared and compared[0][1].is_good):
+            _refuse_other_order(rows, mapping, views, kind)
+        probable = [readings[place] for place, _ in compared]
         named = likely_mistake(probable, views, kind, rows)
         raise problem if named is None else InputError(named) from None
     chosen = next(poses for _, made, poses in readings if made is mapping)
@@ -232,10 +242,13 @@ def _readings(rows: RawTable, mapping: Mapping, options):
     return keys, mapping, readings
 
 
-def flange_readings(rows: RawTable, mapping: Mapping):
-    """(title, mapping, poses (n, 4, 4)) of every reading of the flange poses. Raises InputError where none is one."""
+def flange_readings(rows: RawTable, mapping: Mapping, turns: Sequence[Turn] | None = None):
+    """(title, mapping, poses (n, 4, 4)) of every reading of the flange poses. Raises InputError where none is one.
+
+    turns: readings of the rotation; None: those of its columns in their order.
+    """
     readings = []
-    for turn in rotation_candidates(mapping.flange_rotation, rows):
+    for turn in rotation_candidates(mapping.flange_rotation, rows) if turns is None else turns:
         turned = turn.matrices(rows)
         for unit in length_units(mapping.flange_point):
             made = replace(mapping, flange_rotation=turn.group).updated("flange_point", unit=unit)
@@ -340,6 +353,18 @@ def _refuse_other_kind(readings, views: BoardViews, kind: str, fits, file: str) 
         f'board fixed to the {fixed} or with inverse poses ({other[0][1].words}); add fixed_to = "{fixed}" to '
         "[board] of a mapping file (--map), or invert the poses."
     )
+
+
+def _refuse_other_order(rows: RawTable, mapping: Mapping, views: BoardViews, kind: str) -> None:
+    """Raise InputError where the rotation explains the poses with its columns in one other order than their names'."""
+    if mapping.flange_rotation is None:
+        return
+    turns = reordered_candidates(mapping.flange_rotation, rows)
+    readings = flange_readings(rows, mapping, turns) if turns else []
+    fits = _compared(readings, views, kind) if readings else []
+    if is_only_good(fits):
+        made = readings[fits[0][0]][1]
+        raise order_error(rows.file, made.flange_rotation, fits[0][1], reading_line(made))
 
 
 def reading_line(mapping: Mapping) -> str:

@@ -4,19 +4,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from datasets.importers.mapping.candidates import (
     ANGLE_WORDS,
     LENGTH_WORDS,
-    Turn,
     angle_units,
     point_readings,
-    rotation_candidates,
 )
 from datasets.importers.mapping.column_units import unit_toml, unit_words
 from datasets.importers.mapping.model import Mapping
-from datasets.importers.source import RawTable
 from datasets.recording import Recording
 from robot_model.chain import forward
 from robot_model.robot import Robot
@@ -27,6 +23,7 @@ from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.recordings.importing.fits import CandidateFit, compare_readings
 from workbench.recordings.importing.mixed_units import (
     MOST_COLUMNS,
+    WIDEST_DEG,
     mixed_unit_mappings,
     relative_misfit,
 )
@@ -37,9 +34,6 @@ _ABOUT_AS_BAD = 1.5
 _SEARCHED_UNITS = 2
 _ABOUT_ONE_TURN = 7.0  # rad
 _DOUBTS = ("stuck-encoder", "copied-column")
-_SCREENED = 40
-_PAIRS = 400
-_SCREEN_FACTOR, _SCREEN_RAD = 3.0, np.deg2rad(1.0)
 
 _REMEDY = (
     "check the robot, the order and the units of the joint columns, the unit of the measured points, and that the rows "
@@ -74,7 +68,7 @@ def decide_units(
         return _contradicted_units(case, fits)
     where = f"{called}, units of the joint readings and the point"
     if not fits or any(fit.is_good for _, fit in fits):
-        return _decided(readings, fits, where, ask, _unit_lines)
+        return decided(readings, fits, where, ask, _unit_lines)
     stopped = ""
     try:
         mixed = _searched(case, readings)
@@ -83,7 +77,7 @@ def decide_units(
     except OutOfTime as limit:
         stopped = f" {limit}"
     try:
-        return _decided(readings, fits, where, ask, _unit_lines)
+        return decided(readings, fits, where, ask, _unit_lines)
     except InputError as problem:
         raise InputError(f"{problem}{stopped}") from None
 
@@ -138,7 +132,8 @@ def _mixed_fits(case: _Case, counts: Sequence[int], stated_only: bool):
     for count in counts:
         mappings = mixed_unit_mappings(case.robot, case.mapping, case.build, count, stated_only)
         readings = [(_unit_title(made), made) for made in mappings]
-        fits = [item for item in compare(case.robot, readings, case.build) if item[1].is_good]
+        fitted = compare(case.robot, readings, case.build, is_good_only=True)
+        fits = [item for item in fitted if item[1].is_good]
         if fits:
             best = fits[0][1]
             return readings, [fits[0], *(f for f in fits[1:] if not best.clearly_beats(f[1]))]
@@ -159,16 +154,33 @@ def _close_units(case: _Case, readings) -> list[int]:
 
     A wrong unit makes misfit and points small, so that the misfit is compared in relation to the extent of the points.
     Radians come first where all readings are within about one turn, degrees otherwise; gon, which is rare, only where
-    it is stated.
+    it is stated, and no unit that makes more than two turns of a joint where another does not.
     """
-    misfits = np.array([relative_misfit(case.robot, made, case.build) for _, made in readings])
+    misfits = np.array(
+        [relative_misfit(case.robot, made, case.build, WIDEST_DEG) for _, made in readings]
+    )
+    if not np.isfinite(misfits).any():
+        misfits = np.array([relative_misfit(case.robot, made, case.build) for _, made in readings])
     limit = _ABOUT_AS_BAD * misfits.min()
     close = [place for place in range(len(readings)) if misfits[place] <= limit < np.inf]
+    # the search tries all units of the point itself
+    close.sort(key=lambda place: _scale_of_extent(case, readings[place][1]))
+    close = list({readings[place][1].joints.unit: place for place in reversed(close)}.values())
     units = [readings[place][1].joints.unit for place in range(len(readings))]
     if len(set(units)) > 1:
         close = [place for place in close if units[place] != "gon"] or close
         close.sort(key=lambda place: _order_of_unit(case, readings[place][1]))
     return close[:_SEARCHED_UNITS]
+
+
+def _scale_of_extent(case: _Case, mapping: Mapping) -> float:
+    """Logarithm of the ratio between the extents of the measured points and of the flange's places, without sign."""
+    if mapping.point is None:
+        return 0.0
+    recording = case.build(mapping)
+    places = forward(case.robot, case.robot.mixing @ recording.joints.T).end_origin
+    extents = [np.linalg.norm(np.std(p, axis=1)) for p in (recording.points.T, places)]
+    return float(abs(np.log(np.maximum(extents[0], 1e-9) / np.maximum(extents[1], 1e-9))))
 
 
 def _order_of_unit(case: _Case, mapping: Mapping) -> int:
@@ -326,9 +338,9 @@ def _unit_word(unit: str) -> str:
 
 
 def compare(
-    robot, readings, build: Build, refined: int = _REFINED
+    robot, readings, build: Build, refined: int = _REFINED, is_good_only: bool = False
 ) -> list[tuple[int, CandidateFit]]:
-    """Fits of the readings whose numbers can be what they say."""
+    """Fits of the readings whose numbers can be what they say; is_good_only: as of `compare_readings`."""
     recordings, places = [], []
     for place, (title, mapping) in enumerate(readings):
         try:
@@ -336,13 +348,15 @@ def compare(
             places.append(place)
         except InputError:
             continue  # such as a quaternion that has no length 1
-    return [(places[k], fit) for k, fit in compare_readings(robot, recordings, refined)]
+    return [
+        (places[k], fit) for k, fit in compare_readings(robot, recordings, refined, is_good_only)
+    ]
 
 
 def _contradicted_units(case: _Case, fits) -> Decision:
     """Units that the headers state and that do not fit: another unit may, and is named; else the misfit is kept."""
     others = list(unit_readings(case.mapping, stated_only=False))
-    better = compare(case.robot, others, case.build)
+    better = compare(case.robot, others, case.build, is_good_only=True)
     stated = next(iter(unit_readings(case.mapping, stated_only=True)))
     if better and better[0][1].is_good and others[better[0][0]][0] != stated[0]:
         found = f"{fits[0][1].words}, but {better[0][1].words}" if fits else better[0][1].words
@@ -355,7 +369,7 @@ def _contradicted_units(case: _Case, fits) -> Decision:
     return mixed or Decision(stated[1], tuple(fit for _, fit in fits))
 
 
-def _decided(readings, fits, where: str, ask: Ask | None, line) -> Decision:
+def decided(readings, fits, where: str, ask: Ask | None, line) -> Decision:
     """The best reading where the data decide, else the answer to a question."""
     chosen = choose_reading([line(mapping) for _, mapping in readings], fits, where, ask)
     ordered = sorted(fits, key=lambda item: item[0] != chosen)
@@ -398,97 +412,3 @@ def choose_reading(
         tuple(lines[place] for place, _ in close),
     )
     return choose(question, ask, [place for place, _ in close])
-
-
-def decide_rotation(
-    robot: Robot, mapping: Mapping, table: RawTable, build: Build, ask: Ask | None
-) -> Decision:
-    """Convention and unit of the measured rotation by the fit of positions and orientations together.
-
-    build: makes the recording of a complete mapping. Raises InputError as `decide_units`.
-    """
-    where = f"{table.file}, columns {', '.join(mapping.rotation.columns)}"
-    turns = rotation_candidates(mapping.rotation, table)
-    if not turns:
-        raise InputError(
-            f"{where}: expected rotations, found numbers that are none (quaternions of length 1, orthogonal "
-            "matrices); correct the columns or the mapping."
-        )
-    fits, readings = _rotation_fits(robot, mapping, table, turns, build)
-    if len(turns) == 1 and not (fits and fits[0][1].is_good):
-        wider = rotation_candidates(mapping.rotation, table, stated_only=False)
-        better, others = _rotation_fits(robot, mapping, table, wider, build)
-        is_other = better and others[better[0][0]][0] != turns[0].title
-        if is_other and better[0][1].is_good:
-            stated = fits[0][1].words if fits else turns[0].title
-            line = _rotation_lines(others[better[0][0]][1])
-            raise InputError(
-                f"{where}: expected the rotation convention that headers, format or mapping state to fit the robot, "
-                f"found {stated}, but {better[0][1].words}; add {line} to a mapping file and name it with --map."
-            )
-    return _decided(readings, fits, where, ask, _rotation_lines)
-
-
-def _rotation_lines(mapping: Mapping) -> str:
-    group = mapping.rotation
-    columns = ", ".join(f'"{name}"' for name in group.columns)
-    unit = f", unit = {unit_toml(group.unit)}" if group.unit else ""
-    inverse = ", inverse = true" if group.inverse else ""
-    return f'[rotation] columns = [{columns}], convention = "{group.convention}"{unit}{inverse}'
-
-
-def _rotation_fits(robot, mapping, table, turns: Sequence[Turn], build: Build):
-    readings = [(turn.title, replace(mapping, rotation=turn.group)) for turn in turns]
-    kept = screened_turns(
-        flange_rotations(robot, build(readings[0][1])), [t.matrices(table) for t in turns]
-    )
-    chosen = [readings[k] for k in kept]
-    return compare(robot, chosen, build), chosen
-
-
-def flange_rotations(robot: Robot, recording: Recording) -> np.ndarray:
-    """(n, 3, 3) rotations of the nominal flange."""
-    frames = forward(robot, robot.mixing @ recording.joints.T)
-    return np.stack(frames.end, -1).transpose(1, 0, 2)
-
-
-def measured_rotations(recording: Recording) -> np.ndarray:
-    """(n, 3, 3) rotations of a recording of poses."""
-    quaternions = np.stack([recording.columns[f"q{axis}"] for axis in "xyzw"], axis=1)
-    return Rotation.from_quat(quaternions).as_matrix()
-
-
-def screened_turns(
-    flange: np.ndarray, candidates: Sequence[np.ndarray], most: int = _SCREENED
-) -> list[int]:
-    """Indices of the candidates whose angles between pairs of rows agree with those of the flange.
-
-    flange (n, 3, 3); candidates (n, 3, 3) each. The angle of R_i^T R_j depends neither on the base nor on the tool,
-    so that no fit is needed.
-    """
-    return least_misfits(turn_misfits(flange, candidates), most)
-
-
-def least_misfits(misfits: np.ndarray, most: int) -> list[int]:
-    """Indices of the at most `most` smallest of the misfits (k,) rad that are not clearly larger than the least."""
-    limit = _SCREEN_FACTOR * misfits.min() + _SCREEN_RAD
-    order = np.argsort(misfits, kind="stable")
-    return [int(k) for k in order[:most] if misfits[k] <= limit]
-
-
-def turn_misfits(flange: np.ndarray, candidates: Sequence[np.ndarray]) -> np.ndarray:
-    """(k,) rad: RMS difference of the angles between pairs of rows, of each candidate (n, 3, 3) to the flange."""
-    count = len(flange)
-    rng = np.random.default_rng(0)
-    first = rng.integers(0, count, _PAIRS)
-    second = rng.integers(0, count, _PAIRS)
-    wanted = _angles(flange[first], flange[second])
-    return np.array(
-        [np.sqrt(np.mean((_angles(c[first], c[second]) - wanted) ** 2)) for c in candidates]
-    )
-
-
-def _angles(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(m,) rad between rotations (m, 3, 3)."""
-    chord = np.linalg.norm(first - second, axis=(1, 2)) / np.sqrt(8)
-    return 2 * np.arcsin(np.minimum(chord, 1))

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from datasets.importers.mapping.model import Group
 from datasets.recording import Recording
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility.check import good_scale
-from workbench.fitting.plausibility.fitting import fit_recording, nominal_scale
+from workbench.fitting.plausibility.fitting import fit_recording, hopeless_mm, nominal_scale
 from workbench.fitting.plausibility.sampling import even_rows
 
 _ROWS = 100
@@ -55,12 +56,16 @@ class CandidateFit:
 
 
 def compare_readings(
-    robot: Robot, readings: Sequence[tuple[str, Recording]], refined: int = 8
+    robot: Robot,
+    readings: Sequence[tuple[str, Recording]],
+    refined: int = 8,
+    is_good_only: bool = False,
 ) -> list[tuple[int, CandidateFit]]:
     """Index and fit of the readings worth comparing, the most probable first.
 
     readings: title and recording of each, all of the same rows, the usual ones first. Readings whose misfit with
-    the nominal geometry is `_WINDOW` times the least one are left out. Empty where no reading can be fitted.
+    the nominal geometry is `_WINDOW` times the least one are left out. is_good_only: as are those that no plausible
+    geometry errors make fit. Empty where no reading can be fitted.
     """
     thinned = [(title, reading.select(even_rows(reading, _ROWS))) for title, reading in readings]
     quick = [_quick_scale(robot, reading) for _, reading in thinned]
@@ -69,6 +74,8 @@ def compare_readings(
         return []
     usual = [k for k in range(min(_USUAL, refined)) if k in order[refined:]]
     limit = _WINDOW * max(quick[order[0]], 1.0)
+    if is_good_only:
+        limit = min(limit, max(hopeless_mm(robot, thinned[k][1]) for k in order))
     kept = [k for k in (*order[:refined], *usual) if quick[k] <= limit]
     fitted = []
     for k in kept:
@@ -76,6 +83,23 @@ def compare_readings(
         if fit is not None:
             fitted.append((int(k), fit))
     return sorted(fitted, key=lambda item: item[1].improbability)
+
+
+def is_only_good(fits: Sequence[tuple[int, CandidateFit]]) -> bool:
+    """Whether the first of the fits, the most probable first, is good and clearly beats all others."""
+    return (
+        bool(fits) and fits[0][1].is_good and all(fits[0][1].clearly_beats(f) for _, f in fits[1:])
+    )
+
+
+def order_error(file: str, group: Group, fit: CandidateFit, line: str) -> InputError:
+    """The error for rotation columns whose values stand in the order of `group`; line: of a mapping that says so."""
+    order = ", ".join(f"'{name}'" for name in group.columns)
+    return InputError(
+        f"{file}, columns {', '.join(sorted(group.columns))}: expected values in the order that the names of the "
+        f"columns state, found none that fits in that order, but {fit.words} in the order {order}; correct the "
+        f"headers, or add {line} to a mapping file and name it with --map."
+    )
 
 
 def _quick_scale(robot: Robot, reading: Recording) -> float:

@@ -26,6 +26,7 @@ from workbench.recordings.importing.reading_changes import (
     refuse_changed_units,
 )
 from workbench.recordings.importing.robots import robot_candidates, robot_keys
+from workbench.recordings.importing.rotation_decision import decide_rotation
 from workbench.recordings.importing.timed_join import ClockDecision, decide_offset
 from workbench.recordings.importing.unnamed_columns import find_unnamed, refuse_wrong_slides
 
@@ -210,9 +211,7 @@ def _decide(builder: Builder, mapping: Mapping, options, progress) -> decisions.
         return decision
     progress("testing rotation conventions on the robot")
     try:
-        turned = decisions.decide_rotation(
-            robot, decision.mapping, table, builder.complete, options.ask
-        )
+        turned = decide_rotation(robot, decision.mapping, table, builder.complete, options.ask)
     except InputError:
         refuse_changed_rotation(builder, decision.mapping, None)
         raise

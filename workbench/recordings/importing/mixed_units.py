@@ -20,7 +20,8 @@ Build = Callable[[Mapping], Recording]
 _PAIRS = (("deg", "rad"), ("rad", "deg"))
 """Units of most columns and of several others; gon, which is rare, is tried for single columns only."""
 MOST_COLUMNS = 3
-_WIDEST_DEG = 800.0
+WIDEST_DEG = 800.0
+"""No joint turns further."""
 _SCREENED_ROWS = 40
 _KEPT = 6
 
@@ -35,7 +36,7 @@ def mixed_unit_mappings(
     """
     screened = []
     for made in _mixed(mapping, count, stated_only):
-        misfit = relative_misfit(robot, made, build, _WIDEST_DEG)
+        misfit = relative_misfit(robot, made, build, WIDEST_DEG)
         if np.isfinite(misfit):
             screened.append((misfit, made))
     screened.sort(key=lambda item: item[0])

@@ -19,6 +19,11 @@ from workbench.fitting.plausibility.sampling import even_rows
 from workbench.recordings.importing import decisions
 from workbench.recordings.importing.builder import Builder
 from workbench.recordings.importing.row_segments import Segment, find_segments
+from workbench.recordings.importing.turn_misfits import (
+    flange_rotations,
+    measured_rotations,
+    screened_turns,
+)
 
 _FIT_ROWS = 100
 _OFF = 3.0
@@ -79,11 +84,11 @@ def refuse_changed_rotation(
     readings = list(_built(made, builder.complete, _rotation_words))
     if not readings:
         return
-    flange = decisions.flange_rotations(builder.robot, readings[0].recording)
-    matrices = [decisions.measured_rotations(one.recording) for one in readings]
+    flange = flange_rotations(builder.robot, readings[0].recording)
+    matrices = [measured_rotations(one.recording) for one in readings]
 
     def screen(rows: np.ndarray) -> list[int]:
-        return decisions.screened_turns(flange[rows], [one[rows] for one in matrices])
+        return screened_turns(flange[rows], [one[rows] for one in matrices])
 
     named = [(str(k), one.recording) for k, one in enumerate(readings)]
     segments, _ = find_segments(builder.robot, named, lambda anchor: (), screen)

@@ -110,7 +110,7 @@ def _find_anchor(robot: Robot, readings, rows: np.ndarray, screen) -> _Anchor | 
     for block in _blocks(rows):
         kept = range(len(readings)) if screen is None else screen(block)
         some = [(readings[k][0], readings[k][1].select(block)) for k in kept]
-        for place, found in compare_readings(robot, some, _REFINED)[:1]:
+        for place, found in compare_readings(robot, some, _REFINED, is_good_only=True)[:1]:
             if not found.is_good:
                 continue
             chosen = some[place][1]
