@@ -307,3 +307,12 @@ def test_a_misspelt_column_is_refused_and_warned_of(name, recording, tmp_path):
 )
 def test_other_columns_are_no_misspelt_ones(name):
     assert misspelt(name) is None
+
+
+def test_a_run_keeps_a_recording_that_was_in_memory_alone(recording, tmp_path):
+    from workbench.app.data.opened import open_subject
+
+    wb.check(recording, out=tmp_path / "checked")
+    opened = open_subject(str(tmp_path / "checked"))
+    np.testing.assert_allclose(opened.recording.joints, recording.joints)
+    assert opened.recording.n == recording.n

@@ -119,7 +119,7 @@ def test_a_real_click_on_a_bar_shows_image_with_overlay_pose_and_row(
         wait_for_text(page, "picked", "images/board-005.png")
         wait_for_text(page, "picked", "54 corners detected")
         row = page.get_by_role("group", name="Row of the sample")
-        row.get_by_text("flange x, mm").wait_for()
+        row.get_by_text("flange x (mm)").wait_for()
         page.get_by_role("button", name="images/board-009.png").press("Enter")
         page.get_by_role("heading", name="Sample 9").wait_for()
         page.get_by_role("button", name="Exclude selected samples").click()

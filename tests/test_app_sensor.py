@@ -161,7 +161,7 @@ def test_a_click_on_an_arrow_shows_image_with_overlay_pose_and_row(page):
     page.wait_for_function(
         "() => document.querySelector('[data-mark=arrows]')?.style.visibility === 'inherit'"
     )
-    assert "q1, deg" in page.get_by_role("group", name="Row of the sample").inner_text()
+    assert "joint 1 (deg)" in page.get_by_role("group", name="Row of the sample").inner_text()
 
 
 _ALONG = 0.7
@@ -185,7 +185,7 @@ def test_a_real_click_in_space_shows_image_with_overlay_pose_and_row(page):
     assert len(trace(page, "picked", "stripe")["x"]) > 50
     cells = page.get_by_role("group", name="Selected samples").locator("tbody tr td")
     assert cells.first.inner_text() == str(row) and "scan-" in cells.last.inner_text()
-    assert "q1, deg" in page.get_by_role("group", name="Row of the sample").inner_text()
+    assert "joint 1 (deg)" in page.get_by_role("group", name="Row of the sample").inner_text()
     page.wait_for_function(_IS_MARKED, arg=f"sample {row}")
 
 
@@ -228,7 +228,7 @@ def test_a_bar_and_a_brush_select(page):
     wait_for_text(page, "picked", ", scan; ")  # image with overlay, pose and row of the first
     assert plot(page, "picked").evaluate("(one) => one.layout.images.length") == 1
     page.get_by_role("heading", name="Sample").wait_for()
-    assert "q1, deg" in page.get_by_role("group", name="Row of the sample").inner_text()
+    assert "joint 1 (deg)" in page.get_by_role("group", name="Row of the sample").inner_text()
     brush_chart(page)
     wait_for_text(page, "selection", "30 of 30 samples selected")
     page.get_by_role("button", name="Clear selection").click()

@@ -79,6 +79,14 @@ def test_a_wrong_arm_is_no_order_of_columns(truth, tmp_path):
     assert "in the order '" not in str(caught.value)
 
 
+def test_three_joints_in_a_cycle_are_named(truth, tmp_path):
+    cells = np.column_stack([degrees(truth)[:, [2, 0, 1, 3, 4, 5]], truth.points])
+    path = write_rows(tmp_path / "t.csv", [*JOINTS, "X", "Y", "Z"], cells)
+    words = "exchanged in a cycle; name column 'J1' 'J3', column 'J2' 'J1' and column 'J3' 'J2'"
+    with pytest.raises(InputError, match=words):
+        import_recording([path], tmp_path / "out", UR10)
+
+
 def test_the_readings_of_all_orders_differ():
     quaternions = Rotation.random(20, random_state=1).as_quat()
     made = {tuple(np.round(quaternions[:, list(one)], 9).ravel()) for one in permutations(range(4))}

@@ -129,6 +129,17 @@ def test_a_column_is_titled_by_quantity_and_unit():
     assert {name: covariate_label(name) for name in titles} == titles
 
 
+def test_names_of_columns_in_a_text_are_quantities():
+    from workbench.report.text import with_labels
+
+    titles = {
+        "noise-heteroscedastic, with range_mm the noise": "noise-heteroscedastic, with range (mm) the noise",
+        "with temperature_j2_c and q3_deg": "with temperature of joint 2 (°C) and joint 3 (deg)",
+        "joint-curve of 7 terms": "joint-curve of 7 terms",
+    }
+    assert {text: with_labels(text) for text in titles} == titles
+
+
 @pytest.mark.parametrize(
     ("name", "path", "unit", "label"),
     [

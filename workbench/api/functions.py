@@ -9,6 +9,7 @@ import contextlib
 import inspect
 import io
 import json
+import shutil
 import tempfile
 import typing
 from collections.abc import Callable
@@ -119,8 +120,22 @@ def run(command: Callable, arguments: dict) -> Result:
         except typer.Exit as end:
             status = end.exit_code
     answer = json.loads(answer_file.read_text(encoding="utf-8")) if answer_file.exists() else {}
+    _keep_recording(given.get("recording"), _folder_of(answer, given), folder)
     printed = _without_path(text.getvalue(), folder)
     return Result(answer, _folder_of(answer, given), printed, status == 0, function, owner)
+
+
+def _keep_recording(recording, run: Path | None, folder: Path) -> None:
+    """Keep a recording that existed in memory alone, and was written into the temporary folder, with its run."""
+    if (
+        run is None
+        or not isinstance(recording, str | Path)
+        or folder not in Path(recording).parents
+    ):
+        return
+    kept = run / runs.KEPT_RECORDING
+    if not kept.exists():
+        shutil.copytree(recording, kept)
 
 
 def _is_run_folder(out: inspect.Parameter) -> bool:

@@ -24,6 +24,8 @@ except ImportError:  # Windows: a temporary folder that is left behind has to be
     fcntl = None
 
 RUNS = Path("runs")
+KEPT_RECORDING = "recording"
+"""Folder inside a run with its recording, where that was in memory alone."""
 _root: ContextVar[Path | None] = ContextVar("root", default=None)
 _MANY_FILES = 200
 

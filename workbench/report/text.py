@@ -1,6 +1,7 @@
 """Formatting of numbers and words for report pages."""
 
 import math
+import re
 
 from workbench.core.vocabulary import Covariate
 
@@ -89,6 +90,19 @@ def joint_label(column: str) -> str:
     if not (name[:1] == "q" and name[1:].isdecimal()):
         return column
     return f"joint {name[1:]} ({unit})" if unit else f"joint {name[1:]}"
+
+
+_COLUMN = re.compile(r"\b[a-z]\w*_(?:mm|deg|c|kg|s|nm)\b")
+
+
+def with_labels(text: str) -> str:
+    """A text with names of columns as quantities: "with range_mm the noise" -> "with range (mm) the noise"."""
+    return _COLUMN.sub(lambda found: _label(found[0]), text)
+
+
+def _label(column: str) -> str:
+    joint = joint_label(column)
+    return covariate_label(column) if joint == column else joint
 
 
 def column_label(column: str) -> str:

@@ -11,7 +11,7 @@ from workbench.app.data.numbers import rows_of
 from workbench.app.data.residuals import Residuals, read_residuals
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_json
-from workbench.files.runs import RUNS
+from workbench.files.runs import KEPT_RECORDING, RUNS
 
 ANSWER, DIAGNOSE = "answer.json", "diagnose"
 CENTRES = "ball-centres"
@@ -141,7 +141,9 @@ def _open_run(folder: Path, recording: str | None) -> Opened:
     import datasets
 
     answer = read_answer(folder / ANSWER)
-    subject = recording or answer.get("input") or answer.get("recording")
+    kept = folder / KEPT_RECORDING
+    own = str(kept) if (kept / "recording.toml").is_file() else None
+    subject = recording or own or answer.get("input") or answer.get("recording")
     if not subject:
         raise InputError(
             f"{folder / ANSWER}, key input: expected the recording of this run, found none; name it with --recording"

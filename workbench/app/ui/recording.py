@@ -17,6 +17,7 @@ from workbench.app.ui.base import Tab, points_of, whole_number
 from workbench.app.ui.excluded import ExcludedList
 from workbench.app.ui.image_panel import ImagePanel
 from workbench.app.ui.view import SPACE
+from workbench.report.text import joint_label
 
 
 class RecordingTab(Tab):
@@ -264,10 +265,12 @@ def row_table(work) -> list[dict]:
 
 
 def _label(name: str) -> str:
-    """A column of samples.csv as quantity and unit: "q1_deg" -> "q1, deg", "flange_qw" -> "flange qw"."""
+    """A column of samples.csv as quantity and unit: "q1_deg" -> "joint 1 (deg)", "flange_qw" -> "flange qw"."""
+    if (joint := joint_label(name)) != name:
+        return joint
     stem, _, unit = name.rpartition("_")
     if stem and unit in _UNITS:
-        return f"{stem.replace('_', ' ')}, {_UNITS[unit]}"
+        return f"{stem.replace('_', ' ')} ({_UNITS[unit]})"
     return name.replace("_", " ")
 
 

@@ -21,6 +21,7 @@ from workbench.fitting.plausibility.hypotheses.artefact_corrections import artef
 from workbench.fitting.plausibility.hypotheses.corrections import Correction, join
 from workbench.fitting.plausibility.hypotheses.joint_corrections import (
     joint_corrections,
+    order_vectors,
     sign_vectors,
     unit_vectors,
 )
@@ -76,9 +77,13 @@ class Search:
 
 
 def search_singles(robot, recording) -> Search:
-    """Every single correction, and every combination of signs and of columns in radians."""
+    """Every single correction, every combination of signs and of columns in radians, and cycles of three joints."""
     singles = single_corrections(robot, recording)
-    vectors = [*sign_vectors(recording), *unit_vectors(recording)]
+    vectors = [
+        *sign_vectors(recording),
+        *unit_vectors(recording),
+        *order_vectors(recording),
+    ]
     screened = screen(robot, recording, [*singles, *vectors])
     return Search(tuple(judge(robot, recording, screened)), tuple(screened), tuple(singles))
 

@@ -19,7 +19,7 @@ from workbench.report.diagnosis.differences import three_parts
 from workbench.report.diagnosis.terms import before_and_after
 from workbench.report.provenance import flat
 from workbench.report.sections import Page, Section, facts, figure, note, pair, table, words
-from workbench.report.text import counted, p_value, rounded, sentence
+from workbench.report.text import counted, p_value, rounded, sentence, with_labels
 
 VERDICTS = {
     CONSISTENT: "These data show no unmodelled effect",
@@ -149,7 +149,7 @@ def _findings(made: Diagnosis):
 
 def _row(term: Term):
     found = term.finding
-    name = found.effect + (f", {found.label}" if found.label else "")
+    name = with_labels(found.effect + (f", {found.label}" if found.label else ""))
     reselected = f"{term.again} of {term.chances}" if term.chances else "–"
     return (
         name,
@@ -330,7 +330,7 @@ def _alternatives(made: Diagnosis):
     for term in doubtful:
         rows = [
             (
-                f"{term.finding.effect} {term.finding.label}".strip(),
+                with_labels(f"{term.finding.effect} {term.finding.label}".strip()),
                 said.place(term.finding.where),
                 f"{term.finding.probability:.2f}",
                 "100 %",
@@ -339,7 +339,7 @@ def _alternatives(made: Diagnosis):
         ]
         rows += [
             (
-                f"{one.effect} {one.label}".strip(),
+                with_labels(f"{one.effect} {one.label}".strip()),
                 said.place(one.where),
                 f"{one.probability:.2f}",
                 f"{100 * one.alike:.0f} %",
@@ -376,7 +376,7 @@ def _detectable(made: Diagnosis):
     order = sorted(made.visible, key=lambda one: one.size if one.size is not None else np.inf)
     rows = [
         (
-            f"{one.effect}{f', {one.label}' if one.label else ''}",
+            with_labels(f"{one.effect}{f', {one.label}' if one.label else ''}"),
             said.place(one.where),
             rounded(one.size, 2),
             _parameter(one),

@@ -188,10 +188,13 @@ def _sensitivity(found):
 
 
 def _table(found):
-    head = ["column", "runs", "mean", "std", "5 %", "median", "95 %", "max"]
+    head = ["quantity", "runs", "mean", "std", "5 %", "median", "95 %", "max"]
     keys = ["mean", "std", "p5", "median", "p95", "max"]
     shown = [row for row in found["columns"] if ":" not in row["column"]][:_ROWS]
-    rows = [[row["column"], f"{row['n']:,}", *(rounded(row[key]) for key in keys)] for row in shown]
+    rows = [
+        [column_label(row["column"]), f"{row['n']:,}", *(rounded(row[key]) for key in keys)]
+        for row in shown
+    ]
     yield table(head, rows)
     if len(found["columns"]) > len(shown):
         yield words(

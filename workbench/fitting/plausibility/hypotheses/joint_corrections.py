@@ -54,6 +54,21 @@ def sign_vectors(recording) -> Iterator[Correction]:
         yield from (sign_correction(names) for names in combinations(joints, count))
 
 
+def order_vectors(recording) -> Iterator[Correction]:
+    """Every cycle of three joint columns of one unit, in both directions."""
+    joints = joint_columns(recording.columns)[:_MOST_SIGNS]
+    for a, b, c in combinations(joints, 3):
+        if len({name[-3:] for name in (a, b, c)}) > 1:
+            continue
+        for names in ((a, b, c), (a, c, b)):
+            first, second, third = names
+            remedy = (
+                f"name column {first} {third}, column {second} {first} and column {third} {second}"
+            )
+            sources = (second, third, first)
+            yield _order(names, sources, "are exchanged in a cycle", remedy)
+
+
 def unit_vectors(recording) -> Iterator[Correction]:
     """Every combination of two or more joint columns in radians."""
     small = [
