@@ -148,11 +148,12 @@ def chain(seed=1):
 
 def test_the_width_of_the_light_plane_is_read_from_the_lines_and_unknown_widths_change_nothing():
     made, width = chain()
-    straight, plane_width = straightened(made, np.stack([width, np.ones(made.n)]))
+    straight, line = straightened(made, np.stack([width, np.ones(made.n)]))
+    plane_width = line.plane_width_mm
     assert plane_width == pytest.approx(PLANE_WIDTH, rel=0.01)
     shift = (straight.pixels - made.pixels)[0]
     assert 0.005 < np.abs(shift).max() < 0.2 and (straight.pixels[1] == made.pixels[1]).all()
-    assert straightened(made, None) == (made, 0.0)
+    assert straightened(made, None) == (made, LineShape(0.0, 0.0))
     assert unshaded(made, 0.0, LIGHT) is made
     away = unshaded(made, plane_width, 1e9 * LIGHT)  # parallel light falls evenly on a flat board
     assert (

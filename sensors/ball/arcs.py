@@ -31,7 +31,8 @@ class Arcs:
 
         support: number of points near the surface.
         """
-        centres = [centre for arc in self._split(radius) for centre in _centres(arc, radius)]
+        arcs = [self.points[:, place] for place in self.split(radius)]
+        centres = [centre for arc in arcs for centre in centres_of(arc, radius)]
         if not centres:
             return []
         support = [self._support(centre, radius) for centre in centres]
@@ -48,21 +49,25 @@ class Arcs:
         distance = np.linalg.norm(self.points - centre[:, None], axis=0)
         return int((np.abs(distance - radius) < _NEAR * radius).sum())
 
-    def _split(self, radius: float) -> list[np.ndarray]:
-        """Points (3, k) of each arc: a stripe, cut where neighbours along it are far from one another."""
+    def split(self, radius: float) -> list[np.ndarray]:
+        """Numbers (k,) of the points of each arc in their order along it, longest arcs first.
+
+        An arc is a stripe, cut where neighbours along it are far from one another.
+        """
         arcs = []
         for label in np.unique(self.stripe):
-            mine = self.points[:, self.stripe == label]
+            place = np.flatnonzero(self.stripe == label)
+            mine = self.points[:, place]
             along = np.linalg.svd(mine - mine.mean(1, keepdims=True), full_matrices=False)[0][:, 0]
-            mine = mine[:, np.argsort(along @ mine)]
-            gaps = np.linalg.norm(np.diff(mine, axis=1), axis=0) > _GAP * radius
-            parts = np.split(mine, np.flatnonzero(gaps) + 1, axis=1)
-            arcs += [part for part in parts if part.shape[1] >= _FEWEST]
-        arcs.sort(key=lambda part: -part.shape[1])
+            order = np.argsort(along @ mine)
+            gaps = np.linalg.norm(np.diff(mine[:, order], axis=1), axis=0) > _GAP * radius
+            parts = np.split(place[order], np.flatnonzero(gaps) + 1)
+            arcs += [part for part in parts if len(part) >= _FEWEST]
+        arcs.sort(key=lambda part: -len(part))
         return arcs[:_MOST_ARCS]
 
 
-def _centres(arc: np.ndarray, radius: float) -> list[np.ndarray]:
+def centres_of(arc: np.ndarray, radius: float) -> list[np.ndarray]:
     """Both centres (3,) of a ball whose surface the arc (3, k) lies on; none where it is no arc of such a ball."""
     middle = arc.mean(1, keepdims=True)
     directions, _, _ = np.linalg.svd(arc - middle, full_matrices=False)

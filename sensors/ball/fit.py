@@ -46,6 +46,7 @@ _CHANCE = 4.0
 # Part of the radius by which a ball's form may be off, RMS.
 _FORM = 0.01
 _FLAT = "the cap is too small"
+_TOO_FEW = "no ball found: too few points are left within the limits of incidence and edge"
 
 
 @dataclass(frozen=True)
@@ -244,12 +245,12 @@ class _Task:
         """From centre and radius `values` (d + 1,)."""
         solved, made = solve(self.problem, values, self.loss, self.trim), None
         if not np.isfinite(solved.spread):
-            return self.failed(
-                "no ball found: too few points are left within the limits of incidence and edge"
-            )
+            return self.failed(_TOO_FEW)
         if self.shared is not None:
             solved, made = solve_shared(self.problem, solved, self.loss, self.shared, self.ordered)
         part = _Part(self.problem, solved, self.loss, self.trim)
+        if len(part.part.place) < self.problem.size:
+            return self.failed(_TOO_FEW)
         made = part.covariance(self.groups, self.ordered, made)
         lasting = memory(part.part.score) if self.ordered else 1.0
         shape = part.form(lasting)
@@ -423,7 +424,9 @@ class _Part:
         place, sigma = self.part.place, one_sigma(self.at.sigma)
         sigma = sigma.take(place) if np.ndim(sigma) else sigma
         ball = float(np.square(self.distance.take(place) / sigma).sum())
-        return plane_gain(self.problem.points, ball, self.at.sigma, self.used)
+        return plane_gain(
+            self.problem.points, ball, self.at.sigma, self.used, self.problem.direction
+        )
 
     def form(self, lasting: float) -> Form:
         """See `ball_form.low_orders`; of the points' own errors."""

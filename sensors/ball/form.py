@@ -6,12 +6,13 @@ import numpy as np
 from scipy.special import fdtrc
 
 from sensors.ball.solve import BLOCK, blocks, one_sigma
-from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
+from workbench.core.least_squares.linear_algebra import symmetric_eigen
 
 UNLIKELY = 1e-3
 """Probability below which a form is not put down to chance."""
 _ENOUGH = 5000  # points
 _RANK = 1e-8
+_ALONG = 1e-3  # sine of the angle between a plane and lines in it
 
 
 @dataclass(frozen=True)
@@ -23,9 +24,15 @@ class Form:
     probability: float
 
 
-def plane_gain(points: np.ndarray, ball: float, sigma: np.ndarray, used: np.ndarray) -> float:
+def plane_gain(
+    points: np.ndarray, ball: float, sigma: np.ndarray, used: np.ndarray, direction=None
+) -> float:
     """By how much a plane (a line where d = 2) fits points (d, n) better than the ball, whose chi-square over them is
-    `ball`, as a difference of chi-square; the noise is that of the better of both. Of points that are `used` (n,)."""
+    `ball`, as a difference of chi-square; the noise is that of the better of both. Of points that are `used` (n,).
+
+    direction (d, n): lines along which the points err. A plane that holds these lines, as the light plane of a single
+    stripe does, holds the points of any surface: the next best one counts then.
+    """
     first, d = points[:, used.argmax()][:, None], len(points)
     moments, sigma = np.zeros((d + 1, d + 1)), one_sigma(sigma)
     near = np.ones((d + 1, min(BLOCK, points.shape[1])))
@@ -37,7 +44,11 @@ def plane_gain(points: np.ndarray, ball: float, sigma: np.ndarray, used: np.ndar
         moments += (part * weight) @ part.T
     mean, total = moments[:-1, -1], moments[-1, -1]
     scatter = moments[:-1, :-1] - np.outer(mean, mean) / total
-    plane = float(symmetric_eigenvalues(scatter)[0])
+    values, normals = symmetric_eigen(scatter)
+    place = 0
+    if direction is not None and np.abs(normals[:, 0] @ direction[:, used]).max() < _ALONG:
+        place = 1
+    plane = float(values[place])
     noise = max(min(plane, ball) / max(int(used.sum()) - d, 1), 1e-300)
     return (ball - plane) / noise
 

@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sensors.ball.arcs import Arcs
+from sensors.ball.arcs import Arcs, centres_of
 from sensors.ball.fit import ELSEWHERE, BallFit, fit_ball
+from sensors.ball.single_stripe import LEAST_ARC, Widths, likeliest, undetermined, unlike_few
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
 
@@ -22,6 +23,8 @@ _LEAST_SHARE, _LEAST_POINTS, _PEAKS = 0.2, 12, 60
 _LEAST_STRIPE = 5
 # About the voted centre, points may be off by this part of the radius, and later by that.
 _WIDE, _NARROW, _CONE = 0.25, 0.08, np.cos(np.deg2rad(30))
+# Incidence of light and sight of points that are used where those of less determine no ball, rad.
+_STEEPEST = np.deg2rad(75)
 # Stripes among a point's neighbours below which they make no normal.
 _FEW_STRIPES = 4
 # Nothing is inside a solid ball; directions of its points spread two ways (a post's only one).
@@ -42,6 +45,7 @@ def find_balls(
     form: float = 0.01,
     seed: int = 0,
     stripe=None,
+    widths: Widths | None = None,
     refused: "list[Refusal] | None" = None,
     **options,
 ) -> list[BallFit]:
@@ -56,7 +60,8 @@ def find_balls(
     points: `reason` is "elsewhere" for those of other surfaces. Deterministic for one seed; an
     empty list where there is no ball. Raises InputError where radii or shapes are not usable.
     `stripe` (n,) int light plane of each point: where few planes meet the points that no ball has yet, and radii are
-    known, candidates come from the arcs of single stripes, which needs no neighbouring planes. `refused` is given the
+    known, candidates come from the arcs of single stripes, which needs no neighbouring planes. `widths` of the lines
+    tell balls that share a single stripe from one another; without them none is found there. `refused` is given the
     candidates that are no balls, with the requirement that each fails: of those on the same points the best supported.
 
     Every point votes for the centre along its normal (for unknown radii, where its normal meets its
@@ -78,10 +83,12 @@ def find_balls(
         else cloud.of_range()
     )
     search = _Search(points, rays, at_limit, sigma, known, free, form, {**options, "seed": seed})
-    search.stripe = None if stripe is None else np.asarray(stripe).ravel()
+    search.stripe, search.widths = None if stripe is None else np.asarray(stripe).ravel(), widths
     found = search.confirmed(cloud, peaks)
     if known and stripe is not None:
         found = search.with_arcs(cloud, found)
+        if widths is not None:
+            found = search.with_single_stripes(found)
     if refused is not None:
         refused += search.without_found(found)
     return found
@@ -251,6 +258,15 @@ class Refusal:
         )
 
 
+@dataclass(frozen=True)
+class BallStart:
+    """Where a fit begins: `centre` (3,) and `radius` mm, and what its points are off by, `rms` mm."""
+
+    centre: np.ndarray
+    radius: float
+    rms: float = 0.0
+
+
 class _Search:
     """Candidates against the whole cloud: each is fitted, judged, and its points are given to it."""
 
@@ -259,6 +275,7 @@ class _Search:
         self.known, self.free, self.form, self.options = known, free, form, options
         self.refused: list[Refusal] = []
         self.stripe: np.ndarray | None = None
+        self.widths: Widths | None = None
 
     def confirmed(self, cloud, peaks, at=None, found=()) -> list[BallFit]:
         """Balls among the candidates and those `found` before, most points first; a point belongs to one ball only.
@@ -307,7 +324,8 @@ class _Search:
     def without_found(self, found) -> "list[Refusal]":
         """Refused candidates on points that no ball has, of those on the same points the best supported."""
         left, kept = self.left(found, _NARROW), []
-        for one, near in sorted(self._supported(left), key=lambda pair: -int(pair[1].sum())):
+        latest_first = list(self._supported(left))[::-1]
+        for one, near in sorted(latest_first, key=lambda pair: -int(pair[1].sum())):
             if (near & left).sum() >= _LEAST_POINTS:
                 kept.append(replace(one, points=int(near.sum())))
                 left = left & ~near
@@ -339,6 +357,50 @@ class _Search:
             return self._refuse(centre, radius, len(about), alone)
         return self._judged(cloud, self.points[:, about], centre, radius, left)
 
+    def with_single_stripes(self, found) -> list[BallFit]:
+        """With the balls of known radius that single stripes show, where the widths of the line tell which it is."""
+        left = np.flatnonzero(self.left(found, _NARROW))
+        found = list(found)
+        for place in Arcs(self.points[:, left], self.stripe[left]).split(self.known[0]):
+            if len(place) < LEAST_ARC:
+                continue
+            ball = self._on_arc(left[place])
+            if ball is not None and all(
+                np.linalg.norm(ball.centre - one.centre) > 0.5 * one.radius for one in found
+            ):
+                found.append(ball)
+        return sorted(found, key=lambda ball: -int(ball.inliers.sum()))
+
+    def _on_arc(self, place) -> BallFit | None:
+        """The ball that the points `place` (k,) of one stripe lie on, None where there is none or it is not certain."""
+        on = np.zeros(self.points.shape[1], bool)
+        on[place] = True
+        balls, why = [], "they lie on no circle of a ball"
+        for radius in self.known:
+            for centre in centres_of(self.points[:, place], radius):
+                fit = self.fine(BallStart(centre, radius), radius, on, _STEEPEST)
+                if not fit:
+                    why = fit.outcome
+                elif all(np.linalg.norm(fit.centre - one.centre) > 1e-3 * radius for one in balls):
+                    balls.append(fit)
+        if not balls:
+            return self._refuse(self.points[:, place].mean(1), self.known[0], len(place), why)
+        choice = likeliest(
+            self.widths(place, np.array([[*fit.centre, fit.radius] for fit in balls]))
+        )
+        fit = balls[choice.number]
+        if why := choice.why or undetermined(fit) or self._filled(fit):
+            return self._refuse(fit.centre, fit.radius, len(place), why)
+        return fit
+
+    def _filled(self, fit) -> str:
+        """Why a fit is no ball where points of the scan lie inside it, "" where they do not."""
+        distance = np.linalg.norm(self.points - fit.centre[:, None], axis=0)
+        inside = int((distance < _INSIDE * fit.radius).sum())
+        if inside <= _INSIDE_SHARE * fit.inliers.sum():
+            return ""
+        return f"{inside} points lie inside it, as of a surface that is no ball"
+
     def _judged(self, cloud, points, centre, radius, left) -> BallFit | None:
         """A rough fit to some points (3, k), judged, and then the fine one."""
         known = radius if self.known else None
@@ -346,17 +408,26 @@ class _Search:
         why = rough.outcome if not rough else self.unlike(rough, cloud)
         if why:
             return self._refuse(centre, radius, points.shape[1], why)
-        fit = self.fine(rough, None if self.free else known, left)
-        if not fit and self.free and known is not None:
-            fit = self.fine(rough, known, left)  # few stripes determine a centre, but no radius
-        why = fit.outcome if not fit else self.unlike(fit, cloud) or self.on_one_stripe(fit)
-        if why:
-            return self._refuse(centre, radius, points.shape[1], why)
-        return fit
+        for incidence in (self.options.get("incidence"), _STEEPEST):
+            fit = self.fine(rough, None if self.free else known, left, incidence)
+            if not fit and self.free and known is not None:
+                # few stripes determine a centre, but no radius
+                fit = self.fine(rough, known, left, incidence)
+            why = (
+                fit.outcome if not fit else self.unlike(fit, cloud) or self.unlike_few(fit, radius)
+            )
+            if not why or incidence is None:
+                break
+        return fit if not why else self._refuse(centre, radius, points.shape[1], why)
 
-    def on_one_stripe(self, fit) -> str:
-        """Why a fit is no ball where all its points lie in one light plane, "" where they do not."""
-        return "" if self.stripe is None else self._on_one_stripe(fit.inliers)
+    def unlike_few(self, fit, radius) -> str:
+        """Why a fit to points of one or few light planes is no ball of a known radius, "" for others."""
+        if self.stripe is None:
+            return ""
+        alone = self._on_one_stripe(fit.inliers)
+        if alone or not self.known:
+            return alone
+        return unlike_few(fit, radius, self.stripe, self.widths)
 
     def _on_one_stripe(self, chosen) -> str:
         """The same of chosen points."""
@@ -368,8 +439,9 @@ class _Search:
     def _refuse(self, centre, radius, points, why) -> None:
         self.refused.append(Refusal(centre, radius, points, why))
 
-    def fine(self, rough, radius, left) -> BallFit:
-        """Fit to all points near the rough ball; a result that speaks of the whole cloud."""
+    def fine(self, rough, radius, left, incidence=None) -> BallFit:
+        """Fit to all points near the rough ball; a result that speaks of the whole cloud. incidence: rad, of the points
+        used."""
         box, reach = np.flatnonzero(left), (1 + _NARROW) * rough.radius
         for axis, middle in zip(self.points, rough.centre):
             box = box[np.abs(axis[box] - middle) < reach]
@@ -384,6 +456,7 @@ class _Search:
             else value
             for name, value in {
                 **self.options,
+                "incidence": incidence,
                 "sigma": self.sigma,
                 "at_limit": self.at_limit,
             }.items()

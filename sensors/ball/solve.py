@@ -265,6 +265,8 @@ def _rounds(problem, values, loss, trim):
         if kept.sum() < problem.size:
             return Solved(values, np.nan, kept, at, at.residual)
         now = spread((at.residual / at.sigma)[kept], problem.size)
+        if not np.isfinite(now):  # no line of error meets the ball
+            return Solved(values, np.nan, kept, at, at.residual)
         if abs(now - scale) <= 0.01 * scale and (kept != before).sum() <= 1e-3 * len(keep):
             break
         scale, before = now, kept

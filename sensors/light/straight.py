@@ -10,22 +10,22 @@ from dataclasses import replace
 import numpy as np
 
 from sensors.light.board_chain import BoardStripeChain
-from sensors.stripe.bend import Bend, bend_on_boards
+from sensors.stripe.bend import Bend, LineShape, bend_on_boards
 from workbench.core.rigid import rotation_matrix
 
 
 def straightened(
     chain: BoardStripeChain, shape: np.ndarray | None
-) -> tuple[BoardStripeChain, float]:
-    """The chain without the pull of perspective, and the light plane's 1 sigma, mm, 0 where its lines do not tell it.
+) -> tuple[BoardStripeChain, LineShape]:
+    """The chain without the pull of perspective, and the line's shape, of widths 0 where its lines do not tell it.
 
     shape (2, n): width of the line in px, and photon variance at its peak over that next to it; None where unknown.
     """
     if shape is None:
-        return chain, 0.0
+        return chain, LineShape(0.0, 0.0)
     bend = _bend(chain, None)
     line = bend.line_shape(shape[0])
-    return _without(chain, bend.pull(line, *shape)), line.plane_width_mm
+    return _without(chain, bend.pull(line, *shape)), line
 
 
 def unshaded(chain: BoardStripeChain, plane_width: float, light: np.ndarray) -> BoardStripeChain:

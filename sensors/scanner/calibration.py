@@ -18,6 +18,7 @@ from sensors.scanner.check import LeftOut, leave_out, residuals
 from sensors.scanner.errors import Apart, field_points
 from sensors.scanner.model import Scanner
 from sensors.scanner.shared import own_noise, with_shared_errors
+from sensors.stripe.bend import LineShape
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 
@@ -166,10 +167,10 @@ def calibrate_scanner(
 def _unshaded(found: "_Found", tried: Adjustment, light):
     """Stripes less what the light's slope on tilted boards pulls them by, where a mirror says where it comes from."""
     there = replace(found.whole, poses=tried.board_stripes.poses)
-    shift = unshaded(there, found.plane_width_mm, light).pixels
+    shift = unshaded(there, found.line.plane_width_mm, light).pixels
     board_stripes = replace(
         tried.board_stripes,
-        pixels=unshaded(tried.board_stripes, found.plane_width_mm, light).pixels,
+        pixels=unshaded(tried.board_stripes, found.line.plane_width_mm, light).pixels,
     )
     return replace(found, whole=replace(found.whole, pixels=shift)), replace(
         tried, board_stripes=board_stripes
@@ -200,6 +201,7 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
         stripes.together.named,
         camera_covariance=_camera_covariance(made),
         rays=apart.rays,
+        line=found.line if found.line.plane_width_mm > 0 else None,
     )
     about_fit = *_on_mirror(checked), *_on_shared(made, centre), *_on_fit(made)
     sentences = *_on_dropped(dropped), *camera.undetermined, *about_fit
@@ -250,14 +252,14 @@ def _rms(values, step, good, count):
 @dataclass(frozen=True)
 class _Found:
     """Stripe points on boards, sorted out: the chain at its start, its steps (S,) and their commanded angles, and
-    `plane_width_mm` as of `straightened`."""
+    `line` as of `straightened`."""
 
     whole: BoardStripeChain
     wrong: np.ndarray
     steps: np.ndarray
     commanded: np.ndarray | None
     dropped: dict[str, int]
-    plane_width_mm: float
+    line: LineShape
     lines: tuple[StationaryLine, ...] = ()
 
     @property
@@ -307,14 +309,14 @@ def _prepared(camera, stripes: BoardStripes, board) -> _Found:
     )
     steps = steps[fine]
     whole = _chain(camera, kept, board, group, np.searchsorted(steps, kept.step), planes[:, fine])
-    whole, plane_width = straightened(whole, kept.shape)
+    whole, line = straightened(whole, kept.shape)
     return _Found(
         whole,
         wrong_points(whole, whole.at_start),
         steps,
         kept.angles(steps),
         dropped,
-        plane_width,
+        line,
         lines,
     )
 

@@ -13,6 +13,8 @@ from sensors.scanner.motion import Motion, Seen
 from sensors.stripe.bend import Bend, bend_on_ball
 from sensors.stripe.light_direction import light_on_ball
 
+_GRAZING = 0.1  # cosine of the incidence of sight below which the silhouette cuts the line
+
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
@@ -121,6 +123,20 @@ class Cloud:
         if light is None and line is not None and self.scanner.planes.shape[1] == 1:
             light = self._light_on(ball, line)
         return self._bend(ball, light)
+
+    def width_ratios(self, width: np.ndarray, balls: np.ndarray) -> np.ndarray:
+        """(m, n) ln of the squared width (n,) px of lines over that expected on balls (m, 4), centre and radius in mm.
+
+        nan where the surface turns away from the camera. Of a scan in which nothing moves, by a scanner whose line is
+        known.
+        """
+        made = np.full((len(balls), self.points.shape[1]), np.nan)
+        for row, ball in zip(made, balls):
+            bend = self._bend(ball, None)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                ratio = np.log(width**2 / bend.width_square(self.scanner.line))
+            row[:] = np.where(bend.facing > _GRAZING, ratio, np.nan)
+        return made
 
     def _light_on(self, ball: np.ndarray, line: np.ndarray) -> np.ndarray | None:
         """(3,) mm, see `light_on_ball`; the light that a line holds is its peak times its width."""

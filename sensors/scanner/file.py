@@ -22,6 +22,7 @@ from sensors.effects import CATALOGUE
 from sensors.light.mirror import Mirror
 from sensors.scanner.model import Scanner
 from sensors.scanner.turntable import Turntable
+from sensors.stripe.bend import LineShape
 from sensors.trust import trust_from_keys
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
@@ -63,6 +64,7 @@ class _Light(_Section):
     sigma_px: Annotated[Finite, Field(gt=0)]
     shared_px: dict[str, Annotated[Finite, Field(ge=0)]] | None = None
     volume_mm: Pair | None = None
+    line_mm_px: Pair | None = None
     sigma_tilt_rad: list[Pair] | None = None
     sigma_offset_mm: list[Finite] | None = None
     covariance: str | None = None
@@ -201,6 +203,8 @@ def _light_keys(scanner):
         keys["shared_px"] = {name: float(sigma) for name, sigma in scanner.shared_px.items()}
     if scanner.volume is not None:
         keys["volume_mm"] = _list(scanner.volume)
+    if scanner.line is not None:
+        keys["line_mm_px"] = [scanner.line.plane_width_mm, scanner.line.blur_px]
     if scanner.covariance is not None:
         std = np.sqrt(np.maximum(np.diag(scanner.covariance), 0)).reshape(-1, 3)
         keys |= {"sigma_tilt_rad": _list(std[:, :2]), "sigma_offset_mm": _list(std[:, 2])}
@@ -285,9 +289,23 @@ def scanner_of(keys: Mapping, where: str) -> Scanner:
         _rays(light, camera, where),
         trust_from_keys(keys, where),
         trust_from_keys(file.camera, f"{where}, [camera]"),
+        _line(light, where),
     )
     effects = tuple(_effect(row, bare, where) for row in file.effect)
     return replace(bare, effects=effects)
+
+
+def _line(light: _Light, where: str) -> LineShape | None:
+    if light.line_mm_px is None:
+        return None
+    if not light.line_mm_px[0] > 0 or not light.line_mm_px[1] >= 0:
+        raise _wrong(
+            f"{where}, [light], key line_mm_px",
+            "the 1 sigma width of the light plane (mm) and of the blur (px)",
+            _short(light.line_mm_px),
+            "calibrate again",
+        )
+    return LineShape(*light.line_mm_px)
 
 
 def _wrong(what, expected, found, remedy) -> InputError:

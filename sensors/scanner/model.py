@@ -14,6 +14,7 @@ from sensors.light.planes import light_origin
 from sensors.scanner.errors import by_pixel, by_plane, cut, frame_moves
 from sensors.scanner.turntable import Turntable
 from sensors.state import SensorState, stripe_direction
+from sensors.stripe.bend import LineShape
 from sensors.trust import Trust
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
@@ -37,7 +38,8 @@ class Scanner:
     covariance. `turntable`: that turns the object, None without one. `camera_covariance` (V, V) of the camera's values,
     None where unknown; `rays` (V + 6, V + 6 + 3 S) covariance of these values and of the frame with these and with
     the planes, None where unknown. `trust`: verdict of its calibration, and `camera_trust` of that of its camera alone;
-    None where the file of an older version holds none.
+    None where the file of an older version holds none. `line`: widths of the laser's line on the boards,
+    None where they are unknown.
     """
 
     camera: Camera
@@ -58,6 +60,7 @@ class Scanner:
     rays: np.ndarray | None = None
     trust: Trust | None = None
     camera_trust: Trust | None = None
+    line: LineShape | None = None
 
     @cached_property
     def light(self) -> np.ndarray | None:

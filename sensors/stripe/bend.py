@@ -24,7 +24,7 @@ m = 3 b^2 (c' (a^2)' + c'^2 c'' b^2). Of a Gram-Charlier series with that moment
 On a ball of radius R this moves points by some b^2 / 2R across the surface, always outwards.
 """
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
@@ -71,6 +71,15 @@ class Bend:
         across = square * (self.shade - self.bend / self.slope * (3 - counted))
         return across + self._along(line.blur_px**2, square, fitted / width**2)
 
+    def width_square(self, line: "LineShape") -> np.ndarray:
+        """(n,) px^2 of the lines' widths: (plane width / slope)^2 + blur^2 (1 + tilt^2)."""
+        return np.array(astuple(line)) ** 2 @ self._by_shape
+
+    @property
+    def _by_shape(self) -> np.ndarray:
+        """(2, n) derivative of a squared width by those of the light plane and of the blur."""
+        return np.stack([self.slope**-2, 1 + self.tilt**2])
+
     def _along(self, blur: np.ndarray, square: np.ndarray, counted: np.ndarray) -> np.ndarray:
         """(n,) px by blur of the variance `blur` (px^2) along the line; `square` a^2, `counted` q / w^2."""
         mean = blur * (self.curve / 2 + self.tilt * (self.widening + self.brightening))
@@ -78,15 +87,13 @@ class Bend:
         return mean - counted * blur * moment / 2
 
     def line_shape(self, width: np.ndarray) -> "LineShape":
-        """Width of the light plane and blur from widths (n,) px of the lines.
-
-        width^2 = (plane width / slope)^2 + blur^2 (1 + tilt^2).
+        """Width of the light plane and blur from widths (n,) px of the lines, see `width_square`.
 
         Least absolute deviations of width^2 relative to itself, by reweighting, at places that neither light nor sight
         graze. Of nothing where widths say nothing.
         """
         square = np.asarray(width, float) ** 2
-        shape = np.stack([self.slope**-2, 1 + self.tilt**2])
+        shape = self._by_shape
         kept = np.isfinite(shape).all(0) & np.isfinite(square) & (square > 0)
         kept &= (self.lit > SMOOTH) & (self.facing > SMOOTH)
         if kept.sum() < _FEWEST_WIDTHS:

@@ -13,6 +13,7 @@ from datasets.rows import Grouped
 from sensors.acceptance import Characteristic, Probed, acceptance
 from sensors.ball.fit import ELSEWHERE, INCIDENCE, MISSING, BallFit, fit_ball
 from sensors.ball.search import Refusal, find_balls
+from sensors.ball.single_stripe import undetermined
 from sensors.boards.detection import Rejected
 from sensors.images import flaw, read, stacks, unlit
 from sensors.scanner.cloud import Cloud
@@ -292,22 +293,32 @@ class _Work:
         trimmed = np.deg2rad(INCIDENCE_DEG)
         refused: list[Refusal] = []
         options = dict(stripe=cloud.stripe, refused=refused, incidence=trimmed, view=cloud.view)
+        if self.scanner.line is not None and cloud.motion is None:
+            options["widths"] = lambda place, balls: cloud.some(place).width_ratios(
+                shape[0, place], balls
+            )
         found = find_balls(points, radii, free=True, **options, **each) if points.shape[1] else []
         numbers, outcome = named(
             self.recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found]
         )
-        refused = sorted(refused, key=lambda one: -one.points)[:_MOST_REFUSED]
-        if not found:
-            seen = _seen_instead(points, cloud.stripe, refused)
-            outcome = "; ".join(filter(None, (outcome, seen, _perhaps_cut(each["at_limit"]))))
-        else:
-            missing = self._missing(rows[0], len(found), refused)
-            outcome = "; ".join(filter(None, (outcome, missing)))
         made = []
         for free, number in zip(found, numbers):
             on = free.reason != ELSEWHERE
-            own = {key: value[..., on] for key, value in each.items()} | {"incidence": trimmed}
-            made.append(self._ball(cloud.some(on), own, free, number, shape[:, on]))
+            limit = max(trimmed, _steepest(free, cloud))
+            own = {key: value[..., on] for key, value in each.items()} | {"incidence": limit}
+            ball = self._ball(cloud.some(on), own, free, number, shape[:, on])
+            if why := _undetermined(ball.fit, cloud.stripe[on]):
+                count = int(ball.fit.inliers.sum())
+                refused.append(Refusal(ball.fit.centre, ball.fit.radius, count, why))
+            else:
+                made.append(ball)
+        refused = sorted(refused, key=lambda one: -one.points)[:_MOST_REFUSED]
+        if not made:
+            seen = _seen_instead(points, cloud.stripe, refused)
+            outcome = "; ".join(filter(None, (outcome, seen, _perhaps_cut(each["at_limit"]))))
+        else:
+            missing = self._missing(rows[0], len(made), refused)
+            outcome = "; ".join(filter(None, (outcome, missing)))
         return tuple(made), outcome, tuple(refused)
 
     def _missing(self, row, found: int, refused: Sequence[Refusal]) -> str:
@@ -328,7 +339,10 @@ class _Work:
         start = np.append(free.centre, free.radius if radius is None else radius)
         matt = cloud.bend(start, shape)
         bend = brightness_law(matt, shape[0], shape[2]).applied(matt)
-        pull = np.nan_to_num(bend.pull(bend.line_shape(shape[0]), *shape[:2]))
+        line = bend.line_shape(shape[0])
+        if not line.plane_width_mm and self.scanner.line is not None:
+            line = self.scanner.line  # sight grazes the ball where it was lit
+        pull = np.nan_to_num(bend.pull(line, *shape[:2]))
         straight = cloud.points - cloud.error * pull
         lit = bend.lit > np.cos(own["incidence"])
         fit = _fitted(straight, cloud.view, lit, radius, start, own)
@@ -430,6 +444,23 @@ def _seen_instead(points, steps, refused: Sequence[Refusal]) -> str:
         return f"{seen}, and no surface that curves like a ball"
     nearest = max(refused, key=lambda one: one.points)
     return f"{seen}; the nearest candidate, {nearest.sentence}"
+
+
+def _steepest(ball: BallFit, cloud: Cloud) -> float:
+    """rad, largest incidence of sight among the points of a ball that were used."""
+    used = ball.inliers
+    outward = cloud.points[:, used] - ball.centre[:, None]
+    view = cloud.view[:, used]
+    cosine = (
+        -(outward * view).sum(0) / np.linalg.norm(outward, axis=0) / np.linalg.norm(view, axis=0)
+    )
+    return float(np.arccos(np.clip(cosine.min(initial=1.0), 0, 1)))
+
+
+def _undetermined(fit: BallFit, stripe: np.ndarray) -> str:
+    """Why a ball on one of the stripes (k,) of its points alone does not count as found, "" for others."""
+    is_single = len(fit.reason) == len(stripe) and np.ptp(stripe[fit.inliers]) == 0
+    return undetermined(fit) if is_single else ""
 
 
 def _perhaps_cut(at_limit) -> str:

@@ -1,0 +1,139 @@
+"""Which of the balls that share one stripe is there, by the width of the laser's line on it.
+
+A light plane cuts a ball of radius R in a circle of radius r. The same circle lies on a ball on the other side of the
+plane, both sqrt(R^2 - r^2) away from it, and on balls of other radii. They turn their surface to the camera in other
+ways, however, and where a surface is steeper the light plane makes a narrower or wider line
+(`sensors.stripe.bend.Bend.width_square`). With ln(width^2 / expected^2) = offset + noise of the rows, the offset N(0,
+0.08^2) for all rows (the light plane's thickness changes with distance, a surface that lets light in widens the line),
+the logarithm of the likelihoods' ratio is half the difference of their chi-squares.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sensors.ball.fit import OUTLIER, BallFit
+
+DETERMINED_MM = 0.1
+"""1 sigma of the centre along any direction up to which a ball on few stripes counts as found."""
+Widths = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""(m, n) ln of the squared width of the line at chosen (n,) points over that expected on balls (m, 4), centre and
+radius in mm; nan where a ball would not show the point."""
+LEAST_ARC = 20
+"""Points of an arc from which on widths tell which ball it lies on."""
+_FEW = 3  # stripes
+_ALIKE, _CHANCE = (
+    0.05,
+    4.0,
+)  # part of a known radius, and sigmas, by which that of the points may differ
+_BEYOND = 0.5  # outliers, of the points used
+_OFFSET = 0.08  # ln of width^2
+_GRAIN = 5  # rows that a grain of speckle lasts at most: neighbours in it tell the same
+_LEAST_SCATTER = 0.01
+_CLIPPED = 4.0  # sigmas beyond which rows count alike
+_ODDS = 2 * np.log(1000)  # difference of chi-square
+_UNLIKE = 9.0 + 2 * np.log(
+    1e4
+)  # chi-square of offset, slope and curvature beyond which no ball has these widths
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The likeliest of some balls, `number` from 0, and `why` it is not certain, "" where it is."""
+
+    number: int
+    why: str
+
+
+def likeliest(ratios: np.ndarray) -> Choice:
+    """The ball that the widths tell, by ratios (m, n) as `Widths` gives them."""
+    offset = _medians(ratios)
+    scatter = max(min(_scatter(row, middle) for row, middle in zip(ratios, offset)), _LEAST_SCATTER)
+    variance = _GRAIN * scatter**2
+    away = np.clip(ratios - offset[:, None], -_CLIPPED * scatter, _CLIPPED * scatter)
+    away[np.isnan(away)] = _CLIPPED * scatter
+    common = offset**2 / (_OFFSET**2 + variance / ratios.shape[1])
+    square = common + (away**2).sum(1) / variance
+    order = np.argsort(square)
+    best = int(order[0])
+    if common[best] + _bent(away[best]) / variance > _UNLIKE:
+        return Choice(best, "the line on it is not as wide as on a ball")
+    if len(order) > 1 and square[order[1]] - square[best] < _ODDS:
+        return Choice(best, f"{_SHARED}; the width of the line does not distinguish them")
+    return Choice(best, "")
+
+
+_SHARED = "its points lie on a single stripe, which many balls share"
+
+
+def _medians(ratios):
+    """(m,) median of each row's finite values, infinite where most are not."""
+    few = np.isfinite(ratios).mean(1) < 0.5
+    filled = np.where(few[:, None], 0.0, ratios)
+    return np.where(few, np.inf, np.nanmedian(filled, axis=1))
+
+
+def _scatter(row, middle) -> float:
+    """1 sigma of the rows of one ball about a parabola along the stripe, robust."""
+    if not np.isfinite(middle):
+        return np.inf
+    seen = np.isfinite(row)
+    place = np.linspace(-1, 1, len(row))[seen]
+    parabola = np.polyval(np.polyfit(place, row[seen], 2), place)
+    return 1.4826 * float(np.median(np.abs(row[seen] - parabola)))
+
+
+def _bent(away: np.ndarray) -> float:
+    """How much of the sum of squares a slope and a curvature along the stripe explain."""
+    place = np.linspace(-1, 1, len(away))
+    basis = np.linalg.qr(np.stack([np.ones_like(place), place, place**2], axis=1))[0]
+    return float(np.square(basis[:, 1:].T @ away).sum())
+
+
+def centre_sigma(fit: BallFit) -> float:
+    """mm, 1 sigma of a ball's centre along the direction that is known least.
+
+    A form that the points follow moves it as errors do that all points share.
+    """
+    count, form = int(fit.inliers.sum()), np.nan_to_num(fit.form)
+    shared = 1 + count * (form / max(fit.rms, 1e-12)) ** 2
+    largest = np.linalg.eigvalsh(fit.covariance[:3, :3])[-1]
+    return float(np.sqrt(max(largest, 0.0) * shared))
+
+
+def undetermined(fit: BallFit) -> str:
+    """Why a ball on a single stripe or few does not count as found, "" where it does."""
+    sigma = centre_sigma(fit)
+    if sigma <= DETERMINED_MM:
+        return ""
+    return (
+        f"its few stripes determine its centre to {sigma:.2g} mm (1 sigma, with the form that its points follow), "
+        f"expected {DETERMINED_MM:g} mm or less"
+    )
+
+
+def unlike_few(fit: BallFit, radius: float, stripe: np.ndarray, widths: Widths | None) -> str:
+    """Why a fit to few of the stripes (n,) is no ball of the known radius (mm), "" where it is or has more stripes.
+
+    Arcs of two objects make a ball of any radius, an arc and a bit of another one make a ball of this one.
+    """
+    own = stripe[fit.inliers]
+    if len(np.unique(own)) > _FEW:
+        return ""
+    if abs(fit.radius - radius) > max(_ALIKE * radius, _CHANCE * float(fit.std[-1])):
+        return f"its points lie on a ball of radius {fit.radius:.4g} mm"
+    beyond = int((fit.reason == OUTLIER).sum())
+    if beyond > _BEYOND * len(own):
+        return f"{beyond} points near its surface do not lie on it, {len(own)} do"
+    return undetermined(fit) or _unlike_widths(fit, stripe, widths)
+
+
+def _unlike_widths(fit: BallFit, stripe: np.ndarray, widths: Widths | None) -> str:
+    """Why the lines of a fit are not those on a ball, "" where they are or where their widths are not known."""
+    ball = np.append(fit.centre, fit.radius)[None]
+    for label in np.unique(stripe[fit.inliers]) if widths is not None else ():
+        place = np.flatnonzero(fit.inliers & (stripe == label))
+        if len(place) >= LEAST_ARC and (why := likeliest(widths(place, ball)).why):
+            return why
+    return ""

@@ -1,0 +1,139 @@
+"""Balls on a single stripe: distinguished from the others that share it by the width of the line, or refused with a reason."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from sensors.ball.search import find_balls
+from sensors.ball.single_stripe import centre_sigma, likeliest
+from sensors.camera.model import Camera
+from sensors.scanner.cloud import Cloud
+from sensors.scanner.file import scanner_of, scanner_text
+from sensors.scanner.model import Scanner
+from sensors.stripe.bend import LineShape, bend_on_ball
+from workbench.core.errors import InputError
+from workbench.core.text.structured_text import parse_toml
+
+LINE, NOISE_PX, NOISE_WIDTH = LineShape(0.25, 0.8), 0.02, 0.02
+NORMAL = np.array([0.8, 0.05, 0.6]) / np.linalg.norm([0.8, 0.05, 0.6])
+RADII = [20.0, 26.0]
+
+
+def scanner(centre, away) -> Scanner:
+    """One light plane that passes a ball's centre (3,) at `away` mm, and another far from it."""
+    offset = -NORMAL @ centre - away
+    planes = np.array([[*NORMAL, offset], [*NORMAL, offset + 90.0]]).T
+    camera = Camera.of(np.array([900.0, 900.0, 400.0, 300.0, -0.1, 0.05, 0, 0, 0]), (800, 600))
+    return Scanner(camera, np.arange(2), planes, line=LINE)
+
+
+def stripe(ball, away, seed=0, wider=1.0):
+    """Points, widths (px) and the cloud of the stripe that a light plane makes on a ball (4,), as a camera sees it."""
+    rng, made = np.random.default_rng(seed), scanner(ball[:3], away)
+    axes = np.linalg.svd(NORMAL[None])[2][1:]
+    angle = np.linspace(0, 2 * np.pi, 4000)
+    ring = np.sqrt(ball[3] ** 2 - away**2) * (axes.T @ np.stack([np.cos(angle), np.sin(angle)]))
+    points = ball[:3, None] + away * NORMAL[:, None] + ring
+    outward = (points - ball[:3, None]) / ball[3]
+    sight = points / np.linalg.norm(points, axis=0)
+    pixels = made.camera.project(points[:, -(outward * sight).sum(0) > 0.3])
+    rows = np.unique(np.round(pixels[1]))
+    order = np.argsort(pixels[1])
+    places = np.stack([np.interp(rows, pixels[1, order], pixels[0, order]), rows])
+    return _cloud(made, places, ball, rng, wider)
+
+
+def _cloud(made, places, ball, rng, wider):
+    count = places.shape[1]
+    planes = np.repeat(made.planes[:, :1], count, axis=1)
+    bend = bend_on_ball(made.camera, ball[:3], ball[3], places, planes, np.array([1.0, 0.0]))
+    width = wider * np.sqrt(bend.width_square(LINE)) * (1 + NOISE_WIDTH * rng.normal(size=count))
+    noisy = places + np.stack([NOISE_PX * rng.normal(size=count), np.zeros(count)])
+    steps = np.zeros(count, int)
+    local = made.reconstruct(noisy, steps)
+    return Cloud(made, local, noisy, steps, np.zeros(count, int)), width
+
+
+def found_in(cloud, width, refused=None, radii=RADII):
+    length = np.linalg.norm(cloud.error, axis=0)
+    return find_balls(
+        cloud.points,
+        radii,
+        free=True,
+        stripe=cloud.stripe,
+        refused=refused,
+        incidence=np.deg2rad(60),
+        view=cloud.view,
+        sigma=NOISE_PX * length,
+        direction=cloud.error / length,
+        widths=lambda place, balls: cloud.some(place).width_ratios(width[place], balls),
+    )
+
+
+@pytest.mark.parametrize("wider", [0.97, 1.0, 1.03])
+@pytest.mark.parametrize("away", [-17.0, -13.0, -9.0])
+@pytest.mark.parametrize("radius", RADII)
+def test_a_ball_on_one_stripe_is_found_on_its_side_of_the_light_plane_and_of_its_size(
+    radius, away, wider
+):
+    ball = np.array([12.0, -5.0, 250.0, radius])
+    cloud, width = stripe(ball, away, wider=wider)
+    (found,) = found_in(cloud, width)
+    assert found.radius == radius
+    assert np.linalg.norm(found.centre - ball[:3]) < 0.1
+    assert abs((found.centre - ball[:3]) @ NORMAL) < 5 * centre_sigma(found) < 0.5
+
+
+def test_a_ball_that_the_light_plane_cuts_near_its_middle_is_refused():
+    """Both balls are a millimetre apart: the lines on them are nearly as wide."""
+    cloud, width = stripe(np.array([12.0, -5.0, 250.0, 20.0]), 0.6)
+    refused = []
+    assert found_in(cloud, width, refused, [20.0]) == []
+    assert "single stripe" in refused[0].why or "determine its centre to" in refused[0].why
+
+
+def test_without_the_widths_no_ball_on_one_stripe_is_found():
+    cloud, _ = stripe(np.array([12.0, -5.0, 250.0, 20.0]), 9.0)
+    assert find_balls(cloud.points, RADII, free=True, stripe=cloud.stripe) == []
+
+
+def test_a_post_across_the_light_plane_is_no_ball():
+    """It is cut in a circle, which lies on two balls, but the line on it is as wide as on a ball cut in its middle."""
+    post = np.array([12.0, -5.0, 250.0, 17.0])
+    cloud, width = stripe(post, 0.0)
+    refused = []
+    assert found_in(cloud, width, refused, [20.0]) == []
+    assert "not as wide as on a ball" in refused[0].why
+
+
+def test_arcs_of_two_balls_are_no_ball_of_another_size():
+    """Arcs that lie near a ball of a known radius may fit one of another radius better: no ball of the artefact."""
+    rng = np.random.default_rng(1)
+    large = np.array([0.0, 0.0, 250.0, 31.0])
+    parts = [stripe(large, away)[0].local for away in (-8.0, 11.0)]
+    points = np.hstack(parts)
+    label = np.repeat([0, 1], [part.shape[1] for part in parts])
+    points = points + 0.005 * rng.normal(size=points.shape)
+    refused = []
+    assert find_balls(points, [27.0], free=True, stripe=label, refused=refused) == []
+    assert refused
+
+
+def test_widths_that_no_ball_has_are_refused():
+    place = np.linspace(-1, 1, 100)
+    noise = 0.02 * np.random.default_rng(0).normal(size=(2, 100))
+    assert likeliest(noise + np.array([[0.0], [0.5]])).why == ""
+    assert "not as wide" in likeliest(noise + np.stack([0.3 * place**2, 0.5 * place**2])).why
+    assert "does not distinguish" in likeliest(noise + np.array([[0.0], [0.05]])).why
+    assert likeliest(np.stack([noise[0], np.full(100, np.nan)])).number == 0
+
+
+def test_the_file_of_a_scanner_keeps_the_line():
+    made = scanner(np.array([0.0, 0.0, 250.0]), 0.0)
+    keys = parse_toml(scanner_text(made))
+    assert scanner_of(keys, "scanner.toml").line == LINE
+    assert "line_mm_px" not in scanner_text(dataclasses.replace(made, line=None))
+    keys["light"]["line_mm_px"] = [0.0, 0.5]
+    with pytest.raises(InputError, match="line_mm_px"):
+        scanner_of(keys, "scanner.toml")
