@@ -27,7 +27,8 @@ _LEAST_SCALE = 0.005  # mm: below it nothing depends on the ratio of prior to da
 _KEPT = 0.9
 _MEDIAN_CHI2 = {m: float(chi2.ppf(0.5, m)) for m in range(1, 7)}
 _LEAST_SPARE = 6.0
-_HOPELESS = 0.5  # of the RMS distance of the flange from its mean place
+_HOPELESS = 0.5  # of the RMS distance of the tool from its mean place
+_TOOL_MM = 200.0
 _LENGTH_ERROR = 0.001  # of the reach
 _LEAST_LENGTH_ERROR, _ZERO_OFFSET, _TWIST = 1.0, np.deg2rad(1.0), np.deg2rad(0.4)
 
@@ -69,12 +70,14 @@ def reach_of(robot: Robot, recording) -> float:
 def hopeless_mm(robot: Robot, recording) -> float:
     """mm of misfit with the nominal geometry above which plausible geometry errors cannot be the reason.
 
-    Errors of the size of `geometry_prior`, base and tool fitted, displace the flange by a few percent of the RMS
-    distance from its mean place; rows that do not belong together leave more than that distance.
+    Errors of the size of `geometry_prior`, base and tool fitted, displace a tool by a few percent of the RMS distance
+    from its mean place; rows that do not belong together leave more than that distance. The tool is as long as
+    `_TOOL_MM`, so that rotations of the flange alone count, too.
     """
-    places = forward(robot, robot.mixing @ recording.joints.T).end_origin
-    spread = np.sqrt(((places - places.mean(1, keepdims=True)) ** 2).sum(0).mean())
-    return _HOPELESS * float(spread)
+    frames = forward(robot, robot.mixing @ recording.joints.T)
+    vectors = [frames.end_origin, *(_TOOL_MM * axis for axis in frames.end)]
+    variance = sum(np.var(vector, axis=1).sum() for vector in vectors)
+    return _HOPELESS * float(np.sqrt(variance))
 
 
 def lever_of(robot: Robot, recording) -> float:
