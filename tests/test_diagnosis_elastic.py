@@ -1,5 +1,7 @@
 """Names of elastic terms: sets of joints, links, bearings and pedestal compared, with masses that are nearly known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,9 +15,11 @@ from workbench.diagnosis.linear.hypotheses import judged
 from workbench.diagnosis.robot import bench
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.robot.library import variants
-from workbench.diagnosis.search.posterior import Window
+from workbench.diagnosis.search.likeliest import accept_likeliest
+from workbench.diagnosis.search.posterior import Window, exchange_names
 from workbench.diagnosis.search.prior import SECOND, elastic_prior
 from workbench.diagnosis.search.select import find
+from workbench.diagnosis.search.state import Search
 
 
 def law(name, *places, **options):
@@ -123,3 +127,34 @@ def test_once_a_part_deflects_further_ones_are_likely_with_and_without_masses(el
         assert priors.elastic.all() and len(joints) > 2
         np.testing.assert_allclose(priors.conditional((0,)), SECOND, atol=1e-12)
         assert (priors.conditional(()) < SECOND).all()
+
+
+def test_the_compliance_of_a_robot_is_estimated_next_to_what_else_is_accepted(elastic_arm):
+    """Whatever an accepted law makes, its columns are fitted as well: prior sizes stay those of the arm without it."""
+    problem = bench_of(elastic_arm.recording).problem()
+    joints = [h for h in judged(problem) if h.effect == "joint-compliance" and not h.label]
+    drift = next(h for h in judged(problem) if h.effect == "base-drift").columns(problem)
+    disturbed = replace(problem, residual=problem.residual + 30 * drift.sum(1), known={})
+    plain, next_to_it, alone = (
+        elastic_prior(one, Projected(one), joints, others).scale
+        for one, others in ((problem, drift), (disturbed, drift), (disturbed, None))
+    )
+    np.testing.assert_allclose(next_to_it, plain, rtol=1e-6)
+    assert (alone < plain / 10).all()
+
+
+def test_a_function_gives_way_to_the_law_that_is_likelier(elastic_arm):
+    """Next to all that the arm has otherwise, a function of the torque on joint 2 stands for its compliance."""
+    search = Search(bench_of(elastic_arm.recording), None, 1e-3, lambda line: None)
+    search.solve()
+    accept_likeliest(search)
+    place = [h.key for h in search.accepted].index(("joint-compliance", "joint-2"))
+    others = search.table(search.others(place))
+    function = next(h for h in others if h.unnamed == ("tau2",) and h.where == "joint-2")
+    effect = search.bench.smooth(*function.source)
+    accepted = list(search.accepted)
+    accepted[place] = replace(function, effects=(effect,))
+    search.accepted = tuple(accepted)
+    search.solve()
+    exchange_names(search)
+    assert not any(h.unnamed for h in search.accepted)

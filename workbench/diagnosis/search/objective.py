@@ -29,7 +29,7 @@ from workbench.diagnosis.linear.evidence import SIZES, Projected, log_evidence, 
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.search.compatible import compatible
-from workbench.diagnosis.search.prior import Masses, Priors, elastic_prior
+from workbench.diagnosis.search.prior import DEFLECTS, Masses, Priors, elastic_prior
 from workbench.diagnosis.search.subset_algebra import ConditionalSolution, Left, Table
 
 Members = tuple[int, ...]
@@ -84,7 +84,8 @@ class LogPosterior:
         start = np.concatenate([[0], np.cumsum([c.shape[1] for c in parts])]).astype(int)
         columns = problem.clear(np.concatenate(parts, 1))
         _condition_on_compliances(columns, start, terms, accepted)
-        priors = elastic_prior(problem, projected, terms)
+        others = _other_laws(columns, start, terms, accepted)
+        priors = elastic_prior(problem, projected, terms, others)
         columns *= np.repeat(priors.scale, np.diff(start))
         masses = Masses.of(problem, projected, priors)
         gram, score, yy = masses.marginalised(columns, projected.y)
@@ -265,6 +266,17 @@ class LogPosterior:
             more, spent = (along**2 / values).sum(-1), np.log(values).sum(-1)
         volume = spent - width * np.log(shrink)[:, None]
         return log_evidence(left.spent[:, None] + volume, left.gained[:, None] + more, self)
+
+
+def _other_laws(
+    columns: np.ndarray, start: np.ndarray, terms: Sequence[Hypothesis], accepted: Accepted
+) -> np.ndarray:
+    """(N, P) columns of the accepted laws that are not elastic; functions without a name may stand for elastic ones."""
+    kept = [
+        i < accepted.count and not h.unnamed and h.effect not in DEFLECTS and not h.needs_compliance
+        for i, h in enumerate(terms)
+    ]
+    return columns[:, np.repeat(kept, np.diff(start)).astype(bool)]
 
 
 def _condition_on_compliances(

@@ -188,13 +188,18 @@ def _exchange_laws(search) -> None:
 
 
 def _likelier(search, i: int) -> Hypothesis | None:
-    """The best variant of the effect with the highest marginal posterior; None where that is the accepted one."""
+    """The best variant of the effect with the highest marginal posterior; None where that is the accepted one.
+
+    A law may take the place of a function without a name, but no such function that of a law, whose shape is known
+    only up to an error of its own.
+    """
     mine = search.accepted[i]
-    if mine.unnamed or is_elastic(mine):
+    if is_elastic(mine):
         return None
     families: dict[Key, list[Hypothesis]] = {}
     for h in search.alternatives(i):
-        if not h.unnamed and not is_elastic(h):
+        is_law = not h.unnamed and (mine.unnamed or not is_elastic(h))
+        if is_law or (mine.unnamed and h.key == mine.key):
             families.setdefault(h.key, []).append(h)
     marginal = {key: logsumexp([h.log_weight for h in own]) for key, own in families.items()}
     best = max(marginal, key=marginal.get, default=None)

@@ -86,12 +86,21 @@ class Priors:
         return step + SECOND if len(members) else step
 
 
-def elastic_prior(problem: Problem, projected: Projected, terms: Sequence[Hypothesis]) -> Priors:
-    """The priors of some terms in a problem that keeps none of them."""
+def elastic_prior(
+    problem: Problem,
+    projected: Projected,
+    terms: Sequence[Hypothesis],
+    others: np.ndarray | None = None,
+) -> Priors:
+    """The priors of some terms in a problem that keeps none of them.
+
+    others (N, P): columns of accepted laws that are not elastic. The robot's compliance is estimated conditional on
+    these: what they make would else make it far too large, or with the opposite sign zero.
+    """
     elastic = np.array([h.effect in _CHANCE and not h.unnamed for h in terms], bool)
     log_prior = np.array([h.log_prior for h in terms])
     positive = np.array([getattr(h.source, "positive", 0) for h in terms], int)
-    robot = _RobotScale.of(problem, projected)
+    robot = _RobotScale.of(problem, projected, others)
     log_odds, scale = log_prior.copy(), np.ones(len(terms))
     for i in np.flatnonzero(elastic):
         chance, relative = _CHANCE[terms[i].effect]
@@ -118,8 +127,10 @@ class _RobotScale:
     joints: np.ndarray
 
     @classmethod
-    def of(cls, problem: Problem, projected: Projected) -> "_RobotScale | None":
-        """From all joints of a robot together; None where nothing deflects them."""
+    def of(
+        cls, problem: Problem, projected: Projected, others: np.ndarray | None
+    ) -> "_RobotScale | None":
+        """From all joints of a robot together, conditional on the columns `others` (N, P); None: nothing deflects."""
         joints = [
             c for c in problem.candidates if c.effect == JointCompliance.effect and c.load > 0
         ]
@@ -127,16 +138,18 @@ class _RobotScale:
             return None
         sizes = np.array([c.load**_SIZE_BY_LOAD for c in joints])
         clear = problem.clear(np.concatenate([c.columns[:, :1] for c in joints], 1) * sizes)
-        values, vectors = symmetric_eigen(clear.T @ clear / projected.design_effect)
+        left = _Left.of(problem, projected, others)
+        own = left.cleared(clear)
+        values, vectors = symmetric_eigen(own.T @ own / projected.design_effect)
         values = np.maximum(values, 0.0)
-        along = vectors.T @ (clear.T @ projected.y) / projected.design_effect
+        along = vectors.T @ (own.T @ left.y) / projected.design_effect
         spread = _SCALES[:, None] ** 2
         spent = np.log1p(spread * values).sum(1)
         gained = (along**2 * spread / (1 + spread * values)).sum(1)
-        best = int(np.argmax(log_evidence_each(spent, gained, projected)))
+        best = int(np.argmax(log_evidence_each(spent, gained, left)))
         inverse = 1 / (values + _SCALES[best] ** -2)
         found = np.maximum(-vectors @ (along * inverse), 0.0)
-        variance = max(projected.yy - gained[best], 0.0) / projected.degrees
+        variance = max(left.yy - gained[best], 0.0) / left.degrees
         std = np.sqrt(variance * (vectors**2 @ inverse))
         usual = _usual_compliance(found, std, np.array([c.load for c in joints]))
         most = _MOST_OF_USUAL * usual if usual > 0 else float(_SCALES[best])
@@ -149,6 +162,32 @@ class _RobotScale:
         """Prior size of an elastic law's compliance, rad/(N m)."""
         _, relative = _CHANCE[candidate.effect]
         return self.common * relative * max(candidate.load, 1e-3) ** _SIZE_BY_LOAD
+
+
+@dataclass(frozen=True)
+class _Left:
+    """What an orthonormal `basis` (N, R) leaves of a residual: `y` (N,), its `yy` and `degrees`, as of `Projected`."""
+
+    basis: np.ndarray
+    y: np.ndarray
+    yy: float
+    degrees: float
+
+    @classmethod
+    def of(cls, problem: Problem, projected: Projected, columns: np.ndarray | None) -> "_Left":
+        """Of the columns (N, P) that are fitted as well; None: none."""
+        if columns is None or not columns.shape[1]:
+            none = np.zeros((len(projected.y), 0))
+            return cls(none, projected.y, projected.yy, projected.degrees)
+        basis = problem.orthogonal_basis(columns)
+        y = projected.y - basis @ (basis.T @ projected.y)
+        effect = projected.design_effect
+        degrees = max(projected.degrees - basis.shape[1] / effect, 1.0)
+        return cls(basis, y, float(y @ y) / effect, degrees)
+
+    def cleared(self, columns: np.ndarray) -> np.ndarray:
+        """(N, P) columns without what the basis makes of them."""
+        return columns - self.basis @ (self.basis.T @ columns)
 
 
 def _usual_compliance(found: np.ndarray, std: np.ndarray, load: np.ndarray) -> float:

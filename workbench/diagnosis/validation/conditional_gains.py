@@ -9,8 +9,13 @@ from workbench.diagnosis.levels import OUTLIER
 from workbench.diagnosis.linear.evidence import once
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.validation.folds import Scheme, schemes
-from workbench.diagnosis.validation.heldout import left_out, paired, rms
-from workbench.diagnosis.validation.judging import REAL, combined_t, judging_schemes
+from workbench.diagnosis.validation.heldout import (
+    least_t,
+    left_out_components,
+    rms,
+    significance,
+)
+from workbench.diagnosis.validation.judging import combined_t, judging_schemes
 from workbench.diagnosis.validation.terms import Term
 
 
@@ -30,11 +35,12 @@ class ConditionalGains:
         t, gain = [], []
         for scheme in self._judges_of(term, tuple(own)):
             with_it, without = self._left_out(scheme, kept), self._left_out(scheme, rest)
-            t.append(paired(pose, without, with_it, usual, sigma))
-            gain.append(rms(without, usual, sigma) - rms(with_it, usual, sigma))
+            t.append(significance(pose, without, with_it, usual, sigma))
+            lengths = [np.sqrt((one**2).sum(0)) for one in (without, with_it)]
+            gain.append(rms(lengths[0], usual, sigma) - rms(lengths[1], usual, sigma))
         worst = int(np.argmin(t))
         known = combined_t(t)
-        return replace(term, t=known, gain=gain[0] if known > REAL else gain[worst])
+        return replace(term, t=known, gain=gain[0] if known > least_t(sigma) else gain[worst])
 
     def _judges_of(self, term: Term, own: tuple[int, ...]) -> list[Scheme]:
         def make():
@@ -45,8 +51,10 @@ class ConditionalGains:
         return once(self._judges, own, make)
 
     def _left_out(self, scheme: Scheme, kept: Sequence[int]) -> np.ndarray:
+        """(m, n) components of the errors next to some effects."""
+
         def make():
-            return left_out(self._problem.conditional_on(kept), scheme.fold)
+            return left_out_components(self._problem.conditional_on(kept), scheme.fold)
 
         return once(self._errors, (scheme.name, *sorted(kept)), make)
 

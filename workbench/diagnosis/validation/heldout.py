@@ -7,15 +7,19 @@ import numpy as np
 from workbench.core.distributions import chi2, norm, student
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
-from workbench.diagnosis.levels import SAME
+from workbench.diagnosis.levels import ENCOMPASSED, REAL, SAME
 from workbench.diagnosis.linear.evidence import once
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.validation.folds import judged_part
-from workbench.fitting.cross_validation import hold_out
+from workbench.fitting.cross_validation import hold_out, pad_to_position
 
 _LIMIT, _MEDIAN = 2.8, float(chi2.ppf(0.5, 3))
 """Length on the scale of the median sample from which on an error counts by its length and not by its square, as in
 the fit (5 % of clean samples are beyond it), and the median of a squared length of three coordinates."""
+
+
+_ROWS = 5
+"""Rows of the errors of an arm's samples: distance, rotation angle, and three components of the position."""
 
 
 def rms(errors: np.ndarray, usual: np.ndarray, sigma: np.ndarray | None = None) -> float:
@@ -49,9 +53,7 @@ def paired(
     if not kept.any() or group.max() < 2:
         return 0.0
     unit = 1.0 if sigma is None else sigma[kept]
-    squares = np.stack([before[kept] / unit, after[kept] / unit]) ** 2
-    scale = max(float(np.median(squares, axis=1).min()) / _MEDIAN, 1e-300)
-    without, with_it = _loss(squares / scale)
+    without, with_it = _loss(_scaled(before[kept] / unit, after[kept] / unit))
     falls = np.bincount(group, without - with_it)
     if sigma is not None:
         moved = (np.sqrt(without) - np.sqrt(with_it)) ** 2
@@ -59,6 +61,59 @@ def paired(
     falls = falls / np.bincount(group)
     spread = falls.std(ddof=1) / np.sqrt(len(falls))
     return float(falls.mean() / spread) if spread > 0 else 0.0
+
+
+def significance(
+    pose: np.ndarray,
+    before: np.ndarray,
+    after: np.ndarray,
+    usual: np.ndarray,
+    sigma: np.ndarray | None = None,
+) -> float:
+    """t of a gain, of components (m, n) of the errors without and with it.
+
+    That of `encompassed`, or with sigma (n,) of `paired`; `least_t` is the level for either.
+    """
+    if sigma is None:
+        return encompassed(pose, before, after, usual)
+    return paired(pose, *(np.sqrt((one**2).sum(0)) for one in (before, after)), usual, sigma)
+
+
+def least_t(sigma: np.ndarray | None) -> float:
+    """t above which a gain is significant: of `encompassed`, or with sigma of `paired`."""
+    return ENCOMPASSED if sigma is None else REAL
+
+
+def encompassed(
+    pose: np.ndarray, before: np.ndarray, after: np.ndarray, usual: np.ndarray
+) -> float:
+    """t that what the terms move the predictions by is in the errors without them; before, after (m, n) mm.
+
+    Of two nested models the larger pays for its coefficients even where it is right: squared errors fall by
+    2 e'd - d'd, with the error e without the terms and the change d of the prediction, and d'd is no evidence against
+    them. Clark & West, J. Econometrics 138 (2007), test the mean of e'd alone, whose t is about twice that of the
+    fall. Errors beyond Huber's limit count by their length, as in `paired`. Where the loss does not fall, it is the t
+    of `paired`.
+    """
+    lengths = [np.sqrt((one**2).sum(0)) for one in (before, after)]
+    fall = paired(pose, *lengths, usual)
+    kept = usual & np.isfinite(before).all(0) & np.isfinite(after).all(0)
+    if not fall > 0:
+        return fall
+    _, group, count = np.unique(pose[kept], return_inverse=True, return_counts=True)
+    change = before[:, kept] - after[:, kept]
+    size = np.sqrt(_scaled(lengths[0][kept], lengths[1][kept])[0])
+    weight = np.minimum(1.0, _LIMIT / np.maximum(size, _LIMIT))
+    score = np.bincount(group, weight * (before[:, kept] * change).sum(0)) / count
+    moved = np.bincount(group, weight * (change**2).sum(0)) / count
+    return _jackknife_t(score, moved)
+
+
+def _scaled(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """(2, k) squared errors on the scale of the median sample of the smaller errors."""
+    squares = np.stack([before, after]) ** 2
+    scale = max(float(np.median(squares, axis=1).min()) / _MEDIAN, 1e-300)
+    return squares / scale
 
 
 def _jackknife_t(falls: np.ndarray, moved: np.ndarray) -> float:
@@ -103,7 +158,7 @@ class Errors:
     def __init__(self, bench, independent: bool = False):
         self.bench, self._independent = bench, independent
         self._blocks: dict[tuple, np.ndarray] = {}
-        self._angles: dict[bytes, np.ndarray] = {}
+        self._rows: dict[bytes, np.ndarray] = {}
 
     def __call__(self, effects: Sequence[Effect], fold: np.ndarray) -> np.ndarray:
         """(n,) each sample predicted from the other folds (n,) int."""
@@ -111,46 +166,58 @@ class Errors:
 
     def predicted(self, fold: np.ndarray, chosen: Mapping[int, Sequence[Effect]]) -> np.ndarray:
         """(n,) errors where every fold is predicted with effects of its own."""
-        both = np.empty((2, len(fold)))
+        rows = np.empty((_ROWS, len(fold)))
         for k, effects in chosen.items():
-            both[:, fold == k] = self._block(effects, fold == k)
-        if np.isfinite(both[1]).any():
-            self._angles[both[0].tobytes()] = both[1]
-        return both[0]
+            rows[:, fold == k] = self._block(effects, fold == k)
+        self._rows[rows[0].tobytes()] = rows
+        return rows[0]
 
     def angles_of(self, errors: np.ndarray) -> np.ndarray:
         """(n,) rotation angles (deg) of the predictions whose distances (n,) this object returned.
 
         nan where no orientation is measured.
         """
-        return self._angles.get(errors.tobytes(), np.full(len(errors), np.nan))
+        return self._of(errors)[1]
+
+    def components_of(self, errors: np.ndarray) -> np.ndarray:
+        """(3, n) components (mm) of the predictions whose distances (n,) this object returned; nan for a sensor."""
+        return self._of(errors)[2:]
+
+    def _of(self, errors: np.ndarray) -> np.ndarray:
+        """(5, n) rows that belong to distances (n,); nan where this object did not return these."""
+        unknown = np.full((_ROWS, len(errors)), np.nan)
+        return self._rows.get(errors.tobytes(), unknown)
 
     def _block(self, effects, block: np.ndarray) -> np.ndarray:
-        """(2, k) distances and angles (deg, nan where there are none) of the samples of one block (n,) bool."""
+        """(5, k) distances, angles (deg, nan where there are none) and components of the samples of one block (n,)."""
         key = tuple(sorted(map(name_of, effects))), block.tobytes()
         predict = self._of_sensor if self.bench.chain is None else self._of_arm
         return once(self._blocks, key, lambda: predict(effects, block)[:, block])
 
     def _of_sensor(self, effects, block: np.ndarray) -> np.ndarray:
-        """(2, n): px and nan."""
+        """(5, n): px and nan."""
         folds = np.where(block, 0, -1)
         distances = self.bench.held_out(effects, folds, independent=self._independent)
-        return np.stack([distances, np.full_like(distances, np.nan)])
+        return np.stack([distances, *np.full((_ROWS - 1, len(distances)), np.nan)])
 
     def _of_arm(self, effects, block: np.ndarray) -> np.ndarray:
-        """(2, n): mm and deg.
+        """(5, n): mm, deg and mm.
 
         Where the others leave a direction open (all have the tool upright, say), it stays where all samples have it.
         """
+        out = np.full((_ROWS, len(block)), np.nan)
         if self._leaves_open(effects, block):
             problem = self.bench.problem(effects, hypotheses=False).conditional_on()
-            return _left_out_lengths(problem, np.where(block, 0, -1), only=0)
+            out[:2] = _left_out_lengths(problem, np.where(block, 0, -1), only=0)
+            made = left_out_components(problem, np.where(block, 0, -1), only=0)
+            out[2:] = pad_to_position(made)
+            return out
         model, fit, _ = self.bench.solve(effects, is_complete=False)
         found = hold_out(model, fit.parameters, block, ~block, "huber")
-        angles = np.full(len(block), np.nan)
+        out[0], out[2:] = np.sqrt(found.squares), found.position
         if len(found.rotation):
-            angles = np.sqrt((found.rotation**2).sum(0))
-        return np.stack([np.sqrt(found.squares), np.rad2deg(angles)])
+            out[1] = np.rad2deg(np.sqrt((found.rotation**2).sum(0)))
+        return out
 
     def _leaves_open(self, effects, block: np.ndarray) -> bool:
         """Whether a direction of the fit is determined by the samples of a block (n,) bool alone."""
@@ -184,16 +251,41 @@ def _block_gram(problem: Problem, rows: np.ndarray) -> np.ndarray:
 def left_out(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
     """(n,) length of each sample's position residual (mm, px) when its block is left out of the linearised fit.
 
-    only: the one block that is asked for; nan elsewhere then.
-
-    e = (I - B_b B_b')^-1 r for a block b left out of a linear fit with hat matrix B B' (Cook & Weisberg, Residuals and
-    Influence in Regression (1982), sec. 3.6). The added effects have their priors in it, as in a fit of the samples.
+    fold (n,) int; only: the one block that is asked for; nan elsewhere then.
     """
     return _left_out_lengths(problem, fold, only)[0]
 
 
+def left_out_components(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
+    """(m, n) components (mm, px) of what `left_out` has the lengths of; 0 where a sample has fewer than others."""
+    rows = _left_out_rows(problem, fold, only)
+    position = slice(None) if problem.rotation is None else ~problem.rotation
+    sample, rows = problem.sample[position], rows[position]
+    order = np.argsort(sample, kind="stable")
+    count = np.bincount(sample, minlength=problem.n)
+    number = np.arange(len(sample)) - np.repeat(np.cumsum(count) - count, count)
+    out = np.zeros((count.max(initial=1), problem.n))
+    out[number, sample[order]] = rows[order]
+    return out
+
+
 def _left_out_lengths(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
     """(2, n) lengths of position (mm, px) and orientation (deg, nan where none is measured), as of `left_out`."""
+    out = _left_out_rows(problem, fold, only)
+    if problem.rotation is None:
+        lengths = np.sqrt(np.bincount(problem.sample, out**2, minlength=problem.n))
+        return np.stack([lengths, np.full_like(lengths, np.nan)])
+    kinds = [np.where(part, out, 0.0) for part in (~problem.rotation, problem.rotation)]
+    lengths = [np.sqrt(np.bincount(problem.sample, kind**2, minlength=problem.n)) for kind in kinds]
+    return np.stack([lengths[0], np.rad2deg(lengths[1])])
+
+
+def _left_out_rows(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
+    """(N,) residual (mm, rad, px) of each row when its sample's block is left out of the linearised fit.
+
+    e = (I - B_b B_b')^-1 r for a block b left out of a linear fit with hat matrix B B' (Cook & Weisberg, Residuals and
+    Influence in Regression (1982), sec. 3.6). The added effects have their priors in it, as in a fit of the samples.
+    """
     mixing, left = problem.hat_mixing, problem.fitted_residual
     out, mine = np.full_like(left, np.nan), fold[problem.sample]
     for k in np.unique(fold) if only is None else (only,):
@@ -204,13 +296,7 @@ def _left_out_lengths(problem: Problem, fold: np.ndarray, only: int | None = Non
         change = mixing @ _without_block(inner, score)
         edges = np.cumsum([part.shape[1] for part in block])[:-1]
         out[rows] = left[rows] + sum(p @ c for p, c in zip(block, np.split(change, edges)))
-    out *= problem.units
-    if problem.rotation is None:
-        lengths = np.sqrt(np.bincount(problem.sample, out**2, minlength=problem.n))
-        return np.stack([lengths, np.full_like(lengths, np.nan)])
-    kinds = [np.where(part, out, 0.0) for part in (~problem.rotation, problem.rotation)]
-    lengths = [np.sqrt(np.bincount(problem.sample, kind**2, minlength=problem.n)) for kind in kinds]
-    return np.stack([lengths[0], np.rad2deg(lengths[1])])
+    return out * problem.units
 
 
 def _without_block(inner: np.ndarray, score: np.ndarray) -> np.ndarray:
@@ -227,4 +313,15 @@ def _without_block(inner: np.ndarray, score: np.ndarray) -> np.ndarray:
     return np.linalg.solve(identity - inner, score)
 
 
-__all__ = ["Errors", "left_out", "name_of", "paired", "rms", "sigma_of"]
+__all__ = [
+    "Errors",
+    "encompassed",
+    "least_t",
+    "left_out",
+    "left_out_components",
+    "name_of",
+    "paired",
+    "rms",
+    "sigma_of",
+    "significance",
+]

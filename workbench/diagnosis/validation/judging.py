@@ -120,6 +120,7 @@ def with_possible_masses(bench, terms: Sequence[Term]) -> tuple[list[Term], list
 
 def combined_t(values: Sequence[float]) -> float:
     """One t over several schemes: their mean, but the worst where one of them says that the error rises."""
+    # where the error rises, a t is always that of the paired falls
     return min(values) if min(values) < -REAL else float(np.mean(values))
 
 
@@ -148,7 +149,6 @@ def not_supported(term: Term, rows: Sequence[Judged], unit: str) -> Term:
 
 
 __all__ = [
-    "REAL",
     "Judged",
     "combined_t",
     "extrapolated_share",

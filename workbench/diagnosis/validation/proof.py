@@ -21,9 +21,15 @@ from workbench.diagnosis.linear.problem import Bench, Finding, Found, Problem
 from workbench.diagnosis.validation.conditional_gains import ConditionalGains
 from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.folds import JUDGED, Scheme, judged_part, schemes, thinned
-from workbench.diagnosis.validation.heldout import Errors, paired, rms, sigma_of
+from workbench.diagnosis.validation.heldout import (
+    Errors,
+    least_t,
+    paired,
+    rms,
+    sigma_of,
+    significance,
+)
 from workbench.diagnosis.validation.judging import (
-    REAL,
     Judged,
     headline,
     is_supported,
@@ -168,10 +174,19 @@ def _whole(bench, found: Found, find: Find | None, errors: Errors, say, jobs: in
     for scheme, nested in zip(parts, _search_nested(bench, find, parts, say, jobs)):
         fold, chosen = scheme.fold, {k: effects_of(terms) for k, terms in nested.items()}
         before, after = compared((), fold), compared.predicted(fold, chosen)
-        t = paired(bench.pose, before, after, ~found.outliers, sigma_of(bench))
+        t = _t_of(compared, before, after, ~found.outliers)
         plain, predicted = errors((), fold), errors.predicted(fold, chosen)
         made.append(Nested(scheme, plain, predicted, nested, t))
     return made
+
+
+def _t_of(errors: Errors, before: np.ndarray, after: np.ndarray, usual: np.ndarray) -> float:
+    """t of the gain from errors `before` to `after` (n,), which `errors` made."""
+    bench = errors.bench
+    if bench.sigma is not None:
+        return paired(bench.pose, before, after, usual, bench.sigma)
+    components = [errors.components_of(one) for one in (before, after)]
+    return significance(bench.pose, *components, usual)
 
 
 def _proof(bench, rows: Sequence[Judged], fixed, noise, usual) -> Proof:
@@ -249,17 +264,18 @@ def _earned(
     problem = bench.problem(effects_of(findings), samples, hypotheses=False)
     numbers = dict(zip(map(id, findings), numbered(findings)))
     trial = ConditionalGains(bench, problem, sigma_of(bench, samples))
+    least = least_t(bench.sigma)
 
     def judged(left: Sequence[Term]) -> list[Term]:
         kept = [i for term in left for i in numbers[id(term.finding)]]
         return [trial.judged(term, numbers[id(term.finding)], kept) for term in left]
 
-    left, gone = _without_insignificant(judged, [Term(f) for f in findings])
+    left, gone = _without_insignificant(judged, [Term(f) for f in findings], least)
     for _ in findings:
-        again = _with_best(judged, left, gone)
+        again = _with_best(judged, left, gone, least)
         if again is None:
             break
-        left, lost = _without_insignificant(judged, again)
+        left, lost = _without_insignificant(judged, again, least)
         gone = [term for term in gone if not any(term.finding is t.finding for t in left)]
         gone += [t for t in lost if not any(t.finding is term.finding for term in gone)]
     return left, gone
@@ -268,20 +284,24 @@ def _earned(
 Judge = Callable[[Sequence[Term]], list[Term]]
 
 
-def _without_insignificant(judged: Judge, terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
-    """Terms whose gain conditional on one another is real, and the others; the weakest goes first."""
+def _without_insignificant(
+    judged: Judge, terms: Sequence[Term], least: float
+) -> tuple[list[Term], list[Term]]:
+    """Terms whose gain conditional on one another has a t above `least`, and the others; the weakest goes first."""
     left, gone = list(terms), []
     while left:
         left = judged(left)
         worst = min(left, key=lambda term: term.t)
-        if worst.t > REAL and worst.gain > 0:
+        if worst.t > least and worst.gain > 0:
             break
-        gone.append(replace(worst, kept=False, reason=_insignificant(worst.t)))
+        gone.append(replace(worst, kept=False, reason=_insignificant(worst.t, least)))
         left.remove(worst)
     return left, gone
 
 
-def _with_best(judged: Judge, left: list[Term], gone: Sequence[Term]) -> list[Term] | None:
+def _with_best(
+    judged: Judge, left: list[Term], gone: Sequence[Term], least: float
+) -> list[Term] | None:
     """The terms with the one of those removed whose gain next to them is largest and real; None where there is none.
 
     Of two terms that share a signature the wrong one may go first, and with it what needs it.
@@ -289,13 +309,13 @@ def _with_best(judged: Judge, left: list[Term], gone: Sequence[Term]) -> list[Te
     best = None
     for term in gone:
         candidate = judged([*left, Term(term.finding)])[-1]
-        if candidate.t > REAL and candidate.gain > 0:
+        if candidate.t > least and candidate.gain > 0:
             best = max(best, candidate, key=lambda one: one.t) if best else candidate
     return None if best is None else [*left, best]
 
 
-def _insignificant(t: float) -> str:
-    return f"its held-out gain conditional on the others is not significant (t = {t:.1f}; required: above {REAL:g})"
+def _insignificant(t: float, least: float) -> str:
+    return f"its held-out gain conditional on the others is not significant (t = {t:.1f}; required: above {least:g})"
 
 
 def _controlled(bench, terms: list[Term], say) -> tuple[list[Term], list[Term]]:
@@ -314,4 +334,4 @@ def _controlled(bench, terms: list[Term], say) -> tuple[list[Term], list[Term]]:
     return kept, failed
 
 
-__all__ = ["REAL", "earned_inside", "prove"]
+__all__ = ["earned_inside", "prove"]

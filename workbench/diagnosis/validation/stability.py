@@ -11,11 +11,16 @@ import numpy as np
 
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
-from workbench.diagnosis.levels import ALIKE, MOST
+from workbench.diagnosis.levels import ALIKE, MOST, REAL
 from workbench.diagnosis.linear.problem import Finding, Problem
 from workbench.diagnosis.validation.folds import Scheme, judged_part
-from workbench.diagnosis.validation.heldout import left_out, paired, sigma_of
-from workbench.diagnosis.validation.judging import REAL, combined_t, judging_schemes
+from workbench.diagnosis.validation.heldout import (
+    least_t,
+    left_out_components,
+    sigma_of,
+    significance,
+)
+from workbench.diagnosis.validation.judging import combined_t, judging_schemes
 from workbench.diagnosis.validation.terms import Term
 
 
@@ -45,7 +50,7 @@ def stable_terms(
         return [], []
     judges = judges_of_all(bench, terms, [one.scheme for one in whole])
     t = combined_t([one.t for one in whole if one.scheme in judges])
-    if not t > REAL:
+    if not t > least_t(bench.sigma):
         reason = f"the whole search, made on parts of the samples, does not predict the others better (t = {t:.1f})"
         return [], [replace(term, kept=False, t_nested=t, reason=reason) for term in terms]
     folds = _Folds(bench, terms, whole, usual)
@@ -95,7 +100,7 @@ class _Folds:
             t_nested=nested,
             ways=tuple((scheme.name, len(rows)) for scheme, rows in self._solved.items()),
         )
-        if nested > REAL:
+        if nested > least_t(self._sigma):
             return judged
         reason = f"where the search is repeated inside the folds, it does not predict the others (t = {nested:.1f})"
         return replace(judged, kept=False, reason=reason)
@@ -107,7 +112,7 @@ class _Folds:
         for scheme in judging_schemes(self._bench, finding.effects, schemes, self._problem, own):
             without = _linear(scheme, self._solved[scheme], (finding, moved))
             with_all = self._errors[scheme]
-            out.append(paired(self._pose, without, with_all, self._usual, self._sigma))
+            out.append(significance(self._pose, without, with_all, self._usual, self._sigma))
         return out
 
 
@@ -152,11 +157,11 @@ def _alike(moved: np.ndarray, others: list[np.ndarray]) -> bool:
 
 
 def _linear(scheme: Scheme, folds: dict[int, _Solved], without=None) -> np.ndarray:
-    """(n,) errors where every fold is predicted with what was found without it, to first order.
+    """(m, n) components of the errors where every fold is predicted with what was found without it, to first order.
 
     without: a finding that is left out, and what it makes, as of `_made`.
     """
-    out = np.empty(len(scheme.fold))
+    parts = {}
     for k, solved in folds.items():
         numbers = numbered(solved.findings)
         kept = [i for own in numbers for i in own]
@@ -165,7 +170,11 @@ def _linear(scheme: Scheme, folds: dict[int, _Solved], without=None) -> np.ndarr
             kept = [i for own, is_same in zip(numbers, same) if not is_same for i in own]
         mine = scheme.fold == k
         problem = solved.problem.conditional_on(kept)
-        out[mine] = left_out(problem, np.where(mine, 0, -1), only=0)[mine]
+        parts[k] = left_out_components(problem, np.where(mine, 0, -1), only=0)
+    components = max(len(part) for part in parts.values())
+    out = np.full((components, len(scheme.fold)), np.nan)
+    for k, part in parts.items():
+        out[:, scheme.fold == k] = part[:, scheme.fold == k]
     return out
 
 

@@ -19,8 +19,9 @@ from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.vocabulary import Covariate
-from workbench.diagnosis.levels import MISSING, REAL
+from workbench.diagnosis.levels import MISSING
 from workbench.diagnosis.linear.problem import Problem
+from workbench.diagnosis.validation.heldout import least_t
 from workbench.explanation.planning.planned import Plan, plans
 from workbench.explanation.planning.scenes import scene_of
 from workbench.explanation.result import Experiment, Term
@@ -118,14 +119,15 @@ def _confirmed(bench, term: Term, refused: Sequence[Term]) -> str:
     A t grows with the root of the number of poses.
     """
     keys = {(one.effect, one.where, one.label) for one in term.finding.alternatives}
+    least = least_t(bench.sigma)
     if term.finding.effect != "unknown":
         return ""
     for one in refused:
         found = one.finding
         t = min(value for value in (one.t, one.t_nested, np.inf) if value is not None)
-        if (found.effect, found.where, found.label) in keys and 0 < t < REAL:
+        if (found.effect, found.where, found.label) in keys and 0 < t < least:
             poses = len(np.unique(bench.pose))
-            more = poses * min((REAL / t) ** 2 - 1, _HOPELESS)
+            more = poses * min((least / t) ** 2 - 1, _HOPELESS)
             return CONFIRM.format(name=_called(one), more=max(int(np.ceil(more / 10)) * 10, 10))
     return ""
 

@@ -1,0 +1,71 @@
+"""Significance of a held-out gain: what terms move the predictions by, in the errors without them."""
+
+import numpy as np
+import pytest
+
+from workbench.diagnosis.levels import ENCOMPASSED
+from workbench.diagnosis.validation.heldout import encompassed, paired
+
+FOLDS = 5
+
+
+def held_out_errors(rng, size, poses=100, terms=1):
+    """(3, n) errors of `poses` poses without and with effects of `size` sigmas, fitted to four fifths of the poses."""
+    effects = size * rng.normal(size=(terms, 3, poses))
+    error = rng.normal(size=(3, poses)) + effects.sum(0)
+    after = error.copy()
+    fold = np.arange(poses) % FOLDS
+    directions = rng.normal(size=(terms, 3, poses)) if size == 0 else effects
+    for k in range(FOLDS):
+        seen = directions[:, :, fold != k].reshape(terms, -1).T
+        found = np.linalg.lstsq(seen, error[:, fold != k].ravel())[0]
+        after[:, fold == k] -= np.tensordot(found, directions[:, :, fold == k], 1)
+    return error, after
+
+
+def t_of(before, after):
+    return encompassed(np.arange(before.shape[1]), before, after, np.ones(before.shape[1], bool))
+
+
+def fall_of(before, after):
+    lengths = [np.sqrt((one**2).sum(0)) for one in (before, after)]
+    return paired(np.arange(len(lengths[0])), *lengths, np.ones(len(lengths[0]), bool))
+
+
+def test_an_effect_near_the_noise_is_twice_as_significant_as_its_fall():
+    """Noncentrality 47: the t of Clark and West is its root at most, that of the fall half of that."""
+    rng = np.random.default_rng(1)
+    made = [held_out_errors(rng, 0.4) for _ in range(60)]
+    ours = np.array([t_of(*one) for one in made])
+    falls = np.array([fall_of(*one) for one in made])
+    assert np.median(ours) == pytest.approx(np.sqrt(0.4**2 * 300), rel=0.2)
+    assert np.median(ours) > 1.7 * np.median(falls)
+    assert (ours > ENCOMPASSED).mean() > 0.95 > (falls > ENCOMPASSED).mean()
+
+
+@pytest.mark.parametrize("terms", [1, 6])
+def test_absent_effects_are_hardly_ever_significant(terms):
+    """Folds share most of their fits, so that t is wider than a normal's, the more the more coefficients there are."""
+    rng = np.random.default_rng(2)
+    chance = np.array([t_of(*held_out_errors(rng, 0.0, terms=terms)) for _ in range(1000)])
+    assert (chance > ENCOMPASSED).mean() < 0.01
+
+
+def test_a_rise_of_the_error_is_never_significant():
+    rng = np.random.default_rng(3)
+    before, change = rng.normal(size=(2, 3, 100))
+    after = before - 3 * (0.3 * before + change)
+    assert (after**2).sum() > (before**2).sum() and (before * (before - after)).sum() > 0
+    assert t_of(before, after) < 0
+
+
+def test_one_pose_proves_nothing_and_repeats_count_once():
+    rng = np.random.default_rng(4)
+    before = rng.normal(size=(3, 60))
+    after = before.copy()
+    before[:, 7] += 30
+    assert t_of(before, after) < ENCOMPASSED
+    one, other = held_out_errors(rng, 0.5, poses=50)
+    pose = np.repeat(np.arange(50), 7)
+    often = encompassed(pose, one[:, pose], other[:, pose], np.ones(350, bool))
+    assert often == pytest.approx(t_of(one, other))
