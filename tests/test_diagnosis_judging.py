@@ -190,9 +190,9 @@ def test_a_term_that_was_removed_for_another_comes_back():
         }
         return [replace(one, t=t[names][one.finding.effect], gain=1.0) for one in left]
 
-    left, gone = proof._without_insignificant(judged, [wrong, true, plain])
+    left, gone = proof._without_insignificant(judged, [wrong, true, plain], 2.0)
     assert [term.finding.effect for term in left] == ["p"]
-    again = proof._with_best(judged, left, gone)
+    again = proof._with_best(judged, left, gone, 2.0)
     assert [term.finding.effect for term in again] == ["p", "t"]
 
 
