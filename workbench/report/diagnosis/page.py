@@ -230,7 +230,7 @@ def _validation(made: Diagnosis):
     yield words(
         "Nested cross-validation repeats the complete search without a part of the samples; the findings must predict "
         "this part better. A term is retained only if the held-out error rises significantly without it, conditional "
-        "on all others (t > 3 over poses for an arm, t > 2 over board poses and balls for a sensor; errors are "
+        "on all others (t > 2.5 over poses for an arm, t > 2 over board poses and balls for a sensor; errors are "
         "weighted as in the fit, which limits the influence of outliers). "
         "In a permutation or circular-shift control of its cause, a term must not reduce the error. "
         f"The gain of all terms together is {proof.t:.1f} times its standard error."
