@@ -48,7 +48,7 @@ def test_absent_effects_are_hardly_ever_significant(terms):
     """Folds share most of their fits, so that t is wider than a normal's, the more the more coefficients there are."""
     rng = np.random.default_rng(2)
     chance = np.array([t_of(*held_out_errors(rng, 0.0, terms=terms)) for _ in range(1000)])
-    assert (chance > ENCOMPASSED).mean() < 0.02
+    assert (chance > ENCOMPASSED).mean() < 0.025
 
 
 def test_a_rise_of_the_error_is_never_significant():

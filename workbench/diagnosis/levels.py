@@ -25,7 +25,7 @@ WORTHWHILE = math.log(3.0)
 REAL = 2.0
 """t of paired falls of an error above which a held-out gain counts as significant: one in fifty by chance at most."""
 ENCOMPASSED = 2.5
-"""t of a change of the predictions in held-out errors above which it counts as significant: at most one in fifty by
+"""t of a change of the predictions in held-out errors above which it counts as significant: about one in fifty by
 chance, for up to six coefficients. It is about twice the t of the fall that it brings."""
 VAGUE = 10.0
 """Typical sizes of a parameter: one whose standard deviation is larger is as good as unknown by itself."""
