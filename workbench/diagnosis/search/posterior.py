@@ -178,13 +178,20 @@ def _exchange_laws(search) -> None:
 
     The search compares sets of single variants. A step at one of many instants has a small share of its family's prior
     at each of them, so that a law without such an option may win against every single instant and still be less
-    probable than all of them together. Names of elastic laws come from sets.
+    probable than all of them together. Names of elastic laws come from sets. An exchange changes what is likely in the
+    place of the others, which are then compared again.
     """
-    for i in search.everyone:
-        other = _likelier(search, i)
-        if other is not None:
-            search.accepted = (*search.accepted[:i], other, *search.accepted[i + 1 :])
-            search.solve()
+    tried = [{name_of(h) for h in search.accepted}]
+    for _ in range(_ROUNDS):
+        for i in search.everyone:
+            other = _likelier(search, i)
+            if other is not None:
+                search.accepted = (*search.accepted[:i], other, *search.accepted[i + 1 :])
+                search.solve()
+        names = {name_of(h) for h in search.accepted}
+        if names in tried:
+            break
+        tried.append(names)
 
 
 def _likelier(search, i: int) -> Hypothesis | None:
