@@ -1,5 +1,7 @@
 """Keys that answer.json promises of every finding: the instant, the spectrum, and in how many folds it is reselected."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from workbench.diagnosis.search.findings import finding
 from workbench.diagnosis.search.select import find
 from workbench.diagnosis.search.state import Search
 from workbench.explanation.result import Term, _effect
+from workbench.explanation.words import figures
 
 BEGINS = sorted(name for name, kind in CATALOGUE.items() if "after" in option_types(kind))
 
@@ -102,3 +105,5 @@ def test_the_spectrum_of_a_joint_curve_is_in_the_answer_and_its_cycles_in_the_se
     assert spectrum["order_unit"] == "cycles per revolution" and spectrum["periodic_share"] > 0.5
     assert spectrum["cycles"][0]["order"] == pytest.approx(17, abs=0.3)
     assert spectrum["cycles"][0]["amplitude"] == pytest.approx(2e-4, rel=0.1)
+    said = re.match(r"RMS (\S+) mrad, cycles per revolution: 17\S* \((\S+) mrad\)", figures(rows))
+    assert said and float(said[1]) == pytest.approx(np.sqrt(0.5) * float(said[2]), rel=0.1)

@@ -228,9 +228,9 @@ def _spectrum(row: Mapping, harmonics: Sequence[Mapping] = ()) -> str:
         return f"{size}, not periodic on the visited angles"
     per = "per revolution" if unit == "rad" else "per mm"
     waves = []
-    for order, size, of_motor in row["cycles"]:
+    for order, amplitude, of_motor in row["cycles"]:
         motor = f", {of_motor} per revolution of the motor" if of_motor else ""
-        waves.append(f"{order:.3g} ({measured(size, None, unit)}{motor})")
+        waves.append(f"{order:.3g} ({measured(amplitude, None, unit)}{motor})")
     for one in harmonics:
         waves.append(f"{one['name'].removeprefix('cos')} ({measured(one['value'], None, unit)})")
     return f"{size}, cycles {per}: {listed(waves)}"
