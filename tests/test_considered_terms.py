@@ -39,7 +39,7 @@ GAP, COMPLIANCE = "joint-3.backlash.half_gap", "joint-2.joint-compliance.complia
 def refused(effect, where, t, **options):
     """A term of a diagnosis with one effect whose held-out gain has the statistic t."""
     made = CATALOGUE[effect](where, **options)
-    return Term(Finding(effect, where, "", (made,), 0.01, 0.9, 0.1, 0.1), t=t)
+    return Term(Finding(effect, where, "", (made,), 0.01, 0.9, 0.1, 0.1), t_fall=t)
 
 
 def row_of(effect):

@@ -14,7 +14,7 @@ from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.validation import judging, proof, stability
 from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.folds import SPACE, TIME, Scheme, schemes
-from workbench.diagnosis.validation.heldout import left_out
+from workbench.diagnosis.validation.heldout import DOUBLED, critical_t, left_out
 from workbench.explanation import words
 from workbench.explanation.answer import _somewhere, diagnose
 from workbench.explanation.result import UNEXPLAINED, Term, verdict_of
@@ -194,6 +194,26 @@ def test_a_term_that_was_removed_for_another_comes_back():
     assert [term.finding.effect for term in left] == ["p"]
     again = proof._with_best(judged, left, gone, 2.0)
     assert [term.finding.effect for term in again] == ["p", "t"]
+
+
+def test_a_term_without_a_gain_goes_however_large_its_t():
+    weak, harmful = (Term(Finding(n, "joint-2", "", (), 1e-9, 1.0, 1.0, 1.0)) for n in "wh")
+
+    def judged(left):
+        figures = {"w": (3.0, 0.01), "h": (8.0, -0.01)}
+        made = [figures[term.finding.effect] for term in left]
+        return [replace(one, t=t, gain=gain) for one, (t, gain) in zip(left, made)]
+
+    left, gone = proof._without_insignificant(judged, [weak, harmful], 2.5)
+    assert [term.finding.effect for term in left] == ["w"]
+
+
+def test_a_scheme_in_which_the_error_rises_counts_on_the_scale_of_the_others():
+    """A rise of 1.9 standard errors in one scheme, and a gain of 3.5 in another, which is 7 by Clark and West."""
+    rise = judging.combined_t([-1.9 * DOUBLED, 7.0], None)
+    assert rise < critical_t(None)
+    assert judging.combined_t([-2.1 * DOUBLED, 9.0], None) == -2.1 * DOUBLED
+    assert judging.combined_t([-2.1, 9.0], np.ones(3)) == -2.1
 
 
 @pytest.mark.parametrize(

@@ -24,9 +24,9 @@ WORTHWHILE = math.log(3.0)
 """Log odds, 3 to 1, from which on another set or name is worth a solution: Jeffreys calls less a bare mention."""
 REAL = 2.0
 """t of paired falls of an error above which a held-out gain counts as significant: one in fifty by chance at most."""
-ENCOMPASSED = 2.5
+CLARK_WEST = 2.5
 """t of a change of the predictions in held-out errors above which it counts as significant: about one in fifty by
-chance, for up to six coefficients. It is about twice the t of the fall that it brings."""
+chance, for up to six coefficients and errors of poses that are independent. It is about twice the t of the fall."""
 VAGUE = 10.0
 """Typical sizes of a parameter: one whose standard deviation is larger is as good as unknown by itself."""
 OUTLIER = 0.05

@@ -53,9 +53,7 @@ NO_MASSES = (
 )
 _UNEVEN = NoiseLaw.effect
 _PLACED = 0.01  # family-wise p-value from which on a place is said to hold what is left
-_GAINED = (
-    2.0  # t of the held-out gain of a refused term from which on it counts as evidence of structure
-)
+_GAINED = 2.0  # t of the fall of the held-out error by a refused term from which on it counts as evidence of structure
 _LONG_S = 1.0  # a search beyond which processes are worth their start
 Say = Callable[[str], None]
 
@@ -255,7 +253,7 @@ def _is_placed(bench, found: Found, refused) -> bool:
     if bench.chain is not None:
         return True
     places = any(one.p_value < _PLACED and one.share > 0 for one in found.located)
-    gained = [term for term in refused if (term.t or 0.0) > _GAINED]
+    gained = [term for term in refused if (term.t_fall or 0.0) > _GAINED]
     return places or any(term.finding.p_value < _PLACED for term in gained)
 
 

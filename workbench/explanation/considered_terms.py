@@ -74,9 +74,9 @@ def _without_duplicates(terms: Sequence[Term], calibration: Calibration) -> list
 
 def probability(term: Term) -> float:
     """Probability that the model with a refused term predicts better: of its held-out gain, else of its name."""
-    if term.t is None or not np.isfinite(term.t):
+    if term.t_fall is None or not np.isfinite(term.t_fall):
         return float(np.clip(term.finding.probability, 0.0, 1.0))
-    return float(norm.cdf(term.t))
+    return float(norm.cdf(term.t_fall))
 
 
 def _moments(

@@ -21,7 +21,7 @@ from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Candidate, Problem
 from workbench.diagnosis.search.compatible import compatible
 from workbench.diagnosis.search.likeliest import as_solved, order_by_gain, say_terms
-from workbench.diagnosis.search.objective import LogPosterior, Members
+from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members
 from workbench.diagnosis.search.prior import DEFLECTS
 from workbench.diagnosis.search.state import Search, name_of
 from workbench.diagnosis.search.stepwise import Stepwise
@@ -111,7 +111,8 @@ class _Laws:
 
     `columns` (N, T) of all terms and `changes` (C, N, T) by each parameter of the load, in typical sizes, the baseline
     projected out; `start` (K + 1,) of each term; `y` (N,) the residual without any of them, `remainder` (N,) with those
-    accepted; `variance` of a whitened coordinate; `first`: sets to start from.
+    accepted; `variance` of a whitened coordinate; `first`: sets to start from;
+    `accepted`: how many terms come first that are accepted and not elastic.
     """
 
     problem: Problem
@@ -123,6 +124,7 @@ class _Laws:
     remainder: np.ndarray
     variance: float
     first: tuple[Members, ...]
+    accepted: int
 
     @classmethod
     def of(cls, search: Search, load: Effect) -> "_Laws | None":
@@ -153,6 +155,7 @@ class _Laws:
             Projected(search.problem.conditional_on()).y,
             search.variance(),
             (held + joints, held + present),
+            len(held),
         )
 
     def likeliest(self) -> list[Hypothesis] | None:
@@ -231,7 +234,7 @@ class _Laws:
                 own = columns[:, first:end] / h.typical
                 h = replace(h, source=replace(h.source, columns=own))
             terms.append(h)
-        return LogPosterior.of(self.problem, terms, self.remainder)
+        return LogPosterior.of(self.problem, terms, self.remainder, Accepted(self.accepted))
 
 
 def _change(problem: Problem, h: Hypothesis, load: Effect, sizes: np.ndarray, shape) -> np.ndarray:

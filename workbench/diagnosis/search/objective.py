@@ -29,7 +29,7 @@ from workbench.diagnosis.linear.evidence import SIZES, Projected, log_evidence, 
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.search.compatible import compatible
-from workbench.diagnosis.search.prior import DEFLECTS, Masses, Priors, elastic_prior
+from workbench.diagnosis.search.prior import Masses, Priors, elastic_prior, is_elastic
 from workbench.diagnosis.search.subset_algebra import ConditionalSolution, Left, Table
 
 Members = tuple[int, ...]
@@ -82,15 +82,16 @@ class LogPosterior:
         accepted = accepted or Accepted()
         parts = [accepted.loads.get(i, h.columns(problem)) for i, h in enumerate(terms)]
         start = np.concatenate([[0], np.cumsum([c.shape[1] for c in parts])]).astype(int)
-        columns = problem.clear(np.concatenate(parts, 1))
+        raw = np.concatenate(parts, 1)
+        columns = problem.clear(raw)
         _condition_on_compliances(columns, start, terms, accepted)
-        others = _other_laws(columns, start, terms, accepted)
+        others = _other_laws(raw, start, terms, accepted)
         priors = elastic_prior(problem, projected, terms, others)
         columns *= np.repeat(priors.scale, np.diff(start))
         masses = Masses.of(problem, projected, priors)
         gram, score, yy = masses.marginalised(columns, projected.y)
         design_effect = projected.design_effect
-        yy = (yy + masses.inexact(priors.joints, projected.y)) / design_effect
+        yy = (yy + masses.inexact(priors)) / design_effect
         return cls(
             tuple(terms),
             gram / design_effect,
@@ -273,7 +274,7 @@ def _other_laws(
 ) -> np.ndarray:
     """(N, P) columns of the accepted laws that are not elastic; functions without a name may stand for elastic ones."""
     kept = [
-        i < accepted.count and not h.unnamed and h.effect not in DEFLECTS and not h.needs_compliance
+        i < accepted.count and not h.unnamed and not is_elastic(h) and not h.needs_compliance
         for i, h in enumerate(terms)
     ]
     return columns[:, np.repeat(kept, np.diff(start)).astype(bool)]

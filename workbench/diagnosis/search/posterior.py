@@ -11,8 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from robot_model.effects.transmission import TransmissionHarmonic
-from robot_model.effects.unknown_masses import GravityCompliance
 from workbench.core.least_squares.linear_algebra import pseudo_inverse
 from workbench.diagnosis.levels import NOTABLE, ROUNDING, SHOWN, WORTHWHILE
 from workbench.diagnosis.linear.hypotheses import Hypothesis
@@ -21,7 +19,7 @@ from workbench.diagnosis.search.constant_load import accept_constant_loads
 from workbench.diagnosis.search.likeliest import as_solved, order_by_gain, say_terms
 from workbench.diagnosis.search.objective import LogPosterior, Members
 from workbench.diagnosis.search.options import refine_options
-from workbench.diagnosis.search.prior import DEFLECTS
+from workbench.diagnosis.search.prior import is_elastic
 from workbench.diagnosis.search.state import name_of
 
 Key = tuple[str, str]
@@ -197,8 +195,8 @@ def _exchange_laws(search) -> None:
 def _likelier(search, i: int) -> Hypothesis | None:
     """The best variant of the effect with the highest marginal posterior; None where that is the accepted one.
 
-    A law may take the place of a function without a name, but no such function that of a law, whose shape is known
-    only up to an error of its own.
+    A law may take the place of a function without a name, where the whole set is then likelier, too. No such function
+    takes that of a law: laws are not exact, and a function makes the error of a law as well.
     """
     mine = search.accepted[i]
     if is_elastic(mine):
@@ -212,7 +210,21 @@ def _likelier(search, i: int) -> Hypothesis | None:
     best = max(marginal, key=marginal.get, default=None)
     if mine.key not in marginal or marginal[best] - marginal[mine.key] < WORTHWHILE:
         return None
-    return max(families[best], key=lambda h: h.log_weight)
+    other = max(families[best], key=lambda h: h.log_weight)
+    return other if not mine.unnamed or _makes_likelier(search, i, other) else None
+
+
+def _makes_likelier(search, i: int, other: Hypothesis) -> bool:
+    """Whether the accepted set, with signs and priors, is clearly likelier with another term in the place of one."""
+    accepted = [search.own(k) for k in search.everyone]
+    objective = LogPosterior.of(
+        search.problem.conditional_on(()),
+        [*accepted, other],
+        accepted=as_solved(search, accepted),
+    )
+    own, count = search.everyone, len(accepted)
+    exchanged = tuple(count if k == i else k for k in own)
+    return objective.value(exchanged) - objective.value(own) > WORTHWHILE
 
 
 def _exchange_elastic(search) -> None:
@@ -265,13 +277,4 @@ def _elastic_window(search) -> Window | None:
     return Window.around(objective, tuple(range(len(accepted))), open_)
 
 
-def is_elastic(h) -> bool:
-    """Whether a term deflects under gravity, or is the harmonic that is most like it."""
-    if h.unnamed:
-        return False
-    order = getattr(h.effects[0], "order", None) if h.effects else None
-    deflects = h.effect in (*DEFLECTS, GravityCompliance.effect)
-    return deflects or (h.effect == TransmissionHarmonic.effect and order == 1.0)
-
-
-__all__ = ["Name", "Window", "exchange_names", "is_elastic", "probabilities_of_names"]
+__all__ = ["Name", "Window", "exchange_names", "probabilities_of_names"]

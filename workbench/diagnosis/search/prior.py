@@ -16,6 +16,8 @@ from scipy.special import logsumexp
 
 from robot_model.effects import CATALOGUE
 from robot_model.effects.elastic import JointCompliance
+from robot_model.effects.transmission import TransmissionHarmonic
+from robot_model.effects.unknown_masses import GravityCompliance
 from workbench.core.least_squares.linear_algebra import pseudo_inverse, symmetric_eigen
 from workbench.diagnosis.levels import ROUNDING
 from workbench.diagnosis.linear.evidence import Projected, log_evidence_each
@@ -53,7 +55,7 @@ class Priors:
     together are as likely as their families of candidates.
     `scale` (K,): prior size over the typical one; `positive` (K,): how many first coefficients cannot be negative;
     `reference`: (effect, where, compliance) of all joints at their likeliest; `joints` (N, J): what these make of the
-    residual, the baseline projected out.
+    measurements, the baseline projected out; `residual` (N,): what other accepted laws leave, as far as it is known.
     """
 
     log_prior: np.ndarray
@@ -64,6 +66,7 @@ class Priors:
     deflects: float = 0.0
     reference: tuple[tuple[str, str, float], ...] = ()
     joints: np.ndarray | None = None
+    residual: np.ndarray | None = None
 
     def of(self, members: Sequence[int]) -> float:
         """Log prior of a set; the set of no term has 0."""
@@ -115,16 +118,18 @@ def elastic_prior(
     priors = Priors(log_prior, log_odds, elastic, scale, positive, deflects)
     if robot is None:
         return priors
-    return replace(priors, reference=robot.reference, joints=robot.joints)
+    kept = {name: getattr(robot, name) for name in ("reference", "joints", "residual")}
+    return replace(priors, **kept)
 
 
 @dataclass(frozen=True)
 class _RobotScale:
-    """`common`: compliance of a joint under 1 N m (rad/(N m)); `reference`, `joints` as of `Priors`."""
+    """`common`: compliance of a joint under 1 N m (rad/(N m)); `reference`, `joints`, `residual` as of `Priors`."""
 
     common: float
     reference: tuple
     joints: np.ndarray
+    residual: np.ndarray
 
     @classmethod
     def of(
@@ -138,7 +143,7 @@ class _RobotScale:
             return None
         sizes = np.array([c.load**_SIZE_BY_LOAD for c in joints])
         clear = problem.clear(np.concatenate([c.columns[:, :1] for c in joints], 1) * sizes)
-        left = _Left.of(problem, projected, others)
+        left = _Residual.of(problem, projected, others)
         own = left.cleared(clear)
         values, vectors = symmetric_eigen(own.T @ own / projected.design_effect)
         values = np.maximum(values, 0.0)
@@ -156,7 +161,7 @@ class _RobotScale:
         reference = []
         for candidate, value, size in zip(joints, np.minimum(found, most), sizes):
             reference.append((candidate.effect, candidate.where, float(value * size)))
-        return cls(min(float(_SCALES[best]), most), tuple(reference), clear)
+        return cls(min(float(_SCALES[best]), most), tuple(reference), clear, left.y)
 
     def size(self, candidate: Candidate) -> float:
         """Prior size of an elastic law's compliance, rad/(N m)."""
@@ -165,7 +170,7 @@ class _RobotScale:
 
 
 @dataclass(frozen=True)
-class _Left:
+class _Residual:
     """What an orthonormal `basis` (N, R) leaves of a residual: `y` (N,), its `yy` and `degrees`, as of `Projected`."""
 
     basis: np.ndarray
@@ -174,7 +179,7 @@ class _Left:
     degrees: float
 
     @classmethod
-    def of(cls, problem: Problem, projected: Projected, columns: np.ndarray | None) -> "_Left":
+    def of(cls, problem: Problem, projected: Projected, columns: np.ndarray | None) -> "_Residual":
         """Of the columns (N, P) that are fitted as well; None: none."""
         if columns is None or not columns.shape[1]:
             none = np.zeros((len(projected.y), 0))
@@ -249,11 +254,11 @@ class Masses:
         score = columns.T @ y - by_masses.T @ own
         return gram, score, float(y @ y - own @ own)
 
-    def inexact(self, joints: np.ndarray | None, y: np.ndarray) -> float:
-        """Sum of squares that errors of the elastic laws leave: a share of what all joints (N, J) explain."""
-        if joints is None:
+    def inexact(self, priors: Priors) -> float:
+        """Sum of squares that errors of the elastic laws leave: a share of what all joints explain."""
+        if priors.joints is None or priors.residual is None:
             return 0.0
-        gram, score, _ = self.marginalised(joints, y)
+        gram, score, _ = self.marginalised(priors.joints, priors.residual)
         return LAW_ERROR**2 * float(score @ pseudo_inverse(gram, ROUNDING) @ score)
 
     @cached_property
@@ -265,4 +270,13 @@ class Masses:
         return self.columns @ (vectors / scale)
 
 
-__all__ = ["DEFLECTS", "LAW_ERROR", "SECOND", "Masses", "Priors", "elastic_prior"]
+def is_elastic(h: Hypothesis) -> bool:
+    """Whether a term deflects under gravity, or is the harmonic that is most like it."""
+    if h.unnamed:
+        return False
+    order = getattr(h.effects[0], "order", None) if h.effects else None
+    deflects = h.effect in (*DEFLECTS, GravityCompliance.effect)
+    return deflects or (h.effect == TransmissionHarmonic.effect and order == 1.0)
+
+
+__all__ = ["DEFLECTS", "LAW_ERROR", "SECOND", "Masses", "Priors", "elastic_prior", "is_elastic"]

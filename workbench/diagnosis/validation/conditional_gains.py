@@ -10,8 +10,9 @@ from workbench.diagnosis.linear.evidence import once
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.validation.folds import Scheme, schemes
 from workbench.diagnosis.validation.heldout import (
-    least_t,
+    critical_t,
     left_out_components,
+    paired,
     rms,
     significance,
 )
@@ -29,18 +30,24 @@ class ConditionalGains:
         self._errors: dict[tuple, np.ndarray] = {}
 
     def judged(self, term: Term, own: Sequence[int], kept: Sequence[int]) -> Term:
-        """The term, with the effects `own`, with t and gain of its presence next to the other effects `kept`."""
+        """The term, with the effects `own`, with t, t_fall and gain of its presence next to the effects `kept`."""
         usual, sigma, pose = self._problem.weights > OUTLIER, self._sigma, self._problem.pose
         rest = [i for i in kept if i not in own]
-        t, gain = [], []
+        t, falls, gain = [], [], []
         for scheme in self._judges_of(term, tuple(own)):
             with_it, without = self._left_out(scheme, kept), self._left_out(scheme, rest)
             t.append(significance(pose, without, with_it, usual, sigma))
             lengths = [np.sqrt((one**2).sum(0)) for one in (without, with_it)]
+            falls.append(paired(pose, *lengths, usual, sigma))
             gain.append(rms(lengths[0], usual, sigma) - rms(lengths[1], usual, sigma))
         worst = int(np.argmin(t))
-        known = combined_t(t)
-        return replace(term, t=known, gain=gain[0] if known > least_t(sigma) else gain[worst])
+        known = combined_t(t, sigma)
+        return replace(
+            term,
+            t=known,
+            t_fall=float(np.mean(falls)),
+            gain=gain[0] if known > critical_t(sigma) else gain[worst],
+        )
 
     def _judges_of(self, term: Term, own: tuple[int, ...]) -> list[Scheme]:
         def make():

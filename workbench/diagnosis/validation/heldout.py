@@ -7,7 +7,7 @@ import numpy as np
 from workbench.core.distributions import chi2, norm, student
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
-from workbench.diagnosis.levels import ENCOMPASSED, REAL, SAME
+from workbench.diagnosis.levels import CLARK_WEST, REAL, SAME
 from workbench.diagnosis.linear.evidence import once
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.validation.folds import judged_part
@@ -18,6 +18,8 @@ _LIMIT, _MEDIAN = 2.8, float(chi2.ppf(0.5, 3))
 the fit (5 % of clean samples are beyond it), and the median of a squared length of three coordinates."""
 
 
+DOUBLED = 2.0
+"""t of Clark and West over that of the fall of the error, about, for an effect that is there."""
 _ROWS = 5
 """Rows of the errors of an arm's samples: distance, rotation angle, and three components of the position."""
 
@@ -72,34 +74,39 @@ def significance(
 ) -> float:
     """t of a gain, of components (m, n) of the errors without and with it.
 
-    That of `encompassed`, or with sigma (n,) of `paired`; `least_t` is the level for either.
+    That of `clark_west_t`, or with sigma (n,) of `paired`; `critical_t` is the level for either.
     """
     if sigma is None:
-        return encompassed(pose, before, after, usual)
+        return clark_west_t(pose, before, after, usual)
     return paired(pose, *(np.sqrt((one**2).sum(0)) for one in (before, after)), usual, sigma)
 
 
-def least_t(sigma: np.ndarray | None) -> float:
-    """t above which a gain is significant: of `encompassed`, or with sigma of `paired`."""
-    return ENCOMPASSED if sigma is None else REAL
+def critical_t(sigma: np.ndarray | None) -> float:
+    """t above which a gain is significant: of `clark_west_t`, or with sigma of `paired`."""
+    return CLARK_WEST if sigma is None else REAL
 
 
-def encompassed(
+def rises(t: float, sigma: np.ndarray | None) -> bool:
+    """Whether a t says that the error significantly rises: of `clark_west_t`, or with sigma of `paired`."""
+    return t < (-DOUBLED * REAL if sigma is None else -REAL)
+
+
+def clark_west_t(
     pose: np.ndarray, before: np.ndarray, after: np.ndarray, usual: np.ndarray
 ) -> float:
-    """t that what the terms move the predictions by is in the errors without them; before, after (m, n) mm.
+    """t of the change of the predictions by some terms in the errors without them; before, after (m, n) mm.
 
     Of two nested models the larger pays for its coefficients even where it is right: squared errors fall by
     2 e'd - d'd, with the error e without the terms and the change d of the prediction, and d'd is no evidence against
     them. Clark & West, J. Econometrics 138 (2007), test the mean of e'd alone, whose t is about twice that of the
-    fall. Errors beyond Huber's limit count by their length, as in `paired`. Where the loss does not fall, it is the t
-    of `paired`.
+    fall. Their test is of forecasts in time; errors by Huber's loss, blocks left out in turn and the standard error
+    by `_jackknife_t` are an extension. Where the loss does not fall, it is the t of `paired` on the same scale.
     """
     lengths = [np.sqrt((one**2).sum(0)) for one in (before, after)]
     fall = paired(pose, *lengths, usual)
     kept = usual & np.isfinite(before).all(0) & np.isfinite(after).all(0)
     if not fall > 0:
-        return fall
+        return DOUBLED * fall
     _, group, count = np.unique(pose[kept], return_inverse=True, return_counts=True)
     change = before[:, kept] - after[:, kept]
     size = np.sqrt(_scaled(lengths[0][kept], lengths[1][kept])[0])
@@ -169,7 +176,8 @@ class Errors:
         rows = np.empty((_ROWS, len(fold)))
         for k, effects in chosen.items():
             rows[:, fold == k] = self._block(effects, fold == k)
-        self._rows[rows[0].tobytes()] = rows
+        if self.bench.chain is not None:  # a sensor has distances alone
+            self._rows[rows[0].tobytes()] = rows
         return rows[0]
 
     def angles_of(self, errors: np.ndarray) -> np.ndarray:
@@ -314,13 +322,15 @@ def _without_block(inner: np.ndarray, score: np.ndarray) -> np.ndarray:
 
 
 __all__ = [
+    "DOUBLED",
     "Errors",
-    "encompassed",
-    "least_t",
+    "clark_west_t",
+    "critical_t",
     "left_out",
     "left_out_components",
     "name_of",
     "paired",
+    "rises",
     "rms",
     "sigma_of",
     "significance",

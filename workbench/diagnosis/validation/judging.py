@@ -15,11 +15,11 @@ import numpy as np
 
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
-from workbench.diagnosis.levels import REAL
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.robot.derived import negative_masses
 from workbench.diagnosis.validation.controls import of_order
 from workbench.diagnosis.validation.folds import TIME, Scheme
+from workbench.diagnosis.validation.heldout import rises
 from workbench.diagnosis.validation.terms import Term
 
 _ONE_BLOCK = 0.9
@@ -118,10 +118,12 @@ def with_possible_masses(bench, terms: Sequence[Term]) -> tuple[list[Term], list
     return kept, refused
 
 
-def combined_t(values: Sequence[float]) -> float:
-    """One t over several schemes: their mean, but the worst where one of them says that the error rises."""
-    # where the error rises, a t is always that of the paired falls
-    return min(values) if min(values) < -REAL else float(np.mean(values))
+def combined_t(values: Sequence[float], sigma: np.ndarray | None) -> float:
+    """One t over several schemes: their mean, but the worst where one of them says that the error rises.
+
+    sigma: of the bench, see `critical_t`.
+    """
+    return min(values) if rises(min(values), sigma) else float(np.mean(values))
 
 
 def headline(rows: Sequence[Judged]) -> Judged:

@@ -23,7 +23,7 @@ from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.folds import JUDGED, Scheme, judged_part, schemes, thinned
 from workbench.diagnosis.validation.heldout import (
     Errors,
-    least_t,
+    critical_t,
     paired,
     rms,
     sigma_of,
@@ -264,7 +264,7 @@ def _earned(
     problem = bench.problem(effects_of(findings), samples, hypotheses=False)
     numbers = dict(zip(map(id, findings), numbered(findings)))
     trial = ConditionalGains(bench, problem, sigma_of(bench, samples))
-    least = least_t(bench.sigma)
+    least = critical_t(bench.sigma)
 
     def judged(left: Sequence[Term]) -> list[Term]:
         kept = [i for term in left for i in numbers[id(term.finding)]]
@@ -291,7 +291,7 @@ def _without_insignificant(
     left, gone = list(terms), []
     while left:
         left = judged(left)
-        worst = min(left, key=lambda term: term.t)
+        worst = min(left, key=lambda term: (term.gain > 0, term.t))
         if worst.t > least and worst.gain > 0:
             break
         gone.append(replace(worst, kept=False, reason=_insignificant(worst.t, least)))

@@ -11,12 +11,13 @@ import numpy as np
 
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
-from workbench.diagnosis.levels import ALIKE, MOST, REAL
+from workbench.diagnosis.levels import ALIKE, MOST
 from workbench.diagnosis.linear.problem import Finding, Problem
 from workbench.diagnosis.validation.folds import Scheme, judged_part
 from workbench.diagnosis.validation.heldout import (
-    least_t,
+    critical_t,
     left_out_components,
+    rises,
     sigma_of,
     significance,
 )
@@ -28,7 +29,7 @@ from workbench.diagnosis.validation.terms import Term
 class Nested:
     """A scheme with errors (n,) of the baseline, `plain`, and of what every fold found by itself.
 
-    `found`: fold -> findings of the search without it; `t` of the fall of the error.
+    `found`: fold -> findings of the search without it; `t` of the gain, as of `significance`.
     """
 
     scheme: Scheme
@@ -49,8 +50,8 @@ def stable_terms(
     if not terms:
         return [], []
     judges = judges_of_all(bench, terms, [one.scheme for one in whole])
-    t = combined_t([one.t for one in whole if one.scheme in judges])
-    if not t > least_t(bench.sigma):
+    t = combined_t([one.t for one in whole if one.scheme in judges], bench.sigma)
+    if not t > critical_t(bench.sigma):
         reason = f"the whole search, made on parts of the samples, does not predict the others better (t = {t:.1f})"
         return [], [replace(term, kept=False, t_nested=t, reason=reason) for term in terms]
     folds = _Folds(bench, terms, whole, usual)
@@ -91,7 +92,7 @@ class _Folds:
         """The term with its t in the folds, and whether it is kept."""
         moved = self._moved[number]
         t = self._t(term.finding, self._numbers[number], moved)
-        nested = min(t) if min(t) < -REAL else max(t)
+        nested = min(t) if rises(min(t), self._sigma) else max(t)
         made = [fold.made for rows in self._solved.values() for fold in rows.values()]
         judged = replace(
             term,
@@ -100,7 +101,7 @@ class _Folds:
             t_nested=nested,
             ways=tuple((scheme.name, len(rows)) for scheme, rows in self._solved.items()),
         )
-        if nested > least_t(self._sigma):
+        if nested > critical_t(self._sigma):
             return judged
         reason = f"where the search is repeated inside the folds, it does not predict the others (t = {nested:.1f})"
         return replace(judged, kept=False, reason=reason)
@@ -171,8 +172,7 @@ def _linear(scheme: Scheme, folds: dict[int, _Solved], without=None) -> np.ndarr
         mine = scheme.fold == k
         problem = solved.problem.conditional_on(kept)
         parts[k] = left_out_components(problem, np.where(mine, 0, -1), only=0)
-    components = max(len(part) for part in parts.values())
-    out = np.full((components, len(scheme.fold)), np.nan)
+    out = np.full_like(next(iter(parts.values())), np.nan)
     for k, part in parts.items():
         out[:, scheme.fold == k] = part[:, scheme.fold == k]
     return out

@@ -30,7 +30,8 @@ class Control:
 class Term:
     """A finding with its proof and its words.
 
-    `t` of the paired gains of poses, and `t_nested` of the nested cross-validation; `gain` (mm, px)
+    `t` of the gain, one value a pose (`heldout.significance`), `t_fall` of the fall of the error itself, and `t_nested`
+    of the gain in the nested cross-validation; `gain` (mm, px)
     the fall of the held-out RMS that this term alone brings; `again` of `chances` folds in which the repeated search
     reselects most of what it makes, `ways` their schemes and how many folds each has;
     `size` (mm, px) RMS displacement of the measured point; `kept` False where a
@@ -43,6 +44,7 @@ class Term:
     parameters: tuple[Mapping, ...] = ()
     size: float | None = None
     t: float | None = None
+    t_fall: float | None = None
     t_nested: float | None = None
     gain: float | None = None
     again: int = 0

@@ -21,7 +21,7 @@ from workbench.core.parameters import Parameters
 from workbench.core.vocabulary import Covariate
 from workbench.diagnosis.levels import MISSING
 from workbench.diagnosis.linear.problem import Problem
-from workbench.diagnosis.validation.heldout import least_t
+from workbench.diagnosis.validation.heldout import critical_t
 from workbench.explanation.planning.planned import Plan, plans
 from workbench.explanation.planning.scenes import scene_of
 from workbench.explanation.result import Experiment, Term
@@ -119,7 +119,7 @@ def _confirmed(bench, term: Term, refused: Sequence[Term]) -> str:
     A t grows with the root of the number of poses.
     """
     keys = {(one.effect, one.where, one.label) for one in term.finding.alternatives}
-    least = least_t(bench.sigma)
+    least = critical_t(bench.sigma)
     if term.finding.effect != "unknown":
         return ""
     for one in refused:

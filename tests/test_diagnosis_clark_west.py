@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from workbench.diagnosis.levels import ENCOMPASSED
-from workbench.diagnosis.validation.heldout import encompassed, paired
+from workbench.diagnosis.levels import CLARK_WEST
+from workbench.diagnosis.validation.heldout import clark_west_t, paired
 
 FOLDS = 5
 
@@ -24,7 +24,7 @@ def held_out_errors(rng, size, poses=100, terms=1):
 
 
 def t_of(before, after):
-    return encompassed(np.arange(before.shape[1]), before, after, np.ones(before.shape[1], bool))
+    return clark_west_t(np.arange(before.shape[1]), before, after, np.ones(before.shape[1], bool))
 
 
 def fall_of(before, after):
@@ -40,7 +40,7 @@ def test_an_effect_near_the_noise_is_twice_as_significant_as_its_fall():
     falls = np.array([fall_of(*one) for one in made])
     assert np.median(ours) == pytest.approx(np.sqrt(0.4**2 * 300), rel=0.2)
     assert np.median(ours) > 1.7 * np.median(falls)
-    assert (ours > ENCOMPASSED).mean() > 0.95 > (falls > ENCOMPASSED).mean()
+    assert (ours > CLARK_WEST).mean() > 0.95 > (falls > CLARK_WEST).mean()
 
 
 @pytest.mark.parametrize("terms", [1, 6])
@@ -48,7 +48,7 @@ def test_absent_effects_are_hardly_ever_significant(terms):
     """Folds share most of their fits, so that t is wider than a normal's, the more the more coefficients there are."""
     rng = np.random.default_rng(2)
     chance = np.array([t_of(*held_out_errors(rng, 0.0, terms=terms)) for _ in range(1000)])
-    assert (chance > ENCOMPASSED).mean() < 0.025
+    assert (chance > CLARK_WEST).mean() < 0.025
 
 
 def test_a_rise_of_the_error_is_never_significant():
@@ -64,8 +64,8 @@ def test_one_pose_proves_nothing_and_repeats_count_once():
     before = rng.normal(size=(3, 60))
     after = before.copy()
     before[:, 7] += 30
-    assert t_of(before, after) < ENCOMPASSED
+    assert t_of(before, after) < CLARK_WEST
     one, other = held_out_errors(rng, 0.5, poses=50)
     pose = np.repeat(np.arange(50), 7)
-    often = encompassed(pose, one[:, pose], other[:, pose], np.ones(350, bool))
+    often = clark_west_t(pose, one[:, pose], other[:, pose], np.ones(350, bool))
     assert often == pytest.approx(t_of(one, other))
