@@ -195,8 +195,8 @@ def _exchange_laws(search) -> None:
 def _likelier(search, i: int) -> Hypothesis | None:
     """The best variant of the effect with the highest marginal posterior; None where that is the accepted one.
 
-    A law may take the place of a function without a name, where the whole set is then likelier, too. No such function
-    takes that of a law: laws are not exact, and a function makes the error of a law as well.
+    A law may take the place of a smooth nonparametric alternative, but no alternative that of a law: laws are not
+    exact, and it makes the error of a law as well.
     """
     mine = search.accepted[i]
     if is_elastic(mine):
@@ -211,7 +211,8 @@ def _likelier(search, i: int) -> Hypothesis | None:
     if mine.key not in marginal or marginal[best] - marginal[mine.key] < WORTHWHILE:
         return None
     other = max(families[best], key=lambda h: h.log_weight)
-    return other if not mine.unnamed or _makes_likelier(search, i, other) else None
+    # signs and prior sizes of elastic terms are known to sets alone
+    return None if is_elastic(other) and not _makes_likelier(search, i, other) else other
 
 
 def _makes_likelier(search, i: int, other: Hypothesis) -> bool:
