@@ -16,7 +16,7 @@ help:
 	@echo "make test-slow  the slow tests"
 	@echo "make test-all   both, in one run"
 	@echo "make test-times both, and a list of the tests above 0.7 s, which are then slow ones"
-	@echo "make test-long  the statistical studies on hundreds of recordings (about an hour)"
+	@echo "make test-long  the statistical studies on hundreds of recordings (hours)"
 	@echo "make check      lint, format, import rules, house style"
 	@echo "make fuzz       20,000 damaged inputs to every reader and command (an hour)"
 	@echo "make language   words that the project no longer uses"

@@ -86,7 +86,7 @@ def ratio(make_cloud, truth: Truth, rng) -> float:
 
 
 @pytest.mark.parametrize(
-    ("make", "seed"), mostly_slow([(m, s) for m in (fixed_plane, turntable) for s in SEEDS], 2)
+    ("make", "seed"), mostly_slow([(m, s) for m in (fixed_plane, turntable) for s in SEEDS], 2, 2)
 )
 def test_moved_planes(make, seed):
     rng = np.random.default_rng(seed)
@@ -96,7 +96,7 @@ def test_moved_planes(make, seed):
 
 
 @pytest.mark.parametrize(
-    ("kind", "seed"), mostly_slow([(k, s) for k in ("mirror", "galvanometer") for s in SEEDS], 2)
+    ("kind", "seed"), mostly_slow([(k, s) for k in ("mirror", "galvanometer") for s in SEEDS], 2, 2)
 )
 def test_swept_planes(kind, seed):
     rng = np.random.default_rng(seed)

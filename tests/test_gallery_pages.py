@@ -1,6 +1,6 @@
 """Pages of the gallery are not stale: what takes minutes is computed again and compared.
 
-The slow tests compute the short pages and single rows of the long ones; the long tests compute every page.
+The slow tests compute single rows; the long tests compute every page.
 """
 
 import os
@@ -21,13 +21,13 @@ GALLERY = ROOT / "docs" / "gallery"
 LONG = [pytest.mark.long, pytest.mark.timeout(4 * 3600)]
 COMPUTED = (
     pytest.param("laser-spot", "laser-spot", marks=LONG),
-    pytest.param("partial-pose", "partial-pose", marks=pytest.mark.slow),
+    pytest.param("partial-pose", "partial-pose", marks=LONG),
     pytest.param("touch-point", "touch-point", marks=LONG),
     pytest.param("poses-and-compensation", "poses-and-compensation", marks=LONG),
     pytest.param("rendered-scanner", "rendered-scanner", marks=LONG),
     pytest.param("unified", "unified-kinematic-compliance", marks=LONG),
 )
-"""Names for `tools/gallery.py` and of the pages: one of a minute of processor time, and others of up to an hour."""
+"""Names for `tools/gallery.py` and of the pages: two of a minute of processor time, and others of up to an hour."""
 
 
 def test_every_page_of_the_gallery_is_computed_by_a_test():

@@ -43,7 +43,7 @@ def test_the_table_of_repeatability_states_what_the_scans_have():
     assert sections.radius_errors(rows[1]) == pytest.approx((1, 6), rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_scans_of_a_ball_are_within_their_stated_uncertainty(tmp_path, monkeypatch):
     """One block of four scans from images: errors of the centre by its stated standard deviations."""
     monkeypatch.setattr(scanner, "SCANS", 4)

@@ -60,7 +60,7 @@ MISTAKES = {
 }
 
 
-@pytest.mark.parametrize("name", mostly_slow(MISTAKES, 4))
+@pytest.mark.parametrize("name", mostly_slow(MISTAKES, 4, 5))
 def test_a_mistake_in_flange_poses_is_certain_and_named(name):
     cause, words = name.split(" ", 1)
     views, flange = images(10)

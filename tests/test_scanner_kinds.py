@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import datasets
+from conftest import mostly_slow
 from scanner_kinds import SIGMA_PX, bound, cloud_of, seen_stripes
 from sensors.ball.fit import fit_ball
 from sensors.boards.detection import View
@@ -299,8 +300,7 @@ def _tiny(folder, rows):
     return folder
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["fixed-plane", "galvanometer", "turntable"])
+@pytest.mark.parametrize("kind", mostly_slow(["fixed-plane", "galvanometer", "turntable"], 0, 2))
 def test_rendered_example_through_the_whole_chain(kind, tmp_path):
     made = example(kind, tmp_path / "r", lambda text: None)
     answer = _scanned(tmp_path, "scan", tmp_path / "r")

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import tomli_w
 
-from conftest import sizes
 from hand_eye_scenes import CAMERA, images, off
 from sensors.boards.board import Board
 from sensors.boards.detection import View
@@ -60,8 +59,15 @@ def squared_errors(found) -> list[float]:
     return [error[p] @ np.linalg.solve(covariance[p, p], error[p]) / 3 for p in parts]
 
 
-@pytest.mark.parametrize("count", sizes(20, 40))
-@pytest.mark.parametrize("images_of_the_camera", ["the same", "others"])
+@pytest.mark.parametrize(
+    ("images_of_the_camera", "count"),
+    [
+        pytest.param("the same", 10, marks=pytest.mark.slow),
+        pytest.param("others", 20, marks=pytest.mark.slow),
+        pytest.param("the same", 40, marks=pytest.mark.long),
+        pytest.param("others", 40, marks=pytest.mark.long),
+    ],
+)
 def test_sigmas_hold_over_many_sets(images_of_the_camera, count, tmp_path):
     """Of these images counts what they say of the transform, once; of the camera, what its file says."""
     squares = []
