@@ -91,7 +91,7 @@ def test_data_that_may_mean_several_configurations_are_asked_for(maker, tmp_path
 
 
 def test_a_wrist_that_counts_otherwise_leaves_the_arm_known(tmp_path):
-    """The recording has both shoulders, which the data of this robot still tell apart."""
+    """The recording has both shoulders, which the data of this robot still distinguish."""
     signs = (1, 1, 1, 1, -1, 1)
     robot, every = counted("FANUC", signs), drawn("FANUC", 400)
     taught = every[~sides_of("FANUC", every)[:, 2]]
