@@ -9,6 +9,7 @@ import tomli_w
 from workbench.explanation.answer import diagnose
 from workbench.explanation.noise.stated_noise import StatedNoise, compare, finding_of
 from workbench.explanation.result import CONSISTENT, EXPLAINED, UNEXPLAINED, Term, verdict_of
+from workbench.fitting.verdicts.diagnosis_verdict import check_diagnosis
 from workbench.jobs.robot.simulate import simulate
 
 SCENE = {
@@ -110,6 +111,9 @@ def test_a_recording_with_the_wrong_noise_is_not_consistent(tmp_path, factor):
         "the stated sigma" in term.statement
         and made.as_json()["effects"][0]["parameters"][0]["std"] > 0
     )
+    # the verdict goes by the noise that was found, and does not doubt it again
+    sentence = check_diagnosis(made, recording).verdict.sentence
+    assert "agrees with the noise" in sentence and "the stated noise is wrong" in sentence
 
 
 def test_the_noise_of_a_solution_is_that_of_its_own_residual(tmp_path):

@@ -27,7 +27,7 @@ def instants_between(state) -> np.ndarray:
 
 
 class Shift(Effect):
-    """The pose of the tool, the base or a link changes once, as after a bump, a slipped clamp or a bent link.
+    """A part of the machine changes its pose once, as after a bump, a slipped clamp or a bent link.
 
     Six numbers: the step of the twist at the place, in its own axes. `after` is an instant in s where time was
     recorded, else the number of a row.

@@ -200,7 +200,7 @@ def _effect(term: Term, unit: str) -> dict:
         "where": found.where,
         "variant": found.label,
         "p_value": found.p_value,
-        "probability": found.probability,
+        "probability": min(found.probability, 1.0),
         "alternatives": [_alternative(one) for one in found.alternatives],
         "parameters": [dict(row) for row in term.parameters],
         "depends_on": list(found.depends_on),
@@ -256,7 +256,7 @@ def _alternative(one) -> dict:
         "where": one.where,
         "variant": one.label,
         "why": one.why,
-        "probability": one.probability,
+        "probability": min(one.probability, 1.0),
         "alike": one.alike,
         "not_recorded": one.missing,
     }

@@ -35,6 +35,11 @@ from workbench.fitting.shrinkage import settled
 from workbench.fitting.wider_priors import widened
 
 _FAINT = 1e-4  # knows a parameter to a hundred typical sizes: its variance where the data do not determine it
+_GEOMETRY = 1.0
+"""Precision in typical sizes (1 mm, 0.01 rad) of geometry that the data do not determine: errors of arms are smaller.
+
+A faint one would let a gauge freedom of base and joints turn the frame in which an effect is stated by radians.
+"""
 BASELINES = ("geometry", JointCompliance.effect)
 _PRIOR_WITH_MASSES = 0.5  # a variant with masses found is half as likely as one that trusts them
 _LEAST_POSES = 4
@@ -323,7 +328,10 @@ class RobotBench:
         model, fit, _ = self.solve(effects, samples)
         free, values = fit.parameters.mask, fit.parameters.values
         units = np.outer(fit.parameters.typical[free], fit.parameters.typical[free])
-        covariance = covariance_of(fit.normal * units, np.full(len(units), _FAINT))
+        prior = np.full(len(values), _GEOMETRY)
+        for span in model.spans:
+            prior[span] = _FAINT
+        covariance = covariance_of(fit.normal * units, prior[free])
         whole = np.zeros((len(values), len(values)))
         whole[np.ix_(free, free)] = covariance * units * fit.sigma_scale**2
         std = np.sqrt(np.maximum(np.diag(whole), 0))

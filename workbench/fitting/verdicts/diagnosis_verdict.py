@@ -53,10 +53,16 @@ class DiagnosisCheck:
 
 def check_diagnosis(made, recording, tolerances: Sequence[Tolerance] = ()) -> DiagnosisCheck:
     """Judge what a `workbench.explanation.result.Diagnosis` of a recording leaves."""
-    unit, held_out = made.unit, made.as_json()["held_out"]
+    answer = made.as_json()
+    unit, held_out = made.unit, answer["held_out"]
     noise = noise_of(made, recording, held_out) if unit == "mm" and made.views is not None else None
-    above = None if noise is None else noise.is_above
-    expected = _expected(noise, held_out, unit)
+    if any(effect["effect"] == _STATED_NOISE for effect in answer["effects"]):
+        above, expected = None, Noise(held_out[f"noise_{unit}"], held_out["noise_from"])
+    else:
+        above, expected = (
+            None if noise is None else noise.is_above,
+            _expected(noise, held_out, unit),
+        )
     error = Residual(held_out[f"after_{unit}"], unit, "held-out RMS error", is_significant=above)
     return DiagnosisCheck(judge(error, expected, tolerances, _advice(made, noise)), noise)
 
