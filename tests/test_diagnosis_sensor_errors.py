@@ -108,7 +108,7 @@ def test_structure_without_a_place_and_without_a_gain_is_no_finding(bench):
     real = Located("sensor", "point", ("u",), 0.2, 1e-6, 0.1)
     assert not _is_placed(bench, SimpleNamespace(located=(empty,)), ())
     assert _is_placed(bench, SimpleNamespace(located=(empty, real)), ())
-    refused = SimpleNamespace(t=4.0, finding=SimpleNamespace(p_value=1e-5))
+    refused = SimpleNamespace(t_fall=4.0, finding=SimpleNamespace(p_value=1e-5))
     assert _is_placed(bench, SimpleNamespace(located=(empty,)), (refused,))
     assert not _is_placed(bench, SimpleNamespace(located=(empty,)), (replace_t(refused, 0.3),))
     assert verdict_of((), 1e-9, is_placed=False) == "consistent"

@@ -66,7 +66,7 @@ def test_a_pose_without_a_rotation_and_unknown_columns_are_said():
     table = table_of("Brida X", "Brida Y", "Brida Z", *names)
     said = left_out_sentences(table, propose(table, has_images=True).mapping, has_images=True)
     assert "has no rotation" in said[0] and "[flange_rotation]" in said[0]
-    assert "Kierto X, Kierto Y, Kierto Z" in said[1]
+    assert "'Kierto X', 'Kierto Y', 'Kierto Z'" in said[1]
 
 
 @pytest.mark.parametrize("names", [("ax", "ay", "az"), ("i", "j", "k"), ("Zx", "Zy", "Zz")])
@@ -89,7 +89,7 @@ def test_a_rotation_that_no_point_takes_is_said():
     without = replace(mapping, rotation=None)
     assert mapping.rotation is not None and unused_rotation_sentences(table, mapping) == ()
     (said,) = unused_rotation_sentences(table, without)
-    assert "phi, theta, psi are a rotation" in said
+    assert "'phi', 'theta', 'psi' are a rotation" in said
 
 
 def test_a_remark_in_brackets_is_no_part_of_the_component():
@@ -175,7 +175,7 @@ def test_propose_prints_and_writes_omitted_columns(workbench, tmp_path):
     done = workbench("import", "t.csv", "--propose", "map.toml")
     assert done.returncode == 0
     for text in (done.stdout, (tmp_path / "map.toml").read_text()):
-        assert "Kulma X, Kulma Y, Kulma Z" in " ".join(text.split())
+        assert "'Kulma X', 'Kulma Y', 'Kulma Z'" in " ".join(text.split())
 
 
 def test_a_file_that_is_not_there_is_one_short_sentence(workbench):

@@ -44,7 +44,6 @@ class Term:
     parameters: tuple[Mapping, ...] = ()
     size: float | None = None
     t: float | None = None
-    t_fall: float | None = None
     t_nested: float | None = None
     gain: float | None = None
     again: int = 0
@@ -56,6 +55,7 @@ class Term:
     statement: str = ""
     share: float | None = None
     remainder: bool = False
+    t_fall: float | None = None
 
     @property
     def certain(self) -> bool:
