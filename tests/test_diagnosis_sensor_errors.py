@@ -133,7 +133,7 @@ def test_structure_next_to_jitter_alone_counts_as_where_nothing_was_found(bench)
 
 
 def replace_t(term, t):
-    return SimpleNamespace(t=t, finding=term.finding)
+    return SimpleNamespace(t_fall=t, finding=term.finding)
 
 
 def moved_by(shift_of_stripe) -> sensor.SensorBench:
