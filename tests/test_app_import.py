@@ -270,7 +270,11 @@ def test_without_any_run_the_app_starts_with_the_import(page):
 @pages
 def test_dropped_tables_are_read_and_their_units_found(page, tables):
     _drop_tables(page, tables)
-    fits = page.get_by_role("group", name="Fit before calibration").locator("tbody tr").first
+    fits = (
+        page.get_by_role("group", name="Fit with plausible geometry errors")
+        .locator("tbody tr")
+        .first
+    )
     assert "joints in radians, point in inches" in fits.inner_text()
     first = page.get_by_role("group", name="First samples of the recording").inner_text()
     assert f"{tables[2][0][0]:.6g}" in first

@@ -107,3 +107,14 @@ def test_the_spectrum_of_a_joint_curve_is_in_the_answer_and_its_cycles_in_the_se
     assert spectrum["cycles"][0]["amplitude"] == pytest.approx(2e-4, rel=0.1)
     said = re.match(r"RMS (\S+) mrad, cycles per revolution: 17\S* \((\S+) mrad\)", figures(rows))
     assert said and float(said[1]) == pytest.approx(np.sqrt(0.5) * float(said[2]), rel=0.1)
+
+
+def test_of_many_parameters_only_significant_ones_are_listed():
+    def row(name, value):
+        return {"name": name, "value": value, "std": 1e-5, "unit": "rad", "label": f"moment {name}"}
+
+    vague = [row(name, 1e-5) for name in "abcde"]
+    assert figures(vague) == "5 parameters of which only combinations are identifiable"
+    said = figures([*vague, row("f", 8e-5)])
+    assert said.startswith("moment f ") and said.endswith("and 5 more") and "moment a" not in said
+    assert figures(vague[:2]).count("moment") == 2

@@ -234,7 +234,7 @@ def test_at_a_terminal_the_preview_is_confirmed(truth, tmp_path):
         os.close(slave)
         os.close(master)
         assert process.returncode == status
-        assert "Fit before calibration" in said
+        assert "Fit with plausible geometry errors" in said
         assert (tmp_path / "out").exists() == exists
 
 

@@ -15,7 +15,7 @@ from workbench.core.common_effects import NoiseLaw
 from workbench.core.least_squares.adjustment_tests import p_text
 from workbench.core.text.uncertain import with_std
 from workbench.core.vocabulary import Covariate, Place
-from workbench.diagnosis.levels import MOST, NOTABLE
+from workbench.diagnosis.levels import MOST, NOTABLE, REAL
 from workbench.diagnosis.linear.problem import Finding, Found
 from workbench.diagnosis.noise.random_effects import ALONG
 from workbench.diagnosis.scanner.image_jitter import EFFECT as JITTER
@@ -203,10 +203,7 @@ def figures(rows: Sequence[Mapping]) -> str:
         (_name(row), row)
         for row in sorted(rows, key=lambda row: (not row.get("derived"), -_surety(row)))
     ]
-    texts = [
-        f"{name} {measured(row['value'], row['std'], row['unit'])}" for name, row in parts[:_MOST]
-    ]
-    said = ", ".join(texts) + (f" and {len(parts) - _MOST} more" if len(parts) > _MOST else "")
+    said = _listed_figures(parts)
     if vague:
         combined = f"{listed([row['name'] for row in vague])} only in combination"
         said = f"{said} ({combined})" if said else combined
@@ -215,6 +212,20 @@ def figures(rows: Sequence[Mapping]) -> str:
         if masses
         else ""
     )
+
+
+def _listed_figures(parts: Sequence[tuple[str, Mapping]]) -> str:
+    """Values of named parameters; of many only significant ones, since others say nothing each by itself."""
+    shown = parts
+    if len(parts) > _MOST:
+        shown = [(name, row) for name, row in parts if _surety(row) >= REAL]
+        if not shown:
+            return f"{len(parts)} parameters of which only combinations are identifiable"
+    texts = [
+        f"{name} {measured(row['value'], row['std'], row['unit'])}" for name, row in shown[:_MOST]
+    ]
+    more = len(parts) - len(texts)
+    return ", ".join(texts) + (f" and {more} more" if more else "")
 
 
 def _spectrum(row: Mapping, harmonics: Sequence[Mapping] = ()) -> str:

@@ -213,7 +213,9 @@ class ImportTab(Tab):
                 self.button("{{ one }}", self.answer, "[k]")
         with html.Ul(v_if="import_warnings.length", classes="pl-6"):
             html.Li("{{ one }}", v_for="one, k in import_warnings", key="k")
-        self._table("Fit before calibration", "import_fits", ("name", "rms_mm", "rms_deg"))
+        self._table(
+            "Fit with plausible geometry errors", "import_fits", ("name", "rms_mm", "rms_deg")
+        )
         self._first_samples()
         html.H2("5. Recording", classes=_HEADING)
         v3.VCheckbox(

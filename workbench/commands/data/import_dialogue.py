@@ -108,7 +108,7 @@ def _fits(console, conventions: Sequence[Mapping]) -> None:
     if all(fit["rms_deg"] is None for fit in shown):
         del keys["RMS deg"]
     fits = [[fit[key] for key in keys.values()] for fit in shown]
-    tables.grid(console, "Fit before calibration", list(keys), fits)
+    tables.grid(console, "Fit with plausible geometry errors", list(keys), fits)
     if len(conventions) > len(fits):
         more = len(conventions) - len(fits)
         console.print(f"{more} other readings fit worse; --json lists all.", markup=False)

@@ -53,7 +53,10 @@ UNTESTED = (
     "Backlash was not tested by the side of approach and cannot be distinguished from hysteresis: the recording has no "
     "columns approach1 ... Reach some poses from both sides and record the side to test it."
 )
-CLEAN = "Nothing is missing that these data can show; the table of smallest sizes says what they cannot."
+CLEAN = (
+    "Nothing is missing that these data can show; smallest-visible.csv in the run folder says from which size on they "
+    "would show each effect."
+)
 
 
 @dataclass(frozen=True)

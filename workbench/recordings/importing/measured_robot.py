@@ -259,7 +259,9 @@ def _robot_of(candidates: dict[str, Keys], table: RawTable, mapping: Mapping, op
     chosen = decisions.decide_convention(
         mapping, build_with, list(candidates), table.file, options.ask
     )
-    return candidates[chosen], (f"The convention of the table was open; of both {chosen} fits.",)
+    return candidates[chosen], (
+        f"The convention of the table was open: of the two, {chosen} fits.",
+    )
 
 
 def _refuse_other_kind(robot, mapping: Mapping, builder: Builder, found: CandidateFit) -> None:
