@@ -349,7 +349,7 @@ def test_open3dv_board_scatter(open3dv, kind):
     found = hand_eye_from_views(views, target, camera, flange, kind, camera_covariance=prior)
     assert not found.outliers and not found.suspicions and found.held_out["folds"] == len(flange)
     most_mm, most_deg = OPEN3DV[kind][3:]
-    assert found.fit["least_origin_mm"] <= most_mm and found.fit["critical_turn_deg"] <= most_deg
+    assert found.fit["least_origin_mm"] <= most_mm and found.fit["least_turn_deg"] <= most_deg
     assert found.fit["mean_origin_mm"] <= most_mm and found.fit["mean_centre_mm"] <= most_mm
     assert found.fit["mean_turn_deg"] <= most_deg
     for other, keys in ((camera, ("centre_mm", "origin_mm")), (found.camera, ("centre_mm",))):

@@ -187,7 +187,7 @@ _ERRORS = {
     "mean_centre_mm": "board centre, mean, mm",
     "mean_turn_deg": "board rotation, mean, deg",
     "least_origin_mm": "smallest scatter of any hand-eye transform: origin, RMS, mm",
-    "critical_turn_deg": "its rotation (1 rad as 300 mm), RMS, deg",
+    "least_turn_deg": "its rotation (1 rad as 300 mm), RMS, deg",
 }
 
 
