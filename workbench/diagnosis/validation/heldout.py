@@ -216,9 +216,9 @@ class Errors:
         out = np.full((_ROWS, len(block)), np.nan)
         if self._leaves_open(effects, block):
             problem = self.bench.problem(effects, hypotheses=False).conditional_on()
-            out[:2] = _left_out_lengths(problem, np.where(block, 0, -1), only=0)
-            made = left_out_components(problem, np.where(block, 0, -1), only=0)
-            out[2:] = pad_to_position(made)
+            rows = _left_out_rows(problem, np.where(block, 0, -1), only=0)
+            out[:2] = _lengths_of(problem, rows)
+            out[2:] = pad_to_position(_components_of(problem, rows))
             return out
         model, fit, _ = self.bench.solve(effects, is_complete=False)
         found = hold_out(model, fit.parameters, block, ~block, "huber")
@@ -261,12 +261,16 @@ def left_out(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.
 
     fold (n,) int; only: the one block that is asked for; nan elsewhere then.
     """
-    return _left_out_lengths(problem, fold, only)[0]
+    return _lengths_of(problem, _left_out_rows(problem, fold, only))[0]
 
 
 def left_out_components(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
     """(m, n) components (mm, px) of what `left_out` has the lengths of; 0 where a sample has fewer than others."""
-    rows = _left_out_rows(problem, fold, only)
+    return _components_of(problem, _left_out_rows(problem, fold, only))
+
+
+def _components_of(problem: Problem, rows: np.ndarray) -> np.ndarray:
+    """(m, n) components (mm, px) of the positions among residuals (N,); 0 where a sample has fewer than others."""
     position = slice(None) if problem.rotation is None else ~problem.rotation
     sample, rows = problem.sample[position], rows[position]
     order = np.argsort(sample, kind="stable")
@@ -277,9 +281,8 @@ def left_out_components(problem: Problem, fold: np.ndarray, only: int | None = N
     return out
 
 
-def _left_out_lengths(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
-    """(2, n) lengths of position (mm, px) and orientation (deg, nan where none is measured), as of `left_out`."""
-    out = _left_out_rows(problem, fold, only)
+def _lengths_of(problem: Problem, out: np.ndarray) -> np.ndarray:
+    """(2, n) lengths of position (mm, px) and orientation (deg, nan where none is measured) of residuals (N,)."""
     if problem.rotation is None:
         lengths = np.sqrt(np.bincount(problem.sample, out**2, minlength=problem.n))
         return np.stack([lengths, np.full_like(lengths, np.nan)])
