@@ -345,9 +345,10 @@ def _with_numbers(bench, term: Term, effects, rows) -> Term:
 
 def _of(row, term: Term, bench) -> bool:
     chain = bench.chain
-    if chain is None or row.get("derived"):
+    key = row.get("of", row["key"])
+    if chain is None or (row.get("derived") and "of" not in row):
         return True
-    return row["key"] in {p.key for e in term.finding.effects for p in e.parameters(chain)}
+    return key in {p.key for e in term.finding.effects for p in e.parameters(chain)}
 
 
 def _size(bench, effects, term: Term) -> float | None:

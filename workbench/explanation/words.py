@@ -18,6 +18,7 @@ from workbench.core.vocabulary import Covariate, Place
 from workbench.diagnosis.levels import MOST, NOTABLE, REAL
 from workbench.diagnosis.linear.problem import Finding, Found
 from workbench.diagnosis.noise.random_effects import ALONG
+from workbench.diagnosis.robot.derived import DEFLECTION
 from workbench.diagnosis.scanner.image_jitter import EFFECT as JITTER
 from workbench.explanation.result import Term
 
@@ -195,7 +196,7 @@ def figures(rows: Sequence[Mapping]) -> str:
     if rows and "cycles" in rows[0]:
         others = [row for row in rows if row.get("effect") != rows[0].get("effect")]
         return _spectrum(rows[0], [row for _, row in _waves(others)])
-    rows = [row for row in rows if row.get("acts", True)]
+    rows = _without_shares([row for row in rows if row.get("acts", True)])
     masses = [row for row in rows if _MASSES in row["name"]]
     vague = [row for row in rows if row not in masses and not row.get("identifiable", True)]
     rows = [row for row in rows if row not in masses and row not in vague]
@@ -212,6 +213,12 @@ def figures(rows: Sequence[Mapping]) -> str:
         if masses
         else ""
     )
+
+
+def _without_shares(rows: Sequence[Mapping]) -> list[Mapping]:
+    """The rows without shares of a deflection that a row states as a whole: parameters in its unit."""
+    units = {row["unit"] for row in rows if row["name"] == DEFLECTION}
+    return [row for row in rows if row.get("derived") or row["unit"] not in units]
 
 
 def _listed_figures(parts: Sequence[tuple[str, Mapping]]) -> str:

@@ -24,7 +24,7 @@ from workbench.diagnosis.linear.estimates import parameter_row
 from workbench.diagnosis.linear.problem import Problem, Site
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot import mass_responses
-from workbench.diagnosis.robot.derived import mass_rows, spectrum
+from workbench.diagnosis.robot.derived import deflection_row, mass_rows, spectrum
 from workbench.diagnosis.robot.library import compliances, names, variants
 from workbench.diagnosis.robot.linearised import solution, with_candidates, with_places
 from workbench.diagnosis.robot.sliced_bases import SlicedBases, describe
@@ -351,6 +351,9 @@ class RobotBench:
                 rows.append(masses[span.start])
             if isinstance(effect, JointCurve):
                 rows[-effect.terms] |= spectrum(effect, values[span], self.chain)
+            deflected = deflection_row(effect, values[span], whole[span, span], self.chain)
+            if deflected:
+                rows.append(deflected)
         return tuple(rows)
 
     def units(self, effects: Sequence[Effect]) -> list[str]:

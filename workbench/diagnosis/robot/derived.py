@@ -1,4 +1,4 @@
-"""Numbers that follow from the parameters of effects: the mass of a load, coefficients of a linearised law."""
+"""Numbers that follow from the parameters of effects: masses of loads, deflections, coefficients of linearised laws."""
 
 from collections.abc import Sequence
 
@@ -7,10 +7,14 @@ import numpy as np
 from robot_model.effects.curve import JointCurve, dominant_cycles, periodic_share
 from robot_model.effects.load import LoadDeflection
 from robot_model.effects.load_mass import load_masses
+from robot_model.effects.unknown_masses import TYPICAL_RAD
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.core.model import NOISE, STATE_PORTS
 from workbench.diagnosis.levels import REAL
+
+DEFLECTION = "deflection"
+_ROTATION = 3  # first rotation among the components of a frame
 
 
 def mass_rows(model, values: np.ndarray, covariance: np.ndarray) -> dict[int, dict]:
@@ -31,6 +35,45 @@ def mass_rows(model, values: np.ndarray, covariance: np.ndarray) -> dict[int, di
             "derived": True,
         }
     return rows
+
+
+def deflection_row(
+    effect: Effect, values: np.ndarray, covariance: np.ndarray, chain
+) -> dict | None:
+    """RMS rotation about its mean that an elastic effect of several parameters makes in these poses, as a row.
+
+    values (P,), covariance (P, P). The parameters are seldom determined one by one, the deflection is: with the
+    rotations B p of the samples, RMS^2 = p' Q p, Q = B'B / n, and var(RMS) = p' Q C Q p / RMS^2 (first order).
+    None where one parameter says it all, or nothing rotates.
+    """
+    if not effect.elastic or not effect.linear or len(values) < 2:
+        return None
+    if effect.port == "joint" and chain.slides(effect.number):
+        return None
+    made = effect.basis(chain.state)
+    if effect.port == "frame":
+        components = effect.components or range(_ROTATION + 3)
+        made = made[:, [c >= _ROTATION for c in components]]
+    made = made - made.mean(-1, keepdims=True)
+    quadratic = np.einsum("pmn,qmn->pq", made, made) / made.shape[-1]
+    rms = float(np.sqrt(max(values @ quadratic @ values, 0.0)))
+    if rms == 0:
+        return None
+    slope = quadratic @ values / rms
+    return {
+        "key": f"{effect.where}.{effect.effect}.{DEFLECTION}",
+        "of": effect.parameters(chain)[0].key,
+        "name": DEFLECTION,
+        "where": effect.where,
+        "label": "deflection (RMS over these poses)",
+        "effect": effect.effect,
+        "value": rms,
+        "std": float(np.sqrt(max(slope @ covariance @ slope, 0.0))),
+        "unit": "rad",
+        "typical": TYPICAL_RAD,
+        "size_mm": 0.0,
+        "derived": True,
+    }
 
 
 def negative_masses(bench, effects: Sequence[Effect], samples=None) -> list[tuple[Effect, dict]]:
@@ -64,4 +107,11 @@ def spectrum(effect: JointCurve, coefficients: np.ndarray, chain) -> dict:
     return {"curve_rms": float(error.std()), "cycles": cycles, "periodic_share": share}
 
 
-__all__ = ["linear_values", "mass_rows", "negative_masses", "spectrum"]
+__all__ = [
+    "DEFLECTION",
+    "deflection_row",
+    "linear_values",
+    "mass_rows",
+    "negative_masses",
+    "spectrum",
+]
