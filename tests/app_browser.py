@@ -1,19 +1,22 @@
 """What the browser tests of the app share: a server in a process of its own, and Debian's Chromium."""
 
 import os
+import select
 import shutil
+import signal
 import subprocess
 import sys
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
 
+from conftest import COMMANDS, command_environment
 from workbench.app.figures.arrows import CORNERS
 
-ROOT = Path(__file__).resolve().parent.parent
 CHROMIUM = shutil.which("chromium")
 # Rendered in software, so that the same is drawn on every machine.
 FLAGS = ["--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
@@ -38,7 +41,36 @@ why = "base and hand-eye"
 free = ["base.*", "sensor.*"]
 earn = false
 """
+LOADED = ("workbench.app.server", "workbench.app.ui.page", "trame.app", "wslink.backends.aiohttp")
+"""Modules that every server of the app needs."""
 TABS = ["Recording", "Residuals", "Edit and rerun", "Sensor", "Diagnosis", "Import"]
+
+
+class AppProcess:
+    """`workbench open`, forked from the process that has the libraries loaded; otherwise like `subprocess.Popen`."""
+
+    def __init__(self, words: list[str], folder: Path):
+        errors = folder / "stderr.txt"
+        errors.touch()
+        words = ["open", *words, "--no-browser"]
+        with TemporaryDirectory() as place:
+            pipe = Path(place) / "stdout"
+            os.mkfifo(pipe)
+            self.pid = COMMANDS.start(words, folder, pipe, errors, LOADED)
+            self.stdout = pipe.open(encoding="utf-8")
+
+    def send_signal(self, number: int) -> None:
+        os.kill(self.pid, number)
+
+    def terminate(self) -> None:
+        self.send_signal(signal.SIGTERM)
+
+    def wait(self, timeout: float) -> None:
+        """Until it has ended, and its standard output with it."""
+        while select.select([self.stdout], [], [], timeout)[0]:
+            if not self.stdout.readline():
+                return
+        raise subprocess.TimeoutExpired("workbench open", timeout)
 
 
 @dataclass
@@ -47,7 +79,7 @@ class Served:
 
     address: str
     folder: Path
-    process: subprocess.Popen
+    process: AppProcess | subprocess.Popen
 
     @property
     def origin(self) -> str:
@@ -68,15 +100,10 @@ class Served:
 
 def run_workbench(*words, cwd: Path) -> None:
     """Run a command; the test fails with its message where it does not end well."""
-    done = subprocess.run(
-        [sys.executable, "-m", "workbench", *map(str, words)],
-        cwd=cwd,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    with TemporaryDirectory() as scratch:
+        environment = command_environment()
+        status = COMMANDS(list(map(str, words)), cwd, 600, environment, Path(scratch))
+        assert status == 0, (Path(scratch) / "stderr").read_text(encoding="utf-8")
 
 
 def calibrate_arm(recording: str, folder: Path, plan: str = PLAN) -> Path:
@@ -104,33 +131,41 @@ def calibrate_hand_eye(folder: Path) -> Path:
     return folder / "run"
 
 
-def serve(subject, folder: Path) -> Served:
-    """`workbench open SUBJECT` with its session in `folder`; skips where trame is not installed."""
+def serve(subject, folder: Path, is_forked: bool = True) -> Served:
+    """`workbench open SUBJECT` with its session in `folder`; skips where trame is not installed.
+
+    is_forked: from a process that has the libraries loaded, which saves most of the time of the start.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    return _serve([str(subject), "--session", str(folder / "session.toml")], folder)
+    return _serve([str(subject), "--session", str(folder / "session.toml")], folder, is_forked)
 
 
 def serve_nothing(folder: Path) -> Served:
     """`workbench open` in an empty folder."""
-    return _serve([], folder)
+    return _serve([], folder, True)
 
 
-def _serve(words: list[str], folder: Path) -> Served:
+def _serve(words: list[str], folder: Path, is_forked: bool) -> Served:
     for package in ("trame", "trame_vuetify", "trame_plotly"):
         pytest.importorskip(package, reason="the app needs the extra app of this project")
-    process = subprocess.Popen(
-        [sys.executable, "-m", "workbench", "open", *words, "--no-browser"],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        stderr=(folder / "stderr.txt").open("w"),
-        text=True,
-    )
+    process = AppProcess(words, folder) if is_forked else _started(words, folder)
     address = process.stdout.readline().strip()
     if not address:
         process.wait(30)
         raise AssertionError((folder / "stderr.txt").read_text())
     return Served(address, folder, process)
+
+
+def _started(words: list[str], folder: Path) -> subprocess.Popen:
+    """`workbench open` as a shell starts it."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "workbench", "open", *words, "--no-browser"],
+        cwd=folder,
+        env=command_environment(),
+        stdout=subprocess.PIPE,
+        stderr=(folder / "stderr.txt").open("w"),
+        text=True,
+    )
 
 
 def stop(served: Served) -> None:

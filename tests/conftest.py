@@ -64,12 +64,16 @@ def _marked(case, mark):
 
 @pytest.hookimpl(tryfirst=True)  # before pytest selects by marks
 def pytest_collection_modifyitems(items):
-    """Tests of `slow_tests.txt` are slow, too. Slow ones start first, lest one worker is left alone with one at the end."""
+    """Tests of `slow_tests.txt` are slow, too. Files with slow ones start first, lest one worker is left alone at the end.
+
+    A file stays in one piece: its fixtures, many of them a run of a command, are made once.
+    """
     measured = set((ROOT / "tests" / "slow_tests.txt").read_text(encoding="utf-8").splitlines())
     for item in items:
         if item.nodeid in measured:
             item.add_marker(pytest.mark.slow)
-    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+    have_slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in have_slow)
 
 
 @pytest.fixture(scope="session")
@@ -108,15 +112,25 @@ class CommandServer:
 
     def __call__(self, words, cwd, timeout, environment, scratch) -> int:
         """Exit status of a command whose streams go to files in `scratch`."""
-        if self.process is None or self.environment != environment:
-            self._start(environment)
         streams = {name: str(scratch / name) for name in ("stdout", "stderr")}
         for path in streams.values():
             Path(path).touch()
-        request = {"words": words, "cwd": str(cwd), "environment": environment, **streams}
-        self.process.stdin.write(json.dumps(request) + "\n")
-        self.process.stdin.flush()
+        self._ask({"words": words, "cwd": str(cwd), **streams}, environment)
         return int(self._line(words, timeout))
+
+    def start(self, words, cwd, stdout, stderr, loaded=()) -> int:
+        """Process id of a command that goes on, its streams opened for writing; `loaded`: modules that it needs."""
+        request = {"words": words, "cwd": str(cwd), "stdout": str(stdout), "stderr": str(stderr)}
+        more = {"goes_on": True, "loaded": list(loaded)}
+        self._ask(request | more, command_environment())
+        return int(self._line(words, 300))
+
+    def _ask(self, request, environment):
+        if self.process is None or self.environment != environment:
+            self._start(environment)
+        whole = {"goes_on": False, "loaded": [], "environment": environment, **request}
+        self.process.stdin.write(json.dumps(whole) + "\n")
+        self.process.stdin.flush()
 
     def _start(self, environment):
         self.stop()
@@ -146,12 +160,22 @@ class CommandServer:
             self.process = None
 
 
+COMMANDS = CommandServer()
+"""One process for each worker of the tests, from which the commands are forked."""
+
+
+def command_environment() -> dict[str, str]:
+    """Environment variables of a command that a test runs: those of the tests, with the checkout to import from."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    environment.pop("PYTEST_CURRENT_TEST", None)
+    return environment
+
+
 @pytest.fixture(scope="session")
 def command_server():
-    """One process for each worker of the tests, from which the commands are forked."""
-    server = CommandServer()
-    yield server
-    server.stop()
+    """The process from which the commands are forked, for the time of the session."""
+    yield COMMANDS
+    COMMANDS.stop()
 
 
 @pytest.fixture
@@ -159,10 +183,8 @@ def workbench(tmp_path, tmp_path_factory, command_server):
     """`workbench("calibrate", …)` runs a command in a process of its own, in an empty folder."""
 
     def call(*words, cwd: Path = tmp_path, timeout: float = 100) -> subprocess.CompletedProcess:
-        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-        environment.pop("PYTEST_CURRENT_TEST", None)
         words, scratch = [str(word) for word in words], tmp_path_factory.mktemp("streams")
-        status = command_server(words, cwd, timeout, environment, scratch)
+        status = command_server(words, cwd, timeout, command_environment(), scratch)
         texts = [(scratch / name).read_text(encoding="utf-8") for name in ("stdout", "stderr")]
         return subprocess.CompletedProcess(words, status, *texts)
 

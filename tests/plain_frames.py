@@ -5,20 +5,29 @@ from scipy.spatial.transform import Rotation
 
 
 def place(turn=None, shift=(0, 0, 0)):
-    frame = np.eye(4)
-    frame[:3, :3] = np.eye(3) if turn is None else turn.as_matrix()
-    frame[:3, 3] = shift
+    """(..., 4, 4) of one rotation or many, and shifts (..., 3) mm."""
+    rotation = np.eye(3) if turn is None else turn.as_matrix()
+    many = np.broadcast_shapes(rotation.shape[:-2], np.shape(shift)[:-1])
+    frame = np.tile(np.eye(4), (*many, 1, 1))
+    frame[..., :3, :3] = rotation
+    frame[..., :3, 3] = shift
     return frame
 
 
+def along_z(length):
+    """(..., 4, 4) shift of `length` (...) mm along z."""
+    return place(shift=np.multiply.outer(length, [0, 0, 1]))
+
+
 def frames_of(robot, readings):
-    """Root frame, frame after every joint, flange: plain products of the printed matrices."""
+    """Root frame, frame after every joint, flange, at readings (J,) or (n, J): plain products of the printed matrices."""
     frames = [robot.base]
     for (theta, d, a, alpha, beta), slides, q in zip(
-        robot.geometry, robot.prismatic, robot.mixing @ readings
+        robot.geometry, robot.prismatic, robot.mixing @ np.transpose(readings)
     ):
-        turn = place(Rotation.from_euler("z", theta + (0 if slides else q)))
-        shift = place(shift=(a, 0, 0)), place(shift=(0, 0, d + (q if slides else 0)))
+        angle = theta + (0 * q if slides else q)
+        turn = place(Rotation.from_rotvec(np.multiply.outer(angle, [0, 0, 1])))
+        shift = place(shift=(a, 0, 0)), along_z(d + (q if slides else 0 * q))
         twist, lean = place(Rotation.from_euler("x", alpha)), place(Rotation.from_euler("y", beta))
         distal = robot.convention == "distal"
         step = (

@@ -102,7 +102,7 @@ def scene(
     robot = load_robot(arm)
     base, tool = random_pose(rng, 1500, angle), random_pose(rng, 150, angle)
     readings = _readings(rng, robot, n)
-    flanges = base @ np.array([frames_of(robot, q)[-1] for q in readings])
+    flanges = base @ frames_of(robot, readings)[-1]
     columns = _joint_columns(robot, readings) | _covariates(rng, robot, n)
     columns |= _observed(measures, rng, flanges, tool, balls, reflectors)
     shown = balls if measures == "ball-centre" else {}

@@ -106,7 +106,7 @@ def test_a_reload_during_a_rerun_shows_its_progress_and_its_end(browser, served)
 
 
 def test_the_end_of_the_app_ends_the_rerun(browser, arm_run, tmp_path):
-    made = serve(arm_run, tmp_path / "session")
+    made = serve(arm_run, tmp_path / "session", is_forked=False)
     page = open_page(browser, made, "Edit and rerun")
     page.get_by_role("button", name="Diagnose").click()
     page.get_by_role("progressbar", name="Run in progress").wait_for()

@@ -204,7 +204,7 @@ def test_the_end_of_a_rerun_links_to_its_report_page(page):
 
 @pytest.mark.slow
 def test_the_page_says_how_to_go_on_when_the_server_has_ended(browser, tmp_path):
-    made = serve("elastic-arm", tmp_path / "session")
+    made = serve("elastic-arm", tmp_path / "session", is_forked=False)
     page = open_page(browser, made, "Recording")
     stop(made)
     text = page.locator("[data-stopped]")

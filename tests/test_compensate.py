@@ -236,12 +236,17 @@ def test_the_correction_of_a_pose_does_not_depend_on_where_the_search_began(run,
 
 
 @pytest.mark.parametrize(
-    "recording",
-    [gubankov.rv2fb(0.16, 21), gubankov.ur10e(0.16, 22), liu.irb120(12, 7, 0.02, 23)],
+    ("maker", "values"),
+    [
+        (gubankov.rv2fb, (0.16, 21)),
+        (gubankov.ur10e, (0.16, 22)),
+        (liu.irb120, (12, 7, 0.02, 23)),
+    ],
     ids=["rv2fb", "ur10e", "beams"],
 )
-def test_what_no_touch_or_beam_can_tell_is_no_part_of_sigma(recording, tmp_path):
+def test_what_no_touch_or_beam_can_tell_is_no_part_of_sigma(maker, values, tmp_path):
     """The turn about joint 1 and the way along a beam once made metres of it; the flange's real error is covered."""
+    recording = maker(*values)
     robot = load_robot(recording.robot)
     calibration = calibrate(recording.recording(), plan=[geometry(robot)])
     save(calibration, tmp_path)

@@ -1,6 +1,7 @@
 """The arm on torch gives what the arm in numpy gives: frames, derivatives and normal equations, in both precisions."""
 
 from dataclasses import replace
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -15,11 +16,17 @@ from workbench.core.least_squares import batched
 from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix, transform
 
-torch = pytest.importorskip("torch")
+pytestmark = pytest.mark.skipif(find_spec("torch") is None, reason="torch is not installed")
 BASE = transform(rotation_matrix(np.array([0.1, -0.2, 2.0])), np.array([1500.0, 300.0, -200.0]))
 TOOL = np.array([[0.0, 30.0, 120.0], [60.0, 0.0, 120.0]])
 ARMS = ["distal", "craig", "sliding"]
 N = 500
+
+
+@pytest.fixture(scope="module")
+def torch():
+    """Loaded with the first test that needs it: that takes seconds."""
+    return pytest.importorskip("torch")
 
 
 def robot_of(kind):
@@ -97,7 +104,7 @@ def test_normal_equations_are_those_of_the_arm_in_numpy(kind, single, bound):
 
 
 @pytest.mark.parametrize("kind", ARMS)
-def test_columns_of_the_base_are_its_shift_and_turn(kind):
+def test_columns_of_the_base_are_its_shift_and_turn(kind, torch):
     model, _ = model_of(kind)
     chain = model.chain
     arm = batched.Arm(
@@ -130,7 +137,7 @@ def test_sums_do_not_depend_on_the_chunks(monkeypatch):
     assert all(np.allclose(a, b, rtol=1e-12, atol=1e-6) for a, b in zip(whole, parts))
 
 
-def test_a_graphics_card_gives_the_same():
+def test_a_graphics_card_gives_the_same(torch):
     if not torch.cuda.is_available():
         pytest.skip("torch finds no graphics card here")
     model, _ = model_of("distal")
