@@ -8,15 +8,15 @@ from xml.etree import ElementTree
 from datasets.errors import complaint
 from datasets.files import inside, label, read_text, read_toml
 from datasets.keys import shown
+from workbench.core.robot_description import is_description
 from workbench.core.robot_file import checked_robot_file
 
-DESCRIPTIONS = (".urdf", ".xml", ".mjcf")
 _UNIT = 1e-3  # by which the length of a unit vector may differ from 1
 
 
 def read_robot(folder: Path, section: Mapping, called: str) -> dict:
     """What `Recording.robot` holds. Raises InputError for a missing or impossible robot."""
-    urdf = str(section.get("file", "")).lower().endswith(DESCRIPTIONS)
+    urdf = is_description(str(section.get("file", "")))
     if "gravity" in section and ("builtin" in section or not urdf):
         raise complaint(
             f"{called}, key robot.gravity",
@@ -34,7 +34,7 @@ def read_robot(folder: Path, section: Mapping, called: str) -> dict:
             'write file = "robot.toml" or builtin = "<name>" under [robot]',
         )
     path = inside(folder, section["file"], "key robot.file", called)
-    if path.suffix.lower() in DESCRIPTIONS:
+    if is_description(path):
         return _urdf(path, section)
     if path.suffix.lower() != ".toml":
         raise complaint(

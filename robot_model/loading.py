@@ -9,9 +9,7 @@ from robot_model.robot import Robot, wrong
 from robot_model.robot_file import read_robot_keys, robot_from_keys
 from robot_model.urdf import robot_from_urdf
 from workbench.core.builtin_names import check_builtin_name
-
-DESCRIPTIONS = (".urdf", ".xml", ".mjcf")
-"""Suffixes of files that describe an arm as a tree of links: URDF and MJCF."""
+from workbench.core.robot_description import is_description
 
 
 def builtin_robots() -> list[str]:
@@ -40,7 +38,7 @@ def load_robot(spec: Mapping | str | PathLike, where: str = "robot") -> Robot:
 
 
 def _load_named(path: Path, where: str) -> Robot:
-    if path.suffix.lower() in DESCRIPTIONS:
+    if is_description(path):
         return load_robot({"urdf": str(path)}, str(path))
     if path.suffix.lower() == ".toml":
         keys = read_robot_keys(path)

@@ -12,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_model.mjcf_file import Defaults, compiler_of, numbers, read_mjcf
+from robot_model.mjcf_file import Defaults, compiler_of, numbers
 from robot_model.mjcf_shapes import shape_ends, shape_mass
 from robot_model.robot import wrong
 from robot_model.urdf_tree import Joint, Tree
+from workbench.core.robot_description import read_included
 
 TERMS = "workbench-terms"
 """Name of the <text> element in which an exported file holds the terms of its model, as JSON."""
@@ -69,7 +70,7 @@ class MjcfTree(Tree):
     language = "MJCF"
 
     def _read(self, spec: Mapping, where: str) -> None:
-        root = read_mjcf(self.file)
+        root = read_included(self.file)
         self.name = root.get("model", self.file.stem)
         held = compiler_of(root)
         self._angle = 1.0 if held.get("angle", "degree") == "radian" else np.pi / 180

@@ -1,42 +1,13 @@
-"""An MJCF file as MuJoCo reads it: included files in their places, settings of the compiler, classes of defaults."""
+"""Settings of the compiler and classes of defaults of an MJCF file, as MuJoCo reads them."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 
 from robot_model.robot import wrong
 
 _MAIN = "main"
-_DEEPEST = 20  # files that include one another: more is a circle
-
-
-def read_mjcf(file: Path) -> ET.Element:
-    """The root element, with the content of included files in the place of every <include>. Raises InputError."""
-    return _with_included(file, file.parent, 0)
-
-
-def _with_included(file: Path, folder: Path, depth: int) -> ET.Element:
-    """Paths of includes are relative to the folder of the main file, as MuJoCo has it."""
-    root = _parse(file)
-    if depth > _DEEPEST:
-        raise wrong(file, "files that end", "files that include one another", "cut the circle")
-    for parent in list(root.iter()):
-        for place, child in reversed(list(enumerate(parent))):
-            if child.tag == "include":
-                inner = _with_included(folder / child.get("file", ""), folder, depth + 1)
-                parent[place : place + 1] = list(inner)
-    return root
-
-
-def _parse(file: Path) -> ET.Element:
-    try:
-        return ET.parse(file).getroot()
-    except OSError as problem:
-        raise wrong(file, "a readable MJCF file", problem.strerror, "check the path") from None
-    except (ET.ParseError, ValueError, LookupError) as problem:
-        raise wrong(file, "XML", f"a mistake ({problem})", "correct it there") from None
 
 
 def compiler_of(root: ET.Element) -> dict[str, str]:

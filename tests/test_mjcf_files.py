@@ -1,15 +1,23 @@
 """MJCF files as they are published: included files, classes of defaults, references, objects around the arm."""
 
+import filecmp
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from export_scenes import flanges, readings_of
+from datasets.formats.recording1 import read_recording
+from export_scenes import arm_with, flanges, readings_of
 from robot_model import load_robot
 from robot_model.mjcf import unread
 from robot_model.state import State
 from robot_model.statics import STANDARD_GRAVITY
+from workbench.app.wizard.files import Dropped
+from workbench.commands.robot.export_arm import ArmOptions, export_arm
 from workbench.core.errors import InputError
+from workbench.core.robot_description import copy_description
 from workbench.explanation.reference import reference_of
+from workbench.recordings.importing.chain import ImportOptions, import_recording
 
 ARM = """<mujoco model="arm">
   <compiler angle="radian" meshdir="assets"/>
@@ -133,3 +141,49 @@ def test_an_arm_on_a_free_base_is_refused_with_its_joint(scene, tmp_path):
     (tmp_path / "parts" / "arm.xml").write_text(floating)
     with pytest.raises(InputError, match="joint loose: expected type hinge or slide, found free"):
         load_robot(scene)
+
+
+def test_tables_are_imported_with_an_mjcf_file_as_robot(scene, tmp_path):
+    """The recording depends on no other file: what the scene includes is in its robot.xml."""
+    robot = load_robot(scene)
+    readings = readings_of(robot, 40)
+    frames = flanges(robot, readings)
+    points = frames[:, :3, :3] @ [20.0, -30.0, 90.0] + frames[:, :3, 3]
+    points += np.random.default_rng(1).normal(0, 0.05, points.shape)
+    table = tmp_path / "log.csv"
+    rows = np.column_stack([np.rad2deg(readings), points])
+    head = ",".join([*(f"A{k} [deg]" for k in range(1, 6)), "X [mm]", "Y [mm]", "Z [mm]"])
+    np.savetxt(table, rows, delimiter=",", header=head, comments="")
+    import_recording([table], tmp_path / "made", ImportOptions(robot=str(scene)))
+    (scene.parent / "parts" / "arm.xml").unlink()
+    read = read_recording(tmp_path / "made")
+    assert Path(read.robot["urdf"]).name == "robot.xml"
+    np.testing.assert_allclose(flanges(load_robot(read.robot), readings), frames, atol=1e-9)
+    assert 'robot = "robot.xml"' in (tmp_path / "made" / "import.toml").read_text()
+
+
+def test_an_mjcf_file_without_included_files_is_copied_as_it_is(scene, tmp_path):
+    arm = scene.parent / "parts" / "arm.xml"
+    name = copy_description(arm, tmp_path)
+    assert name == "robot.xml" and filecmp.cmp(arm, tmp_path / name, shallow=False)
+
+
+def test_a_dropped_mjcf_file_is_a_robot_and_other_xml_a_table():
+    dropped = Dropped()
+    dropped.add([{"name": "arm.xml", "content": ARM.encode()}])
+    dropped.add([{"name": "log.xml", "content": b"<points><point x='1'/></points>"}])
+    assert dropped.robots == ["arm.xml"]
+    assert [path.name for path in dropped.sources(())] == ["log.xml"]
+
+
+def test_an_arm_of_an_mjcf_file_is_exported_as_a_bare_urdf(scene, tmp_path, monkeypatch):
+    """There is no URDF to patch, unless one is named."""
+    from workbench.jobs.robot import correction_limits
+
+    arm = arm_with({"urdf": str(scene)}, [])
+    monkeypatch.setattr("workbench.files.solution_file.read_solution", lambda path: arm)
+    monkeypatch.setattr(correction_limits, "checked", lambda arm, path, force: arm)
+    file = tmp_path / "arm.urdf"
+    made = export_arm(tmp_path, "urdf", file, ArmOptions())
+    file.write_text(str(made.texts[file]))
+    assert load_robot(file).joints == 5

@@ -10,6 +10,7 @@ import numpy as np
 from datasets.columns import INTEGERS
 from datasets.errors import complaint
 from datasets.recording import Recording
+from workbench.core.robot_description import copy_description
 from workbench.core.text.csv_text import write_rows
 from workbench.core.vocabulary import Covariate
 
@@ -109,8 +110,7 @@ def _write_robot(robot: Mapping, folder: Path) -> dict:
     if "builtin" in robot:
         return dict(robot)
     if "urdf" in robot:
-        name = f"robot{Path(robot['urdf']).suffix.lower()}"
-        shutil.copyfile(robot["urdf"], folder / name)
+        name = copy_description(Path(robot["urdf"]), folder)
         return {"file": name} | {k: v for k, v in robot.items() if k != "urdf"}
     if not robot:
         return {}

@@ -13,7 +13,6 @@ import numpy as np
 
 from robot_model import load_robot
 from robot_model.effects import CATALOGUE
-from robot_model.loading import DESCRIPTIONS
 from robot_model.measurements import samples_of
 from robot_model.mjcf import is_mjcf, terms_of, unread
 from robot_model.system import bind, geometry_free
@@ -23,6 +22,7 @@ from workbench.core.errors import InputError
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
+from workbench.core.robot_description import is_description
 from workbench.files.solution_file import read_solution
 from workbench.fitting.cross_validation import in_space
 from workbench.fitting.plans import frames_of
@@ -90,7 +90,7 @@ def reference_of(
             "--simulation and --solution: expected one of them, found both; leave out the one that the recording is "
             "not to be compared with."
         )
-    if simulation is not None and Path(simulation).suffix.lower() in DESCRIPTIONS:
+    if simulation is not None and is_description(simulation):
         return _from_description(Path(simulation), robot if isinstance(robot, Mapping) else {})
     if simulation is not None:
         truth = truth_of(Path(simulation))

@@ -22,9 +22,9 @@ import numpy as np
 
 from robot_model import load_robot
 from robot_model.effects import elastic
-from robot_model.loading import DESCRIPTIONS
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
+from workbench.core.robot_description import is_robot_file
 from workbench.core.text.structured_text import ContentError, read_toml
 from workbench.files.solution_file import CalibratedArm
 
@@ -98,7 +98,7 @@ def _robot(keys: Mapping, path: Path) -> Robot:
             f"{path}, key robot: expected a built-in name or a file, found {name!r}; correct it"
         )
     file = Path(path).parent / name
-    if file.suffix.lower() in (*DESCRIPTIONS, ".toml") and not file.is_file():
+    if is_robot_file(file) and not file.is_file():
         raise InputError(
             f"{path}, key robot: expected the path of a file relative to this one, found no file {file}; correct it"
         )

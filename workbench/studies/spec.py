@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from workbench.core.errors import InputError
+from workbench.core.robot_description import is_robot_file
 from workbench.core.text.structured_text import ContentError, read_toml
 
 STUDY_FILES = Path(__file__).parent / "study_files"
@@ -204,7 +205,7 @@ def _toml(path: Path, what: str) -> dict:
 def _with_absolute_robot(scene: dict, folder: Path) -> dict:
     """The scene with an absolute path of its robot file, if it names one."""
     robot = scene.get("robot")
-    if isinstance(robot, str) and Path(robot).suffix.lower() in (".toml", ".urdf"):
+    if isinstance(robot, str) and is_robot_file(robot):
         return scene | {"robot": str((folder / robot).resolve())}
     return scene
 

@@ -4,10 +4,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 
+from robot_model.mjcf import is_mjcf
 from workbench.core.errors import InputError
 
 MOST_BYTES = 1 << 30
-_ROBOTS = (".toml", ".urdf")
+_ROBOTS = (".toml", ".urdf", ".mjcf")
 _MOST_NAME = 120
 
 
@@ -47,7 +48,11 @@ class Dropped:
     @property
     def robots(self) -> list[str]:
         """Names of files that may describe a robot."""
-        return [name for name in self.names if Path(name).suffix.lower() in _ROBOTS]
+        return [name for name in self.names if self._is_robot(name)]
+
+    def _is_robot(self, name: str) -> bool:
+        """Controllers write tables as XML, too: the root element tells an MJCF file from them."""
+        return Path(name).suffix.lower() in _ROBOTS or is_mjcf(self.folder / name)
 
     @property
     def tables(self) -> list[str]:

@@ -16,7 +16,7 @@ Sources = Annotated[
 ]
 Robot = Annotated[
     str | None,
-    typer.Option("--robot", metavar="NAME|FILE", help="Built-in robot, robot.toml or URDF."),
+    typer.Option("--robot", metavar="NAME|FILE", help="Built-in robot, robot.toml, URDF or MJCF."),
 ]
 Map = Annotated[
     Path | None, typer.Option("--map", metavar="FILE", help="Mapping of columns (TOML).")

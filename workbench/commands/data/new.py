@@ -16,7 +16,7 @@ Kind = Annotated[
 ]
 Robot = Annotated[
     str | None,
-    typer.Option("--robot", metavar="NAME|FILE", help="Built-in robot, robot.toml or URDF."),
+    typer.Option("--robot", metavar="NAME|FILE", help="Built-in robot, robot.toml, URDF or MJCF."),
 ]
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+from robot_model.mjcf import is_mjcf
 from workbench.core.errors import InputError
 
 PROGRAMS = ("urscript", "krl", "rapid", "fanuc")
@@ -135,8 +136,10 @@ def _urdf(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
 
 
 def _urdf_spec(arm, options: ArmOptions) -> dict | None:
-    """What names the URDF to patch: --urdf, else the file that the arm was calibrated with."""
-    own = dict(arm.keys["robot"]) if "urdf" in arm.keys["robot"] else {}
+    """What names the URDF to patch: --urdf, else the file that the arm was calibrated with; None where it is MJCF."""
+    own = dict(arm.keys["robot"])
+    if "urdf" not in own or is_mjcf(Path(own["urdf"])):
+        own = {}
     if options.urdf is not None:
         own["urdf"] = str(options.urdf)
     if options.tip is not None:

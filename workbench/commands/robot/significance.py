@@ -15,7 +15,7 @@ _NO_RESIDUAL = (
 
 def command(
     robot: Annotated[
-        str, typer.Argument(help="A robot by name, a robot.toml or URDF, or a recording.")
+        str, typer.Argument(help="A robot by name, a robot.toml, URDF or MJCF, or a recording.")
     ],
     points: Annotated[
         int, typer.Option("--points", min=1, help="Configurations: random, or of a recording.")

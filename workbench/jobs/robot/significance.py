@@ -13,6 +13,7 @@ from robot_model.robot import Robot
 from robot_model.state import sliding
 from robot_model.system import geometry_free
 from workbench.core.errors import InputError
+from workbench.core.robot_description import is_robot_file
 from workbench.core.text.csv_text import csv_text
 from workbench.machine.progress import paced
 
@@ -109,7 +110,7 @@ def significance(
 def robot_called(name: str) -> tuple[Robot, np.ndarray | None]:
     """A robot, and the readings (n, R) of the recording that it was taken from, None where it was taken from none.
 
-    name: a recording (folder or known name), a robot.toml or URDF, or a robot that comes with the workbench.
+    name: a recording (folder or known name), a robot.toml, URDF or MJCF file, or a robot that comes with the workbench.
     Raises InputError.
     """
     import datasets
@@ -137,9 +138,9 @@ def robot_called(name: str) -> tuple[Robot, np.ndarray | None]:
 
 def _robot(name, recordings):
     """The robot of a file or of a name; InputError that also says which recordings there are."""
-    if Path(name).suffix.lower() not in (".toml", ".urdf") and name not in builtin_robots():
+    if not is_robot_file(name) and name not in builtin_robots():
         raise InputError(
-            f"{name}: expected a robot ({', '.join(builtin_robots())}), a robot.toml or URDF, or a "
+            f"{name}: expected a robot ({', '.join(builtin_robots())}), a robot.toml, URDF or MJCF file, or a "
             f"recording ({', '.join(sorted(recordings))}, or a folder), found none of these; correct it"
         )
     return load_robot(name)

@@ -10,7 +10,6 @@ from datasets.makers.poses import scanning
 from datasets.recording import Recording
 from robot_model import load_robot
 from robot_model.effects import CATALOGUE
-from robot_model.loading import DESCRIPTIONS
 from robot_model.poses import pose_values
 from robot_model.robot import Robot
 from robot_model.robot_file import read_robot_keys
@@ -20,6 +19,7 @@ from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
+from workbench.core.robot_description import is_description
 from workbench.core.terms import switched_off, term_names
 from workbench.files.scene import Pose, Scene, read_scene
 
@@ -90,7 +90,7 @@ def truth_from(scene: Scene, path: Path) -> Truth:
 def _robot_keys(scene: Scene, path: Path) -> dict:
     """What the recording says of its robot: a file's own keys, so that the recording stands alone."""
     file = path.parent / scene.robot
-    if file.suffix.lower() in DESCRIPTIONS:
+    if is_description(file):
         return {"urdf": str(file)}
     if file.suffix.lower() != ".toml":
         return {"builtin": scene.robot}

@@ -18,6 +18,7 @@ from datasets.importers.mapping.sessions import SESSION
 from datasets.recording import Recording
 from robot_model import builtin_robots
 from workbench.core.errors import InputError
+from workbench.core.robot_description import DESCRIPTIONS
 from workbench.recordings.importing.ball_clouds import with_ball_centres
 from workbench.recordings.importing.board_poses import import_images
 from workbench.recordings.importing.finding import Found, find_mapping, is_mapped
@@ -32,7 +33,7 @@ from workbench.recordings.importing.user_columns import in_user_columns
 from workbench.recordings.inspection.needs import coverage_needs
 
 MAPPING_FILE = "import.toml"
-ROBOT_FILES = ("robot.toml", "robot.urdf")
+ROBOT_FILES = ("robot.toml", *(f"robot{suffix}" for suffix in DESCRIPTIONS))
 """Names of the robot's file in a recording."""
 
 
@@ -40,7 +41,7 @@ ROBOT_FILES = ("robot.toml", "robot.urdf")
 class ImportOptions:
     """What the user says about an import; everything may be left out.
 
-    `robot`: built-in name, robot.toml or URDF. `mapping`: from a file. `board`: keys of [board]. `artefact`: an
+    `robot`: built-in name, robot.toml, URDF or MJCF. `mapping`: from a file. `board`: keys of [board]. `artefact`: an
     artefact.csv. `ball_radius_mm`: certified radius of the ball of clouds. `sigma_mm`: of a coordinate. `ask`: asks a
     person; None refuses with a sentence. `trust_data`: a bad fit is a warning. `time_offset`: seconds to add to the
     times of the shorter of two tables, "auto" (estimate it), "none", or None: as the mapping states, else "auto".

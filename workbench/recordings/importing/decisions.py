@@ -225,7 +225,8 @@ def decide_robot(
         _refuse_mixed_units(mapping, build_with, names, where)
         raise InputError(
             f"{where}: expected one of the robots ({'; '.join(names)}) to fit, found none; check units, order and "
-            "signs of the joint columns, or add --robot with a robot.toml, a URDF or a Denavit-Hartenberg table."
+            "signs of the joint columns, or add --robot with a robot.toml, a URDF, an MJCF file or a "
+            "Denavit-Hartenberg table."
         )
     lines = [f'robot = "{name}"' for name in names]
     return names[choose_reading(lines, good, f"{where}, robot", ask)]

@@ -61,7 +61,7 @@ def _robot(table: RawTable, named: str | None) -> tuple[str | None, int | None, 
             (
                 f"{table.file}: expected the robot whose joints were read, on which columns with unknown headers are "
                 f"tested, found none named; add --robot with a built-in name ({', '.join(builtin_robots())}), a "
-                "robot.toml, a URDF or a Denavit-Hartenberg table (CSV)."
+                "robot.toml, a URDF, an MJCF file or a Denavit-Hartenberg table (CSV)."
             ),
         )
     try:

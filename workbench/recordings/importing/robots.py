@@ -10,11 +10,12 @@ from datasets.importers.sources.text_tables import read_text_table
 from robot_model import builtin_robots
 from workbench.core.builtin_names import check_builtin_name
 from workbench.core.errors import InputError
+from workbench.core.robot_description import is_description
 from workbench.core.text.structured_text import ContentError, read_toml
 
 
 def robot_keys(name: str | None, file: str) -> Mapping:
-    """What `Recording.robot` holds, for a built-in name, a robot.toml, a URDF or a table of one convention.
+    """What `Recording.robot` holds, for a built-in name, a file of a robot, or a table of one convention.
 
     Raises InputError where nothing is named or the file cannot be right.
     """
@@ -46,10 +47,10 @@ def _plain_keys(name: str | None, file: str) -> Mapping:
     if name is None:
         raise InputError(
             f"{file}: expected the robot whose joints were read, found none named; add --robot with a built-in name "
-            f"({known}), a robot.toml, a URDF or a Denavit-Hartenberg table (CSV)."
+            f"({known}), a robot.toml, a URDF, an MJCF file or a Denavit-Hartenberg table (CSV)."
         )
     path = Path(name)
-    if path.suffix.lower() == ".urdf":
+    if is_description(path):
         _check_there(path)
         return {"urdf": str(path)}
     if path.suffix.lower() == ".toml":
@@ -66,7 +67,7 @@ def _plain_keys(name: str | None, file: str) -> Mapping:
         name,
         f"--robot {name}",
         builtin_robots(),
-        "a robot.toml, a URDF, a Denavit-Hartenberg table (.csv, .xlsx)",
+        "a robot.toml, a URDF, an MJCF file, a Denavit-Hartenberg table (.csv, .xlsx)",
     )
     return {"builtin": name}
 

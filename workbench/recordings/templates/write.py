@@ -1,6 +1,5 @@
 """Writing a template: rows of the example, robot.toml from the named robot, and recording.toml with comments."""
 
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import resources
@@ -12,6 +11,7 @@ from datasets.errors import complaint
 from datasets.formats.recording1_writer import write_csv
 from datasets.recording import Recording
 from robot_model import builtin_robots
+from workbench.core.robot_description import copy_description, is_description
 from workbench.recordings.importing.robots import robot_keys
 from workbench.recordings.templates import scanner_kinds
 from workbench.recordings.templates.comments import recording_toml
@@ -49,8 +49,8 @@ def write_template(
     """Write a recording of a kind into a new folder, with comments and simulated example rows.
 
     kind: a kind of measurement, or a kind of scanner (`scanner_kinds.KINDS`).
-    robot: built-in name, robot.toml or URDF of the nominal robot. Raises InputError for an unknown kind, a robot that
-    the example cannot use, or a folder that holds files.
+    robot: built-in name, robot.toml, URDF or MJCF file of the nominal robot. Raises InputError for an unknown kind,
+    a robot that the example cannot use, or a folder that holds files.
     """
     if kind not in KINDS:
         raise complaint(
@@ -122,9 +122,8 @@ def _write_files(recording: Recording, folder: Path, robot: str, kind: str) -> N
         )
     text = recording_toml(recording, bool(recording.columns), kind)
     if recording.robot:
-        if Path(robot).suffix.lower() == ".urdf":
-            shutil.copyfile(robot, folder / "robot.urdf")
-            text = text.replace('"robot.toml"', '"robot.urdf"')
+        if is_description(robot):
+            text = text.replace('"robot.toml"', f'"{copy_description(Path(robot), folder)}"')
         else:
             source = (
                 _builtin_text(robot)
