@@ -1,6 +1,7 @@
 """Balls on a single stripe: distinguished from the others that share it by the width of the line, or refused with a reason."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from sensors.scanner.model import Scanner
 from sensors.stripe.bend import LineShape, bend_on_ball
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import parse_toml
+from workbench.jobs.sensor.scan import _Work
 
 LINE, NOISE_PX, NOISE_WIDTH = LineShape(0.25, 0.8), 0.02, 0.02
 NORMAL = np.array([0.8, 0.05, 0.6]) / np.linalg.norm([0.8, 0.05, 0.6])
@@ -96,6 +98,20 @@ def test_a_ball_that_the_light_plane_cuts_near_its_middle_is_refused():
 def test_without_the_widths_no_ball_on_one_stripe_is_found():
     cloud, _ = stripe(np.array([12.0, -5.0, 250.0, 20.0]), 9.0)
     assert find_balls(cloud.points, RADII, free=True, stripe=cloud.stripe) == []
+
+
+@pytest.mark.parametrize("line", [LINE, None])
+def test_a_scanner_without_a_line_width_says_to_calibrate_it_again(line, tmp_path):
+    """The file of an earlier version does not hold it; a ball on a single stripe is then never found."""
+    cloud, width = stripe(np.array([12.0, -5.0, 250.0, 20.0]), 9.0)
+    cloud = dataclasses.replace(cloud, scanner=dataclasses.replace(cloud.scanner, line=line))
+    recording = SimpleNamespace(balls={1: (0.0, 0.0, 0.0, 20.0)}, samples={}, name="one ball")
+    work = _Work(recording, cloud.scanner, tmp_path)
+    sigma = np.full(len(width), NOISE_PX)
+    shape = np.stack([width, np.ones_like(width), np.full_like(width, 150.0)])
+    balls, outcome, _ = work.balls([{"step": 0, "scan": "1"}], cloud, sigma, shape)
+    assert balls == ()
+    assert ("workbench scanner" in outcome) == (line is None)
 
 
 def test_a_post_across_the_light_plane_is_no_ball():

@@ -5,7 +5,7 @@ import pytest
 
 from sensors.ball.arcs import Arcs
 from sensors.ball.search import find_balls
-from workbench.jobs.sensor.scan import _seen_instead
+from workbench.jobs.sensor.missing_balls import seen_instead
 
 RADIUS, CENTRE = 15.0, np.array([2.0, -3.0, 200.0])
 
@@ -65,7 +65,7 @@ def test_a_floor_alone_is_no_ball_and_says_what_was_seen():
     points, stripe = scan([-40.0, -35.0, -30.0], radius=0.0)
     refused = []
     assert find_balls(points, RADIUS, stripe=stripe, refused=refused) == []
-    said = _seen_instead(points, stripe, refused)
+    said = seen_instead(points, stripe, refused)
     assert "3 light planes" in said and "no surface that curves like a ball" in said
 
 
@@ -74,7 +74,7 @@ def test_a_ball_of_another_size_is_refused_with_the_requirement_that_fails():
     refused = []
     found = find_balls(points, 21.0, stripe=stripe, refused=refused)
     assert found == []
-    said = _seen_instead(points, stripe, refused)
+    said = seen_instead(points, stripe, refused)
     assert "nearest candidate, a ball of radius 21 mm" in said and "refused:" in said
 
 

@@ -30,6 +30,12 @@ from workbench.files.images.scan_surface import reconstructed
 from workbench.files.spool import Made, Spool
 from workbench.jobs.sensor import scanner as calibrated
 from workbench.jobs.sensor.joined_scans import Motions, motions_of
+from workbench.jobs.sensor.missing_balls import (
+    line_width_missing,
+    missing_balls,
+    perhaps_cut,
+    seen_instead,
+)
 from workbench.machine.progress import paced
 
 CLOUDS = "clouds"
@@ -314,23 +320,16 @@ class _Work:
                 made.append(ball)
         refused = sorted(refused, key=lambda one: -one.points)[:_MOST_REFUSED]
         if not made:
-            seen = _seen_instead(points, cloud.stripe, refused)
-            outcome = "; ".join(filter(None, (outcome, seen, _perhaps_cut(each["at_limit"]))))
+            said = (seen_instead(points, cloud.stripe, refused), perhaps_cut(each["at_limit"]))
         else:
-            missing = self._missing(rows[0], len(made), refused)
-            outcome = "; ".join(filter(None, (outcome, missing)))
-        return tuple(made), outcome, tuple(refused)
+            said = (missing_balls(self.recording, rows[0], len(made), refused),)
+        if radii and len(made) < self._expected(rows[0]) and cloud.motion is None:
+            said += (line_width_missing(self.scanner),)
+        return tuple(made), "; ".join(filter(None, (outcome, *said))), tuple(refused)
 
-    def _missing(self, row, found: int, refused: Sequence[Refusal]) -> str:
-        """Which balls of the artefact were not found, and why; "" where all were, or the scan is of a single one."""
-        said = "; ".join(one.sentence for one in refused)
-        expected = len(self.recording.balls)
-        if found >= expected or by_sample(self.recording, row) is not None:
-            return said
-        reason = (
-            said or "no other surface that curves like one of them was seen in its light planes"
-        )
-        return f"{found} of the {expected} balls of artefact.csv were found; {reason}"
+    def _expected(self, row) -> int:
+        """How many balls a scan shows, as far as that is known."""
+        return 1 if by_sample(self.recording, row) is not None else len(self.recording.balls)
 
     def _ball(self, cloud: Cloud, own, free: BallFit, number, shape) -> Ball:
         """A ball from its points: fitted with the certified radius, the pull of its curvature taken off."""
@@ -431,21 +430,6 @@ def _unseen(rows, flaws, frame) -> tuple[Rejected, ...]:
     )
 
 
-def _seen_instead(points, steps, refused: Sequence[Refusal]) -> str:
-    """What a scan without a ball shows: its points, and the candidate that has most points near its surface."""
-    if not points.shape[1]:
-        return ""
-    low, high = np.quantile(points[2], [0.02, 0.98])
-    seen = (
-        f"{points.shape[1]} points in {len(np.unique(steps))} light planes were seen at depths of {low:.0f} to "
-        f"{high:.0f} mm"
-    )
-    if not refused:
-        return f"{seen}, and no surface that curves like a ball"
-    nearest = max(refused, key=lambda one: one.points)
-    return f"{seen}; the nearest candidate, {nearest.sentence}"
-
-
 def _steepest(ball: BallFit, cloud: Cloud) -> float:
     """rad, largest incidence of sight among the points of a ball that were used."""
     used = ball.inliers
@@ -461,16 +445,6 @@ def _undetermined(fit: BallFit, stripe: np.ndarray) -> str:
     """Why a ball on one of the stripes (k,) of its points alone does not count as found, "" for others."""
     is_single = len(fit.reason) == len(stripe) and np.ptp(stripe[fit.inliers]) == 0
     return undetermined(fit) if is_single else ""
-
-
-def _perhaps_cut(at_limit) -> str:
-    """What to look for where no ball is found: one that the field cuts shows too little of itself."""
-    if not at_limit.any():
-        return ""
-    return (
-        f"{at_limit.sum()} of {at_limit.size} points lie at the field's limit: a ball there is cut by the field; "
-        "move it to the middle"
-    )
 
 
 def _fitted(points, view, lit, radius, start, own) -> BallFit:

@@ -1,0 +1,57 @@
+"""Why balls of a scan were not found, in words."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from datasets.recording import Recording
+from sensors.ball.search import Refusal
+from sensors.scanner.model import Scanner
+from workbench.files.images.ball_names import by_sample
+
+
+def missing_balls(
+    recording: Recording, row: Mapping, found: int, refused: Sequence[Refusal]
+) -> str:
+    """Which balls of the artefact were not found, and why; "" where all were, or the scan is of a single one."""
+    said = "; ".join(one.sentence for one in refused)
+    expected = len(recording.balls)
+    if found >= expected or by_sample(recording, row) is not None:
+        return said
+    reason = said or "no other surface that curves like one of them was seen in its light planes"
+    return f"{found} of the {expected} balls of artefact.csv were found; {reason}"
+
+
+def seen_instead(points, steps, refused: Sequence[Refusal]) -> str:
+    """What a scan without a ball shows: its points, and the candidate that has most points near its surface."""
+    if not points.shape[1]:
+        return ""
+    low, high = np.quantile(points[2], [0.02, 0.98])
+    seen = (
+        f"{points.shape[1]} points in {len(np.unique(steps))} light planes were seen at depths of {low:.0f} to "
+        f"{high:.0f} mm"
+    )
+    if not refused:
+        return f"{seen}, and no surface that curves like a ball"
+    nearest = max(refused, key=lambda one: one.points)
+    return f"{seen}; the nearest candidate, {nearest.sentence}"
+
+
+def perhaps_cut(at_limit) -> str:
+    """What to look for where no ball is found: one that the field cuts shows too little of itself."""
+    if not at_limit.any():
+        return ""
+    return (
+        f"{at_limit.sum()} of {at_limit.size} points lie at the field's limit: a ball there is cut by the field; "
+        "move it to the middle"
+    )
+
+
+def line_width_missing(scanner: Scanner) -> str:
+    """That a scanner of an earlier version does not find balls on single stripes, and what to do; "" for others."""
+    if scanner.line is not None:
+        return ""
+    return (
+        "the scanner does not state how wide the laser line is (its file was written by an earlier version), so that "
+        "no ball is found on a single stripe: calibrate it again with `workbench scanner`"
+    )
