@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg.lapack import dpstrf, dtrtri
 
-from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.diagnosis.levels import ROUNDING
 
 _FIXED = 1e12  # precision of a prior beyond which a coefficient is 0
@@ -55,11 +55,26 @@ class Added:
         """What some of the effects, by their numbers, make."""
         parts = [np.arange(self.start[i], self.start[i + 1]) for i in effects]
         held = np.concatenate([np.zeros(0, int), *parts])
-        values, vectors = symmetric_eigen(self.gram[np.ix_(held, held)])
-        seen = values > ROUNDING
-        mixing = np.zeros((len(self.score), int(seen.sum())))
-        mixing[held] = vectors[:, seen] / np.sqrt(values[seen])
+        orthonormal = _orthonormal(self.gram[np.ix_(held, held)])
+        mixing = np.zeros((len(self.score), orthonormal.shape[1]))
+        mixing[held] = orthonormal
         return Beyond(self, mixing, held)
+
+
+def _orthonormal(gram: np.ndarray) -> np.ndarray:
+    """(h, R) Q with Q' gram Q = I for gram (h, h) of columns of about unit length.
+
+    By a Cholesky factorisation with pivoting, at a tenth of the time of eigenvectors: it ends where no column has more
+    than `ROUNDING` of its square left that others do not make (Higham, Accuracy and Stability of Numerical Algorithms,
+    2nd ed., sec. 10.3).
+    """
+    if not len(gram):
+        return gram
+    factor, pivots, rank, _ = dpstrf(gram, tol=ROUNDING, lower=0)
+    made = np.zeros((len(gram), rank))
+    if rank:
+        made[pivots[:rank] - 1] = dtrtri(np.triu(factor[:rank, :rank]))[0]
+    return made
 
 
 @dataclass(frozen=True)
@@ -97,10 +112,9 @@ class Beyond:
         precision = np.minimum(self.added.precision[self.held], _FIXED)
         scale = 1 / np.sqrt(1 + precision)
         gram = self.added.gram[np.ix_(self.held, self.held)] * np.outer(scale, scale)
-        values, vectors = symmetric_eigen(gram + np.diag(precision * scale**2))
-        seen = values > ROUNDING
-        mixing = np.zeros((len(self.added.score), int(seen.sum())))
-        mixing[self.held] = scale[:, None] * vectors[:, seen] / np.sqrt(values[seen])
+        orthonormal = _orthonormal(gram + np.diag(precision * scale**2))
+        mixing = np.zeros((len(self.added.score), orthonormal.shape[1]))
+        mixing[self.held] = scale[:, None] * orthonormal
         return mixing
 
     @property

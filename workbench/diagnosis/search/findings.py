@@ -24,7 +24,7 @@ from workbench.diagnosis.search.stepwise import LAW
 
 ELASTIC = frozenset(names(compliances(CATALOGUE)))
 _NEAR = 6.0  # variances of noise: a difference that chance makes once in seventy times
-_NUMBERS = 6  # in which a smooth nonparametric alternative may differ from another
+_NUMBERS = 6  # directions in which a smooth nonparametric alternative may displace a place
 
 
 def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -> Finding:
@@ -177,9 +177,10 @@ def _alternatives(table, shares, own, left: float, noise: float) -> tuple[Altern
 def _doubted(search: Search, own: Hypothesis, made: Finding) -> Finding:
     """The finding as likely as what is left at its very place allows: something unnamed there might make both.
 
-    That takes one thing instead of two at one place, but its shape must be the law's by chance but for a share s of
-    the whole: a direction among P lies so near to r given ones with a chance of about s^((P - r) / 2) (the tail of
-    the beta distribution of a squared correlation).
+    That takes one thing instead of two at one place, but its direction must be the law's by chance but for a share s
+    of the whole: a direction among P lies so near to r given ones with a chance of about s^((P - r) / 2) (the tail of
+    the beta distribution of a squared correlation). A law of one joint turns about one axis, however many parameters
+    its function has.
     """
     left, moves = _unnamed_remainder(search, own)
     if left <= 0:
@@ -187,7 +188,9 @@ def _doubted(search: Search, own: Hypothesis, made: Finding) -> Finding:
     share = left / (left + own.gain)
     places = len({site.where for site in search.problem.sites})
     two = (1 - RARE) * np.exp(SECOND) / (1 if moves else places)
-    one = RARE * share ** (max(_NUMBERS - own.rank, 1) / 2)
+    is_of_one_axis = {effect.port for effect in own.effects} == {"joint"}
+    directions = 1 if is_of_one_axis else own.rank
+    one = RARE * share ** (max(_NUMBERS - directions, 1) / 2)
     sure = float(two / (two + one))
     other = Alternative(
         "unknown",

@@ -30,9 +30,17 @@ from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.search.compatible import compatible
 from workbench.diagnosis.search.prior import Masses, Priors, elastic_prior, is_elastic
-from workbench.diagnosis.search.subset_algebra import ConditionalSolution, Left, Table
+from workbench.diagnosis.search.subset_algebra import (
+    ConditionalSolution,
+    ExtendedSet,
+    FactoredSet,
+    Left,
+    Table,
+)
 
 Members = tuple[int, ...]
+_FACTORED = 3
+"""Sets whose Cholesky factors are kept: neighbours of one set in turn."""
 _SMALL = 8
 """Columns up to which what a group of terms costs is the call and not the numbers."""
 
@@ -62,6 +70,7 @@ class LogPosterior:
     seen: dict[frozenset, float] = field(default_factory=dict)
     joined: dict[frozenset, np.ndarray] = field(default_factory=dict)
     last: dict = field(default_factory=dict)
+    factors: dict[Members, FactoredSet] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -177,21 +186,34 @@ class LogPosterior:
 
     def value_at(self, members: Members, gain: float) -> float:
         """Log posterior of a set where a larger fall of the sum of squares than `gain` counts for nothing."""
-        conditional = self._conditional_on(tuple(sorted(members)))
-        logs = float(log_evidence(conditional.spent, np.minimum(conditional.gained, gain), self))
-        return logs + self.priors.of(members) + self._signs(members, conditional)
+        solved = self._solved(members)
+        logs = float(log_evidence(solved.spent, np.minimum(solved.gained, gain), self))
+        return logs + self.priors.of(members) + self._signs(members, solved)
 
-    def _signs(self, members: Members, conditional: ConditionalSolution) -> float:
+    def _solved(self, members: Members) -> ExtendedSet | ConditionalSolution:
+        """A set, its columns in the order of its members; the factors of all but its last member are kept."""
+        if not members:
+            return self._conditional_on(members)
+        base = members[:-1]
+        try:
+            if base not in self.factors:
+                while len(self.factors) >= _FACTORED:
+                    self.factors.pop(next(iter(self.factors)))
+                self.factors[base] = FactoredSet(self.table, self.index(base))
+            return ExtendedSet(self.factors[base], self.index(members[-1:]))
+        except np.linalg.LinAlgError:  # hardly any noise: rounding exceeds what is left
+            return ConditionalSolution(self.table, self.index(members))
+
+    def _signs(self, members: Members, solved: ExtendedSet | ConditionalSolution) -> float:
         """Log probability, times 2 for each, that what cannot be negative is not; the coefficients one by one."""
-        members = tuple(sorted(members))
         widths = np.diff(self.start)[list(members)] if members else np.zeros(0, int)
         first = np.concatenate([np.zeros(0, int), *(np.arange(w) for w in widths)])
         cannot = first < np.repeat(self.priors.positive[list(members)], widths)
         if not cannot.any():
             return 0.0
-        best = int(np.argmax(log_evidence_each(conditional.spent, conditional.gained, self)))
-        value, spread = conditional.coefficients(best, np.flatnonzero(cannot))
-        variance = max(self.yy - conditional.gained[best], 1e-300) / max(self.degrees, 1.0)
+        best = int(np.argmax(log_evidence_each(solved.spent, solved.gained, self)))
+        value, spread = solved.coefficients(best, np.flatnonzero(cannot))
+        variance = max(self.yy - solved.gained[best], 1e-300) / max(self.degrees, 1.0)
         # the residual is predicted minus measured: what is missing has the opposite sign
         z = -value / np.maximum(spread * np.sqrt(variance), 1e-300)
         return float((np.log(2) + log_ndtr(z)).sum())

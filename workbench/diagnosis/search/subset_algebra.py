@@ -4,12 +4,16 @@ With A = G_ss + s^-2 I the set's own inner products for disturbances of size s, 
 G_cc - G_cs A^-1 G_sc. One eigenvalue decomposition of G_ss serves all sizes. Without the member i all of it grows by
 what the block i of A^-1 says, U' ((A^-1)_ii)^-1 U with U = (A^-1 G)_i: the set is not solved again for each member
 that it might lose (block inversion: Golub & Van Loan, Matrix Computations, 4th ed., sec. 2.1).
+
+Determinant, gain and coefficients of a set alone follow from Cholesky factors of A, at a third of the time of the
+eigenvectors; a set with one member more extends the factors of the set (ibid., sec. 4.2).
 """
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg.lapack import dtrtrs
 
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 
@@ -41,6 +45,80 @@ class Left:
     gained: np.ndarray
     left: np.ndarray
     blocks: tuple[np.ndarray, ...]
+
+
+class FactoredSet:
+    """Columns `held` (h,) of a table, A = L L' for each size: L (S, h, h), L^-1 score (S, h).
+
+    Raises numpy's LinAlgError where rounding exceeds what is left.
+    """
+
+    def __init__(self, table: Table, held: np.ndarray):
+        self.table, self.held = table, held
+        within = np.broadcast_to(
+            table.gram[np.ix_(held, held)], (len(table.shrink), *[len(held)] * 2)
+        )
+        self.lower = _factors(within, table.shrink)
+        self.along = _solved(self.lower, table.score[held][:, None])[:, :, 0]
+        self.spent = _log_determinants(self.lower) - len(held) * np.log(table.shrink)
+        self.gained = (self.along**2).sum(1)
+
+
+class ExtendedSet:
+    """The set of a `FactoredSet` with columns `more` (w,) after its own; `spent` and `gained` as of `Left`.
+
+    Raises numpy's LinAlgError where rounding exceeds what is left.
+    """
+
+    def __init__(self, base: FactoredSet, more: np.ndarray):
+        table = base.table
+        self._base = base
+        self._cross = _solved(base.lower, table.gram[np.ix_(base.held, more)])  # (S, h, w)
+        remaining = table.gram[np.ix_(more, more)] - self._cross.swapaxes(1, 2) @ self._cross
+        self._lower = _factors(remaining, table.shrink)
+        score = table.score[more] - np.einsum("shw,sh->sw", self._cross, base.along)
+        self._along = _solved(self._lower, score[:, :, None])[:, :, 0]
+        volume = _log_determinants(self._lower) - len(more) * np.log(table.shrink)
+        self.spent = base.spent + volume
+        self.gained = base.gained + (self._along**2).sum(1)
+
+    def coefficients(self, size: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values (k,) of some columns and their standard errors (k,) in sigmas, for one of the sizes.
+
+        rows (k,): places among the columns of the whole set.
+        """
+        count = len(self._base.held)
+        units = (rows[:, None] == np.arange(count + len(self._along[size]))).astype(float).T
+        # L X = unit vectors, in blocks: values are X' L^-1 score, variances the squared lengths of X's columns
+        first = _forward(self._base.lower[size], units[:count])
+        second = _forward(self._lower[size], units[count:] - self._cross[size].T @ first)
+        values = first.T @ self._base.along[size] + second.T @ self._along[size]
+        return values, np.sqrt((first**2).sum(0) + (second**2).sum(0))
+
+
+def _factors(matrices: np.ndarray, shrink: np.ndarray) -> np.ndarray:
+    """(S, h, h) lower Cholesky factors of matrices (S, h, h) with `shrink` (S,) on the diagonal."""
+    if not matrices.shape[1]:
+        return matrices
+    return np.linalg.cholesky(matrices + shrink[:, None, None] * np.eye(matrices.shape[1]))
+
+
+def _log_determinants(lower: np.ndarray) -> np.ndarray:
+    """(S,) of the matrices with Cholesky factors lower (S, h, h)."""
+    return 2 * np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(1)
+
+
+def _solved(lower: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """(S, h, w) L^-1 right for lower (S, h, h), right (h, w) or (S, h, w)."""
+    right = np.broadcast_to(right, (len(lower), *right.shape[-2:]))
+    return np.stack([_forward(factor, own) for factor, own in zip(lower, right)])
+
+
+def _forward(lower: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """(h, w) L^-1 right by forward substitution, lower (h, h), right (h, w)."""
+    if not right.size:
+        return right
+    return dtrtrs(lower.T, right, lower=0, trans=1)[0]  # its transpose lies as LAPACK reads it
 
 
 class ConditionalSolution:
@@ -80,7 +158,7 @@ class ConditionalSolution:
         return self._solution @ self._score
 
     def coefficients(self, size: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values (k,) of some held columns and their standard errors (k,) in sigmas, for one of the sizes."""
+        """As of an `ExtendedSet`."""
         within, vectors = self._within[size], self._vectors[rows]
         return vectors @ self._solution[size], np.sqrt((vectors**2 * within).sum(1))
 
@@ -114,4 +192,4 @@ def _squares(made: np.ndarray) -> np.ndarray:
     return made.swapaxes(2, 3) @ made
 
 
-__all__ = ["ConditionalSolution", "Left", "Table"]
+__all__ = ["ConditionalSolution", "ExtendedSet", "FactoredSet", "Left", "Table"]
