@@ -16,7 +16,7 @@ from robot_model.statics import (
     load_levers,
     moment_levers,
 )
-from workbench.core.covariates import WIND_UP, last_moves, wound_up
+from workbench.core.covariates import WIND_UP, last_moves, last_side, last_sides, wound_up
 from workbench.core.errors import InputError
 
 _MM_A_METRE = 1e3
@@ -210,15 +210,18 @@ class _Altered(State):
 def moved(
     robot: Robot, variables: np.ndarray, time: np.ndarray, pose: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """How each joint came to its pose: `move<k>`, `move<k>_wound_<i>`; pose (n,): labels.
+    """How each joint came to its pose: `move<k>`, `move<k>_side`, `move<k>_wound_<i>`; pose (n,): labels.
 
-    `move<k>` (n,) rad, mm: how far it came from the configuration before; `move<k>_wound_<i>` (n,): the state of
-    friction with the width `WIND_UP[i]` (mm of a slide: times 1000).
+    `move<k>` (n,) rad, mm: how far it came from the configuration before; `move<k>_side` (n,): the direction of its
+    last move that is more than standing still, 0 before the first; `move<k>_wound_<i>` (n,): the state of friction
+    with the width `WIND_UP[i]` (mm of a slide: times 1000).
     """
     still = np.where(robot.prismatic, *_STILL)
     moves = last_moves(variables, time, still, pose)
     widths = np.where(robot.prismatic, 1e3, 1.0)[:, None] * np.array(WIND_UP)
     made = {f"move{k}": row for k, row in enumerate(moves, 1)}
+    for k, side in enumerate(last_sides(moves, time, still), 1):
+        made[last_side(k)] = side
     for k, states in enumerate(wound_up(moves, time, widths), 1):
         made |= {f"move{k}_wound_{i}": row for i, row in enumerate(states)}
     return made
@@ -233,7 +236,7 @@ def with_history(covariates: Mapping[str, np.ndarray], joints: int, n: int) -> d
     made = {}
     for k in range(1, joints + 1):
         side = covariates.get(f"approach{k}", np.zeros(n))
-        made |= {f"approach{k}": side, f"move{k}": np.zeros(n)}
+        made |= {f"approach{k}": side, f"move{k}": np.zeros(n), last_side(k): side}
         made |= {f"move{k}_wound_{i}": side for i in range(len(WIND_UP))}
     return made | dict(covariates)
 

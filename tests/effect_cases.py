@@ -136,6 +136,7 @@ CASES = (
     ("zero-offset", "joint-3", {}),
     ("backlash", "joint-3", {}),
     ("backlash", "joint-3", {"seat": "gravity"}),
+    ("backlash", "joint-4", {"seat": "moves"}),
     ("zero-shift", "joint-1", {"after": 200.0}),
     ("joint-coupling", "joint-6", {"joint": 5}),
     ("joint-thermal-drift", "joint-2", {}),

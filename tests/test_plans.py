@@ -198,7 +198,7 @@ NO_SUCH_EFFECT = {
     ),
     "a slip of the pen": (
         'effect = "backlash", where = "joint-1", seat = "gravty"',
-        "effect 'backlash', option seat: expected 'approach' or 'gravity', found 'gravty'",
+        "effect 'backlash', option seat: expected 'approach', 'gravity' or 'moves', found 'gravty'",
     ),
     "no width": (
         'effect = "backlash", where = "joint-1", seat = "gravity", width = 0',

@@ -699,7 +699,7 @@ def import_data(
     Args:
         sources: Tables, robot programs, ROS bags, images, clouds, or folders of them.
         out: New folder for the recording.
-        robot: Built-in robot, robot.toml or URDF.
+        robot: Built-in robot, robot.toml, URDF or MJCF.
         map: Mapping of columns (TOML).
         propose: Write the proposed mapping and stop.
         board: Board in the images: "chessboard 11x8 5mm", "circles 7x6 10mm", "circles 4x11 10mm
@@ -749,7 +749,7 @@ def new(kind: str, folder: Path | str, robot: Recording | Path | str | None = No
         kind: What is measured: external-point, external-pose, ball-centre, board-images, ...; or a
             scanner: fixed-plane, galvanometer, turntable, profiler, 3d-camera.
         folder: New folder.
-        robot: Built-in robot, robot.toml or URDF.
+        robot: Built-in robot, robot.toml, URDF or MJCF.
 
     Returns:
         The answer of the command, with the entries below.
@@ -1048,7 +1048,7 @@ def significance(
     r"""State how an error of each parameter changes position and axes of the end effector.
 
     Args:
-        robot: A robot by name, a robot.toml or URDF, or a recording.
+        robot: A robot by name, a robot.toml, URDF or MJCF, or a recording.
         points: Configurations: random, or of a recording.
         seed: Of the configurations.
         step_mm: Error of a length, mm.

@@ -9,6 +9,7 @@ from robot_model.state import sliding
 from workbench.core.covariates import (
     clock,
     instant_format,
+    last_side,
     missing_temperature,
     warmth,
     warmth_sizes,
@@ -137,15 +138,16 @@ class ConstantTerm(Effect):
 class Backlash(Effect):
     """The joint stops short of its reading on the side that it came from.
 
-    `seat="approach"`: the side of the last motion; `seat="gravity"`: the side to which gravity
-    pulls, smooth where the torque is within `width` N m of zero (an absolute width, and not a share
-    of the largest torque, so that the law means the same on any part of the samples).
+    `seat="approach"`: the side of the last motion, as recorded; `seat="moves"`: that side by the moves from sample to
+    sample, where no side was recorded and the arm moved straight on; `seat="gravity"`: the side to which gravity
+    pulls, smooth where the torque is within `width` N m of zero (an absolute width, and not a share of the largest
+    torque, so that the law means the same on any part of the samples).
     """
 
     effect = "backlash"
     port = "joint"
     places = ("joint",)
-    equation = "dq = g * approach, or g * tanh(tau / width)"
+    equation = "dq = g * approach, g * sign(last move), or g * tanh(tau / width)"
     source = "half-gap model, e.g. Slamani, Nubiola & Bonev, Robotica 30 (2012)"
     unrecorded = "approach"
     stage = "transmission"
@@ -153,7 +155,7 @@ class Backlash(Effect):
     def __init__(
         self,
         where: str,
-        seat: Literal["approach", "gravity"] = "approach",
+        seat: Literal["approach", "gravity", "moves"] = "approach",
         width: Annotated[float, Field(gt=0)] = 0.5,
     ):
         super().__init__(where)
@@ -171,11 +173,15 @@ class Backlash(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """By the recorded side of approach, and by the side of gravity where the torque changes its sign."""
+        """By the side of approach, recorded or else that of the last move; by gravity where the torque changes sign."""
         for where in chain.places("joint"):
             made = cls(where)
             if all(chain.varies(name) for name in made.needs):
                 yield Variant(made, "by the side of approach")
+            elif (
+                chain.varies(last_side(made.number)) and made.needs[0] not in chain.state.covariates
+            ):
+                yield Variant(cls(where, "moves"), "by the side of the last move")
             yield from cls._by_gravity(chain, where, chain.state.torque[made.number - 1])
 
     @classmethod
@@ -208,11 +214,17 @@ class Backlash(Effect):
     def basis(self, state):
         if self.seat == "approach":
             return state.covariate(f"approach{self.number}")[None, None]
+        if self.seat == "moves":
+            return state.covariate(last_side(self.number))[None, None]
         return np.tanh(state.torque[self.number - 1] / self.width)[None, None]
 
     @property
     def elastic(self):
         return self.seat == "gravity"
+
+    @property
+    def by_moves(self):
+        return self.seat == "moves"
 
 
 class ZeroShift(Effect):

@@ -59,6 +59,26 @@ WIND_UP = (0.003, 0.01, 0.03, 0.1, 0.3)
 """Widths (rad; m of a slide) over which friction winds up a joint, for which the state is known for each sample."""
 
 
+def last_side(joint: int) -> str:
+    """Name of the covariate that holds the direction of the last move of a joint, counted from 1."""
+    return f"move{joint}_side"
+
+
+def last_sides(moves: np.ndarray, time: np.ndarray, still: np.ndarray) -> np.ndarray:
+    """(J, n) direction, -1 or 1, of each joint's last move by more than `still` (J,), in the order of `time` (n,).
+
+    moves (J, n) as of `last_moves`; 0 before the first move.
+    """
+    order = np.argsort(time, kind="stable")
+    steps = moves[:, order]
+    places = np.where(np.abs(steps) > still[:, None], np.arange(len(order)), -1)
+    last = np.maximum.accumulate(places, axis=1)
+    signs = np.sign(np.take_along_axis(steps, np.maximum(last, 0), 1))
+    out = np.empty_like(steps)
+    out[:, order] = np.where(last >= 0, signs, 0.0)
+    return out
+
+
 def wound_up(moves: np.ndarray, time: np.ndarray, widths: np.ndarray) -> np.ndarray:
     """(J, W, n) state of friction, from -1 to 1, after the moves (J, n) in the order of `time` (n,); 0 at first.
 

@@ -50,8 +50,8 @@ CONFIRM = (
     "which it is larger."
 )
 UNTESTED = (
-    "Backlash was not tested by the side of approach and cannot be distinguished from hysteresis: the recording has no "
-    "columns approach1 ... Reach some poses from both sides and record the side to test it."
+    "The recording has no columns approach1 ...: backlash was tested by the last moves from sample to sample alone, as "
+    "if the arm had moved straight on. Reach some poses from both sides and record the side to distinguish it."
 )
 CLEAN = (
     "Nothing is missing that these data can show; smallest-visible.csv in the run folder says from which size on they "

@@ -1,0 +1,51 @@
+"""Backlash where no side of approach was recorded: the arm came from where the sample before was measured."""
+
+import numpy as np
+import pytest
+
+from robot_model.effects import CATALOGUE
+from test_diagnosis_engine import found, recorded
+from workbench.core.covariates import last_sides
+from workbench.diagnosis.robot.bench import bench_of
+
+BACKLASH = CATALOGUE["backlash"]("joint-3", seat="moves")
+
+
+def test_the_side_is_that_of_the_last_move_beyond_standing_still():
+    moves = np.array([[0.0, 1.0, -2.0, 0.05, 0.0, 3.0]])
+    sides = last_sides(moves, np.arange(6.0), np.array([0.1]))
+    assert sides.tolist() == [[0, 1, -1, -1, -1, 1]]
+
+
+def test_samples_are_taken_in_the_order_of_their_time():
+    moves = np.array([[1.0, -1.0, 0.0]])
+    assert last_sides(moves, np.array([2.0, 1.0, 0.0]), np.array([0.1])).tolist() == [[1, -1, 0]]
+
+
+@pytest.mark.parametrize("is_recorded", [True, False])
+def test_it_is_a_candidate_only_where_no_side_was_recorded(is_recorded):
+    n = 40
+    side = np.where(np.arange(n) % 2, 1.0, -1.0)
+    more = {f"approach{k}": side for k in range(1, 7)} if is_recorded else None
+    chain = bench_of(recorded(1, n=n, more=more)).chain
+    seats = {v.effect.seat for v in CATALOGUE["backlash"].candidates(chain)}
+    assert ("approach" in seats, "moves" in seats) == (is_recorded, not is_recorded)
+
+
+@pytest.mark.slow
+def test_backlash_is_named_and_not_hysteresis_without_a_recorded_side():
+    findings = found(81, [BACKLASH], [3e-4], n=160).findings
+    assert [(f.effect, f.where) for f in findings] == [("backlash", "joint-3")]
+    assert findings[0].probability > 0.9
+
+
+@pytest.mark.slow
+def test_hysteresis_that_winds_up_over_long_moves_is_still_named():
+    law = CATALOGUE["joint-hysteresis"]("joint-3", width=0.3)
+    findings = found(82, [law], [4e-4, 0.0], n=160).findings
+    assert [(f.effect, f.where) for f in findings] == [("joint-hysteresis", "joint-3")]
+
+
+@pytest.mark.slow
+def test_nothing_is_found_where_nothing_is_missing():
+    assert not found(83, n=160).findings
