@@ -224,7 +224,8 @@ def _called(term: Term) -> str:
 
 def _doubt(bench, term: Term, problem: Problem) -> Doubt | None:
     """The finding and its likeliest named alternative; None if it has none."""
-    values = np.array([row["value"] for row in term.parameters])
+    own = [row for row in term.parameters if not row.get("derived")]  # others follow from these
+    values = np.array([row["value"] for row in own])
     for one in term.finding.alternatives:
         alternative = _effects_of(problem, one)
         if alternative and len(values):
