@@ -20,6 +20,7 @@ the fit (5 % of clean samples are beyond it), and the median of a squared length
 
 DOUBLED = 2.0
 """t of Clark and West over that of the fall of the error, about, for an effect that is there."""
+_LEAST_SERIES = 20  # poses from which on a correlation of neighbours can be estimated
 _ROWS = 5
 """Rows of the errors of an arm's samples: distance, rotation angle, and three components of the position."""
 
@@ -101,19 +102,23 @@ def clark_west_t(
     them. Clark & West, J. Econometrics 138 (2007), test the mean of e'd alone, whose t is about twice that of the
     fall. Their test is of forecasts in time; errors by Huber's loss, blocks left out in turn and the standard error
     by `_jackknife_t` are an extension. Where the loss does not fall, it is the t of `paired` on the same scale.
+    Poses in the order of their rows may err alike; the standard error then allows for it, see `_serial_factor`.
     """
     lengths = [np.sqrt((one**2).sum(0)) for one in (before, after)]
     fall = paired(pose, *lengths, usual)
     kept = usual & np.isfinite(before).all(0) & np.isfinite(after).all(0)
     if not fall > 0:
         return DOUBLED * fall
-    _, group, count = np.unique(pose[kept], return_inverse=True, return_counts=True)
+    _, first, group, count = np.unique(
+        pose[kept], return_index=True, return_inverse=True, return_counts=True
+    )
     change = before[:, kept] - after[:, kept]
     size = np.sqrt(_scaled(lengths[0][kept], lengths[1][kept])[0])
     weight = np.minimum(1.0, _LIMIT / np.maximum(size, _LIMIT))
     score = np.bincount(group, weight * (before[:, kept] * change).sum(0)) / count
     moved = np.bincount(group, weight * (change**2).sum(0)) / count
-    return _jackknife_t(score, moved)
+    order = np.argsort(first)
+    return _jackknife_t(score[order], moved[order], in_order=True)
 
 
 def _scaled(before: np.ndarray, after: np.ndarray) -> np.ndarray:
@@ -123,8 +128,10 @@ def _scaled(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     return squares / scale
 
 
-def _jackknife_t(falls: np.ndarray, moved: np.ndarray) -> float:
+def _jackknife_t(falls: np.ndarray, moved: np.ndarray, in_order: bool = False) -> float:
     """t of the sum of the falls (p,) of poses that differ in how much of an effect they can show, `moved` (p,).
+
+    in_order: the poses stand in the order in which they were measured.
 
     An effect moves the prediction of some poses a lot and of others not at all: a ball's not by what the board does,
     a board's hardly where it stands square to the light. Where an effect is there, a pose's fall is in proportion to
@@ -135,13 +142,34 @@ def _jackknife_t(falls: np.ndarray, moved: np.ndarray) -> float:
     total, shown = falls.sum(), moved.sum()
     left = shown - moved  # by all others
     others = np.divide(total - falls, left, out=np.zeros_like(falls), where=left > SAME * shown)
-    spread = np.sqrt(((falls - others * moved) ** 2).sum() * (len(falls) - 1) / len(falls))
+    remaining = falls - others * moved
+    spread = np.sqrt((remaining**2).sum() * (len(falls) - 1) / len(falls))
+    spread *= np.sqrt(_serial_factor(remaining)) if in_order else 1.0
     if not spread > 0:
         return 0.0
     # of so many poses the sum is as good as made: t as a normal would have it
     worth = max(shown**2 / (moved**2).sum(), 1.0)
     p = np.clip(student.sf(total / spread, worth), 1e-300, 1 - 1e-16)
     return float(norm.isf(p))
+
+
+def _serial_factor(series: np.ndarray) -> float:
+    """Variance of the sum of a series (p,) over that of independent values, at least 1.
+
+    1 unless neighbours are significantly alike; then the heteroscedasticity and autocorrelation consistent estimate
+    with Bartlett's weights (Newey & West, Econometrica 55 (1987)), its lags by the rule of Andrews, Econometrica 59
+    (1991), eq. 6.4, for an autoregressive process.
+    """
+    count, variance = len(series), float(series @ series)
+    if count < _LEAST_SERIES or not variance > 0:
+        return 1.0
+    rho = float(series[1:] @ series[:-1]) / variance
+    if rho * np.sqrt(count) < REAL:
+        return 1.0
+    alpha = 4 * rho**2 / ((1 - rho) * (1 + rho)) ** 2
+    lags = np.arange(1, min(int(1.1447 * (alpha * count) ** (1 / 3)), count // 4) + 1)
+    alike = np.array([series[k:] @ series[:-k] for k in lags]) / variance
+    return float(max(1.0, 1 + 2 * ((1 - lags / (len(lags) + 1)) * alike).sum()))
 
 
 def _loss(z: np.ndarray) -> np.ndarray:
