@@ -32,8 +32,8 @@ _CLOSING, _CLOSING_WEIGHT = (0.05, 0.1, 0.2), 0.3
 class TransmissionHarmonic(Effect):
     """Joint K has a transmission error of its gear or encoder that is periodic in its angle.
 
-    Its order n is in cycles per revolution. The phase is n times the joint variable q_K, which follows from the reading by sign and coupling; the offset theta
-    is not in it.
+    Its order n is in cycles per revolution. The phase is n times the joint variable q_K, which follows from the reading
+    by sign and coupling; the offset theta is not in it.
     """
 
     effect = "transmission-harmonic"
