@@ -17,6 +17,7 @@ from workbench.diagnosis.validation import folds, heldout, proof, stability
 from workbench.diagnosis.validation.controls import PERMUTED, ROTATED, controls, of_order
 from workbench.explanation import reference as references
 from workbench.explanation import visible, words
+from workbench.explanation.answer import _is_much_left
 from workbench.explanation.noise import replicates
 from workbench.explanation.planning.experiment import (
     Doubt,
@@ -418,6 +419,16 @@ def test_the_verdict_follows_from_the_terms():
         verdict_of((term(0.99), term(0.9, effect="unknown", depends=("q2",))), 1e-9)
         == "unexplained"
     )
+
+
+@pytest.mark.parametrize("p_value, left", [(0.0069, False), (0.001, True)])
+def test_structure_next_to_findings_on_the_noise_counts_as_where_nothing_was_found(p_value, left):
+    """They take nothing off the error, of which therefore everything seems to be left."""
+    noise = term(0.99, effect="stated-noise")
+    proof = Proof(0.2, 0.2, 0.2, 0.0, 5, 0.02, "stated", np.zeros((2, 1)), np.zeros(1))
+    arm, found = SimpleNamespace(chain=object()), SimpleNamespace(p_remainder=p_value)
+    assert _is_much_left(arm, found, [noise], proof, False) is left
+    assert much_left(proof, p_value)
 
 
 @pytest.mark.parametrize("after, left", [(0.03, False), (0.15, True), (0.2, True)])

@@ -95,6 +95,34 @@ def test_a_rigid_joint_does_not_hide_the_compliance_of_another():
     assert found.is_right, (found.wrong_names, found.missed)
 
 
+@pytest.mark.slow
+def test_samples_between_two_instants_do_not_hide_the_right_one():
+    """The two samples between the true instant and one that is too late lie far off and hardly count there.
+
+    They were called outliers, and the instant stayed too late.
+    """
+    from workbench.diagnosis.robot.bench import bench_of
+    from workbench.diagnosis.search.select import find
+
+    truth = planted.make(1126028, 0, 3, False)
+    (slip,) = truth.drives["slips"]
+    found = find(bench_of(truth.made.recording()))
+    (shift,) = (one for one in found.findings if one.effect == "zero-shift")
+    times = truth.made.columns["time_s"]
+    assert shift.instant.value == times[slip.first - 1 : slip.first + 1].mean()
+    assert not found.outliers.any() and not found.spread
+
+
+@pytest.mark.slow
+def test_a_wrong_statement_of_the_noise_leaves_no_structure_behind():
+    """With nothing but noise found, all of the error is left; chance structure (p = 0.007) was called unknown."""
+    from workbench.explanation.answer import diagnose
+
+    made = diagnose(planted.make(1126042, 0, 0, True).made.recording())
+    assert [term.finding.effect for term in made.terms] == ["stated-noise"]
+    assert made.verdict == "explained"
+
+
 def test_what_joints_usually_deflect_comes_from_those_that_do():
     from workbench.diagnosis.search.prior import _usual_compliance
 

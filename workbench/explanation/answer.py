@@ -228,11 +228,12 @@ def _for_sensor(bench, recording, proved, terms, usual):
 def _is_much_left(bench, found: Found, terms, proved, is_above: bool) -> bool:
     """Whether structure is left that the terms do not explain.
 
-    A sensor's random effect, as image jitter, takes nothing off the error, so that what is left cannot be compared with
-    what it explains: structure next to it counts at the level at which it counts where nothing was found.
+    Findings on the noise alone, as image jitter or a wrong statement, take nothing off the error, so that what is left
+    cannot be compared with what they explain: structure next to them counts at the level at which it counts where
+    nothing was found.
     """
     placed = _is_remainder_placed(bench, found)
-    if bench.chain is None and not any(term.finding.effects for term in terms):
+    if not any(term.finding.effects for term in terms):
         return placed and found.p_remainder < MISSING
     return placed and much_left(proved, found.p_remainder, is_above)
 

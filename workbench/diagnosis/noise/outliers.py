@@ -26,6 +26,13 @@ def robust_weights(white: np.ndarray) -> np.ndarray:
     return weights * np.minimum(1.0, _LITTLE / np.maximum(length, 1e-300)) ** 3
 
 
+def robust_loss(white: np.ndarray) -> float:
+    """Huber's loss of whitened residuals (m, n): half the squared lengths of samples, and linear in those far off."""
+    length = lengths(white)
+    far = length > _FULL
+    return float(np.where(far, _FULL * length - _FULL**2 / 2, length**2 / 2).sum())
+
+
 def lengths(white: np.ndarray) -> np.ndarray:
     """(n,) lengths of residuals (m, n) on the scale of a unit Gaussian in three coordinates."""
     m = len(white)

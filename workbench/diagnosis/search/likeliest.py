@@ -12,6 +12,7 @@ from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.exact_options import with_exact_options
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Candidate
+from workbench.diagnosis.search.instants import refine_instants
 from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members
 from workbench.diagnosis.search.options import refine_options, with_estimated_options
 from workbench.diagnosis.search.state import Search, name_of
@@ -50,6 +51,7 @@ def accept_likeliest(search: Search, thorough: bool = True) -> None:
         search.solve_possible()
         order_by_gain(search)
         refine_options(search, is_first=len(tried) == 1 and not thorough)
+        refine_instants(search)
     order_by_gain(search)
 
 
