@@ -6,16 +6,19 @@ squares with Cauchy weights; Huber & Ronchetti, Robust Statistics, 2nd ed., ch. 
 prior holds the geometry, and once the misfit is small the data decide.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from datasets.recording import Recording
 from robot_model.chain import forward
 from robot_model.measurements import measurement_of
-from robot_model.measurements.multistart import MODEL_ERROR_MM
+from robot_model.measurements.multistart import MODEL_ERROR_MM, RotationSystem, quick_distances
 from robot_model.robot import Robot
 from robot_model.system import bind, geometry_free
 from workbench.core.distributions import chi2
+from workbench.core.errors import InputError
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.fitting.plans import frames_of
@@ -27,6 +30,10 @@ _LEAST_SCALE = 0.005  # mm: below it nothing depends on the ratio of prior to da
 _KEPT = 0.9
 _MEDIAN_CHI2 = {m: float(chi2.ppf(0.5, m)) for m in range(1, 7)}
 _LEAST_SPARE = 6.0
+_TOGETHER = 256
+"""Hypotheses whose scales are found together: some tens of megabytes."""
+FAILURES = (np.linalg.LinAlgError, InputError, ValueError)
+"""What a hypothesis about which nothing can be said raises."""
 _HOPELESS = 0.5  # of the RMS distance of the tool from its mean place
 _TOOL_MM = 200.0
 _LENGTH_ERROR = 0.001  # of the reach
@@ -139,17 +146,68 @@ def nominal_scale(robot, recording) -> float:
 
     Rotations count by the lever of `robot_model.measurements.multistart`. Fast: one linear system, few starts.
     """
+    system = _nominal_system(robot, recording)
+    if system is None:
+        return fit_recording(robot, recording, free=base_and_tool(recording), steps=3).scale
+    return _scale_of(system, system.quick_distances()) if _is_spare(system) else np.inf
+
+
+def nominal_scales(cases: Sequence[tuple[Robot, Recording]]) -> list[float]:
+    """`nominal_scale` of many hypotheses about robot and recording, in less time; inf where it cannot be had."""
+    scales: list[float] = []
+    for first in range(0, len(cases), _TOGETHER):
+        scales += _scales_of_some(cases[first : first + _TOGETHER])
+    return scales
+
+
+def _scales_of_some(cases: Sequence[tuple[Robot, Recording]]) -> list[float]:
+    scales, systems = [np.inf] * len(cases), {}
+    for k, case in enumerate(cases):
+        try:
+            system = _nominal_system(*case)
+            if system is None:
+                scales[k] = nominal_scale(*case)
+            elif _is_spare(system):
+                systems[k] = system
+        except FAILURES:
+            continue
+    for k, distances in zip(systems, _distances_of(list(systems.values()))):
+        scales[k] = _scale_of(systems[k], distances)
+    return scales
+
+
+def _distances_of(systems: list[RotationSystem]) -> list[np.ndarray]:
+    """Distances (n,) of the samples of each system; inf where they cannot be had."""
+    try:
+        return quick_distances(systems)
+    except FAILURES:  # of one of them: each by itself
+        if len(systems) == 1:
+            return [np.full(len(systems[0].right), np.inf)]
+        return [distances for system in systems for distances in _distances_of([system])]
+
+
+def _nominal_system(robot, recording) -> RotationSystem | None:
+    """The equations of base and tool at the nominal geometry; None for measurements that have none."""
     measurement = measurement_of(recording)
     if not hasattr(measurement, "system"):
-        return fit_recording(robot, recording, free=base_and_tool(recording), steps=3).scale
-    frames = forward(robot, robot.mixing @ recording.joints.T)
-    system = measurement.system(frames)
-    samples, rows, _ = system.rotation_rows.shape
-    spare = samples * rows - 3 * system.count - len(system.prior)
-    if spare < _LEAST_SPARE:
-        return np.inf
-    distances = np.sort(system.quick_distances())[: int(np.ceil(_KEPT * samples))]
-    return float(np.sqrt((distances**2).mean() * samples * rows / spare)) * MODEL_ERROR_MM
+        return None
+    return measurement.system(forward(robot, robot.mixing @ recording.joints.T))
+
+
+def _is_spare(system: RotationSystem) -> bool:
+    """Whether there are enough rows for a scale."""
+    return _spare_rows(system) >= _LEAST_SPARE
+
+
+def _spare_rows(system: RotationSystem) -> int:
+    return system.right.size - 3 * system.count - len(system.prior)
+
+
+def _scale_of(system: RotationSystem, distances: np.ndarray) -> float:
+    """RMS mm of the best 90 % of the samples at distances (n,) in units of the rows."""
+    kept = np.sort(distances)[: int(np.ceil(_KEPT * len(distances)))]
+    share = system.right.size / _spare_rows(system)
+    return float(np.sqrt((kept**2).mean() * share)) * MODEL_ERROR_MM
 
 
 def row_residual(robot, recording, fit: Fit) -> np.ndarray:

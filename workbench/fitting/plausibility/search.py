@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.core.errors import InputError
 from workbench.fitting.plausibility.fitting import (
+    FAILURES,
     Fit,
     fit_recording,
     hopeless_mm,
-    nominal_scale,
+    nominal_scales,
 )
 from workbench.fitting.plausibility.hypotheses.artefact_corrections import artefact_corrections
 from workbench.fitting.plausibility.hypotheses.corrections import Correction, join
@@ -112,17 +112,26 @@ def search_further(robot, recording, search: Search, enough: float) -> Search:
 def screen(robot, recording, corrections: Iterable[Correction]) -> list[Candidate]:
     """Candidates by the scale that they leave at the nominal geometry, the smallest first."""
     rows = even_rows(recording, _SCREEN_ROWS)
-    candidates = [Candidate(c, _screened_scale(robot, recording, c, rows)) for c in corrections]
+    corrections = list(corrections)
+    scales = _screened_scales(robot, recording, corrections, rows)
+    candidates = [Candidate(*pair) for pair in zip(corrections, scales)]
     finite = [candidate for candidate in candidates if np.isfinite(candidate.scale)]
     return sorted(finite, key=lambda c: (c.scale, c.correction.parts))
 
 
-def _screened_scale(robot, recording, correction, rows):
-    try:
-        arm, corrected = correction.apply(robot, recording)
-        return correction.comparable(nominal_scale(arm, corrected.select(rows[rows < corrected.n])))
-    except (np.linalg.LinAlgError, InputError, ValueError):
-        return np.inf
+def _screened_scales(robot, recording, corrections: list[Correction], rows) -> list[float]:
+    """The scale under each correction; inf where it cannot be had."""
+    cases = {}
+    for k, correction in enumerate(corrections):
+        try:
+            arm, corrected = correction.apply(robot, recording)
+            cases[k] = arm, corrected.select(rows[rows < corrected.n])
+        except FAILURES:
+            continue
+    scales = [np.inf] * len(corrections)
+    for k, scale in zip(cases, nominal_scales(list(cases.values()))):
+        scales[k] = corrections[k].comparable(scale)
+    return scales
 
 
 def judge(robot, recording, candidates: list[Candidate]) -> list[Explanation]:
@@ -135,7 +144,7 @@ def judge(robot, recording, candidates: list[Candidate]) -> list[Explanation]:
             continue
         try:
             fit = fit_recording(arm, corrected.select(rows[rows < corrected.n]))
-        except (np.linalg.LinAlgError, InputError, ValueError):
+        except FAILURES:
             continue
         if np.isfinite(fit.scale):
             found.append(Explanation(candidate.correction, fit))

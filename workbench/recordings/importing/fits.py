@@ -14,7 +14,7 @@ from datasets.recording import Recording
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility.check import good_scale
-from workbench.fitting.plausibility.fitting import fit_recording, hopeless_mm, nominal_scale
+from workbench.fitting.plausibility.fitting import fit_recording, hopeless_mm, nominal_scales
 from workbench.fitting.plausibility.sampling import even_rows
 
 _ROWS = 100
@@ -68,7 +68,7 @@ def compare_readings(
     geometry errors make fit. Empty where no reading can be fitted.
     """
     thinned = [(title, reading.select(even_rows(reading, _ROWS))) for title, reading in readings]
-    quick = [_quick_scale(robot, reading) for _, reading in thinned]
+    quick = nominal_scales([(robot, reading) for _, reading in thinned])
     order = [k for k in np.argsort(quick, kind="stable") if np.isfinite(quick[k])]
     if not order:
         return []
@@ -100,14 +100,6 @@ def order_error(file: str, group: Group, fit: CandidateFit, line: str) -> InputE
         f"columns state, found none that fits in that order, but {fit.words} in the order {order}; correct the "
         f"headers, or add {line} to a mapping file and name it with --map."
     )
-
-
-def _quick_scale(robot: Robot, reading: Recording) -> float:
-    """mm of misfit with the nominal geometry; inf where it cannot be computed."""
-    try:
-        return nominal_scale(robot, reading)
-    except (np.linalg.LinAlgError, InputError):
-        return np.inf
 
 
 def _refined(robot: Robot, title: str, reading: Recording) -> CandidateFit | None:
