@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 PYTEST := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest \
 	-n logical --maxprocesses 8 --dist worksteal -p no:cacheprovider
 
-.PHONY: help demo prove test test-slow test-all test-times test-long check fuzz language docs lock package sbom bench system clean
+.PHONY: help environment demo prove test test-slow test-all test-times test-long check fuzz language docs lock package sbom bench system clean
 
 help:
 	@echo "make demo       calibrate a recording and write a report page"
@@ -26,6 +26,11 @@ help:
 	@echo "make lock       resolve requirements.lock again (needs uv)"
 	@echo "make sbom       bill of materials (CycloneDX) and licences, in dist/"
 	@echo "make bench      speed against other libraries, in an environment of its own"
+
+# What tests, checks and documentation need. Two installations into one environment must not run at once, so that a
+# call with --jobs comes after it.
+environment: $(VENV)/.test
+	@$(MAKE) --no-print-directory $(VENV)/.docs
 
 demo: $(VENV)/.demo
 	$(BIN)/workbench demo
