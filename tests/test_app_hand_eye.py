@@ -42,7 +42,13 @@ def _answer(folder) -> dict:
     return answer
 
 
-@pytest.mark.parametrize("held", [False, True], ids=["camera calibrated", "camera held"])
+@pytest.mark.parametrize(
+    "held",
+    [
+        pytest.param(False, id="camera calibrated", marks=pytest.mark.long),
+        pytest.param(True, id="camera held"),
+    ],
+)
 def test_edits_of_a_hand_eye_run_are_repeated_from_the_command_line(hand_eye_run, tmp_path, held):
     run = hand_eye_run
     if held:  # the session holds the options of the run

@@ -8,6 +8,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import datasets
+from conftest import mostly_slow
 from robot_model import load_robot
 from robot_model.configuration import configuration_name, configuration_signs, has_configurations
 from scenes import SLIDING, scene
@@ -39,7 +40,7 @@ def solutions(robot, wanted, tries=150):
     return np.array(found)
 
 
-@pytest.mark.parametrize("name", ["abb_irb120", "ur10", "kuka_kr6_r900"])
+@pytest.mark.parametrize("name", mostly_slow(["ur10", "abb_irb120", "kuka_kr6_r900"], 0, 2))
 def test_solutions_of_one_pose_have_different_signs(name):
     robot = load_robot({"builtin": name}, "test")
     assert has_configurations(robot)

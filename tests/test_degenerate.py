@@ -141,12 +141,11 @@ def test_a_recording_that_determines_little_ends_in_a_result_or_in_a_sentence(se
 
 
 def in_parts(first: int, end: int, size: int) -> list:
-    """First seeds of parts of so many seeds: one part is a slow test, the others run in `make test-long`."""
-    marks = [pytest.mark.slow]
-    starts = range(first, end, size)
-    return [pytest.param(k, marks=marks.pop() if marks else pytest.mark.long) for k in starts]
+    """First seeds of parts of so many seeds."""
+    return list(range(first, end, size))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("first", in_parts(FAST, FAST + SLOW, A_TEST))
 def test_hundreds_of_recordings_that_determine_little(first, tmp_path):
     assert [
@@ -154,7 +153,7 @@ def test_hundreds_of_recordings_that_determine_little(first, tmp_path):
     ] == []
 
 
-@pytest.mark.parametrize("first", in_parts(0, DIAGNOSED, 6))
+@pytest.mark.parametrize("first", mostly_slow(in_parts(0, DIAGNOSED, 6), 0, 1))
 def test_a_diagnosis_of_such_recordings(first):
     assert [found for seed in range(first, first + 6) if (found := diagnosed(draw(seed)))] == []
 

@@ -62,7 +62,7 @@ def test_a_sound_table_is_imported_without_a_word(truth, tmp_path):
             ("joints", 180 / np.pi, "radians in rows 2 to 23 and degrees in rows 24 to 37"),
         ],
         0,
-        3,
+        2,
     ),
 )
 def test_a_unit_that_changes_at_a_row_is_located(truth, tmp_path, column, factor, words):

@@ -6,7 +6,6 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
-from conftest import mostly_slow
 from datasets.importers.sources import read_sources
 from datasets.importers.sources.dh_tables import read_dh_table
 from datasets.importers.sources.text_tables import is_unit_row, with_group_names
@@ -348,7 +347,13 @@ def test_a_table_of_an_arm_that_fits_in_no_convention_is_refused(truth, tmp_path
 
 
 @pytest.mark.parametrize(
-    "mistake", mostly_slow(["sign", "milliradians", "swapped", "left-handed"], 2)
+    "mistake",
+    [
+        "sign",
+        pytest.param("milliradians", marks=pytest.mark.long),
+        pytest.param("swapped", marks=pytest.mark.slow),
+        "left-handed",
+    ],
 )
 def test_a_mistake_of_the_data_is_found_under_an_open_convention(mistake, truth, tmp_path):
     """The table states no convention, so that robot and mistake are searched for jointly."""

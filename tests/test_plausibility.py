@@ -201,7 +201,7 @@ def test_positions_of_the_neighbouring_row_are_named(measures, step):
     assert_named(robot, late.select(np.arange(1, 59)), words)
 
 
-@pytest.mark.parametrize("measures", mostly_slow(KINDS, 0, 2))
+@pytest.mark.parametrize("measures", mostly_slow(KINDS, 0, 1))
 def test_shuffled_rows_are_named_but_nothing_is_to_be_changed(measures):
     robot, recording = erring(measures, 13)
     order = np.random.default_rng(13).permutation(recording.n)

@@ -370,16 +370,20 @@ def test_a_few_cases_from_end_to_end_and_again_from_where_they_were(tmp_path):
         prove.prove(folder, ["clean", "library"], 1, seed=53, jobs=1)
 
 
-@pytest.mark.slow
-def test_the_proof_in_small(tmp_path):
-    """Seven cases: no confident wrong name, no false alarm, and most planted effects are found.
+@pytest.mark.parametrize(
+    "plan",
+    [
+        pytest.param("clean=1 library=2 outside=1", marks=pytest.mark.slow),
+        pytest.param("clean=2 library=3 swallowed=1 outside=1", marks=pytest.mark.long),
+    ],
+)
+def test_the_proof_in_small(tmp_path, plan):
+    """Few cases: no confident wrong name, no false alarm, and most planted effects are found.
 
     The seed is one whose cases have few samples.
     """
     pytest.importorskip("mujoco")
-    rows = prove.prove(
-        tmp_path / "exam", ["clean=2", "library=3", "swallowed=1", "outside=1"], seed=68
-    ).rows
+    rows = prove.prove(tmp_path / "exam", plan.split(), seed=68).rows
     hidden = [r for r in rows if r["effects"]]
     assert not any(r.get("confidently_wrong") for r in rows)
     assert not any(r["outcome"] == "false alarm" for r in rows)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import test_diagnosis_sensor_recorded as sensor_cases
+from conftest import mostly_slow
 from robot_model.effects import CATALOGUE
 from robot_model.effects.nonparametric import PeriodicMotion
 from sensors.effects import CATALOGUE as SENSOR_EFFECTS
@@ -75,8 +76,7 @@ def test_an_order_that_is_a_whole_number_stays_one(make, value):
     assert [one.effects[0].order for one in found.findings] == [value]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [0, 20])
+@pytest.mark.parametrize("number", mostly_slow([0, 20], 0, 1))
 def test_a_vibration_between_two_frequencies_of_the_grid_is_one_finding(number):
     kind = SENSOR_EFFECTS["mirror-vibration"]
     (grid,) = kind.grids(sensor.SensorBench(sensor_cases.true()).kind)

@@ -76,7 +76,7 @@ def test_second_order_bias_is_stated_and_taken_off():
     [
         (None, 200),
         (RADIUS, 150),
-        pytest.param(None, 2000, marks=pytest.mark.slow),
+        pytest.param(None, 2000, marks=pytest.mark.long),
     ],
 )
 def test_errors_agree_with_the_stated_sigma(radius, sets):

@@ -447,7 +447,7 @@ def test_no_image_with_the_board_gets_one_sentence(tmp_path):
 @pytest.mark.parametrize(
     ("name", "count", "limit"),
     [
-        ("opencv_stereo_chess:left", 13, 0.20),
+        pytest.param("opencv_stereo_chess:left", 13, 0.20, marks=pytest.mark.long),
         ("opencv_stereo_chess:right", 13, 0.20),
         ("linelaser_circlegrid_zhao", 12, 0.10),
         ("handeye_open3dv:in-hand", 8, 0.03),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from board_scenes import BOW, CAMERA, COLUMNS, ROWS, SQUARE, board_model
-from conftest import sizes
+from conftest import mostly_slow, sizes
 from sensors import images
 from sensors.boards import detection as boards
 from sensors.boards.board import Board
@@ -365,8 +365,7 @@ def seen_in(folder, board):
     return found
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("side, most", [("left", 0.31), ("right", 0.30)])
+@pytest.mark.parametrize("side, most", mostly_slow([("left", 0.31), ("right", 0.30)], 0, 1))
 def test_opencvs_own_images(real, side, most):
     """No worse than OpenCV on images left out; both cameras see the same bow of the same board."""
     views = seen_in(

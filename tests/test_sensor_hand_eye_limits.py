@@ -32,7 +32,7 @@ SPUN = LOOKS @ Rotation.from_rotvec(np.outer(np.linspace(-1, 1, 12), [0, 0, 1]))
         ("in-hand", 1e-5),
         ("to-hand", 6e-3),
         *(
-            pytest.param(kind, spin, marks=pytest.mark.slow)
+            pytest.param(kind, spin, marks=pytest.mark.long)
             for kind, spin in (("to-hand", 8e-4), ("in-hand", 3e-3))
         ),
     ],

@@ -52,7 +52,7 @@ def test_sound_real_recordings_are_not_suspected(name, real):
     assert check_plausibility(load_robot(recording.robot), recording) == ()
 
 
-@pytest.mark.parametrize(("name", "mistake"), mostly_slow(product(SIMULATED, QUICK), 19))
+@pytest.mark.parametrize(("name", "mistake"), mostly_slow(product(SIMULATED, QUICK), 19, 30))
 def test_mistakes_that_residuals_or_stated_values_show(name, mistake):
     assert_right_cause(NAMED[mistake], simulated(name))
 
