@@ -22,6 +22,7 @@ from workbench.core.errors import InputError
 _MM_A_METRE = 1e3
 _HISTORY = re.compile(r"(?:approach|move)(\d+)")
 _STILL = 0.1, 1e-4  # mm, rad that a reading may change by while the arm stands
+_TRAVEL = 1.0, 1e-3  # mm, rad in one direction from which on it is the side that a joint came from
 
 
 @dataclass(frozen=True)
@@ -212,15 +213,16 @@ def moved(
 ) -> dict[str, np.ndarray]:
     """How each joint came to its pose: `move<k>`, `move<k>_side`, `move<k>_wound_<i>`; pose (n,): labels.
 
-    `move<k>` (n,) rad, mm: how far it came from the configuration before; `move<k>_side` (n,): the direction of its
-    last move that is more than standing still, 0 before the first; `move<k>_wound_<i>` (n,): the state of friction
-    with the width `WIND_UP[i]` (mm of a slide: times 1000).
+    `move<k>` (n,) rad, mm: how far it came from the configuration before; `move<k>_side` (n,): the direction in
+    which it moved last, 0 before the first move; `move<k>_wound_<i>` (n,): the state of friction with the width
+    `WIND_UP[i]` (mm of a slide: times 1000).
     """
     still = np.where(robot.prismatic, *_STILL)
     moves = last_moves(variables, time, still, pose)
     widths = np.where(robot.prismatic, 1e3, 1.0)[:, None] * np.array(WIND_UP)
     made = {f"move{k}": row for k, row in enumerate(moves, 1)}
-    for k, side in enumerate(last_sides(moves, time, still), 1):
+    travel = np.where(robot.prismatic, *_TRAVEL)
+    for k, side in enumerate(last_sides(moves, time, travel), 1):
         made[last_side(k)] = side
     for k, states in enumerate(wound_up(moves, time, widths), 1):
         made |= {f"move{k}_wound_{i}": row for i, row in enumerate(states)}

@@ -17,6 +17,35 @@ def test_the_side_is_that_of_the_last_move_beyond_standing_still():
     assert sides.tolist() == [[0, 1, -1, -1, -1, 1]]
 
 
+def test_rounded_readings_of_a_joint_that_stands_still_change_no_side():
+    rng = np.random.default_rng(1)
+    long = np.repeat(rng.choice([-0.5, 0.5], 40), 10) * np.tile([1.0] + 9 * [0.0], 40)
+    jitter = np.diff(rng.choice([0.0, 1.7e-4], 401))
+    sides = last_sides((long + jitter)[None], np.arange(400.0), np.array([1e-3]))
+    true = last_sides(long[None], np.arange(400.0), np.array([1e-3]))
+    assert np.array_equal(sides, true)
+
+
+def test_several_reflectors_of_a_pose_share_its_side():
+    moves = np.repeat(np.array([[0.0, 0.5, -0.5, 0.4]]), 3, axis=1)
+    sides = last_sides(moves, np.arange(12.0), np.array([1e-3]))
+    assert sides.tolist() == [np.repeat([0, 1, -1, 1], 3).tolist()]
+
+
+@pytest.mark.parametrize("reversals", [0, 1, 2])
+def test_a_joint_that_hardly_reverses_has_no_side(reversals):
+    """Its side is a step then, as a shift of its zero is."""
+    n = 60
+    way = np.ones(n)
+    for k in range(reversals):
+        way[20 * (k + 1) :] *= -1
+    readings = {"q1_deg": np.cumsum(2.0 * way)}
+    chain = bench_of(recorded(1, n=n, more=readings)).chain
+    assert "joint-1" not in {
+        v.effect.where for v in CATALOGUE["backlash"].candidates(chain) if v.effect.seat == "moves"
+    }
+
+
 def test_samples_are_taken_in_the_order_of_their_time():
     moves = np.array([[1.0, -1.0, 0.0]])
     assert last_sides(moves, np.array([2.0, 1.0, 0.0]), np.array([0.1])).tolist() == [[1, -1, 0]]

@@ -10,23 +10,23 @@ from robot_model import load_robot
 from robot_model.measurements import samples_of
 from robot_model.system import bind
 from workbench.explanation.planning.experiment import (
-    UNTESTED,
+    SIDES_FROM_MOVES,
     _resembles_backlash,
-    untested_backlash,
+    sides_from_moves,
 )
 
 
 def test_backlash_without_sides_of_approach_is_named(tmp_path):
     samples = samples_of(simulated(tmp_path, SCENE))
     robot = load_robot("ur10")
-    assert untested_backlash(bind(robot, samples)) == UNTESTED
+    assert sides_from_moves(bind(robot, samples)) == SIDES_FROM_MOVES
     sides = {"approach2": np.tile([1.0, -1.0], samples.n // 2)}
     recorded = replace(samples, columns={**samples.columns, **sides})
-    assert untested_backlash(bind(robot, recorded)) == ""
+    assert sides_from_moves(bind(robot, recorded)) == ""
 
 
 def test_a_chain_without_a_robot_has_no_backlash():
-    assert untested_backlash(None) == ""
+    assert sides_from_moves(None) == ""
 
 
 def finding(effect, depends_on):

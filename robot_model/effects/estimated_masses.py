@@ -32,6 +32,7 @@ class ComplianceWithMasses(Effect):
     """
 
     elastic = True
+    estimates_moments = True
     effect = "joint-compliance"
     port = "joint"
     places = ("joint", "link", "base")

@@ -26,6 +26,7 @@ _PLANNED_RAD = 0.35  # and below which the default plan fits none
 _TYPICAL = {"rad": 3e-4, "mm": 0.05}  # of a step or amplitude that is searched for
 _LOADED_NM = 0.02  # variation of a load below which nothing deflects measurably
 # shares of the largest torque over which a gap closes, and the prior weight of each relative to a sharp change
+_REVERSALS = 4  # of a joint, from which on its side is no step
 _CLOSING, _CLOSING_WEIGHT = (0.05, 0.1, 0.2), 0.3
 
 
@@ -137,6 +138,14 @@ class ConstantTerm(Effect):
         return np.ones((1, 1, state.n))
 
 
+def _reverses(chain, joint: int) -> bool:
+    """Whether a joint came from both sides in turn: one reversal alone looks like a shift of its zero."""
+    side = chain.state.covariates.get(last_side(joint), np.zeros(chain.n))
+    order = np.argsort(clock(chain.state), kind="stable")
+    known = side[order][side[order] != 0]
+    return int((np.diff(known) != 0).sum()) >= _REVERSALS
+
+
 class Backlash(Effect):
     """The joint stops short of its reading on the side that it came from.
 
@@ -180,9 +189,7 @@ class Backlash(Effect):
             made = cls(where)
             if all(chain.varies(name) for name in made.needs):
                 yield Variant(made, "by the side of approach")
-            elif (
-                chain.varies(last_side(made.number)) and made.needs[0] not in chain.state.covariates
-            ):
+            elif made.needs[0] not in chain.state.covariates and _reverses(chain, made.number):
                 yield Variant(cls(where, "moves"), "by the side of the last move")
             yield from cls._by_gravity(chain, where, chain.state.torque[made.number - 1])
 

@@ -117,6 +117,7 @@ class GravityCompliance(Effect):
     """
 
     effect = "gravity-compliance"
+    estimates_moments = True
     port = "joint"
     places = ("joint",)
     elastic = True
@@ -204,6 +205,7 @@ class GravityBearing(Effect):
     """
 
     effect = "gravity-compliance"
+    estimates_moments = True
     port = "frame"
     elastic = True
     source = GravityCompliance.source
@@ -244,6 +246,7 @@ class GravityLink(Effect):
     """Link K bends under the weight of the links beyond it, whose masses are not stated."""
 
     effect = "gravity-compliance"
+    estimates_moments = True
     port = "frame"
     elastic = True
     source = GravityCompliance.source
@@ -276,6 +279,7 @@ class GravityPedestal(Effect):
     """The base tilts about its origin under the weight of links whose masses are not stated."""
 
     effect = "gravity-compliance"
+    estimates_moments = True
     port = "frame"
     elastic = True
     source = GravityCompliance.source

@@ -64,18 +64,25 @@ def last_side(joint: int) -> str:
     return f"move{joint}_side"
 
 
-def last_sides(moves: np.ndarray, time: np.ndarray, still: np.ndarray) -> np.ndarray:
-    """(J, n) direction, -1 or 1, of each joint's last move by more than `still` (J,), in the order of `time` (n,).
+def last_sides(moves: np.ndarray, time: np.ndarray, travel: np.ndarray) -> np.ndarray:
+    """(J, n) direction, -1 or 1, in which each joint moved last, in the order of `time` (n,); 0 before the first move.
 
-    moves (J, n) as of `last_moves`; 0 before the first move.
+    moves (J, n) as of `last_moves`. A direction counts once the joint has travelled more than `travel` (J,) in it, so
+    that rounded readings of a joint that stands still change no side (the play operator: Visintin, Differential Models
+    of Hysteresis (1994), sec. III.2). Rows of one pose share a move and a side.
     """
     order = np.argsort(time, kind="stable")
     steps = moves[:, order]
-    places = np.where(np.abs(steps) > still[:, None], np.arange(len(order)), -1)
-    last = np.maximum.accumulate(places, axis=1)
-    signs = np.sign(np.take_along_axis(steps, np.maximum(last, 0), 1))
+    is_new = np.ones(len(order), bool)
+    is_new[1:] = (np.diff(steps, axis=1) != 0).any(0)
+    offset, side = np.zeros(len(moves)), np.zeros(len(moves))
+    reached = np.empty((int(is_new.sum()), len(moves)))
+    for k, step in enumerate(steps[:, is_new].T):
+        offset = np.clip(offset + step, -travel / 2, travel / 2)
+        side = np.where(np.abs(offset) >= travel / 2, np.sign(offset), side)
+        reached[k] = side
     out = np.empty_like(steps)
-    out[:, order] = np.where(last >= 0, signs, 0.0)
+    out[:, order] = reached[np.cumsum(is_new) - 1].T
     return out
 
 

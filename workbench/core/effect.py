@@ -97,6 +97,7 @@ class Effect:
         needs: Covariates that must be recorded.
         surface: Required knowledge of the surface: "normals", "ball".
         components: Which components of its port at its place; () for all of them.
+        estimates_moments: Whether first mass moments of the links are among its parameters.
         turning: Whether it speaks of a rotation of its joint, which a prismatic joint does not make.
         by_moves: Whether it reads the last moves of the joints, which the order of the samples tells.
         elastic: Whether it reads torques or moments, so that gravity and masses act through it.
@@ -137,6 +138,7 @@ class Effect:
     elastic = (
         False  # True: reads the state's torques or moments, so gravity and masses act through it
     )
+    estimates_moments = False
     equation = ""
     source = ""
     nonnegative = 0

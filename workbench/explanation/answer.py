@@ -346,8 +346,8 @@ def _with_numbers(bench, term: Term, effects, rows) -> Term:
 
 def _of(row, term: Term, bench) -> bool:
     chain = bench.chain
-    key = row.get("of", row["key"])
-    if chain is None or (row.get("derived") and "of" not in row):
+    key = row.get("first_parameter", row["key"])
+    if chain is None or (row.get("derived") and "first_parameter" not in row):
         return True
     return key in {p.key for e in term.finding.effects for p in e.parameters(chain)}
 

@@ -196,7 +196,7 @@ def figures(rows: Sequence[Mapping]) -> str:
     if rows and "cycles" in rows[0]:
         others = [row for row in rows if row.get("effect") != rows[0].get("effect")]
         return _spectrum(rows[0], [row for _, row in _waves(others)])
-    rows = _without_shares([row for row in rows if row.get("acts", True)])
+    rows = _drop_shares_of_deflection([row for row in rows if row.get("acts", True)])
     masses = [row for row in rows if _MASSES in row["name"]]
     vague = [row for row in rows if row not in masses and not row.get("identifiable", True)]
     rows = [row for row in rows if row not in masses and row not in vague]
@@ -215,7 +215,7 @@ def figures(rows: Sequence[Mapping]) -> str:
     )
 
 
-def _without_shares(rows: Sequence[Mapping]) -> list[Mapping]:
+def _drop_shares_of_deflection(rows: Sequence[Mapping]) -> list[Mapping]:
     """The rows without shares of a deflection that a row states as a whole: parameters in its unit."""
     units = {row["unit"] for row in rows if row["name"] == DEFLECTION}
     return [row for row in rows if row.get("derived") or row["unit"] not in units]

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg.lapack import dpstrf, dtrtri
 
+from workbench.core.least_squares.linear_algebra import check_finite
 from workbench.diagnosis.levels import ROUNDING
 
 _FIXED = 1e12  # precision of a prior beyond which a coefficient is 0
@@ -68,6 +69,7 @@ def _orthonormal(gram: np.ndarray) -> np.ndarray:
     than `ROUNDING` of its square left that others do not make (Higham, Accuracy and Stability of Numerical Algorithms,
     2nd ed., sec. 10.3).
     """
+    check_finite(gram)
     if not len(gram):
         return gram
     factor, pivots, rank, _ = dpstrf(gram, tol=ROUNDING, lower=0)

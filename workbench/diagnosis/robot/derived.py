@@ -40,15 +40,14 @@ def mass_rows(model, values: np.ndarray, covariance: np.ndarray) -> dict[int, di
 def deflection_row(
     effect: Effect, values: np.ndarray, covariance: np.ndarray, chain
 ) -> dict | None:
-    """RMS rotation about its mean that an elastic effect of several parameters makes in these poses, as a row.
+    """Standard deviation over the poses of the rotation that a part makes under estimated first moments, as a row.
 
-    values (P,), covariance (P, P). The parameters are seldom determined one by one, the deflection is: with the
-    rotations B p of the samples, RMS^2 = p' Q p, Q = B'B / n, and var(RMS) = p' Q C Q p / RMS^2 (first order).
-    None where one parameter says it all, or nothing rotates.
+    values (P,), covariance C (P, P). The parameters are seldom determined one by one, the deflection is: with the
+    rotations B p of the samples less their mean, its square is p' Q p, Q = B'B / n, of which noise makes tr(Q C). Its
+    variance is 4 p'QCQp + 2 tr(QCQC), that of a quadratic form of normal variables (Searle, Linear Models (1971), 2.5).
+    None for an effect without first moments among its parameters.
     """
-    if not effect.elastic or not effect.linear or len(values) < 2:
-        return None
-    if effect.port == "joint" and chain.slides(effect.number):
+    if not effect.estimates_moments:
         return None
     made = effect.basis(chain.state)
     if effect.port == "frame":
@@ -56,19 +55,21 @@ def deflection_row(
         made = made[:, [c >= _ROTATION for c in components]]
     made = made - made.mean(-1, keepdims=True)
     quadratic = np.einsum("pmn,qmn->pq", made, made) / made.shape[-1]
-    rms = float(np.sqrt(max(values @ quadratic @ values, 0.0)))
-    if rms == 0:
+    whole = float(values @ quadratic @ values)
+    if not whole > 0:
         return None
-    slope = quadratic @ values / rms
+    noise = quadratic @ covariance
+    variance = 4 * values @ noise @ quadratic @ values + 2 * np.einsum("pq,qp->", noise, noise)
+    first = effect.parameters(chain)[0].key
     return {
-        "key": f"{effect.where}.{effect.effect}.{DEFLECTION}",
-        "of": effect.parameters(chain)[0].key,
+        "key": f"{first}.{DEFLECTION}",
+        "first_parameter": first,
         "name": DEFLECTION,
         "where": effect.where,
-        "label": "deflection (RMS over these poses)",
+        "label": "deflection (standard deviation over these poses)",
         "effect": effect.effect,
-        "value": rms,
-        "std": float(np.sqrt(max(slope @ covariance @ slope, 0.0))),
+        "value": float(np.sqrt(max(whole - np.trace(noise), 0.0))),
+        "std": float(np.sqrt(max(variance, 0.0) / whole) / 2),
         "unit": "rad",
         "typical": TYPICAL_RAD,
         "size_mm": 0.0,

@@ -179,17 +179,17 @@ def _doubted(search: Search, own: Hypothesis, made: Finding) -> Finding:
 
     That takes one thing instead of two at one place, but its direction must be the law's by chance but for a share s
     of the whole: a direction among P lies so near to r given ones with a chance of about s^((P - r) / 2) (the tail of
-    the beta distribution of a squared correlation). A law of one joint turns about one axis, however many parameters
-    its function has.
+    the beta distribution of a squared correlation). Next to something at a link or the base, which may move in any
+    direction, a law of one joint has one direction, however many parameters its function has. What is left at the
+    joint itself turns about the same axis: only the function, of r parameters, is then a coincidence.
     """
-    left, moves = _unnamed_remainder(search, own)
+    left, moves, port = _unnamed_remainder(search, own)
     if left <= 0:
         return made
     share = left / (left + own.gain)
     places = len({site.where for site in search.problem.sites})
     two = (1 - RARE) * np.exp(SECOND) / (1 if moves else places)
-    is_of_one_axis = {effect.port for effect in own.effects} == {"joint"}
-    directions = 1 if is_of_one_axis else own.rank
+    directions = 1 if port == "frame" and _has_one_axis(search, own) else own.rank
     one = RARE * share ** (max(_NUMBERS - directions, 1) / 2)
     sure = float(two / (two + one))
     other = Alternative(
@@ -224,21 +224,35 @@ def with_hidden(search: Search, made: Finding) -> Finding:
     return replace(made, alternatives=(*made.alternatives, *more))
 
 
-def _unnamed_remainder(search: Search, own: Hypothesis) -> tuple[float, bool]:
-    """Sum of squares of what is unexplained at a law's place next to it; and whether it is the law's own covariate,
-    not recorded, that may make it."""
+def _has_one_axis(search: Search, own: Hypothesis) -> bool:
+    """Whether a law turns one joint."""
+    chain = search.bench.chain
+    is_of_joints = {effect.port for effect in own.effects} == {"joint"}
+    return is_of_joints and all(len(effect.slots(chain)) == 1 for effect in own.effects)
+
+
+def _unnamed_remainder(search: Search, own: Hypothesis) -> tuple[float, bool, str]:
+    """Sum of squares of what is unexplained at a law's place next to it; whether it is the law's own covariate, not
+    recorded, that may make it; and through which port the largest part acts."""
     places, noise = same_place(own), search.variance()
-    left = []
+    left = [(0.0, "")]
     for h in search.table(search.everyone):
         if h.unnamed and h.where in places and h.p / h.weight <= search.level:
-            left.append(h.gain - h.rank * noise)
+            left.append((h.gain - h.rank * noise, _port(h)))
     for i, h in enumerate(search.accepted):
         if h.unnamed and h.where in places:
-            left.append(search.own(i).gain)
+            left.append((search.own(i).gain, _port(h)))
     moves = search.random_effect is not None and search.random_effect.site.where in places
     if moves:
-        left.append(movement(search.random_effect))
-    return max(left, default=0.0), tells(search, own)
+        left.append((movement(search.random_effect), search.random_effect.site.port))
+    most, port = max(left)
+    return most, tells(search, own), port
+
+
+def _port(function: Hypothesis) -> str:
+    """The port of a function without a name; "" where its row does not say."""
+    site = function.source[0] if isinstance(function.source, tuple) else None
+    return getattr(site, "port", "")
 
 
 __all__ = ["ELASTIC", "bare_finding", "finding", "tells", "with_hidden"]

@@ -186,11 +186,11 @@ class LogPosterior:
 
     def value_at(self, members: Members, gain: float) -> float:
         """Log posterior of a set where a larger fall of the sum of squares than `gain` counts for nothing."""
-        solved = self._solved(members)
+        solved = self._solve_set(members)
         logs = float(log_evidence(solved.spent, np.minimum(solved.gained, gain), self))
         return logs + self.priors.of(members) + self._signs(members, solved)
 
-    def _solved(self, members: Members) -> ExtendedSet | ConditionalSolution:
+    def _solve_set(self, members: Members) -> ExtendedSet | ConditionalSolution:
         """A set, its columns in the order of its members; the factors of all but its last member are kept."""
         if not members:
             return self._conditional_on(members)

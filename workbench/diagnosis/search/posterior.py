@@ -26,7 +26,7 @@ Key = tuple[str, str]
 _WINDOW = float(np.log(200.0))
 """Log posterior odds against the best set beyond which a set is left out: all of these together are half a percent."""
 _ROUNDS = 12
-"""Of exchanges, each about a new solution. Each makes the set likelier, so that they come to an end by themselves."""
+"""Of exchanges, each about a new solution, at most; they end where no name changes, or one set comes again."""
 _EXPANDED, _SWAPS = 8, 6
 """Sets of the window whose neighbours are weighed, and terms that are tried in place of each, the most alike first."""
 

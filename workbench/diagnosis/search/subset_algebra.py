@@ -59,7 +59,7 @@ class FactoredSet:
             table.gram[np.ix_(held, held)], (len(table.shrink), *[len(held)] * 2)
         )
         self.lower = _factors(within, table.shrink)
-        self.along = _solved(self.lower, table.score[held][:, None])[:, :, 0]
+        self.along = _solve_each(self.lower, table.score[held][:, None])[:, :, 0]
         self.spent = _log_determinants(self.lower) - len(held) * np.log(table.shrink)
         self.gained = (self.along**2).sum(1)
 
@@ -73,11 +73,11 @@ class ExtendedSet:
     def __init__(self, base: FactoredSet, more: np.ndarray):
         table = base.table
         self._base = base
-        self._cross = _solved(base.lower, table.gram[np.ix_(base.held, more)])  # (S, h, w)
+        self._cross = _solve_each(base.lower, table.gram[np.ix_(base.held, more)])  # (S, h, w)
         remaining = table.gram[np.ix_(more, more)] - self._cross.swapaxes(1, 2) @ self._cross
         self._lower = _factors(remaining, table.shrink)
         score = table.score[more] - np.einsum("shw,sh->sw", self._cross, base.along)
-        self._along = _solved(self._lower, score[:, :, None])[:, :, 0]
+        self._along = _solve_each(self._lower, score[:, :, None])[:, :, 0]
         volume = _log_determinants(self._lower) - len(more) * np.log(table.shrink)
         self.spent = base.spent + volume
         self.gained = base.gained + (self._along**2).sum(1)
@@ -108,7 +108,7 @@ def _log_determinants(lower: np.ndarray) -> np.ndarray:
     return 2 * np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(1)
 
 
-def _solved(lower: np.ndarray, right: np.ndarray) -> np.ndarray:
+def _solve_each(lower: np.ndarray, right: np.ndarray) -> np.ndarray:
     """(S, h, w) L^-1 right for lower (S, h, h), right (h, w) or (S, h, w)."""
     right = np.broadcast_to(right, (len(lower), *right.shape[-2:]))
     return np.stack([_forward(factor, own) for factor, own in zip(lower, right)])

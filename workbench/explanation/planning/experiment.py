@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from robot_model.effects.friction import JointHysteresis
+from robot_model.effects.transmission import Backlash
 from robot_model.system import RobotChain, bind
 from workbench.core.errors import InputError
 from workbench.core.least_squares.design import choose, normal_of
@@ -49,9 +50,10 @@ CONFIRM = (
     "To confirm {name}: about {more} more poses like these, if it is there at the size found, else a recording in "
     "which it is larger."
 )
-UNTESTED = (
-    "The recording has no columns approach1 ...: backlash was tested by the last moves from sample to sample alone, as "
-    "if the arm had moved straight on. Reach some poses from both sides and record the side to distinguish it."
+SIDES_FROM_MOVES = (
+    "The recording has no columns approach1 ...: the side of approach was taken from the last moves between samples, "
+    "as if the arm had moved straight on. To distinguish backlash from hysteresis, reach some poses from both sides "
+    "and record the side."
 )
 CLEAN = (
     "Nothing is missing that these data can show; smallest-visible.csv in the run folder says from which size on they "
@@ -85,14 +87,14 @@ def next_experiment(
     """
     if all(term.share is not None and not term.remainder for term in terms):
         few = FEW.format(poses=len(np.unique(bench.pose)))
-        untested = untested_backlash(bench.chain) if _may_be_backlash(terms) else ""
+        untested = sides_from_moves(bench.chain) if _may_be_backlash(terms) else ""
         return Experiment(" ".join(filter(None, (few if p_first < MISSING else CLEAN, untested))))
     doubtful = [term for term in terms if not term.certain or term.finding.effect == "unknown"]
     if not doubtful:
-        untested = untested_backlash(bench.chain) if _may_be_backlash(terms) else ""
+        untested = sides_from_moves(bench.chain) if _may_be_backlash(terms) else ""
         nothing = EXCEPT if untested and not refused else _nothing(refused)
         return Experiment(" ".join(filter(None, (nothing, untested))))
-    untested = untested_backlash(bench.chain) if _may_be_backlash(terms) else ""
+    untested = sides_from_moves(bench.chain) if _may_be_backlash(terms) else ""
     asked = sorted(doubtful, key=lambda one: (not one.finding.effects, one.finding.probability))[
         :_ASKED
     ]
@@ -152,13 +154,13 @@ def _has_likely_law(found) -> bool:
 
 
 def _resembles_backlash(found) -> bool:
-    if found.effect == JointHysteresis.effect:
+    if found.effect in (JointHysteresis.effect, Backlash.effect):
         return True
     kinds = {Covariate.of(name).kind for name in found.depends_on}
     return found.effect == "unknown" and (not kinds or "move" in kinds)
 
 
-def untested_backlash(chain) -> str:
+def sides_from_moves(chain) -> str:
     """What to record where a robot's recording does not state the side of approach; "" where it does.
 
     chain: of the bench; None or a scanner's where no joint has backlash.
@@ -166,7 +168,7 @@ def untested_backlash(chain) -> str:
     if not hasattr(chain, "robot"):
         return ""
     is_recorded = any(name.startswith("approach") for name in chain.state.covariates)
-    return "" if is_recorded else UNTESTED
+    return "" if is_recorded else SIDES_FROM_MOVES
 
 
 def _asked(bench, terms, term: Term, problem: Problem, kinds: Sequence[Plan]):

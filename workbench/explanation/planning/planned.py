@@ -42,10 +42,11 @@ class Plan:
         made = covariates_of(chain, np.arange(chain.n))
         extra = np.arange(chain.n) >= chain.n - len(self.pose)
         for name in list(made):
-            kind = Covariate.of(name).kind
-            if not self.sides.any() or kind not in ("approach", "move"):
+            known = Covariate.of(name)
+            if not self.sides.any() or known.kind not in ("approach", "move"):
                 continue
-            size = _MOVED_RAD if kind == "move" else 1.0
+            is_angle = known.kind == "move" and not known.unit  # and no state from -1 to 1
+            size = _MOVED_RAD if is_angle else 1.0
             made[name] = made[name].copy()
             made[name][extra] = size * self.sides
         return made

@@ -239,8 +239,9 @@ def extent(values) -> tuple[float, float]:
 
 def covariate_name(name: str) -> str:
     """A covariate in words; the state of a hysteresis with the angle over which it winds up."""
-    if name.endswith("_side"):
-        return f"the direction of the last move of joint {Covariate.of(name).place.number}"
+    known = Covariate.of(name)
+    if known.kind == "move" and known.unit == "side":
+        return f"the direction of the last move of joint {known.place.number}"
     stem, _, place = name.partition("_wound_")
     if not place:
         return said.covariate(name)
