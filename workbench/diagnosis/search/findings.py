@@ -250,7 +250,7 @@ def _unnamed_remainder(search: Search, own: Hypothesis) -> tuple[float, bool, st
 
 
 def _port(function: Hypothesis) -> str:
-    """The port of a function without a name; "" where its row does not say."""
+    """The port of a smooth nonparametric alternative; "" where its row does not say."""
     site = function.source[0] if isinstance(function.source, tuple) else None
     return getattr(site, "port", "")
 
