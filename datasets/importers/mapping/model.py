@@ -77,8 +77,9 @@ class Join:
 class Mapping:
     """The complete mapping; quantities that a source does not hold are None.
 
-    `tool`, `frame`: T_flange_tool and T_root_frame of the positions of a program; `controller`: how its controller
-    counts the joints.
+    `reflectors`: columns of the point of each of several reflectors in one row, by name; `point` then holds the columns
+    of the first one. `tool`, `frame`: T_flange_tool and T_root_frame of the positions of a program; `controller`: how
+    its controller counts the joints.
     """
 
     measures: str | None = None
@@ -91,6 +92,7 @@ class Mapping:
     flange_point: Group | None = None
     flange_rotation: Group | None = None
     time: Group | None = None
+    reflectors: Keys[str, tuple[str, ...]] = field(default_factory=dict)
     columns: Keys[str, str] = field(default_factory=dict)
     board: Keys | None = None
     tool: Placements | None = None
@@ -121,6 +123,9 @@ class Mapping:
             group = getattr(self, name)
             if group is not None:
                 keys[name] = _group_keys(group)
+        if self.reflectors:
+            del keys["point"]["columns"]
+            keys["point"] |= {name: {"columns": list(n)} for name, n in self.reflectors.items()}
         for name in PLACEMENTS:
             if getattr(self, name) is not None:
                 keys[name] = getattr(self, name).as_keys()
@@ -207,6 +212,7 @@ def mapping_from_keys(keys: Keys, called: str) -> Mapping:
         raise complaint(
             f"{called}, key measures", f"one of {', '.join(KINDS)}", repr(measures), "correct it"
         )
+    keys, reflectors = _with_first_reflector(keys, called)
     groups = {name: _group(keys[name], name, called) for name in QUANTITIES if name in keys}
     frames = {
         name: placements_from_keys(keys[name], f"{called}, [{name}]")
@@ -227,12 +233,42 @@ def mapping_from_keys(keys: Keys, called: str) -> Mapping:
         measures=measures,
         robot=keys.get("robot"),
         join=_join(keys.get("join", {}), called),
+        reflectors=reflectors,
         columns=dict(columns),
         board=keys.get("board"),
         controller=None if stated is None else checked_section(Controller, stated, where),
         **groups,
         **frames,
     )
+
+
+def _with_first_reflector(keys: Keys, called: str) -> tuple[Keys, dict[str, tuple[str, ...]]]:
+    """The keys with the columns of the first reflector under [point], and the columns of all [point.NAME].
+
+    Raises InputError for sections that cannot be reflectors of one row.
+    """
+    point = keys.get("point")
+    named = (
+        {n: v for n, v in point.items() if isinstance(v, Keys)} if isinstance(point, Keys) else {}
+    )
+    if not named:
+        return keys, {}
+    common = {name: value for name, value in point.items() if name not in named}
+    sets = {}
+    for name, section in named.items():
+        where = f"{called}, [point.{name}]"
+        columns = section.get("columns")
+        stated = {key: value for key, value in section.items() if key != "columns"}
+        is_list = isinstance(columns, list) and len(columns) == 3
+        if not is_list or not all(isinstance(column, str) for column in columns):
+            raise complaint(
+                where, "columns = [...] with three names", repr(columns)[:60], "write them"
+            )
+        if "columns" in common or any(common.setdefault(k, v) != v for k, v in stated.items()):
+            expected = "columns of its own, and one unit and convention for all reflectors"
+            raise complaint(where, expected, "others under [point]", "state them once")
+        sets[name] = tuple(columns)
+    return {**keys, "point": {**common, "columns": list(next(iter(sets.values())))}}, sets
 
 
 def _join(keys: Keys, called: str) -> Join:

@@ -7,9 +7,10 @@ import numpy as np
 
 from datasets.errors import complaint
 from datasets.importers.mapping.column_units import ColumnUnits, joined_units
-from datasets.importers.mapping.headers import Header
+from datasets.importers.mapping.headers import Header, read_header
 from datasets.importers.mapping.left_out import unused_columns
 from datasets.importers.mapping.model import Group, Mapping
+from datasets.importers.mapping.reflectors import reflector_lines
 from datasets.importers.mapping.sets import ColumnSet, find_sets, headers_of
 from datasets.importers.mapping.spherical import is_spherical
 from datasets.importers.source import RawTable
@@ -42,32 +43,30 @@ class Proposal:
     unused: tuple[str, ...]
 
 
-def propose(table: RawTable, has_images: bool = False, has_clouds: bool = False) -> Proposal:
+def propose(
+    table: RawTable,
+    has_images: bool = False,
+    has_clouds: bool = False,
+    stated: Mapping | None = None,
+) -> Proposal:
     """The mapping that the headers of a table suggest.
 
     has_images, has_clouds: the source also holds images of a board, or clouds of a ball, which then are what was
-    measured. Raises InputError where two sets of columns may be the same quantity.
+    measured. stated: the user's mapping; its columns decide between several sets. Raises InputError where two sets of
+    columns may be the same quantity.
     """
+    stated = stated or Mapping()
     sets = [_usable(one, table) for one in find_sets(table)]
     sets = [one for one in sets if one is not None]
-    joints = _best([one for one in sets if one.kind == "joints"], table, "joints")
-    measured_elsewhere = has_images or has_clouds
-    points = _classified(
-        [one for one in sets if one.kind == "point"], joints, measured_elsewhere, table
-    )
+    joints = _joints_of(sets, table, stated)
+    points = [one for one in sets if one.kind == "point"]
+    point, flange_point = _points_of(points, joints, has_images or has_clouds, table, stated)
     turns = [one for one in sets if one.kind in _TURNS]
-    point, flange_point = points
-    rotation = _turn_of(
-        point, [one for one in turns if not _is_of(one, flange_point)], table, "rotation"
-    )
-    flange_rotation = _turn_of(
-        flange_point, [one for one in turns if one is not rotation], table, "flange_rotation"
-    )
-    axis = (
-        _best([one for one in sets if one.kind == "axis"], table, "axis")
-        if rotation is None
-        else None
-    )
+    rotation, flange_rotation = _turns_of((point, flange_point), turns, table, stated)
+    axes = [one for one in sets if one.kind == "axis"]
+    axis = None
+    if rotation is None:
+        axis = _stated_set(axes, stated.axis, table) or _best(axes, table, "axis")
     mapping = Mapping(
         joints=_group(joints, table, "angle"),
         point=_group(point, table, "length"),
@@ -93,6 +92,39 @@ def _usable(one: ColumnSet, table: RawTable) -> ColumnSet | None:
     return one
 
 
+def _stated_set(sets: list[ColumnSet], group: Group | None, table: RawTable) -> ColumnSet | None:
+    """The set of the columns that a mapping states, also where headers show none; None for columns elsewhere."""
+    if group is None or not set(group.columns) <= set(table.columns):
+        return None
+    same = [one for one in sets if one.names == group.columns]
+    words = read_header(group.columns[0]).words
+    return same[0] if same else ColumnSet("stated", group.columns, frozenset(words), None, "")
+
+
+def _joints_of(sets: list[ColumnSet], table: RawTable, stated: Mapping) -> ColumnSet | None:
+    """The joint readings: the stated columns, else the only set."""
+    joints = [one for one in sets if one.kind == "joints"]
+    return _stated_set(joints, stated.joints, table) or _best(joints, table, "joints")
+
+
+def _points_of(points, joints, measured_elsewhere: bool, table: RawTable, stated: Mapping):
+    """The measured point and the flange's point, as `_classified`, with the columns that a mapping states."""
+    point = _stated_set(points, stated.point, table)
+    flange = _stated_set(points, stated.flange_point, table)
+    if point is None and flange is None:
+        return _classified(points, joints, measured_elsewhere, table)
+    taken = {name for one in (point, flange) if one is not None for name in one.names}
+    free = [one for one in points if not taken & set(one.names)]
+    of_flange = [one for one in free if one.is_flange and not one.is_measured]
+    if flange is None and joints is not None:
+        flange = _best(of_flange, table, "flange_point")
+    elif flange is None:
+        flange = _best(of_flange or free, table, "flange_point")
+    if point is None and not measured_elsewhere:
+        point = _best([one for one in free if one not in of_flange], table, "point")
+    return (None if measured_elsewhere else point), flange
+
+
 def _best(sets: list[ColumnSet], table: RawTable, quantity: str) -> ColumnSet | None:
     """The only set; of several the actual values, not the commanded ones. Raises InputError for two alike."""
     if not sets:
@@ -106,11 +138,16 @@ def _best(sets: list[ColumnSet], table: RawTable, quantity: str) -> ColumnSet | 
     if len(sets) > 1:
         found = " and ".join(f"{one.names[0]} ... {one.names[-1]}" for one in sets)
         columns = ", ".join(f'"{name}"' for name in sets[0].names)
+        remedy = (
+            f"add [{quantity}] columns = [{columns}], or the others, to a mapping file for --map"
+        )
+        if quantity == "point":
+            remedy += (
+                "; if they are several reflectors in one row, keep all of them with one section for each, as in "
+                f"{reflector_lines([one.names for one in sets])}"
+            )
         raise complaint(
-            table.file,
-            f"one set of columns for the {quantity.replace('_', ' ')}",
-            found,
-            f"add [{quantity}] columns = [{columns}], or the others, to a mapping file for --map",
+            table.file, f"one set of columns for the {quantity.replace('_', ' ')}", found, remedy
         )
     return sets[0]
 
@@ -138,6 +175,27 @@ def _is_of(turn: ColumnSet, flange_point: ColumnSet | None) -> bool:
     return flange_point is not None and turn.words == flange_point.words
 
 
+def _turns_of(points, turns: list[ColumnSet], table: RawTable, stated: Mapping):
+    """The rotations of the measured point and of the flange's point `points`."""
+    point, flange_point = points
+    rotation = flange_rotation = None
+    if stated.rotation is None:
+        free = [one for one in turns if not _is_of(one, flange_point)]
+        rotation = _turn_of(point, free, table, "rotation")
+    if stated.flange_rotation is None:
+        named = () if stated.rotation is None else stated.rotation.columns
+        free = [one for one in turns if one is not rotation and not set(one.names) & set(named)]
+        flange_rotation = _turn_of(flange_point, free, table, "flange_rotation")
+    return rotation or _same_set(turns, stated.rotation), (
+        flange_rotation or _same_set(turns, stated.flange_rotation)
+    )
+
+
+def _same_set(sets: list[ColumnSet], group: Group | None) -> ColumnSet | None:
+    """The set with exactly the columns of a stated group; None without it."""
+    return next((one for one in sets if group is not None and one.names == group.columns), None)
+
+
 def _turn_of(
     point: ColumnSet | None, turns: list[ColumnSet], table: RawTable, quantity: str
 ) -> ColumnSet | None:
@@ -159,7 +217,7 @@ def _group(one: ColumnSet | None, table: RawTable, quantity: str) -> Group | Non
     if one is None:
         return None
     unit = _unit(one, table.default_units.get(quantity))
-    if one.kind in ("joints", "point"):
+    if one.kind in ("joints", "point", "stated"):
         return Group(one.names, unit, one.labels if is_spherical(one.labels) else None)
     stated = table.conventions.get(one.names[0])
     if stated is not None:

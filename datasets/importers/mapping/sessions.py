@@ -94,7 +94,7 @@ def _key(header: Header) -> tuple:
 
 def _holds_samples(table: RawTable, stated: Mapping) -> bool:
     try:
-        mapping = stated.merged(propose(table).mapping)
+        mapping = stated.merged(propose(table, stated=stated).mapping)
     except InputError:
         return False
     return mapping.joints is not None and mapping.measures is not None

@@ -10,6 +10,7 @@ from datasets.importers.mapping.joining import join_tables, zone_sentence
 from datasets.importers.mapping.left_out import left_out_sentences
 from datasets.importers.mapping.model import OF_PROGRAMS, QUANTITIES, Join, Mapping
 from datasets.importers.mapping.proposal import measures_of, propose
+from datasets.importers.mapping.reflectors import stacked, with_reflectors
 from datasets.importers.mapping.sessions import APPEND, appended, session_groups
 from datasets.importers.mapping.sets import find_sets
 from datasets.importers.source import RawTable, Source
@@ -64,6 +65,7 @@ def find_mapping(
             "found them; remove them. Poses of one tool are imported as they are."
         )
     progress("reading the files")
+    options = replace(options, mapping=with_reflectors(options.mapping))
     source, mapping = read_sources(paths, scratch), options.mapping
     warnings = tuple(source.warnings)
     if not source.tables:
@@ -127,7 +129,6 @@ def _with_time(table: RawTable, mapping: Mapping) -> RawTable:
 
 def _joined(source: Source, tables: Sequence[RawTable], options) -> Found:
     """Tables joined to one, and its mapping. Raises InputError where nothing says which rows belong together."""
-    warnings = [sentence for table in tables for sentence in table.warnings]
     wanted = options.mapping.join
     if wanted.by == APPEND:
         wanted = replace(wanted, by=None)
@@ -135,6 +136,12 @@ def _joined(source: Source, tables: Sequence[RawTable], options) -> Found:
         seconds = options.time_offset if isinstance(options.time_offset, float) else None
         wanted = replace(wanted, time_offset_s=seconds)
     table, join, said = join_tables(tables, wanted)
+    if join.by == "time":  # joined again at other offsets: each table gets its rows first
+        tables = [stacked(one, options.mapping) for one in tables]
+        table, join, said = join_tables(tables, wanted)
+    else:
+        table = stacked(table, options.mapping)
+    warnings = list(table.warnings)
     mapping, unused = _proposed(table, source, options)
     if len(tables) > 1:
         # an offset is part of the mapping only where it was stated or estimated
@@ -175,7 +182,7 @@ def _found_sessions(source: Source, groups, options, warnings: Sequence[str]) ->
 
 def _proposed(table: RawTable, source: Source, options):
     """The user's mapping, completed by what the headers of a table suggest, and the columns that it leaves out."""
-    proposal = propose(table, bool(source.images), bool(source.clouds))
+    proposal = propose(table, bool(source.images), bool(source.clouds), options.mapping)
     mapping = options.mapping.merged(proposal.mapping)
     if mapping.point is not None and mapping.measures in (None, "external-point"):
         # the mapping file may name a point or a rotation that no header shows
@@ -219,10 +226,5 @@ def _nothing_known(table: RawTable, mapping: Mapping) -> InputError:
 
 def is_mapped(mapping: Mapping, name: str) -> bool:
     """Whether a quantity or a covariate is read from a column."""
-    keys = mapping.as_keys()
-    groups = [
-        value["columns"]
-        for value in keys.values()
-        if isinstance(value, dict) and isinstance(value.get("columns"), list)
-    ]
-    return name in mapping.columns or any(name in columns for columns in groups)
+    groups = [getattr(mapping, quantity) for quantity in QUANTITIES]
+    return name in mapping.columns or any(name in one.columns for one in groups if one is not None)

@@ -25,7 +25,7 @@ def propose_unjoined(paths: Sequence[Path], options, scratch: Path) -> tuple[Map
         tables = list(with_own_names(*tables))
     mapping = options.mapping
     for table in tables:
-        proposed = propose(table).mapping
+        proposed = propose(table, stated=options.mapping).mapping
         columns = {**proposed.columns, **mapping.columns}
         mapping = replace(mapping.merged(proposed), columns=columns)
     measures = mapping.measures or (measures_of(mapping) if mapping.point is not None else None)
