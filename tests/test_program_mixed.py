@@ -87,6 +87,29 @@ def test_the_frames_of_a_data_file_are_those_of_its_program(tmp_path):
     assert content != before and re.sub(NUMBER, b"", content) == re.sub(NUMBER, b"", before)
 
 
+def test_an_export_starts_where_the_option_says(tmp_path):
+    """Two starts with opposite signs of joint 5: the poses of the tool are the same, the configuration is the other."""
+    pose = nominal_poses(ROBOT, np.deg2rad(READINGS[1:2]))[0]
+    row = ",".join(f"{value:.6f}" for value in [*pose[:3, 3], *_quaternion(pose)])
+    (tmp_path / "t.csv").write_text(f"x_mm,y_mm,z_mm,qw,qx,qy,qz\n{row}\n")
+    run = solution(tmp_path / "arm", changes=CHANGES)
+    names = []
+    for sign in (1, -1):
+        start = np.array(READINGS[1]) + (0 if sign > 0 else np.array([0, 0, 0, 180, 0, 180]))
+        start[4] *= sign
+        stated = ",".join(f"{(value + 180) % 360 - 180:.3f}" for value in start)
+        options = ArmOptions(targets=tmp_path / "t.csv", start=stated)
+        notes = export_arm(run, "rapid", tmp_path / "out.mod", options).notes
+        names += [note for note in notes if note.startswith("Configuration of the arm")]
+    assert len(names) == 2 and names[0] != names[1]
+    with pytest.raises(InputError, match="--start: expected with --targets"):
+        export_arm(run, "urdf", tmp_path / "a.urdf", ArmOptions(start="0,0,0,0,0,0"))
+
+
+def _quaternion(pose):
+    return Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)
+
+
 def fanuc_block(number, body):
     return (
         f"P[{number}]{{\n   GP1:\n\tUF : 0, UT : 0,{body}\n   GP2:\n\tUF : 0, UT : 0,\n"

@@ -17,6 +17,7 @@ from sensors.hand_eye.adjust import Variances, adjust, find_blunders, with_held_
 from sensors.hand_eye.alternatives import moved_of
 from sensors.hand_eye.chain import BoardChain
 from sensors.hand_eye.corner_noise import board_corners, corner_noise
+from sensors.hand_eye.flange_variance import flange_variance
 from sensors.hand_eye.known import knowledge
 from sensors.hand_eye.misfit import image_misfit, with_misfit
 from sensors.hand_eye.mistakes import Reading, pose_readings
@@ -38,6 +39,8 @@ _SCALE = "target.scale"
 # Standard deviations of a camera from the same images, as a multiple of its own: the images enter the adjustment once.
 _LOOSE = 10.0
 _SURE = 2.0  # sigmas from one before the board's scale is tried
+_CERTAIN = 3.0  # sigmas from one that keep the scale where the other poses do not contradict it
+_PAIRED_T = 2.0  # of the reduction of the squared held-out error, paired over the poses
 
 
 def hand_eye_from_views(
@@ -110,32 +113,51 @@ def _best(chain, parameters, first, most, scale):
         if motion(chain.flange, chain.kind, adjusted.variances.spread[1]).sentences:
             return plain, ()
         loose = adjust(adjusted.chain, adjusted.parameters.free(_SCALE), adjusted.variances)
-        place = loose.parameters.keys.index(_SCALE)
-        if abs(loose.parameters[_SCALE]) < _SURE * np.sqrt(
-            max(loose.linear.covariance[place, place], 0.0)
-        ):
+        if abs(loose.parameters[_SCALE]) < _SURE * _scale_sigma(loose):
             return plain, ()
         parameters, first = loose.parameters, loose.variances
     scaled = find_blunders(chain, parameters.free(_SCALE), first, most)
     if plain is None:
         return scaled, ()
     before, after = (_predicted(chain, found) for found in (plain, scaled))
-    words = f"scale of the board {scaled[0].parameters[_SCALE]:+.2%}: held-out {before:.3g} -> {after:.3g} px"
+    scale, sigma = scaled[0].parameters[_SCALE], _scale_sigma(scaled[0])
+    is_kept = _is_reduced(before, after, abs(scale) > _CERTAIN * sigma)
+    rms = [float(np.sqrt(np.nanmean(squares))) for squares in (before, after)]
+    words = f"scale of the board {scale:+.2%} (sigma {sigma:.2%}): held-out {rms[0]:.3g} -> {rms[1]:.3g} px"
     return (
         (scaled, (f"{words}, kept",))
-        if after < before
+        if is_kept
         else (plain, (f"{words}, not retained by cross-validation",))
     )
 
 
-def _predicted(chain, found):
-    """px, RMS of the poses that were not left out for good, each predicted from the others."""
-    square = [
-        (chain.at(np.flatnonzero(chain.pose == k)).evaluate(one.values).residual ** 2).sum(0)
-        for k, one in found[1].items()
-        if k not in found[2]
-    ]
-    return float(np.sqrt(np.concatenate(square).mean()))
+def _scale_sigma(adjusted) -> float:
+    """Standard deviation of the board's scale."""
+    place = adjusted.parameters.keys.index(_SCALE)
+    place = int(adjusted.parameters.mask[:place].sum())
+    return float(np.sqrt(max(adjusted.linear.covariance[place, place], 0.0)))
+
+
+def _is_reduced(before: np.ndarray, after: np.ndarray, is_certain: bool) -> bool:
+    """Whether a parameter lowers the squared held-out errors (P,) by more than chance; nan for poses left out.
+
+    A paired t test over the poses; is_certain: its size alone excludes chance, so that any reduction is enough.
+    """
+    gain = before - after
+    gain = gain[np.isfinite(gain)]
+    if not gain.sum() > 0:
+        return False
+    return is_certain or gain.mean() > _PAIRED_T * gain.std(ddof=1) / np.sqrt(len(gain))
+
+
+def _predicted(chain, found) -> np.ndarray:
+    """(P,) px^2, mean square of each pose predicted from the others; nan for those that were left out for good."""
+    squares = np.full(len(chain.flange), np.nan)
+    for k, one in found[1].items():
+        if k not in found[2]:
+            residual = chain.at(np.flatnonzero(chain.pose == k)).evaluate(one.values).residual
+            squares[k] = (residual**2).sum(0).mean()
+    return squares
 
 
 def review_views(
@@ -309,6 +331,7 @@ def _result(chain, points, found, doubts, notes):
         )
     shift, spin = (0.0, 0.0) if doubts else adjusted.variances.spread
     known = knowledge(adjusted, motion(chain.flange[used], chain.kind, spin, shift))
+    at_flange = flange_variance(adjusted, _pivot("flange", chain, None, None))
     return HandEye(
         kind=chain.kind,
         sensor=placement(values[:6]),
@@ -323,6 +346,7 @@ def _result(chain, points, found, doubts, notes):
         robot_sigma={
             "position_mm": float(adjusted.variances.spread[0]),
             "rotation_deg": float(np.degrees(adjusted.variances.spread[1])),
+            **at_flange.as_keys(),
         },
         fit={
             "rms_px": rms(exact, used[chain.pose]),
@@ -337,7 +361,7 @@ def _result(chain, points, found, doubts, notes):
             **held_least(chain, points, values, used),
         },
         poses=tuple(
-            held_row(k, chain, adjusted, exact, held, left_out[k], k in blunders)
+            held_row(k, chain, at_flange, exact, held, left_out[k], k in blunders)
             for k in range(count)
         ),
         undetermined=known.sentences,

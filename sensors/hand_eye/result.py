@@ -37,7 +37,8 @@ class HandEye:
     axes of the flange (base for "to-hand"), inf on the diagonal and nan off it where it is not determined;
     `target` (4, 4): T_base_board, for "to-hand" T_flange_board, for a ball its centre;
     `target_covariance` of the same kind, of a ball (3, 3); `noise` 1 sigma of the sensor (`unit` px, or
-    mm in the light plane); `robot_sigma` of the flange poses; `fit` and `held_out` (each pose from the
+    mm in the light plane); `robot_sigma` of the flange poses at the board, of a board also at the
+    flange's origin (`FlangeVariance.as_keys`); `fit` and `held_out` (each pose from the
     others): RMS, and the scatter of the board; `undetermined` and `suspicions` sentences; `std` by key
     of `parameters`, the camera's by camera.fx, camera.fy, ...; inf where it is not determined.
     """

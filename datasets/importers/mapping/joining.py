@@ -115,7 +115,7 @@ def _shared_keys(few: RawTable, many: RawTable):
     for name, header in headers_of(few).items():
         other = places.get(name.rpartition(": ")[2])
         is_open = not header.kind and other is not None
-        if is_open and _may_name_rows(few.columns[name]) and _may_name_rows(many.columns[other]):
+        if is_open and may_name_rows(few.columns[name]) and may_name_rows(many.columns[other]):
             yield name, other
 
 
@@ -135,7 +135,7 @@ def _possible_names(table: RawTable) -> list[tuple[str, str]]:
     return [
         (header.kind, name)
         for name, header in headers_of(table).items()
-        if header.kind in (*_KEYS, "") and _may_name_rows(table.columns[name])
+        if header.kind in (*_KEYS, "") and may_name_rows(table.columns[name])
     ]
 
 
@@ -155,7 +155,7 @@ def _differing_names(few: RawTable, many: RawTable) -> str:
     pairs = [
         (mine, its)
         for mine, its in _shared_keys(few, many)
-        if _may_name_rows(few.columns[mine]) and _may_name_rows(many.columns[its])
+        if may_name_rows(few.columns[mine]) and may_name_rows(many.columns[its])
     ]
     if not pairs:
         return ""
@@ -164,7 +164,7 @@ def _differing_names(few: RawTable, many: RawTable) -> str:
     return f"their names differ ({said[0]}, {said[1]})"
 
 
-def _may_name_rows(cells: np.ndarray) -> bool:
+def may_name_rows(cells: np.ndarray) -> bool:
     """Whether cells are all filled and differ, and numbers are whole ones."""
     if cells.dtype.kind == "f" and not (np.isfinite(cells).all() and (cells % 1 == 0).all()):
         return False
@@ -177,14 +177,14 @@ def _match_share(first: np.ndarray, second: np.ndarray) -> float:
 
     A point that an instrument measured twice repeats in its table, and still belongs to one row of the joint table.
     """
-    mine, its = _names_in_both(first, second)
+    mine, its = names_in_both(first, second)
     if len(set(mine)) < len(mine) and len(set(its)) < len(its):
         return 0.0
     return len(set(mine) & set(its)) / min(len(set(mine)), len(set(its)))
 
 
-def _names_in_both(first: np.ndarray, second: np.ndarray) -> tuple[list[str], list[str]]:
-    """Names of the rows of two tables, simplified where they agree in nothing otherwise.
+def names_in_both(first: np.ndarray, second: np.ndarray) -> tuple[list[str], list[str]]:
+    """Names of the rows (or files) of two columns, simplified where they agree in nothing otherwise.
 
     "Arm::Poses::P001" and "P001" are one name if no two names of one table become equal, and so are "P1" and "p_001",
     and "P001" and "1" if all names of the table begin with "P".
@@ -267,7 +267,7 @@ def _by_key(few: RawTable, many: RawTable, join: Join):
     mine, its = max(
         pairs, key=lambda pair: _match_share(few.columns[pair[0]], many.columns[pair[1]])
     )
-    keys, others = _names_in_both(few.columns[mine], many.columns[its])
+    keys, others = names_in_both(few.columns[mine], many.columns[its])
     if len(set(others)) < len(others):  # the rows of `few` are looked up below
         few, many, mine, its, keys, others = many, few, its, mine, others, keys
     place = {value: row for row, value in enumerate(others)}

@@ -78,6 +78,10 @@ class UnstatedFrame(ValueError):
     """The file does not state tool or frame of a position; the text says what it states instead."""
 
 
+class SeveralFrames(UnstatedFrame):
+    """The file uses several tools or frames, and which of them belongs to a position depends on how it runs."""
+
+
 def flange_poses(
     maker: str, text: str, names, poses: np.ndarray, stated: StatedFrames = NOTHING_STATED
 ) -> np.ndarray:
@@ -207,7 +211,7 @@ class _KukaFrames:
         if self.given[kind]:
             words = {value or word for value, word in self._stated(kind)} | self._numbers(kind)
             if len(words) > 1:
-                raise UnstatedFrame(f"several values of ${kind}")
+                raise SeveralFrames(f"several values of ${kind}")
             word = words.pop() if words else ""
             number = re.sub(rf"(?i)^{kind}_DATA\[(\d+)\]$", r"\1", word)
             given = _stated(self.given[kind], number, [number])
@@ -218,7 +222,7 @@ class _KukaFrames:
         if not found:
             raise UnstatedFrame(f"no ${kind}")
         if any(not np.allclose(one, found[0], atol=1e-9) for one in found):
-            raise UnstatedFrame(f"several values of ${kind}")
+            raise SeveralFrames(f"several values of ${kind}")
         return found[0]
 
     def _stated(self, kind: str) -> list[tuple[str, str]]:

@@ -29,6 +29,7 @@ from datasets.importers.sources.program_frames import (
     NOTHING_STATED,
     REMEDIES,
     UNIT_LENGTH,
+    SeveralFrames,
     StatedFrames,
     UnstatedFrame,
     flange_poses,
@@ -109,6 +110,18 @@ def program_text(path: Path) -> str:
     return "\n".join(_text(file, -1) for file in ((path, other) if has_other else (path,)))
 
 
+def _remedy(maker: str, found: UnstatedFrame) -> str:
+    if isinstance(found, SeveralFrames):
+        return (
+            "the poses belong to different tools or bases, which depends on the moves: write one program for each tool "
+            "and base, with its moves and positions alone, and name them one by one, or give joint targets (E6AXIS)"
+        )
+    return (
+        "state it with [tool] and [frame] (xyz_mm, rpy_deg; [tool.2] for one of several) in a mapping file for --map, "
+        f"{REMEDIES[maker]}"
+    )
+
+
 def _table(path: Path, rows: Sequence[_Position], columns: Mapping[str, np.ndarray]) -> RawTable:
     names = np.array([position.name for position in rows])
     lines = np.array([position.line for position in rows])
@@ -126,8 +139,7 @@ def _pose_table(
     except UnstatedFrame as found:
         question = (
             f"{path.name}: expected poses of the flange, found those of a tool, whose tool and frame the file does not "
-            f"state ({found}); state it with [tool] and [frame] (xyz_mm, rpy_deg; [tool.2] for one of several) in a "
-            f"mapping file for --map, {REMEDIES[maker]}."
+            f"state ({found}); {_remedy(maker, found)}."
         )
         warning = (
             f"{path.name}: the poses are those of the active tool, not of the flange ({found}). A hand-eye transform "

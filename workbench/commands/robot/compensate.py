@@ -98,7 +98,7 @@ def command(
     runs.check_place(out)
     with answer.progress(f"reading {solution}") as say:
         from workbench.files.solution_file import read_solution, without_terms
-        from workbench.files.targets import as_csv, corrected_columns, doubts
+        from workbench.files.targets import as_csv, corrected_columns, doubts, read_programme
         from workbench.fitting.verdicts.verdict import parse_tolerances
         from workbench.jobs.robot.compensate import compensate
         from workbench.jobs.robot.correction_limits import (
@@ -107,6 +107,7 @@ def command(
             covariates_of,
             judge_targets,
         )
+        from workbench.jobs.robot.stated_configuration import configured
         from workbench.jobs.robot.switched_off import switched_off_warning
         from workbench.machine.progress import paced
 
@@ -114,7 +115,8 @@ def command(
         limits = Limits(max_correction_mm, max_correction_deg, max_sigma_mm, max_joint_change_deg)
         whole = checked(read_solution(solution), solution, force, limits)
         arm = without_terms(whole, without or (), str(solution))
-        programme, configured = _programme(targets, arm, map, start)
+        programme = read_programme(targets, arm.robot, map)
+        programme, stated = configured(programme, arm, start)
         covariates = covariates_of(arm, programme)
         tick = paced(say, f"inverting the model at {len(programme.readings)} targets, step")
         found = compensate(
@@ -122,7 +124,7 @@ def command(
         )
         judged = judge_targets(arm, programme, found, limits)
         refused, forced = ({}, judged.refused) if force else (judged.refused, {})
-        said = [*configured, *judged.warnings, *_changes(arm, programme, found), *_forced(forced)]
+        said = [*stated, *judged.warnings, *_changes(arm, programme, found), *_forced(forced)]
         if off := switched_off_warning(whole, arm, found.readings, covariates):
             said.append(off)
         with runs.opened("compensate", targets.stem, out) as run:
@@ -142,16 +144,6 @@ def command(
     _show(answer.console(json), result)
     if result["unreached_rows"] or result["refused"] or result["verdict"]["pass"] is False:
         raise typer.Exit(1)
-
-
-def _programme(targets: Path, arm, map, start):
-    """The targets, and sentences on their configuration: that of --start, else the one that the program states."""
-    from workbench.files.targets import read_programme
-    from workbench.jobs.robot.configurations import with_start
-    from workbench.jobs.robot.stated_configuration import with_stated_configuration
-
-    programme = with_start(read_programme(targets, arm.robot, map), arm.robot, start)
-    return with_stated_configuration(programme, arm) if start is None else (programme, [])
 
 
 def _forced(reasons: Mapping[int, list[str]]) -> list[str]:

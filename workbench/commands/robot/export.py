@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from workbench.commands.robot.calibrate import Without
-from workbench.commands.robot.compensate import Force
+from workbench.commands.robot.compensate import Force, Start
 from workbench.commands.robot.export_arm import FORMATS as ARM_FORMATS
 from workbench.commands.robot.export_arm import STEPS, ArmOptions, export_arm
 from workbench.commands.shared import answer
@@ -88,6 +88,7 @@ def command(
     tip: Tip = None,
     targets: Targets = None,
     map: TargetMap = None,
+    start: Start = None,
     json: answer.JsonTarget = None,
 ) -> None:
     """Write what was calibrated for another program; it is read back and compared before it is kept.
@@ -107,7 +108,7 @@ def command(
             f"--out {file} expects a file in a folder that exists; make {file.parent} or name another"
         )
     kind, path = _choose(source, to)
-    options = ArmOptions(urdf, tip, targets, tuple(without or ()), force, map)
+    options = ArmOptions(urdf, tip, targets, tuple(without or ()), force, map, start)
     frames = _Frames(parent_frame, child_frame)
     with answer.progress(f"writing {file} and reading it back") as say:
         step = counted(say, STEPS)

@@ -17,8 +17,8 @@ FORMATS = ("urdf", "mjcf", "python", "ros", *PROGRAMS, "mdh-json", "mdh-csv")
 @dataclass(frozen=True)
 class ArmOptions:
     """What belongs to some formats: `urdf` to be patched and its `tip` link, `targets` of a program, terms switched
-    off by name (`without`), whether a doubtful calibration is used all the same (`force`), and the mapping of the
-    columns of the targets (`map`)."""
+    off by name (`without`), whether a doubtful calibration is used all the same (`force`), the mapping of the
+    columns of the targets (`map`), and where the search for the readings of poses starts (`start`)."""
 
     urdf: Path | None = None
     tip: str | None = None
@@ -26,6 +26,7 @@ class ArmOptions:
     without: Sequence[str] = ()
     force: bool = False
     map: Path | None = None
+    start: str | None = None
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,9 @@ def check_options(to: str, options: ArmOptions) -> None:
         raise InputError(
             f"--targets: expected with --to {', '.join(PROGRAMS)}, found --to {to}; leave it out"
         )
-    if options.map and not options.targets:
-        raise InputError("--map: expected with --targets, found no targets; leave it out")
+    for name, value in (("--map", options.map), ("--start", options.start)):
+        if value and not options.targets:
+            raise InputError(f"{name}: expected with --targets, found no targets; leave it out")
     if to in PROGRAMS and options.targets is None:
         raise InputError(
             f"--to {to}: expected --targets FILE with joint readings or flange poses, found none; name a table"
@@ -203,10 +205,10 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
     from workbench.files.targets import read_programme
     from workbench.jobs.robot.compensate import compensate
     from workbench.jobs.robot.correction_limits import Limits, covariates_of, judge_targets
-    from workbench.jobs.robot.stated_configuration import with_stated_configuration
+    from workbench.jobs.robot.stated_configuration import configured
 
     programme = read_programme(options.targets, arm.robot, options.map)
-    programme, configured = with_stated_configuration(programme, arm)
+    programme, said = configured(programme, arm, options.start)
     covariates = covariates_of(arm, programme)
     found = compensate(arm, programme.readings, programme.poses, covariates, programme.anywhere)
     refused = {} if options.force else judge_targets(arm, programme, found, Limits()).refused
@@ -221,7 +223,7 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
             f"{'; '.join(refused[row])} ({len(refused)} such targets); correct it, or see `workbench compensate`"
         )
     largest = f"{len(found.readings)} targets, largest correction {found.position_mm.max():.3g} mm."
-    notes = (largest, *configured, *_configuration_notes(arm, programme, found))
+    notes = (largest, *said, *_configuration_notes(arm, programme, found))
     own = _own_program(arm, to, options, found, back)
     if own is not None:
         return ArmExport({file: own[0]}, [], (*notes, own[1]))

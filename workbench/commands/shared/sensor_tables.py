@@ -232,6 +232,9 @@ def handeye(console, answer: Mapping) -> None:
         ["", "fit", "held out"],
         rows,
     )
+    for sentence in answer.get("notes", ()):
+        if sentence.startswith("scale of the board") and sentence.endswith(", kept"):
+            console.print(f"Note: {sentence}.\n", markup=False, soft_wrap=True)
     rejected(console, answer["rejected"])
 
 

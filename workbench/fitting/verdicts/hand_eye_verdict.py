@@ -149,14 +149,34 @@ def _held_out(made: HandEye):
 
 
 def _advice(made: HandEye) -> str:
-    place, turn = flange_errors(made.robot_sigma)
     is_misfit = made.misfit is not None and made.misfit.significant
     them = "it and for the errors that images share" if is_misfit else "it"
     return (
-        f"The rest comes from the flange poses, whose estimated RMS errors are {place:.2g} mm (3-D position) and "
-        f"{rotation_error_words(place, turn)}; the stated uncertainty of the transform accounts for {them}. "
-        f"{_REDUCE}"
+        f"The rest comes from the flange poses, whose {flange_error_words(made.robot_sigma)}; the stated uncertainty "
+        f"of the transform accounts for {them}. {_REDUCE}"
     )
+
+
+def flange_error_words(robot_sigma) -> str:
+    """The estimated RMS errors of the flange poses at the flange's origin, in words.
+
+    Position and rotation are estimated jointly. Where neither is distinguishable from zero although the board scatters,
+    the poses do not separate them.
+    """
+    place, turn = flange_errors(robot_sigma)
+    if not (place or turn):
+        at_board = math.sqrt(3) * robot_sigma["position_mm"]
+        return (
+            f"position and rotation errors are not separable in these poses; together they displace the board by "
+            f"{at_board:.2g} mm RMS"
+        )
+    std = math.sqrt(3) * robot_sigma.get("flange_position_std_mm", 0.0)
+    position = f"{place:.2g} ± {std:.2g} mm" if std else f"{place:.2g} mm"
+    position += " (3-D position of the flange's origin)"
+    if not place:
+        limit = math.sqrt(2) * std  # two standard deviations of the variance
+        position = f"no position error that is distinguishable from zero (less than {limit:.2g} mm)"
+    return f"estimated RMS errors are {position} and {rotation_error_words(place, turn)}"
 
 
 def rotation_error_words(place: float, turn: float) -> str:
@@ -177,9 +197,12 @@ def is_rotation_seen(place: float, turn: float) -> bool:
 def flange_errors(robot_sigma) -> tuple[float, float | None]:
     """RMS error of the flange poses: 3-D distance (mm) and angle of the rotation (deg), None where it is not estimated.
 
-    robot_sigma: 1 sigma of one coordinate (`position_mm`) and of the rotation about one axis (`rotation_deg`).
+    robot_sigma: 1 sigma of one coordinate (`position_mm`) and of the rotation about one axis (`rotation_deg`); of a
+    board those at the flange's origin (`flange_position_mm`, `flange_rotation_deg`), 0 where not distinguishable from
+    zero.
     """
-    place, turn = robot_sigma["position_mm"], robot_sigma.get("rotation_deg")
+    place = robot_sigma.get("flange_position_mm", robot_sigma["position_mm"])
+    turn = robot_sigma.get("flange_rotation_deg", robot_sigma.get("rotation_deg"))
     return math.sqrt(3) * place, None if turn is None else math.sqrt(3) * turn
 
 

@@ -21,6 +21,7 @@ from workbench.files.solution_file import CalibratedArm
 from workbench.files.targets import CONFIGURATION
 from workbench.jobs.robot.compensate import search_readings
 from workbench.jobs.robot.configuration_data import ConfigurationData, parse_configuration
+from workbench.jobs.robot.configurations import with_start
 from workbench.jobs.robot.recorded_turns import nearest_turns, recorded_middle
 
 _STARTS, _ROUNDS = 10, 6  # of the search at positions where the first start led elsewhere
@@ -41,6 +42,16 @@ class _Wanted:
     def rows(self, chosen: np.ndarray) -> "_Wanted":
         """Those of some positions."""
         return _Wanted(self.low[chosen], self.high[chosen], self.signs[chosen])
+
+
+def configured(programme, arm: CalibratedArm, start: str | None) -> tuple:
+    """The programme with readings to start from, and sentences on them: those of `start`, else of its own data.
+
+    programme: `workbench.files.targets.Programme`; start: as of `with_start`. Raises InputError as both.
+    """
+    if start is None:
+        return with_stated_configuration(programme, arm)
+    return with_start(programme, arm.robot, start), []
 
 
 def with_stated_configuration(programme, arm: CalibratedArm) -> tuple:

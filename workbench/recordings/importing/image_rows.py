@@ -6,12 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.importers.mapping.joining import seconds_of
+from datasets.importers.mapping.joining import may_name_rows, names_in_both, seconds_of
+from datasets.importers.mapping.sets import headers_of
 from datasets.importers.source import ImageFile, RawTable
 from datasets.importers.sources.choice import natural_order
 from workbench.core.errors import InputError
 
 _FEWEST = 4
+_MOST_SHOWN = 12
+_KINDS_OF_NAMES = ("image", "name", "sample", "pose", "")
+"""Kinds of headers over numbers or names of images, the surest first; coordinates and joint readings are none."""
 _IMAGE_GAP_S = 0.2
 _TIME_NAME = re.compile(r"1\d{9}(?:\.\d+|\d{3}|\d{6}|\d{9})?")
 
@@ -26,10 +30,10 @@ def matched_rows(
     images = sorted(images, key=lambda image: natural_order(image.name))
     named = _by_name(images, table)
     if named:
-        return named, _left_out(len(images), table.n, len(named))
+        return named, _left_out(images, table, named)
     timed = _by_time(images, table)
     if timed:
-        return timed, _left_out(len(images), table.n, len(timed))
+        return timed, _left_out(images, table, timed)
     if len(images) != table.n:
         raise InputError(
             f"{table.file}: expected as many rows as images or a column with the names of the image files, found "
@@ -55,19 +59,57 @@ def file_link(files: Sequence[ImageFile | Path], table: RawTable) -> tuple[tuple
 
 def _name_column(images, table: RawTable):
     """Pairs of image and row, and the column that connects them."""
+    least = max(_FEWEST, table.n // 2)
+    for column, cells in table.columns.items():
+        kept = _equal_names(images, cells)
+        if len(kept) >= least:
+            return kept, (column,)
+    kinds = {column: header.kind for column, header in headers_of(table).items()}
+    for kind in _KINDS_OF_NAMES:
+        for column in (one for one, found in kinds.items() if found == kind):
+            kept = _simplified_names(images, table.columns[column])
+            if len(kept) >= least:
+                return kept, (column,)
+    return [], ()
+
+
+def _equal_names(images, cells: np.ndarray) -> list[tuple[ImageFile, int]]:
+    """Pairs of image and row whose cell is the name of the file, with or without folder and extension."""
+    if cells.dtype.kind == "f":
+        return []
     places = {Path(image.name).name.lower(): image for image in images}
     stems = {Path(image.name).stem.lower(): image for image in images}
-    for column, cells in table.columns.items():
-        if cells.dtype.kind == "f":
-            continue
-        names = [Path(str(cell).replace("\\", "/")).name.lower() for cell in cells]
-        pairs = [
-            (places.get(name) or stems.get(Path(name).stem), row) for row, name in enumerate(names)
-        ]
-        kept = [(image, row) for image, row in pairs if image is not None]
-        if len(kept) >= max(_FEWEST, table.n // 2):
-            return kept, (column,)
-    return [], ()
+    names = [Path(str(cell).replace("\\", "/")).name.lower() for cell in cells]
+    pairs = [
+        (places.get(name) or stems.get(Path(name).stem), row) for row, name in enumerate(names)
+    ]
+    return [(image, row) for image, row in pairs if image is not None]
+
+
+def _simplified_names(images, cells: np.ndarray) -> list[tuple[ImageFile, int]]:
+    """Pairs of image and row by `names_in_both`: "Bild 1", "001", "1.png", 1 and img_001.png are one name.
+
+    None where rows and images are numbered from different starts, as from 0 and from 1: their order then decides.
+    """
+    if not may_name_rows(cells):
+        return []
+    if cells.dtype.kind != "f":
+        cells = np.array([Path(str(cell).replace("\\", "/")).stem for cell in cells])
+    stems = np.array([Path(image.name).stem for image in images])
+    rows, files = names_in_both(cells, stems)
+    place = dict(zip(files, images))
+    if len(place) < len(images) or _are_shifted(rows, files):
+        return []
+    return [(place[name], row) for row, name in enumerate(rows) if name in place]
+
+
+def _are_shifted(first: Sequence[str], second: Sequence[str]) -> bool:
+    """Whether two lists count equally many neighbouring numbers from different starts."""
+    if len(first) != len(second) or not all(name.isdigit() for name in (*first, *second)):
+        return False
+    numbers = [sorted(map(int, names)) for names in (first, second)]
+    steps = {b - a for a, b in zip(*numbers)}
+    return len(steps) == 1 and steps != {0}
 
 
 def _by_time(images, table: RawTable) -> list[tuple[ImageFile, int]]:
@@ -99,7 +141,24 @@ def image_times(stamps, images) -> list[float] | None:
     return [unit * float(stem) for stem in stems]
 
 
-def _left_out(images: int, rows: int, used: int) -> tuple[str, ...]:
-    if used == images == rows:
-        return ()
-    return (f"{used} of {images} images have a pose among {rows} rows; the others are left out.",)
+def _left_out(images, table: RawTable, pairs) -> tuple[str, ...]:
+    """Sentences on the images without a row and on the rows without an image, by name and row number in the file."""
+    used = {id(image) for image, _ in pairs}
+    kept = {row for _, row in pairs}
+    files = [Path(image.name).name for image in images if id(image) not in used]
+    rows = [str(line) for row, line in enumerate(table.lines) if row not in kept]
+    said = []
+    if files:
+        said.append(
+            f"Images without a row in {table.file} are left out ({len(files)} of {len(images)}): {_shown(files)}."
+        )
+    if rows:
+        said.append(
+            f"Rows of {table.file} without an image are left out ({len(rows)} of {table.n}): {_shown(rows)}."
+        )
+    return tuple(said)
+
+
+def _shown(names: Sequence[str]) -> str:
+    more = "" if len(names) <= _MOST_SHOWN else ", ..."
+    return f"{', '.join(names[:_MOST_SHOWN])}{more}"

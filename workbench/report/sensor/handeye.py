@@ -7,6 +7,7 @@ import plotly.graph_objects as go
 from scipy.spatial.transform import Rotation
 
 from workbench.fitting.verdicts.hand_eye_verdict import (
+    flange_error_words,
     flange_errors,
     is_rotation_seen,
     robot_sigma,
@@ -102,12 +103,10 @@ def _numbers(made):
 def _flange_sentence(spread) -> str:
     """RMS errors of the flange poses, 3-D like all other errors of the page."""
     place, turn = flange_errors(spread)
-    start = "The flange poses are modelled with random errors; estimated RMS 3-D position error: "
-    if turn is None:
-        return f"{start}{rounded(place)} mm{_of_radius(spread)}."
-    if not is_rotation_seen(place, turn):
-        return f"{start}{rounded(place)} mm; a rotation error is not distinguishable from zero."
-    return f"{start}{rounded(place)} mm, RMS angle of the rotation error: {rounded(turn)}°."
+    start = "The flange poses are modelled with random errors"
+    if turn is not None:
+        return f"{start}; their {flange_error_words(spread)}."
+    return f"{start}; estimated RMS 3-D position error: {rounded(place)} mm{_of_radius(spread)}."
 
 
 def lead(run: HandEyeRun) -> list[str]:

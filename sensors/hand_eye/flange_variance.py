@@ -1,0 +1,85 @@
+"""Variances of the flange poses at the origin of the flange: position and rotation, estimated jointly.
+
+The adjustment takes the pose errors as independent at the middle of the board, where a rotation error of the flange is
+a position error as well. What a robot is judged by is the error at its flange: both components are estimated there, by
+restricted maximum likelihood on the linear model of the adjustment.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sensors.hand_eye.adjust import Adjusted, grams, restricted_likelihood, solve_linear
+from workbench.core.least_squares.linear_algebra import covariance_of, symmetric_eigen
+
+_SEEN = 2.0
+"""Standard deviations by which a variance exceeds zero where it is called one."""
+
+
+@dataclass(frozen=True)
+class FlangeVariance:
+    """1 sigma (position, rotation) of one coordinate, mm and rad, and pose errors (P, 6) at the flange.
+
+    `spread` (2,): 0 where the variance is not distinguishable from zero. `std` (2,): 1 sigma of `spread`; of a
+    component of 0 the size whose variance is one standard deviation.
+    """
+
+    spread: np.ndarray
+    std: np.ndarray
+    errors: np.ndarray
+
+    def as_keys(self) -> dict[str, float]:
+        """Keys of `robot_sigma`."""
+        (place, turn), (place_std, turn_std) = self.spread, self.std
+        return {
+            "flange_position_mm": float(place),
+            "flange_position_std_mm": float(place_std),
+            "flange_rotation_deg": float(np.degrees(turn)),
+            "flange_rotation_std_deg": float(np.degrees(turn_std)),
+        }
+
+
+def flange_variance(adjusted: Adjusted, pivot: np.ndarray) -> FlangeVariance:
+    """Variances of the pose errors of an adjustment of a board, taken at pivot (P, 3) mm, the origin of the flange."""
+    chain = replace(adjusted.chain, pivot=pivot, errors=np.zeros_like(adjusted.chain.errors))
+    parameters = adjusted.parameters
+    made = grams(chain, parameters)
+    found = restricted_likelihood(chain, made, parameters, adjusted.variances)
+    spread, std = np.array(found.spread), np.zeros(2)
+    least = np.array([group.least for group in chain.groups])
+    is_seen = np.zeros(2, bool)
+    for k in range(2):
+        # tested where it is zero: its standard deviation there is that of the other component alone
+        null = np.where(np.arange(2) == k, least, spread)
+        alone = _variance_std(made, parameters, found.noise, null)[k]
+        is_seen[k] = spread[k] ** 2 > _SEEN * alone
+        std[k] = np.sqrt(alone)
+    both = _variance_std(made, parameters, found.noise, spread)
+    std = np.where(is_seen, both / (2 * spread), std)
+    errors = solve_linear(made, parameters, found.noise, np.repeat(spread, 3)).errors
+    return FlangeVariance(np.where(is_seen, spread, 0.0), std, errors)
+
+
+def _variance_std(made, parameters, noise: float, spread: np.ndarray) -> np.ndarray:
+    """(2,) 1 sigma of the two variances: the inverse of their Fisher information under restricted likelihood.
+
+    With S the variances of all pose errors and C their posterior covariance, T = S^-1 - S^-1 C S^-1, and the
+    information of two groups is half the sum of the squares of their block of T (Harville 1977).
+    """
+    sigma, free = np.repeat(spread, 3), parameters.mask
+    gram, size = made[0] / noise**2, int(free.sum())
+    own = slice(size, size + len(sigma))
+    shared = solve_linear(made, parameters, noise, sigma).covariance
+    inverse = covariance_of(gram[:, own, own], sigma**-2) / np.outer(sigma, sigma)
+    mix = (inverse * sigma) @ gram[:, own, :size]
+    poses = len(gram)
+    rows = mix.reshape(poses * len(sigma), size)
+    whole = (rows @ shared @ rows.T).reshape(poses, len(sigma), poses, len(sigma))
+    each = np.arange(poses)
+    whole[each, :, each] += inverse
+    inside = -whole
+    inside[each, :, each] += np.eye(len(sigma))
+    squares = (inside**2).sum(axis=(0, 2)).reshape(2, 3, 2, 3).sum(axis=(1, 3)) / 2
+    values, vectors = symmetric_eigen(squares)
+    weights = vectors**2 / np.maximum(values, 1e-300)
+    return spread**2 * np.sqrt(weights.sum(axis=1))
