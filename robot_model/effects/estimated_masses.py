@@ -24,11 +24,12 @@ SOURCE = "first moments as in rigid-body identification: Atkeson, An & Hollerbac
 
 
 class ComplianceWithMasses(Effect):
-    """A part of the machine deflects under gravity, with the first mass moments of the links estimated jointly.
+    """A part of the machine deflects under gravity.
 
-    `law`: name of an elastic effect with P parameters. `mixtures` (R, J + 1, 3) kg mm: combinations of first moments
-    of the links and the load. `shares` (R, P): the part of the law itself that each combination makes; it is
-    subtracted, so that the law's own parameters keep their meaning. P (1 + R) parameters.
+    First mass moments of the links are estimated jointly. `law`: name of an elastic effect with P parameters.
+    `mixtures` (R, J + 1, 3) kg mm: combinations of first moments of the links and the load. `shares` (R, P): the part
+    of the law itself that each combination makes; it is subtracted, so that the law's own parameters keep their
+    meaning. P (1 + R) parameters.
     """
 
     elastic = True

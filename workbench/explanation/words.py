@@ -198,6 +198,7 @@ def figures(rows: Sequence[Mapping]) -> str:
         return _spectrum(rows[0], [row for _, row in _waves(others)])
     rows = _drop_shares_of_deflection([row for row in rows if row.get("acts", True)])
     masses = [row for row in rows if _MASSES in row["name"]]
+    has_deflection = any(row["name"] == DEFLECTION for row in rows)
     vague = [row for row in rows if row not in masses and not row.get("identifiable", True)]
     rows = [row for row in rows if row not in masses and row not in vague]
     parts = list(_waves(rows)) or [
@@ -210,7 +211,7 @@ def figures(rows: Sequence[Mapping]) -> str:
         said = f"{said} ({combined})" if said else combined
     return said + (
         f" (with {len(masses)} numbers for masses that the data sheet does not know)"
-        if masses
+        if masses and not has_deflection
         else ""
     )
 
