@@ -1,11 +1,13 @@
 """That the checks of a scanner are checks: the mirror's probability, board poses left out, the frame's covariance."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from scipy.stats import kstest
 
+from conftest import sizes
 from plane_scenes import CAMERA, board, board_stripes, simulated_scanner, views
 from sensors.camera.calibration import calibrate_camera
 from sensors.scanner.calibration import calibrate_scanner
@@ -107,14 +109,16 @@ def test_what_is_said_of_the_mirror_is_what_was_tested(made):
     assert made.mirror.verdict in " ".join(made.sentences)
 
 
-@pytest.mark.slow
-def test_the_mirrors_probability_is_uniform_where_it_is_true():
-    found = [
-        calibrated(
-            simulated_scanner(np.random.default_rng(500 + seed), points=20, steps=8, placements=6)
-        ).mirror
-        for seed in range(60)
-    ]
+@cache
+def made_of(seed):
+    """A simulated scanner of so many small ones, and what its calibration finds."""
+    scene = simulated_scanner(np.random.default_rng(700 + seed), points=20, steps=8, placements=6)
+    return scene, calibrated(scene)
+
+
+@pytest.mark.parametrize("count", sizes(30, 60))
+def test_the_mirrors_probability_is_uniform_where_it_is_true(count):
+    found = [made_of(seed)[1].mirror for seed in range(count)]
     probability = np.array([check.probability for check in found])
     assert kstest(probability, "uniform").pvalue > 0.01
     assert all(check.agrees for check in found)
@@ -163,10 +167,8 @@ def test_places_in_the_cameras_frame_err_as_the_frame_and_the_planes_say():
     """Of a point that the true planes hold, over seeds; without the frame the sigma is ten times too small."""
     point, z, blind = np.array([[2.0], [-3.0], [125.0]]), [], []
     for seed in range(30):
-        scene = simulated_scanner(
-            np.random.default_rng(700 + seed), points=20, steps=8, placements=6
-        )
-        found = calibrated(scene).scanner
+        scene, found = made_of(seed)
+        found = found.scanner
         distance = scene.planes[:3].T @ point[:, 0] + scene.planes[3]
         step = int(found.steps[np.argmin(np.abs(distance[found.steps]))])
         normal, offset = scene.planes[:3, step], scene.planes[3, step]
