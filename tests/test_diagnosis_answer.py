@@ -422,13 +422,14 @@ def test_the_verdict_follows_from_the_terms():
 
 
 @pytest.mark.parametrize("p_value, left", [(0.0069, False), (0.001, True)])
-def test_structure_next_to_findings_on_the_noise_counts_as_where_nothing_was_found(p_value, left):
-    """They take nothing off the error, of which therefore everything seems to be left."""
+def test_structure_next_to_findings_counts_as_where_nothing_was_found(p_value, left):
+    """Findings on the noise take nothing off the error, of which therefore everything seems to be left."""
     noise = term(0.99, effect="stated-noise")
     proof = Proof(0.2, 0.2, 0.2, 0.0, 5, 0.02, "stated", np.zeros((2, 1)), np.zeros(1))
     arm, found = SimpleNamespace(chain=object()), SimpleNamespace(p_remainder=p_value)
     assert _is_much_left(arm, found, [noise], proof, False) is left
-    assert much_left(proof, p_value)
+    law = replace(term(0.99), finding=replace(term(0.99).finding, effects=(object(),)))
+    assert _is_much_left(arm, found, [law], proof, False) is left
 
 
 @pytest.mark.parametrize("after, left", [(0.03, False), (0.15, True), (0.2, True)])

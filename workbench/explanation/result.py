@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
+from workbench.diagnosis.levels import MISSING
 from workbench.diagnosis.linear.problem import Found, Located
 from workbench.diagnosis.validation.terms import Control, Proof, Term
 from workbench.explanation.reference import Shares
@@ -148,7 +149,7 @@ class Diagnosis:
 
 
 def verdict_of(
-    terms, first_p: float, left: bool = False, level: float = 0.005, is_placed: bool = True
+    terms, first_p: float, left: bool = False, level: float = MISSING, is_placed: bool = True
 ) -> str:
     """The word of the contract.
 
@@ -170,12 +171,13 @@ def verdict_of(
 
 
 def much_left(
-    proof: Proof, p_remainder: float, is_above: bool = False, level: float = 0.01
+    proof: Proof, p_remainder: float, is_above: bool = False, level: float = MISSING
 ) -> bool:
     """Whether structure is left, and the remainder is above the noise or more than a third of what there was.
 
     is_above: whether the residual of the final model is significantly above the noise. Where it is not, or no noise is
-    known, more than a third of what was above the noise in the held-out error counts.
+    known, more than a third of what was above the noise in the held-out error counts. level: chance of structure by
+    chance, the same as where nothing was found.
     """
     if p_remainder >= level:
         return False
