@@ -127,7 +127,7 @@ class Together:
         kinds = [kind for kind in range(len(NAMES)) if self.sigma[kind] > 0]
         for kind in kinds:
             made.append(
-                _step(
+                random_effect(
                     self.sigma[kind],
                     self.labels[kind],
                     decorrelated(made, self.shapes[kind]),
@@ -147,7 +147,8 @@ class Step:
     share: np.ndarray
 
 
-def _step(spread, label, shape, weight) -> Step:
+def random_effect(spread: float, label: np.ndarray, shape: np.ndarray, weight: np.ndarray) -> Step:
+    """The factor of errors of 1 sigma `spread` that points (n,) of one label share, in proportion to `shape`."""
     from scipy.sparse import csr_array
 
     n, count = len(label), int(label.max(initial=-1)) + 1

@@ -20,6 +20,7 @@ from workbench.core.parameters import Parameters
 from workbench.diagnosis.linear.problem import Candidate, Problem, Scan, Site, seen_basis
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot.library import candidate_of, grids, scan_of, variants
+from workbench.diagnosis.scanner.rounded_angles import rounding_steps
 from workbench.diagnosis.scanner.sensor_library import places
 from workbench.jobs.sensor import chains as measured_chains
 from workbench.jobs.sensor.chains import Chains
@@ -131,6 +132,7 @@ class Linear:
         self.parts = []
         for name, (model, _, noisy), own in zip(there.parts, seen, still):
             steps = _shared_errors(name, model.chain, bench.jitter_px)
+            steps += _rounding(name, own[0].chain, own[2], steps)
             white = decorrelated(steps, noisy.residual) / model.chain.sigma
             self.parts.append(_Part(name, *own, white, robust_weights(white), steps))
         self._ports: dict = {}
@@ -296,6 +298,15 @@ def _shared_errors(name: str, chain, sigma_px: float) -> list[Step]:
     along = (chain.pixels[::-1] * chain.scan).sum(0)
     together = replace(Together.of(labels, along), sigma=np.array([sigma_px, 0.0, 0.0]))
     return together.steps(np.broadcast_to(chain.sigma, (1, chain.n))[0])
+
+
+def _rounding(name: str, chain, here: Evaluation, before: list[Step]) -> list[Step]:
+    """Factors that make points independent which the rounding of a commanded mirror angle displaces together."""
+    if name == "corners" or chain.mirror is None or chain.angles is None:
+        return []
+    by_angle = here.rows("mirror", np.array([0]))[0, 0]
+    sigma = np.broadcast_to(chain.sigma, (1, chain.n))[0]
+    return rounding_steps(chain.commanded_angles, by_angle, sigma, before)
 
 
 @dataclass(frozen=True)
