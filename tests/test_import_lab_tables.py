@@ -350,7 +350,7 @@ def test_a_table_of_an_arm_that_fits_in_no_convention_is_refused(truth, tmp_path
     "mistake",
     [
         "sign",
-        pytest.param("milliradians", marks=pytest.mark.long),
+        pytest.param("milliradians", marks=pytest.mark.slow),
         pytest.param("swapped", marks=pytest.mark.slow),
         "left-handed",
     ],

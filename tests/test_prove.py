@@ -373,7 +373,7 @@ def test_a_few_cases_from_end_to_end_and_again_from_where_they_were(tmp_path):
 @pytest.mark.parametrize(
     "plan",
     [
-        pytest.param("clean=1 library=2 outside=1", marks=pytest.mark.slow),
+        pytest.param("clean=1 library=2 swallowed=1 outside=1", marks=pytest.mark.slow),
         pytest.param("clean=2 library=3 swallowed=1 outside=1", marks=pytest.mark.long),
     ],
 )

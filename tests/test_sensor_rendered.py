@@ -120,7 +120,7 @@ EFFECTS = [
 
 @pytest.mark.parametrize(
     ("name", "where", "options", "values", "more"),
-    mostly_slow(EFFECTS, 0, 1),
+    mostly_slow(EFFECTS, 0, 2),
     ids=[row[0] for row in EFFECTS],
 )
 def test_an_effect_in_the_images_is_recovered(name, where, options, values, more):
