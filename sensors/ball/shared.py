@@ -7,6 +7,7 @@ unknown size: its variance is estimated from the ball itself.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from sensors.ball.solve import Linear, Loss, Problem, Solved, linearise, memory, spread
 from sensors.components import components
@@ -79,6 +80,22 @@ class Shared:
             self,
             derivative=np.concatenate([self.derivative, derivative]),
             covariance=whole.reshape(groups * (k + m), -1),
+        )
+
+    def with_common(self, derivative: np.ndarray, covariance: np.ndarray) -> "Shared":
+        """The same with m more errors of known covariance (m, m) that all groups share; derivative (m, d, n)."""
+        k, m = len(self.derivative), len(covariance)
+        by_group = np.zeros((m, len(self.covariance) // k, k))
+        if self.common is None:
+            return replace(self, common=Common(derivative, covariance, by_group))
+        before = self.common
+        return replace(
+            self,
+            common=Common(
+                np.concatenate([before.derivative, derivative]),
+                block_diag(before.covariance, covariance),
+                np.concatenate([before.by_group, by_group[..., : before.by_group.shape[2]]]),
+            ),
         )
 
     def with_variances(self, variance: np.ndarray) -> "Shared":

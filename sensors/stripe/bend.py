@@ -29,6 +29,7 @@ from dataclasses import astuple, dataclass
 import numpy as np
 
 from sensors.camera.model import Camera
+from workbench.core.least_squares.linear_algebra import inverse_positive
 
 _STEP = 0.5  # px, of the difference quotients; a ball's radius is some hundred px, a board wider
 _STEEPEST = 0.1  # cosine of the light's incidence below which nothing is lit
@@ -38,6 +39,8 @@ more, the silhouette or the shadow cuts the line, which is as wide as these let 
 _RATIOS = np.geomspace(1e-2, 1e3, 26)
 _FEWEST_WIDTHS = 20
 _REWEIGHTED = 12
+_GRAIN = 5  # rows that a grain of speckle lasts at most: neighbours in it tell the same
+_KNOWN_TO = 0.3  # relative, of the squared widths on other surfaces: they change with distance
 _NO_WIDER = 0.01  # relative deviation of width^2 below which all lines count alike
 
 
@@ -87,23 +90,39 @@ class Bend:
         return mean - counted * blur * moment / 2
 
     def line_shape(self, width: np.ndarray) -> "LineShape":
-        """Width of the light plane and blur from widths (n,) px of the lines, see `width_square`.
+        """Width of the light plane and blur from widths (n,) px of the lines alone, see `fitted_line`."""
+        return self.fitted_line(width)[0]
+
+    def fitted_line(
+        self, width: np.ndarray, known: "LineShape | None" = None
+    ) -> "tuple[LineShape, np.ndarray]":
+        """Width of the light plane and blur from widths (n,) px of the lines, see `width_square`; and the covariance
+        (2, 2) of their squares, mm^2 and px^2.
 
         Least absolute deviations of width^2 relative to itself, by reweighting, at places that neither light nor sight
-        graze. Of nothing where widths say nothing.
+        graze. known: the line on other surfaces; its squares are a prior, since few widths, or alike ones, do not
+        distinguish light plane and blur. Zero where neither says anything.
         """
         square = np.asarray(width, float) ** 2
         shape = self._by_shape
         kept = np.isfinite(shape).all(0) & np.isfinite(square) & (square > 0)
         kept &= (self.lit > SMOOTH) & (self.facing > SMOOTH)
         if kept.sum() < _FEWEST_WIDTHS:
-            return LineShape(0.0, 0.0)
+            if known is None:
+                return LineShape(0.0, 0.0), np.zeros((2, 2))
+            return known, np.diag((_KNOWN_TO * known.squares) ** 2)
         relative = shape[:, kept] / square[kept]
+        precision = np.zeros(2) if known is None else (_KNOWN_TO * known.squares) ** -2.0
+        centre = np.zeros(2) if known is None else known.squares
         found, weight = np.zeros(2), np.ones(kept.sum())
         for _ in range(_REWEIGHTED):
-            found = _nonnegative(relative, weight)
+            scale = (
+                1 / weight.mean()
+            )  # of Laplace's distribution, of which neighbours in a grain tell the same
+            found = _nonnegative(relative, weight, precision * scale * _GRAIN, centre)
             weight = 1 / np.maximum(np.abs(found @ relative - 1), _NO_WIDER)
-        return LineShape(*np.sqrt(found).tolist())
+        information = relative @ relative.T * weight.mean() ** 2 / _GRAIN + np.diag(precision)
+        return LineShape(*np.sqrt(found).tolist()), inverse_positive(information)
 
 
 @dataclass(frozen=True)
@@ -113,13 +132,20 @@ class LineShape:
     plane_width_mm: float
     blur_px: float
 
+    @property
+    def squares(self) -> np.ndarray:
+        """(2,) of both, none below a thousandth."""
+        return np.maximum(np.array(astuple(self)) ** 2, 1e-6)
 
-def _nonnegative(shape: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(2,) weighted least squares of found @ shape = 1 without negative numbers; shape (2, n), weight (n,)."""
+
+def _nonnegative(shape, weight, precision, centre) -> np.ndarray:
+    """(2,) weighted least squares of found @ shape = 1 without negative numbers; shape (2, n), weight (n,), and a prior
+    of `precision` (2,) about `centre` (2,)."""
     from scipy.optimize import nnls
 
-    root = np.sqrt(weight)
-    return nnls((shape * root).T, root)[0]
+    root, strong = np.sqrt(weight), np.sqrt(precision)
+    rows = np.vstack([(shape * root).T, np.diag(strong)])
+    return nnls(rows, np.concatenate([root, strong * centre]))[0]
 
 
 def bend_on_ball(

@@ -11,13 +11,14 @@ p = 1 and s = 0 for a matt surface. Both come from the light that the stripes ho
 known of surfaces in general.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from sensors.stripe.bend import SMOOTH, Bend
+from workbench.core.least_squares.linear_algebra import inverse_positive
 
-_EXPONENT_STD, _GLOSS_STD = 0.5, 1.0  # by which surfaces in general differ from a matt one
+_SURFACES_VARY = np.array([0.5, 1.0])  # std of exponent and gloss among surfaces in general
 _FEWEST = 20
 _REWEIGHTED = 12
 _GRAIN = 5  # rows that a grain of speckle lasts at most: neighbours in it tell the same
@@ -26,10 +27,13 @@ _LEAST_SCATTER = 1e-3  # of ln brightness
 
 @dataclass(frozen=True)
 class Brightness:
-    """The law of a surface: `exponent` p and `gloss` s."""
+    """The law of a surface: `exponent` p and `gloss` s, and their `covariance` (2, 2)."""
 
     exponent: float = 1.0
     gloss: float = 0.0
+    covariance: np.ndarray = field(
+        default_factory=lambda: np.diag(_SURFACES_VARY**2), compare=False
+    )
 
     def applied(self, bend: Bend) -> Bend:
         """A bend whose changes of brightness are those of a matt surface, with those of this surface."""
@@ -51,13 +55,12 @@ def brightness_law(bend: Bend, width: np.ndarray, peak: np.ndarray) -> Brightnes
     cosine = bend.lit[kept]
     rows = np.stack([np.ones(kept.sum()), np.log(cosine), cosine - 1])
     level = light[kept] - rows[1]  # beyond a matt surface
-    precision = np.array([0.0, _EXPONENT_STD**-2, _GLOSS_STD**-2])
+    precision = np.array([0.0, *_SURFACES_VARY**-2.0])
     found, weight = np.zeros(3), np.ones(kept.sum())
     for _ in range(_REWEIGHTED):
         left = np.abs(level - found @ rows)
         scatter = max(1.4826 * float(np.median(left)), _LEAST_SCATTER)
         weight = np.minimum(1, scatter / np.maximum(left, _LEAST_SCATTER)) / scatter**2 / _GRAIN
-        found = np.linalg.solve(
-            (rows * weight) @ rows.T + np.diag(precision), rows @ (weight * level)
-        )
-    return Brightness(1 + float(found[1]), float(found[2]))
+        covariance = inverse_positive((rows * weight) @ rows.T + np.diag(precision))
+        found = covariance @ (rows @ (weight * level))
+    return Brightness(1 + float(found[1]), float(found[2]), covariance[1:, 1:])

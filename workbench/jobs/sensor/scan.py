@@ -19,8 +19,10 @@ from sensors.images import flaw, read, stacks, unlit
 from sensors.scanner.cloud import Cloud
 from sensors.scanner.misfit import Misfit, stripe_misfit
 from sensors.scanner.model import Scanner
-from sensors.stripe.brightness import brightness_law
+from sensors.stripe.ambient import chosen_images, slope_pull
+from sensors.stripe.centre_noise import centre_noise
 from sensors.stripe.find import find_stripes
+from sensors.stripe.pull import measured_pull
 from workbench.core.errors import InputError
 from workbench.core.text.file_names import differ_in_case_only, file_name
 from workbench.files.images.ball_names import by_sample, named
@@ -265,7 +267,9 @@ class _Work:
         paths = [path_of(self.recording, row) for row in rows]
         called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
         parts, flaws, dropped, first = [], [], Counter(), 0
+        shown, scene = set(chosen_images(len(paths)).tolist()), []
         for stack in stacks(paths, _FRAMES, called.get):
+            scene += [image for k, image in enumerate(stack) if first + k in shown]
             flaws += [unlit(frame) for frame in stack]
             found = find_stripes(stack, self.along, saturation=self.saturation)
             line = np.vstack([found.shape, found.peak])
@@ -275,6 +279,9 @@ class _Work:
         pixels, frame, sigma, shape = (
             np.concatenate([part[k] for part in parts], axis=-1) for k in range(4)
         )
+        if self.motions.of(rows) is None:
+            scan = 0 if self.along == "rows" else 1
+            pixels[scan] -= slope_pull(scene, pixels, shape, scan == 0)
         names = recorded_columns(rows)
         covariates = {name: np.array([row[name] for row in rows], float)[frame] for name in names}
         steps = np.array([int(row.get("step", 0)) for row in rows])[frame]
@@ -292,7 +299,7 @@ class _Work:
         points = cloud.points
         length = np.linalg.norm(cloud.error, axis=0)  # mm for one px of the stripe's centre
         each = dict(
-            sigma=np.hypot(sigma, self.scanner.sigma_px) * length,
+            sigma=self._noise(cloud, sigma) * length,
             direction=cloud.error / length,
             at_limit=self._at_limit(cloud, [int(row.get("step", 0)) for row in rows]),
         )
@@ -327,6 +334,11 @@ class _Work:
             said += (line_width_missing(self.scanner),)
         return tuple(made), "; ".join(filter(None, (outcome, *said))), tuple(refused)
 
+    def _noise(self, cloud: Cloud, sigma: np.ndarray) -> np.ndarray:
+        """(n,) px, 1 sigma of centres whose fits state `sigma` (n,)."""
+        centre = cloud.pixels[0 if cloud.is_across_columns else 1]
+        return centre_noise(centre, cloud.along, cloud.image, sigma, self.scanner.sigma_px)
+
     def _expected(self, row) -> int:
         """How many balls a scan shows, as far as that is known."""
         return 1 if by_sample(self.recording, row) is not None else len(self.recording.balls)
@@ -336,14 +348,11 @@ class _Work:
         own = own | cloud.together()
         radius = self._radius(number, free.radius, self.radii)
         start = np.append(free.centre, free.radius if radius is None else radius)
-        matt = cloud.bend(start, shape)
-        bend = brightness_law(matt, shape[0], shape[2]).applied(matt)
-        line = bend.line_shape(shape[0])
-        if not line.plane_width_mm and self.scanner.line is not None:
-            line = self.scanner.line  # sight grazes the ball where it was lit
-        pull = np.nan_to_num(bend.pull(line, *shape[:2]))
-        straight = cloud.points - cloud.error * pull
-        lit = bend.lit > np.cos(own["incidence"])
+        pull = measured_pull(cloud.bend(start, shape), shape, self.scanner.line)
+        moves = cloud.error * pull.derivative[:, None]
+        own["shared"] = own["shared"].with_common(moves, pull.covariance)
+        straight = cloud.points - cloud.error * pull.size
+        lit = pull.bend.lit > np.cos(own["incidence"])
         fit = _fitted(straight, cloud.view, lit, radius, start, own)
         beyond = self._beyond(cloud.local[2])
         other = (fit if radius is None else fit.free) or free

@@ -1,0 +1,55 @@
+"""By how much the curvature of a ball pulls the centres of its stripes, and the uncertainty of that.
+
+The pull (`sensors.stripe.bend`) follows from the squared widths of light plane and blur, and from the exponent and the
+gloss of the surface's brightness. All come from the stripes themselves and from what is known of lines and surfaces; an
+error of one pulls all points of the ball, and most where light or sight graze it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sensors.stripe.bend import Bend, LineShape
+from sensors.stripe.brightness import Brightness, brightness_law
+
+_STEP = 0.01  # of one standard deviation: of the difference quotients
+_LAW = 0.1  # relative, of the pull: its law is of first order in width over radius
+
+
+@dataclass(frozen=True)
+class Pull:
+    """`size` (n,) px along the scan line; `derivative` (m, n) px by errors that all points share.
+
+    `covariance` (m, m) of these errors; `bend`: of the surface as bright as it was measured to be.
+    """
+
+    size: np.ndarray
+    derivative: np.ndarray
+    covariance: np.ndarray
+    bend: Bend
+
+
+def measured_pull(matt: Bend, shape: np.ndarray, known: LineShape | None) -> Pull:
+    """The pull of a ball from its bend if it were matt and lines (3, n): width px, `Stripes.shape`, and peak.
+
+    known: the line as it is on other surfaces, None where that is not known.
+    """
+    law = brightness_law(matt, shape[0], shape[2])
+    bend = law.applied(matt)
+    line, squares = bend.fitted_line(shape[0], known)
+    values = np.array([*(line.plane_width_mm**2, line.blur_px**2), law.exponent, law.gloss])
+
+    def at(moved: Sequence[float]) -> np.ndarray:
+        plane, blur = np.sqrt(np.maximum(moved[:2], 0.0))
+        surface = Brightness(*moved[2:]).applied(matt)
+        return np.nan_to_num(surface.pull(LineShape(plane, blur), *shape[:2]))
+
+    size = at(values)
+    covariance = np.zeros((5, 5))
+    covariance[:2, :2], covariance[2:4, 2:4], covariance[4, 4] = squares, law.covariance, _LAW**2
+    rows = []
+    for k, step in enumerate(_STEP * np.sqrt(np.diag(covariance)[:4])):
+        moved = values + step * (np.arange(4) == k)
+        rows.append((at(moved) - size) / step if step else np.zeros_like(size))
+    return Pull(size, np.array([*rows, size]), covariance, bend)
