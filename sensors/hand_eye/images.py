@@ -343,11 +343,7 @@ def _result(chain, points, found, doubts, notes):
         std=_std(chain, known),
         noise=adjusted.variances.noise,
         unit="px",
-        robot_sigma={
-            "position_mm": float(adjusted.variances.spread[0]),
-            "rotation_deg": float(np.degrees(adjusted.variances.spread[1])),
-            **at_flange.as_keys(),
-        },
+        robot_sigma={**_at_board(adjusted), **at_flange.as_keys()},
         fit={
             "rms_px": rms(exact, used[chain.pose]),
             "sensor_rms_px": rms(free, used[chain.pose]),
@@ -371,6 +367,12 @@ def _result(chain, points, found, doubts, notes):
         history=adjusted.history,
         notes=notes,
     )
+
+
+def _at_board(adjusted) -> dict[str, float]:
+    """1 sigma of the pose errors at the middle of the board."""
+    place, turn = adjusted.variances.spread
+    return {"position_mm": float(place), "rotation_deg": float(np.degrees(turn))}
 
 
 def _std(chain, known):

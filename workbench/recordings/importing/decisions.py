@@ -53,15 +53,23 @@ class Decision:
 
 
 def decide_units(
-    robot: Robot, mapping: Mapping, build: Build, called: str, ask: Ask | None
+    robot: Robot,
+    mapping: Mapping,
+    build: Build,
+    called: str,
+    ask: Ask | None,
+    refuse: Callable[[], None] = lambda: None,
 ) -> Decision:
     """Units of joint readings and points by the fit of the positions.
 
-    build: makes the recording of positions. called: file, for sentences. Raises InputError where the data do not
-    decide and nobody can be asked, or where no unit fits.
+    build: makes the recording of positions. called: file, for sentences. refuse: called where no reading fits, before
+    units are doubted; it raises InputError for a mistake that explains the misfit. Raises InputError where the data do
+    not decide and nobody can be asked, or where no unit fits.
     """
     readings = list(unit_readings(mapping, stated_only=True))
     fits = compare(robot, readings, build)
+    if not any(fit.is_good for _, fit in fits):
+        refuse()
     is_stated = len(readings) == 1
     case = _Case(robot, mapping, build, called, ask)
     if is_stated and not (fits and fits[0][1].is_good):

@@ -27,6 +27,7 @@ from workbench.recordings.importing.reading_changes import (
 )
 from workbench.recordings.importing.robots import robot_candidates, robot_keys
 from workbench.recordings.importing.rotation_decision import decide_rotation
+from workbench.recordings.importing.shifted_rows import refuse_shifted_rows
 from workbench.recordings.importing.timed_join import ClockDecision, decide_offset
 from workbench.recordings.importing.unnamed_columns import find_unnamed, refuse_wrong_slides
 
@@ -196,7 +197,12 @@ def _decide(builder: Builder, mapping: Mapping, options, progress) -> decisions.
     try:
         with limited(_SEARCH_S, _searching(progress, "looking for the cause of the misfit")):
             decision = decisions.decide_units(
-                robot, mapping, builder.positions, table.file, options.ask
+                robot,
+                mapping,
+                builder.positions,
+                table.file,
+                options.ask,
+                lambda: refuse_shifted_rows(builder, mapping),
             )
     except InputError:
         with _cut_short(progress, "looking for a unit that changes at a row"):

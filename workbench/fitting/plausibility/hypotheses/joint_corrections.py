@@ -135,7 +135,8 @@ def _offsets(turning):
                 "joint-offset",
                 f"column {name}",
                 f"is {'short of' if offset > 0 else 'beyond'} the zero of the robot file by {abs(offset):g} degrees",
-                f"add {offset:g} to it, or to theta_deg of joint {joint_number(name)} of the robot file",
+                f"add {offset:g} degrees ({offset / 0.9:g} gon) to it, or {offset:g} to theta_deg of joint "
+                f"{joint_number(name)} of the robot file",
                 lambda columns, name=name, offset=offset: {name: columns[name] + offset},
                 (name,),
             )
