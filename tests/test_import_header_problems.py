@@ -48,6 +48,7 @@ def test_the_example_is_complete_once_the_robot_is_filled_in(table, truth, tmp_p
     assert keys["joints"]["columns"] == [f"f{k}" for k in range(1, 7)]
     assert keys["point"]["columns"] == ["val1", "val2", "val3"]
     assert '# "hall": numbers from 20 to 24' in text
+    assert "# counts_per_deg = [...]" in text
     assert text.count("CHECK: taken by the order") == 2
     mapping = tmp_path / "map.toml"
     mapping.write_text(text.replace('robot = "?"', 'robot = "ur10"'), encoding="utf-8")

@@ -547,6 +547,7 @@ def export(
     tip: str | None = None,
     targets: DataFrame | ndarray | Path | str | None = None,
     map: Path | str | None = None,
+    start: str | None = None,
 ) -> Result:
     r"""Write what was calibrated for another program; it is read back and compared before it is kept.
 
@@ -569,6 +570,9 @@ def export(
         targets: Targets of a robot program, as for `compensate`.
         map: Columns, units and conventions of a table of targets with other headers: a mapping as
             of `workbench import`.
+        start: Where the search for the readings of flange poses starts, which chooses the
+            configuration of the arm: joint readings (0,-90,90,0,90,0), or a recording, whose
+            nearest pose is taken. Default: the middle of the joint ranges.
 
     Returns:
         The answer of the command, with the entries below.

@@ -37,6 +37,9 @@ _CONVENTION = (
 )
 
 
+_COUNTS = "# counts_per_deg = [...]   # in place of unit: encoder counts in one degree, one number for each column"
+
+
 @dataclass(frozen=True)
 class Wanted:
     """What a recording needs: `quantities` in their order, the number of `joints`, and a valid `robot`, if any."""
@@ -84,6 +87,7 @@ def _group_lines(quantity: str, group: Group, is_known: bool) -> list[str]:
         lines.append(f"unit = {unit_toml(group.unit)}")
     elif quantity in _UNITS:
         lines.append(f"# {_UNITS[quantity]}; without this line all are tested")
+        lines += [_COUNTS] if quantity == "joints" else []
     if group.convention is not None:
         lines.append(f"convention = {_quoted(group.convention)}")
     elif quantity.endswith("rotation"):
