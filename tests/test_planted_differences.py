@@ -31,8 +31,8 @@ def test_the_made_recording_is_the_nominal_arm_but_for_what_was_planted():
 def test_attribution_over_a_fixed_population(step):
     """Ten scenes, one of every combination, with seeds that were fixed before any of them was run; or every fourth.
 
-    The published table (docs/studies/differences.md) has 58 of 60 right: with that share, fewer than eight of ten
-    have a probability of 0.4 %, fewer than three of three one of 10 %.
+    The published table (docs/studies/differences.md) has 54 of 57 right: with that share, fewer than eight of ten
+    have a probability of 1.3 %, fewer than three of three one of 15 %.
     """
     import study_differences
 

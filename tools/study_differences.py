@@ -34,7 +34,7 @@ from workbench.files.solution_file import CalibratedArm, read_solution  # noqa: 
 TABLE = ROOT / "docs" / "studies" / "differences.csv"
 PAGE = TABLE.with_suffix(".md")
 SCENES = 60
-FIRST_SEED = 2000
+FIRST_SEED = 1126000
 UNSEEN = 150
 # parameters, physics, noise that differ, in turn: each alone and every combination
 COMBINATIONS = (
@@ -208,7 +208,8 @@ code with the kinematics and statics of the workbench. Three robots (0.6, 0.7 an
 changes, noise of 0.02 or 0.05 mm. Each recording is diagnosed against the nominal simulation (`workbench diagnose REC
 --simulation nominal.xml`), the corrected model is exported as MJCF, and MuJoCo runs the exported file at {unseen} poses
 that the recording does not have. `python tools/study_differences.py` writes this page; `differences.csv` has a row a
-scene.
+scene. The seeds {first} to {last} were fixed before the run; the diagnosis had seen none of them, and each scene was
+run once.
 
 ![Noise factor that was found against the planted one](../images/differences.png)
 
@@ -217,7 +218,7 @@ among them: MuJoCo's arm hangs the mass of a link beyond its flexure, the law of
 
 | | measured | wanted |
 |---|---|---|
-| scenes attributed as they are: parameters, physics, noise | {right} of {count} ({share:.0%}) | 95 % |
+| scenes attributed as they are: parameters, physics, noise | {right} of {count} ({share:.1%}) | 95 % |
 | noise factor within 10 % | {factor} of {count} | all |
 | scenes with a wrong name | {wrong} | |
 | scenes in which a difference was missed | {missed} | |
@@ -234,6 +235,11 @@ Prediction over noise: median {median:.3f}, largest {largest:.3f}.
 Scenes that were not attributed as they are:
 
 {faults}
+{remark}"""
+_AFTERWARDS = """
+The causes of these three faults were removed after this run. In scene 1126028 two samples next to the instant of the
+shift were called outliers, and the instant was 20 s late. In scenes 1126003 and 1126042 structure was called
+unexplained that chance makes (p = 0.008 and 0.007). The table keeps what the run found.
 """
 
 
@@ -243,6 +249,8 @@ def page(rows: list[Scene]) -> str:
     prediction = np.array([row.prediction for row in rows])
     values = {
         "count": len(rows),
+        "first": rows[0].seed,
+        "last": rows[-1].seed,
         "unseen": UNSEEN,
         "right": sum(row.is_right for row in rows),
         "share": np.mean([row.is_right for row in rows]),
@@ -257,6 +265,7 @@ def page(rows: list[Scene]) -> str:
         "largest": prediction.max(),
         "rows": "\n".join(_by_kind(rows)),
         "faults": "\n".join(_fault(row) for row in rows if not row.is_right) or "- none",
+        "remark": _AFTERWARDS if rows[0].seed == FIRST_SEED else "",
     }
     return _PAGE.format(**values)
 
