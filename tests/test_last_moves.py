@@ -78,3 +78,11 @@ def test_hysteresis_that_winds_up_over_long_moves_is_still_named():
 @pytest.mark.slow
 def test_nothing_is_found_where_nothing_is_missing():
     assert not found(83, n=160).findings
+
+
+@pytest.mark.slow
+def test_the_first_pose_is_no_outlier_of_a_law_of_the_last_moves():
+    """Nobody recorded from where the arm came to it, so that the law makes nothing of it."""
+    answer = found(84, [BACKLASH], [2e-3], n=120)
+    assert [(f.effect, f.where) for f in answer.findings] == [("backlash", "joint-3")]
+    assert "outliers" not in {f.effect for f in answer.spread} and not answer.outliers.any()

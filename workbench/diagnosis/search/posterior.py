@@ -27,6 +27,7 @@ _WINDOW = float(np.log(200.0))
 """Log posterior odds against the best set beyond which a set is left out: all of these together are half a percent."""
 _ROUNDS = 12
 """Of exchanges, each about a new solution, at most; they end where no name changes, or one set comes again."""
+_SAME_GAIN = 0.99  # of a function's, which the law of the same angle makes
 _EXPANDED, _SWAPS = 8, 6
 """Sets of the window whose neighbours are weighed, and terms that are tried in place of each, the most alike first."""
 
@@ -202,8 +203,11 @@ def _likelier(search, i: int) -> Hypothesis | None:
     mine = search.accepted[i]
     if is_elastic(mine):
         return None
+    table = search.alternatives(i)
+    if same := _same_function(search, i, table):
+        return same
     families: dict[Key, list[Hypothesis]] = {}
-    for h in search.alternatives(i):
+    for h in table:
         is_law = not h.unnamed and (mine.unnamed or not is_elastic(h))
         if is_law or (mine.unnamed and h.key == mine.key):
             families.setdefault(h.key, []).append(h)
@@ -214,6 +218,27 @@ def _likelier(search, i: int) -> Hypothesis | None:
     other = max(families[best], key=lambda h: h.log_weight)
     # signs and prior sizes of elastic terms are known to sets alone
     return None if is_elastic(other) and not _makes_likelier(search, i, other) else other
+
+
+def _same_function(search, i: int, table: Sequence[Hypothesis]) -> Hypothesis | None:
+    """The likeliest law of the same angle that makes all that an accepted nonparametric alternative at its place makes.
+
+    A joint's error as any function of its own angle has a name; the two differ by their bases alone.
+    """
+    mine = search.accepted[i]
+    if not mine.unnamed:
+        return None
+    gain = _SAME_GAIN * search.own(i, table).gain
+    laws = [
+        h
+        for h in table
+        if not h.unnamed
+        and not is_elastic(h)
+        and h.where == mine.where
+        and h.reads == set(mine.unnamed)
+        and h.gain >= gain
+    ]
+    return max(laws, key=lambda h: h.log_weight, default=None)
 
 
 def _makes_likelier(search, i: int, other: Hypothesis) -> bool:
