@@ -17,6 +17,14 @@ from datasets.importers.source import RawTable
 from datasets.importers.units import COVARIATE_UNITS
 
 _TURNS = ("angles", "quaternion", "vector", "matrix")
+_KINDS = {
+    "joints": ("joints",),
+    "point": ("point",),
+    "flange_point": ("point",),
+    "rotation": _TURNS,
+    "flange_rotation": _TURNS,
+    "axis": ("axis",),
+}
 _COPIED = (
     "pose",
     "repeat",
@@ -57,7 +65,7 @@ def propose(
     """
     stated = stated or Mapping()
     sets = [_usable(one, table) for one in find_sets(table)]
-    sets = [one for one in sets if one is not None]
+    sets = [one for one in sets if one is not None and not _is_taken(one, stated)]
     joints = _joints_of(sets, table, stated)
     points = [one for one in sets if one.kind == "point"]
     point, flange_point = _points_of(points, joints, has_images or has_clouds, table, stated)
@@ -78,6 +86,15 @@ def propose(
     )
     mapping = replace(mapping, measures=_measures(mapping, point, has_images, has_clouds))
     return Proposal(mapping, unused_columns(table, mapping))
+
+
+def _is_taken(one: ColumnSet, stated: Mapping) -> bool:
+    """Whether a mapping states some of the columns of a set as a quantity of another kind: a, b, c as a point."""
+    for quantity, kinds in _KINDS.items():
+        group = getattr(stated, quantity)
+        if group is not None and one.kind not in kinds and set(one.names) & set(group.columns):
+            return True
+    return False
 
 
 def _usable(one: ColumnSet, table: RawTable) -> ColumnSet | None:
