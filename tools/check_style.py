@@ -5,6 +5,7 @@ exit status 1 where there is a fault. A function's length is that of its body wi
 """
 
 import ast
+import os
 import re
 import statistics
 import sys
@@ -54,17 +55,18 @@ def code_files(root: Path) -> list[Path]:
 
 def text_files(root: Path) -> Iterator[Path]:
     """Every text file of the project, whatever its language."""
-    for path in sorted(root.rglob("*")):
-        parts = path.relative_to(root).parts
-        hidden = any(
-            part in SKIPPED
-            or part.startswith(".venv")
-            or part.endswith(("cache", "info"))
-            or part == ".hypothesis"
-            for part in parts
-        )
-        if path.is_file() and not hidden and path.suffix in TEXTS:
-            yield path
+    for folder, folders, files in os.walk(root):
+        folders[:] = sorted(name for name in folders if not _is_hidden(name))  # not walked at all
+        for name in sorted(files):
+            path = Path(folder) / name
+            if path.suffix in TEXTS and path.is_file():
+                yield path
+
+
+def _is_hidden(folder: str) -> bool:
+    """Whether a folder holds what a tool has made."""
+    is_made = folder in SKIPPED or folder == ".hypothesis" or folder.startswith(".venv")
+    return is_made or folder.endswith(("cache", "info"))
 
 
 def file_faults(path: Path, tree: ast.Module) -> Iterator[str]:
