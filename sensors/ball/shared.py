@@ -85,16 +85,17 @@ class Shared:
     def with_common(self, derivative: np.ndarray, covariance: np.ndarray) -> "Shared":
         """The same with m more errors of known covariance (m, m) that all groups share; derivative (m, d, n)."""
         k, m = len(self.derivative), len(covariance)
-        by_group = np.zeros((m, len(self.covariance) // k, k))
         if self.common is None:
-            return replace(self, common=Common(derivative, covariance, by_group))
+            independent = np.zeros((m, len(self.covariance) // k, k))
+            return replace(self, common=Common(derivative, covariance, independent))
         before = self.common
+        independent = np.zeros((m, *before.by_group.shape[1:]))
         return replace(
             self,
             common=Common(
                 np.concatenate([before.derivative, derivative]),
                 block_diag(before.covariance, covariance),
-                np.concatenate([before.by_group, by_group[..., : before.by_group.shape[2]]]),
+                np.concatenate([before.by_group, independent]),
             ),
         )
 
