@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from robot_model.mjcf import is_mjcf
 from workbench.core.errors import InputError
 
 PROGRAMS = ("urscript", "krl", "rapid", "fanuc")
@@ -139,6 +138,8 @@ def _urdf(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
 
 def _urdf_spec(arm, options: ArmOptions) -> dict | None:
     """What names the URDF to patch: --urdf, else the file that the arm was calibrated with; None where it is MJCF."""
+    from robot_model.mjcf import is_mjcf
+
     own = dict(arm.keys["robot"])
     if "urdf" not in own or is_mjcf(Path(own["urdf"])):
         own = {}
