@@ -126,7 +126,7 @@ MOVE = "MoveL p10,v100,fine,gripper\\WObj:=bench;"
         (
             "k.dat",
             krl("BAS(#BASE,0)", "BAS(#TOOL,0)", "$TOOL={X 1,Y 0,Z 0,A 0,B 0,C 0}"),
-            "several.*write one program for each tool",
+            r"several values of \$TOOL(?=.*write one program for each tool)",
         ),
         ("f.ls", fanuc(0, 1), "UF : 0, UT : 1"),
     ],
