@@ -11,6 +11,7 @@ from workbench.core.covariates import (
     instant_format,
     last_side,
     missing_temperature,
+    reversals,
     warmth,
     warmth_sizes,
 )
@@ -24,9 +25,9 @@ _HIGHEST_ORDER, _HIGHEST_HALF, _HALF_WEIGHT = 200.0, 40.0, 0.2
 _MOVES_RAD = 0.2  # range of a joint below which no order is distinguishable
 _PLANNED_RAD = 0.35  # and below which the default plan fits none
 _TYPICAL = {"rad": 3e-4, "mm": 0.05}  # of a step or amplitude that is searched for
+_REVERSALS = 4  # of a joint, from which on its side is no step, as a shift of its zero is
 _LOADED_NM = 0.02  # variation of a load below which nothing deflects measurably
 # shares of the largest torque over which a gap closes, and the prior weight of each relative to a sharp change
-_REVERSALS = 4  # of a joint, from which on its side is no step
 _CLOSING, _CLOSING_WEIGHT = (0.05, 0.1, 0.2), 0.3
 
 
@@ -139,11 +140,9 @@ class ConstantTerm(Effect):
 
 
 def _reverses(chain, joint: int) -> bool:
-    """Whether a joint came from both sides in turn: one reversal alone looks like a shift of its zero."""
+    """Whether a joint came from both sides in turn."""
     side = chain.state.covariates.get(last_side(joint), np.zeros(chain.n))
-    order = np.argsort(clock(chain.state), kind="stable")
-    known = side[order][side[order] != 0]
-    return int((np.diff(known) != 0).sum()) >= _REVERSALS
+    return reversals(side, clock(chain.state)) >= _REVERSALS
 
 
 class Backlash(Effect):

@@ -15,7 +15,7 @@ rotations cost little. A weak prior on the translations keeps what the samples d
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -146,9 +146,7 @@ class RotationSystem:
 
         One round without robust weights: enough to compare many hypotheses about the same samples.
         """
-        reduced = self._reduced()
-        rotations = reduced.descended(reduced.screened()[:_QUICK], _QUICK_STEPS)
-        return self._distances_at_best(reduced, rotations)
+        return quick_distances([self])[0]
 
     def _reduced(self) -> "_Reduced":
         """The equations under equal weights."""
@@ -286,10 +284,7 @@ class _Reduced:
 
     def _products(self, rotations: np.ndarray) -> np.ndarray:
         """(S, 3 K + 1, 3 K + 1) inner products of the columns of the Jacobian (rad) and, last, of the residual."""
-        made = rotations.reshape(len(rotations), -1) @ self._linear
-        made = made.reshape(len(rotations), -1, len(self.rows))
-        made[:, -1] += self.rows[:, -1]
-        return made @ made.swapaxes(1, 2)
+        return _inner_products(self._linear[None], self.rows[None, None, :, -1], rotations)
 
     def _second_order(self, rotations: np.ndarray) -> np.ndarray:
         """(S, 3 K, 3 K) second derivatives of the residual, weighted by the residual.
@@ -373,13 +368,7 @@ def _descended_together(systems: list[_Reduced]) -> np.ndarray:
     linear = np.stack([one._linear for one in systems])
     right = np.stack([one.rows[:, -1] for one in systems])[:, None]
 
-    def products_at(rotations):
-        each = rotations.reshape(len(systems), -1, linear.shape[1]) @ linear
-        each = each.reshape(*each.shape[:2], -1, right.shape[-1])
-        each[:, :, -1] += right
-        columns = each.reshape(-1, *each.shape[2:])
-        return columns @ columns.swapaxes(1, 2)
-
+    products_at = partial(_inner_products, linear, right)
     starts = np.stack([one.screened()[:_QUICK] for one in systems])
     rotations = starts.reshape(-1, *starts.shape[2:])
     state = _Descent(rotations, products_at(rotations), np.full(len(rotations), 1e-3))
@@ -388,7 +377,22 @@ def _descended_together(systems: list[_Reduced]) -> np.ndarray:
         after, goes_on = state.step(0.0, products_at)
         rotations = np.where(moving[:, None, None, None], after.rotations, rotations)
         state, moving = after, moving & goes_on
+        if not moving.any():
+            break
     return nearest_rotation(rotations).reshape(starts.shape)
+
+
+def _inner_products(linear: np.ndarray, right: np.ndarray, rotations: np.ndarray) -> np.ndarray:
+    """(H S, 3 K + 1, 3 K + 1) of S sets of rotations of each of H systems, rotations (H S, K, 3, 3).
+
+    linear (H, 9 K, C) and right (H, 1, R): the columns of the Jacobian, and the residual as the last, are linear in the
+    rotations, with the right-hand side added to the residual.
+    """
+    made = rotations.reshape(len(linear), -1, linear.shape[1]) @ linear
+    made = made.reshape(*made.shape[:2], -1, right.shape[-1])
+    made[:, :, -1] += right
+    columns = made.reshape(-1, *made.shape[2:])
+    return columns @ columns.swapaxes(1, 2)
 
 
 def _damped_move(

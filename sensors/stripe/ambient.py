@@ -21,9 +21,8 @@ _QUARTILE = 0.25
 _SMOOTH = 2.0  # px, 1 sigma: noise of the slope becomes a tenth of that of the line's centre
 _MARGIN = 8  # px about the lines that are looked at: what the smoothing reaches
 _REACH = 3.5  # widths to each side that a fit sees
-_STEEPEST = (
-    0.05  # of the peak, change of the background over one width beyond which no line is straight
-)
+_STEEPEST = 0.05
+"""Of the peak: change of the background over one width beyond which no line is straight."""
 _RATIOS = np.geomspace(1e-2, 1e2, 21)
 
 

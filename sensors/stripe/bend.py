@@ -116,10 +116,9 @@ class Bend:
         centre = np.zeros(2) if known is None else known.squares
         found, weight = np.zeros(2), np.ones(kept.sum())
         for _ in range(_REWEIGHTED):
-            scale = (
-                1 / weight.mean()
-            )  # of Laplace's distribution, of which neighbours in a grain tell the same
-            found = _nonnegative(relative, weight, precision * scale * _GRAIN, centre)
+            # scale of Laplace's distribution; neighbours in a grain tell the same
+            held = precision * _GRAIN / weight.mean()
+            found = _nonnegative(relative, weight, held, centre)
             weight = 1 / np.maximum(np.abs(found @ relative - 1), _NO_WIDER)
         information = relative @ relative.T * weight.mean() ** 2 / _GRAIN + np.diag(precision)
         return LineShape(*np.sqrt(found).tolist()), inverse_positive(information)

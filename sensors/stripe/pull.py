@@ -37,8 +37,8 @@ def measured_pull(matt: Bend, shape: np.ndarray, known: LineShape | None) -> Pul
     """
     law = brightness_law(matt, shape[0], shape[2])
     bend = law.applied(matt)
-    line, squares = bend.fitted_line(shape[0], known)
-    values = np.array([*(line.plane_width_mm**2, line.blur_px**2), law.exponent, law.gloss])
+    line, of_squares = bend.fitted_line(shape[0], known)
+    values = np.array([line.plane_width_mm**2, line.blur_px**2, law.exponent, law.gloss])
 
     def at(moved: Sequence[float]) -> np.ndarray:
         plane, blur = np.sqrt(np.maximum(moved[:2], 0.0))
@@ -47,7 +47,9 @@ def measured_pull(matt: Bend, shape: np.ndarray, known: LineShape | None) -> Pul
 
     size = at(values)
     covariance = np.zeros((5, 5))
-    covariance[:2, :2], covariance[2:4, 2:4], covariance[4, 4] = squares, law.covariance, _LAW**2
+    covariance[:2, :2] = of_squares
+    covariance[2:4, 2:4] = law.covariance
+    covariance[4, 4] = _LAW**2
     rows = []
     for k, step in enumerate(_STEP * np.sqrt(np.diag(covariance)[:4])):
         moved = values + step * (np.arange(4) == k)

@@ -86,6 +86,12 @@ def last_sides(moves: np.ndarray, time: np.ndarray, travel: np.ndarray) -> np.nd
     return out
 
 
+def reversals(side: np.ndarray, time: np.ndarray) -> int:
+    """How often a side (n,), -1 or 1 and 0 where not known, changes in the order of `time` (n,)."""
+    ordered = side[np.argsort(time, kind="stable")]
+    return int(np.count_nonzero(np.diff(ordered[ordered != 0])))
+
+
 def wound_up(moves: np.ndarray, time: np.ndarray, widths: np.ndarray) -> np.ndarray:
     """(J, W, n) state of friction, from -1 to 1, after the moves (J, n) in the order of `time` (n,); 0 at first.
 

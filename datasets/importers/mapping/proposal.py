@@ -70,7 +70,7 @@ def propose(
     points = [one for one in sets if one.kind == "point"]
     point, flange_point = _points_of(points, joints, has_images or has_clouds, table, stated)
     turns = [one for one in sets if one.kind in _TURNS]
-    rotation, flange_rotation = _turns_of((point, flange_point), turns, table, stated)
+    rotation, flange_rotation = _rotations_of((point, flange_point), turns, table, stated)
     axes = [one for one in sets if one.kind == "axis"]
     axis = None
     if rotation is None:
@@ -192,7 +192,7 @@ def _is_of(turn: ColumnSet, flange_point: ColumnSet | None) -> bool:
     return flange_point is not None and turn.words == flange_point.words
 
 
-def _turns_of(points, turns: list[ColumnSet], table: RawTable, stated: Mapping):
+def _rotations_of(points, turns: list[ColumnSet], table: RawTable, stated: Mapping):
     """The rotations of the measured point and of the flange's point `points`."""
     point, flange_point = points
     rotation = flange_rotation = None

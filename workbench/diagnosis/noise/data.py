@@ -1,9 +1,13 @@
 """What is wrong with the data rather than the model: outliers, and noise that is not the same everywhere."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.special import logsumexp
 
 from workbench.core.common_effects import NoiseLaw
+from workbench.core.effect import Effect
+from workbench.core.vocabulary import Covariate
 from workbench.diagnosis.levels import CERTAIN, ON_DATA, RARE
 from workbench.diagnosis.linear.problem import Finding, Problem
 from workbench.diagnosis.noise.contaminated import contaminated
@@ -13,16 +17,31 @@ _CLEAR = 1 / (1 - CERTAIN)
 """Bayes factor from which on outliers are claimed: by chance less than once in as many times."""
 
 
-def of_data(problem: Problem) -> tuple[np.ndarray, tuple[Finding, ...]]:
-    """(n,) bool of the outliers, and findings on the data: a spread that is not the same everywhere, and outliers."""
+def of_data(problem: Problem, effects: Sequence[Effect]) -> tuple[np.ndarray, tuple[Finding, ...]]:
+    """(n,) bool of the outliers, and findings on the data: a spread that is not the same everywhere, and outliers.
+
+    effects: of the model. Samples that they cannot predict, see `_predicted`, are no outliers.
+    """
     spread = _spread(problem)
     factor, each = _outlying(problem, spread[0].depends_on[0] if spread else "")
-    if factor < np.log(_CLEAR):
+    found = (each > 0.5) & _predicted(problem, effects)
+    if factor < np.log(_CLEAR) or not found.any():
         return np.zeros(problem.n, bool), spread
-    found = each > 0.5
     p, label = max(float(np.exp(-factor)), 1e-300), f"{found.sum()} of {problem.n}"
     probability = RARE / (RARE + (1 - RARE) * p)
     return found, (*spread, Finding("outliers", "samples", label, (), p, probability, 0.0, 0.0))
+
+
+def _predicted(problem: Problem, effects: Sequence[Effect]) -> np.ndarray:
+    """(n,) bool, False for the first pose where an effect reads the last moves: nobody recorded how it was reached."""
+    moves = []
+    for name, values in problem.covariates.items():
+        known = Covariate.of(name)
+        if known.kind == "move" and not known.unit:  # and no state that follows from the moves
+            moves.append(values != 0)
+    if not moves or not any(effect.by_moves for effect in effects):
+        return np.ones(problem.n, bool)
+    return np.any(moves, axis=0)
 
 
 def far_off(problem: Problem, outliers: np.ndarray) -> float:

@@ -204,8 +204,8 @@ def _likelier(search, i: int) -> Hypothesis | None:
     if is_elastic(mine):
         return None
     table = search.alternatives(i)
-    if same := _same_function(search, i, table):
-        return same
+    if law := _law_of_function(search, i, table):
+        return law
     families: dict[Key, list[Hypothesis]] = {}
     for h in table:
         is_law = not h.unnamed and (mine.unnamed or not is_elastic(h))
@@ -220,7 +220,7 @@ def _likelier(search, i: int) -> Hypothesis | None:
     return None if is_elastic(other) and not _makes_likelier(search, i, other) else other
 
 
-def _same_function(search, i: int, table: Sequence[Hypothesis]) -> Hypothesis | None:
+def _law_of_function(search, i: int, table: Sequence[Hypothesis]) -> Hypothesis | None:
     """The likeliest law of the same angle that makes all that an accepted nonparametric alternative at its place makes.
 
     A joint's error as any function of its own angle has a name; the two differ by their bases alone.
@@ -229,15 +229,11 @@ def _same_function(search, i: int, table: Sequence[Hypothesis]) -> Hypothesis | 
     if not mine.unnamed:
         return None
     gain = _SAME_GAIN * search.own(i, table).gain
-    laws = [
-        h
-        for h in table
-        if not h.unnamed
-        and not is_elastic(h)
-        and h.where == mine.where
-        and h.reads == set(mine.unnamed)
-        and h.gain >= gain
-    ]
+    laws = []
+    for h in table:
+        is_law = not h.unnamed and not is_elastic(h) and h.where == mine.where
+        if is_law and h.reads == set(mine.unnamed) and h.gain >= gain:
+            laws.append(h)
     return max(laws, key=lambda h: h.log_weight, default=None)
 
 

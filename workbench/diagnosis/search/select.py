@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from workbench.core.vocabulary import Covariate
 from workbench.diagnosis.levels import MISSING, MOVES
 from workbench.diagnosis.linear.hypotheses import family_wise, judged
 from workbench.diagnosis.linear.locate import located
@@ -102,7 +101,7 @@ def _found(search: Search) -> Found:
     findings = tuple(with_special_cases(each))
     remainder = family_wise(search.table(search.everyone))
     after = search.converged().conditional_on()
-    outliers, data = _but_without_history(search, *of_data(after))
+    outliers, data = of_data(after, [e for h in search.accepted for e in h.effects])
     if search.random_effect:
         data = ()
     elif remainder <= level:  # noise is judged where little is left
@@ -117,28 +116,6 @@ def _found(search: Search) -> Found:
     return Found(
         findings, before, after, first, remainder, places, left, outliers, data, tuple(search.trail)
     )
-
-
-def _but_without_history(search: Search, outliers: np.ndarray, data):
-    """Outliers and findings on the data, without those that only the unknown moves before the recording make.
-
-    A law of the last moves makes nothing of the first pose, as if the joint stood at the centre of its loop.
-    """
-    is_by_moves = any(effect.by_moves for h in search.accepted for effect in h.effects)
-    covariates = search.problem.covariates
-    moves = [x for name, x in covariates.items() if _is_move(name)]
-    if not is_by_moves or not moves:
-        return outliers, data
-    others = outliers & (np.array(moves) != 0).any(0)
-    if others.any() or not outliers.any():
-        return outliers, data
-    return others, tuple(f for f in data if f.effect != "outliers")
-
-
-def _is_move(name: str) -> bool:
-    """Whether a covariate is the last move of a joint itself, and no state that follows from it."""
-    known = Covariate.of(name)
-    return known.kind == "move" and not known.unit
 
 
 def _with_lattices(lattices, data):
@@ -250,7 +227,7 @@ def _confirmed(search: Search, samples) -> Found:
     after = bench.problem(effects, samples, hypotheses=False).conditional_on()
     remainder = bench.problem(effects, thinned(bench.pose, every, JUDGED)).conditional_on()
     table = judged(remainder)
-    outliers, spread = of_data(after)
+    outliers, spread = of_data(after, effects)
     # where functions are accepted, as the part has it, on which laws and functions were judged
     if any(f.effect == "unknown" for f in found.findings):
         spread = tuple(f for f in spread if f.effect in {own.effect for own in found.spread})
