@@ -24,6 +24,7 @@ from workbench.fitting import plan_file
 from workbench.fitting.plans import read_plan
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.compensate import actual_poses, compensate
+from workbench.jobs.robot.correction_limits import checked
 from workbench.jobs.robot.poses import choose_poses
 from workbench.jobs.robot.simulate import simulate
 from workbench.jobs.robot.switched_off import switched_off_warning
@@ -74,6 +75,19 @@ def test_the_run_folder_holds_plan_solution_and_scene(run):
     assert all(result[key].startswith(str(folder)) for key in ("plan", "solution", "scene"))
     assert not result["left_out"] and 0.02 < result["held_out_rms_mm"] < 0.05
     assert is_model_run(folder) and scene_of(folder).is_file()
+
+
+def test_a_model_without_findings_is_the_nominal_arm_where_a_fit_predicts_no_better(tmp_path):
+    """Few samples of an arm that is built as its file says; the files can be exported without being forced."""
+    scene = {key: value for key, value in SCENE.items() if key not in ("errors", "effect")}
+    recording = recorded(tmp_path, scene | {"samples": 45, "seed": 4})
+    files = write_model(diagnose(recording), recording, tmp_path)
+    arm = read_solution(tmp_path)
+    assert len(files.left_out) == 1 and "predicts unseen poses no better" in files.left_out[0]
+    assert all(key.startswith(("base.", "tool.")) for key in arm.free)
+    assert checked(arm, tmp_path, force=False) is arm
+    again = calibrate(recording, read_plan(tmp_path))
+    assert again.held_out["rms_mm"] == pytest.approx(arm.held_out_mm)
 
 
 @pytest.mark.slow

@@ -268,6 +268,18 @@ def test_a_doubtful_solution_is_refused_unless_forced(tmp_path, more, words):
     assert checked(arm, "solution.json", force=True) is arm
 
 
+def test_the_nominal_arm_with_estimated_frames_may_be_used(tmp_path):
+    """Its held-out error is that of the nominal arm, which is no doubt; an estimated geometry is refused with the remedy."""
+    level = {"held_out": {"rms_mm": 0.05}, "nominal": {"rms_mm": 0.05}}
+    frames = [*(f"base.{c}" for c in ("x", "y", "z", "rx", "ry", "rz"))]
+    covariance = np.zeros((6, 6)).tolist()
+    written = solution(tmp_path / "nominal", **level, free=frames, covariance=covariance)
+    arm = read_solution(written)
+    assert arm.trusted and checked(arm, "solution.json", force=False) is arm
+    with pytest.raises(InputError, match="--plan base-and-tool"):
+        checked(read_solution(solution(tmp_path / "arm", **level)), "solution.json", force=False)
+
+
 # -------------------------------------------------------------------------------------------------- load and the rest
 
 

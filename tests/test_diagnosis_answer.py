@@ -80,6 +80,21 @@ def test_blocks_left_out_of_a_linear_fit_are_predicted_as_by_fitting_again():
     assert np.allclose(heldout.left_out(problem, fold), np.abs(again))
 
 
+def test_held_out_error_of_a_right_model_is_noise_and_the_uncertainty_of_its_parameters():
+    """The mean square of many draws of noise alone; a sample that is no usual one does not count."""
+    rng = np.random.default_rng(3)
+    columns = rng.normal(size=(60, 12)) * np.linspace(0.2, 3, 60)[:, None]
+    sample, ones, fold = np.repeat(np.arange(20), 3), np.ones(20), np.arange(20) // 4
+    basis = np.linalg.qr(columns)[0]
+    usual = np.arange(20) != 7
+    squares = []
+    for y in rng.normal(size=(2000, 60)):
+        problem = Problem(y, basis, sample, ones, np.ones(60), fold, fold, {}, (), ())
+        squares.append((heldout.left_out(problem, fold)[usual] ** 2).mean() / 3)
+    factor = heldout.variance_factor(problem, fold, usual)
+    assert factor > 1.2 and factor == pytest.approx(np.mean(squares), rel=0.02)
+
+
 def test_folds_never_part_a_pose(bench):
     problem = bench.problem(()).conditional_on()
     pose = np.arange(90) // 3

@@ -28,3 +28,10 @@ def test_what_leaves_most_of_the_mismatch_has_not_explained_it(after, left):
     assert much_left(proof, 1e-9) == left and not much_left(proof, 0.5)
     assert (verdict_of((term(0.99),), 1e-9, much_left(proof, 1e-9)) == "unexplained") == left
     assert much_left(proof, 1e-9, is_above=True) and not much_left(proof, 0.5, is_above=True)
+
+
+def test_uncertainty_of_the_parameters_is_no_remainder():
+    """Noise of 0.02 mm and thirty parameters leave 0.0209 mm of a right model: that is all explained."""
+    proof = Proof(0.022, 0.0209, 0.0209, 9.0, 5, 0.02, "stated", np.zeros((2, 1)), np.zeros(1))
+    assert much_left(proof, 1e-9)
+    assert not much_left(replace(proof, variance_factors=(1.09, 1.1)), 1e-9)

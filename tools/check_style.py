@@ -57,7 +57,7 @@ def text_files(root: Path) -> Iterator[Path]:
     """Every text file of the project, whatever its language."""
     for folder, folders, files in os.walk(root):
         folders[:] = sorted(name for name in folders if not _is_hidden(name))  # not walked at all
-        for name in sorted(files):
+        for name in sorted(set(files) - SKIPPED):  # a linked worktree has a file .git
             path = Path(folder) / name
             if path.suffix in TEXTS and path.is_file():
                 yield path

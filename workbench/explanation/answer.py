@@ -146,6 +146,7 @@ def _whole(
     unit, noise = bench.unit, Final(bench, found, bench.unit).noise
     terms, refused, proved = _proved(bench, found, noise, say, jobs)
     last = Final(bench, found, unit, terms)
+    proved = last.with_variance_factors(proved)
     terms = _with_noise(last, terms, refused)
     terms = (*terms, *jitter_term(bench, terms, found.before))
     proved, terms = _with_stated_noise(last, proved, terms, refused)

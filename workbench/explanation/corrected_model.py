@@ -20,12 +20,16 @@ from workbench.files.solution_file import NAME as SOLUTION
 from workbench.files.solution_file import robot_keys, solution_keys
 from workbench.fitting.plan_file import NAME as PLAN
 from workbench.fitting.plan_file import plan_text
-from workbench.fitting.plans import geometry
+from workbench.fitting.plans import base_and_tool, geometry
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.corrected_scene import SCENE, corrected_scene, write_scene
 
 _IMAGES = "a diagnosis of images corrects a sensor, which a plan of an arm does not hold"
 _NO_PARAMETERS = "{title}: it has no parameters, so that no model holds it"
+_NOMINAL = (
+    "the nominal arm with estimated base and tool: an estimated geometry predicts unseen poses no better "
+    "(held-out RMS error {fitted:.4g} mm; nominal geometry {nominal:.4g} mm)"
+)
 _NOT_CONSIDERED = (
     "the uncertainty of the corrected model does not contain the terms that were found and not retained, since the "
     "model with them cannot be calibrated: {problem}"
@@ -95,13 +99,19 @@ def write_model(
     robot = load_robot(robot_keys(recording), "recording.toml, key robot")
     stages = corrected_stages(made, robot)
     folder = Path(folder)
-    (folder / PLAN).write_text(plan_text(stages, _comment(made)), encoding="utf-8")
     without = [_NO_PARAMETERS.format(title=t.title) for t in made.terms if not t.finding.effects]
     progress("the corrected model")
     try:
         calibration = calibrate(recording, stages, trust_data=trust_data)
+        fitted, nominal = calibration.held_out["rms_mm"], calibration.nominal["rms_mm"]
+        if len(stages) == 1 and not fitted < nominal:
+            without.append(_NOMINAL.format(fitted=fitted, nominal=nominal))
+            stages = (replace(base_and_tool(), loss=stages[0].loss),)
+            calibration = calibrate(recording, stages, trust_data=trust_data)
     except InputError as problem:
+        _write_plan(made, stages, folder)
         return ModelFiles(PLAN, left_out=(*without, f"no solution.json: {problem}"))
+    _write_plan(made, stages, folder)
     keys = solution_keys(calibration)
     try:
         considered = considered_terms(made.refused, calibration, stages, _row)
@@ -116,6 +126,10 @@ def write_model(
     missing = (f"no scene.toml: {why}",) if why else ()
     held_out = calibration.held_out["rms_mm"]
     return ModelFiles(PLAN, SOLUTION, None if why else SCENE, held_out, (*without, *missing))
+
+
+def _write_plan(made: Diagnosis, stages, folder: Path) -> None:
+    (folder / PLAN).write_text(plan_text(stages, _comment(made)), encoding="utf-8")
 
 
 def _comment(made: Diagnosis) -> str:

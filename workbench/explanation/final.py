@@ -1,8 +1,12 @@
 """Residuals of a diagnosis' baseline and final model, and what follows from them: noise, lack of fit, what is drawn."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from workbench.diagnosis.linear.problem import Found
+from workbench.diagnosis.validation.heldout import variance_factor
+from workbench.diagnosis.validation.terms import Proof
 from workbench.explanation.noise import replicates, stated_noise
 from workbench.explanation.result import Views
 from workbench.explanation.term_steps import steps_of_terms
@@ -33,6 +37,12 @@ class Final:
         degrees = self.after.degrees * len(position) / len(left)
         pose, index = self.bench.pose[usual], self._index()[usual]
         return replicates.noise(pose, index, position, stated_sigma(recording), degrees)
+
+    def with_variance_factors(self, proof: Proof) -> Proof:
+        """The proof with what the uncertainty of the parameters adds to the noise in its held-out errors."""
+        usual = ~self.found.outliers
+        before, after = (variance_factor(p, proof.fold, usual) for p in (self.before, self.after))
+        return replace(proof, variance_factors=(before, after))
 
     def stated_noise(self) -> stated_noise.StatedNoise | None:
         """Residuals of the final model over the stated sigma; None where none is stated."""

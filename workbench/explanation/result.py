@@ -176,13 +176,13 @@ def much_left(
     """Whether structure is left, and the remainder is above the noise or more than a third of what there was.
 
     is_above: whether the residual of the final model is significantly above the noise. Where it is not, or no noise is
-    known, more than a third of what was above the noise in the held-out error counts. level: chance of structure by
-    chance, the same as where nothing was found.
+    known, more than a third of what the held-out error had unexplained (`Proof.unexplained`) counts. level: chance of
+    structure by chance, the same as where nothing was found.
     """
     if p_remainder >= level:
         return False
-    above = [max(error**2 - proof.noise**2, 0.0) for error in (proof.before, proof.after)]
-    return is_above or above[1] > _REST * above[0]
+    before, after = proof.unexplained
+    return is_above or after > _REST * before
 
 
 def with_statements(diagnosis: Diagnosis, statements) -> Diagnosis:

@@ -21,6 +21,7 @@ from workbench.files.considered import Considered, read_considered
 FORMAT, NAME = "solution/1", "solution.json"
 # Largest plausible correction of the position and of the orientation of the flange, where nobody states another.
 LARGEST_MM, LARGEST_DEG = 10.0, 1.0
+_FRAMES = ("base.", "tool.", "sensor.", "artefact.")  # keys of what stands around the arm
 # What acts on the arm. The instrument's own errors, its drift relative to the base and the moment of reading move no
 # flange.
 _ARM_PORTS = ("joint", "geometry", "frame", "gravity", "mass")
@@ -62,6 +63,11 @@ class CalibratedArm:
     rows: int = 0
     recorded_samples: np.ndarray | None = None
     configurations: np.ndarray | None = None
+
+    @property
+    def is_no_better_than_nominal(self) -> bool:
+        """Whether an estimated geometry or effects predict unseen samples no better than the nominal arm."""
+        return _is_no_better(self.keys)
 
     @property
     def acting_effects(self) -> tuple[Effect, ...]:
@@ -355,13 +361,22 @@ def _trust(keys) -> tuple[bool, str]:
     held_out, nominal = keys["held_out"]["rms_mm"], keys["nominal"]["rms_mm"]
     if not keys["converged"]:
         return False, f"the solve {keys['outcome']}"
-    if held_out is None or not held_out < nominal:
+    if held_out is None:
+        return False, "it has no held-out error"
+    if _is_no_better(keys):
         return (
             False,
-            f"its held-out error ({held_out} mm) is not below that of the nominal arm ({nominal} mm)",
+            f"its held-out error ({held_out:.4g} mm) is not below that of the nominal arm ({nominal:.4g} mm)",
         )
     if keys.get(
         "warnings"
     ):  # base and tool alone were so far off that something else than the arm is wrong
         return False, f"its recording is in doubt ({keys['warnings'][0]})"
     return True, ""
+
+
+def _is_no_better(keys) -> bool:
+    """Whether more than frames was estimated, with a held-out error that is not below that of the nominal arm."""
+    is_nominal = not keys["effects"] and all(key.startswith(_FRAMES) for key in keys["free"])
+    held_out = keys["held_out"]["rms_mm"]
+    return not is_nominal and held_out is not None and not held_out < keys["nominal"]["rms_mm"]

@@ -72,6 +72,11 @@ def geometry(robot: Robot) -> Stage:
     return Stage("geometry", why, free=(*FRAMES, *geometry_free(robot)), earn=False)
 
 
+def base_and_tool() -> Stage:
+    """Base and tool alone, for an arm whose nominal geometry predicts as well as an estimated one."""
+    return read_plan(Path("base-and-tool"))[0]
+
+
 def joint_curves() -> Stage:
     """The error curves of joints that the fit before supports; none where it supports none."""
     return Stage(CURVES, STAGES[CURVES], choose=choose_joint_curves)

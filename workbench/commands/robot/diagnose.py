@@ -206,6 +206,9 @@ def show(console, result) -> None:
     if result["differences"] is not None:
         _show_differences(console, result["differences"])
     console.print(f"Next: {result['next_experiment']}", markup=False)
+    model = result.get("model") or {}
+    for sentence in model.get("left_out", ()) if model.get("plan") else ():
+        console.print(f"Corrected model: {sentence.rstrip('.')}.", markup=False)
 
 
 def _show_other_schemes(console, held_out, unit: str) -> None:

@@ -338,6 +338,29 @@ def _left_out_rows(problem: Problem, fold: np.ndarray, only: int | None = None) 
     return out * problem.units
 
 
+def variance_factor(problem: Problem, fold: np.ndarray, usual: np.ndarray) -> float:
+    """Expected mean square of a held-out position residual of a right model over the variance of its noise.
+
+    A left-out block has the covariance sigma^2 (I + J C J') = sigma^2 (I - B_b B_b')^-1: noise, and the uncertainty C
+    of parameters that the other blocks determine (Cook & Weisberg, sec. 3.6, as in `left_out`). Mean over whitened
+    rows of the usual samples (n,) bool; fold (n,) int.
+    """
+    mixing, mine = problem.hat_mixing, fold[problem.sample]
+    counted = usual[problem.sample]
+    if problem.rotation is not None:
+        counted = counted & ~problem.rotation
+    if not counted.any():
+        return 1.0
+    added = 0.0
+    for k in np.unique(fold[usual]):
+        rows = mine == k
+        values, vectors = symmetric_eigen(mixing.T @ _block_gram(problem, rows) @ mixing)
+        gram = mixing.T @ _block_gram(problem, rows & counted) @ mixing
+        shares = np.einsum("ij,ik,kj->j", vectors, gram, vectors)
+        added += float((shares / np.maximum(1 - values, SAME)).sum())
+    return 1.0 + added / int(counted.sum())
+
+
 def _without_block(inner: np.ndarray, score: np.ndarray) -> np.ndarray:
     """(P,) (I - B_b'B_b)^-1 B_b'e, of inner products (P, P) and score (P,).
 
@@ -365,4 +388,5 @@ __all__ = [
     "rms",
     "sigma_of",
     "significance",
+    "variance_factor",
 ]

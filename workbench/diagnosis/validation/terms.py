@@ -79,6 +79,7 @@ class Proof:
     and after, nan where not predicted; `fold` (n,). All of these are of one `scheme`, that can judge the terms;
     `schemes`: before, after, t, folds of every scheme, and whether it judges. `after` is at most `before`.
     `noise` and `noise_from`: what the instrument leaves, and how it is known. `lack`: lack of fit against replicates.
+    `variance_factors`, before and after: mean square error of a right model on such samples over that of the noise.
     """
 
     before: float
@@ -97,3 +98,11 @@ class Proof:
     )
     angles_rms: tuple[float, float] | None = None  # deg, before and after
     scheme: str = ""
+    variance_factors: tuple[float, float] = (1.0, 1.0)
+
+    @property
+    def unexplained(self) -> tuple[float, float]:
+        """Mean squared errors before and after beyond noise and uncertainty of the parameters, mm^2 or px^2; >= 0."""
+        errors = zip((self.before, self.after), self.variance_factors)
+        before, after = (max(error**2 - f * self.noise**2, 0.0) for error, f in errors)
+        return before, after

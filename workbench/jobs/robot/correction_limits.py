@@ -20,6 +20,11 @@ from workbench.files.solution_file import LARGEST_DEG, LARGEST_MM, CalibratedArm
 from workbench.jobs.robot.compensate import considered_covariates, covariates_read, half_loops_mm
 from workbench.jobs.robot.singularity import reading_words, singular_joint
 
+_CORRECT_THE_INPUT = "correct the recording or the robot file and calibrate again, or add --force"
+_NOMINAL_SUFFICES = (
+    "the nominal arm is the better model: use its robot file as it is, or estimate base and tool alone with "
+    "`workbench calibrate RECORDING --plan base-and-tool`; --force uses this calibration all the same"
+)
 # No arm deviates from its model by a hundred times the noise of an instrument that is fit to measure it: noise then
 # makes less than a ten-thousandth of the mean square. The noise statement, the data or the model is wrong.
 _FAR_ABOVE_NOISE = 100.0
@@ -93,9 +98,10 @@ def checked(arm: CalibratedArm, path, force: bool, limits: Limits | None = None)
     why = doubt_about(arm, limits or Limits())
     if force or not why:
         return arm
+    is_only_no_better = arm.is_no_better_than_nominal and arm.keys["converged"]
+    remedy = _NOMINAL_SUFFICES if is_only_no_better else _CORRECT_THE_INPUT
     raise InputError(
-        f"{path}: expected a calibration that converged and is plausible on unseen samples, found that {why}; "
-        "correct the recording or the robot file and calibrate again, or add --force"
+        f"{path}: expected a calibration that converged and is plausible on unseen samples, found that {why}; {remedy}"
     )
 
 
