@@ -185,9 +185,18 @@ _ACT = """([action, expected]) => new Promise((done) => {
     const end = () => { seen.disconnect(); answered = performance.now() - begun; drawn(); };
     const seen = new MutationObserver(() => { if (line.innerText !== old) requestAnimationFrame(end); });
     seen.observe(line, {childList: true, characterData: true, subtree: true});
-    const range = (a, b, c, d) => ({range: {x: [a, b], y: [c, d]}});
+    const pointer = (type, across, down) => {
+        const target = document.querySelector('[data-figure=chart] .nsewdrag'), area = target.getBoundingClientRect();
+        const place = {clientX: area.left + across * area.width, clientY: area.top + down * area.height};
+        target.dispatchEvent(new PointerEvent(type, {...place, bubbles: true, button: 0}));
+    };
+    const brush = () => {
+        pointer('pointerdown', 0.4, 0.01);
+        pointer('pointermove', 0.6, 0.99);
+        pointer('pointerup', 0.6, 0.99);
+    };
     if (action === 'click') plot('arrows').emit('plotly_click', {points: [{customdata: 7}]});
-    if (action === 'brush') plot('chart').emit('plotly_selected', range(-20, 20, 0.1, 0.2));
+    if (action === 'brush') brush();
     if (action === 'bar') plot('histogram').emit('plotly_click', {points: [{customdata: [0.1, 0.12, 'held_out']}]});
     if (action === 'clear')
         Array.from(document.querySelectorAll('button')).find((b) => b.innerText === 'Clear selection').click();
