@@ -245,7 +245,7 @@ def benchmarks() -> None:
     )
     names = [name.strip() for name, _ in found]
     ratios = np.array([float(ratio) for _, ratio in found])
-    figure, axes = axes_of(8.5, 3.6)
+    figure, axes = axes_of(8.5, 4.6)
     axes.barh(names, ratios, color=np.where(ratios < 1, ORANGE, BLUE))
     axes.axvline(1, color=GREY)
     axes.invert_yaxis()

@@ -73,6 +73,7 @@ class _Likelihood:
 
     score: np.ndarray
     factors: tuple[np.ndarray, ...]
+    products: tuple[np.ndarray, ...]
     rest: float
     degrees: float
 
@@ -103,8 +104,8 @@ class _Likelihood:
 
         noise, *effects = np.exp(logs)
         total = noise * np.eye(len(self.score))
-        for variance, factor in zip(effects, self.factors):
-            total += variance * factor @ factor.T
+        for variance, product in zip(effects, self.products):
+            total += variance * product
         total[np.diag_indices_from(total)] += _ROUNDING * np.trace(total) / len(total)
         lower = np.linalg.cholesky(total)
         whitened = solve_triangular(lower, np.column_stack([*self.factors, self.score]), lower=True)
@@ -136,7 +137,8 @@ def _likelihood(data: Reduced) -> _Likelihood | None:
     rows = root[:, None] * vectors[:, kept].T * scale
     factors = tuple(rows[:, data.component == j] for j in range(data.count))
     rest = max(data.squares - float(score @ score), 1e-12 * data.squares)
-    return _Likelihood(score, factors, rest, float(degrees))
+    products = tuple(factor @ factor.T for factor in factors)
+    return _Likelihood(score, factors, products, rest, float(degrees))
 
 
 def _scales(data: Reduced) -> np.ndarray:

@@ -116,8 +116,8 @@ def _points(points, by_point):
 
 
 def _point_labels(points):
-    both = np.stack([_labels(points[0]), _labels(points[1])])
-    return np.unique(both, axis=1, return_inverse=True)[1].ravel()
+    column, row = _labels(points[0]), _labels(points[1])
+    return np.unique(column * (row.max() + 1) + row, return_inverse=True)[1].ravel()
 
 
 def _labels(values):
