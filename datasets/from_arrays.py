@@ -10,7 +10,7 @@ from datasets.columns import GROUPS, TEXT, misspelt
 from datasets.formats.table import Table, number_groups
 from workbench.core.builtin_names import check_builtin_name
 from workbench.core.errors import InputError
-from workbench.core.robot_description import is_description
+from workbench.core.robot_description import description_keys, is_description
 from workbench.core.text.structured_text import ContentError, read_toml
 
 _CALLED = "Recording.from_arrays"
@@ -165,7 +165,7 @@ def _robot_keys(robot: str | Mapping) -> Mapping:
         return robot
     path = Path(robot)
     if is_description(path):
-        return {"urdf": str(path)}
+        return description_keys(path)
     if path.suffix.lower() != ".toml":
         check_builtin_name(str(robot), f"{_CALLED}, robot")
         return {"builtin": str(robot)}

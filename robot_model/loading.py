@@ -9,7 +9,7 @@ from robot_model.robot import Robot, wrong
 from robot_model.robot_file import read_robot_keys, robot_from_keys
 from robot_model.urdf import robot_from_urdf
 from workbench.core.builtin_names import check_builtin_name
-from workbench.core.robot_description import is_description
+from workbench.core.robot_description import description_keys, is_description
 
 
 def builtin_robots() -> list[str]:
@@ -24,7 +24,8 @@ def load_robot(spec: Mapping | str | PathLike, where: str = "robot") -> Robot:
     """The arm that `spec` names.
 
     spec: the keys of robot.toml; {"builtin": name}; {"urdf": path, "joints": [...], "tip": link}
-    (see `robot_model.urdf.robot_from_urdf`); a path to a .toml, .urdf or MJCF (.xml, .mjcf) file; or a builtin name.
+    (see `robot_model.urdf.robot_from_urdf`); a path to a .toml, .urdf or MJCF (.xml, .mjcf) file, the latter two also
+    as FILE#LINK, the link being the flange; or a builtin name.
     where: what to call a mapping in an error sentence, usually the file that it came from.
     Raises InputError where the arm is not known or its numbers cannot be right.
     """
@@ -39,7 +40,7 @@ def load_robot(spec: Mapping | str | PathLike, where: str = "robot") -> Robot:
 
 def _load_named(path: Path, where: str) -> Robot:
     if is_description(path):
-        return load_robot({"urdf": str(path)}, str(path))
+        return load_robot(description_keys(path), str(path))
     if path.suffix.lower() == ".toml":
         keys = read_robot_keys(path)
         if isinstance(keys.get("urdf"), str):

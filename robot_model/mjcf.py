@@ -15,7 +15,7 @@ import numpy as np
 from robot_model.mjcf_file import Defaults, compiler_of, numbers
 from robot_model.mjcf_shapes import shape_ends, shape_mass
 from robot_model.robot import wrong
-from robot_model.urdf_tree import Joint, Tree
+from robot_model.urdf_tree import NAMELESS, Joint, Tree
 from workbench.core.robot_description import read_included
 
 TERMS = "workbench-terms"
@@ -165,7 +165,7 @@ class MjcfTree(Tree):
 
     def _unnamed(self, what: str) -> str:
         self._count += 1
-        return f"({what} {self._count} without a name)"
+        return f"({what} {self._count} {NAMELESS}"
 
     def _where(self, body) -> str:
         return f"{self.file}: body {body.get('name', '')}"
@@ -246,9 +246,11 @@ class MjcfTree(Tree):
         for name in _TIPS:
             if name in self.links:
                 return name
-        best = self._farthest_leaves()
-        sites = [name for name in best if name in self._sites]
-        return sites[0] if len(sites) == 1 else super().farthest_leaf()
+        return super().farthest_leaf()
+
+    def _ends_of(self, leaves: list[str]) -> list[str]:
+        sites = [name for name in leaves if name in self._sites]
+        return sites or leaves
 
     def inertial(self, link: str) -> tuple[float, np.ndarray]:
         """kg of a link and its centre (3,) in the root frame at zero, mm."""

@@ -7,7 +7,7 @@ parallel and the common normal is ill-defined. What the first and the last frame
 into `Robot.base` and `Robot.flange`, so that the flange stands where the URDF puts it, exactly.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +42,7 @@ def robot_from_urdf(spec: Mapping, where: str = "robot") -> Robot:
     if not moving:
         raise wrong(tree.file, f"a joint that moves before link {tip}", "none", "name another tip")
     frames, rows, hayati = _denavit(tree, moving, tip)
-    readings, mixing, offsets = _mixing(tree, moving, drives)
+    readings, mixing, offsets = _mixing(tree, moving, drives, spec.get("joints"))
     prismatic = np.array([joint.kind == "prismatic" for joint in moving])
     rows[np.arange(len(rows)), np.where(prismatic, D, THETA)] += offsets
     mass, com = _masses(tree, moving, frames)
@@ -171,11 +171,14 @@ def _load_centre(tree: Tree, tip: str) -> np.ndarray:
 
 
 def _mixing(
-    tree: Tree, moving: list[Joint], drives: dict
+    tree: Tree, moving: list[Joint], drives: dict, stated: Sequence[str] | None
 ) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Names of the R readings, (J, R) joint variables of readings, (J,) the mimics' offsets, rad and mm."""
+    """Names of the R readings, (J, R) joint variables of readings, (J,) the mimics' offsets, rad and mm.
+
+    stated: the readings that the user names. Servos of an MJCF file may drive another arm and a gripper, too.
+    """
     used = list(dict.fromkeys(drives[joint.name][0] for joint in moving))
-    readings = list(tree.named or used)
+    readings = list(stated or [name for name in tree.named or used if name in used])
     idle = [name for name in readings if name not in used]
     if idle:
         raise wrong(

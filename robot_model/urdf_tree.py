@@ -43,6 +43,12 @@ class Joint:
         return 1000.0 if self.kind == "prismatic" else 1.0
 
 
+NAMELESS = "without a name)"
+"""End of the name that a part has here which has none in its file."""
+_ARM = 4
+"""Joints of its own from which on a branch is an arm: a SCARA has four; fingers, doors and positioners have fewer."""
+
+
 class Tree:
     """A URDF: `links` (name -> element), `joints` (name -> Joint), `into` (link -> the joint before it).
 
@@ -149,27 +155,46 @@ class Tree:
         return joints[::-1]
 
     def farthest_leaf(self) -> str:
-        """The leaf beyond most joints that move."""
-        best = self._farthest_leaves()
-        if len(best) > 1:
-            raise wrong(self.file, "one last link", ", ".join(best), "choose one of them as tip")
-        return best[0]
+        """The leaf beyond most joints that move. Raises InputError where there are several, or another arm."""
+        ends = [end for leaves in self._arms() for end in self._ends_of(leaves)]
+        ends.sort(key=lambda end: end.endswith(NAMELESS))
+        if len(ends) > 1:
+            choice = f'tip = "{ends[0]}" under [robot], or {self.file.name}#{ends[0]}'
+            raise wrong(
+                self.file,
+                "one arm, or the name of its flange",
+                f"several last links, {', '.join(ends)}",
+                f"name one of them: {choice} where a file is named",
+            )
+        return ends[0]
 
-    def _farthest_leaves(self) -> list[str]:
-        """The leaves beyond most joints that move, sorted.
+    def _ends_of(self, leaves: list[str]) -> list[str]:
+        """Those of the last links of an arm that may be its flange."""
+        return leaves
+
+    def _arms(self) -> list[list[str]]:
+        """The leaves beyond most joints that move, and those of every other arm, arm by arm.
 
         Leaves beyond a joint of a kind that no arm has (free, ball, floating) are other things than the arm, where
-        there are others.
+        there are others. Another arm has `_ARM` or more moving joints of its own.
         """
         leaves = set(self.links) - {joint.parent for joint in self.joints.values()}
         paths = {leaf: self.path(leaf) for leaf in sorted(leaves)}
         usable = {leaf: path for leaf, path in paths.items() if all(map(_is_of_arm, path))}
         if not usable:  # the longest path is the arm's
             usable = dict([max(paths.items(), key=lambda item: len(item[1]))])
-        reach = {}
+        own = {}
         for leaf, path in usable.items():
-            reach[leaf] = sum(self.drive(joint) is not None for joint in path)
-        return [leaf for leaf, count in reach.items() if count == max(reach.values())]
+            own[leaf] = {joint.name for joint in path if self.drive(joint) is not None}
+        arms: list[list[str]] = []
+        while True:
+            longest = max(own.values(), key=len)
+            if arms and len(longest) < _ARM:
+                return arms
+            alike = [leaf for leaf, joints in own.items() if len(joints) == len(longest)]
+            arms.append([leaf for leaf in alike if not longest or own[leaf] & longest])
+            taken = set().union(*(own[leaf] for leaf in arms[-1]))
+            own = {leaf: joints - taken for leaf, joints in own.items()}
 
     def drive(self, joint: Joint) -> tuple[str, float, float] | None:
         """Which reading moves a joint, by what ratio and offset (m, rad); None where it stands still."""

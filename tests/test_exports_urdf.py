@@ -8,6 +8,7 @@ import pytest
 
 from export_scenes import GEOMETRY, arm_with, flanges, readings_of, write_urdf
 from robot_model import load_robot
+from workbench.commands.robot.export_arm import ArmOptions, _urdf
 from workbench.core.errors import InputError
 from workbench.files.exports.mdh import calibrated_geometry
 from workbench.files.exports.urdf_patch import patched_urdf
@@ -114,6 +115,24 @@ def test_an_arm_of_another_description_patches_the_urdf_of_the_same_kinematics(t
     np.testing.assert_allclose(flanges(again, readings), wanted, atol=1e-5)
     with pytest.raises(InputError, match="nominal kinematics of FANUC"):
         patched_urdf(arm_with({"builtin": "fanuc_lr_mate_200id"}, ()), spec)
+
+
+def test_a_urdf_on_another_mount_than_that_of_the_calibration_is_exported(tmp_path):
+    """The check compares the flange itself only with the very file of the calibration."""
+    spec = write_urdf(tmp_path)
+    other = tmp_path / "other.urdf"
+    other.write_bytes((tmp_path / "cell.urdf").read_bytes().replace(b"0.1 0.2 0.3", b"0.4 0.2 0.1"))
+    arm = arm_with({"urdf": str(other), "tip": "tool0"}, ())
+    assert not np.allclose(arm.robot.base, load_robot(spec).base)
+    options = ArmOptions(urdf=tmp_path / "cell.urdf", tip="tool0")
+    made = _urdf(arm, tmp_path / "new.urdf", options, "urdf", lambda: None)
+    (tmp_path / "new.urdf").write_bytes(made.texts[tmp_path / "new.urdf"])
+    again = load_robot({"urdf": str(tmp_path / "new.urdf"), "tip": "tool0"})
+    readings = readings_of(arm.robot)
+    found = flanges(again, readings)
+    wanted = flanges(arm.robot, readings, calibrated_geometry(arm))
+    apart = found @ np.linalg.inv(wanted)
+    np.testing.assert_allclose(apart, np.broadcast_to(apart[0], apart.shape), atol=1e-5)
 
 
 def test_a_flange_on_the_last_axis_is_said_to_miss_what_no_joint_can_hold(tmp_path):

@@ -18,6 +18,7 @@ from workbench.core.errors import InputError
 from workbench.core.robot_description import copy_description
 from workbench.explanation.reference import reference_of
 from workbench.recordings.importing.chain import ImportOptions, import_recording
+from workbench.recordings.templates.write import write_template
 
 ARM = """<mujoco model="arm">
   <compiler angle="radian" meshdir="assets"/>
@@ -125,10 +126,61 @@ def test_a_simulation_takes_tip_and_joints_of_the_recording_where_it_has_them(sc
     """A gripper whose fingers end alike has no last link of its own."""
     fingers = ARM.replace('<site name="tcp" pos="0 0 0.1"/>', "")
     (tmp_path / "parts" / "arm.xml").write_text(fingers)
-    with pytest.raises(InputError, match="left, right; choose one of them as tip"):
+    with pytest.raises(InputError, match='left, right; name one of them: tip = "left"'):
         reference_of(scene, None, {"tip": "elsewhere"})
     found = reference_of(scene, None, {"tip": "hand", "joints": ["joint1", "joint2"]})
     assert found.robot.joints == 2 and found.robot_keys["tip"] == "hand"
+
+
+TWO = ("left", "right")
+
+
+def cell(arms, is_driven: bool = True, sites=TWO) -> str:
+    """An MJCF file of arms in one cell: pairs of a name and a number of joints."""
+    bodies, servos = "", ""
+    for place, (arm, count) in enumerate(arms):
+        site = f'<site name="{arm}/tcp" pos="0.05 0 0"/>' if arm in sites else ""
+        links = [
+            f'<body pos="{0 if k else place} 0 0.3"><joint name="{arm}{k + 1}" axis="{k % 2} {1 - k % 2} 0"/>'
+            for k in range(count)
+        ]
+        bodies += "".join(links) + site + "</body>" * count
+        servos += "".join(f'<position joint="{arm}{k + 1}"/>' for k in range(count))
+    servos = f"<actuator>{servos}</actuator>" if is_driven else ""
+    return f'<mujoco model="cell"><worldbody>{bodies}</worldbody>{servos}</mujoco>'
+
+
+@pytest.mark.parametrize("is_driven", [True, False])
+@pytest.mark.parametrize("counts", [(6, 6), (6, 5)])
+@pytest.mark.parametrize("sites", [TWO, TWO[:1]])
+def test_of_several_arms_the_flange_names_one(tmp_path, is_driven, counts, sites):
+    """None is taken without a word; servos of the other arm are no readings of this one."""
+    file = tmp_path / "cell.xml"
+    file.write_text(cell(list(zip(TWO, counts)), is_driven, sites))
+    with pytest.raises(InputError, match="left/tcp, .*name one of them: .* or cell.xml#left/tcp"):
+        load_robot(file)
+    left = load_robot(f"{file}#left/tcp")
+    assert left.joints == 6 and left.base[0, 3] == 0
+    if sites == TWO:
+        right = load_robot({"urdf": str(file), "tip": "right/tcp"})
+        assert right.joints == counts[1] and right.base[0, 3] == 1000
+    found = reference_of(f"{file}#left/tcp", None, {"tip": "right/tcp"})
+    assert found.robot_keys["tip"] == "left/tcp"
+
+
+def test_a_positioner_is_no_second_arm(tmp_path):
+    file = tmp_path / "cell.xml"
+    file.write_text(cell([("arm", 6), ("table", 2)], is_driven=False))
+    assert load_robot(file).joints == 6
+
+
+def test_an_example_recording_takes_one_arm_of_a_file(tmp_path, monkeypatch):
+    """By a relative path, although the example is simulated in another folder."""
+    (tmp_path / "cell.xml").write_text(cell([("left", 6), ("right", 6)]))
+    monkeypatch.chdir(tmp_path)
+    write_template("external-point", tmp_path / "new", "cell.xml#right/tcp")
+    robot = read_recording(tmp_path / "new").robot
+    assert robot["tip"] == "right/tcp" and load_robot(robot).joints == 6
 
 
 def test_springs_of_a_class_are_said(scene):
@@ -154,12 +206,13 @@ def test_tables_are_imported_with_an_mjcf_file_as_robot(scene, tmp_path):
     rows = np.column_stack([np.rad2deg(readings), points])
     head = ",".join([*(f"A{k} [deg]" for k in range(1, 6)), "X [mm]", "Y [mm]", "Z [mm]"])
     np.savetxt(table, rows, delimiter=",", header=head, comments="")
-    import_recording([table], tmp_path / "made", ImportOptions(robot=str(scene)))
+    import_recording([table], tmp_path / "made", ImportOptions(robot=f"{scene}#tcp"))
     (scene.parent / "parts" / "arm.xml").unlink()
     read = read_recording(tmp_path / "made")
     assert Path(read.robot["urdf"]).name == "robot.xml"
     np.testing.assert_allclose(flanges(load_robot(read.robot), readings), frames, atol=1e-9)
-    assert 'robot = "robot.xml"' in (tmp_path / "made" / "import.toml").read_text()
+    assert read.robot["tip"] == "tcp"
+    assert 'robot = "robot.xml#tcp"' in (tmp_path / "made" / "import.toml").read_text()
 
 
 def test_an_mjcf_file_without_included_files_is_copied_as_it_is(scene, tmp_path):

@@ -377,7 +377,7 @@ def test_several_last_links_are_named(tmp_path):
     file.write_text(URDF.replace("</robot>", extra))
     assert load_robot(file).joints == 2, "c lies beyond more joints than d"
     file.write_text(URDF.replace("</robot>", extra.replace('type="fixed"', 'type="continuous"')))
-    with pytest.raises(InputError, match="one last link, found c, d"):
+    with pytest.raises(InputError, match="several last links, c, d; name one of them"):
         load_robot(file)
 
 

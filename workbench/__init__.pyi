@@ -421,7 +421,8 @@ def diagnose(
 
     Args:
         recording: Folder of a recording, or a known name.
-        simulation: Compare with this simulation: a scene (TOML), an MJCF (.xml) or URDF file.
+        simulation: Compare with this simulation: a scene (TOML), an MJCF (.xml) or URDF file
+            (FILE#LINK).
         solution: Compare with an earlier calibration (solution.json).
         baseline: Effects that the baseline model already contains.
         scanner: Use this calibrated scanner (scanner.toml of `workbench scanner`).
@@ -565,7 +566,7 @@ def export(
         parent_frame: ROS frame of flange or base, of a hand-eye transform.
         child_frame: ROS frame of the sensor, of a hand-eye transform.
         without: Switch off a term by name, as joint-3.backlash; * is a wildcard.
-        urdf: The URDF whose joint origins are corrected.
+        urdf: The URDF whose joint origins are corrected; FILE#LINK names its flange, too.
         tip: Its link that is the flange.
         targets: Targets of a robot program, as for `compensate`.
         map: Columns, units and conventions of a table of targets with other headers: a mapping as
@@ -703,7 +704,7 @@ def import_data(
     Args:
         sources: Tables, robot programs, ROS bags, images, clouds, or folders of them.
         out: New folder for the recording.
-        robot: Built-in robot, robot.toml, URDF or MJCF.
+        robot: Built-in robot, robot.toml, URDF or MJCF; FILE#LINK where a file holds several arms.
         map: Mapping of columns (TOML).
         propose: Write the proposed mapping and stop.
         board: Board in the images: "chessboard 11x8 5mm", "circles 7x6 10mm", "circles 4x11 10mm
@@ -753,7 +754,7 @@ def new(kind: str, folder: Path | str, robot: Recording | Path | str | None = No
         kind: What is measured: external-point, external-pose, ball-centre, board-images, ...; or a
             scanner: fixed-plane, galvanometer, turntable, profiler, 3d-camera.
         folder: New folder.
-        robot: Built-in robot, robot.toml, URDF or MJCF.
+        robot: Built-in robot, robot.toml, URDF or MJCF; FILE#LINK where a file holds several arms.
 
     Returns:
         The answer of the command, with the entries below.

@@ -13,8 +13,22 @@ _DEEPEST = 20  # files that include one another: more is a circle
 
 
 def is_description(name: str | PathLike) -> bool:
-    """Whether a file is a URDF or MJCF file by its suffix."""
-    return Path(name).suffix.lower() in DESCRIPTIONS
+    """Whether a file is a URDF or MJCF file by its suffix; its name may be followed by #LINK."""
+    return file_and_tip(name)[0].suffix.lower() in DESCRIPTIONS
+
+
+def file_and_tip(name: str | PathLike) -> tuple[Path, str | None]:
+    """The file of FILE or FILE#LINK, and the link that is the flange: one file may hold several arms."""
+    file, _, tip = str(name).rpartition("#")
+    if file and tip and Path(file).suffix.lower() in DESCRIPTIONS:
+        return Path(file), tip
+    return Path(name), None
+
+
+def description_keys(name: str | PathLike) -> dict[str, str]:
+    """{"urdf": file}, with "tip" where FILE#LINK names it, as `robot_model.load_robot` takes it."""
+    file, tip = file_and_tip(name)
+    return {"urdf": str(file)} if tip is None else {"urdf": str(file), "tip": tip}
 
 
 def is_robot_file(name: str | PathLike) -> bool:
@@ -63,4 +77,12 @@ def _parsed(file: Path) -> ET.Element:
         raise complaint(file, "XML", f"a mistake ({problem})", "correct it there") from None
 
 
-__all__ = ["DESCRIPTIONS", "copy_description", "is_description", "is_robot_file", "read_included"]
+__all__ = [
+    "DESCRIPTIONS",
+    "copy_description",
+    "description_keys",
+    "file_and_tip",
+    "is_description",
+    "is_robot_file",
+    "read_included",
+]

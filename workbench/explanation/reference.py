@@ -22,7 +22,7 @@ from workbench.core.errors import InputError
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
-from workbench.core.robot_description import is_description
+from workbench.core.robot_description import file_and_tip, is_description
 from workbench.files.solution_file import read_solution
 from workbench.fitting.cross_validation import in_space
 from workbench.fitting.plans import frames_of
@@ -91,7 +91,7 @@ def reference_of(
             "not to be compared with."
         )
     if simulation is not None and is_description(simulation):
-        return _from_description(Path(simulation), robot if isinstance(robot, Mapping) else {})
+        return _from_description(simulation, robot if isinstance(robot, Mapping) else {})
     if simulation is not None:
         truth = truth_of(Path(simulation))
         robot, parameters = truth.model.chain.robot, truth.parameters
@@ -108,15 +108,16 @@ def reference_of(
     return Reference(f"solution {solution}", arm.robot, arm.effects, arm.values, keys)
 
 
-def _from_description(path: Path, named: Mapping) -> Reference:
-    """A URDF or MJCF file: its nominal arm, and the terms of an exported one.
+def _from_description(simulation: Path, named: Mapping) -> Reference:
+    """A URDF or MJCF file (FILE or FILE#LINK): its nominal arm, and the terms of an exported one.
 
     named: `tip` and `joints` that count where the file has such links and joints.
     """
+    path, tip = file_and_tip(simulation)
     keys = {"urdf": str(path.resolve())}
     tree = tree_of(keys, str(path))
-    if named.get("tip") in tree.links:
-        keys["tip"] = named["tip"]
+    if tip is not None or named.get("tip") in tree.links:
+        keys["tip"] = tip or named["tip"]
     if named.get("joints") and set(named["joints"]) <= set(tree.joints):
         keys["joints"] = list(named["joints"])
     robot = load_robot(keys, str(path))

@@ -35,6 +35,7 @@ from datasets.importers.mapping.column_units import OPEN, ColumnUnits
 from datasets.importers.mapping.placements import Controller, Placements, placements_from_keys
 from datasets.importers.mapping.rotations import CONVENTIONS, SIZES
 from datasets.importers.units import ANGLES, LENGTHS
+from workbench.core.robot_description import file_and_tip
 from workbench.core.sections import checked_section
 from workbench.core.text.structured_text import ContentError, read_toml
 
@@ -191,7 +192,7 @@ def _relative_to(mapping_file: Path, robot: str | None) -> str | None:
     if robot is None:
         return None
     file = mapping_file.parent / robot
-    return str(file) if file.is_file() else robot
+    return str(file) if file_and_tip(file)[0].is_file() else robot
 
 
 def mapping_from_keys(keys: Keys, called: str) -> Mapping:

@@ -16,7 +16,11 @@ Kind = Annotated[
 ]
 Robot = Annotated[
     str | None,
-    typer.Option("--robot", metavar="NAME|FILE", help="Built-in robot, robot.toml, URDF or MJCF."),
+    typer.Option(
+        "--robot",
+        metavar="NAME|FILE",
+        help="Built-in robot, robot.toml, URDF or MJCF; FILE#LINK where a file holds several arms.",
+    ),
 ]
 
 

@@ -16,7 +16,7 @@ Simulation = Annotated[
     typer.Option(
         "--simulation",
         metavar="FILE",
-        help="Compare with this simulation: a scene (TOML), an MJCF (.xml) or URDF file.",
+        help="Compare with this simulation: a scene (TOML), an MJCF (.xml) or URDF file (FILE#LINK).",
     ),
 ]
 Solution = Annotated[

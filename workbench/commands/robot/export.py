@@ -50,7 +50,11 @@ ChildFrame = Annotated[
 
 UrdfFile = Annotated[
     Path | None,
-    typer.Option("--urdf", metavar="FILE", help="The URDF whose joint origins are corrected."),
+    typer.Option(
+        "--urdf",
+        metavar="FILE",
+        help="The URDF whose joint origins are corrected; FILE#LINK names its flange, too.",
+    ),
 ]
 Tip = Annotated[
     str | None, typer.Option("--tip", metavar="LINK", help="Its link that is the flange.")

@@ -1,11 +1,13 @@
 """A calibrated arm in the formats of other programs: texts by file, and what each format cannot hold."""
 
+import filecmp
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from workbench.core.errors import InputError
+from workbench.core.robot_description import description_keys
 
 PROGRAMS = ("urscript", "krl", "rapid", "fanuc")
 GEOMETRY_ALONE = ("urdf", "ros", "mdh-json", "mdh-csv")
@@ -130,7 +132,7 @@ def _urdf(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
         return ArmExport({file: text}, left_out(arm))
     made = patched_urdf(arm, spec)
     back()
-    check_patched_urdf(arm, made.content, spec, exact="urdf" in arm.keys["robot"] and made.is_whole)
+    check_patched_urdf(arm, made.content, spec, exact=_is_own(arm, spec) and made.is_whole)
     joints = ", ".join(made.changed) or "none"
     note = f"Only origins were changed, of joints {joints}; all else is as in {spec['urdf']}."
     return ArmExport({file: made.content}, list(made.left_out), (note,))
@@ -144,10 +146,18 @@ def _urdf_spec(arm, options: ArmOptions) -> dict | None:
     if "urdf" not in own or is_mjcf(Path(own["urdf"])):
         own = {}
     if options.urdf is not None:
-        own["urdf"] = str(options.urdf)
+        own |= description_keys(options.urdf)
     if options.tip is not None:
         own["tip"] = options.tip
     return own if "urdf" in own else None
+
+
+def _is_own(arm, spec: dict) -> bool:
+    """Whether a URDF is the one that the arm was calibrated with, or a copy of it, with the same flange."""
+    own = arm.keys["robot"]
+    if "urdf" not in own or own.get("tip") != spec.get("tip"):
+        return False
+    return filecmp.cmp(own["urdf"], spec["urdf"], shallow=False)
 
 
 def _mjcf(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:

@@ -19,7 +19,7 @@ from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
-from workbench.core.robot_description import is_description
+from workbench.core.robot_description import description_keys, is_description
 from workbench.core.terms import switched_off, term_names
 from workbench.files.scene import Pose, Scene, read_scene
 
@@ -91,7 +91,7 @@ def _robot_keys(scene: Scene, path: Path) -> dict:
     """What the recording says of its robot: a file's own keys, so that the recording stands alone."""
     file = path.parent / scene.robot
     if is_description(file):
-        return {"urdf": str(file)}
+        return description_keys(file)
     if file.suffix.lower() != ".toml":
         return {"builtin": scene.robot}
     keys = read_robot_keys(file)

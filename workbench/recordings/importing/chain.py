@@ -18,7 +18,7 @@ from datasets.importers.mapping.sessions import SESSION
 from datasets.recording import Recording
 from robot_model import builtin_robots
 from workbench.core.errors import InputError
-from workbench.core.robot_description import DESCRIPTIONS
+from workbench.core.robot_description import DESCRIPTIONS, file_and_tip
 from workbench.recordings.importing.ball_clouds import with_ball_centres
 from workbench.recordings.importing.board_poses import import_images
 from workbench.recordings.importing.finding import Found, find_mapping, is_mapped
@@ -161,7 +161,10 @@ def _movable(mapping: Mapping, folder: Path) -> Mapping:
     if mapping.robot is None or mapping.robot in builtin_robots():
         return mapping
     own = [name for name in ROBOT_FILES if (folder / name).is_file()]
-    return replace(mapping, robot=own[0]) if own else mapping
+    if not own:
+        return mapping
+    _, tip = file_and_tip(mapping.robot)
+    return replace(mapping, robot=own[0] if tip is None else f"{own[0]}#{tip}")
 
 
 def _made(found: Found, options, folder: Path, progress) -> tuple[Found, Made]:

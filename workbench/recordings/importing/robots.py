@@ -10,7 +10,7 @@ from datasets.importers.sources.text_tables import read_text_table
 from robot_model import builtin_robots
 from workbench.core.builtin_names import check_builtin_name
 from workbench.core.errors import InputError
-from workbench.core.robot_description import is_description
+from workbench.core.robot_description import description_keys, is_description
 from workbench.core.text.structured_text import ContentError, read_toml
 
 
@@ -51,8 +51,9 @@ def _plain_keys(name: str | None, file: str) -> Mapping:
         )
     path = Path(name)
     if is_description(path):
-        _check_there(path)
-        return {"urdf": str(path)}
+        keys = description_keys(path)
+        _check_there(Path(keys["urdf"]))
+        return keys
     if path.suffix.lower() == ".toml":
         _check_there(path)
         try:

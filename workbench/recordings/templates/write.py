@@ -11,7 +11,7 @@ from datasets.errors import complaint
 from datasets.formats.recording1_writer import write_csv
 from datasets.recording import Recording
 from robot_model import builtin_robots
-from workbench.core.robot_description import copy_description, is_description
+from workbench.core.robot_description import copy_description, file_and_tip, is_description
 from workbench.recordings.importing.robots import robot_keys
 from workbench.recordings.templates import scanner_kinds
 from workbench.recordings.templates.comments import recording_toml
@@ -67,7 +67,9 @@ def write_template(
         )
     default = DEFAULT_SCANNER_ROBOT if kind == "scan-images" else DEFAULT_ROBOT
     name = robot or default
-    keys = robot_keys(name, f"workbench new {kind}")
+    keys = dict(robot_keys(name, f"workbench new {kind}"))
+    if "urdf" in keys:  # the example is simulated in another folder
+        keys["urdf"] = str(Path(keys["urdf"]).resolve())
     folder.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as parent:
         made = Path(parent) / "recording"
@@ -123,7 +125,9 @@ def _write_files(recording: Recording, folder: Path, robot: str, kind: str) -> N
     text = recording_toml(recording, bool(recording.columns), kind)
     if recording.robot:
         if is_description(robot):
-            text = text.replace('"robot.toml"', f'"{copy_description(Path(robot), folder)}"')
+            file, tip = file_and_tip(robot)
+            text = text.replace('"robot.toml"', f'"{copy_description(file, folder)}"')
+            text = text if tip is None else text.replace("[robot]", f'[robot]\ntip = "{tip}"', 1)
         else:
             source = (
                 _builtin_text(robot)
