@@ -17,13 +17,15 @@ ROOT = Path(__file__).parents[1]
 PAGE, IMAGES = ROOT / "docs" / "catalogue.md", ROOT / "docs" / "catalogue"
 HEAD = f"""# Residuals of each effect
 
-Written by `python tools/catalogue_page.py`. For each effect an ideal recording is simulated. The effect is added at
-the size whose residual is {SURVIVING:g} σ (at most 40 times its typical size), and the baseline is fitted without it:
-geometry, base and tool of an ABB IRB 120 with 240 random poses, loads of 0-2 kg, both directions of approach and 12 K
-of warming; for the scanner, camera, mirror and board poses from a rendered recording. The image shows the residual.
+This page shows the residual that each effect causes if the model does not contain it. For each effect a recording
+without noise is simulated (`python tools/catalogue_page.py` writes this page). The effect is added at the size
+whose residual is {SURVIVING:g} σ (at most 40 times its typical size), and the baseline is fitted without it:
+geometry, base and tool of an ABB IRB 120 with 240 random poses, loads of 0-2 kg, both directions of approach and 12
+K of warming; for the scanner, camera, mirror and board poses from a rendered recording. The image shows the
+residual.
 
 - *Orthogonal to the baseline* is the share of the squared effect that the baseline does not absorb. The baseline
-  absorbs the remaining share, mostly in link lengths.
+  absorbs the remainder, mostly in link lengths.
 - *Confounded with* names effects with a similar residual in these poses, and the share that each explains.
 - *Separated by* is the next measurement that `workbench diagnose` proposes for an effect so small that it is hardly
   distinguishable from the confounded ones.
@@ -38,8 +40,9 @@ def page(images: bool) -> str:
     left_out = "\n".join(f"- `{name}`: {why}." for name, why in catalogue_robot.NOT_SEEN.items())
     more = "\n".join(f"- `{name}`: {why}." for name, why in catalogue_sensor.NOT_SEEN.items())
     return (
-        f"{HEAD}## The robot's\n\n{''.join(robot)}\nWithout an entry:\n\n{left_out}\n\n"
-        f"## The scanner's\n\n{''.join(sensor)}\nWithout an entry:\n\n{more}\n"
+        f"{HEAD}## Effects of the arm and the instrument\n\n{''.join(robot)}\n"
+        f"Effects without an entry:\n\n{left_out}\n\n"
+        f"## Effects of the scanner\n\n{''.join(sensor)}\nEffects without an entry:\n\n{more}\n"
     )
 
 

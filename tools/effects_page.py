@@ -11,11 +11,12 @@ from sensors.effects import CATALOGUE as SENSOR
 from sensors.scanner.turntable import ANGLE_ERRORS
 
 PAGE = Path(__file__).parents[1] / "docs" / "effects.md"
-HEAD = """# Effects that a model may hold
+HEAD = """# Catalogue of effects
 
-One class an effect; this page is made from them by `python tools/effects_page.py`. A plan or a scene names an
-effect by the first column. Where that is not the word of the vocabulary, the word stands in the second: it is a
-variant of that effect.
+This page lists every physical effect that a model can contain, with its law (equation), its places, its port and
+its source. A plan or a scene names an effect by the first column. The second column is the name in the answer of a
+diagnosis: several variants of an effect share it. `python tools/effects_page.py` generates this page from the
+classes of the effects.
 
 ![Effects of arm and scanner under the ports that they change](images/effects.png)
 
@@ -25,39 +26,41 @@ variant of that effect.
   first axis). Frame K follows the complete row K of the robot file, in the convention "distal" as in "craig". J is
   the number of joints.
 - **Joint variable** q_K, in rad (mm for a prismatic joint): sign and coupling of the robot file are applied to the
-  readings, the offset theta is not added. A change dq is added to it, at the port `joint`.
-- **Gravity torque** tau_K, in N m: of the bodies K to J and the load, about the axis of joint K, at the nominal
-  geometry. It is positive where gravity drives the joint towards larger q_K. For a prismatic joint it is a force in N.
+  readings; the offset theta is not added. A change dq is added to it, at the port `joint`.
+- **Gravity torque** tau_K, in N m: torque of the bodies K to J and the load about the axis of joint K, at the nominal
+  geometry. It is positive if gravity drives the joint towards larger q_K. For a prismatic joint it is a force in N.
 - **Load.** The mass of the tool (`[payload]` of the robot file) plus the column `payload_kg`, both at the centre of
-  mass of the tool. Where the tool has no mass, the load is at the measured point.
-- **Port `frame`.** A twist (translation in mm, then rotation vector in rad) in the axes of its place moves everything
-  outward of that place. The pivot of the rotation is: of `base` the origin of the base frame; of `link-K` the midpoint
-  between the origins of frames K-1 and K, with the axes of frame K; of `tool` the origin of the flange frame.
+  mass of the tool. If the tool has no mass, the load is at the measured point.
+- **Port `frame`.** A small motion (twist: translation in mm, then rotation vector in rad) in the axes of its place
+  moves all parts between this place and the flange. The pivot of the rotation is: of `base` the origin of the base
+  frame; of `link-K` the midpoint between the origins of frames K-1 and K, with the axes of frame K; of `tool` the
+  origin of the flange frame.
 - **Gravity** is a direction in the base frame (of a URDF: in the frame of its root link). Moments M are in N m.
-- **Time** is `time_s`, or the number of the row where that is not recorded. **T - T0** is the temperature above 20 °C,
-  or the hours of the clock where no temperature is recorded.
+- **Time** is `time_s`, or the row number if no time is recorded. **T - T0** is the temperature above 20 °C,
+  or the time in hours if no temperature is recorded.
 
-## The robot's, in `robot_model/effects/`
+## Effects of the arm and the instrument (`robot_model/effects/`)
 
 """
 SENSOR_HEAD = """
-## The scanner's, in `sensors/effects/`
+## Effects of the scanner (`sensors/effects/`)
 
-Used by the renderer, the calibration and the diagnosis alike.
+The renderer, the calibration and the diagnosis use the same definitions.
 
 """
 TURNTABLE_HEAD = """
-## The turntable's, in `sensors/scanner/turntable.py`
+## Effects of the turntable (`sensors/scanner/turntable.py`)
 
-The angle of a table that turns the object before a fixed scanner: theta is commanded, phi = theta + dphi. `workbench
-scanner` estimates these terms with the axis of the table, and `workbench diagnose` names those that its tests retain.
-They are not terms of a plan. [Use your kind of scanner](how-to/scanners.md#turntable) shows a recording.
+A turntable rotates the object in front of a fixed scanner: theta is the commanded angle, phi = theta + dphi the
+actual one. `workbench scanner` estimates these effects together with the axis of the table, and `workbench
+diagnose` reports those that its tests retain. A plan cannot name them. [Scanners](how-to/scanners.md#turntable)
+describes a recording.
 
 """
 TURNTABLE_COLUMNS = """| name | law | source | what it is | tested by the diagnosis |
 |---|---|---|---|---|
 """
-COLUMNS = """| name | effect | sits at | port | law | source | what it is | tested by the diagnosis |
+COLUMNS = """| name | effect | place | port | law | source | what it is | tested by the diagnosis |
 |---|---|---|---|---|---|---|---|
 """
 

@@ -202,44 +202,46 @@ def write(rows: list[Scene], table: Path) -> None:
 
 _PAGE = """# Parameters, noise and physics: attribution of simulated differences
 
-{count} arms differ from their simulation in parameters of the geometry, in the noise, in physics that the simulation
-does not hold, or in several of these. The arms are solved by MuJoCo (`datasets/makers/planted.py`), which shares no
-code with the kinematics and statics of the workbench. Three robots (0.6, 0.7 and 2.7 m reach), 130 poses, a load that
-changes, noise of 0.02 or 0.05 mm. Each recording is diagnosed against the nominal simulation (`workbench diagnose REC
---simulation nominal.xml`), the corrected model is exported as MJCF, and MuJoCo runs the exported file at {unseen} poses
-that the recording does not have. `python tools/study_differences.py` writes this page; `differences.csv` has a row a
-scene. The seeds {first} to {last} were fixed before the run; the diagnosis had seen none of them, and each scene was
-run once.
+{count} simulated arms differ from their nominal simulation in parameters of the geometry, in the noise, in physical
+effects, or in several of these. This page counts how often the diagnosis attributes the differences correctly. The
+arms are solved by MuJoCo (`datasets/makers/planted.py`), which shares no code with the kinematics and statics of
+the workbench. There are three robots (0.6, 0.7 and 2.7 m reach); each recording has 130 poses, a varying load, and
+noise of 0.02 or 0.05 mm. Each recording is diagnosed against the nominal simulation (`workbench diagnose REC
+--simulation nominal.xml`), the corrected model is exported as MJCF, and MuJoCo runs the exported file at {unseen}
+poses that are not in the recording. `python tools/study_differences.py` writes this page; `differences.csv` has one
+row per scene. The seeds {first} to {last} were fixed before the run; the diagnosis had not been run on them before,
+and each scene was run once.
 
-![Noise factor that was found against the planted one](../images/differences.png)
+![Estimated noise factor against the planted one](../images/differences.png)
 
-Effects are joint compliance, backlash, a transmission harmonic and a shift of a joint's zero. Bending of links is not
-among them: MuJoCo's arm hangs the mass of a link beyond its flexure, the law of the workbench before it.
+Effects are joint compliance, backlash, a transmission harmonic and a shift of a joint's zero. Link bending is not
+included, because the two models of it differ: the mass of a link is attached after its flexure in MuJoCo, and
+before it in the workbench.
 
-| | measured | wanted |
+| | measured | criterion |
 |---|---|---|
-| scenes attributed as they are: parameters, physics, noise | {right} of {count} ({share:.1%}) | 95 % |
+| correctly attributed scenes: parameters, physics, noise | {right} of {count} ({share:.1%}) | 95 % |
 | noise factor within 10 % | {factor} of {count} | all |
-| scenes with a wrong name | {wrong} | |
+| scenes with a wrong attribution | {wrong} | |
 | scenes in which a difference was missed | {missed} | |
 | exported model predicts unseen poses within 1.1 times the noise | {near} of {count} | 27 of 30 |
 | the same, scenes with differences in parameters or physics | {near_some} of {some} | 27 of 30 |
-| wrong names in the first 30 of these | {first_wrong} | at most 1 |
+| wrong attributions in the first 30 of these | {first_wrong} | at most 1 |
 
 Prediction over noise: median {median:.3f}, largest {largest:.3f}.
 
-| planted | scenes | right | largest prediction over noise |
+| planted | scenes | correct | largest prediction over noise |
 |---|---|---|---|
 {rows}
 
-Scenes that were not attributed as they are:
+Scenes that were not correctly attributed:
 
 {faults}
 {remark}"""
 _AFTERWARDS = """
-The causes of these three faults were removed after this run. In scene 1126028 two samples next to the instant of the
-shift were called outliers, and the instant was 20 s late. In scenes 1126003 and 1126042 structure was called
-unexplained that chance makes (p = 0.008 and 0.007). The table keeps what the run found.
+The causes of these three faults were removed after this run. In scene 1126028 two samples near the instant of the
+shift were classified as outliers, and the estimated instant was 20 s late. In scenes 1126003 and 1126042 random
+structure was reported as unexplained (p = 0.008 and 0.007). The table contains the results of the run.
 """
 
 

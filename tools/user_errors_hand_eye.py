@@ -10,19 +10,20 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "user-errors-hand-eye.md"
 _LONGEST = 260
-INTRODUCTION = """# User errors in hand-eye recordings
+INTRODUCTION = """# Detection of mistakes in hand-eye recordings
 
-`workbench handeye` compares the scatter of the estimated board pose with the scatter that the corner noise alone makes.
-The corner noise comes from each image alone, without the robot. Where the scatter is larger, alternatives are fitted:
-each frequent mistake is undone, images are assigned to other poses, the flange positions get a free scale, and the
-camera or the board may have moved between two images. A cause is named only if its alternative fits near the noise and
-the recorded data cannot. A certain mistake refuses the recording (exit status 2); `--trust-data` turns the refusal into
-a warning.
+This page shows which mistakes in a hand-eye recording `workbench handeye` detects. It compares the scatter of the
+estimated board pose with the scatter that the corner noise causes. The corner noise is estimated from each image
+alone, without the robot. If the scatter is significantly larger, alternatives are fitted: each common mistake is
+reversed, images are assigned to other poses, a scale of the flange positions is estimated, and a motion of the
+camera or of the board between two images is tested. A cause is reported only if its alternative fits nearly within
+the noise and the recorded data do not. If the mistake is certain, the recording is refused (exit status 2);
+`--trust-data` turns the refusal into a warning.
 
 ![Inverted flange poses are refused](images/user-errors-hand-eye.svg)
 
-The table comes from the bench in `tests/hand_eye_user_errors.py`. The recordings are rendered, with a known sensor
-pose, or real (`handeye_open3dv`, whose own result stands for the truth). This page is written by
+The table is computed by `tests/hand_eye_user_errors.py`. The recordings are rendered, with a known sensor
+pose, or real (`handeye_open3dv`, with the result of the correct recording as reference). This page is written by
 `python tools/user_errors_hand_eye.py`. For mistakes in recordings of robot arms see [user-errors.md](user-errors.md).
 
 - **refused**, **warned**: the message names the right cause. A mistake is refused if the board scatters by more than an
@@ -30,7 +31,7 @@ pose, or real (`handeye_open3dv`, whose own result stands for the truth). This p
   verdict is then not passed (exit status 1). The same mistake, such as a board square × 1.05, may be refused in a
   recording with other poses.
 - *refused, other cause*, *warned, other cause*: the message names something else.
-- harmless: the result is right all the same (within 3 mm and 0.5 deg).
+- harmless: the result is correct despite the mistake (within 3 mm and 0.5 deg).
 - SILENT: a wrong result without a warning.
 - –: the mistake cannot be made in this recording.
 

@@ -23,23 +23,24 @@ from workbench.jobs.robot.calibrate import calibrate  # noqa: E402
 
 PAGE, DATA = ROOT / "docs" / "user-errors.md", ROOT / "docs" / "user-errors.json"
 SOUND = "no mistake"
-HEAD = """# What happens to mistakes in a recording
+HEAD = """# Detection of mistakes in recordings of arms
 
-Each row is a mistake that users make, each column a recording that it was made in. This page is
-written by `python tools/user_errors_page.py`; `tests/test_user_errors.py` runs the same bench. The checks were
-developed on these recordings and mistakes: on others the share that is named may be lower.
+This page shows which mistakes in a recording `calibrate` detects, such as a wrong unit or a swapped column. Each
+row is a mistake, each column a recording into which it was introduced. `python tools/user_errors_page.py` writes
+this page; `tests/test_user_errors.py` runs the same test. The checks were developed on these recordings and
+mistakes: the detection rate on others may be lower.
 
 ![A joint in radians is refused](images/user-errors.svg)
 
-- **stopped**: `calibrate` refuses, and its sentence names the cause.
+- **stopped**: `calibrate` refuses the recording, and its message names the cause.
 - **warned**: a warning names the cause.
-- **either**: stopped or warned; the sentence names the cause as one of two that explain the data equally well.
-- other cause: stopped or warned, but the sentence names another cause.
-- unnamed: a warning says that the recording does not fit and what to check.
-- calibration: the plausibility check says nothing; the calibration warns or leaves samples out.
-- **silent**: neither the plausibility check nor the calibration says anything.
-- absorbed: nothing can detect the mistake: base, tool and plausible geometry, or the parameter named below the
-  table, make up for it, and the recording fits as well as the sound one.
+- **either**: stopped or warned; the message names two causes that explain the data equally well, one of them correct.
+- other cause: stopped or warned, but the message names another cause.
+- unnamed: a warning states that the recording does not fit, and what to check.
+- calibration: the plausibility check reports nothing; the calibration warns or excludes samples.
+- **silent**: neither the plausibility check nor the calibration reports anything.
+- absorbed: the mistake cannot be detected: base, tool and plausible geometry, or the parameter named below the
+  table, absorb it, and the recording fits as well as the correct one.
 - –: the mistake cannot be made in this recording.
 
 """

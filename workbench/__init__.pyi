@@ -57,7 +57,7 @@ def calibrate(
         recording: Folder of a recording, or a known name.
         plan: Stages to solve (TOML).
         from_diagnosis: Calibrate the model that a run of `workbench diagnose` found.
-        without: Switch off a term by name, as joint-3.backlash; * is a wildcard.
+        without: Switch off a term by name, such as joint-3.backlash; * is a wildcard.
         fit_samples: Samples to fit: their numbers, or a file with one number per line.
         test_samples: Samples to hold out: their numbers, or a file with one number per line.
         folds: Blocks of the cross-validation.
@@ -74,7 +74,7 @@ def calibrate(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -124,7 +124,7 @@ def calibrate_large(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -180,7 +180,7 @@ def camera(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -208,11 +208,10 @@ def check(
     trust_data: bool = False,
     no_report: bool = False,
 ) -> Result:
-    r"""Judge a recording before any fit: coverage of the joints, repeats, noise from repeats, and what
-    is missing.
+    r"""Check a recording before the calibration: coverage of the joints, repeats and their noise, and
+    missing data.
 
-    Exit status 1 where the command that the recording is meant for lacks something that it cannot
-    do without.
+    Exit status 1 if data are missing that the intended command requires.
 
     Args:
         recording: Folder of a recording, or a known name.
@@ -224,7 +223,7 @@ def check(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -250,7 +249,7 @@ def compare(
     trust_data: bool = False,
     no_report: bool = False,
 ) -> Result:
-    r"""Calibrate by several plans on the same splits and compare each plan with the first.
+    r"""Calibrate with several plans on the same folds and compare each plan with the first.
 
     Args:
         recording: Folder of a recording, or a known name.
@@ -268,7 +267,7 @@ def compare(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -304,25 +303,24 @@ def compensate(
     poses.
 
     A target beyond reach or limits, or with an implausible correction, has no joint readings in
-    corrected.csv. The exit status is then 1: the programme is incomplete and must not be run.
+    corrected.csv. The exit status is then 1: the program is incomplete and must not be run.
 
     Args:
         solution: Run folder of `workbench calibrate` or `workbench diagnose`, or its solution.json.
         targets: Joint readings or flange poses, one row per target: any table that `workbench
             import` reads.
         force: Also use a calibration or corrections that are refused as implausible.
-        without: Switch off a term by name, as joint-3.backlash; * is a wildcard.
+        without: Switch off a term by name, such as joint-3.backlash; * is a wildcard.
         max_correction_mm: Refuse larger corrections of the flange's position.
         max_correction_deg: Refuse larger corrections of its orientation.
         max_sigma_mm: Refuse targets with a larger standard uncertainty; default: three times the
             held-out error.
-        max_joint_change_deg: Refuse targets that are joint readings where a joint would rotate
-            further than this.
+        max_joint_change_deg: Refuse joint targets if a joint would rotate by more than this.
         map: Columns, units and conventions of a table of targets with other headers: a mapping as
             of `workbench import`.
-        start: Where the search for the readings of flange poses starts, which chooses the
-            configuration of the arm: joint readings (0,-90,90,0,90,0), or a recording, whose
-            nearest pose is taken. Default: the middle of the joint ranges.
+        start: Start of the inverse kinematics for targets that are flange poses; it selects the
+            configuration of the arm: joint readings (0,-90,90,0,90,0), or a recording (its nearest
+            pose). Default: the middle of the joint ranges.
         tolerance: Largest accepted error, such as 0.1mm, 0.05deg or 0.3px; `passed` is False if it
             is exceeded. One per unit.
         out: Folder to write; default: a temporary one, which is removed with the result.
@@ -331,7 +329,7 @@ def compensate(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -361,7 +359,7 @@ def datasets() -> Result:
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -389,7 +387,7 @@ def demo(out: Path | str | None = None, bundled: bool = False, images: bool = Tr
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -432,14 +430,14 @@ def diagnose(
         no_report: Do not write a report page.
         tolerance: Largest accepted error, such as 0.1mm, 0.05deg or 0.3px; `passed` is False if it
             is exceeded. One per unit.
-        session: Leave out what an edit session of `workbench open` excludes (session.toml);
-            replaces `recording`.
+        session: Leave out the data that an edit session of `workbench open` excludes
+            (session.toml); replaces `recording`.
 
     Returns:
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -469,11 +467,11 @@ def doctor() -> Result:
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
-    - `healthy`: whether all that is required is there.
+    - `healthy`: whether all requirements are met.
     - `checks`: one row for each check: `name`, `ok`, `found`, `advice`.
 
     Examples:
@@ -492,18 +490,19 @@ def evaluate(
     trust_data: bool = False,
     no_report: bool = False,
 ) -> Result:
-    r"""Predict a recording by a finished model and state its errors in mm; nothing of the arm is
-    fitted.
+    r"""Predict a recording with a calibrated model and state the errors in mm; no parameter of the arm
+    is fitted.
 
-    The nominal arm is shown next to it, with base and tool estimated on the recording.
+    The errors of the nominal arm are stated for comparison, with base and tool estimated on the
+    recording.
 
     Args:
         solution: Run folder of `workbench calibrate` or `workbench diagnose`, or its solution.json.
         recording: Folder of a recording, or a known name.
-        refit: Estimate where the instrument stands (base), what is on the flange (tool), or both on
-            the recording.
-        later: All samples were measured after those of the calibration, whatever their times: a
-            drift stays where it was last, a shift remains.
+        refit: Estimate the pose of the instrument (base), the target on the flange (tool), or both
+            on this recording.
+        later: Treat all samples as measured after those of the calibration, whatever their times: a
+            drift keeps its last value, a shift remains.
         out: Folder to write; default: a temporary one, which is removed with the result.
         tolerance: Largest accepted error, such as 0.1mm, 0.05deg or 0.3px; `passed` is False if it
             is exceeded. One per unit.
@@ -514,7 +513,7 @@ def evaluate(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -550,7 +549,8 @@ def export(
     map: Path | str | None = None,
     start: str | None = None,
 ) -> Result:
-    r"""Write what was calibrated for another program; it is read back and compared before it is kept.
+    r"""Export a calibrated model to the format of another program; the file is read back and compared
+    with the model.
 
     A calibrated arm goes to urdf (your own file with corrected origins, where there is one), mjcf,
     python (one module that needs numpy alone), ros (kinematics of a Universal Robots arm),
@@ -563,23 +563,23 @@ def export(
         to: urdf, mjcf, python, ros, urscript, krl, rapid, fanuc, mdh-json, mdh-csv, opencv, kalibr
         file: Write this file.
         force: Also use a calibration or corrections that are refused as implausible.
-        parent_frame: ROS frame of flange or base, of a hand-eye transform.
-        child_frame: ROS frame of the sensor, of a hand-eye transform.
-        without: Switch off a term by name, as joint-3.backlash; * is a wildcard.
+        parent_frame: Name of the ROS frame of flange or base, for a hand-eye transform.
+        child_frame: Name of the ROS frame of the sensor, for a hand-eye transform.
+        without: Switch off a term by name, such as joint-3.backlash; * is a wildcard.
         urdf: The URDF whose joint origins are corrected; FILE#LINK names its flange, too.
-        tip: Its link that is the flange.
+        tip: Link of the URDF that is the flange.
         targets: Targets of a robot program, as for `compensate`.
         map: Columns, units and conventions of a table of targets with other headers: a mapping as
             of `workbench import`.
-        start: Where the search for the readings of flange poses starts, which chooses the
-            configuration of the arm: joint readings (0,-90,90,0,90,0), or a recording, whose
-            nearest pose is taken. Default: the middle of the joint ranges.
+        start: Start of the inverse kinematics for targets that are flange poses; it selects the
+            configuration of the arm: joint readings (0,-90,90,0,90,0), or a recording (its nearest
+            pose). Default: the middle of the joint ranges.
 
     Returns:
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -623,13 +623,13 @@ def hand_eye(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
     - `hand_eye`: the transform: `matrix` (4 x 4, mm), `xyz_mm`, `rotvec_deg`, `std_mm`, `std_deg`.
-    - `transform`: its name: T_flange_sensor for a camera on the arm, T_base_sensor for one that
-      stands.
+    - `transform`: its name: T_flange_sensor for a camera on the arm, T_base_sensor for a stationary
+      one.
     - `target`: pose of the board, in the same form.
     - `held_out`: scatter of the board pose on images left out of the fit: `centre_mm`, `turn_deg`,
       `rms_px`.
@@ -665,7 +665,7 @@ def identifiability(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -698,8 +698,8 @@ def import_data(
     r"""Make a recording from tables, logs, bags, images or clouds; units and conventions are tested on
     the robot.
 
-    What the data leave open is asked at a terminal, and refused with the missing line of the
-    mapping otherwise.
+    If the data do not determine a unit or convention, the command asks at a terminal. Without a
+    terminal it stops and names the missing line of the mapping file.
 
     Args:
         sources: Tables, robot programs, ROS bags, images, clouds, or folders of them.
@@ -711,7 +711,7 @@ def import_data(
             asymmetric", "charuco 7x5 30mm 22mm DICT_5X5_250" or "aprilgrid 6x6 71.5mm 55mm"; "on
             tool" at the end where the robot holds it.
         artefact: artefact.csv of the balls.
-        ball_radius: Of the ball in point clouds.
+        ball_radius: Radius of the ball in point clouds.
         sigma: Standard deviation of a measured coordinate (sigma_mm), with which the fit is
             compared; leave it out if it is unknown.
         time_offset: Offset between the clocks of two tables that are joined by time: estimated from
@@ -725,7 +725,7 @@ def import_data(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -760,7 +760,7 @@ def new(kind: str, folder: Path | str, robot: Recording | Path | str | None = No
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -792,7 +792,7 @@ def poses(
     trust_data: bool = False,
     no_report: bool = False,
 ) -> Result:
-    r"""Choose the most informative poses, and state which parameters they do not identify.
+    r"""Select the most informative measurement poses, and state which parameters they do not identify.
 
     Args:
         candidates: A recording, a known name, a scene (TOML) or a run of `workbench diagnose` to
@@ -801,7 +801,7 @@ def poses(
         criterion: D, O1 ... O5, or task.
         tasks: Task poses whose error is minimised.
         effects: Include transmission and compliance.
-        without: Switch off a term by name, as joint-3.backlash; * is a wildcard.
+        without: Switch off a term by name, such as joint-3.backlash; * is a wildcard.
         link_radius: Radius of the links, mm.
         stand_off: Distance of a ball from the sensor, mm.
         field: Half the sensor's field of view, deg.
@@ -818,7 +818,7 @@ def poses(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -864,7 +864,7 @@ def prove(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -900,7 +900,7 @@ def register(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -935,7 +935,7 @@ def render(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -986,7 +986,7 @@ def scan(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -1023,7 +1023,7 @@ def scanner(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -1054,8 +1054,8 @@ def significance(
 
     Args:
         robot: A robot by name, a robot.toml, URDF or MJCF, or a recording.
-        points: Configurations: random, or of a recording.
-        seed: Of the configurations.
+        points: Number of configurations, random or from a recording.
+        seed: Seed of the random configurations.
         step_mm: Error of a length, mm.
         step_rad: Error of an angle, rad.
         out: Folder to write; default: a temporary one, which is removed with the result.
@@ -1065,7 +1065,7 @@ def significance(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -1086,14 +1086,14 @@ def simulate(
 
     Args:
         scene: Scene file (TOML), or run folder of `workbench diagnose`.
-        without: Switch off a term by name, as joint-3.backlash; * is a wildcard.
+        without: Switch off a term by name, such as joint-3.backlash; * is a wildcard.
         out: Folder to write; default: a temporary one, which is removed with the result.
 
     Returns:
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -1132,8 +1132,8 @@ def stiffness(
             a file of measured or published stiffness (TOML).
         targets: Joint readings, one row per pose: any table that `workbench import` reads.
         wrench: Force (N) and moment (N m) at the tool point, in the robot's root frame.
-        tool_point: Where it acts, mm in the flange frame.
-        without: Switch off a term by name, as joint-3.backlash; * is a wildcard.
+        tool_point: Point at which the wrench acts, mm in the flange frame.
+        without: Switch off a term by name, such as joint-3.backlash; * is a wildcard.
         force: Also use a calibration or corrections that are refused as implausible.
         map: Columns, units and conventions of a table of targets with other headers: a mapping as
             of `workbench import`.
@@ -1143,7 +1143,7 @@ def stiffness(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 
@@ -1184,7 +1184,7 @@ def study(
         The answer of the command, with the entries below.
 
     Raises:
-        InputError: input or call are wrong; the sentence says what to do.
+        InputError: the input or the call is wrong; the message states what to correct.
 
     Entries of the result:
 

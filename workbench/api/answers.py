@@ -87,7 +87,7 @@ ANSWERS: dict[str, dict[str, str]] = {
     },
     "hand_eye": {
         "hand_eye": "the transform: `matrix` (4 x 4, mm), `xyz_mm`, `rotvec_deg`, `std_mm`, `std_deg`.",
-        "transform": "its name: T_flange_sensor for a camera on the arm, T_base_sensor for one that stands.",
+        "transform": "its name: T_flange_sensor for a camera on the arm, T_base_sensor for a stationary one.",
         "target": "pose of the board, in the same form.",
         "held_out": "scatter of the board pose on images left out of the fit: `centre_mm`, `turn_deg`, `rms_px`.",
         "errors": "one row for each image.",
@@ -137,7 +137,7 @@ ANSWERS: dict[str, dict[str, str]] = {
         "figures": "one row for each figure: `name`, `suite`, `value` with its interval, what is `asked`.",
     },
     "doctor": {
-        "healthy": "whether all that is required is there.",
+        "healthy": "whether all requirements are met.",
         "checks": "one row for each check: `name`, `ok`, `found`, `advice`.",
     },
     "datasets": {

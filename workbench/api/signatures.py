@@ -44,7 +44,6 @@ _IN_PYTHON = {
     "default: one per core.": "default: 1.",
     "default: all cores.": "default: 1.",
     "replaces RECORDING": "replaces `recording`",
-    " Once for each.": "",
     " Repeatable.": "",
 }
 """Words of the help of a command line, and what they are in Python."""
@@ -117,7 +116,9 @@ def docstring_of(command: Callable, name: str) -> str:
         lines += _item(f"{parameter.name}: {_help(parameter)}", "    ")
     lines += ["", "Returns:", *_item("The answer of the command, with the entries below.", "    ")]
     lines += ["", "Raises:"]
-    lines += _item("InputError: input or call are wrong; the sentence says what to do.", "    ")
+    lines += _item(
+        "InputError: the input or the call is wrong; the message states what to correct.", "    "
+    )
     lines += ["", "Entries of the result:", ""]
     for entry, meaning in ANSWERS[name].items():
         lines += textwrap.wrap(f"- `{entry}`: {meaning}", _WIDTH, subsequent_indent="  ")

@@ -70,54 +70,60 @@ _FULL = {errno.ENOSPC, errno.EDQUOT}
 # rich takes a quarter of a second to load; without a terminal it is not used.
 app = typer.Typer(
     name="workbench",
-    help="Calibrate a robot that carries a scanner, from real recordings, and see how good it is.",
+    help="Calibrate a robot arm and its scanner; find and correct unmodelled effects.",
     add_completion=False,
     rich_markup_mode="rich" if sys.stdout.isatty() else None,
     pretty_exceptions_enable=False,
 )
-app.command("new", short_help="A commented recording to fill in with your own data.")(new.command)
-app.command("import", short_help="Tables, logs, bags, images or clouds in, a recording out.")(
+app.command("new", short_help="Write a template of a recording for your own data.")(new.command)
+app.command("import", short_help="Make a recording from tables, logs, images or clouds.")(
     import_data.command
 )
-app.command("check", short_help="Is a recording good enough, before any fit?")(check.command)
-app.command("calibrate", short_help="A recording in, held-out errors in mm out.")(calibrate.command)
-app.command("calibrate-large", short_help="Calibrate from millions of samples.")(
+app.command("check", short_help="Check the quality of a recording before calibration.")(
+    check.command
+)
+app.command("calibrate", short_help="Calibrate an arm; state its held-out errors.")(
+    calibrate.command
+)
+app.command("calibrate-large", short_help="Calibrate an arm from millions of samples.")(
     calibrate_large.command
 )
-app.command("compare", short_help="Several plans on one recording, same splits.")(compare.command)
-app.command("evaluate", short_help="A finished model on another recording, errors in mm out.")(
+app.command("compare", short_help="Compare plans by cross-validation on equal folds.")(
+    compare.command
+)
+app.command("evaluate", short_help="Test a calibrated model on another recording.")(
     evaluate.command
 )
-app.command("camera", short_help="Images of a board in, a camera out.")(camera.command)
-app.command("scanner", short_help="Boards under the laser in, a scanner out.")(scanner.command)
-app.command("scan", short_help="Images of scans in, clouds and balls out.")(scan.command)
-app.command(
-    "handeye", short_help="Images or profiles at flange poses in, a hand-eye transform out."
-)(handeye.command)
-app.command("render", short_help="A scene in, rendered images out.")(render.command)
-app.command("simulate", short_help="A scene in, a recording out.")(simulate.command)
-app.command("study", short_help="Many runs with varied parameters.")(study.command)
-app.command("diagnose", short_help="Identify unmodelled effects, with cross-validation.")(
-    diagnose.command
+app.command("camera", short_help="Calibrate a camera from images of a board.")(camera.command)
+app.command("scanner", short_help="Calibrate camera, light planes and mirror of a scanner.")(
+    scanner.command
 )
-app.command("prove", short_help="Blind benchmark of the diagnosis.")(prove.command)
-app.command("poses", short_help="Which poses to measure.")(poses.command)
-app.command("compensate", short_help="Targets in, corrected targets out.")(compensate.command)
-app.command("export", short_help="Python, MJCF, URDF, ROS, robot programs, camera files.")(
-    export.command
-)
-app.command("identifiability", short_help="Which parameters a recording identifies.")(
+app.command("scan", short_help="Compute point clouds and ball centres from scans.")(scan.command)
+app.command("handeye", short_help="Estimate the hand-eye transform of a sensor.")(handeye.command)
+app.command("render", short_help="Render images of a scene as a recording.")(render.command)
+app.command("simulate", short_help="Simulate a recording from a scene.")(simulate.command)
+app.command("study", short_help="Repeat simulations or fits with varied parameters.")(study.command)
+app.command("diagnose", short_help="Identify unmodelled effects of a recording.")(diagnose.command)
+app.command("prove", short_help="Run the blind benchmark of the diagnosis.")(prove.command)
+app.command("poses", short_help="Select the most informative measurement poses.")(poses.command)
+app.command("compensate", short_help="Correct the targets of a robot program.")(compensate.command)
+app.command("export", short_help="Export a model as Python, URDF, MJCF, ROS, ...")(export.command)
+app.command("identifiability", short_help="List identifiable and confounded parameters.")(
     identifiability.command
 )
-app.command("significance", short_help="Which parameters move the end of an arm.")(
+app.command("significance", short_help="Compute the effect of each parameter on the flange pose.")(
     significance.command
 )
-app.command("register", short_help="Points against those of a tracker.")(register.command)
-app.command("stiffness", short_help="What a wrench at the tool moves an arm by.")(stiffness.command)
-app.add_typer(datasets.app, name="datasets", short_help="Recordings known by name.")
-app.command("open", short_help="A run or a recording in a local web page.")(open.command)
+app.command("register", short_help="Register points to those of a tracker.")(register.command)
+app.command("stiffness", short_help="Compute compliance, and deflection under a wrench.")(
+    stiffness.command
+)
+app.add_typer(datasets.app, name="datasets", short_help="List or download public recordings.")
+app.command("open", short_help="Show and edit a run or a recording in the browser.")(open.command)
 app.command("doctor", short_help="Check the installation.")(doctor.command)
-app.command("demo", short_help="A complete example, from images to a calibrated arm.")(demo.command)
+app.command("demo", short_help="Run a complete example, from images to a calibrated arm.")(
+    demo.command
+)
 
 
 def _print_version(wanted: bool) -> None:
@@ -135,7 +141,7 @@ def _options(
         ),
     ] = False,
 ) -> None:
-    """Calibrate a robot that carries a scanner, from real recordings, and see how good it is."""
+    """Calibrate a robot arm and its scanner; find and correct unmodelled effects."""
 
 
 def run(arguments: Sequence[str] | None = None) -> int:

@@ -15,9 +15,9 @@ def command(
     trust_data: answer.TrustData = False,
     no_report: answer.NoReport = False,
 ) -> None:
-    """Judge a recording before any fit: coverage of the joints, repeats, noise from repeats, and what is missing.
+    """Check a recording before the calibration: coverage of the joints, repeats and their noise, and missing data.
 
-    Exit status 1 where the command that the recording is meant for lacks something that it cannot do without.
+    Exit status 1 if data are missing that the intended command requires.
     """
 
     def work(run, say) -> dict:

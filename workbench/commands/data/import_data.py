@@ -47,7 +47,9 @@ Artefact = Annotated[
 ]
 BallRadius = Annotated[
     float | None,
-    typer.Option("--ball-radius", metavar="MM", min=0.1, help="Of the ball in point clouds."),
+    typer.Option(
+        "--ball-radius", metavar="MM", min=0.1, help="Radius of the ball in point clouds."
+    ),
 ]
 Sigma = Annotated[
     float | None,
@@ -88,7 +90,8 @@ def command(
 ) -> None:
     """Make a recording from tables, logs, bags, images or clouds; units and conventions are tested on the robot.
 
-    What the data leave open is asked at a terminal, and refused with the missing line of the mapping otherwise.
+    If the data do not determine a unit or convention, the command asks at a terminal. Without a terminal it stops
+    and names the missing line of the mapping file.
     """
     answer.check_target(json)
     if sigma is not None and sigma <= 0:

@@ -9,8 +9,8 @@ Subject = Annotated[
     str | None,
     typer.Argument(
         metavar="[RUN|RECORDING]",
-        help="Folder of a run, folder of a recording or a known name; the newest run under runs/ where left out, the "
-        "import where there is none.",
+        help="Folder of a run, folder of a recording or a known name. Default: the newest run under runs/, or the "
+        "import wizard if there is none.",
     ),
 ]
 
@@ -27,7 +27,7 @@ def command(
     recording: Annotated[
         str | None,
         typer.Option(
-            "--recording", metavar="RECORDING", help="Where the recording of the run is now."
+            "--recording", metavar="RECORDING", help="Present folder of the recording of the run."
         ),
     ] = None,
     session: Annotated[
@@ -35,7 +35,7 @@ def command(
         typer.Option("--session", metavar="FILE", help="Keep the edits here (session.toml)."),
     ] = None,
 ) -> None:
-    """Look at a run in a local web page: robot and residuals in 3-D, edit the samples, run again, compare.
+    """Show a run in a local web page: robot and residuals in 3-D; edit the samples, run again, compare.
 
     The page is served on 127.0.0.1 only; nothing is fetched from the network. The edits are kept in a session.toml,
     which `workbench calibrate --session` repeats (`camera` and `handeye --session` those of their runs).

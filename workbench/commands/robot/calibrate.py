@@ -25,7 +25,7 @@ Without = Annotated[
     typer.Option(
         "--without",
         metavar="TERM",
-        help="Switch off a term by name, as joint-3.backlash; * is a wildcard. Once for each.",
+        help="Switch off a term by name, such as joint-3.backlash; * is a wildcard. Repeatable.",
     ),
 ]
 FitSamples = Annotated[

@@ -13,7 +13,7 @@ Plans = Annotated[
     typer.Option(
         "--plan",
         metavar="NAME|FILE",
-        help="A plan by name, file or run folder of `workbench diagnose`; 'default'. Once for each.",
+        help="A plan by name, file or run folder of `workbench diagnose`; 'default'. Repeatable.",
     ),
 ]
 
@@ -30,7 +30,7 @@ def command(
     trust_data: answer.TrustData = False,
     no_report: answer.NoReport = False,
 ) -> None:
-    """Calibrate by several plans on the same splits and compare each plan with the first."""
+    """Calibrate with several plans on the same folds and compare each plan with the first."""
     answer.check_target(json)
     with answer.progress(f"reading {recording}") as say:
         import datasets

@@ -44,7 +44,7 @@ MaxJointChange = Annotated[
     typer.Option(
         "--max-joint-change-deg",
         metavar="DEG",
-        help="Refuse targets that are joint readings where a joint would rotate further than this.",
+        help="Refuse joint targets if a joint would rotate by more than this.",
     ),
 ]
 MaxSigma = Annotated[
@@ -60,9 +60,9 @@ Start = Annotated[
     typer.Option(
         "--start",
         metavar="READINGS|RECORDING",
-        help="Where the search for the readings of flange poses starts, which chooses the configuration of the arm: "
-        "joint readings (0,-90,90,0,90,0), or a recording, whose nearest pose is taken. Default: the middle of the "
-        "joint ranges.",
+        help="Start of the inverse kinematics for targets that are flange poses; it selects the configuration of the "
+        "arm: joint readings (0,-90,90,0,90,0), or a recording (its nearest pose). Default: the middle of the joint "
+        "ranges.",
     ),
 ]
 _NAMED = 12
@@ -92,7 +92,7 @@ def command(
     """Correct targets with the inverse calibrated model, so that the real arm reaches the programmed poses.
 
     A target beyond reach or limits, or with an implausible correction, has no joint readings in corrected.csv.
-    The exit status is then 1: the programme is incomplete and must not be run.
+    The exit status is then 1: the program is incomplete and must not be run.
     """
     answer.check_target(json)
     runs.check_place(out)

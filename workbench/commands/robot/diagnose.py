@@ -30,7 +30,7 @@ SessionFile = Annotated[
     typer.Option(
         "--session",
         metavar="FILE",
-        help="Leave out what an edit session of `workbench open` excludes (session.toml); replaces RECORDING.",
+        help="Leave out the data that an edit session of `workbench open` excludes (session.toml); replaces RECORDING.",
     ),
 ]
 Baseline = Annotated[

@@ -28,7 +28,7 @@ RefitOption = Annotated[
     Refit,
     typer.Option(
         "--refit",
-        help="Estimate where the instrument stands (base), what is on the flange (tool), or both on the recording.",
+        help="Estimate the pose of the instrument (base), the target on the flange (tool), or both on this recording.",
     ),
 ]
 
@@ -36,8 +36,8 @@ Later = Annotated[
     bool,
     typer.Option(
         "--later",
-        help="All samples were measured after those of the calibration, whatever their times: a drift stays where it "
-        "was last, a shift remains.",
+        help="Treat all samples as measured after those of the calibration, whatever their times: a drift keeps its "
+        "last value, a shift remains.",
     ),
 ]
 
@@ -53,9 +53,9 @@ def command(
     trust_data: answer.TrustData = False,
     no_report: answer.NoReport = False,
 ) -> None:
-    """Predict a recording by a finished model and state its errors in mm; nothing of the arm is fitted.
+    """Predict a recording with a calibrated model and state the errors in mm; no parameter of the arm is fitted.
 
-    The nominal arm is shown next to it, with base and tool estimated on the recording.
+    The errors of the nominal arm are stated for comparison, with base and tool estimated on the recording.
     """
 
     def work(run, say) -> dict:

@@ -37,13 +37,15 @@ ParentFrame = Annotated[
     typer.Option(
         "--parent-frame",
         metavar="NAME",
-        help="ROS frame of flange or base, of a hand-eye transform.",
+        help="Name of the ROS frame of flange or base, for a hand-eye transform.",
     ),
 ]
 ChildFrame = Annotated[
     str | None,
     typer.Option(
-        "--child-frame", metavar="NAME", help="ROS frame of the sensor, of a hand-eye transform."
+        "--child-frame",
+        metavar="NAME",
+        help="Name of the ROS frame of the sensor, for a hand-eye transform.",
     ),
 ]
 
@@ -57,7 +59,7 @@ UrdfFile = Annotated[
     ),
 ]
 Tip = Annotated[
-    str | None, typer.Option("--tip", metavar="LINK", help="Its link that is the flange.")
+    str | None, typer.Option("--tip", metavar="LINK", help="Link of the URDF that is the flange.")
 ]
 Targets = Annotated[
     Path | None,
@@ -95,7 +97,7 @@ def command(
     start: Start = None,
     json: answer.JsonTarget = None,
 ) -> None:
-    """Write what was calibrated for another program; it is read back and compared before it is kept.
+    """Export a calibrated model to the format of another program; the file is read back and compared with the model.
 
     A calibrated arm goes to urdf (your own file with corrected origins, where there is one), mjcf, python (one module
     that needs numpy alone), ros (kinematics of a Universal Robots arm), urscript, krl, rapid and fanuc (a program

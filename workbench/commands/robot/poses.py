@@ -59,7 +59,7 @@ def command(
     trust_data: answer.TrustData = False,
     no_report: answer.NoReport = False,
 ) -> None:
-    """Choose the most informative poses, and state which parameters they do not identify."""
+    """Select the most informative measurement poses, and state which parameters they do not identify."""
     answer.check_target(json)
     runs.check_place(out)
     with answer.progress(f"reading {candidates}") as say:

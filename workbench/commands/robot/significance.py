@@ -18,9 +18,14 @@ def command(
         str, typer.Argument(help="A robot by name, a robot.toml, URDF or MJCF, or a recording.")
     ],
     points: Annotated[
-        int, typer.Option("--points", min=1, help="Configurations: random, or of a recording.")
+        int,
+        typer.Option(
+            "--points", min=1, help="Number of configurations, random or from a recording."
+        ),
     ] = 50,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the configurations.")] = 0,
+    seed: Annotated[
+        int, typer.Option("--seed", min=0, help="Seed of the random configurations.")
+    ] = 0,
     step_mm: Annotated[float, typer.Option("--mm", min=1e-6, help="Error of a length, mm.")] = 0.1,
     step_rad: Annotated[
         float, typer.Option("--rad", min=1e-9, help="Error of an angle, rad.")

@@ -31,7 +31,11 @@ Wrench = Annotated[
 ]
 ToolPoint = Annotated[
     tuple[float, float, float],
-    typer.Option("--tool-point", metavar="X Y Z", help="Where it acts, mm in the flange frame."),
+    typer.Option(
+        "--tool-point",
+        metavar="X Y Z",
+        help="Point at which the wrench acts, mm in the flange frame.",
+    ),
 ]
 _NO_RESIDUAL = "A stiffness is computed and not measured, so that there is no residual to judge."
 
