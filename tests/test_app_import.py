@@ -181,7 +181,7 @@ def test_an_open_question_is_answered_with_a_click(poses):
 def test_points_of_several_reflectors_as_one_fit_under_no_reading(draft):
     draft.edit("columns", "Ziel", "")
     trial = draft.test()
-    assert trial.result is None and "no reading fits" in trial.problem
+    assert trial.result is None and "no interpretation fits" in trial.problem
 
 
 @pytest.mark.parametrize("name", ["", "../x", "/etc/x", "a/b", ".", "x\\y", "a" * 90])
@@ -293,7 +293,7 @@ def test_text_of_a_filled_wizard_has_a_contrast_of_at_least_4_5(page):
 @pages
 def test_a_changed_unit_is_tested_at_once(page):
     choose_option(page, "Unit of measured point", "mm")
-    wait_for_text(page, "import", "no reading fits")
+    wait_for_text(page, "import", "no interpretation fits")
     assert page.get_by_role("button", name="Import and open").is_disabled()
     choose_option(page, "Unit of measured point", "tested on the robot")
     wait_for_text(page, "import", "Ready")

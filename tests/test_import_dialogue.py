@@ -27,7 +27,7 @@ def test_of_many_readings_the_best_ones_are_shown():
     fits = [{"name": f"reading {k}", "rms_mm": 1.0 + 0.1 * k, "rms_deg": 0.1} for k in range(30)]
     text = shown(fits, {})
     assert "reading 7" in text and "reading 8" not in text
-    assert "22 other readings fit worse" in text
+    assert "22 other interpretations fit worse" in text
 
 
 def test_the_column_that_joins_the_tables_is_named():
@@ -41,9 +41,9 @@ def shown_fits(*fits) -> str:
 
 def test_readings_that_fit_far_worse_are_counted_only():
     said = shown_fits(("a", 0.05, 0.01), ("b", 21.0, 1.5), ("c", 22.0, 1.6), ("d", 89.0, 18.0))
-    assert "21" in said and "89" not in said and "2 other readings fit worse" in said
+    assert "21" in said and "89" not in said and "2 other interpretations fit worse" in said
     said = shown_fits(("a", 0.05, 0.01), ("b", 0.06, 0.01), ("c", 0.07, 0.01))
-    assert "0.07" in said and "other readings" not in said
+    assert "0.07" in said and "other interpretations" not in said
 
 
 def test_degrees_are_shown_where_orientations_were_compared():

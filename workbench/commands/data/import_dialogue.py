@@ -97,21 +97,21 @@ def show(console, answer: Mapping, result) -> None:
 
 
 def _fits(console, conventions: Sequence[Mapping]) -> None:
-    """The readings that fit best and the next one, and how many more were tested.
+    """The interpretations of the columns that fit best and the next one, and how many more were tested.
 
     Degrees only where orientations were compared.
     """
     worst = _FAR_WORSE * conventions[0]["rms_mm"]
     close = [fit for fit in conventions[2:_SHOWN_FITS] if fit["rms_mm"] <= worst]
     shown = [*conventions[:2], *close]
-    keys = {"reading": "name", "RMS mm": "rms_mm", "RMS deg": "rms_deg"}
+    keys = {"interpretation": "name", "RMS mm": "rms_mm", "RMS deg": "rms_deg"}
     if all(fit["rms_deg"] is None for fit in shown):
         del keys["RMS deg"]
     fits = [[fit[key] for key in keys.values()] for fit in shown]
     tables.grid(console, "Fit with plausible geometry errors", list(keys), fits)
     if len(conventions) > len(fits):
         more = len(conventions) - len(fits)
-        console.print(f"{more} other readings fit worse; --json lists all.", markup=False)
+        console.print(f"{more} other interpretations fit worse; --json lists all.", markup=False)
 
 
 def _mapping_rows(mapping: Mapping):

@@ -406,17 +406,18 @@ def choose_reading(
     alternatives = [item for item in fits[1:] if not best.clearly_beats(item[1])]
     if len(lines) == 1 or not alternatives:
         return fits[0][0]
-    # the usual readings first: where the data decide nothing, the order of the fits is chance
+    # the usual interpretations first: where the data decide nothing, the order of the fits is chance
     close = sorted([fits[0], *alternatives], key=lambda item: item[0])[:_SHOWN]
     words = "; ".join(fit.words for _, fit in close)
     more = "; ..." if len(alternatives) + 1 > len(close) else ""
     if not any(fit.is_good for _, fit in fits):
         raise InputError(
-            f"{where}: expected a reading that fits, found that no reading fits ({words}{more}); {remedy}."
+            f"{where}: expected an interpretation that fits, found that no interpretation fits ({words}{more}); "
+            f"{remedy}."
         )
     question = Question(
-        f"{where}: expected one reading that fits clearly best, found {len(alternatives) + 1} that fit about equally "
-        f"well ({words}{more})",
+        f"{where}: expected one interpretation that fits clearly best, found {len(alternatives) + 1} that fit about "
+        f"equally well ({words}{more})",
         tuple(fit.words for _, fit in close),
         tuple(lines[place] for place, _ in close),
     )
