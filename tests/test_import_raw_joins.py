@@ -181,3 +181,18 @@ def test_numbers_of_rows_match_names_of_points_where_nothing_else_does(truth, tm
     second = write_rows(tmp_path / "tracker.csv", ["Punkt", *POINT], points)
     made = import_recording([first, second], tmp_path / "out", UR10)
     assert_same_rows(made.recording, truth.select(np.arange(truth.n)[:4:-1]))
+
+
+def test_groups_of_several_reflectors_belong_to_the_pose_of_one_name(truth, tmp_path):
+    """Two reflectors for each pose, some of them not seen: as many rows as poses in neither table."""
+    joints = [(f"P{k:02d}", *row) for k, row in enumerate(degrees(truth), 1)]
+    seen = [k for k in range(truth.n) if k % 5]
+    points = [(f"P{k + 1:02d}", 1, *truth.points[k]) for k in seen for _ in range(1 + k % 2)]
+    log = write_rows(tmp_path / "log.csv", ["POSE", *JOINTS], joints)
+    tracker = write_rows(tmp_path / "tracker.csv", ["Group", "Station", *POINT], points)
+    made = import_recording([log, tracker], tmp_path / "out", UR10)
+    rows = [k for k in seen for _ in range(1 + k % 2)]
+    assert made.recording.n == len(rows)
+    assert np.allclose(made.recording.points, truth.points[rows], atol=1e-6)
+    assert np.allclose(np.rad2deg(made.recording.joints), degrees(truth)[rows])
+    assert any("one name in 'Group' belong to one row of log.csv" in text for text in made.warnings)

@@ -166,8 +166,13 @@ class Header:
 
     @property
     def is_deviation(self) -> bool:
-        """Whether the value is a difference, a spread, a speed or a load."""
-        return bool(DEVIATION_WORDS & {*self.words, self.core})
+        """Whether the value is a difference, a spread, a speed or a load.
+
+        A last letter d is one of a series, as in "axis A" to "axis F": it means a difference where it stands in front
+        of a component, or alone.
+        """
+        series = {"d"} if len(self.words) > 1 and self.words[-1] == "d" else set()
+        return bool(DEVIATION_WORDS & {*self.words, self.core} - series)
 
 
 def read_header(name: str, unit: str | None = None) -> Header:

@@ -5,22 +5,28 @@ at its times, because a log samples a continuous motion (`interpolation`). A log
 nearest row.
 """
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 
 from datasets.errors import complaint
 from datasets.importers.mapping.interpolation import interpolated
 from datasets.importers.mapping.model import Join
+from datasets.importers.mapping.row_names import (
+    OVERLAP,
+    differing_names,
+    match_share,
+    names_in_both,
+    other_keys,
+    repeated_keys,
+    shared_keys,
+    unused_names,
+)
 from datasets.importers.mapping.sets import headers_of
 from datasets.importers.mapping.time_stamps import times_of
 from datasets.importers.source import RawTable
 
-_KEYS = ("sample", "name", "pose")
-_OVERLAP = 0.9
 _GAP = 5.0
 _LEAST_GAP_S = 0.5
 _STEP_OF_RANGE = (
@@ -50,7 +56,7 @@ def join_tables(tables: Sequence[RawTable], join: Join) -> tuple[RawTable, Join,
         used = join if join.by else _choose(few, many, join)
         if used.by == "index":
             joined = _by_index(few, many)
-            warnings += [] if join.by else _unused_names(few, many)
+            warnings += [] if join.by else unused_names(few, many)
         elif used.by == "key":
             joined, said = _by_key(few, many, used)
             warnings += said
@@ -80,151 +86,27 @@ def _prefixed(table: RawTable, shared: set[str], number: str) -> RawTable:
 
 def _choose(few: RawTable, many: RawTable, join: Join) -> Join:
     """The way of joining that the tables themselves offer."""
-    for mine, its in _shared_keys(few, many):
-        if _match_share(few.columns[mine], many.columns[its]) >= _OVERLAP:
+    for mine, its in shared_keys(few, many):
+        if match_share(few.columns[mine], many.columns[its]) >= OVERLAP:
             key, other = mine.rpartition(": ")[2], its.rpartition(": ")[2]
             return replace(join, by="key", key=key if key == other else None)
     if few.n == many.n:
         is_named = any(
-            _match_share(few.columns[mine], many.columns[its]) == 1.0
-            for mine, its in _other_keys(few, many)
+            match_share(few.columns[mine], many.columns[its]) == 1.0
+            for mine, its in other_keys(few, many)
         )
         return replace(join, by="key" if is_named else "index", key=None)
     if seconds_of(few) is not None and seconds_of(many) is not None:
         return replace(join, by="time")
-    for mine, its in _other_keys(few, many):
-        if _match_share(few.columns[mine], many.columns[its]) >= _OVERLAP:
+    for mine, its in [*other_keys(few, many), *repeated_keys(few, many)]:
+        if match_share(few.columns[mine], many.columns[its]) >= OVERLAP:
             return replace(join, by="key", key=None)
     raise complaint(
         f"{few.file} and {many.file}",
         "equally many rows, a column with the same numbers or names in both, or times in both",
-        f"{few.n} and {many.n} rows, {_differing_names(few, many) or 'no such column'}, and no times in both",
+        f"{few.n} and {many.n} rows, {differing_names(few, many) or 'no such column'}, and no times in both",
         'add the column, or write [join] by = "key" with key = "<column>" into a mapping file for --map',
     )
-
-
-def _shared_keys(few: RawTable, many: RawTable):
-    """Pairs of columns of both tables that may name the same rows: by their headers, then columns of one name."""
-    mine = [(h.kind, h.core, name) for name, h in headers_of(few).items() if h.kind in _KEYS]
-    its = [(h.kind, h.core, name) for name, h in headers_of(many).items() if h.kind in (*_KEYS,)]
-    for kind, _, name in mine:
-        for other_kind, _, other in its:
-            if kind == other_kind:
-                yield name, other
-    places = {name.rpartition(": ")[2]: name for name in many.columns}
-    for name, header in headers_of(few).items():
-        other = places.get(name.rpartition(": ")[2])
-        is_open = not header.kind and other is not None
-        if is_open and may_name_rows(few.columns[name]) and may_name_rows(many.columns[other]):
-            yield name, other
-
-
-def _other_keys(few: RawTable, many: RawTable):
-    """Pairs of columns with different headers that may name the same rows: "No." with 7, and "Point" with P007.
-
-    One of them has a header that says so; that of the other may be unknown.
-    """
-    mine, its = _possible_names(few), _possible_names(many)
-    for (kind, name), (other_kind, other) in product(mine, its):
-        if kind != other_kind:
-            yield name, other
-
-
-def _possible_names(table: RawTable) -> list[tuple[str, str]]:
-    """(kind, column) of columns that may name rows, by headers that say so or that are unknown."""
-    return [
-        (header.kind, name)
-        for name, header in headers_of(table).items()
-        if header.kind in (*_KEYS, "") and may_name_rows(table.columns[name])
-    ]
-
-
-def _unused_names(few: RawTable, many: RawTable) -> list[str]:
-    """A sentence where tables are joined by row number although both name their rows."""
-    names = _differing_names(few, many)
-    if not names:
-        return []
-    return [
-        f"{few.file} and {many.file} are joined by row number: both have {few.n} rows, and {names}. If the rows are "
-        'in different orders, give them the same names, or write [join] by = "key" into a mapping file for --map.'
-    ]
-
-
-def _differing_names(few: RawTable, many: RawTable) -> str:
-    """What the first two columns that may name the rows of both tables hold; "" without such columns."""
-    pairs = [
-        (mine, its)
-        for mine, its in _shared_keys(few, many)
-        if may_name_rows(few.columns[mine]) and may_name_rows(many.columns[its])
-    ]
-    if not pairs:
-        return ""
-    cells = zip(pairs[0], (few.columns[pairs[0][0]], many.columns[pairs[0][1]]), (few, many))
-    said = [f"{table.file} has '{str(column[0])[:40]}' in {name}" for name, column, table in cells]
-    return f"their names differ ({said[0]}, {said[1]})"
-
-
-def may_name_rows(cells: np.ndarray) -> bool:
-    """Whether cells are all filled and differ, and numbers are whole ones."""
-    if cells.dtype.kind == "f" and not (np.isfinite(cells).all() and (cells % 1 == 0).all()):
-        return False
-    texts = _as_text(cells)
-    return all(texts) and len(set(texts)) == len(texts)
-
-
-def _match_share(first: np.ndarray, second: np.ndarray) -> float:
-    """Share of the values of the shorter list that the other holds; 0 where values repeat in both.
-
-    A point that an instrument measured twice repeats in its table, and still belongs to one row of the joint table.
-    """
-    mine, its = names_in_both(first, second)
-    if len(set(mine)) < len(mine) and len(set(its)) < len(its):
-        return 0.0
-    return len(set(mine) & set(its)) / min(len(set(mine)), len(set(its)))
-
-
-def names_in_both(first: np.ndarray, second: np.ndarray) -> tuple[list[str], list[str]]:
-    """Names of the rows (or files) of two columns, simplified where they agree in nothing otherwise.
-
-    "Arm::Poses::P001" and "P001" are one name if no two names of one table become equal, and so are "P1" and "p_001",
-    and "P001" and "1" if all names of the table begin with "P".
-    """
-    mine, its = _as_text(first), _as_text(second)
-    if set(mine) & set(its):
-        return mine, its
-    for simplify in (_without_groups, _plain_names, _numbers_of_names):
-        plain = [simplify(names) for names in (mine, its)]
-        is_distinct = all(len(set(p)) == len(set(n)) for p, n in zip(plain, (mine, its)))
-        if is_distinct and set(plain[0]) & set(plain[1]):
-            return plain[0], plain[1]
-    return mine, its
-
-
-def _without_groups(names: Sequence[str]) -> list[str]:
-    """Names without the collection and group in front of them, as SpatialAnalyzer writes them."""
-    return [name.rpartition("::")[2].strip() for name in names]
-
-
-def _plain_names(names: Sequence[str]) -> list[str]:
-    """Names without signs, and their numbers without leading zeros."""
-    parts = [re.findall(r"\d+|[^\W\d_]+", name) for name in _without_groups(names)]
-    return ["".join(part.lstrip("0") or "0" for part in found) for found in parts]
-
-
-def _numbers_of_names(names: Sequence[str]) -> list[str]:
-    """`_plain_names` without the letters that all names begin with."""
-    plain = _plain_names(names)
-    fronts = {re.match(r"\D*", name)[0] for name in plain}
-    if len(fronts) > 1:
-        return plain
-    front = fronts.pop()
-    return [name.removeprefix(front) for name in plain]
-
-
-def _as_text(cells: np.ndarray) -> list[str]:
-    if cells.dtype.kind == "f":
-        return [f"{value:.12g}" for value in cells]
-    return [str(cell).strip().lower() for cell in cells]
 
 
 def _by_index(few: RawTable, many: RawTable) -> RawTable:
@@ -251,7 +133,7 @@ def _side_by_side(few: RawTable, many: RawTable) -> RawTable:
 
 
 def _by_key(few: RawTable, many: RawTable, join: Join):
-    pairs = [*_shared_keys(few, many), *_other_keys(few, many)]
+    pairs = [*shared_keys(few, many), *other_keys(few, many), *repeated_keys(few, many)]
     if join.key is not None:
         named = [
             [n for n in table.columns if n.rpartition(": ")[2] == join.key] for table in (few, many)
@@ -265,7 +147,7 @@ def _by_key(few: RawTable, many: RawTable, join: Join):
             "add it",
         )
     mine, its = max(
-        pairs, key=lambda pair: _match_share(few.columns[pair[0]], many.columns[pair[1]])
+        pairs, key=lambda pair: match_share(few.columns[pair[0]], many.columns[pair[1]])
     )
     keys, others = names_in_both(few.columns[mine], many.columns[its])
     if len(set(others)) < len(others):  # the rows of `few` are looked up below
@@ -294,6 +176,11 @@ def _by_key(few: RawTable, many: RawTable, join: Join):
             f"The rows of {few.file} and {many.file} are in different orders and are joined by the names in {mine} "
             f'and {its}. If the rows belong together as they stand, write [join] by = "index" into a mapping file '
             "for --map."
+        )
+    is_own_name = mine.rpartition(": ")[2] != its.rpartition(": ")[2]
+    if is_own_name and len(set(keys)) < len(keys):
+        said.append(
+            f"Rows of {few.file} with one name in '{mine}' belong to one row of {many.file} ('{its}')."
         )
     for table, used in ((few, len(rows)), (many, len({place[keys[row]] for row in rows}))):
         partner = many if table is few else few
@@ -431,7 +318,7 @@ def _time_zone(wanted: np.ndarray, times: np.ndarray) -> float:
     if (wanted[0] < _LEAST_DATED_S) != (times[0] < _LEAST_DATED_S):
         days = _DAY_S * round((times.mean() - wanted.mean()) / _DAY_S)
     shifts = days + _QUARTER_S * np.arange(-104, 105)
-    fitting = [shift for shift in shifts if _covered(wanted + shift, times).mean() >= _OVERLAP]
+    fitting = [shift for shift in shifts if _covered(wanted + shift, times).mean() >= OVERLAP]
     if days:  # the smallest difference of the times of day: a log may cover several zones
         fitting = sorted(fitting, key=lambda shift: abs(shift - days))[:1]
     return float(fitting[0]) if len(fitting) == 1 else 0.0

@@ -84,9 +84,12 @@ def find_sets(table: RawTable) -> list[ColumnSet]:
     by_words: dict[tuple[str, ...], list[Header]] = {}
     for header in headers:
         by_words.setdefault(_object_of(header), []).append(header)
+    # "axis A" to "axis F" are a longer series than the three angles A, B and C
+    longer = {h.words[:-1] for h in headers if not h.kind and h.words[1:] and h.words[-1] == "d"}
     found: list[ColumnSet] = []
-    for same in by_words.values():
-        found += _sets_of(same, table)
+    for words, same in by_words.items():
+        made = _sets_of(same, table)
+        found += [one for one in made if one.labels != "abc" or words not in longer]
     if not any(one.kind == "point" and not one.is_flange for one in found):
         found += _spherical(table)
     found = _with_quaternions_by_length(found, table)

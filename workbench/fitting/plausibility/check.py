@@ -159,11 +159,14 @@ def _majority_fit(robot, recording, good) -> Fit | None:
 
 
 def _outlying(recording, outliers, reason, named) -> Suspicion:
-    off = outliers.mismatch[outliers.rows]
+    rows, off = outliers.rows, outliers.mismatch[outliers.rows]
+    size = f"{off.min():.3g} to {off.max():.3g} mm" if len(rows) > 1 else f"{off[0]:.3g} mm"
+    are = "are" if len(rows) > 1 else "is"
+    samples = named_samples(recording, rows, outliers.mismatch)
     sentence = (
-        f"{named}: {len(outliers.rows)} of {recording.n} rows are off by {off.min():.3g} to {off.max():.3g} mm, where "
-        f"the median is {outliers.median:.2g} mm ({named_samples(recording, outliers.rows)}); {reason.sentence}; "
-        "correct or remove these rows."
+        f"{named}: {len(rows)} of {recording.n} rows {are} off by {size}, where the median is "
+        f"{outliers.median:.2g} mm ({samples}); {reason.sentence}; correct or remove "
+        f"{'these rows' if len(rows) > 1 else 'this row'}."
     )
     return Suspicion(sentence, False, reason.cause, rows=tuple(outliers.rows.tolist()))
 

@@ -4,37 +4,95 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from datasets.columns import joint_columns
 from workbench.fitting.plausibility.columns_at_rest import longest_run
 from workbench.fitting.plausibility.fitting import POSITION, row_mismatch, row_residual
 from workbench.fitting.plausibility.hypotheses.corrections import listed, observed_columns
 
 _FAR = 10.0
 """Times the median mismatch, which is about 15 standard deviations of one coordinate."""
+_MOST_ISOLATED, _GAP = 0.2, 2.0
+"""Share of the rows that may be isolated, and how many times the next smaller mismatch they reach at least."""
+_LEAST_SPARE_DEGREES = 30.0
+_FEW_VALUES, _RARE = 8, 0.25
+_SEVERAL, _CHANCE = 3, 0.01
+_NUMBERS = ("sample", "pose", "repeat")
 _NEAR = 4.0
 _NEARLY_ALL = 0.8
+_ALIKE = 1.05
 _NAMED = 12
 
 
 @dataclass(frozen=True)
 class Outliers:
-    """Row numbers that are far off, the mismatch (n,) mm of all rows, and its median."""
+    """Row numbers that are far off, the mismatch (n,) mm of all rows, and its median.
+
+    `is_small`: the rows are no farther off than an unmodelled effect may put a row, but a gap separates them.
+    """
 
     rows: np.ndarray
     mismatch: np.ndarray
     median: float
+    is_small: bool = False
+
+    @property
+    def likely_cause(self) -> str:
+        """What the rows show where nothing more specific is found."""
+        if self.is_small:
+            return (
+                "gross errors of these measurements, or a load or another condition that is not recorded, are the "
+                "likely cause"
+            )
+        return "gross errors of single measurements are the likely cause"
 
 
 def find_outliers(robot, recording, fit, floor: float) -> Outliers | None:
     """Rows far off the fit, of all rows of the recording; None where there are none.
 
-    floor: mm by which unmodelled effects may put a single row off.
+    floor: mm by which unmodelled effects may put a single row off. Below it, rows are outliers only where a gap
+    separates them from all others: unmodelled effects fill the range between the typical and the largest mismatch.
     """
     mismatch = row_mismatch(robot, recording, fit)
     median = float(np.median(mismatch))
-    rows = np.flatnonzero(mismatch > max(_FAR * median, floor))
+    far = mismatch > _FAR * median
+    rows = np.flatnonzero(far & (mismatch > floor))
+    is_small = not len(rows)
+    if is_small and fit.degrees >= _LEAST_SPARE_DEGREES:
+        rows = np.flatnonzero(far & _is_isolated(mismatch))
+        if len(rows) and _is_condition(recording, rows):
+            return None
     if not len(rows):
         return None
-    return Outliers(rows, mismatch, median)
+    return Outliers(rows, mismatch, median, is_small)
+
+
+def _is_isolated(mismatch: np.ndarray) -> np.ndarray:
+    """(n,) True for the largest mismatches above the largest gap, in ratio, among the largest ones."""
+    ordered = np.sort(mismatch)[::-1]
+    count = int(_MOST_ISOLATED * len(ordered))
+    ratios = ordered[:count] / np.maximum(ordered[1 : count + 1], 1e-300)
+    if not count or ratios.max() < _GAP:
+        return np.zeros(len(mismatch), bool)
+    return mismatch >= ordered[int(ratios.argmax())]
+
+
+def _is_condition(recording, rows: np.ndarray) -> bool:
+    """Whether outlying rows were measured under a condition of their own, such as a load or a span of time.
+
+    An unmodelled effect of that condition is then as likely as gross errors of the rows. Outliers at random places
+    would lie within the range of the condition with the probability (share of the rows)^(number of outlying poses).
+    A quantity that takes few values, such as a load, needs less evidence: one outlier at a rare value.
+    """
+    own_names = {*observed_columns(recording), *joint_columns(recording.columns), *_NUMBERS}
+    conditions = [recording.columns[name] for name in set(recording.columns) - own_names]
+    count = len(np.unique(recording.poses[rows]))
+    for values in [np.arange(recording.n), *conditions]:
+        own = values[rows]
+        share = float(((values >= own.min()) & (values <= own.max())).mean())
+        is_rare = share < _RARE and len(np.unique(values)) <= _FEW_VALUES
+        if is_rare or (count >= _SEVERAL and share**count < _CHANCE):
+            return True
+    return False
 
 
 @dataclass(frozen=True)
@@ -53,9 +111,7 @@ def outlier_reason(robot, recording, fit, outliers: Outliers) -> Reason:
         reason = explain(robot, recording, fit, outliers, near)
         if reason is not None:
             return reason
-    return _wrong_target(recording, outliers) or Reason(
-        "gross errors of single measurements are the likely cause", "blunders", False
-    )
+    return _wrong_target(recording, outliers) or Reason(outliers.likely_cause, "blunders", False)
 
 
 def _wrong_target(recording, outliers) -> Reason | None:
@@ -74,9 +130,15 @@ def _wrong_target(recording, outliers) -> Reason | None:
     return None
 
 
-def named_samples(recording, rows) -> str:
-    """'sample 5, 9 and 12', at most a dozen numbers."""
-    ids = [str(i) for i in recording.sample_ids[rows[:_NAMED]]]
+def named_samples(recording, rows, mismatch) -> str:
+    """'samples 5 (2.1 mm), 9 (1.8 mm) and 12 (30 mm)', at most a dozen, without sizes that are alike.
+
+    mismatch: (n,) mm of all rows.
+    """
+    shown = rows[:_NAMED]
+    ids = [str(i) for i in recording.sample_ids[shown]]
+    if mismatch[rows].max() > _ALIKE * mismatch[rows].min():
+        ids = [f"{name} ({off:.3g} mm)" for name, off in zip(ids, mismatch[shown])]
     more = [f"{len(rows) - _NAMED} more"] if len(rows) > _NAMED else []
     return f"sample{'s' * (len(rows) > 1)} {listed([*ids, *more])}"
 

@@ -26,6 +26,7 @@ from workbench.recordings.importing.fits import CandidateFit
 from workbench.recordings.importing.image_rows import file_link
 from workbench.recordings.importing.measured_robot import Made, import_table
 from workbench.recordings.importing.questions import Ask
+from workbench.recordings.importing.remarks import remarks_sentence, unused_sentence
 from workbench.recordings.importing.sessions import import_sessions
 from workbench.recordings.importing.surface_scans import import_scans, is_scan
 from workbench.recordings.importing.timed_join import ClockDecision, OffsetMode
@@ -110,7 +111,7 @@ def import_recording(
     options = replace(options, name=options.name or folder.name)
     with TemporaryDirectory(prefix="workbench-import-") as scratch:
         found = find_mapping(paths, options, Path(scratch), progress)
-        with _user_columns(found):
+        with _user_columns(found), _remarks(found):
             found, made = _made(found, options, Path(scratch) / "recording", progress)
         # without a name of its own, a recording has that of its folder
         recording = replace(made.recording, title=options.title or _title(paths), name="")
@@ -129,9 +130,11 @@ def import_recording(
     required = [need.sentence for need in needs if need.is_required]
     useful = [need.sentence for need in needs if not need.is_required]
     doubts = own.of((*made.doubts, *read.warnings, *required))
+    explained = [remarks_sentence(found.table, made.mapping)] if doubts else []
     warnings = own.of(
         (*found.warnings, *made.warnings, *dropped, *useful, *read.warnings, *required)
     )
+    warnings = (*warnings, *filter(None, explained))
     unused = never_read(found, made.mapping, "time_s" in recording.columns)
     links = links_of(found, made.mapping, "time_s" in recording.columns)
     return ImportResult(read, made.mapping, made.fits, unused, warnings, made.clocks, links, doubts)
@@ -198,6 +201,19 @@ def _user_columns(found: Found, mapping: Mapping | None = None):
     except InputError as problem:
         sentence = in_user_columns(str(problem), found.called, mapping or found.mapping)
         raise InputError(sentence, problem.example) from None
+
+
+@contextmanager
+def _remarks(found: Found):
+    """Errors inside end with the remarks and the unused columns of the user's table, which may explain them."""
+    try:
+        yield
+    except InputError as problem:
+        if problem.example:  # the example lists all columns
+            raise
+        unused = never_read(found, found.mapping, with_times=True)
+        parts = (remarks_sentence(found.table, found.mapping), unused_sentence(found.table, unused))
+        raise InputError(" ".join(filter(None, (str(problem), *parts)))) from None
 
 
 def links_of(found: Found, mapping: Mapping, with_times: bool) -> dict[str, dict]:

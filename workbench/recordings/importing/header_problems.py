@@ -78,8 +78,9 @@ def text_in_numbers(table: RawTable) -> list[str]:
     for name, cells in table.columns.items():
         if cells.dtype.kind == "f":
             continue
-        wrong = [row for row, cell in enumerate(cells) if cell and not _NUMBER.match(str(cell))]
-        if not wrong or len(wrong) > (1 - _MOSTLY) * len(cells):
+        filled = [row for row, cell in enumerate(cells) if str(cell).strip()]
+        wrong = [row for row in filled if not _NUMBER.match(str(cells[row]))]
+        if not wrong or len(wrong) > (1 - _MOSTLY) * len(filled):
             continue
         shown = ", ".join(
             f"row {table.lines[row]}: {str(cells[row])!r}" for row in wrong[:_MOST_CELLS]

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.importers.mapping.joining import may_name_rows, names_in_both, seconds_of
+from datasets.importers.mapping.joining import seconds_of
+from datasets.importers.mapping.row_names import may_name_rows, names_in_both
 from datasets.importers.mapping.sets import headers_of
 from datasets.importers.source import ImageFile, RawTable
 from datasets.importers.sources.choice import natural_order
