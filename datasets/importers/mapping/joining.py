@@ -177,17 +177,28 @@ def _by_key(few: RawTable, many: RawTable, join: Join):
             f'and {its}. If the rows belong together as they stand, write [join] by = "index" into a mapping file '
             "for --map."
         )
+    said += _key_sentences((few, many), (mine, its), keys, (len(rows), len(set(order))))
+    return _side_by_side(few.take(np.array(rows)), other), said
+
+
+def _key_sentences(tables, columns, keys, used) -> list[str]:
+    """Sentences on rows with one name and on rows that have no partner.
+
+    tables, columns: (2,) the first one's rows may repeat a name of the second one. keys: names of the first one's
+    rows. used: (2,) rows that have a partner.
+    """
+    (few, many), (mine, its) = tables, columns
+    said = []
     is_own_name = mine.rpartition(": ")[2] != its.rpartition(": ")[2]
     if is_own_name and len(set(keys)) < len(keys):
         said.append(
             f"Rows of {few.file} with one name in '{mine}' belong to one row of {many.file} ('{its}')."
         )
-    for table, used in ((few, len(rows)), (many, len({place[keys[row]] for row in rows}))):
-        partner = many if table is few else few
-        if used < table.n:
-            lost = f"{table.n - used} of {table.n} rows"
+    for table, partner, count in ((few, many, used[0]), (many, few, used[1])):
+        if count < table.n:
+            lost = f"{table.n - count} of {table.n} rows"
             said.append(f"{table.file}: {lost} have no row in {partner.file} and are left out.")
-    return _side_by_side(few.take(np.array(rows)), other), said
+    return said
 
 
 def _by_time(few: RawTable, many: RawTable, join: Join):
