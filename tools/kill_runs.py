@@ -53,17 +53,16 @@ def main() -> int:
     )
     given = parser.parse_args()
     until = time.monotonic() + 60 * given.minutes
-    faults, kills = [], 0
+    faults, kills = 0, 0
     with tempfile.TemporaryDirectory(prefix="workbench-kills-") as home:
         for number in range(0, given.kills, 4):
             if time.monotonic() > until:
                 break
             several = min(4, given.kills - number)
-            faults += kill_turn(Path(home), number // 4, several, given.seed)
+            found = kill_turn(Path(home), number // 4, several, given.seed)
+            faults += len(found)
             kills += several
-            print(f"{kills} kills, {len(faults)} faults", flush=True)
-    for fault in faults:
-        print(fault)
+            print("\n".join([*found, f"{kills} kills, {faults} faults"]), flush=True)
     return int(bool(faults))
 
 
