@@ -13,7 +13,8 @@ from workbench.core.errors import InputError
 class SensorState:
     """n observations of a scanner, at nominal values; what an observation does not have is nan.
 
-    `pixels` (2, n) as observed, px; `points` (3, n) mm where the surface was seen, camera frame;
+    `pixels` (2, n) as expected at the start, px: a function of the observed ones would contain their noise, and fit
+    itself to it; `points` (3, n) mm where the surface was seen, camera frame;
     `planes` (4, n) light plane of each, `mirror` (n,) rad; `board` (2, n) place on the board from
     its middle over half its diagonal; `normals` (3, n) unit normal of the surface, camera frame;
     `ball` (n,) number of the ball, 0 for none; `covariates` by the name of their column;

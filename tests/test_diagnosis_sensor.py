@@ -191,6 +191,22 @@ def named(name):
     assert found[0].probability > 0.7
 
 
+@pytest.mark.parametrize("part", ["corners", "board_stripes", "balls"])
+def test_what_an_effect_reads_of_a_place_holds_none_of_its_noise(part):
+    """A large effect that a camera makes as well would shrink the noise, and be preferred for that."""
+    quiet, noisy = (simulated(true(), (), {}, seed).parts[part] for seed in (1, 2))
+    apart = np.abs(quiet.pixels - noisy.pixels).max()
+    assert np.abs(quiet.state.pixels - noisy.state.pixels).max() < 0.02 * apart
+
+
+def test_a_whitened_problem_makes_columns_of_an_effect_that_is_no_candidate():
+    problem = clean().problem()
+    effect = CATALOGUE["mirror-encoder-harmonic"]("mirror", order=12)
+    weight = np.linspace(0.5, 1.0, len(problem.residual))
+    made = problem.through(lambda rows: weight * rows).columns_of(effect)
+    assert np.allclose(made, weight[:, None] * problem.columns_of(effect))
+
+
 def test_held_out_errors_fall_to_the_noise_with_the_effect_and_parameters_are_right():
     chains, effect = measured("board-bow", 1, 3.0)
     bench = sensor.SensorBench(chains)

@@ -12,7 +12,7 @@ from sensors.light.together import Together
 from workbench.diagnosis.linear.problem import Located
 from workbench.diagnosis.scanner import sensor
 from workbench.diagnosis.scanner.image_jitter import find_image_jitter
-from workbench.diagnosis.scanner.pose_error import independent_errors
+from workbench.diagnosis.scanner.predictions import Predicted, independent_errors, scored_errors
 from workbench.diagnosis.scanner.sensor_simulate import simulated
 from workbench.diagnosis.search.select import find
 from workbench.explanation.answer import _is_much_left, _is_placed, _is_remainder_placed, _size
@@ -227,18 +227,62 @@ def test_the_size_of_a_term_in_px_does_not_depend_on_the_jitter_of_the_noise():
     assert sizes[1] == pytest.approx(sizes[0], rel=1e-6) and sizes[0] > 0.05
 
 
-def test_the_error_of_a_board_pose_counts_once_for_all_points_of_its_stripes():
+def test_an_error_that_samples_share_counts_once():
     rng = np.random.default_rng(3)
-    by_pose = rng.normal(size=(6, 300))
-    covariance = np.diag([0.04, 0.01, 0.0, 0.0, 0.0, 0.0])
-    sigma = np.full(300, 0.02)
-    noise = sigma * rng.normal(size=300)
-    moved = 0.2 * by_pose[0]  # one standard deviation of the pose
-    left = independent_errors(noise + moved, by_pose, sigma, covariance)
-    assert ((left / sigma) ** 2).sum() < 1.3 * 300
-    # what no pose error makes stays as it is, and what is far larger than it does not pass for one
-    wave = 0.2 * np.cos(np.arange(300))
-    assert np.std(independent_errors(wave, by_pose, sigma, covariance)) > 0.95 * np.std(wave)
-    far = independent_errors(50 * moved, by_pose, sigma, covariance)
-    assert ((far / sigma) ** 2).sum() > 1000
-    assert np.array_equal(independent_errors(noise, by_pose, sigma, 0 * covariance), noise)
+    factor = rng.normal(size=(300, 6)) * [10.0, 5.0, 0.0, 0.0, 0.0, 0.0]
+    noise, moved = rng.normal(size=300), factor[:, 0]  # one standard deviation
+    left, log_determinant = independent_errors(noise + moved, factor)
+    assert (left**2).sum() < 1.3 * 300
+    covariance = np.eye(300) + factor @ factor.T
+    assert log_determinant == pytest.approx(np.linalg.slogdet(covariance)[1])
+    assert (left**2).sum() == pytest.approx(
+        (noise + moved) @ np.linalg.solve(covariance, noise + moved)
+    )
+    # what no shared error makes stays as it is, and what is far larger than it does not pass for one
+    wave = 10 * np.cos(np.arange(300))
+    assert np.std(independent_errors(wave, factor)[0]) > 0.95 * np.std(wave)
+    assert (independent_errors(50 * moved, factor)[0] ** 2).sum() > 1000
+    same, nothing = independent_errors(noise, 0 * factor)
+    assert np.array_equal(same, noise) and nothing == 0
+
+
+def test_scores_of_predictions_are_those_of_their_density():
+    """Corners that determine a pose, and stripes that it moves: against the conditional normal density, made whole."""
+    rng = np.random.default_rng(4)
+    noise, by_own, by_shared, kinds = [0.1, 0.02], [], [], []
+    for sigma, count in zip(noise, (40, 25)):
+        by_own.append(rng.normal(size=(6, 1, count)))
+        by_shared.append(rng.normal(size=(3, 1, count)))
+        kinds.append((sigma, count))
+    root = rng.normal(size=(3, 3)) * 0.01
+    shared = root @ rng.normal(size=3)
+    pose, found, errors = rng.normal(size=6), None, []
+    for (sigma, count), own, others in zip(kinds, by_own, by_shared):
+        error = 0.7 * sigma * rng.normal(size=count) + np.tensordot(pose, own, 1)[0]
+        errors.append(error + np.tensordot(shared, others, 1)[0])
+    a = by_own[0][:, 0].T
+    found = np.linalg.lstsq(a, errors[0], rcond=None)[0]
+    predicted = [
+        Predicted(
+            (error - np.tensordot(found, own, 1)[0])[None],
+            np.full((1, count), sigma),
+            others,
+            own,
+            np.zeros(count, int),
+        )
+        for error, (sigma, count), own, others in zip(errors, kinds, by_own, by_shared)
+    ]
+    scored = scored_errors(predicted, root @ root.T)
+    score = sum(float(((e / p.sigma) ** 2).sum()) for e, p in zip(scored, predicted))
+    # the same with a pose of which nothing was known before: its prior is flat
+    wide = 1e4
+    rows = [
+        np.hstack([wide * o[:, 0].T, s[:, 0].T @ root]) / n
+        for o, s, n in zip(by_own, by_shared, noise)
+    ]
+    white = np.concatenate([e / n for e, n in zip(errors, noise)])
+    first, whole = rows[0][:, :6], np.concatenate(rows)
+    covariance = np.eye(len(white)) + whole @ whole.T
+    expected = white @ np.linalg.solve(covariance, white) + np.linalg.slogdet(covariance)[1]
+    expected -= np.linalg.slogdet(np.eye(40) + first @ first.T)[1]
+    assert score == pytest.approx(expected, rel=1e-3)

@@ -95,3 +95,11 @@ def test_a_warm_up_between_two_time_constants_of_the_grid_is_one_finding():
     effect = SENSOR_EFFECTS["laser-drift"]("laser", value, start)
     made = simulated(sensor_cases.true(), (effect,), {"laser.laser-drift.amplitude": 5e-3}, 6)
     assert_one_finding(find(sensor.SensorBench(made)), effect, value)
+
+
+def test_a_warm_up_is_not_over_before_the_second_image():
+    """Its shape is then that of one image alone, and without this image it is a constant."""
+    times = 10.0 * np.arange(12)
+    constants, start = time_constants(times)
+    assert start == 0 and np.exp(-times[1] / constants[0]) > 0.04
+    assert time_constants(0.5 * np.arange(400))[0][0] == pytest.approx(200 / 60, rel=0.01)

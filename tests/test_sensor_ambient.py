@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sensors.stripe.ambient import MOST_IMAGES, chosen_images, slope_pull
+from sensors.stripe.ambient import MOST_IMAGES, Lines, chosen_images, scene_of, slope_pull
 from sensors.stripe.centre_noise import centre_noise
 from sensors.stripe.find import find_stripes
 
@@ -42,8 +42,8 @@ def test_a_slope_of_the_light_no_longer_pulls_centres(slope, turned):
     assert np.std(error - pull[inside]) < 1.05 * np.std(error)
 
 
-def test_no_light_is_judged_from_few_images():
-    assert not len(chosen_images(3))
+def test_some_images_show_the_scene():
+    assert chosen_images(3).tolist() == [0, 1, 2]
     assert chosen_images(4).tolist() == [0, 1, 2, 3]
     assert len(chosen_images(100)) == MOST_IMAGES
     assert (slope_pull([], np.zeros((2, 5)), np.ones((3, 5)), True) == 0).all()
@@ -74,3 +74,23 @@ def test_few_neighbours_leave_what_is_usual():
     line = np.arange(0, 60, 2)
     made = centre_noise(np.zeros(30), line, np.zeros(30, int), np.full(30, 0.03), 0.04)
     assert made == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_slope_of_the_light_is_seen_next_to_the_lines_of_few_images(count, turned):
+    images, places = scene(np.random.default_rng(3), 0.25, count)
+    seen = images.transpose(0, 2, 1) if turned else images
+    found = find_stripes(seen, "columns" if turned else "rows")
+    shown = []
+    for k in chosen_images(count):
+        own = found.frame == k
+        lines = Lines(found.pixels[:, own], found.width[own], not turned)
+        shown.append(scene_of(seen[k], count, lines))
+    shape = np.vstack([found.shape, found.peak])
+    pull = slope_pull(shown, found.pixels, shape, not turned)
+    inside = found.line < HEIGHT - 25
+    error = (found.centre - places[found.frame, found.line])[inside]
+    assert np.mean(error) == pytest.approx(0.013, abs=0.006)
+    assert abs(np.mean(error - pull[inside])) < 0.003
+    assert np.std(error - pull[inside]) < 1.05 * np.std(error)

@@ -1,5 +1,7 @@
 """What displaces corners by the same in many images is named: a misprinted row of the board, a lens beyond its model."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -70,3 +72,15 @@ def test_a_lens_beyond_its_model_is_named(seed):
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_good_board_and_lens_are_silent(seed):
     assert warned(seed) == []
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_fields_of_the_lens_do_not_explain_the_noise_of_the_corners(seed):
+    """A field over measured pixels holds their noise, which is all that a camera leaves of its constant slope."""
+    rng = np.random.default_rng(seed)
+    views = seen_by(TRUE.project, rng, BOARD, count=8, near=(110, 170), across=(20, 15))
+    noisy = [
+        replace(view, pixels=view.pixels + rng.normal(0, 3.0, view.pixels.shape)) for view in views
+    ]
+    made = calibrate_camera(noisy, BOARD, TRUE.size, folds=0)
+    assert not made.shared.significant

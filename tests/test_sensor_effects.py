@@ -389,7 +389,7 @@ def test_a_warm_up_is_tested_with_time_constants_where_no_temperature_is_recorde
             return name in self.varying
 
     effect = CATALOGUE["camera-thermal-drift"]
-    timed = Chain(varying={"time_s"}, times=(100.0, 3700.0))
+    timed = Chain(varying={"time_s"}, times=tuple(np.linspace(100.0, 3700.0, 181)))
     found = list(effect.candidates(timed))
     constants = [one.effect.time_constant_s for one in found]
     assert constants[0] == 0 and min(constants[1:]) == 60 and max(constants) == 5400

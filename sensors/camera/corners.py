@@ -103,9 +103,10 @@ class Corners:
             return self._kept_state
         board, n = _OnBoard(self, self.points), self.pixels.shape[1]
         unknown = np.full((5, n), np.nan)
+        expected = self.camera.project(board.points)
         return SensorState(
             self.camera,
-            self.pixels,
+            np.where(np.isfinite(expected), expected, self.pixels),
             board.points,
             unknown[:4],
             unknown[4],

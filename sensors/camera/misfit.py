@@ -47,13 +47,15 @@ def bundle_misfit(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> 
     shared = model.fill_rows(made, fit.parameters, table)
     has_bow = any(isinstance(effect, BoardBow) for effect in effects)
     by_board = made.rows("target", np.arange(3))
+    # a field over the measured pixels would hold their noise, and explain it
+    expected = chain.pixels + made.residual
     rows = CornerRows(
         shared,
         made.family_rows("placement"),
         fit.residual[0],
         chain.labels["placement"],
         chain.labels["corner"],
-        shared_effects(chain.points, by_board, chain.pixels, chain.camera.size, has_bow),
+        shared_effects(chain.points, by_board, expected, chain.camera.size, has_bow),
     )
     rows = scaled(rows, np.sqrt(fit.weights[0]) / chain.sigma)
     errors = shared_errors(rows, fit.parameters.precision[free])

@@ -41,7 +41,7 @@ class SharedEffects:
 def shared_effects(
     points: np.ndarray, by_point: np.ndarray, pixels: np.ndarray, size, has_bow: bool = False
 ) -> SharedEffects:
-    """Effects of corners with board coordinates points (3, n) mm and pixels (2, n) in an image of `size` px.
+    """Effects of corners with board coordinates points (3, n) mm and expected pixels (2, n) in an image of `size` px.
 
     by_point (3, 2, n): px by the board's x, y, z. Every line of points across the board has one displacement, every
     point has two, and the height is a bilinear field on the board. The lens displaces pixels by bilinear fields of

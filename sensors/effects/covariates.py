@@ -14,6 +14,9 @@ _TIME_CONSTANTS = (30.0, 60.0, 120.0, 300.0, 600.0, 1800.0)  # s, where the time
 # Of the duration: a shorter warm-up is over within the first images, a longer one is linear. Neighbours differ by a
 # third, so that the nearest one leaves 1 % of the drift.
 _SHORTEST, _LONGEST, _COUNT = 1 / 60, 1.5, 17
+_RESOLVED = (
+    1 / 3
+)  # of the time to the second image, at which 5 % of such a warm-up are still to come
 
 
 class WarmUpLaw:
@@ -64,8 +67,10 @@ def time_constants(times) -> tuple[list[float], float]:
     duration = float(np.ptp(times)) if len(times) else 0.0
     if not duration > 0:
         return list(_TIME_CONSTANTS), 0.0
-    values = duration * np.geomspace(_SHORTEST, _LONGEST, _COUNT)
-    return [float(f"{value:.3g}") for value in values], float(np.min(times))
+    start, second = np.unique(times)[:2]
+    shortest = max(_SHORTEST * duration, _RESOLVED * (second - start))
+    values = np.geomspace(shortest, _LONGEST * duration, _COUNT)
+    return [float(f"{value:.3g}") for value in values], float(start)
 
 
 def warming(kind, chain):

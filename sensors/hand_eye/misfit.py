@@ -109,7 +109,8 @@ def _rows(adjusted, size) -> CornerRows:
     turn = rotation_matrix(values[9:12]) * (1 + values[12])
     by_board = np.einsum("kcn,kj->jcn", made.shared[6:9], turn)
     board = chain.board if chain.printed is None else chain.printed
-    effects = shared_effects(board, by_board, chain.pixels, size)
+    # where the corners are expected: a field over the measured pixels would hold their noise, and explain it
+    effects = shared_effects(board, by_board, chain.pixels + made.residual, size)
     point = np.unique(np.round(board[:2], 6), axis=1, return_inverse=True)[1].ravel()
     free = adjusted.parameters.mask
     return CornerRows(made.shared[free], made.pose, made.residual, chain.pose, point, effects)

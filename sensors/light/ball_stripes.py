@@ -61,7 +61,7 @@ class Balls(StripeChain):
         nowhere = np.full((3, self.n), np.nan)
         return SensorState(
             self.camera,
-            self.pixels,
+            self.expected_pixels,
             here.hits,
             self.planes[:, self.labels["step"]],
             self.commanded_angles,

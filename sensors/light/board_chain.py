@@ -88,7 +88,7 @@ class BoardStripeChain(StripeChain):
         on_board = here.on_board
         return SensorState(
             self.camera,
-            self.pixels,
+            self.expected_pixels,
             here.hits,
             self.planes[:, self.labels["step"]],
             self.commanded_angles,

@@ -19,6 +19,10 @@ from sensors.light.planes import moved, moved_rows
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameters
 
+_FARTHEST = (
+    20.0  # px by which a point may be away from its surface; beyond that a slope says nothing
+)
+
 
 class StripeChain:
     """Base of `BoardStripeChain` and `Balls`, which are frozen dataclasses of n points of stripes.
@@ -62,6 +66,13 @@ class StripeChain:
         if self._start is not None:
             return self._start.gain
         return np.abs((self.at_start.by_pixel * self.scan).sum(0))
+
+    @property
+    def expected_pixels(self) -> np.ndarray:
+        """(2, n) px along the scan line from each point to where the surface must be seen at the start."""
+        slope = (self.at_start.by_pixel * self.scan).sum(0)
+        away = np.divide(self.at_start.residual[0], slope, out=np.zeros(self.n), where=slope != 0)
+        return self.pixels - self.scan * np.clip(away, -_FARTHEST, _FARTHEST)
 
     @property
     def commanded_angles(self) -> np.ndarray:

@@ -7,16 +7,21 @@ values a pixel for a shift of
 
 of a line of width w, with g the Gaussian of 1 sigma w at x w from its middle and W the weights of the pixels: k = 2.8
 where all count alike. The slope is that of the scene without the line: of the lower quartile of several images in
-which nothing but the line moves.
+which nothing but the line moves. Fewer images hide places in all of them: there the light to both sides of the line is
+interpolated across it.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 MOST_IMAGES = 9
 """Images of a scan that are looked at: the line hides a place in a quarter of them at most."""
 _FEWEST_IMAGES = 4
+"""Images from which on the lower quartile shows each place without the line."""
+_HIDDEN = 4.0  # widths to each side of a line that its light covers
+_WINDOW = 5  # px, of the windows next to the line whose mean counts
 _QUARTILE = 0.25
 _SMOOTH = 2.0  # px, 1 sigma: noise of the slope becomes a tenth of that of the line's centre
 _MARGIN = 8  # px about the lines that are looked at: what the smoothing reaches
@@ -26,11 +31,52 @@ _STEEPEST = 0.05
 _RATIOS = np.geomspace(1e-2, 1e2, 21)
 
 
+@dataclass(frozen=True)
+class Lines:
+    """Centres of an image's laser lines: `pixels` (2, k), `width` (k,) px, and whether these are along the rows."""
+
+    pixels: np.ndarray
+    width: np.ndarray
+    is_across_columns: bool
+
+    @property
+    def turned(self) -> "Lines":
+        """The same in the transposed image."""
+        return Lines(self.pixels[::-1], self.width, not self.is_across_columns)
+
+
 def chosen_images(count: int) -> np.ndarray:
-    """Numbers (k,) of the images of a scan that show the scene without the line; none where there are too few."""
-    if count < _FEWEST_IMAGES:
-        return np.zeros(0, int)
+    """Numbers (k,) of the images of a scan that show the scene."""
     return np.unique(np.rint(np.linspace(0, count - 1, min(count, MOST_IMAGES))).astype(int))
+
+
+def scene_of(image: np.ndarray, count: int, lines: Lines) -> np.ndarray:
+    """An image (H, W) of `count` chosen ones for `slope_pull`: without its lines where the images are few."""
+    if count >= _FEWEST_IMAGES or not lines.pixels.shape[1]:
+        return image
+    if lines.is_across_columns:
+        return _without_lines(image, lines)
+    return _without_lines(image.T, lines.turned).T
+
+
+def _without_lines(image: np.ndarray, lines: Lines) -> np.ndarray:
+    """An image (H, W) in which the light next to the lines along its columns goes on under them."""
+    import cv2
+
+    hidden = np.zeros(image.shape, np.uint8)
+    reach = np.ceil(_HIDDEN * lines.width).astype(int)
+    column, row = np.rint(lines.pixels).astype(int)
+    for first, last, line in zip(column - reach, column + reach + 1, row):
+        hidden[line, max(first, 0) : last] = 1
+    seen = 1.0 - hidden
+    window = (_WINDOW, _WINDOW)
+    share = np.maximum(cv2.blur(seen, window), 1e-9)
+    mean = cv2.blur(image * seen, window) / share
+    made, place = image.astype(np.float32), np.arange(image.shape[1])
+    for line in np.flatnonzero(hidden.any(1) & ~hidden.all(1)):
+        under = hidden[line] > 0
+        made[line, under] = np.interp(place[under], place[~under], mean[line, ~under])
+    return made
 
 
 def slope_pull(
@@ -41,7 +87,8 @@ def slope_pull(
 ) -> np.ndarray:
     """(n,) px along the scan line by which the slope of the scene's light pulls centres at pixels (2, n).
 
-    images: (H, W) each, the `chosen_images`; shape (3, n): width px, `Stripes.shape` and peak of the lines.
+    images: (H, W) each, the `chosen_images` as of `scene_of`; shape (3, n): width px, `Stripes.shape` and peak of the
+    lines.
     is_across_columns: whether centres are sought along the rows of an image. 0 without images.
     """
     if not len(images) or not pixels.shape[1]:
@@ -49,8 +96,10 @@ def slope_pull(
     column, row = np.rint(pixels).astype(int)
     left, top = max(column.min() - _MARGIN, 0), max(row.min() - _MARGIN, 0)
     seen = slice(top, row.max() + _MARGIN + 1), slice(left, column.max() + _MARGIN + 1)
+    shown = np.stack([image[seen] for image in images])
     rank = int(_QUARTILE * len(images))
-    scene = np.partition(np.stack([image[seen] for image in images]), rank, axis=0)[rank]
+    few = len(images) < _FEWEST_IMAGES
+    scene = shown.mean(0) if few else np.partition(shown, rank, axis=0)[rank]
     slope = _slope(scene.astype(np.float32), 1 if is_across_columns else 0)
     height, width = scene.shape
     own = slope[np.clip(row - top, 0, height - 1), np.clip(column - left, 0, width - 1)]
@@ -74,4 +123,4 @@ def _gain(ratio: np.ndarray) -> np.ndarray:
     return np.interp(ratio, _RATIOS, weight.sum(1) / (weight * g).sum(1))
 
 
-__all__ = ["chosen_images", "slope_pull"]
+__all__ = ["Lines", "chosen_images", "scene_of", "slope_pull"]

@@ -281,8 +281,9 @@ class Problem:
             return tuple(replace(s, rows=white(s.rows)) for s in held)
 
         def columns_of(effect, cause=None):
-            made = self.columns_of(effect, cause)
-            return columns(made) if cause is None else np.stack([columns(one) for one in made])
+            if cause is None:  # a sensor has no causes
+                return columns(self.columns_of(effect))
+            return np.stack([columns(one) for one in self.columns_of(effect, cause)])
 
         return replace(
             self,

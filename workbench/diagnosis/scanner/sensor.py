@@ -21,7 +21,7 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameter, Parameters
 from workbench.diagnosis.linear.estimates import parameter_row
 from workbench.diagnosis.linear.problem import Found, Problem, Site
-from workbench.diagnosis.scanner.pose_error import without_pose_error
+from workbench.diagnosis.scanner.predictions import Predicted, scored_errors
 from workbench.diagnosis.scanner.sensor_library import Kind, described, places
 from workbench.diagnosis.scanner.sensor_linear import (
     WIDEST,
@@ -155,8 +155,8 @@ class SensorBench:
         alone: fitted to its stripes as well, it would absorb most of what these are off by. A ball's centre is fitted
         to its own stripes, since nothing else tells it.
 
-        independent: errors of stripes without what the error of their board's pose moves in common (`pose_error`): to
-        be compared by sums of squares, not to be shown.
+        independent: errors whose squares over the noise's add up to the logarithmic score of each board pose and ball
+        (`predictions`): to be compared by sums of squares, not to be shown.
         """
         return self._held_out(tuple(effects), folds, _lengths, independent)
 
@@ -174,33 +174,29 @@ class SensorBench:
             touched = np.isin(self.pose, self.pose[out])
             _, fit = self.solve(effects, ~out)
             chains = _at(_with_planes(self.chains, fit), touched)
-            residuals = self._held_by_corners(chains, effects, fit.parameters, independent)
+            residuals = self._held_by_corners(chains, effects, fit, independent)
             found = np.concatenate([measure(residual) for residual in residuals])
             error[touched & out] = found[out[touched]]
         return error
 
     def _held_by_corners(
-        self, chains: Chains, effects, known: Parameters, independent: bool
+        self, chains: Chains, effects, known: BundleFit, independent: bool
     ) -> list[np.ndarray]:
         """(m, n) px of each part, with everything `known` but board poses, from corners, and centres of balls."""
         without = replace(chains, board_stripes=None)
-        posed = self._posed(without, effects, known)
-        found = dict(zip(without.parts, posed.residual))
-        if chains.board_stripes is not None:
-            poses = {"placement": posed.values["placement"]}
-            held = replace(
-                chains,
-                corners=chains.corners.with_families(poses),
-                board_stripes=chains.board_stripes.with_families(poses),
-            )
-            corners, stripes = (
-                model.evaluate(model.parameters.take_over(known))
-                for model in models(held, effects)[:2]
-            )
-            found["board_stripes"] = (
-                without_pose_error(held, corners, stripes) if independent else stripes.residual
-            )
-        return [found[name] for name in chains.parts]
+        own = self._posed(without, effects, known.parameters).values
+        held = {name: chain.with_families(own) for name, chain in chains.parts.items()}
+        every = dict(zip(held, models(replace(chains, **held), effects)))
+        if not independent:
+            return [model.residual(_at_fit(model, known)) for model in every.values()]
+        found = {name: _predicted(name, model, known) for name, model in every.items()}
+        balls = [found.pop(name) for name in ("balls",) if name in found]
+        scored = [
+            scored_errors(kinds, known.covariance)
+            for kinds in (list(found.values()), balls)
+            if kinds
+        ]
+        return [rows for kinds in scored for rows in kinds]
 
     def noise(self, usual: np.ndarray) -> tuple[float, str]:
         """RMS error (px) that noise alone makes of the usual samples (n,) bool, weighted as held-out errors are."""
@@ -390,6 +386,32 @@ def _wide(parameter: Parameter) -> Parameter:
     if parameter.key.count(".") == 1:
         return parameter
     return replace(parameter, typical=_FREE * parameter.typical, prior=WIDEST * parameter.typical)
+
+
+def _at_fit(model: Model, fit: BundleFit) -> Parameters:
+    """The model's parameters at a fit's."""
+    return model.parameters.take_over(fit.parameters)
+
+
+def _predicted(name: str, model: Model, fit: BundleFit) -> Predicted:
+    """The samples of a part as predicted by a fit of others."""
+    table = _at_fit(model, fit)
+    keys = fit.table.keys
+    own = table.only(np.isin(table.keys, keys))
+    residual, rows = model.linearise(own)
+    by_shared = np.zeros((len(keys), *residual.shape))
+    by_shared[[keys.index(key) for key, free in zip(own.keys, own.mask) if free]] = rows
+    here = model.evaluate(table)
+    if "step" in fit.values and name != "corners":  # free light planes are shared, too
+        first = keys.index(next(key for key in keys if key.startswith("step-")))
+        for slot, row in enumerate(by_step := here.family_rows("step")):
+            place = first + model.chain.labels["step"] * len(by_step) + slot
+            by_shared[place, :, np.arange(residual.shape[1])] = row.T
+    family = "ball" if name == "balls" else "placement"
+    sigma = np.broadcast_to(model.chain.sigma, residual.shape)
+    return Predicted(
+        residual, sigma, by_shared, here.family_rows(family), model.chain.labels[family]
+    )
 
 
 def _lengths(residual: np.ndarray) -> np.ndarray:

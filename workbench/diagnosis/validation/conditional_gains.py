@@ -58,10 +58,12 @@ class ConditionalGains:
         return once(self._judges, own, make)
 
     def _left_out(self, scheme: Scheme, kept: Sequence[int]) -> np.ndarray:
-        """(m, n) components of the errors next to some effects."""
+        """(m, n) components of the errors next to some effects; those of a sensor scored."""
 
         def make():
-            return left_out_components(self._problem.conditional_on(kept), scheme.fold)
+            scored = self._sigma is not None
+            problem = self._problem.conditional_on(kept)
+            return left_out_components(problem, scheme.fold, scored=scored)
 
         return once(self._errors, (scheme.name, *sorted(kept)), make)
 

@@ -292,9 +292,14 @@ def left_out(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.
     return _lengths_of(problem, _left_out_rows(problem, fold, only))[0]
 
 
-def left_out_components(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
-    """(m, n) components (mm, px) of what `left_out` has the lengths of; 0 where a sample has fewer than others."""
-    return _components_of(problem, _left_out_rows(problem, fold, only))
+def left_out_components(
+    problem: Problem, fold: np.ndarray, only: int | None = None, scored: bool = False
+) -> np.ndarray:
+    """(m, n) components (mm, px) of what `left_out` has the lengths of; 0 where a sample has fewer than others.
+
+    scored: errors whose squares over the noise's add up to the logarithmic score of the block that they stand in.
+    """
+    return _components_of(problem, _left_out_rows(problem, fold, only, scored))
 
 
 def _components_of(problem: Problem, rows: np.ndarray) -> np.ndarray:
@@ -319,11 +324,16 @@ def _lengths_of(problem: Problem, out: np.ndarray) -> np.ndarray:
     return np.stack([lengths[0], np.rad2deg(lengths[1])])
 
 
-def _left_out_rows(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
+def _left_out_rows(
+    problem: Problem, fold: np.ndarray, only: int | None = None, scored: bool = False
+) -> np.ndarray:
     """(N,) residual (mm, rad, px) of each row when its sample's block is left out of the linearised fit.
 
     e = (I - B_b B_b')^-1 r for a block b left out of a linear fit with hat matrix B B' (Cook & Weisberg, Residuals and
     Influence in Regression (1982), sec. 3.6). The added effects have their priors in it, as in a fit of the samples.
+
+    scored: e has the covariance V = (I - B_b B_b')^-1, since its rows share what the other blocks leave uncertain. Its
+    logarithmic score, e' V^-1 e + log det V, is made of V^-1/2 e = (I - B_b B_b')^-1/2 r and equal parts of log det V.
     """
     mixing, left = problem.hat_mixing, problem.fitted_residual
     out, mine = np.full_like(left, np.nan), fold[problem.sample]
@@ -332,9 +342,11 @@ def _left_out_rows(problem: Problem, fold: np.ndarray, only: int | None = None) 
         block = [part[rows] for part in problem.fit_columns]
         inner = mixing.T @ _block_gram(problem, rows) @ mixing
         score = mixing.T @ np.concatenate([part.T @ left[rows] for part in block])
-        change = mixing @ _without_block(inner, score)
+        change, log_determinant = (_scored_block if scored else _without_block)(inner, score)
         edges = np.cumsum([part.shape[1] for part in block])[:-1]
-        out[rows] = left[rows] + sum(p @ c for p, c in zip(block, np.split(change, edges)))
+        parts = np.split(mixing @ change, edges)
+        errors = left[rows] + sum(part @ own for part, own in zip(block, parts))
+        out[rows] = np.sqrt(errors**2 + log_determinant / len(errors)) if scored else errors
     return out * problem.units
 
 
@@ -361,8 +373,8 @@ def variance_factor(problem: Problem, fold: np.ndarray, usual: np.ndarray) -> fl
     return 1.0 + added / int(counted.sum())
 
 
-def _without_block(inner: np.ndarray, score: np.ndarray) -> np.ndarray:
-    """(P,) (I - B_b'B_b)^-1 B_b'e, of inner products (P, P) and score (P,).
+def _without_block(inner: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, float]:
+    """(P,) (I - B_b'B_b)^-1 B_b'e, of inner products (P, P) and score (P,), and no log determinant.
 
     A direction that the block alone determines counts as if the others determined `SAME` of it.
     """
@@ -371,8 +383,16 @@ def _without_block(inner: np.ndarray, score: np.ndarray) -> np.ndarray:
         np.linalg.cholesky((1 - SAME) * identity - inner)
     except np.linalg.LinAlgError:
         values, vectors = symmetric_eigen(inner)
-        return vectors @ (vectors.T @ score / np.maximum(1 - values, SAME))
-    return np.linalg.solve(identity - inner, score)
+        return vectors @ (vectors.T @ score / np.maximum(1 - values, SAME)), 0.0
+    return np.linalg.solve(identity - inner, score), 0.0
+
+
+def _scored_block(inner: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, float]:
+    """(P,) what V^-1/2 e has more than the residual, by directions, and log det V; see `_left_out_rows`."""
+    values, vectors = symmetric_eigen(inner)
+    left = np.clip(1 - values, SAME, 1.0)
+    growth = (1 / np.sqrt(left) - 1) / np.maximum(values, SAME)
+    return vectors @ (growth * (vectors.T @ score)), float(-np.log(left).sum())
 
 
 __all__ = [

@@ -86,7 +86,7 @@ class _Folds:
         self._numbers = numbered(findings)
         self._moved = _made(self._problem, findings)
         self._solved = {one.scheme.at(part): _solved(bench, one.found, part) for one in whole}
-        self._errors = {scheme: _linear(scheme, rows) for scheme, rows in self._solved.items()}
+        self._errors = {scheme: self._linear(scheme) for scheme in self._solved}
 
     def judged(self, number: int, term: Term) -> Term:
         """The term with its t in the folds, and whether it is kept."""
@@ -111,10 +111,13 @@ class _Folds:
         out = []
         schemes = list(self._solved)
         for scheme in judging_schemes(self._bench, finding.effects, schemes, self._problem, own):
-            without = _linear(scheme, self._solved[scheme], (finding, moved))
+            without = self._linear(scheme, (finding, moved))
             with_all = self._errors[scheme]
             out.append(significance(self._pose, without, with_all, self._usual, self._sigma))
         return out
+
+    def _linear(self, scheme: Scheme, without=None) -> np.ndarray:
+        return _linear(scheme, self._solved[scheme], without, scored=self._sigma is not None)
 
 
 @dataclass(frozen=True)
@@ -157,10 +160,12 @@ def _alike(moved: np.ndarray, others: list[np.ndarray]) -> bool:
     return bool(((moved - like) ** 2).sum() < (1 - MOST) * (moved**2).sum())
 
 
-def _linear(scheme: Scheme, folds: dict[int, _Solved], without=None) -> np.ndarray:
+def _linear(
+    scheme: Scheme, folds: dict[int, _Solved], without=None, scored: bool = False
+) -> np.ndarray:
     """(m, n) components of the errors where every fold is predicted with what was found without it, to first order.
 
-    without: a finding that is left out, and what it makes, as of `_made`.
+    without: a finding that is left out, and what it makes, as of `_made`. scored: as of `left_out_components`.
     """
     parts = {}
     for k, solved in folds.items():
@@ -171,7 +176,7 @@ def _linear(scheme: Scheme, folds: dict[int, _Solved], without=None) -> np.ndarr
             kept = [i for own, is_same in zip(numbers, same) if not is_same for i in own]
         mine = scheme.fold == k
         problem = solved.problem.conditional_on(kept)
-        parts[k] = left_out_components(problem, np.where(mine, 0, -1), only=0)
+        parts[k] = left_out_components(problem, np.where(mine, 0, -1), 0, scored)
     out = np.full_like(next(iter(parts.values())), np.nan)
     for k, part in parts.items():
         out[:, scheme.fold == k] = part[:, scheme.fold == k]

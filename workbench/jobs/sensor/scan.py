@@ -19,7 +19,7 @@ from sensors.images import flaw, read, stacks, unlit
 from sensors.scanner.cloud import Cloud
 from sensors.scanner.misfit import Misfit, stripe_misfit
 from sensors.scanner.model import Scanner
-from sensors.stripe.ambient import chosen_images, slope_pull
+from sensors.stripe.ambient import Lines, chosen_images, scene_of, slope_pull
 from sensors.stripe.centre_noise import centre_noise
 from sensors.stripe.find import find_stripes
 from sensors.stripe.pull import measured_pull
@@ -269,9 +269,13 @@ class _Work:
         parts, flaws, dropped, first = [], [], Counter(), 0
         shown, scene = set(chosen_images(len(paths)).tolist()), []
         for stack in stacks(paths, _FRAMES, called.get):
-            scene += [image for k, image in enumerate(stack) if first + k in shown]
             flaws += [unlit(frame) for frame in stack]
             found = find_stripes(stack, self.along, saturation=self.saturation)
+            for k, image in enumerate(stack):
+                if first + k in shown:
+                    own = found.frame == k
+                    lines = Lines(found.pixels[:, own], found.width[own], self.along == "rows")
+                    scene.append(scene_of(image, len(shown), lines))
             line = np.vstack([found.shape, found.peak])
             parts.append((found.pixels, first + found.frame, found.sigma, line))
             dropped.update(found.dropped)
