@@ -7,7 +7,7 @@ import numpy as np
 
 from robot_model import chain as kinematics
 from robot_model.chain import BETA, D, forward
-from robot_model.measurements import looks_of, measurement_of
+from robot_model.measurements import end_recordings, measurement_of
 from robot_model.poses import pose_parameters
 from robot_model.robot import Robot
 from robot_model.state import State, moved
@@ -69,9 +69,9 @@ class RobotChain:
         return self.variables.shape[1]
 
     @property
-    def looks(self) -> int:
-        """How many columns of `variables` and `state` make one sample, all first looks before all second ones."""
-        return getattr(self.measurement, "looks", 1)
+    def poses_per_sample(self) -> int:
+        """How many columns of `variables` and `state` make one sample: all first ends before all second ones."""
+        return getattr(self.measurement, "poses_per_sample", 1)
 
     @cached_property
     def turns(self) -> tuple[np.ndarray, np.ndarray]:
@@ -80,7 +80,7 @@ class RobotChain:
 
     def columns_of(self, samples: np.ndarray) -> np.ndarray:
         """What picks the columns of `variables` and `state` that make some samples."""
-        return _columns_of(samples, self.looks, self.n)
+        return _columns_of(samples, self.poses_per_sample, self.n)
 
     def at(self, samples: np.ndarray) -> "RobotChain":
         """The same robot and start on some of the samples."""
@@ -339,17 +339,17 @@ def bind(
             f"recording '{recording.name}': {recording.joints.shape[1]} joint readings a sample, but robot "
             f"'{robot.name}' has {robot.mixing.shape[1]} joints; correct samples.csv or robot.toml"
         )
-    looks = looks_of(recording)
-    variables = np.concatenate([robot.mixing @ look.joints.T for look in looks], 1)
+    ends = end_recordings(recording)
+    variables = np.concatenate([robot.mixing @ end.joints.T for end in ends], 1)
     if start is None:
-        frames = forward(robot, variables[:, _columns_of(start_on, len(looks), variables.shape[1])])
+        frames = forward(robot, variables[:, _columns_of(start_on, len(ends), variables.shape[1])])
         if hasattr(measurement, "oriented"):
             measurement = replace(
                 measurement, facing=measurement.at(start_on).oriented(frames).facing
             )
         start = np.concatenate(measurement.at(start_on).start(frames))
     tool = start if measurement.grounded else start[_BASE:]
-    state = _state(robot, looks, variables, measurement, tool)
+    state = _state(robot, ends, variables, measurement, tool)
     state = replace(state, root_rotation=root_rotation(measurement, start))
     sigma = _checked_sigma(measurement.sigma(recording), recording.name)
     return RobotChain(
@@ -375,19 +375,23 @@ def _checked_sigma(sigma: np.ndarray, name: str) -> np.ndarray:
     return sigma
 
 
-def _columns_of(samples, looks: int, columns: int):
+def _columns_of(samples, poses_per_sample: int, columns: int):
     """What picks the columns of some samples, given as a mask, indices or a slice."""
-    return samples if looks == 1 else np.arange(columns).reshape(looks, -1)[:, samples].ravel()
+    return (
+        samples
+        if poses_per_sample == 1
+        else np.arange(columns).reshape(poses_per_sample, -1)[:, samples].ravel()
+    )
 
 
-def _state(robot, looks, variables, measurement, tool) -> State:
+def _state(robot, ends, variables, measurement, tool) -> State:
     """What effects read; a load without a known centre hangs where the measured point is."""
-    held = [look.covariates for look in looks]
+    held = [end.covariates for end in ends]
     covariates = {name: np.concatenate([columns[name] for columns in held]) for name in held[-1]}
-    covariates.setdefault("row", np.tile(np.arange(looks[0].n, dtype=float), len(looks)))
-    if len(looks) == 1:  # two ends of a length have no order
+    covariates.setdefault("row", np.tile(np.arange(ends[0].n, dtype=float), len(ends)))
+    if len(ends) == 1:  # two ends of a length have no order
         covariates |= moved(
-            robot, variables, covariates.get("time_s", covariates["row"]), looks[0].poses
+            robot, variables, covariates.get("time_s", covariates["row"]), ends[0].poses
         )
     payload = robot.payload_mass + covariates.get("payload_kg", np.zeros(variables.shape[1]))
     centre = robot.payload_com if robot.payload_mass > 0 or robot.payload_com.any() else tool[:3]

@@ -213,7 +213,7 @@ def test_the_size_is_what_survives_the_makers_own_baseline():
     from datasets.makers.blind.world import Push
 
     world = workplace.draw(
-        np.random.default_rng(4), workplace.Wish("ball-centre", samples=(120, 140))
+        np.random.default_rng(4), workplace.Requirements("ball-centre", samples=(120, 140))
     )
     base = baseline_span.basis(world)
     assert np.allclose(base.T @ base, np.eye(base.shape[1]), atol=1e-9)
@@ -230,7 +230,7 @@ def test_pushes_add_up_and_nothing_is_nothing():
     from datasets.makers.blind import workplace
     from datasets.makers.blind.world import Push
 
-    world = workplace.draw(np.random.default_rng(6), workplace.Wish(samples=(100, 110)))
+    world = workplace.draw(np.random.default_rng(6), workplace.Requirements(samples=(100, 110)))
     twist = np.zeros((world.n, 6))
     twist[:, 0] = 0.3
     whole = world.measured(Push(base=twist) + Push(joint_compliance=np.full(world.joints, 1e-6)))

@@ -14,7 +14,7 @@ import pytest
 from conftest import mostly_slow
 from degenerate_scenes import Case, draw, recording
 from robot_model import load_robot
-from robot_model.measurements import looks_of, samples_of
+from robot_model.measurements import end_recordings, samples_of
 from workbench.core.errors import InputError
 from workbench.explanation.answer import diagnose
 from workbench.files.solution_file import read_solution, solution_keys
@@ -97,7 +97,7 @@ def _judged(case, folder):
         return []
     criterion = CRITERIA[case.seed // 3 % len(CRITERIA)]
     tasks = made if criterion == "task" else None
-    readings = np.concatenate([look.joints for look in looks_of(samples_of(made))])
+    readings = np.concatenate([end.joints for end in end_recordings(samples_of(made))])
     commands = {
         "calibrate": lambda: check_both(case, made, folder),
         "significance": lambda: significance(

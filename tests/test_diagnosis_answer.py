@@ -15,17 +15,17 @@ from workbench.diagnosis.linear.problem import Alternative, Finding, Problem
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.validation import folds, heldout, proof, stability
 from workbench.diagnosis.validation.controls import PERMUTED, ROTATED, controls, of_order
+from workbench.explanation import minimal_detectable_bias, words
 from workbench.explanation import reference as references
-from workbench.explanation import visible, words
 from workbench.explanation.noise import replicates
+from workbench.explanation.planning.candidate_recordings import list_candidates
 from workbench.explanation.planning.experiment import (
-    Doubt,
+    ConfoundedPair,
     compared,
     describe_comparison,
     missing_of,
     next_experiment,
 )
-from workbench.explanation.planning.planned import plans
 from workbench.explanation.result import Term, options_of, verdict_of
 from workbench.jobs.robot.simulate import simulate
 
@@ -239,7 +239,9 @@ def test_a_search_inside_a_fold_keeps_every_pose_where_these_are_few():
 def test_a_direction_that_one_block_alone_shows_stays_where_all_samples_have_it(bench):
     block = bench.chain.state.covariates["q5"] > 0.2
     problem = bench.problem(()).conditional_on()
-    assert heldout._block_shares(problem, block[problem.sample]).max() < 1 - heldout.SAME
+    assert (
+        heldout._block_shares(problem, block[problem.sample]).max() < 1 - heldout.NEGLIGIBLE_SHARE
+    )
     errors = heldout.Errors(bench).predicted(block.astype(int), {1: ()})[block]
     assert np.isfinite(errors).all() and errors.max() < 5
 
@@ -285,7 +287,7 @@ def test_what_reads_the_clock_is_known(bench):
 
 def test_the_smallest_visible_is_found_as_often_as_is_said(bench):
     problem = bench.problem(()).conditional_on()
-    rows = visible.smallest(
+    rows = minimal_detectable_bias.minimal_detectable_biases(
         problem,
         problem.sigma,
         lambda c: [p.unit for e in c.effects for p in e.parameters(bench.chain)],
@@ -296,17 +298,19 @@ def test_the_smallest_visible_is_found_as_often_as_is_said(bench):
         if (c.effect, c.where) == ("backlash", "joint-3")
     )
     column = problem.clear(problem.candidates[k].columns[:, 0] * rows[k].parameter)
-    level = 1 - (1 - visible.FAMILY) ** (1 / len(rows))
+    level = 1 - (1 - minimal_detectable_bias.FAMILY) ** (1 / len(rows))
     from scipy.stats import chi2
 
     noise = np.random.default_rng(2).normal(size=(4000, len(column)))
     gain = (column @ column + noise @ column) ** 2 / (column @ column)
-    assert (gain > chi2.isf(level, 1)).mean() == pytest.approx(visible.POWER, abs=0.015)
+    assert (gain > chi2.isf(level, 1)).mean() == pytest.approx(
+        minimal_detectable_bias.POWER, abs=0.015
+    )
     assert rows[k].unit == "rad" and rows[k].surviving < rows[k].size
 
 
-def test_separable_length_follows_from_the_likelihood_ratio():
-    d = visible.separable_length()
+def test_separable_distance_follows_from_the_likelihood_ratio():
+    d = minimal_detectable_bias.separable_distance()
     ratio = np.random.default_rng(3).normal(d**2 / 2, d, 200_000)
     assert (ratio > np.log(19)).mean() == pytest.approx(0.95, abs=0.003)
 
@@ -352,14 +356,14 @@ def _of_gap(recording):
 
 
 def test_a_second_load_distinguishes_two_compliances(bench):
-    doubt = Doubt(
+    doubt = ConfoundedPair(
         (CATALOGUE["joint-compliance"]("joint-2"),),
         np.array([2e-6]),
         (CATALOGUE["link-self-weight"]("joint-2"),),
         "one",
         "other",
     )
-    rows = compared(bench, (), doubt, plans(bench))
+    rows = compared(bench, (), doubt, list_candidates(bench))
     assert rows[0][0]["plan"] == "the same poses with more load"
     assert rows[0][0]["apart_then_sigma"] > 1.5 * rows[0][0]["apart_now_sigma"]
     assert "kg more on the flange" in describe_comparison(doubt, rows)
@@ -367,10 +371,10 @@ def test_a_second_load_distinguishes_two_compliances(bench):
 
 def test_what_is_proposed_separates_as_far_as_was_said(bench):
     """The stated distance is what a fit of the whole plan finds: no step is lost between the two."""
-    doubt = Doubt(
+    doubt = ConfoundedPair(
         (gap(),), np.array([1e-5]), (CATALOGUE["joint-thermal-drift"]("joint-2"),), "one", "other"
     )
-    rows = compared(bench, (), doubt, plans(bench))
+    rows = compared(bench, (), doubt, list_candidates(bench))
     assert all(row["apart_then_sigma"] >= row["apart_now_sigma"] for row, _ in rows)
 
 

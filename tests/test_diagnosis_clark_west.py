@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workbench.diagnosis.levels import CLARK_WEST
+from workbench.diagnosis.levels import CRITICAL_CLARK_WEST_T
 from workbench.diagnosis.validation.heldout import (
     _jackknife_t,
     _serial_factor,
@@ -45,7 +45,7 @@ def test_an_effect_near_the_noise_is_twice_as_significant_as_its_fall():
     falls = np.array([fall_of(*one) for one in made])
     assert np.median(ours) == pytest.approx(np.sqrt(0.4**2 * 300), rel=0.2)
     assert np.median(ours) > 1.7 * np.median(falls)
-    assert (ours > CLARK_WEST).mean() > 0.95 > (falls > CLARK_WEST).mean()
+    assert (ours > CRITICAL_CLARK_WEST_T).mean() > 0.95 > (falls > CRITICAL_CLARK_WEST_T).mean()
 
 
 @pytest.mark.parametrize("terms", [1, 6])
@@ -53,7 +53,7 @@ def test_absent_effects_are_hardly_ever_significant(terms):
     """Folds share most of their fits, so that t is wider than a normal's, the more the more coefficients there are."""
     rng = np.random.default_rng(2)
     chance = np.array([t_of(*held_out_errors(rng, 0.0, terms=terms)) for _ in range(1000)])
-    assert (chance > CLARK_WEST).mean() < 0.025
+    assert (chance > CRITICAL_CLARK_WEST_T).mean() < 0.025
 
 
 def autoregressive(rng, rho, n, rows=3):
@@ -78,7 +78,7 @@ def chance_of_correlated(rho, runs=300, n=150):
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.7])
 def test_errors_that_are_alike_from_pose_to_pose_prove_no_slow_effect(rho):
     """Without the correlation of neighbours 5 and 11 % of these are significant at correlations of 0.5 and 0.7."""
-    assert (chance_of_correlated(rho) > CLARK_WEST).mean() < 0.035
+    assert (chance_of_correlated(rho) > CRITICAL_CLARK_WEST_T).mean() < 0.035
 
 
 def test_independent_errors_lose_no_significance():
@@ -108,7 +108,7 @@ def test_one_pose_proves_nothing_and_repeats_count_once():
     before = rng.normal(size=(3, 60))
     after = before.copy()
     before[:, 7] += 30
-    assert t_of(before, after) < CLARK_WEST
+    assert t_of(before, after) < CRITICAL_CLARK_WEST_T
     one, other = held_out_errors(rng, 0.5, poses=50)
     pose = np.repeat(np.arange(50), 7)
     often = clark_west_t(pose, one[:, pose], other[:, pose], np.ones(350, bool))

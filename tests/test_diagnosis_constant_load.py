@@ -5,7 +5,7 @@ import pytest
 from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded
 from workbench.core.model import STATE_PORTS
-from workbench.diagnosis.levels import MISSING
+from workbench.diagnosis.levels import UNMODELLED_LEVEL
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.constant_load import _gain, _solved_with
 from workbench.diagnosis.search.select import find
@@ -54,7 +54,7 @@ def _gain_of_load(scale: float) -> float:
     values = [*(scale * value for value in COMPLIANCES.values()), *LOAD]
     effects = [*effects, CATALOGUE["payload"]("tool")]
     made = recorded(5, effects, values, repeats=4, sigma=0.02 * scale)
-    search = Search(bench_of(made), None, MISSING, lambda line: None)
+    search = Search(bench_of(made), None, UNMODELLED_LEVEL, lambda line: None)
     search.solve()
     table = {h.where: h for h in search.whole_table(()) if h.effect == "joint-compliance"}
     laws = [h for where, h in table.items() if where in COMPLIANCES and not h.label]

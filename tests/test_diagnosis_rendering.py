@@ -14,6 +14,7 @@ from workbench.commands.shared import answer
 from workbench.diagnosis.linear.problem import Alternative, Finding, Found, Located
 from workbench.explanation import words
 from workbench.explanation.files import save
+from workbench.explanation.minimal_detectable_bias import DetectableBias
 from workbench.explanation.result import (
     Control,
     Diagnosis,
@@ -24,7 +25,6 @@ from workbench.explanation.result import (
     Views,
     with_statements,
 )
-from workbench.explanation.visible import Visible
 from workbench.report import style
 from workbench.report.diagnosis import figures as figures
 from workbench.report.diagnosis.page import page
@@ -180,7 +180,7 @@ def views(draw, unit: str):
 
 
 def _visible(draw):
-    one = Visible(
+    one = DetectableBias(
         "backlash",
         "joint-2",
         "",

@@ -9,7 +9,7 @@ import pytest
 from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded
 from workbench.diagnosis.linear.problem import Finding, Located
-from workbench.diagnosis.noise.data import far_off
+from workbench.diagnosis.noise.data_findings import unweighted_squares
 from workbench.diagnosis.noise.random_effects import (
     _TRIED,
     LABEL,
@@ -89,7 +89,7 @@ def test_what_the_baseline_holds_is_no_candidate(kind):
 def test_outliers_next_to_an_unknown_hold_more_than_it_may_miss(share, stay):
     problem = bench_of(recorded(8, n=60)).problem()
     outliers = np.arange(60) < 3
-    gain = far_off(problem, outliers) / (1 - LAW) / share
+    gain = unweighted_squares(problem, outliers) / (1 - LAW) / share
     search = SimpleNamespace(
         accepted=[SimpleNamespace(unnamed=("q4",))],
         everyone=(0,),
@@ -123,5 +123,5 @@ def test_what_lies_far_off_counts_without_the_weights_that_made_it_little():
     problem = bench_of(recorded(8, n=60)).problem()
     every = np.ones(problem.n, bool)
     left = problem.clear(problem.residual) / np.sqrt(problem.weights)[problem.sample]
-    assert far_off(problem, every) == pytest.approx((left**2).sum())
-    assert far_off(problem, ~every) == 0.0
+    assert unweighted_squares(problem, every) == pytest.approx((left**2).sum())
+    assert unweighted_squares(problem, ~every) == 0.0

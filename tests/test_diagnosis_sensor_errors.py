@@ -15,7 +15,12 @@ from workbench.diagnosis.scanner.image_jitter import find_image_jitter
 from workbench.diagnosis.scanner.predictions import Predicted, independent_errors, scored_errors
 from workbench.diagnosis.scanner.sensor_simulate import simulated
 from workbench.diagnosis.search.select import find
-from workbench.explanation.answer import _is_much_left, _is_placed, _is_remainder_placed, _size
+from workbench.explanation.answer import (
+    _has_unexplained_structure,
+    _is_placed,
+    _is_remainder_placed,
+    _size,
+)
 from workbench.explanation.result import verdict_of
 from workbench.explanation.sensor_errors import (
     ball_centres,
@@ -129,7 +134,7 @@ def test_structure_next_to_jitter_alone_counts_as_where_nothing_was_found(bench)
     proved = SimpleNamespace(before=0.063, after=0.063, noise=0.055)
     for p_value, expected in ((0.0062, False), (0.001, True)):
         found = SimpleNamespace(remainder=(real,), p_remainder=p_value)
-        assert _is_much_left(bench, found, jitter, proved, False) is expected
+        assert _has_unexplained_structure(bench, found, jitter, proved, False) is expected
 
 
 def replace_t(term, t):

@@ -72,7 +72,7 @@ def torch_sums(model, single, where="cpu"):
         chain.robot.base,
         chain.robot.flange,
     )
-    bent = [batched.Bent(2, chain.state.torque[2], 1e-4)]
+    bent = [batched.JointEffect(2, chain.state.torque[2], 1e-4)]
     index = chain.measurement.index
     return batched.normal_equations(
         arm,
@@ -117,7 +117,9 @@ def test_columns_of_the_base_are_its_shift_and_turn(kind, torch):
     variables, index = torch.as_tensor(chain.variables), torch.as_tensor(chain.measurement.index)
 
     def point(base):
-        return batched.derivative(arm, batched.walk(arm, variables, base), TOOL, index, base, [])
+        return batched.derivative(
+            arm, batched.forward_kinematics(arm, variables, base), TOOL, index, base, []
+        )
 
     rows = point(BASE)[1][:6].numpy()
     for k, step in enumerate(np.eye(6) * 1e-6):

@@ -18,7 +18,6 @@ from plane_scenes import (
 )
 from sensors.ball.fit import fit_ball
 from sensors.ball.shared import Shared
-from sensors.components import Components, components
 from sensors.light.board_chain import BoardStripeChain
 from sensors.light.planes import tilt_directions
 from sensors.light.together import Together, decorrelated
@@ -26,6 +25,7 @@ from sensors.scanner.adjustment import linearised, solve_once
 from sensors.scanner.calibration import calibrate_scanner
 from sensors.scanner.file import read_scanner, write_scanner
 from sensors.scanner.shared import _effects, _left, shared_errors
+from sensors.variance_components import VarianceComponents, estimate_components
 from workbench.core.least_squares.bundle import solve_bundle
 from workbench.core.least_squares.bundle_blocks import Family
 from workbench.core.model import Model
@@ -184,7 +184,7 @@ def test_variances_of_a_layout_are_found():
         y += 1.3 * rng.normal(size=n)
         project = np.eye(n) - known @ np.linalg.solve(known.T @ known, known.T)
         weight = project / 1.69
-        made = components(
+        made = estimate_components(
             design.T @ weight @ design, design.T @ weight @ y, np.repeat([0, 1], groups)
         )
         found.append([*made.variance, *made.std])
@@ -198,7 +198,9 @@ def test_a_kind_that_the_unknowns_take_whole_has_no_variance():
     design = np.repeat(np.eye(2), 50, axis=0)
     project = np.eye(100) - 0.01
     y = design @ [3.0, -3.0] + np.random.default_rng(3).normal(size=100)
-    made = components(design.T @ project @ design, design.T @ project @ y, np.zeros(2, int))
+    made = estimate_components(
+        design.T @ project @ design, design.T @ project @ y, np.zeros(2, int)
+    )
     assert made.variance[0] == 0 and np.isinf(made.std[0])
 
 
@@ -336,7 +338,7 @@ def test_sweeps_that_disagree_move_no_board_and_are_said():
 
 def test_what_may_be_negative_is_counted_on_by_the_part_above_nought():
     """The mean of a normal distribution beyond nought, by its closed form and where it is far above."""
-    found = Components(
+    found = VarianceComponents(
         np.array([0.0, 4.0, 1e-3, 2.0]),
         np.array([1.0, 0.1, np.inf, 1.0]),
         np.array([0.0, 4.0, 1e-3, -40.0]),

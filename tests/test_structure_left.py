@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from test_diagnosis_answer import term
-from workbench.explanation.answer import _is_much_left
-from workbench.explanation.result import Proof, much_left, verdict_of
+from workbench.explanation.answer import _has_unexplained_structure
+from workbench.explanation.result import Proof, has_unexplained_structure, verdict_of
 
 
 @pytest.mark.parametrize("p_value, left", [(0.0069, False), (0.001, True)])
@@ -17,21 +17,27 @@ def test_structure_next_to_findings_counts_as_where_nothing_was_found(p_value, l
     noise = term(0.99, effect="stated-noise")
     proof = Proof(0.2, 0.2, 0.2, 0.0, 5, 0.02, "stated", np.zeros((2, 1)), np.zeros(1))
     arm, found = SimpleNamespace(chain=object()), SimpleNamespace(p_remainder=p_value)
-    assert _is_much_left(arm, found, [noise], proof, False) is left
+    assert _has_unexplained_structure(arm, found, [noise], proof, False) is left
     law = replace(term(0.99), finding=replace(term(0.99).finding, effects=(object(),)))
-    assert _is_much_left(arm, found, [law], proof, False) is left
+    assert _has_unexplained_structure(arm, found, [law], proof, False) is left
 
 
 @pytest.mark.parametrize("after, left", [(0.03, False), (0.15, True), (0.2, True)])
 def test_what_leaves_most_of_the_mismatch_has_not_explained_it(after, left):
     proof = Proof(0.2, after, after, 9.0, 5, 0.02, "stated", np.zeros((2, 1)), np.zeros(1))
-    assert much_left(proof, 1e-9) == left and not much_left(proof, 0.5)
-    assert (verdict_of((term(0.99),), 1e-9, much_left(proof, 1e-9)) == "unexplained") == left
-    assert much_left(proof, 1e-9, is_above=True) and not much_left(proof, 0.5, is_above=True)
+    assert has_unexplained_structure(proof, 1e-9) == left and not has_unexplained_structure(
+        proof, 0.5
+    )
+    assert (
+        verdict_of((term(0.99),), 1e-9, has_unexplained_structure(proof, 1e-9)) == "unexplained"
+    ) == left
+    assert has_unexplained_structure(proof, 1e-9, is_above=True) and not has_unexplained_structure(
+        proof, 0.5, is_above=True
+    )
 
 
 def test_uncertainty_of_the_parameters_is_no_remainder():
     """Noise of 0.02 mm and thirty parameters leave 0.0209 mm of a right model: that is all explained."""
     proof = Proof(0.022, 0.0209, 0.0209, 9.0, 5, 0.02, "stated", np.zeros((2, 1)), np.zeros(1))
-    assert much_left(proof, 1e-9)
-    assert not much_left(replace(proof, variance_factors=(1.09, 1.1)), 1e-9)
+    assert has_unexplained_structure(proof, 1e-9)
+    assert not has_unexplained_structure(replace(proof, variance_factors=(1.09, 1.1)), 1e-9)

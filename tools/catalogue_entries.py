@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.diagnosis.linear.problem import Problem
-from workbench.explanation.final import unwhitened
+from workbench.explanation.final_model import unwhitened
 
 SURVIVING = 6.0
 """Sigmas of one coordinate, RMS, that each effect is made so large as to leave."""

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from catalogue_entries import Entry
-from workbench.explanation.final import residuals_of
+from workbench.explanation.final_model import residuals_of
 from workbench.explanation.words import covariate
 from workbench.report.diagnosis.figures import binned, shown_covariate
 

@@ -13,7 +13,7 @@ from robot_model.effects import CATALOGUE
 from workbench.core.effect import make_effects
 from workbench.core.model import NOISE
 from workbench.diagnosis.robot.bench import bench_of
-from workbench.explanation.planning.experiment import Doubt, compared, describe_comparison
+from workbench.explanation.planning.experiment import ConfoundedPair, compared, describe_comparison
 from workbench.explanation.words import measured
 from workbench.jobs.robot.simulate import simulate
 
@@ -206,7 +206,7 @@ def _separates(bench, effect, problem, values, near) -> str:
         return "Nothing is needed: no other effect explains half of its residual."
     other, _ = near[0]
     left = np.sqrt((problem.clear(problem.added[0] @ values) ** 2).sum())
-    known = Doubt(
+    known = ConfoundedPair(
         (effect,), values * FAINT / left, other.effects, "it", f"{other.effect} at {other.where}"
     )
     rows = compared(bench, (), known)

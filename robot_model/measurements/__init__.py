@@ -9,7 +9,7 @@ A kind is a frozen dataclass made from a `datasets.recording.Recording` by `of(r
   arm itself says where the base is, so that there is no base pose (6,) but (0,);
 - `at(samples)`: the same for some of the samples;
 - `columns(residual)`: what the model predicts, as columns of samples.csv;
-- `looks`, where it is not 1: how many looks at the arm make one sample;
+- `poses_per_sample`, where it is not 1: number of arm poses that make one sample (2 for a measured length);
 - `numbers`, `targets(values)`, `sigma(recording)`: which target, where it is nominally, how sure.
 
 The first three of the m components are a position in mm; a kind with fewer has only lengths. A kind
@@ -46,8 +46,8 @@ def samples_of(recording):
     return samples.without_duplicates()
 
 
-def looks_of(recording) -> tuple:
-    """A recording of samples for every look at the arm that they are made of: itself, or first and second ends."""
+def end_recordings(recording) -> tuple:
+    """Recordings with one arm pose per sample: the recording itself, or first and second ends of measured lengths."""
     if recording.measures != "distance":
         return (recording,)
     if OTHER + "sample" not in recording.columns:  # `samples_of` was not asked

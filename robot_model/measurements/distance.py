@@ -1,6 +1,6 @@
 """`distance`: lengths between a reflector's places in two rows, by ball bar or interferometer.
 
-A sample is a pair of rows. The arm is looked at in both (`looks` = 2): state and derivatives have a column
+A sample is a pair of rows. The arm has a pose in both (`poses_per_sample` = 2): state and derivatives have a column
 an end, first all first ends, then all second ones, and the two of a pair add up to what one length sees.
 Nothing says where the arm stands.
 """
@@ -66,7 +66,7 @@ class Distance:
     lengths: np.ndarray
     index: np.ndarray
     ids: tuple[int, ...]
-    place, grounded, looks = "tool", True, 2
+    place, grounded, poses_per_sample = "tool", True, 2
 
     @classmethod
     def of(cls, recording) -> "Distance":

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from sensors.ball.solve import Linear, Loss, Problem, Solved, linearise, memory, spread
-from sensors.components import components
+from sensors.variance_components import estimate_components
 from workbench.core.least_squares.linear_algebra import inverse_positive, solve_positive
 
 # Steps in all, and those in which spread and memory still change: they jump, and the fit would follow them for ever.
@@ -149,7 +149,7 @@ def solve_shared(
 
 
 def _variances(problem, solved, shared, weight):
-    """(m,) variances of the unknown errors to count on, by restricted maximum likelihood (`components`).
+    """(m,) variances of the unknown errors to count on, by restricted maximum likelihood (`estimate_components`).
 
     R and g are those of the points' weights W, less what ball and known errors, with derivatives A and
     covariance K, take: Z'W Z - Z'W A K A'W Z and Z'W r - Z'W A K A'W r.
@@ -175,7 +175,7 @@ def _variances(problem, solved, shared, weight):
     whole = taken.T @ _posterior(part, shared.covariance)
     own = normal.groups[np.ix_(new, new)] - whole @ taken
     pull = normal.pull_groups[new] - whole @ np.concatenate([part.pull, part.pull_groups])
-    return components(own, pull, kind[new] - k).expected
+    return estimate_components(own, pull, kind[new] - k).expected
 
 
 def _posterior(normal, covariance):

@@ -6,9 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sensors.camera.board_orientation import (
+    distinguishes_rotations,
+    needs_quarter_turn,
+    rotate_views,
+)
 from sensors.camera.checks import fit_free, group_subset
 from sensors.camera.corners import Corners
-from sensors.camera.doubts import FAR, blunders, from_behind, on_a_line, repeated, unsmooth
 from sensors.camera.model import Camera
 from sensors.camera.start import (
     FEW,
@@ -22,7 +26,14 @@ from sensors.camera.start import (
     thinned,
     usual_focal,
 )
-from sensors.camera.turns import distinguishes_rotations, quarter_turned, turn
+from sensors.camera.suspect_views import (
+    FAR,
+    find_blunders,
+    is_behind_board,
+    is_collinear,
+    repeated_views,
+    smoothness_misfit,
+)
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 from workbench.core.least_squares.bundle import CHI_SQUARE_MEDIAN, BundleFit
@@ -82,7 +93,7 @@ def adjusted(
     while True:
         stated = chain.sigma
         chain, fit = _best(chain, effects, loss)
-        far = blunders(chain, fit.residual[0])
+        far = find_blunders(chain, fit.residual[0])
         if not far.any():
             return Adjusted(
                 chain, fit, tuple(kept), tuple(rejected), {k: n for k, n in left_out.items() if n}
@@ -130,7 +141,7 @@ def _rejected(view, why):
 
 def _once(views, rejected):
     """Views without those whose corners another has: counted twice, one image would pass for two."""
-    of = repeated(views)
+    of = repeated_views(views)
     twice = [
         _rejected(view, f"the same corners as {views[k].image}, which would count twice")
         for view, k in zip(views, of)
@@ -142,7 +153,7 @@ def _once(views, rejected):
 def _usable(views, board):
     """Views with corners enough for a pose, and those without."""
     kept, few = [], []
-    for view, flat in zip(views, on_a_line(views, board)):
+    for view, flat in zip(views, is_collinear(views, board)):
         if len(view.index) < LEAST:
             few.append(_rejected(view, f"{len(view.index)} corners: a pose needs {LEAST} or more"))
         elif flat:
@@ -157,10 +168,10 @@ def _started(views, few, board, size, model):
     kept, rejected = list(views), []
     while True:
         chain = started(corner_chain(kept, board, size, model))
-        share, behind = _misfit(chain), from_behind(chain.poses)
+        share, behind = _misfit(chain), is_behind_board(chain.poses)
         bad = share > _NO_PLANE
         if bad.any():
-            share = np.minimum(share, unsmooth(chain))
+            share = np.minimum(share, smoothness_misfit(chain))
             bad = share > max(_NO_PLANE, share.max() / 2)
         if not (bad | behind).any():
             return chain, kept, rejected
@@ -195,11 +206,11 @@ def _turned(chain, kept, board, model, effects, loss):
     """Chain, near its solution, and views with the board of each pose rotated so that it fits its bow."""
     for _ in range(_TURNINGS):
         solved, fit = _best(chain, effects, loss)
-        other = quarter_turned(solved, fit, effects)
+        other = needs_quarter_turn(solved, fit, effects)
         chain = replace(solved, sigma=chain.sigma)
         if not other.any():
             break
-        chain, kept = turn(chain, kept, board, other, model)
+        chain, kept = rotate_views(chain, kept, board, other, model)
     return chain, kept
 
 

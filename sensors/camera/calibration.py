@@ -20,12 +20,12 @@ from sensors.camera.checks import (
 )
 from sensors.camera.corners import Corners
 from sensors.camera.curvature import Curved, curved
-from sensors.camera.doubts import FAR
 from sensors.camera.focal_scatter import FocalScatter, focal_scatter
 from sensors.camera.misfit import Misfit, bundle_misfit
 from sensors.camera.model import Camera
 from sensors.camera.shared import UNLIKELY, LensMap, PrintErrors, lens_map, print_errors
 from sensors.camera.start import MODELS, placement_groups
+from sensors.camera.suspect_views import FAR
 from sensors.effects.artefact import BoardBow
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError

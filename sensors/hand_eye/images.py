@@ -18,10 +18,10 @@ from sensors.hand_eye.alternatives import moved_of
 from sensors.hand_eye.chain import BoardChain
 from sensors.hand_eye.corner_noise import board_corners, corner_noise
 from sensors.hand_eye.flange_variance import flange_variance
-from sensors.hand_eye.known import knowledge
 from sensors.hand_eye.misfit import image_misfit, with_misfit
 from sensors.hand_eye.mistakes import Reading, pose_readings
 from sensors.hand_eye.motion import motion
+from sensors.hand_eye.parameter_covariance import parameter_covariance
 from sensors.hand_eye.pose_data import PoseData
 from sensors.hand_eye.pose_fit import robust_starts
 from sensors.hand_eye.poses import check_pixels, checked_flange
@@ -330,7 +330,7 @@ def _result(chain, points, found, doubts, notes):
             chain.at(np.flatnonzero(chain.pose == k)).evaluate(left_out[k].values).residual
         )
     shift, spin = (0.0, 0.0) if doubts else adjusted.variances.spread
-    known = knowledge(adjusted, motion(chain.flange[used], chain.kind, spin, shift))
+    known = parameter_covariance(adjusted, motion(chain.flange[used], chain.kind, spin, shift))
     at_flange = flange_variance(adjusted, _pivot("flange", chain, None, None))
     return HandEye(
         kind=chain.kind,

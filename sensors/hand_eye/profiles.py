@@ -11,8 +11,8 @@ import numpy as np
 from sensors.hand_eye.adjust import LEAST_NOISE, Variances, find_blunders
 from sensors.hand_eye.chain import BallChain
 from sensors.hand_eye.circles import Circles, find_circles
-from sensors.hand_eye.known import knowledge
 from sensors.hand_eye.motion import motion, profile_suspicions
+from sensors.hand_eye.parameter_covariance import parameter_covariance
 from sensors.hand_eye.poses import checked_flange
 from sensors.hand_eye.profiles_start import find_start
 from sensors.hand_eye.result import HandEye, held_row, of_block, placement, rms
@@ -147,7 +147,7 @@ def _result(chain, found, notes, start, circles, doubts):
         held_row(k, chain, adjusted, exact, held, left_out[k], k in blunders) for k in range(count)
     )
     kept = [row for row in rows if not row.outlier]
-    known = knowledge(adjusted, motion(chain.flange, "profiles"))
+    known = parameter_covariance(adjusted, motion(chain.flange, "profiles"))
     return HandEye(
         kind="profiles",
         sensor=placement(values[:6]),

@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 
 from sensors.camera.model import Camera
-from sensors.hand_eye.known import Known
 from sensors.hand_eye.misfit import Misfit
+from sensors.hand_eye.parameter_covariance import ParameterCovariance
 from workbench.core.parameters import Parameters
 from workbench.core.rigid import left_jacobian, rotation_matrix, transform
 
@@ -84,7 +84,7 @@ def placement(values: np.ndarray) -> np.ndarray:
     return transform(turn, np.asarray(values[:3]))
 
 
-def of_block(adjusted, known: Known, where: str) -> np.ndarray:
+def of_block(adjusted, known: ParameterCovariance, where: str) -> np.ndarray:
     """(6, 6) or (3, 3) covariance of the pose at `where`: mm, and a small turn about the outer axes."""
     names = [
         key

@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sensors.components import components
 from sensors.light.together import NAMES, Together
 from sensors.scanner.adjustment import Adjustment, linearised, solve_once, stripe_model
+from sensors.variance_components import estimate_components
 
 _MOST = 600  # stripes from which the variances are taken: they are then good to 3 %
 _NEAR = 1e-2  # sigmas
@@ -77,7 +77,7 @@ def _turned(made):
 def shared_errors(made: Adjustment) -> tuple[Together, float]:
     """Sigmas of what points share, and the factor on their own noise, from an adjustment at its solution.
 
-    Restricted maximum likelihood (`sensors.components`) on the adjustment's linear model there, with its
+    Restricted maximum likelihood (`sensors.variance_components`) on the adjustment's linear model there, with its
     unknowns, so that what planes and poses take of a stripe's error is not counted as none. A kind that
     another one is by construction (one stripe a board pose) stays 0. Where there are more than
     `_MOST` stripes, those of steps spread evenly count: the others reach them only through the
@@ -95,7 +95,7 @@ def shared_errors(made: Adjustment) -> tuple[Together, float]:
     )
     noise = noise if np.isfinite(noise) else 1.0
     own, pull, kind = _apart_from_all(*_left(made, effects), effects.kind)
-    found = components(own / noise, pull / noise, kind)
+    found = estimate_components(own / noise, pull / noise, kind)
     more = len(NAMES) - len(found.variance)  # kinds that another one is by construction
     variance, doubt = (
         np.append(found.expected, np.zeros(more)),

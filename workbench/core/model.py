@@ -158,11 +158,11 @@ class Model:
         return self._joined(evaluation.residual), rows
 
     def _joined(self, columns: np.ndarray) -> np.ndarray:
-        """(..., n) sums of (..., looks n): where a chain looks several times for one sample, its looks add up."""
-        looks = getattr(self.chain, "looks", 1)
-        if looks == 1:
+        """(..., n) sums of (..., poses n): where several arm poses make one sample, their contributions add up."""
+        poses = getattr(self.chain, "poses_per_sample", 1)
+        if poses == 1:
             return columns
-        return columns.reshape(*columns.shape[:-1], looks, columns.shape[-1] // looks).sum(-2)
+        return columns.reshape(*columns.shape[:-1], poses, columns.shape[-1] // poses).sum(-2)
 
     def fill_rows(
         self, evaluation: Evaluation, parameters: Parameters, rows: np.ndarray

@@ -7,42 +7,42 @@ no held-out sample, so that its level alone guards it.
 
 import math
 
-MISSING = 0.005
+UNMODELLED_LEVEL = 0.005
 """Chance that a recording with nothing missing is said to miss something; held-out samples guard it, too."""
-ON_DATA = 1e-3
+DATA_FAULT_LEVEL = 1e-3
 """Chance that something is said about the noise of a recording, or about a parameter of its simulation, with nothing
 wrong: no held-out sample guards it."""
-MOVES = 1e-4
+RANDOM_EFFECT_LEVEL = 1e-4
 """Chance that a place is said to move at random: its test looks at all places, and its null is only nearly right."""
-CERTAIN = 0.95
+CONFIDENCE = 0.95
 """Probability from which on a name is certain, and share of the posterior that alternatives are listed for."""
-ALIKE = 0.9
+CONFOUNDED_SHARE = 0.9
 """Share of a finding's signature from which on another effect that makes it is an alternative to it."""
-NOTABLE = 0.005
+LISTED_PROBABILITY = 0.005
 """Probability from which on an alternative is worth mentioning: half a percent is what rounding to percents hides."""
-WORTHWHILE = math.log(3.0)
+LEAST_LOG_ODDS = math.log(3.0)
 """Log odds, 3 to 1, from which on another set or name is worth a solution: Jeffreys calls less a bare mention."""
-REAL = 2.0
+CRITICAL_T = 2.0
 """t of paired falls of an error above which a held-out gain counts as significant: one in fifty by chance at most."""
-CLARK_WEST = 2.5
+CRITICAL_CLARK_WEST_T = 2.5
 """t of a change of the predictions in held-out errors above which it counts as significant: about one in fifty by
 chance, for up to six coefficients and errors of poses that are independent. It is about twice the t of the fall."""
-VAGUE = 10.0
+UNDETERMINED_STD = 10.0
 """Typical sizes of a parameter: one whose standard deviation is larger is as good as unknown by itself."""
-OUTLIER = 0.05
+OUTLIER_WEIGHT = 0.05
 """Robust weight below which a sample is another process's and judges nothing."""
-SHOWN = 12
+MOST_LISTED = 12
 """Alternatives that are listed at most: nobody reads more."""
-MOST = 0.5
+MAJORITY = 0.5
 """Share from which on something is most of a thing: half."""
-RARE = 0.1
+RARE_PRIOR = 0.1
 """Prior chance of what is rare: that what is missing is in no row of the library, that a recording has outliers."""
-SAME = 1e-3
+NEGLIGIBLE_SHARE = 1e-3
 """Share of a whole below which a difference is none, after rounding and refitting."""
 ROUNDING = 1e-9
 """Share of a column below which what is left of it after a projection is only rounding: 1e-16 times a condition."""
-SEEN = 1e-2
+OBSERVABLE_SIGMAS = 1e-2
 """Sigmas by which a direction of the baseline moves all measurements for one typical size: one that moves them by
 less can neither hide nor imitate anything."""
-AT_ONCE = 1_000_000
+CHUNK_SIZE = 1_000_000
 """Numbers of an array that is made at once, eight megabytes: more are made in parts."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.errors import InputError
-from workbench.diagnosis.levels import MISSING, MOVES, ON_DATA
+from workbench.diagnosis.levels import DATA_FAULT_LEVEL, RANDOM_EFFECT_LEVEL, UNMODELLED_LEVEL
 from workbench.diagnosis.linear.problem import Alternative, Bench, Finding, Found
 from workbench.diagnosis.noise.random_effects import find_random_effect, unrecorded
 from workbench.diagnosis.robot.bench import RobotBench, bench_of
@@ -19,8 +19,9 @@ from workbench.diagnosis.validation.folds import LEAST_FOLDS, judged_part, schem
 from workbench.explanation import reference as references
 from workbench.explanation import words
 from workbench.explanation.differences import with_differences
-from workbench.explanation.final import Final, residuals_of, stated_sigma, unwhitened
+from workbench.explanation.final_model import FinalModel, residuals_of, stated_sigma, unwhitened
 from workbench.explanation.fixed_points import fixed_points
+from workbench.explanation.minimal_detectable_bias import minimal_detectable_biases
 from workbench.explanation.noise import replicates, stated_noise
 from workbench.explanation.noise.angular_noise import with_angular_noise
 from workbench.explanation.planning.experiment import missing_of, next_experiment
@@ -28,7 +29,7 @@ from workbench.explanation.result import (
     UNEXPLAINED,
     Diagnosis,
     Term,
-    much_left,
+    has_unexplained_structure,
     verdict_of,
     with_statements,
 )
@@ -42,7 +43,6 @@ from workbench.explanation.sensor_errors import (
     without_jitter,
 )
 from workbench.explanation.turntable import with_turntable
-from workbench.explanation.visible import smallest
 from workbench.files.provenance import provenance
 from workbench.machine.progress import duration, elapsed
 
@@ -143,9 +143,9 @@ def _whole(
 ) -> Diagnosis:
     """Find, prove, say what cannot be seen and what to measure next."""
     bench, found, jobs = _searched(bench, say, jobs)
-    unit, noise = bench.unit, Final(bench, found, bench.unit).noise
+    unit, noise = bench.unit, FinalModel(bench, found, bench.unit).noise
     terms, refused, proved = _proved(bench, found, noise, say, jobs)
-    last = Final(bench, found, unit, terms)
+    last = FinalModel(bench, found, unit, terms)
     proved = last.with_variance_factors(proved)
     terms = _with_noise(last, terms, refused)
     terms = (*terms, *jitter_term(bench, terms, found.before))
@@ -195,17 +195,21 @@ def _visible(bench: Bench, found: Found) -> tuple:
     problem = found.before
     if not problem.candidates:  # a large recording keeps no table of all its samples
         problem = bench.problem((), judged_part(bench))
-    return tuple(smallest(problem, unwhitened(problem), lambda one: bench.units(one.effects)))
+    return tuple(
+        minimal_detectable_biases(
+            problem, unwhitened(problem), lambda one: bench.units(one.effects)
+        )
+    )
 
 
-def _verdict(last: "Final", terms, refused, proved) -> str:
+def _verdict(last: "FinalModel", terms, refused, proved) -> str:
     """The word of the contract for what was proved; last: residuals of the final model."""
     bench, found = last.bench, last.found
-    left = _is_much_left(bench, found, terms, proved, _is_above_noise(last, terms))
+    left = _has_unexplained_structure(bench, found, terms, proved, _is_above_noise(last, terms))
     return verdict_of(terms, found.p_first, left, is_placed=_is_placed(bench, found, refused))
 
 
-def _is_above_noise(last: "Final", terms) -> bool:
+def _is_above_noise(last: "FinalModel", terms) -> bool:
     """Whether the residual of the final model is significantly above the noise.
 
     That of replicates where there are enough of them, else the stated one, unless a finding says that it is wrong.
@@ -213,9 +217,9 @@ def _is_above_noise(last: "Final", terms) -> bool:
     compared = last.stated_noise()
     if compared is None:
         lack = last.lack()
-        return lack is not None and lack["after"]["p_value"] < ON_DATA
+        return lack is not None and lack["after"]["p_value"] < DATA_FAULT_LEVEL
     if any(term.finding.effect == stated_noise.EFFECT for term in terms):
-        return compared.lack_of_fit() < ON_DATA
+        return compared.lack_of_fit() < DATA_FAULT_LEVEL
     return compared.is_exceeded()
 
 
@@ -226,7 +230,7 @@ def _for_sensor(bench, recording, proved, terms, usual):
     return errors_by_kind(bench, proved, usual), ball_centres(bench, recording, terms)
 
 
-def _is_much_left(bench, found: Found, terms, proved, is_above: bool) -> bool:
+def _has_unexplained_structure(bench, found: Found, terms, proved, is_above: bool) -> bool:
     """Whether structure is left that the terms do not explain.
 
     Findings on the noise alone, as image jitter or a wrong statement, take nothing off the error, so that what is left
@@ -235,8 +239,8 @@ def _is_much_left(bench, found: Found, terms, proved, is_above: bool) -> bool:
     """
     placed = _is_remainder_placed(bench, found)
     if not any(term.finding.effects for term in terms):
-        return placed and found.p_remainder < MISSING
-    return placed and much_left(proved, found.p_remainder, is_above)
+        return placed and found.p_remainder < UNMODELLED_LEVEL
+    return placed and has_unexplained_structure(proved, found.p_remainder, is_above)
 
 
 def _is_remainder_placed(bench, found: Found) -> bool:
@@ -259,7 +263,7 @@ def _is_placed(bench, found: Found, refused) -> bool:
     return places or any(term.finding.p_value < _PLACED for term in gained)
 
 
-def _with_stated_noise(last: "Final", proved, terms, refused):
+def _with_stated_noise(last: "FinalModel", proved, terms, refused):
     """Proof and terms with a wrong noise statement, where there is one; the proof then uses the noise that was found.
 
     Where replicates confirm the stated noise and the residual is larger all the same, something differs from pose to
@@ -269,7 +273,7 @@ def _with_stated_noise(last: "Final", proved, terms, refused):
     compared = last.stated_noise()
     if compared is None:
         return proved, terms
-    is_significant = any(term.finding.p_value <= MISSING for term in refused)
+    is_significant = any(term.finding.p_value <= UNMODELLED_LEVEL for term in refused)
     structure_left = is_significant or _contains_structure(last.found, terms)
     wrong = stated_noise.compare(compared, structure_left)
     if wrong is not None:
@@ -282,7 +286,7 @@ def _with_stated_noise(last: "Final", proved, terms, refused):
         term = Term(stated_noise.finding_of(wrong), stated_noise.parameters_of(wrong))
         return proved, (*terms, term)
     p = compared.lack_of_fit()
-    if not terms and p < MISSING:
+    if not terms and p < UNMODELLED_LEVEL:
         unknown = Finding("unknown", "samples", words.BY_POSE, (), p, 1.0 - p, 0.0, 0.0)
         return proved, (Term(unknown),)
     return proved, terms
@@ -294,7 +298,7 @@ def _contains_structure(found: Found, terms) -> bool:
     Such a function only approximates what it stands for, so that its error remains in the residual.
     """
     unnamed = any(term.finding.effect == "unknown" for term in terms)
-    return unnamed or found.p_remainder <= MISSING
+    return unnamed or found.p_remainder <= UNMODELLED_LEVEL
 
 
 def _warnings(bench, recording, terms=()) -> tuple[str, ...]:
@@ -363,7 +367,7 @@ def _size(bench, effects, term: Term) -> float | None:
     return float(np.sqrt((moved**2).sum() / problem.n))
 
 
-def _with_noise(last: Final, terms, refused) -> tuple[Term, ...]:
+def _with_noise(last: FinalModel, terms, refused) -> tuple[Term, ...]:
     """The terms with findings on the data; the direction of noise only where no structure is left."""
     found, after = last.found, last.after
     terms = (*terms, *_of_noise(found, terms, refused, after))
@@ -377,10 +381,14 @@ def _of_noise(found: Found, terms, refused, problem) -> tuple[Term, ...]:
     their proof. If a term of the mean was rejected, only outliers and a persisting random
     effect are kept.
     """
-    moves = find_random_effect(problem, MOVES) if refused and found.spread else None
+    moves = find_random_effect(problem, RANDOM_EFFECT_LEVEL) if refused and found.spread else None
     still = moves.site.where if moves else None
     kept = [f for f in found.spread if not refused or f.effect == "outliers" or f.where == still]
-    if not terms and found.p_first <= MISSING and {f.effect for f in kept} <= {_UNEVEN, "outliers"}:
+    if (
+        not terms
+        and found.p_first <= UNMODELLED_LEVEL
+        and {f.effect for f in kept} <= {_UNEVEN, "outliers"}
+    ):
         # a mean that nothing explains makes the noise heteroscedastic, too
         kept = [f for f in kept if f.effect != _UNEVEN]
     return tuple(Term(finding, size=_spread_size(finding, problem)) for finding in kept)

@@ -19,7 +19,7 @@ from workbench.core.least_squares.identifiability import identifiability
 from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
-from workbench.diagnosis.levels import ON_DATA
+from workbench.diagnosis.levels import DATA_FAULT_LEVEL
 from workbench.explanation.alternatives import alternative_sets
 from workbench.explanation.reference import Reference
 from workbench.explanation.result import Diagnosis
@@ -160,7 +160,7 @@ def _stepwise(columns, white, degrees: int) -> list[int]:
     seen = np.linalg.norm(columns, axis=1)
     usable = np.flatnonzero(seen > 1e-6 * max(seen.max(initial=0), 1e-300))
     chosen: list[int] = []
-    limit = ON_DATA / max(len(columns), 1)
+    limit = DATA_FAULT_LEVEL / max(len(columns), 1)
     while len(chosen) < len(usable):
         others = [int(i) for i in usable if i not in chosen]
         best = min(others, key=lambda i: _left(columns, white, [*chosen, i]))

@@ -5,11 +5,11 @@ from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
-from workbench.diagnosis.levels import MISSING
+from workbench.diagnosis.levels import UNMODELLED_LEVEL
 from workbench.diagnosis.linear.problem import Found, Located
 from workbench.diagnosis.validation.terms import Control, Proof, Term
+from workbench.explanation.minimal_detectable_bias import DetectableBias
 from workbench.explanation.reference import Shares
-from workbench.explanation.visible import Visible
 from workbench.jobs.sensor.turntables import turntable_json
 
 CONSISTENT, EXPLAINED, AMBIGUOUS, UNEXPLAINED = (
@@ -86,7 +86,7 @@ class Diagnosis:
     located: tuple[Located, ...]
     remainder: tuple[Located, ...]
     proof: Proof
-    visible: tuple[Visible, ...]
+    visible: tuple[DetectableBias, ...]
     experiment: Experiment
     found: Found
     views: Views | None = None
@@ -149,12 +149,16 @@ class Diagnosis:
 
 
 def verdict_of(
-    terms, first_p: float, left: bool = False, level: float = MISSING, is_placed: bool = True
+    terms,
+    first_p: float,
+    left: bool = False,
+    level: float = UNMODELLED_LEVEL,
+    is_placed: bool = True,
 ) -> str:
     """The word of the contract.
 
     `unexplained` where a kept term has no name, where nothing was kept though structure is there, or where much is
-    `left`, see `much_left`; `ambiguous` where a kept term is less than certain and has alternatives.
+    `left`, see `has_unexplained_structure`; `ambiguous` where a kept term is less than certain and has alternatives.
     A wrong statement of the noise explains no structure. is_placed: whether structure that nothing explains holds a
     share of the residual at some place, or a refused term is significant; without either there is nothing to explain.
     """
@@ -170,8 +174,8 @@ def verdict_of(
     return EXPLAINED if all(term.certain for term in terms) else AMBIGUOUS
 
 
-def much_left(
-    proof: Proof, p_remainder: float, is_above: bool = False, level: float = MISSING
+def has_unexplained_structure(
+    proof: Proof, p_remainder: float, is_above: bool = False, level: float = UNMODELLED_LEVEL
 ) -> bool:
     """Whether structure is left, and the remainder is above the noise or more than a third of what there was.
 
@@ -308,7 +312,7 @@ def _angles(proof: Proof) -> dict:
     return {"before_deg": before, "after_deg": after}
 
 
-def _visible(one: Visible, unit: str) -> dict:
+def _visible(one: DetectableBias, unit: str) -> dict:
     return {
         "effect": one.effect,
         "where": one.where,

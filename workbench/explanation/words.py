@@ -15,7 +15,7 @@ from workbench.core.common_effects import NoiseLaw
 from workbench.core.least_squares.adjustment_tests import p_text
 from workbench.core.text.uncertain import with_std
 from workbench.core.vocabulary import Covariate, Place
-from workbench.diagnosis.levels import MOST, NOTABLE, REAL
+from workbench.diagnosis.levels import CRITICAL_T, LISTED_PROBABILITY, MAJORITY
 from workbench.diagnosis.linear.problem import Finding, Found
 from workbench.diagnosis.noise.random_effects import ALONG
 from workbench.diagnosis.robot.derived import DEFLECTION
@@ -226,7 +226,7 @@ def _listed_figures(parts: Sequence[tuple[str, Mapping]]) -> str:
     """Values of named parameters; of many only significant ones, since others say nothing each by itself."""
     shown = parts
     if len(parts) > _MOST:
-        shown = [(name, row) for name, row in parts if _surety(row) >= REAL]
+        shown = [(name, row) for name, row in parts if _surety(row) >= CRITICAL_T]
         if not shown:
             return f"{len(parts)} parameters of which only combinations are identifiable"
     texts = [
@@ -243,7 +243,7 @@ def _spectrum(row: Mapping, harmonics: Sequence[Mapping] = ()) -> str:
     """
     unit = row["unit"]
     size = f"RMS {measured(row['curve_rms'], None, unit)}"
-    if row["periodic_share"] < MOST:
+    if row["periodic_share"] < MAJORITY:
         return f"{size}, not periodic on the visited angles"
     per = "per revolution" if unit == "rad" else "per mm"
     waves = []
@@ -426,7 +426,7 @@ def _doubt(found: Finding) -> str:
     others = [one for one in found.alternatives if one.why != UNCONFIRMED]
     if not others or found.probability >= 0.95:
         return ""
-    likely = [one for one in others if one.probability >= NOTABLE] or others[:1]
+    likely = [one for one in others if one.probability >= LISTED_PROBABILITY] or others[:1]
     texts = [f"this ({found.probability:.2f})", *(_other(one) for one in likely[:_MOST])]
     more = len(likely) - _MOST
     rest = f", or one of {more} less likely ones" if more > 0 else ""

@@ -40,7 +40,7 @@ def choose_joint_curves(model: Model, parameters: Parameters) -> tuple[tuple[str
 
     parameters: the fit at which the model is linearised, with the free mask of the baseline.
     """
-    if model.chain.looks > 1:
+    if model.chain.poses_per_sample > 1:
         return ()  # a length between two poses adds two values of a curve, which are not separated here
     curves = [c for c in curve_candidates(model.chain) if not _is_held(c, model)]
     if not curves:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datasets.makers.blind import baseline_span, data, outside, suites, workplace
+from datasets.makers.blind import baseline_span, data, suites, uncatalogued, workplace
 from datasets.makers.blind.planted import Sized, sized
 from datasets.makers.blind.scatter import Scatter
 from datasets.makers.blind.world import Push, World
@@ -39,7 +39,7 @@ def draw(suite: str, index: int, seed: int) -> Case:
     for _ in range(_TRIES):
         question = asked(rng, index)
         try:
-            world = workplace.draw(rng, question.wish)
+            world = workplace.draw(rng, question.requirements)
             found = _planted(rng, world, question)
         except (
             ValueError,
@@ -61,7 +61,7 @@ def _planted(rng, world: World, question) -> list[Sized] | None:
         one = question.law(name)(rng, world)
         if one is None:
             return None
-        within = base if one.effect != "unknown" else outside.local_basis(world, base, one)
+        within = base if one.effect != "unknown" else uncatalogued.local_basis(world, base, one)
         sign = 1.0 if question.one_sided(name) else float(rng.choice([-1, 1]))
         at = sized(world, within, one, wanted, sign)
         if at is None or (not one.fixed and at.survives < question.least):
@@ -131,7 +131,7 @@ def _truth(suite, index, world, question, found) -> dict:
         "covariates": sorted(world.covariates),
         "withheld": question.withheld,
         "words": list(question.words),
-        "split": question.wish.split,
+        "split": question.requirements.split,
         "baseline": "joint-compliance" if world.elastic else "geometry",
     }
 

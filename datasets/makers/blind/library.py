@@ -4,15 +4,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from datasets.makers.blind import bodies, data, joints
-from datasets.makers.blind.workplace import Wish
+from datasets.makers.blind.workplace import Requirements
 
 
 @dataclass(frozen=True)
 class Row:
-    """law: makes the effect. wish: what it needs. weight: how often it is drawn. one_sided: its size is above 0."""
+    """law: makes the effect. requirements: on the scene. weight: of the draw. one_sided: its size is positive."""
 
     law: Callable
-    wish: Wish = Wish()
+    requirements: Requirements = Requirements()
     weight: float = 1.0
     one_sided: bool = False
 
@@ -20,8 +20,8 @@ class Row:
 _BALLS = "ball-centre"
 
 
-def _needs(*kinds: str, **wish) -> Wish:
-    return Wish(need=frozenset(kinds), **wish)
+def _needs(*kinds: str, **requirements) -> Requirements:
+    return Requirements(need=frozenset(kinds), **requirements)
 
 
 ROWS = {
@@ -40,16 +40,16 @@ ROWS = {
     "joint-thermal-drift": Row(joints.joint_thermal_drift, _needs("temperature"), weight=1.5),
     "pedestal-compliance": Row(bodies.pedestal_compliance, one_sided=True),
     "base-drift": Row(bodies.base_drift, _needs("time"), weight=1.5),
-    "mount-tilt": Row(bodies.mount_tilt, Wish(elastic=True), weight=0.5, one_sided=True),
+    "mount-tilt": Row(bodies.mount_tilt, Requirements(elastic=True), weight=0.5, one_sided=True),
     "tool-deflection": Row(bodies.tool_deflection, one_sided=True),
     "time-offset": Row(joints.time_offset, _needs("speed")),
     "reading-lag": Row(joints.reading_lag, one_sided=True),
     "axis-run-out": Row(bodies.axis_run_out, weight=1.5),
-    "range-scale": Row(bodies.range_scale, Wish(_BALLS)),
-    "field-bias": Row(bodies.field_bias, Wish(_BALLS)),
-    "ball-position": Row(bodies.ball_position, Wish(_BALLS)),
+    "range-scale": Row(bodies.range_scale, Requirements(_BALLS)),
+    "field-bias": Row(bodies.field_bias, Requirements(_BALLS)),
+    "ball-position": Row(bodies.ball_position, Requirements(_BALLS)),
     "artefact-expansion": Row(
-        bodies.artefact_expansion, Wish(_BALLS, frozenset({"temperature"})), one_sided=True
+        bodies.artefact_expansion, Requirements(_BALLS, frozenset({"temperature"})), one_sided=True
     ),
     "outliers": Row(data.outliers, one_sided=True),
     "noise-heteroscedastic": Row(

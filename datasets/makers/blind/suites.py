@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from datasets.makers.blind import library, outside
+from datasets.makers.blind import library, uncatalogued
 from datasets.makers.blind.scatter import Scatter
-from datasets.makers.blind.workplace import Wish
+from datasets.makers.blind.workplace import Requirements
 
 SUITES = ("clean", "library", "swallowed", "pairs", "outside", "covariate-withheld")
 """Suites that this maker draws."""
@@ -23,7 +23,7 @@ class Question:
 
     names: tuple[str, ...] = ()
     sizes: tuple[float, ...] = ()
-    wish: Wish = Wish()
+    requirements: Requirements = Requirements()
     scatter: Scatter = Scatter()
     least: float = 0.0
     withheld: tuple[str, ...] = ()
@@ -32,11 +32,13 @@ class Question:
 
     def law(self, name: str) -> Callable:
         """The function that makes the effect of that name."""
-        return outside.CAUSES[name][0] if name in outside.CAUSES else library.ROWS[name].law
+        return (
+            uncatalogued.CAUSES[name][0] if name in uncatalogued.CAUSES else library.ROWS[name].law
+        )
 
     def one_sided(self, name: str) -> bool:
         """Whether its size is above 0."""
-        return name not in outside.CAUSES and library.ROWS[name].one_sided
+        return name not in uncatalogued.CAUSES and library.ROWS[name].one_sided
 
 
 def asked(suite: str) -> Callable[[np.random.Generator, int], Question]:
@@ -56,7 +58,8 @@ def _clean(rng, index) -> Question:
     }.get(kind, Scatter())
     need = {"time", "temperature", "payload", "approach", "speed"} if kind == 1 else set()
     return Question(
-        wish=Wish(need=frozenset(need), elastic=bool(rng.random() < 0.15)), scatter=scatter
+        requirements=Requirements(need=frozenset(need), elastic=bool(rng.random() < 0.15)),
+        scatter=scatter,
     )
 
 
@@ -64,10 +67,11 @@ def _library(rng, index) -> Question:
     """Every effect in turn by weight; two thirds at 1 to 10 sigma, the others smaller, for the curve."""
     name = _drawn(rng, library.ROWS)
     row = library.ROWS[name]
-    wish = replace(
-        row.wish, elastic=row.wish.elastic or (name not in _ELASTIC_LAWS and rng.random() < 0.15)
+    requirements = replace(
+        row.requirements,
+        elastic=row.requirements.elastic or (name not in _ELASTIC_LAWS and rng.random() < 0.15),
     )
-    return Question((name,), (_size(rng, index),), wish)
+    return Question((name,), (_size(rng, index),), requirements)
 
 
 _ELASTIC_LAWS = {"joint-compliance", "link-self-weight"}
@@ -82,8 +86,10 @@ def _absorbed(rng, index) -> Question:
     """Effects that the fit absorbs, in samples of which a fifth reveals them."""
     name = str(rng.choice(list(library.ABSORBED)))
     row = library.ROWS[name]
-    wish = replace(row.wish, split=library.ABSORBED[name], samples=(200, 800))
-    return Question((name,), (float(np.exp(rng.uniform(np.log(0.5), np.log(4)))),), wish, least=0.2)
+    requirements = replace(row.requirements, split=library.ABSORBED[name], samples=(200, 800))
+    return Question(
+        (name,), (float(np.exp(rng.uniform(np.log(0.5), np.log(4)))),), requirements, least=0.2
+    )
 
 
 def _pairs(rng, index) -> Question:
@@ -92,17 +98,17 @@ def _pairs(rng, index) -> Question:
     first, second = _drawn(rng, able), _drawn(rng, able)
     if index % 4 == 0:
         first, second = (str(x) for x in rng.choice(_ON_JOINTS, 2, replace=False))
-    wishes = [library.ROWS[name].wish for name in (first, second)]
-    if {w.measures for w in wishes} - {""} and "mount-tilt" in (first, second):
+    several = [library.ROWS[name].requirements for name in (first, second)]
+    if {w.measures for w in several} - {""} and "mount-tilt" in (first, second):
         first = "joint-coupling"
-    wish = Wish(
-        measures=max(w.measures for w in wishes),
-        need=wishes[0].need | wishes[1].need,
-        elastic=any(w.elastic for w in wishes),
+    requirements = Requirements(
+        measures=max(w.measures for w in several),
+        need=several[0].need | several[1].need,
+        elastic=any(w.elastic for w in several),
         samples=(200, 1000),
     )
     sizes = tuple(float(np.exp(rng.uniform(0, np.log(8)))) for _ in range(2))
-    return Question((first, second), sizes, wish, least=0.5)
+    return Question((first, second), sizes, requirements, least=0.5)
 
 
 _ALONE = {"unit-or-frame", "encoder-quantisation", "mount-tilt"}
@@ -117,9 +123,9 @@ _ON_JOINTS = (
 
 def _outside(rng, index) -> Question:
     """Effects outside the vocabulary."""
-    name = list(outside.CAUSES)[index % len(outside.CAUSES)]
-    wish = Wish(need=outside.CAUSES[name][1], samples=(200, 1000))
-    return Question((name,), (float(np.exp(rng.uniform(0, np.log(8)))),), wish, least=0.8)
+    name = list(uncatalogued.CAUSES)[index % len(uncatalogued.CAUSES)]
+    requirements = Requirements(need=uncatalogued.CAUSES[name][1], samples=(200, 1000))
+    return Question((name,), (float(np.exp(rng.uniform(0, np.log(8)))),), requirements, least=0.8)
 
 
 def _withheld(rng, index) -> Question:
@@ -129,11 +135,11 @@ def _withheld(rng, index) -> Question:
     gone = (
         (kind, "time") if kind in ("temperature", "approach") else (kind,)
     )  # time would tell what came before
-    wish = Wish(need=frozenset({kind}), samples=(200, 1000))
+    requirements = Requirements(need=frozenset({kind}), samples=(200, 1000))
     return Question(
         (name,),
         (float(np.exp(rng.uniform(0, np.log(8)))),),
-        wish,
+        requirements,
         least=0.8,
         withheld=gone,
         words=words,

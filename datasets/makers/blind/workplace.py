@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from datasets.makers.blind import covariates, facts, statics, visits
+from datasets.makers.blind import covariates, data_sheets, measuring_poses, statics
 from datasets.makers.blind.world import World
 from datasets.mujoco_arm import arm_from_robot, pose
 
@@ -14,7 +14,7 @@ _MM, _RAD = 0.5, np.deg2rad(0.25)
 
 
 @dataclass(frozen=True)
-class Wish:
+class Requirements:
     """Requirements of a case on its world.
 
     measures: "ball-centre", "external-point", or "" for either. need: kinds of covariates that must
@@ -31,22 +31,22 @@ class Wish:
     gears: bool = False
 
 
-def draw(rng: np.random.Generator, wish: Wish) -> World:
+def draw(rng: np.random.Generator, requirements: Requirements) -> World:
     """A world that meets the requirements. Raises ValueError if the drawn arm cannot work there; draw again."""
-    robot = _robot(rng, wish)
+    robot = _robot(rng, requirements)
     nominal = arm_from_robot(robot)
-    measures = wish.measures or rng.choice(["ball-centre", "external-point"])
-    n = int(np.exp(rng.uniform(*np.log(wish.samples))))
+    measures = requirements.measures or rng.choice(["ball-centre", "external-point"])
+    n = int(np.exp(rng.uniform(*np.log(requirements.samples))))
     hand = _hand(rng) if measures == "ball-centre" else np.eye(4)
     balls, reflectors = _balls(rng), _reflectors(rng)
-    within = visits.limits(robot, nominal.mixing)
+    within = measuring_poses.limits(robot, nominal.mixing)
     if measures == "ball-centre":
-        angles, index, plate = visits.views(rng, nominal.geometry, within, balls, hand, n)
+        angles, index, plate = measuring_poses.views(rng, nominal.geometry, within, balls, hand, n)
         station, targets = np.linalg.inv(_nudged(rng, plate, 5.0, 1.0)), balls
     else:
         count = len(reflectors)
         angles = np.repeat(
-            visits.in_sight(rng, nominal.geometry, within, -(-n // count)), count, axis=0
+            measuring_poses.in_sight(rng, nominal.geometry, within, -(-n // count)), count, axis=0
         )
         index, station, targets = (
             np.tile(np.arange(count), len(angles) // count),
@@ -54,7 +54,7 @@ def draw(rng: np.random.Generator, wish: Wish) -> World:
             reflectors,
         )
     drawn = _World(robot, nominal, str(measures), angles, index, targets, station, hand)
-    return _recorded(rng, wish, drawn)
+    return _recorded(rng, requirements, drawn)
 
 
 @dataclass(frozen=True)
@@ -69,16 +69,18 @@ class _World:
     hand: np.ndarray
 
 
-def _recorded(rng, wish, drawn: _World) -> World:
+def _recorded(rng, requirements, drawn: _World) -> World:
     """The world with readings as the controller shows them, an arm as built and covariates."""
     readings = np.round(np.rad2deg(drawn.angles @ np.linalg.inv(drawn.nominal.mixing).T), 4)
-    order, part = _parted(rng, drawn, wish.split)
+    order, part = _parted(rng, drawn, requirements.split)
     readings, index = readings[order], drawn.index[order]
     count = len(drawn.targets) if drawn.measures == "external-point" else 1
-    once = covariates.draw(rng, readings[::count], wish.need, part[::count], wish.split)
+    once = covariates.draw(
+        rng, readings[::count], requirements.need, part[::count], requirements.split
+    )
     columns = {name: np.repeat(column, count) for name, column in once.items()}
     arm = _built(rng, drawn.nominal)
-    if wish.elastic:
+    if requirements.elastic:
         payload = columns.get("payload_kg", np.zeros(len(readings)))
         arm = _with_compliant_joints(rng, arm, np.deg2rad(readings) @ arm.mixing.T, payload)
     sigma = float(np.round(np.exp(rng.uniform(*np.log([0.005, 0.05]))), 4))
@@ -93,7 +95,7 @@ def _recorded(rng, wish, drawn: _World) -> World:
         _nudged(rng, drawn.hand, 0.5, 0.2),
         columns,
         sigma,
-        wish.elastic,
+        requirements.elastic,
         part,
     )
 
@@ -106,9 +108,9 @@ def _with_compliant_joints(rng, arm, angles, payload):
     )
 
 
-def _robot(rng, wish) -> dict:
-    robot = facts.robot(str(rng.choice(facts.names())), rng)
-    if wish.gears and "gear_ratio" not in robot["joint"][0]:
+def _robot(rng, requirements) -> dict:
+    robot = data_sheets.robot(str(rng.choice(data_sheets.names())), rng)
+    if requirements.gears and "gear_ratio" not in robot["joint"][0]:
         rows = [row | {"gear_ratio": int(rng.integers(50, 161))} for row in robot["joint"]]
         robot = robot | {"joint": rows}
     return robot

@@ -29,7 +29,7 @@ class Arm:
 
 
 @dataclass(frozen=True)
-class Bent:
+class JointEffect:
     """A linear effect on the joint port: rotation of joint `joint` (from 0) by `value` times `basis` (n,)."""
 
     joint: int
@@ -38,7 +38,7 @@ class Bent:
 
 
 @dataclass(frozen=True)
-class Walked:
+class ArmFrames:
     """Of n samples: `axes` (J, 5, 3, n) about or along which each number of the geometry moves the rest, `points`
     (J, 5, 3, n) on those axes, `end` (3, 3, n) columns and `origin` (3, n) of the flange; world frame."""
 
@@ -55,7 +55,7 @@ def device() -> str:
     return "cuda" if torch.cuda.is_available() else "cpu"
 
 
-def walk(arm: Arm, variables, base: np.ndarray) -> Walked:
+def forward_kinematics(arm: Arm, variables, base: np.ndarray) -> ArmFrames:
     """The frames of the arm at joint variables (J, n), a torch tensor that says device and precision too.
 
     base (4, 4): T_world_root. Convention "distal": Rz(q+theta) Tz(d) Tx(a) Rx(alpha) Ry(beta) (Hayati & Mirmirani
@@ -83,7 +83,7 @@ def walk(arm: Arm, variables, base: np.ndarray) -> Walked:
     flange = tensor(arm.flange)
     origin = origin + sum(axis * t for axis, t in zip(frame, flange[:3, 3]))
     end = torch.stack([sum(axis * r for axis, r in zip(frame, flange[:3, c])) for c in range(3)])
-    return Walked(torch.stack(axes), torch.stack(points), end, origin)
+    return ArmFrames(torch.stack(axes), torch.stack(points), end, origin)
 
 
 def _distal(frame, origin, turn, shift, a, alpha, beta):
@@ -117,7 +117,7 @@ def _turned(frame, about, angle):
 
 
 def derivative(
-    arm: Arm, walked: Walked, tool: np.ndarray, index, base: np.ndarray, bent: Sequence[tuple]
+    arm: Arm, walked: ArmFrames, tool: np.ndarray, index, base: np.ndarray, bent: Sequence[tuple]
 ):
     """Point (3, n) and its derivative (6 + 5 J + 3 R + B, 3, n).
 
@@ -163,7 +163,7 @@ def normal_equations(
     index: np.ndarray,
     measured: np.ndarray,
     sigma: float,
-    bent: Sequence[Bent] = (),
+    bent: Sequence[JointEffect] = (),
     where: str | None = None,
     single: bool = False,
 ) -> tuple[np.ndarray, np.ndarray, float]:
@@ -187,7 +187,7 @@ def normal_equations(
         for one, (joint, basis) in zip(bent, bases):
             own[joint] += one.value * basis
         seen = torch.as_tensor(np.asarray(index[part]), device=like["device"])
-        point, rows = derivative(arm, walk(arm, own, base), tool, seen, base, bases)
+        point, rows = derivative(arm, forward_kinematics(arm, own, base), tool, seen, base, bases)
         white = (point - torch.as_tensor(measured[:, part], **like)).reshape(-1) / sigma
         flat = rows.reshape(size, -1) / sigma
         normal += (flat @ flat.T).double()

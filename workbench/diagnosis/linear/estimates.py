@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from workbench.core.effect import Effect
 from workbench.core.parameters import Parameter
-from workbench.diagnosis.levels import REAL, VAGUE
+from workbench.diagnosis.levels import CRITICAL_T, UNDETERMINED_STD
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ def parameter_row(p: Parameter, effect: Effect, value: float, std: float) -> dic
 
     A parameter that could be many times its typical size, and zero as well, is not identifiable by itself.
     """
-    is_identifiable = std < VAGUE * p.typical or abs(value) > REAL * std
+    is_identifiable = std < UNDETERMINED_STD * p.typical or abs(value) > CRITICAL_T * std
     return {
         "key": p.key,
         "name": p.key.split(".", 2)[2],

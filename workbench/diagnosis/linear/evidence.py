@@ -21,7 +21,7 @@ from scipy.sparse import csr_array
 from scipy.special import betainc, logsumexp
 
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
-from workbench.diagnosis.levels import AT_ONCE, ROUNDING
+from workbench.diagnosis.levels import CHUNK_SIZE, ROUNDING
 from workbench.diagnosis.linear.problem import Problem, Scan
 
 Linear = Callable[[np.ndarray], np.ndarray]
@@ -372,7 +372,7 @@ def scan_moments(projected: Projected, scan: Scan) -> Moments:
     if scan.kind == "step":
         return slots.steps(scan.x, scan.options, scan.typical, scan.centred)
     parts = []
-    step = max(AT_ONCE // len(scan.x), 1)
+    step = max(CHUNK_SIZE // len(scan.x), 1)
     for start in range(0, len(scan.options), step):
         waves = _waves(projected.problem, scan, slice(start, start + step))
         typical = np.broadcast_to(np.repeat(scan.typical, 2), (len(waves), 2 * len(scan.typical)))
@@ -387,6 +387,6 @@ def _waves(problem: Problem, scan: Scan, chunk: slice) -> np.ndarray:
         phase = scan.options[chunk, None] * scan.x
         return np.stack([np.cos(phase), np.sin(phase)], 1)
 
-    is_small = scan.options.size * problem.n <= AT_ONCE and not scan.is_exact
+    is_small = scan.options.size * problem.n <= CHUNK_SIZE and not scan.is_exact
     kept = problem.made if is_small else {}
     return once(kept, ("wave", scan.where, scan.effect, chunk.start), make)

@@ -10,7 +10,7 @@ from scipy.special import log_ndtr, logsumexp
 
 from robot_model.effects.nonparametric import functions
 from workbench.core.effect import Effect
-from workbench.diagnosis.levels import AT_ONCE, RARE, SHOWN
+from workbench.diagnosis.levels import CHUNK_SIZE, MOST_LISTED, RARE_PRIOR
 from workbench.diagnosis.linear.evidence import (
     Moments,
     Projected,
@@ -138,7 +138,7 @@ def _squares(problem: Problem, chosen: Sequence[tuple[str, ...]], fine: int) -> 
             return squares_of(waves)
 
         waves, _ = waves_at(problem, names, fine)
-        is_small = len(waves) ** 2 * problem.n <= AT_ONCE
+        is_small = len(waves) ** 2 * problem.n <= CHUNK_SIZE
         return once(problem.made if is_small else {}, ("squares", names, fine), make)
 
     return np.stack([made(names) for names in chosen])
@@ -199,10 +199,10 @@ def _of_candidates(candidates: Sequence[Candidate], projected: Projected) -> Ite
 
 
 def _groups(candidates: Sequence[Candidate], widths: np.ndarray):
-    """(candidates, name) of groups with equally many columns, of no more numbers together than `AT_ONCE`."""
+    """(candidates, name) of groups with equally many columns, of no more numbers together than `CHUNK_SIZE`."""
     for width in np.unique(widths):
         rows = np.flatnonzero(widths == width)
-        size = max(AT_ONCE // candidates[rows[0]].columns.size, 1)
+        size = max(CHUNK_SIZE // candidates[rows[0]].columns.size, 1)
         for start in range(0, len(rows), size):
             chosen = [candidates[i] for i in rows[start : start + size]]
             yield chosen, ("candidates", width, start)
@@ -221,13 +221,13 @@ def _of_scan(scan: Scan, scores: Scores, wanted: set) -> Iterator[Hypothesis]:
     """The best options of a scan, and those whose (family, label) is wanted; the first stands for all others, too."""
     mass = scan.mass / max(scan.mass.sum(), 1e-300)
     best = np.argsort(-(scores.evidence + np.log(mass)))
-    others = best[SHOWN:]
+    others = best[MOST_LISTED:]
     if len(others):
         rest = logsumexp(scores.evidence[others], b=mass[others]) - np.log(mass[best[0]])
         scores.evidence[best[0]] = np.logaddexp(scores.evidence[best[0]], rest)
     labels = {label for family, label in wanted if family == scan.family}
     also = [i for i in others if labels and scan.word.format(scan.options[i]) in labels]
-    for i in (*best[:SHOWN], *also):
+    for i in (*best[:MOST_LISTED], *also):
         value = float(scan.options[i])
         yield Hypothesis(
             scan.effect,
@@ -280,7 +280,7 @@ def _named_priors(rows: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
         total[h.family] += h.mass
     for h in rows:
         part = h.mass / total[h.family] / len(total)
-        yield _with_prior(h, 1 - RARE, 1 - LEVEL_UNNAMED, part)
+        yield _with_prior(h, 1 - RARE_PRIOR, 1 - LEVEL_UNNAMED, part)
 
 
 def _unnamed_priors(smooth: Sequence[Hypothesis], periods: Sequence[Hypothesis]):
@@ -290,7 +290,7 @@ def _unnamed_priors(smooth: Sequence[Hypothesis], periods: Sequence[Hypothesis])
     for members in held:
         total = sum(h.mass for h in members)
         for h in members:
-            yield _with_prior(h, RARE, LEVEL_UNNAMED, h.mass / total / len(held))
+            yield _with_prior(h, RARE_PRIOR, LEVEL_UNNAMED, h.mass / total / len(held))
 
 
 def _with_prior(h: Hypothesis, share: float, level: float, part: float) -> Hypothesis:

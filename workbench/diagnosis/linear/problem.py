@@ -20,7 +20,7 @@ from scipy.linalg import block_diag
 
 from workbench.core.effect import Effect, Variant
 from workbench.core.least_squares.linear_algebra import thin_svd
-from workbench.diagnosis.levels import ROUNDING, SEEN
+from workbench.diagnosis.levels import OBSERVABLE_SIGMAS, ROUNDING
 from workbench.diagnosis.linear.estimates import Instant, RealOption
 from workbench.diagnosis.linear.kept_effects import Added, Beyond
 
@@ -357,7 +357,7 @@ def seen_basis(columns: np.ndarray) -> np.ndarray:
     """(N, R) orthonormal basis of columns (N, F) in sigmas for a typical size; directions unseen are left out."""
     q, r = np.linalg.qr(columns)
     u, s, _ = thin_svd(r)
-    return q @ u[:, s > max(SEEN, _SINGULAR * s[:1].max(initial=0.0))]
+    return q @ u[:, s > max(OBSERVABLE_SIGMAS, _SINGULAR * s[:1].max(initial=0.0))]
 
 
 class Bench(Protocol):

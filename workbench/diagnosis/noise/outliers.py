@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import median
 
 from workbench.core.distributions import chi2
-from workbench.diagnosis.levels import OUTLIER
+from workbench.diagnosis.levels import OUTLIER_WEIGHT
 
 _FULL, _LITTLE = 3.4, 6.0
 """Lengths of whitened residuals up to which a sample counts in full, exceeded by one in a hundred Gaussian samples of
@@ -67,7 +67,7 @@ def spread_with(
     The score test of Breusch & Pagan (1979) as Koenker (J. Econometrics 17, 1981) made it independent
     of the noise's kurtosis; outliers left out. None where no covariate varies.
     """
-    kept = robust_weights(white) > OUTLIER
+    kept = robust_weights(white) > OUTLIER_WEIGHT
     squares = (white[:, kept] ** 2).sum(0)
     if not np.ptp(squares) > 0:
         return None

@@ -14,7 +14,7 @@ from robot_model.effects.elastic import JointCompliance
 from robot_model.effects.transmission import Backlash, JointThermalDrift, TimeOffset
 from workbench.core.distributions import chi2, norm, student
 from workbench.core.least_squares.linear_algebra import inverse_positive, symmetric_eigen
-from workbench.diagnosis.levels import MOST, MOVES, ROUNDING, SAME
+from workbench.diagnosis.levels import MAJORITY, NEGLIGIBLE_SHARE, RANDOM_EFFECT_LEVEL, ROUNDING
 from workbench.diagnosis.linear.problem import Alternative, Finding, Located, Problem, Site
 
 QUANTISATION = "encoder-quantisation"
@@ -88,7 +88,7 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
     if p > level:
         return None
     # likelihoods decide between places that are about as clear
-    is_near = (scores > MOST * scores.max()) | (turns > max(MOST * turns.max(), 0.0))
+    is_near = (scores > MAJORITY * scores.max()) | (turns > max(MAJORITY * turns.max(), 0.0))
     near = [sites[i] for i in np.flatnonzero(is_near)]
     likely = [_likelihood(site, z) for site in near]
     best = int(np.argmax([row[0] for row in likely]))
@@ -143,7 +143,7 @@ def _tensor(site, m):
     d = _directions(site, m)
     tensor = np.einsum("kan,kbn->abn", d, d)
     made = tensor - np.eye(m)[:, :, None] * np.einsum("aan->n", tensor) / m
-    is_round = (made**2).sum() <= SAME * (tensor**2).sum()  # every direction alike
+    is_round = (made**2).sum() <= NEGLIGIBLE_SHARE * (tensor**2).sum()  # every direction alike
     return np.zeros_like(made) if is_round else made
 
 
@@ -214,7 +214,7 @@ def _score(tensor, z, pose):
     whole, unit = (tensor**2).sum(), _unit(z)
     tensor = tensor - tensor.mean(-1, keepdims=True)
     # the same for all samples, as of a frame that the instrument moves with
-    if (tensor**2).sum() <= SAME * whole:
+    if (tensor**2).sum() <= NEGLIGIBLE_SHARE * whole:
         return 0.0
     each = np.bincount(pose, np.einsum("an,abn,bn->n", unit, tensor, unit))
     score = float(each.sum() / max(np.sqrt((each**2).sum()), 1e-300))
@@ -336,7 +336,7 @@ def random_effect_finding(random_effect: RandomEffect, problem: Problem) -> Find
     size = float(np.sqrt(movement(random_effect) / len(problem.residual)))
     p, site = random_effect.p_value, random_effect.site
     given = (p, 1.0 - p, size, movement(random_effect))
-    if random_effect.rounds < MOVES:
+    if random_effect.rounds < RANDOM_EFFECT_LEVEL:
         return Finding(QUANTISATION, site.where, "", (), *given)
     label = ALONG if site.where == "time" and len(site.rows) == 1 else LABEL
     others = hidden(random_effect, problem)
@@ -366,7 +366,7 @@ def unrecorded(problem: Problem, place: Located) -> tuple[Alternative, ...]:
     Where the place moves from sample to sample besides, what `hidden` says of that; where it goes with time, what
     changes with time.
     """
-    found = find_random_effect(problem, MOVES)
+    found = find_random_effect(problem, RANDOM_EFFECT_LEVEL)
     if found is not None and found.site.where == place.where:
         return hidden(found, problem)
     if "time" not in place.depends_on:

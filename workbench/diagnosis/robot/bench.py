@@ -19,7 +19,7 @@ from workbench.core.least_squares.linear_algebra import covariance_of
 from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import STATE_PORTS, Model
 from workbench.core.parameters import Parameters
-from workbench.diagnosis.levels import SEEN
+from workbench.diagnosis.levels import OBSERVABLE_SIGMAS
 from workbench.diagnosis.linear.estimates import parameter_row
 from workbench.diagnosis.linear.problem import Problem, Site
 from workbench.diagnosis.noise.outliers import robust_weights
@@ -346,7 +346,7 @@ class RobotBench:
                 p = fit.parameters.table[k]
                 row = parameter_row(p, effect, values[k], std[k])
                 sigmas = p.typical * np.linalg.norm(column / model.sigma(fit.parameters))
-                rows.append(row | {"size_mm": size, "acts": bool(sigmas > SEEN)})
+                rows.append(row | {"size_mm": size, "acts": bool(sigmas > OBSERVABLE_SIGMAS)})
             if span.start in masses:
                 rows.append(masses[span.start])
             if isinstance(effect, JointCurve):

@@ -11,7 +11,7 @@ from robot_model.effects.unknown_masses import TYPICAL_RAD
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.core.model import NOISE, STATE_PORTS
-from workbench.diagnosis.levels import REAL
+from workbench.diagnosis.levels import CRITICAL_T
 
 DEFLECTION = "deflection"
 _ROTATION = 3  # first rotation among the components of a frame
@@ -84,7 +84,7 @@ def negative_masses(bench, effects: Sequence[Effect], samples=None) -> list[tupl
         return []
     rows = {row["key"]: row for row in bench.parameters(effects, samples)}
     masses = [(load, rows[load.parameters(bench.chain)[0].key]) for load in loads]
-    return [(load, row) for load, row in masses if row["value"] < -REAL * row["std"]]
+    return [(load, row) for load, row in masses if row["value"] < -CRITICAL_T * row["std"]]
 
 
 def linear_values(

@@ -22,7 +22,7 @@ from sensors.light.grouping import groups
 from workbench.core.effect import Effect
 from workbench.core.least_squares.adjustment_tests import neighbour_test
 from workbench.core.model import Model
-from workbench.diagnosis.levels import MISSING, ON_DATA, REAL
+from workbench.diagnosis.levels import CRITICAL_T, DATA_FAULT_LEVEL, UNMODELLED_LEVEL
 from workbench.diagnosis.linear.problem import Finding, Problem
 from workbench.diagnosis.scanner.sensor_linear import acts
 from workbench.diagnosis.validation.folds import schemes
@@ -93,12 +93,12 @@ class _Stripes:
     @property
     def is_systematic(self) -> bool:
         """Whether stripes of one step, or those that follow one another, are displaced alike: that is no chance."""
-        if self._by_step() < ON_DATA:
+        if self._by_step() < DATA_FAULT_LEVEL:
             return True
         ordered = np.argsort(self.order, kind="stable")
         previous = np.empty(len(ordered), int)
         previous[ordered] = np.r_[ordered[1], ordered[:-1]]
-        return neighbour_test(self.displaced[None], previous).p_value < ON_DATA
+        return neighbour_test(self.displaced[None], previous).p_value < DATA_FAULT_LEVEL
 
     def _by_step(self) -> float:
         """p-value of a one-way analysis of variance, with the degrees of freedom that the contrasts leave."""
@@ -141,7 +141,7 @@ def jitter_before_proof(bench, effects: Sequence[Effect], problem: Problem) -> I
     if plain is None or not effects:
         return None if plain is None else _judged(bench, plain)
     fitted = _stripes(bench, tuple(effects), problem)
-    is_real = _paired_t(fitted.scores(True) - plain.scores(True)) > REAL
+    is_real = _paired_t(fitted.scores(True) - plain.scores(True)) > CRITICAL_T
     return _judged(bench, fitted if is_real else plain)
 
 
@@ -154,7 +154,7 @@ def _judged(bench, found: _Stripes) -> ImageJitter | None:
     p_value = float(chdtrc(len(found.z), (found.z**2 / found.variance).sum()))
     gains = found.scores(True) - found.scores(False)
     t = _paired_t(gains)
-    if p_value > MISSING or not t > REAL or found.is_systematic:
+    if p_value > UNMODELLED_LEVEL or not t > CRITICAL_T or found.is_systematic:
         return None
     information = (sigma**2 / (found.variance + sigma**2)) ** 2
     std = sigma / np.sqrt(2 * information.sum())

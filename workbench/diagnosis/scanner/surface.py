@@ -17,7 +17,7 @@ from workbench.core.distributions import fisher, norm
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix, skew
 from workbench.core.text.uncertain import with_std
-from workbench.diagnosis.levels import MISSING, REAL
+from workbench.diagnosis.levels import CRITICAL_T, UNMODELLED_LEVEL
 from workbench.diagnosis.validation.folds import LEAST_FOLDS
 from workbench.diagnosis.validation.heldout import paired, rms
 from workbench.files.images.flange import flange_poses
@@ -277,7 +277,7 @@ def _search(data: Data, candidates) -> tuple[list[Found], list[Found]]:
         trials = [_tested(data, base, one, tests) for one in candidates]
         best = min(trials, key=lambda one: one.p_value)
         if not best.retained:
-            return chosen, [one for one in trials if one.p_value < MISSING]
+            return chosen, [one for one in trials if one.p_value < UNMODELLED_LEVEL]
         chosen.append(best)
         candidates = [one for one in candidates if one is not best.candidate]
     return chosen, []
@@ -301,7 +301,7 @@ def _tested(data: Data, base, candidate: Candidate, tests: int) -> Found:
     size = float(np.sqrt(np.mean((candidate.columns @ values) ** 2)))
     before, after = _held_out(data, small), _held_out(data, large)
     t = paired(data.pose, before, after, np.ones(len(target), bool))
-    retained = p_value < MISSING and t > REAL
+    retained = p_value < UNMODELLED_LEVEL and t > CRITICAL_T
     return Found(candidate, values, std, p_value, size, _rms(before), _rms(after), retained)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from workbench.core.distributions import chi2
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
-from workbench.diagnosis.levels import MISSING, ROUNDING, WORTHWHILE
+from workbench.diagnosis.levels import LEAST_LOG_ODDS, ROUNDING, UNMODELLED_LEVEL
 from workbench.diagnosis.linear.evidence import Projected, log_null
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Candidate, Problem
@@ -50,7 +50,7 @@ def accept_constant_loads(search: Search) -> None:
         if likeliest is None:
             continue
         trial = _solved_with(search, likeliest, load)
-        if trial is not None and _gain(search, trial) > WORTHWHILE:
+        if trial is not None and _gain(search, trial) > LEAST_LOG_ODDS:
             search.accepted = trial.accepted
             search.impossible = trial.impossible
             say_terms(search, search.accepted)
@@ -166,7 +166,7 @@ class _Laws:
         none = self._objective(np.zeros(len(self.changes)))
         without = max(none.value(Stepwise(none).likeliest(members)) for members in starts)
         value, members = max(map(self._climb, starts), key=lambda one: one[0])
-        if value <= without + WORTHWHILE:
+        if value <= without + LEAST_LOG_ODDS:
             return None
         return [self.terms[i] for i in members]
 
@@ -176,7 +176,7 @@ class _Laws:
         squares = [self._left(members, load) for load in (none, self._load(members, none))]
         free = Projected(self.problem, self.remainder).degrees - len(self._index(members))
         ratio = max(free, 1.0) * np.log(squares[0] / max(squares[1], 1e-300))
-        return float(chi2.sf(ratio, len(none))) < MISSING
+        return float(chi2.sf(ratio, len(none))) < UNMODELLED_LEVEL
 
     def _left(self, members: Members, load: np.ndarray) -> float:
         """Sum of squares that a set of laws leaves under a load."""
@@ -201,7 +201,7 @@ class _Laws:
             objective = self._objective(load)
             members = tuple(sorted(Stepwise(objective).likeliest(members)))
             reached = objective.value(members)
-            if reached <= best[0] + WORTHWHILE:
+            if reached <= best[0] + LEAST_LOG_ODDS:
                 break
             best = (reached, members)
         return best

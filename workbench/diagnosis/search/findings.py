@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from robot_model.effects import CATALOGUE
-from workbench.diagnosis.levels import CERTAIN, RARE, SHOWN
+from workbench.diagnosis.levels import CONFIDENCE, MOST_LISTED, RARE_PRIOR
 from workbench.diagnosis.linear.hypotheses import Hypothesis, family_wise
 from workbench.diagnosis.linear.problem import Alternative, Finding
 from workbench.diagnosis.noise.random_effects import hidden, movement
@@ -147,7 +147,9 @@ def _among_sets(
         label = known[key].label if key in known else ""
         instead.append(Alternative(*key, label, probability, alike, why))
     ranked = sorted((*instead, *others), key=lambda a: -a.probability)
-    return replace(made, probability=elastic * own.probability, alternatives=tuple(ranked[:SHOWN]))
+    return replace(
+        made, probability=elastic * own.probability, alternatives=tuple(ranked[:MOST_LISTED])
+    )
 
 
 def _alternatives(table, shares, own, left: float, noise: float) -> tuple[Alternative, ...]:
@@ -165,8 +167,8 @@ def _alternatives(table, shares, own, left: float, noise: float) -> tuple[Altern
         is_special = other.effect in special and other.where == own.where
         is_law = not other.unnamed and other.rank <= own.rank
         near = is_special or (are_elastic and less < noise)
-        near = near or (is_law and 0 < left and less < left and len(out) < SHOWN)
-        if key != own.key and (covered < CERTAIN or near):
+        near = near or (is_law and 0 < left and less < left and len(out) < MOST_LISTED)
+        if key != own.key and (covered < CONFIDENCE or near):
             alike = min(1.0, other.gain / max(own.gain, 1e-300))
             why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
             out.append(Alternative(*key, other.label, share, alike, why, other.missing))
@@ -188,9 +190,9 @@ def _doubted(search: Search, own: Hypothesis, made: Finding) -> Finding:
         return made
     share = left / (left + own.gain)
     places = len({site.where for site in search.problem.sites})
-    two = (1 - RARE) * np.exp(SECOND) / (1 if moves else places)
+    two = (1 - RARE_PRIOR) * np.exp(SECOND) / (1 if moves else places)
     directions = 1 if port == "frame" and _has_one_axis(search, own) else own.rank
-    one = RARE * share ** (max(_NUMBERS - directions, 1) / 2)
+    one = RARE_PRIOR * share ** (max(_NUMBERS - directions, 1) / 2)
     sure = float(two / (two + one))
     other = Alternative(
         "unknown",

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from workbench.core.least_squares.linear_algebra import least_squares
-from workbench.diagnosis.levels import MOST, NOTABLE, ROUNDING, WORTHWHILE
+from workbench.diagnosis.levels import LEAST_LOG_ODDS, LISTED_PROBABILITY, MAJORITY, ROUNDING
 from workbench.diagnosis.linear.estimates import Instant
 from workbench.diagnosis.linear.evidence import Projected, scan_moments
 from workbench.diagnosis.linear.hypotheses import Hypothesis, columns_of
@@ -49,13 +49,13 @@ def _refined(search, i: int) -> Hypothesis:
         return own
     scan, value = own.source
     here, weights = _posterior(search, i, scan)
-    plausible = here.options[(weights > NOTABLE) | (here.options == value)]
+    plausible = here.options[(weights > LISTED_PROBABILITY) | (here.options == value)]
     between = (here.x > plausible.min()) & (here.x <= plausible.max())
-    if not (problem.weights[between] < MOST).any():
+    if not (problem.weights[between] < MAJORITY).any():
         return own  # all of these samples count, in the evidence too
     conditional = problem.conditional_on(search.others(i))
     losses = [_loss(conditional, here, option) for option in plausible]
-    if min(losses) > _loss(conditional, here, value) - WORTHWHILE:
+    if min(losses) > _loss(conditional, here, value) - LEAST_LOG_ODDS:
         return own
     best = float(plausible[int(np.argmin(losses))])
     label, effects = here.word.format(best), here.make(best)

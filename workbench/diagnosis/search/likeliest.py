@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from workbench.core.model import STATE_PORTS
-from workbench.diagnosis.levels import WORTHWHILE
+from workbench.diagnosis.levels import LEAST_LOG_ODDS
 from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.exact_options import with_exact_options
 from workbench.diagnosis.linear.hypotheses import Hypothesis
@@ -79,7 +79,7 @@ def _hardly_likelier(objective: LogPosterior, members: Members, present: Members
     """Whether a set is likelier than the accepted one, but by less than is worth another solution."""
     if not present:
         return False
-    return 0 <= objective.value(members) - objective.value(present) < WORTHWHILE
+    return 0 <= objective.value(members) - objective.value(present) < LEAST_LOG_ODDS
 
 
 def _at_hand(search: Search, thorough: bool) -> tuple[list[Hypothesis], tuple[int, ...]]:

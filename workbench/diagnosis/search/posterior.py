@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from workbench.core.least_squares.linear_algebra import pseudo_inverse
-from workbench.diagnosis.levels import NOTABLE, ROUNDING, SHOWN, WORTHWHILE
+from workbench.diagnosis.levels import LEAST_LOG_ODDS, LISTED_PROBABILITY, MOST_LISTED, ROUNDING
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.constant_load import accept_constant_loads
@@ -77,7 +77,7 @@ class Window:
         best = int(np.argmax(self.weights))
         own = self.objective.value(tuple(range(count)))
         gain = self.objective.value(self.sets[best]) - own
-        return self.sets[best] if gain > WORTHWHILE else None
+        return self.sets[best] if gain > LEAST_LOG_ODDS else None
 
     def likelier_names(self, count: int) -> Members | None:
         """The set of the first `count` terms with the one exchanged whose best alternative is likelier by most.
@@ -115,7 +115,7 @@ class Window:
         likeness = np.array([alike(self.objective, key, other) for other in others])
         parts = held * np.maximum(likeness, ROUNDING)[:, None]
         shares = parts / np.maximum(parts.sum(0), ROUNDING) @ absent
-        ranked = [k for k in np.argsort(-shares)[:SHOWN] if shares[k] >= NOTABLE]
+        ranked = [k for k in np.argsort(-shares)[:MOST_LISTED] if shares[k] >= LISTED_PROBABILITY]
         return tuple((others[k], float(shares[k]), float(likeness[k])) for k in ranked)
 
     def _present(self, keys: Sequence[Key]) -> dict[Key, np.ndarray]:
@@ -213,7 +213,7 @@ def _likelier(search, i: int) -> Hypothesis | None:
             families.setdefault(h.key, []).append(h)
     marginal = {key: logsumexp([h.log_weight for h in own]) for key, own in families.items()}
     best = max(marginal, key=marginal.get, default=None)
-    if mine.key not in marginal or marginal[best] - marginal[mine.key] < WORTHWHILE:
+    if mine.key not in marginal or marginal[best] - marginal[mine.key] < LEAST_LOG_ODDS:
         return None
     other = max(families[best], key=lambda h: h.log_weight)
     # signs and prior sizes of elastic terms are known to sets alone
@@ -247,7 +247,7 @@ def _makes_likelier(search, i: int, other: Hypothesis) -> bool:
     )
     own, count = search.everyone, len(accepted)
     exchanged = tuple(count if k == i else k for k in own)
-    return objective.value(exchanged) - objective.value(own) > WORTHWHILE
+    return objective.value(exchanged) - objective.value(own) > LEAST_LOG_ODDS
 
 
 def _exchange_elastic(search) -> None:

@@ -10,11 +10,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from workbench.diagnosis.levels import MISSING, MOVES
+from workbench.diagnosis.levels import RANDOM_EFFECT_LEVEL, UNMODELLED_LEVEL
 from workbench.diagnosis.linear.hypotheses import family_wise, judged
 from workbench.diagnosis.linear.locate import located
 from workbench.diagnosis.linear.problem import Bench, Finding, Found, Problem
-from workbench.diagnosis.noise.data import far_off, of_data, unevenly
+from workbench.diagnosis.noise.data_findings import (
+    find_data_faults,
+    relative_noise,
+    unweighted_squares,
+)
 from workbench.diagnosis.noise.random_effects import (
     QUANTISATION,
     RandomEffect,
@@ -46,7 +50,7 @@ def find(
     bench: Bench,
     samples: np.ndarray | None = None,
     *,
-    level: float = MISSING,
+    level: float = UNMODELLED_LEVEL,
     progress: Callable[[str], None] = lambda text: None,
 ) -> Found:
     """What the baseline of a bench leaves out, on `samples` (n,) bool (None: all).
@@ -63,7 +67,7 @@ def find(
 
 def found_terms(bench: Bench, samples: np.ndarray | None = None) -> list[Finding]:
     """The terms of `find` alone, without probabilities, alternatives and noise: what a fold of a proof asks for."""
-    search = Search(bench, samples, MISSING, lambda text: None)
+    search = Search(bench, samples, UNMODELLED_LEVEL, lambda text: None)
     search.solve()
     _accept(search)
     exchange_names(search)
@@ -73,7 +77,7 @@ def found_terms(bench: Bench, samples: np.ndarray | None = None) -> list[Finding
 def _accept(search: Search) -> tuple[float, bool]:
     """Accept the likeliest set with the noise of the samples; the p-value of no term, and whether a place moves."""
     first = _first(search, thorough=False)
-    search.spread = unevenly(search.problem.conditional_on())
+    search.spread = relative_noise(search.problem.conditional_on())
     if search.spread is not None:  # noise that grows with a covariate passes for a function of it
         search.say("the noise is not the same everywhere")
         first = _again(search)
@@ -85,7 +89,7 @@ def _accept(search: Search) -> tuple[float, bool]:
         moving = search.random_effect is not own
     if moving and search.accepted:  # movement by chance also passes for laws
         search.say(f"{search.random_effect.site.where} moves from sample to sample")
-        search.level = MOVES  # how much it moves is only known nearly
+        search.level = RANDOM_EFFECT_LEVEL  # how much it moves is only known nearly
         first = _again(search)
     return first, moving
 
@@ -101,7 +105,7 @@ def _found(search: Search) -> Found:
     findings = tuple(with_special_cases(each))
     remainder = family_wise(search.table(search.everyone))
     after = search.converged().conditional_on()
-    outliers, data = of_data(after, [e for h in search.accepted for e in h.effects])
+    outliers, data = find_data_faults(after, [e for h in search.accepted for e in h.effects])
     if search.random_effect:
         data = ()
     elif remainder <= level:  # noise is judged where little is left
@@ -132,7 +136,9 @@ def _beyond_functions(search: Search, after: Problem, outliers, data):
     """
     own = sum(search.conditional_gain(i)[0] for i in search.everyone if search.accepted[i].unnamed)
     data = tuple(
-        f for f in data if f.effect == "outliers" and far_off(after, outliers) > (1 - LAW) * own
+        f
+        for f in data
+        if f.effect == "outliers" and unweighted_squares(after, outliers) > (1 - LAW) * own
     )
     return outliers & bool(data), data
 
@@ -156,7 +162,7 @@ def _first(search: Search, thorough: bool = True) -> float:
 
 def _moving(search: Search) -> RandomEffect | None:
     """The place with a random effect, unless what is left has a law, though not a known one."""
-    found = find_random_effect(search.problem.conditional_on(), MOVES)
+    found = find_random_effect(search.problem.conditional_on(), RANDOM_EFFECT_LEVEL)
     if found is None or found.p_value > family_wise(search.table(search.everyone)):
         return None
     return found
@@ -176,7 +182,7 @@ def _elsewhere(search: Search) -> bool:
     unknown = [h.where for h in search.accepted if h.unnamed]
     laws = tuple(i for i in search.everyone if not search.accepted[i].unnamed)
     bare, kept = search.problem.conditional_on(laws), search.problem.conditional_on()
-    found = find_random_effect(bare, MOVES) if unknown else None
+    found = find_random_effect(bare, RANDOM_EFFECT_LEVEL) if unknown else None
     if found is None or any(near(found.site.where, where) for where in unknown):
         return False
     before, after = (float((p.clear(p.residual) ** 2).sum()) for p in (bare, kept))
@@ -198,7 +204,7 @@ def _explain_next_to_unknowns(search: Search) -> bool:
     site = search.accepted[largest].source[0]
     port = getattr(site, "port", "frame")
     left = search.problem.conditional_on()
-    search.random_effect = residual_random_effect(left, site.where, port, MOVES)
+    search.random_effect = residual_random_effect(left, site.where, port, RANDOM_EFFECT_LEVEL)
     if search.random_effect is None:
         return False
     search.say(f"what is left at {site.where} is taken for the unknown's own")
@@ -208,7 +214,7 @@ def _explain_next_to_unknowns(search: Search) -> bool:
         return False
     search.random_effect = None
     search.solve()
-    search.random_effect = find_random_effect(search.problem.conditional_on(), MOVES)
+    search.random_effect = find_random_effect(search.problem.conditional_on(), RANDOM_EFFECT_LEVEL)
     return search.random_effect is not None
 
 
@@ -227,7 +233,7 @@ def _confirmed(search: Search, samples) -> Found:
     after = bench.problem(effects, samples, hypotheses=False).conditional_on()
     remainder = bench.problem(effects, thinned(bench.pose, every, JUDGED)).conditional_on()
     table = judged(remainder)
-    outliers, spread = of_data(after, effects)
+    outliers, spread = find_data_faults(after, effects)
     # where functions are accepted, as the part has it, on which laws and functions were judged
     if any(f.effect == "unknown" for f in found.findings):
         spread = tuple(f for f in spread if f.effect in {own.effect for own in found.spread})
@@ -243,4 +249,4 @@ def _confirmed(search: Search, samples) -> Found:
     )
 
 
-__all__ = ["MISSING", "find", "found_terms"]
+__all__ = ["UNMODELLED_LEVEL", "find", "found_terms"]

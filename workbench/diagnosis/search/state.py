@@ -9,7 +9,7 @@ from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.exact_options import with_exact_options
 from workbench.diagnosis.linear.hypotheses import Hypothesis, family_wise, judged
 from workbench.diagnosis.linear.problem import Bench, Problem
-from workbench.diagnosis.noise.data import evened_out
+from workbench.diagnosis.noise.data_findings import with_equal_noise
 from workbench.diagnosis.noise.random_effects import RandomEffect, evened_by
 from workbench.diagnosis.robot.derived import negative_masses
 from workbench.diagnosis.search.compatible import compatible
@@ -59,7 +59,7 @@ class Search:
             self.judged_under, self.alone = under, []
         problem = self.plain
         if self.spread is not None:
-            problem = evened_out(problem, self.spread)
+            problem = with_equal_noise(problem, self.spread)
         self.problem = (
             problem if self.random_effect is None else evened_by(problem, self.random_effect)
         )

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from workbench.diagnosis.levels import OUTLIER
+from workbench.diagnosis.levels import OUTLIER_WEIGHT
 from workbench.diagnosis.linear.evidence import once
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.validation.folds import Scheme, schemes
@@ -31,7 +31,7 @@ class ConditionalGains:
 
     def judged(self, term: Term, own: Sequence[int], kept: Sequence[int]) -> Term:
         """The term, with the effects `own`, with t, t_fall and gain of its presence next to the effects `kept`."""
-        usual, sigma, pose = self._problem.weights > OUTLIER, self._sigma, self._problem.pose
+        usual, sigma, pose = self._problem.weights > OUTLIER_WEIGHT, self._sigma, self._problem.pose
         rest = [i for i in kept if i not in own]
         t, falls, gain = [], [], []
         for scheme in self._judges_of(term, tuple(own)):

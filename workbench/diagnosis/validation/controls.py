@@ -21,7 +21,7 @@ from workbench.core.covariates import clock
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import solve_positive, symmetric_eigen
 from workbench.core.model import NOISE, STATE_PORTS
-from workbench.diagnosis.levels import MOST, SAME
+from workbench.diagnosis.levels import MAJORITY, NEGLIGIBLE_SHARE
 from workbench.diagnosis.linear.problem import Bench
 from workbench.diagnosis.validation.folds import judged_part
 from workbench.diagnosis.validation.heldout import name_of
@@ -97,7 +97,7 @@ def _clocked(effect: Effect, chain) -> bool:
     typical = np.array([p.typical for p in effect.parameters(chain)])
     states = chain.state, _turned_state(chain, 0.5)
     here, there = (effect.derivative(typical, state) for state in states)
-    return not np.allclose(here, there, rtol=0, atol=SAME * np.abs(here).max())
+    return not np.allclose(here, there, rtol=0, atol=NEGLIGIBLE_SHARE * np.abs(here).max())
 
 
 def _turned_state(chain, part: float):
@@ -253,7 +253,7 @@ class _Trial:
             made = self._left(self.columns(self.permuted(rng)) @ self.coefficients)
             length = float(made @ made)
             shares.append(self._explained(self.permuted(rng), made) / max(length, 1e-300))
-        return min(float(np.median(shares)), MOST)
+        return min(float(np.median(shares)), MAJORITY)
 
     def permuted(self, rng):
         """What the effects would do if every pose were another."""

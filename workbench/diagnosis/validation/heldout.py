@@ -7,7 +7,7 @@ import numpy as np
 from workbench.core.distributions import chi2, norm, student
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
-from workbench.diagnosis.levels import CLARK_WEST, REAL, SAME
+from workbench.diagnosis.levels import CRITICAL_CLARK_WEST_T, CRITICAL_T, NEGLIGIBLE_SHARE
 from workbench.diagnosis.linear.evidence import once
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.validation.folds import judged_part
@@ -84,12 +84,12 @@ def significance(
 
 def critical_t(sigma: np.ndarray | None) -> float:
     """t above which a gain is significant: of `clark_west_t`, or with sigma of `paired`."""
-    return CLARK_WEST if sigma is None else REAL
+    return CRITICAL_CLARK_WEST_T if sigma is None else CRITICAL_T
 
 
 def rises(t: float, sigma: np.ndarray | None) -> bool:
     """Whether a t says that the error significantly rises: of `clark_west_t`, or with sigma of `paired`."""
-    return t < (-DOUBLED * REAL if sigma is None else -REAL)
+    return t < (-DOUBLED * CRITICAL_T if sigma is None else -CRITICAL_T)
 
 
 def clark_west_t(
@@ -141,7 +141,9 @@ def _jackknife_t(falls: np.ndarray, moved: np.ndarray, in_order: bool = False) -
     """
     total, shown = falls.sum(), moved.sum()
     left = shown - moved  # by all others
-    others = np.divide(total - falls, left, out=np.zeros_like(falls), where=left > SAME * shown)
+    others = np.divide(
+        total - falls, left, out=np.zeros_like(falls), where=left > NEGLIGIBLE_SHARE * shown
+    )
     remaining = falls - others * moved
     spread = np.sqrt((remaining**2).sum() * (len(falls) - 1) / len(falls))
     spread *= np.sqrt(_serial_factor(remaining)) if in_order else 1.0
@@ -164,7 +166,7 @@ def _serial_factor(series: np.ndarray) -> float:
     if count < _LEAST_SERIES or not variance > 0:
         return 1.0
     rho = float(series[1:] @ series[:-1]) / variance
-    if rho * np.sqrt(count) < REAL:
+    if rho * np.sqrt(count) < CRITICAL_T:
         return 1.0
     alpha = 4 * rho**2 / ((1 - rho) * (1 + rho)) ** 2
     lags = np.arange(1, min(int(1.1447 * (alpha * count) ** (1 / 3)), count // 4) + 1)
@@ -260,7 +262,7 @@ class Errors:
         part = judged_part(self.bench)
         problem = self.bench.problem(effects, part, hypotheses=False).conditional_on()
         rows = (block if part is None else block[part])[problem.sample]
-        return _block_shares(problem, rows).max(initial=0.0) > 1 - SAME
+        return _block_shares(problem, rows).max(initial=0.0) > 1 - NEGLIGIBLE_SHARE
 
 
 def name_of(effect: Effect) -> str:
@@ -369,29 +371,29 @@ def variance_factor(problem: Problem, fold: np.ndarray, usual: np.ndarray) -> fl
         values, vectors = symmetric_eigen(mixing.T @ _block_gram(problem, rows) @ mixing)
         gram = mixing.T @ _block_gram(problem, rows & counted) @ mixing
         shares = np.einsum("ij,ik,kj->j", vectors, gram, vectors)
-        added += float((shares / np.maximum(1 - values, SAME)).sum())
+        added += float((shares / np.maximum(1 - values, NEGLIGIBLE_SHARE)).sum())
     return 1.0 + added / int(counted.sum())
 
 
 def _without_block(inner: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, float]:
     """(P,) (I - B_b'B_b)^-1 B_b'e, of inner products (P, P) and score (P,), and no log determinant.
 
-    A direction that the block alone determines counts as if the others determined `SAME` of it.
+    A direction that the block alone determines counts as if the others determined `NEGLIGIBLE_SHARE` of it.
     """
     identity = np.eye(len(inner))
     try:
-        np.linalg.cholesky((1 - SAME) * identity - inner)
+        np.linalg.cholesky((1 - NEGLIGIBLE_SHARE) * identity - inner)
     except np.linalg.LinAlgError:
         values, vectors = symmetric_eigen(inner)
-        return vectors @ (vectors.T @ score / np.maximum(1 - values, SAME)), 0.0
+        return vectors @ (vectors.T @ score / np.maximum(1 - values, NEGLIGIBLE_SHARE)), 0.0
     return np.linalg.solve(identity - inner, score), 0.0
 
 
 def _scored_block(inner: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, float]:
     """(P,) what V^-1/2 e has more than the residual, by directions, and log det V; see `_left_out_rows`."""
     values, vectors = symmetric_eigen(inner)
-    left = np.clip(1 - values, SAME, 1.0)
-    growth = (1 / np.sqrt(left) - 1) / np.maximum(values, SAME)
+    left = np.clip(1 - values, NEGLIGIBLE_SHARE, 1.0)
+    growth = (1 / np.sqrt(left) - 1) / np.maximum(values, NEGLIGIBLE_SHARE)
     return vectors @ (growth * (vectors.T @ score)), float(-np.log(left).sum())
 
 

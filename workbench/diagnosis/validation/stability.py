@@ -11,7 +11,7 @@ import numpy as np
 
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
-from workbench.diagnosis.levels import ALIKE, MOST
+from workbench.diagnosis.levels import CONFOUNDED_SHARE, MAJORITY
 from workbench.diagnosis.linear.problem import Finding, Problem
 from workbench.diagnosis.validation.folds import Scheme, judged_part
 from workbench.diagnosis.validation.heldout import (
@@ -157,7 +157,7 @@ def _alike(moved: np.ndarray, others: list[np.ndarray]) -> bool:
     made = np.stack(others, 1)
     share = least_squares(made, moved)
     like = np.maximum(share, 0.0) @ made.T
-    return bool(((moved - like) ** 2).sum() < (1 - MOST) * (moved**2).sum())
+    return bool(((moved - like) ** 2).sum() < (1 - MAJORITY) * (moved**2).sum())
 
 
 def _linear(
@@ -189,13 +189,17 @@ def _same(finding: Finding, made: np.ndarray, other: Finding, moved: np.ndarray)
     made, moved (N,): what the two make.
     """
     both = float((made**2).sum() * (moved**2).sum())
-    return _name(finding) in _names(other) or float(made @ moved) ** 2 >= ALIKE * both > 0
+    return (
+        _name(finding) in _names(other) or float(made @ moved) ** 2 >= CONFOUNDED_SHARE * both > 0
+    )
 
 
 def _names(finding: Finding) -> set[tuple[str, str]]:
     """A finding, its effects and its alternatives: what is about as likely in its place, or explains as much there."""
     alternatives = (
-        a for a in finding.alternatives if a.probability >= 1 - ALIKE or a.alike >= ALIKE
+        a
+        for a in finding.alternatives
+        if a.probability >= 1 - CONFOUNDED_SHARE or a.alike >= CONFOUNDED_SHARE
     )
     return {_name(one) for one in (finding, *finding.effects, *alternatives)}
 

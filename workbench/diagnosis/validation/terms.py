@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workbench.diagnosis.levels import CERTAIN
+from workbench.diagnosis.levels import CONFIDENCE
 from workbench.diagnosis.linear.problem import Finding
 
 
@@ -60,7 +60,7 @@ class Term:
     @property
     def certain(self) -> bool:
         """Whether no other named or unnamed thing explains it as well."""
-        return self.finding.probability >= CERTAIN or not self.finding.alternatives
+        return self.finding.probability >= CONFIDENCE or not self.finding.alternatives
 
     @property
     def title(self) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from robot_model.effects.instrument import AngularNoise, sight_lines
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.distributions import norm
-from workbench.diagnosis.levels import ON_DATA
+from workbench.diagnosis.levels import DATA_FAULT_LEVEL
 from workbench.diagnosis.linear.problem import Finding
 from workbench.explanation.result import Term
 
@@ -48,7 +48,7 @@ def angular_noise(bench, residual: np.ndarray, usual: np.ndarray) -> Finding | N
         (p_range if exponent > 0 else 1.0, f"with the range to the power {exponent:.2g}"),
     ]
     least, label = min(labels)
-    if 2 * least > ON_DATA:
+    if 2 * least > DATA_FAULT_LEVEL:
         return None
     return Finding(
         AngularNoise.effect, "noise", label, (), 2 * least, 1 - 2 * least, 0.0, 0.0, ("range",)

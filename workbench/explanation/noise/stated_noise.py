@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.distributions import chi2, fisher, student
-from workbench.diagnosis.levels import ON_DATA
+from workbench.diagnosis.levels import DATA_FAULT_LEVEL
 from workbench.diagnosis.linear.problem import Finding
 from workbench.explanation.noise.replicates import LEAST_REPEATS, replicates
 
@@ -39,7 +39,7 @@ class NoiseRatio:
     @property
     def is_wrong(self) -> bool:
         """Whether the statement is wrong beyond chance and by more than matters."""
-        return self.p_value < ON_DATA and abs(np.log(self.agreed)) > np.log(RELEVANT)
+        return self.p_value < DATA_FAULT_LEVEL and abs(np.log(self.agreed)) > np.log(RELEVANT)
 
 
 @dataclass(frozen=True)
@@ -92,9 +92,9 @@ class StatedNoise:
     def is_exceeded(self) -> bool:
         """Whether the residual is larger than the noise, beyond chance: that of replicates, else the stated one."""
         if self.from_replicates() is not None:
-            return self.lack_of_fit() < ON_DATA
+            return self.lack_of_fit() < DATA_FAULT_LEVEL
         found = self.from_residuals()
-        return found is not None and found.agreed > _EXCESS and found.p_value < ON_DATA
+        return found is not None and found.agreed > _EXCESS and found.p_value < DATA_FAULT_LEVEL
 
 
 def _ratio(

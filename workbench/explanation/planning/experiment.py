@@ -20,22 +20,22 @@ from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.vocabulary import Covariate
-from workbench.diagnosis.levels import MISSING
+from workbench.diagnosis.levels import UNMODELLED_LEVEL
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.validation.heldout import critical_t
-from workbench.explanation.planning.planned import Plan, plans
+from workbench.explanation.minimal_detectable_bias import separable_distance
+from workbench.explanation.planning.candidate_recordings import CandidateRecording, list_candidates
 from workbench.explanation.planning.scenes import scene_of
 from workbench.explanation.result import Experiment, Term
-from workbench.explanation.visible import separable_length
 from workbench.explanation.words import covariate, listed, place
 
 POSES, _ASKED = 30, 3
-_HOPELESS = 30  # times as many samples as were planned
+_MOST_EXTRA = 30  # times as many samples as were planned
 _LIKELY, _ALIKE = (
     0.05,
     0.9,
 )  # probability, or share of the signature, from which on an alternative is plausible
-_BROAD = 10.0  # typical sizes: what is known of the sizes of the two before measuring
+_PRIOR_SIZES = 10.0  # typical sizes: what is known of the sizes of the two before measuring
 NOTHING = "No finding is in doubt, so that no further recording is needed to distinguish it from anything else."
 EXCEPT = "No finding is in doubt, except by what this recording does not hold."
 REFUSED = (
@@ -62,7 +62,7 @@ CLEAN = (
 
 
 @dataclass(frozen=True)
-class Doubt:
+class ConfoundedPair:
     """A finding with its effects and values, the `alternative` effects that may replace it, and both their names."""
 
     own: tuple
@@ -88,7 +88,9 @@ def next_experiment(
     if all(term.share is not None and not term.remainder for term in terms):
         few = FEW.format(poses=len(np.unique(bench.pose)))
         untested = sides_from_moves(bench.chain) if _may_be_backlash(terms) else ""
-        return Experiment(" ".join(filter(None, (few if p_first < MISSING else CLEAN, untested))))
+        return Experiment(
+            " ".join(filter(None, (few if p_first < UNMODELLED_LEVEL else CLEAN, untested)))
+        )
     doubtful = [term for term in terms if not term.certain or term.finding.effect == "unknown"]
     if not doubtful:
         untested = sides_from_moves(bench.chain) if _may_be_backlash(terms) else ""
@@ -98,7 +100,7 @@ def next_experiment(
     asked = sorted(doubtful, key=lambda one: (not one.finding.effects, one.finding.probability))[
         :_ASKED
     ]
-    kinds = plans(bench) if bench.chain is not None else []
+    kinds = list_candidates(bench) if bench.chain is not None else []
     tried = [_asked(bench, terms, term, problem, kinds) for term in asked]
     open_yet = [
         k for k, (_, _, rows) in enumerate(tried) if rows and rows[0][0]["samples_needed"] > 0
@@ -106,13 +108,13 @@ def next_experiment(
     k = (
         open_yet[0] if open_yet else 0
     )  # rather one that these poses leave open than one that they tell already
-    term, (others, doubt, rows) = asked[k], tried[k]
+    term, (others, pair, rows) = asked[k], tried[k]
     if not rows:
         asked_for = _confirmed(bench, term, refused) or _missing(doubtful) or _by_word(term)
         return Experiment(" ".join(filter(None, (asked_for, untested))))
     best, plan = rows[0]
-    scene, robot = scene_of(bench, others, doubt, plan, len(best["poses"]))
-    parts = (describe_comparison(doubt, rows), _missing(doubtful, others=True), untested)
+    scene, robot = scene_of(bench, others, pair, plan, len(best["poses"]))
+    parts = (describe_comparison(pair, rows), _missing(doubtful, others=True), untested)
     sentence = " ".join(filter(None, parts))
     figures = tuple({k: v for k, v in row.items() if k != "poses"} for row, _ in rows)
     return Experiment(sentence, figures, scene, plan.listing(best["poses"]), robot)
@@ -132,7 +134,7 @@ def _confirmed(bench, term: Term, refused: Sequence[Term]) -> str:
         t = min(value for value in (one.t, one.t_nested, np.inf) if value is not None)
         if (found.effect, found.where, found.label) in keys and 0 < t < least:
             poses = len(np.unique(bench.pose))
-            more = poses * min((least / t) ** 2 - 1, _HOPELESS)
+            more = poses * min((least / t) ** 2 - 1, _MOST_EXTRA)
             return CONFIRM.format(name=_called(one), more=max(int(np.ceil(more / 10)) * 10, 10))
     return ""
 
@@ -171,11 +173,11 @@ def sides_from_moves(chain) -> str:
     return "" if is_recorded else SIDES_FROM_MOVES
 
 
-def _asked(bench, terms, term: Term, problem: Problem, kinds: Sequence[Plan]):
+def _asked(bench, terms, term: Term, problem: Problem, kinds: Sequence[CandidateRecording]):
     """The other terms' effects, the doubt about one, and the recordings of these kinds that might end it."""
     others = tuple(e for one in terms if one is not term for e in one.finding.effects)
-    doubt = _doubt(bench, term, problem) if bench.chain is not None else None
-    return others, doubt, compared(bench, others, doubt, kinds) if doubt is not None else []
+    pair = _confounded_pair(bench, term, problem) if bench.chain is not None else None
+    return others, pair, compared(bench, others, pair, kinds) if pair is not None else []
 
 
 def missing_of(terms: Sequence[Term]) -> tuple[str, ...]:
@@ -224,7 +226,7 @@ def _called(term: Term) -> str:
     return f"{'an unknown error' if found.effect == 'unknown' else found.effect} at {place(found.where)}"
 
 
-def _doubt(bench, term: Term, problem: Problem) -> Doubt | None:
+def _confounded_pair(bench, term: Term, problem: Problem) -> ConfoundedPair | None:
     """The finding and its likeliest named alternative; None if it has none."""
     own = [row for row in term.parameters if not row.get("derived")]  # others follow from these
     values = np.array([row["value"] for row in own])
@@ -232,7 +234,9 @@ def _doubt(bench, term: Term, problem: Problem) -> Doubt | None:
         alternative = _effects_of(problem, one)
         if alternative and len(values):
             other = f"{one.effect}{f' ({one.label})' if one.label else ''} at {place(one.where)}"
-            return Doubt(tuple(term.finding.effects), values, alternative, _called(term), other)
+            return ConfoundedPair(
+                tuple(term.finding.effects), values, alternative, _called(term), other
+            )
     return None
 
 
@@ -248,12 +252,14 @@ def _effects_of(problem: Problem, one) -> tuple:
     return ()
 
 
-def compared(bench, others, doubt: Doubt, kinds: Sequence[Plan]) -> list[tuple[dict, Plan]]:
+def compared(
+    bench, others, pair: ConfoundedPair, kinds: Sequence[CandidateRecording]
+) -> list[tuple[dict, CandidateRecording]]:
     """Every kind of recording with its best poses and what they would reach, the most telling first."""
-    found, fitted = [], _fitted(bench, others, doubt)
+    found, fitted = [], _fitted(bench, others, pair)
     for plan in kinds:
         try:
-            found.append((_worth(bench, fitted, doubt, plan), plan))
+            found.append((_information_gain(bench, fitted, pair, plan), plan))
         except InputError:  # an effect needs a column that this kind of recording does not have
             continue
     found = [row for row in found if row[0] is not None]
@@ -270,19 +276,21 @@ class _Fitted:
     sigma: float
 
 
-def _fitted(bench, others, doubt: Doubt) -> _Fitted:
-    solved, fit, _ = bench.solve((*others, *doubt.own))
-    effects = (*bench.baseline, *others, *doubt.own, *doubt.alternative)
+def _fitted(bench, others, pair: ConfoundedPair) -> _Fitted:
+    solved, fit, _ = bench.solve((*others, *pair.own))
+    effects = (*bench.baseline, *others, *pair.own, *pair.alternative)
     sigma = float(np.median(solved.sigma(fit.parameters)))
     return _Fitted(solved.chain, fit.parameters, effects, sigma)
 
 
-def _worth(bench, fitted: _Fitted, doubt: Doubt, plan: Plan) -> dict | None:
+def _information_gain(
+    bench, fitted: _Fitted, pair: ConfoundedPair, plan: CandidateRecording
+) -> dict | None:
     """How far apart the two would stand with the plan's best poses."""
-    rows, own, prior, typical = _rows(bench, fitted, doubt, plan)
+    rows, own, prior, typical = _rows(bench, fitted, pair, plan)
     n = bench.chain.n
     size = np.zeros(rows.shape[2])
-    size[own] = doubt.values / typical
+    size[own] = pair.values / typical
     known = normal_of(rows[:n]) + np.diag(prior)
     blocks = _by_pose(rows[n:], plan.pose)
     count = min(POSES, len(blocks))
@@ -290,12 +298,12 @@ def _worth(bench, fitted: _Fitted, doubt: Doubt, plan: Plan) -> dict | None:
     task[0, 0] = size / max(np.linalg.norm(size), 1e-300)
     chosen = choose(blocks, count, "task", task, draws=20, known=known).chosen
     more = known + normal_of(blocks[chosen])
-    now, then = _apart(known, size, own), _apart(more, size, own)
+    now, then = _separation(known, size, own), _separation(more, size, own)
     gained = then**2 - now**2
     if not gained > 0:
         return None
     samples = int(np.isin(plan.pose, chosen).sum())
-    needed = samples * max(separable_length() ** 2 - now**2, 0.0) / gained
+    needed = samples * max(separable_distance() ** 2 - now**2, 0.0) / gained
     return {
         "plan": plan.name,
         "poses": chosen,
@@ -307,7 +315,7 @@ def _worth(bench, fitted: _Fitted, doubt: Doubt, plan: Plan) -> dict | None:
     }
 
 
-def _apart(normal, size, own) -> float:
+def _separation(normal, size, own) -> float:
     """Sigmas between the finding's signature and all that the other columns can make of it."""
     rest = np.setdiff1d(np.arange(len(normal)), own)
     cross = normal[np.ix_(own, rest)]
@@ -315,21 +323,23 @@ def _apart(normal, size, own) -> float:
     return float(np.sqrt(max(size[own] @ left @ size[own], 0.0)))
 
 
-def _rows(bench, fitted: _Fitted, doubt: Doubt, plan: Plan):
+def _rows(bench, fitted: _Fitted, pair: ConfoundedPair, plan: CandidateRecording):
     """Whitened rows (n + extra, m, F) in typical sizes, places of the finding's parameters, precisions, their sizes."""
     chain = bind(fitted.chain.robot, plan.recording, fitted.chain.start)
     chain = replace(chain, state=replace(chain.state, covariates=plan.covariates(chain)))
     model = Model(chain, fitted.effects)
     parameters = model.parameters.take_over(fitted.parameters)
-    own = [p.key for e in doubt.own for p in e.parameters(chain)]
-    alternative = [p.key for e in doubt.alternative for p in e.parameters(chain)]
+    own = [p.key for e in pair.own for p in e.parameters(chain)]
+    alternative = [p.key for e in pair.alternative for p in e.parameters(chain)]
     free = parameters.only(parameters.mask | np.isin(parameters.keys, own + alternative))
     typical = free.typical[free.mask]
     rows = model.linearise(free)[1] / fitted.sigma * typical[:, None, None]
     keys = [key for key, chosen in zip(free.keys, free.mask) if chosen]
     prior = (
         np.where(
-            np.isin(keys, own + alternative), _BROAD**-2, free.precision[free.mask] * typical**2
+            np.isin(keys, own + alternative),
+            _PRIOR_SIZES**-2,
+            free.precision[free.mask] * typical**2,
         )
         + 1e-9
     )
@@ -350,25 +360,27 @@ def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def describe_comparison(doubt: Doubt, rows: Sequence[tuple[Mapping, Plan]]) -> str:
+def describe_comparison(
+    pair: ConfoundedPair, rows: Sequence[tuple[Mapping, CandidateRecording]]
+) -> str:
     """What `compared` found, as a sentence or two."""
     best, plan = rows[0]
     if best["samples_needed"] == 0:
         return (
-            f"At the size found, {doubt.name} and {doubt.other} stand {best['apart_now_sigma']:.1f} σ apart in these "
-            f"poses ({separable_length():.1f} σ are needed to be 95 % sure). That both remain likely says that neither "
-            f"alone describes what is there. {_capital(plan.words.format(poses=len(best['poses'])))}."
+            f"At the size found, {pair.name} and {pair.other} stand {best['apart_now_sigma']:.1f} σ apart in these "
+            f"poses ({separable_distance():.1f} σ are needed for a probability of 95 %). Both remain likely: neither "
+            f"alone describes the effect. {_capital(plan.words.format(poses=len(best['poses'])))}."
         )
-    if best["samples_needed"] > _HOPELESS * best["samples"]:
+    if best["samples_needed"] > _MOST_EXTRA * best["samples"]:
         return (
-            f"No recording of the kinds that were compared distinguishes {doubt.name} from {doubt.other}: they move "
+            f"No recording of the kinds that were compared distinguishes {pair.name} from {pair.other}: they move "
             f"the measured point alike, {best['apart_now_sigma']:.1f} σ apart now and {best['apart_then_sigma']:.1f} σ "
             f"with {best['samples']} more samples, {plan.name}. Either corrects for both."
         )
     first = (
-        f"To distinguish {doubt.name} from {doubt.other}: {plan.words.format(poses=len(best['poses']))}. They would "
+        f"To distinguish {pair.name} from {pair.other}: {plan.words.format(poses=len(best['poses']))}. They would "
         f"then stand {best['apart_then_sigma']:.1f} σ apart instead of {best['apart_now_sigma']:.1f} σ "
-        f"({separable_length():.1f} σ are needed to be 95 % sure)."
+        f"({separable_distance():.1f} σ are needed for a probability of 95 %)."
     )
     if len(rows) > 1:
         other, second = rows[1]

@@ -113,7 +113,7 @@ def _of_change(model: Model, parameters: Parameters, residual, arrows, samples):
     their deflection under a load on the flange.
     """
     chain, series = model.chain, [arrows]
-    if chain.looks == 1:
+    if chain.poses_per_sample == 1:
         series.append(np.einsum("cin,in->cn", chain.state.frames.link[-1], arrows))
         own = parameters.values[: len(chain.parameters)]
         rows = chain.evaluate(own, {}).rows("joint", np.arange(len(chain.variables)))
@@ -174,8 +174,8 @@ def _joint_error_columns(model: Model, parameters: Parameters, degrees: int) -> 
     else:
         return None
     columns = np.stack([rows[k] * wave for k, wave in pairs])
-    looks = chain.looks
-    return columns if looks == 1 else columns.reshape(*columns.shape[:-1], looks, -1).sum(-2)
+    poses = chain.poses_per_sample
+    return columns if poses == 1 else columns.reshape(*columns.shape[:-1], poses, -1).sum(-2)
 
 
 def _waves(chain) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from datasets.columns import joint_columns
 from robot_model.clearance import self_clearance
 from robot_model.effects import CATALOGUE
-from robot_model.measurements import looks_of, measurement_of, samples_of
+from robot_model.measurements import end_recordings, measurement_of, samples_of
 from robot_model.system import bind, geometry_free, held_by_convention
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
@@ -152,7 +152,7 @@ def choose_poses(
     picked = _in_rounds(np.bincount(design.chosen, minlength=count)[poses])
     everything = everything.free(*held_by_convention(robot))
     judged = identifiability(normal_matrix(model.at(picked), everything), everything)
-    samples = tuple(int(i) for look in looks_of(moving) for i in look.sample_ids[picked])
+    samples = tuple(int(i) for end in end_recordings(moving) for i in end.sample_ids[picked])
     return Chosen(
         recording,
         samples,
@@ -284,9 +284,9 @@ def _rotation_error(rows, tasks, known) -> float:
 def _usable(robot, recording, link_radius, sight):
     """(n,) which rows may be driven to and show what they should, and how many may not, by the first reason."""
     left, taken = {}, np.zeros(recording.n, bool)
-    for look in looks_of(recording):
-        variables = robot.mixing @ look.joints.T
-        reasons = {"beyond a joint's limit": _beyond(robot, look.joints)}
+    for end in end_recordings(recording):
+        variables = robot.mixing @ end.joints.T
+        reasons = {"beyond a joint's limit": _beyond(robot, end.joints)}
         reasons["in the arm's own way"] = (
             self_clearance(robot, variables, link_radius) < 2 * link_radius
             if link_radius > 0

@@ -8,7 +8,7 @@ import numpy as np
 
 from robot_model.chain import forward
 from robot_model.loading import builtin_robots, load_robot
-from robot_model.measurements import looks_of, samples_of
+from robot_model.measurements import end_recordings, samples_of
 from robot_model.robot import Robot
 from robot_model.state import sliding
 from robot_model.system import geometry_free
@@ -127,7 +127,7 @@ def robot_called(name: str) -> tuple[Robot, np.ndarray | None]:
             f"{recording.measures} without; name a robot, or another recording"
         )
     robot = load_robot(recording.robot, f"robot of {recording.name}")
-    readings = np.concatenate([look.joints for look in looks_of(samples_of(recording))])
+    readings = np.concatenate([end.joints for end in end_recordings(samples_of(recording))])
     if readings.shape[1] != robot.mixing.shape[1]:
         raise InputError(
             f"{name}: expected {robot.mixing.shape[1]} joint readings as {robot.name} has, found "

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from datasets.importers.source import RawTable
-from sensors.hand_eye.outlier_words import outlier_sentence
+from sensors.hand_eye.outlier_message import outlier_sentence
 from sensors.hand_eye.review import UNEXPLAINED, Review
 from workbench.core.errors import InputError
 

@@ -109,7 +109,7 @@ def _with_camera(recording, detection, linked, early, progress) -> HandEyePlausi
 
 
 def _outliers(review, names: Sequence[str]) -> Iterator[tuple]:
-    from sensors.hand_eye.outlier_words import outlier_sentence
+    from sensors.hand_eye.outlier_message import outlier_sentence
 
     sentence = outlier_sentence(review, names)
     if sentence is not None:

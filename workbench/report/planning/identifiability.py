@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from robot_model import load_robot
-from robot_model.measurements import looks_of, samples_of
+from robot_model.measurements import end_recordings, samples_of
 from workbench.report import style
 from workbench.report.planning import arm_space, observability
 from workbench.report.sections import Page, Section, facts, figure, note, table, words
@@ -114,7 +114,7 @@ def _poses(recording):
     if not recording.robot or not moving.joints.size:
         return
     robot = load_robot(recording.robot, f"robot of {recording.name}")
-    joints = np.concatenate([look.joints for look in looks_of(moving)])
+    joints = np.concatenate([end.joints for end in end_recordings(moving)])
     drawn = arm_space.joint_ranges(robot, [("recorded", joints, style.BLUE)])
     yield figure(
         "joints",

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from robot_model import load_robot
-from robot_model.measurements import looks_of, samples_of
+from robot_model.measurements import end_recordings, samples_of
 from workbench.jobs.robot.poses import Chosen
 from workbench.report import style
 from workbench.report.planning import arm_space, observability
@@ -49,9 +49,9 @@ def page(chosen: Chosen, answer: Mapping) -> Page:
 def _space(chosen: Chosen):
     moving = samples_of(chosen.recording)
     robot = load_robot(chosen.recording.robot, "robot of the candidates")
-    looks = looks_of(moving)
-    joints = np.concatenate([look.joints for look in looks])
-    numbers = np.concatenate([look.sample_ids for look in looks])
+    ends = end_recordings(moving)
+    joints = np.concatenate([end.joints for end in ends])
+    numbers = np.concatenate([end.sample_ids for end in ends])
     taken = np.isin(numbers, chosen.samples)
     places = arm_space.flange_places(robot, joints)
     drawn = arm_space.poses_in_space(

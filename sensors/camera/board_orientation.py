@@ -32,7 +32,7 @@ def distinguishes_rotations(board: "Board", effects: Sequence[Effect]) -> bool:
     return board.turns == 4 and any(isinstance(effect, BoardBow) for effect in effects)
 
 
-def quarter_turned(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> np.ndarray:
+def needs_quarter_turn(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> np.ndarray:
     """(G,) True for board poses whose corners fit a common bow better after a quarter turn of the board.
 
     A quarter turn of the board changes the sign of the two numbers of its bow that are not round. Of
@@ -72,7 +72,9 @@ def _own_bows(chain, fit, effects):
     return np.array([(xx - yy) / 2, xy]) - change, information
 
 
-def turn(chain: Corners, views: Sequence["View"], board: "Board", turned: np.ndarray, model: str):
+def rotate_views(
+    chain: Corners, views: Sequence["View"], board: "Board", turned: np.ndarray, model: str
+):
     """Chain and views with the board in the poses `turned` (G,) laid on itself by a quarter turn."""
     group = placement_groups(views)[0]
     views = [relabelled(view, board, 1) if turned[k] else view for view, k in zip(views, group)]

@@ -5,7 +5,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from datasets.makers import poses
-from datasets.makers.blind import facts
+from datasets.makers.blind import data_sheets
 
 _POOL = 8000
 _LEVER = 300.0  # mm that one rad of orientation counts as, as in `poses`
@@ -13,7 +13,10 @@ _LEVER = 300.0  # mm that one rad of orientation counts as, as in `poses`
 
 def limits(robot, mixing: np.ndarray) -> np.ndarray:
     """(J, 2) rad: what the joints' angles may be; those of a coupled joint follow from its own reading."""
-    own = np.deg2rad([facts.limits_deg(row) for row in robot["joint"]]) * np.diag(mixing)[:, None]
+    own = (
+        np.deg2rad([data_sheets.limits_deg(row) for row in robot["joint"]])
+        * np.diag(mixing)[:, None]
+    )
     return np.sort(own, axis=1)
 
 

@@ -22,7 +22,7 @@ MORE, LOAD, WARM, SIDES = (
 
 
 @dataclass(frozen=True)
-class Plan:
+class CandidateRecording:
     """A kind of recording: what was measured with `extra` rows after it.
 
     `pose` (extra,) 0, 1, ... which of the pool's poses each extra row is of; `sides` (extra,) +-1 the side of approach,
@@ -59,7 +59,7 @@ class Plan:
         return np.stack([self.recording.columns[c][rows] for c in columns], 1)
 
 
-def plans(bench, seed: int = 0) -> list[Plan]:
+def list_candidates(bench, seed: int = 0) -> list[CandidateRecording]:
     """Every kind that makes sense for this arm and recording."""
     rng = np.random.default_rng(seed)
     recording = bench.recording
@@ -100,7 +100,7 @@ def _joined(recording, rows, changed=None):
     )
 
 
-def _loaded(bench, rows, pose) -> Plan:
+def _loaded(bench, rows, pose) -> CandidateRecording:
     robot, held = (
         bench.chain.robot,
         bench.recording.columns.get("payload_kg", np.zeros(bench.recording.n)),
@@ -110,24 +110,26 @@ def _loaded(bench, rows, pose) -> Plan:
     words = f"measure {{poses}} of these poses again with {load:g} kg more on the flange"
     ids = bench.recording.sample_ids[rows]
     scene = {"payload_kg": [float(held.min()), float(held.max()) + load]}
-    return Plan(LOAD, words, joined, pose, np.zeros(len(rows)), ids, scene)
+    return CandidateRecording(LOAD, words, joined, pose, np.zeros(len(rows)), ids, scene)
 
 
-def _warmer(recording, rows, pose) -> Plan:
+def _warmer(recording, rows, pose) -> CandidateRecording:
     held = recording.columns["temperature_c"]
     joined = _joined(recording, rows, {"temperature_c": held[rows] + _WARMER_K})
     words = f"measure {{poses}} of these poses again {_WARMER_K:g} K warmer"
     scene = {"temperature_c": [float(held.min()), float(held.max()) + _WARMER_K]}
-    return Plan(WARM, words, joined, pose, np.zeros(len(rows)), recording.sample_ids[rows], scene)
+    return CandidateRecording(
+        WARM, words, joined, pose, np.zeros(len(rows)), recording.sample_ids[rows], scene
+    )
 
 
-def _both_sides(recording, rows, pose) -> Plan:
+def _both_sides(recording, rows, pose) -> CandidateRecording:
     twice = np.concatenate([rows, rows])
     sides = np.repeat([-1.0, 1.0], len(rows))
     order = np.argsort(np.concatenate([pose, pose]), kind="stable")
     changed = {name: sides[order] for name in recording.columns if Covariate.of(name).is_signed}
     words = "come to {poses} of these poses from both sides of every joint"
-    return Plan(
+    return CandidateRecording(
         SIDES,
         words,
         _joined(recording, twice[order], changed),
@@ -138,7 +140,7 @@ def _both_sides(recording, rows, pose) -> Plan:
     )
 
 
-def _more(bench, rows, pose, rng) -> Plan:
+def _more(bench, rows, pose, rng) -> CandidateRecording:
     """New poses: at random among those measured for a sensor that must see its ball, else in the joints' ranges."""
     recording = bench.recording
     names = [c for c in recording.columns if Covariate.of(c).is_reading]
@@ -154,7 +156,7 @@ def _more(bench, rows, pose, rng) -> Plan:
         fresh = rng.uniform(low, high, (count, len(names))).T[:, pose]
     changed = dict(zip(names, np.clip(fresh, low[:, None], high[:, None])))
     joined = _seen(bench, _joined(recording, rows, changed))
-    return Plan(
+    return CandidateRecording(
         MORE, "measure {poses} more poses, chosen for it", joined, pose, np.zeros(len(rows)), None
     )
 

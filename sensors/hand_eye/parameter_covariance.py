@@ -20,7 +20,7 @@ _OWN = 0.5  # a direction that lies in the others but for a half of it is one of
 
 
 @dataclass(frozen=True)
-class Known:
+class ParameterCovariance:
     """Of the F free parameters `keys`: `covariance` (F, F) in their units, what is not determined held;
     `open` (F, K) directions that are not determined, one typical size long; `sentences` on them; `typical`
     (F,) sizes."""
@@ -48,7 +48,7 @@ class Known:
         return dict(zip(self.keys, np.sqrt(np.diag(self.of(np.eye(len(self.keys))))).tolist()))
 
 
-def knowledge(adjusted, motion: Motion) -> Known:
+def parameter_covariance(adjusted, motion: Motion) -> ParameterCovariance:
     """What an `Adjusted` knows, where the flange moved as it did.
 
     Only parameters without a prior are judged; those with a prior (a camera) are adjusted with
@@ -75,7 +75,7 @@ def knowledge(adjusted, motion: Motion) -> Known:
         # what is left when the open directions are held: an oblique projection on both sides keeps it non-negative
         project = np.eye(len(held)) - cross @ solve_positive(null.T @ cross, null.T)
         held = project @ held @ project.T
-    return Known(
+    return ParameterCovariance(
         keys,
         held * np.outer(typical, typical),
         null * typical[:, None],

@@ -8,16 +8,18 @@ from scipy.special import logsumexp
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.effect import Effect
 from workbench.core.vocabulary import Covariate
-from workbench.diagnosis.levels import CERTAIN, ON_DATA, RARE
+from workbench.diagnosis.levels import CONFIDENCE, DATA_FAULT_LEVEL, RARE_PRIOR
 from workbench.diagnosis.linear.problem import Finding, Problem
 from workbench.diagnosis.noise.contaminated import contaminated
 from workbench.diagnosis.noise.outliers import spread_along, spread_with
 
-_CLEAR = 1 / (1 - CERTAIN)
+_CLEAR = 1 / (1 - CONFIDENCE)
 """Bayes factor from which on outliers are claimed: by chance less than once in as many times."""
 
 
-def of_data(problem: Problem, effects: Sequence[Effect]) -> tuple[np.ndarray, tuple[Finding, ...]]:
+def find_data_faults(
+    problem: Problem, effects: Sequence[Effect]
+) -> tuple[np.ndarray, tuple[Finding, ...]]:
     """(n,) bool of the outliers, and findings on the data: a spread that is not the same everywhere, and outliers.
 
     effects: of the model. Samples that they cannot predict, see `_predicted`, are no outliers.
@@ -28,7 +30,7 @@ def of_data(problem: Problem, effects: Sequence[Effect]) -> tuple[np.ndarray, tu
     if factor < np.log(_CLEAR) or not found.any():
         return np.zeros(problem.n, bool), spread
     p, label = max(float(np.exp(-factor)), 1e-300), f"{found.sum()} of {problem.n}"
-    probability = RARE / (RARE + (1 - RARE) * p)
+    probability = RARE_PRIOR / (RARE_PRIOR + (1 - RARE_PRIOR) * p)
     return found, (*spread, Finding("outliers", "samples", label, (), p, probability, 0.0, 0.0))
 
 
@@ -44,12 +46,12 @@ def _predicted(problem: Problem, effects: Sequence[Effect]) -> np.ndarray:
     return np.any(moves, axis=0)
 
 
-def far_off(problem: Problem, outliers: np.ndarray) -> float:
+def unweighted_squares(problem: Problem, outliers: np.ndarray) -> float:
     """Whitened sum of squares of the samples `outliers` (n,) bool, without the robust weights."""
     return float((_unweighted(problem)[outliers[problem.sample]] ** 2).sum())
 
 
-def unevenly(problem: Problem) -> np.ndarray | None:
+def relative_noise(problem: Problem) -> np.ndarray | None:
     """(n,) how far the noise of each sample is spread, 1 on average; None where it is the same everywhere.
 
     Noise that grows with something makes functions of it out of nothing: all is to be judged with it evened.
@@ -62,7 +64,7 @@ def unevenly(problem: Problem) -> np.ndarray | None:
     )
 
 
-def evened_out(problem: Problem, spread: np.ndarray) -> Problem:
+def with_equal_noise(problem: Problem, spread: np.ndarray) -> Problem:
     """The problem whitened by the spread (n,) of each sample's noise."""
     factor = (1 / spread)[problem.sample]
     return problem.through(lambda rows: rows * factor, problem.weights / spread**2)
@@ -97,10 +99,16 @@ def _spread(problem: Problem) -> tuple[Finding, ...]:
     if len(problem.residual) % problem.n:
         return ()
     found = spread_with(_unweighted(problem).reshape(-1, problem.n), problem.covariates)
-    if found is None or found[1] > ON_DATA:
+    if found is None or found[1] > DATA_FAULT_LEVEL:
         return ()
     name, p = found
     return (Finding(NoiseLaw.effect, "noise", f"with {name}", (), p, 1.0 - p, 0.0, 0.0, (name,)),)
 
 
-__all__ = ["ON_DATA", "evened_out", "far_off", "of_data", "unevenly"]
+__all__ = [
+    "DATA_FAULT_LEVEL",
+    "find_data_faults",
+    "relative_noise",
+    "unweighted_squares",
+    "with_equal_noise",
+]

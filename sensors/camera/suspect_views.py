@@ -28,7 +28,7 @@ _NEIGHBOURS = 40  # corners of a board pose below which a warp of that order acr
 _MANY = 3  # board poses that are off smoothly from which on the lens is the cause
 
 
-def on_a_line(views: Sequence["View"], board) -> np.ndarray:
+def is_collinear(views: Sequence["View"], board) -> np.ndarray:
     """(V,) True for views whose corners lie on one line of the board."""
     count = np.array([len(view.index) for view in views])
     of_view = np.repeat(np.arange(len(views)), count)
@@ -46,14 +46,14 @@ def on_a_line(views: Sequence["View"], board) -> np.ndarray:
     return product < _FLAT**2 * (xx + yy) ** 2
 
 
-def repeated(views: Sequence["View"]) -> list[int | None]:
+def repeated_views(views: Sequence["View"]) -> list[int | None]:
     """Of each view the number of an earlier one with the very same corners, None where there is none."""
     first: dict[tuple, int] = {}
     keys = [(np.asarray(view.index).tobytes(), np.asarray(view.pixels).tobytes()) for view in views]
     return [None if first.setdefault(key, k) == k else first[key] for k, key in enumerate(keys)]
 
 
-def unsmooth(chain: Corners) -> np.ndarray:
+def smoothness_misfit(chain: Corners) -> np.ndarray:
     """(G,) RMS that a quadratic warp of the board leaves of some corners, over the extent of its image.
 
     Of a board through any lens hardly anything, of corners in a wrong order most of it. inf where
@@ -75,13 +75,13 @@ def unsmooth(chain: Corners) -> np.ndarray:
     return np.where(spare < _OVER, np.inf, error)
 
 
-def from_behind(poses: np.ndarray) -> np.ndarray:
+def is_behind_board(poses: np.ndarray) -> np.ndarray:
     """(G,) True where the board shows another side than in most images: corners numbered in mirror image."""
     away = (rotation_matrix(poses[:, 3:])[:, :, 2] * poses[:, :3]).sum(1) > 0
     return away != (2 * away.sum() > len(away))
 
 
-def blunders(chain: Corners, residual: np.ndarray) -> np.ndarray:
+def find_blunders(chain: Corners, residual: np.ndarray) -> np.ndarray:
     """(n,) True for corners that are far off and unlike their neighbours, and for most of a image that contradicts.
 
     What a lens does that is not of the model fitted is smooth across each board, and many boards show

@@ -14,7 +14,7 @@ from workbench.explanation.term_steps import steps_of_terms
 SENSOR_CHAIN = ("camera", "laser", "mirror", "sensor", "artefact")
 
 
-class Final:
+class FinalModel:
     """The residuals of baseline and final model of a bench, and what follows from them."""
 
     def __init__(self, bench, found: Found, unit: str, terms=None):

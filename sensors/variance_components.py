@@ -18,7 +18,7 @@ _GROWS = 10.0  # times what a variance is known to, that it may grow by in one s
 
 
 @dataclass(frozen=True)
-class Components:
+class VarianceComponents:
     """`variance` (K,) of each kind, and `std` (K,) of these, inf where the data tell nothing; `signed` (K,) the same
     where nothing forbids it to be negative."""
 
@@ -40,7 +40,7 @@ class Components:
         return np.where(known, np.maximum(self.signed + std * beyond, 0.0), self.variance)
 
 
-def components(own: np.ndarray, pull: np.ndarray, kind: np.ndarray) -> Components:
+def estimate_components(own: np.ndarray, pull: np.ndarray, kind: np.ndarray) -> VarianceComponents:
     """Variances of E shared errors of kinds 0 to K - 1.
 
     own (E, E) is R and pull (E,) is g at zero variances, kind (E,) int. Fisher's scoring (Patterson & Thompson,
@@ -60,7 +60,9 @@ def components(own: np.ndarray, pull: np.ndarray, kind: np.ndarray) -> Component
         variance, std = _stepped(variance, known, score, estimable)
         if (np.abs(variance - before) <= _STILL * np.where(np.isfinite(std), std, 0)).all():
             break
-    return Components(variance, std, np.where(variance > 0, variance, np.minimum(signed, 0.0)))
+    return VarianceComponents(
+        variance, std, np.where(variance > 0, variance, np.minimum(signed, 0.0))
+    )
 
 
 def _left(own):

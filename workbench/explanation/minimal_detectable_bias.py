@@ -28,7 +28,7 @@ _NOTHING = (
 
 
 @dataclass(frozen=True)
-class Visible:
+class DetectableBias:
     """The smallest size of one candidate at its place.
 
     `size`: RMS displacement of the measured point (mm, or px) that it makes by itself, and `surviving` what is left
@@ -53,9 +53,9 @@ class Visible:
     alternative_where: str
 
 
-def smallest(
+def minimal_detectable_biases(
     problem: Problem, sigma: np.ndarray, units: Callable[[Candidate], Sequence[str]]
-) -> list[Visible]:
+) -> list[DetectableBias]:
     """The smallest visible and the smallest separable size of every candidate, in their order.
 
     problem: of the baseline. sigma (N,): 1 sigma of each coordinate (mm, px), scaled to the noise that is there, over
@@ -152,7 +152,7 @@ def _threshold(columns, count):
     return np.array([needed[p] for p in columns])
 
 
-def separable_length() -> float:
+def separable_distance() -> float:
     """d with P(N(d^2/2, d^2) > log(POWER / (1 - POWER))) = POWER, in sigmas."""
     from scipy.stats import norm
 
@@ -160,7 +160,7 @@ def separable_length() -> float:
     return float(z + np.sqrt(z**2 + 2 * odds))
 
 
-def _row(table: _Table, k, seen, apart, alternative, units) -> Visible:
+def _row(table: _Table, k, seen, apart, alternative, units) -> DetectableBias:
     candidate = table.every[k]
     survives = float(np.median(table.length[k] ** 2 / np.maximum(table.whole[k] ** 2, 1e-300)))
     unit = units[0] if len(set(units)) == 1 else ""
@@ -170,14 +170,14 @@ def _row(table: _Table, k, seen, apart, alternative, units) -> Visible:
     at = _median(seen / length)
     distinct = apart > _NOTHING * table.length[k]
     ratio = np.divide(table.length[k], apart, out=np.full_like(apart, np.inf), where=distinct)
-    least = np.maximum(seen, separable_length() * ratio)
+    least = np.maximum(seen, separable_distance() * ratio)
     same = alternative < 0 or np.median(apart / np.maximum(table.length[k], 1e-300)) < 1e-4
     far = None if same else _median(least / length)
     other = table.every[alternative] if alternative >= 0 else None
     raw, left, own = (
         float(np.median(size[k])) for size in (table.raw, table.left, table.parameter)
     )
-    return Visible(
+    return DetectableBias(
         candidate.effect,
         candidate.where,
         candidate.label,
