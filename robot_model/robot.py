@@ -48,6 +48,12 @@ class Robot:
     """(4, 4) T_root_base, mm."""
     flange: np.ndarray
     """(4, 4) T_last_flange, mm: from the frame after the last joint to the flange."""
+    joint_names: tuple[str, ...] = ()
+    """Names of the J joints in the URDF or MJCF file; () where the arm is of another file."""
+
+    def joint_name(self, k: int) -> str:
+        """The name of joint k + 1 in files for other programs: that of its own file, else joint_1 ..."""
+        return self.joint_names[k] if self.joint_names else f"joint_{k + 1}"
 
     @property
     def joints(self) -> int:

@@ -15,7 +15,7 @@ import numpy as np
 from robot_model.chain import THETA, D
 from robot_model.mjcf import MjcfTree, is_mjcf
 from robot_model.robot import PARALLEL, Robot, wrong
-from robot_model.urdf_tree import Joint, Tree
+from robot_model.urdf_tree import NAMELESS, Joint, Tree
 
 LOAD = "load"
 """Name of the link or body at which recorded loads hang."""
@@ -64,7 +64,14 @@ def robot_from_urdf(spec: Mapping, where: str = "robot") -> Robot:
         payload_com=_load_centre(tree, tip),
         base=frames[0],
         flange=_flange(frames[-1], tree.places[tip]),
+        joint_names=_names(moving),
     )
+
+
+def _names(moving: list[Joint]) -> tuple[str, ...]:
+    """Names of the joints; () where one of them has none."""
+    names = tuple(joint.name for joint in moving)
+    return () if any(name.endswith(NAMELESS) for name in names) else names
 
 
 def tree_of(spec: Mapping, where: str) -> Tree:

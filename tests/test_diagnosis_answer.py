@@ -417,7 +417,7 @@ def term(probability, *others, effect="backlash", depends=()):
 def test_the_statement_names_effect_place_size_and_proof():
     said = words.statement(term(0.99), "the ball", "mm")
     assert said == (
-        "Joint 3 stops short of its reading on the side that it came from: half gap 0.130 ± 0.010 mrad, "
+        "Joint 3 stands off its reading by half a gap in the direction of its last move or of gravity (or short of it): half gap 0.130 ± 0.010 mrad, "
         "0.08 mm RMS at the ball. It reduces the held-out RMS error by 0.013 mm (t = 5.2), and it is reselected in "
         "9 of 9 folds."
     )

@@ -21,6 +21,7 @@ from workbench.core.errors import InputError
 from workbench.explanation.reference import reference_of
 from workbench.files.exports.mdh import calibrated_geometry
 from workbench.files.exports.mjcf import mjcf
+from workbench.files.exports.urdf import urdf
 from workbench.jobs.robot.compensate import actual_poses
 from workbench.jobs.robot.simulate import simulate
 
@@ -156,6 +157,21 @@ def test_an_exported_model_read_back_is_the_calibrated_arm_with_its_terms(case, 
     )
     assert [e.title for e in effects] == [e.title for e in arm.effects]
     assert all(arm.values[key] == value for key, value in held["values"].items())
+
+
+def test_joints_keep_the_names_of_the_file_of_the_calibration(cell_file, tmp_path):
+    """In both formats; an arm of a table has numbered joints, and a recording against the file says the numbers."""
+    names = ("pan", "lift", "elbow", "twist", "bend", "roll")
+    arm = arm_with({"urdf": str(cell_file)}, ())
+    (tmp_path / "out.xml").write_text(mjcf(arm))
+    (tmp_path / "out.urdf").write_text(urdf(arm))
+    for file in ("out.xml", "out.urdf"):
+        assert load_robot(tmp_path / file).joint_names == names
+    assert 'joint="joint_6"' in mjcf(arm_with(ABB, ()))
+    notes = " ".join(reference_of(cell_file, None).notes)
+    assert "numbered along the chain of cell.xml: 1 pan, 2 lift, 3 elbow" in notes
+    (tmp_path / "numbered.xml").write_text(mjcf(arm_with(ABB, ())))
+    assert "numbered" not in " ".join(reference_of(tmp_path / "numbered.xml", None).notes)
 
 
 @pytest.mark.parametrize("case", SPRINGS)

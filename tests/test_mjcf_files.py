@@ -215,6 +215,25 @@ def test_tables_are_imported_with_an_mjcf_file_as_robot(scene, tmp_path):
     assert 'robot = "robot.xml#tcp"' in (tmp_path / "made" / "import.toml").read_text()
 
 
+def test_a_linear_axis_without_a_joint_column_is_named_with_its_line(tmp_path):
+    """Its header is no name of a joint; as a length that nothing else reads it stands in its place."""
+    file = tmp_path / "rail.xml"
+    rail = '<body pos="0 0 0.4"><joint name="rail" type="slide" axis="1 0 0" range="0 1"/>'
+    text = cell([("arm", 5)], sites=("arm",), is_driven=False)
+    text = text.replace("<worldbody>", f"<worldbody>{rail}").replace(
+        "</worldbody>", "</body></worldbody>"
+    )
+    file.write_text(text)
+    rng = np.random.default_rng(2)
+    rows = np.column_stack([rng.uniform(0, 900, 30), rng.uniform(-50, 50, (30, 8))])
+    head = ["Schiene [mm]", *(f"A{k} [deg]" for k in range(1, 6)), "X [mm]", "Y [mm]", "Z [mm]"]
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=",".join(head), comments="")
+    with pytest.raises(
+        InputError, match=r'columns = \["Schiene \[mm\]", "A1 \[deg\]", .*"A5 \[deg\]"\] '
+    ):
+        import_recording([tmp_path / "log.csv"], tmp_path / "made", ImportOptions(robot=str(file)))
+
+
 def test_an_mjcf_file_without_included_files_is_copied_as_it_is(scene, tmp_path):
     arm = scene.parent / "parts" / "arm.xml"
     name = copy_description(arm, tmp_path)

@@ -13,6 +13,7 @@ from robot_model.effects import CATALOGUE
 from workbench.core.effect import make_effects
 from workbench.core.model import NOISE
 from workbench.diagnosis.robot.bench import bench_of
+from workbench.explanation.planning.candidate_recordings import list_candidates
 from workbench.explanation.planning.experiment import ConfoundedPair, compared, describe_comparison
 from workbench.explanation.words import measured
 from workbench.jobs.robot.simulate import simulate
@@ -209,7 +210,7 @@ def _separates(bench, effect, problem, values, near) -> str:
     known = ConfoundedPair(
         (effect,), values * FAINT / left, other.effects, "it", f"{other.effect} at {other.where}"
     )
-    rows = compared(bench, (), known)
+    rows = compared(bench, (), known, list_candidates(bench))
     return (
         describe_comparison(known, rows)
         if rows

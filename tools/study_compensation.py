@@ -41,7 +41,7 @@ from workbench.jobs.robot.compensate import (  # noqa: E402
 
 TABLE = ROOT / "docs" / "studies" / "compensation.csv"
 PAGE = TABLE.with_suffix(".md")
-FIRST_SEEDS, SCENES, TARGETS = (5000, 64720, 83150, 770100, 940500), 20, 60
+FIRST_SEEDS, SCENES, TARGETS = (5000, 64720, 83150, 770100, 940500, 2226000), 20, 60
 KNOWN, KNOWN_TERMS = 940500, "terms known"
 """First seed of the population whose models have the planted terms, without a diagnosis, and its verdict."""
 LIMIT = 1.2

@@ -16,7 +16,7 @@ _HALF_GAP_RAD, _HALF_GAP_MM = 3e-4, 0.03
 
 
 class JointHysteresis(Effect):
-    """Joint K stops short by friction and wind-up, on the side that it came from; its friction may grow with the load.
+    """Joint K stands off its reading by friction and wind-up in the direction of its motion (or short of it).
 
     The spring between reading and joint is wound up by every move in the order of the samples, to z between -1 and 1
     (`workbench.core.covariates.wound_up`); `width` is one of `WIND_UP` (rad; m of a slide), 0 for the side of approach,

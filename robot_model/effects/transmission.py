@@ -146,7 +146,7 @@ def _reverses(chain, joint: int) -> bool:
 
 
 class Backlash(Effect):
-    """The joint stops short of its reading on the side that it came from.
+    """The joint stands off its reading by half a gap in the direction of its last move or of gravity (or short of it).
 
     `seat="approach"`: the side of the last motion, as recorded; `seat="moves"`: that side by the moves from sample to
     sample, where no side was recorded and the arm moved straight on; `seat="gravity"`: the side to which gravity

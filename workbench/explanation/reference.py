@@ -5,7 +5,8 @@ What a simulation and a recording differ by is, first, parameter values that are
 third, structure that no value of those parameters makes. Only the third is missing physics.
 """
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -130,11 +131,19 @@ def _from_description(simulation: Path, named: Mapping) -> Reference:
             *notes,
             f"{path.name} states no masses: deflection under gravity is found only as compliance times first moment.",
         )
+    if robot.joint_names and not _are_numbered(robot.joint_names):
+        called = ", ".join(f"{k} {name}" for k, name in enumerate(robot.joint_names, 1))
+        notes = (*notes, f"Joints are numbered along the chain of {path.name}: {called}.")
     rows = [(row.pop("effect"), row.pop("where"), row) for row in held.get("effects", [])]
     effects = make_effects(CATALOGUE, rows)
     return Reference(
         f"simulation {path}", robot, effects, held.get("values", {}), keys, None, notes
     )
+
+
+def _are_numbered(names: Sequence[str]) -> bool:
+    """Whether the only number in each name is that of the joint in the chain: joint_1, joint_2, ..."""
+    return all(re.findall(r"\d+", name) == [str(k)] for k, name in enumerate(names, 1))
 
 
 def bound(reference: Reference, recording) -> tuple[Model, Parameters]:

@@ -53,7 +53,8 @@ class Compliances:
 
 
 def mjcf(arm: CalibratedArm) -> str:
-    """MJCF text: bodies link_1 ..., flange and load; joints and servos joint_1 ...; a site `flange`.
+    """MJCF text: bodies link_1 ..., flange and load; a site `flange`. Joints and servos keep the names
+    of the arm's own URDF or MJCF file; else they are joint_1 ....
 
     The load of a target is the mass of the body `load`. Inertias are placeholders, since a calibration at rest does
     not tell them: the model is for static poses.
@@ -73,7 +74,7 @@ def mjcf(arm: CalibratedArm) -> str:
     here = np.eye(4) if any(found.pedestal) else arm.robot.base
     for k in range(arm.robot.joints):
         parent, here = _link(parent, here @ before[k], k, arm, found, after[k])
-        _servo(servos, k, _stiffness(arm.robot, k, found))
+        _servo(servos, arm.robot, k, _stiffness(arm.robot, k, found))
     _flange(parent, here @ arm.robot.flange, arm)
     root.append(servos)
     ET.indent(root)
@@ -257,7 +258,7 @@ def _flange(parent, here, arm: CalibratedArm) -> None:
 def _joint(body, robot, k, stiffness: float) -> None:
     slides, sign = robot.prismatic[k], joint_signs(robot)[k]
     unit = 1e-3 if slides else 1.0
-    keys = {"name": f"joint_{k + 1}", "type": "slide" if slides else "hinge"}
+    keys = {"name": robot.joint_name(k), "type": "slide" if slides else "hinge"}
     bounds = robot.limits[k] * unit if k < len(robot.limits) and not is_coupled(robot) else [np.nan]
     if np.isfinite(bounds).all():
         keys["range"] = _text(bounds)
@@ -272,8 +273,8 @@ def _stiffness(robot, k, found: Compliances) -> float:
     return 1 / (compliance * unit) if compliance else RIGID_NM_RAD
 
 
-def _servo(servos, k, stiffness: float) -> None:
-    name = f"joint_{k + 1}"
+def _servo(servos, robot, k, stiffness: float) -> None:
+    name = robot.joint_name(k)
     keys = {"kp": _text([stiffness]), "kv": _text([2 * abs(stiffness) / _RATE])}
     ET.SubElement(servos, "position", name=name, joint=name, **keys)
 

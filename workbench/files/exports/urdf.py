@@ -16,8 +16,9 @@ _COUPLED_LIMITS = (
 
 
 def urdf(arm: CalibratedArm) -> str:
-    """URDF text: lengths in m, angles in rad; joints joint_1 ..., links base_link, link_1 ..., flange.
+    """URDF text: lengths in m, angles in rad; links base_link, link_1 ..., flange.
 
+    Joints keep the names of the arm's own URDF or MJCF file; else they are joint_1 ....
     A URDF's joint turns about its own axis after a fixed origin: what stands between two joint
     axes becomes the origin of the second. Where the controller couples joints, which a URDF cannot
     say, its joints are the angles between the links, and a comment gives them from the readings. The limits of such a
@@ -85,8 +86,9 @@ def joint_limits(robot) -> np.ndarray:
 def coupled_sums(robot) -> str:
     """Joint variables from readings: joint_3 = q3 + q2 of each joint that is not its own reading."""
     return "; ".join(
-        f"joint_{k} = " + " + ".join(f"{row[c]:g} q{c + 1}" for c in np.flatnonzero(row))
-        for k, row in enumerate(robot.mixing, 1)
+        f"{robot.joint_name(k)} = "
+        + " + ".join(f"{row[c]:g} q{c + 1}" for c in np.flatnonzero(row))
+        for k, row in enumerate(robot.mixing)
     )
 
 
@@ -126,7 +128,7 @@ def _joint(root, robot, k, links, origin, sign):
     low, high = joint_limits(robot)[k]
     bounded = np.isfinite([low, high]).all()
     kind = "prismatic" if slides else "revolute" if bounded else "continuous"
-    joint = ET.SubElement(root, "joint", name=f"joint_{k + 1}", type=kind)
+    joint = ET.SubElement(root, "joint", name=robot.joint_name(k), type=kind)
     _between(joint, *links, origin)
     ET.SubElement(joint, "axis", xyz=f"0 0 {int(sign)}")
     if np.count_nonzero(robot.mixing[k]) > 1:

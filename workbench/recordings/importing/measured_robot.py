@@ -7,6 +7,7 @@ from pathlib import Path
 
 from datasets.columns import KINDS
 from datasets.importers.mapping.conversion import complete_rows
+from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.source import RawTable
 from datasets.importers.sources.dh_tables import is_dh_table
@@ -19,6 +20,7 @@ from workbench.core.errors import InputError
 from workbench.recordings.importing import decisions
 from workbench.recordings.importing.builder import Builder
 from workbench.recordings.importing.final_check import check_fit
+from workbench.recordings.importing.finding import is_mapped
 from workbench.recordings.importing.fits import CandidateFit
 from workbench.recordings.importing.header_problems import header_error
 from workbench.recordings.importing.reading_changes import (
@@ -314,7 +316,7 @@ def _robot_that_fits(table: RawTable, mapping: Mapping, options) -> str:
 def _check_count(robot, mapping: Mapping, table: RawTable) -> None:
     wanted = robot.mixing.shape[1]
     if len(mapping.joints.columns) != wanted:
-        columns = ", ".join(f'"{name}"' for name in mapping.joints.columns[:wanted])
+        columns = ", ".join(f'"{name}"' for name in _proposed_columns(robot, mapping, table))
         is_table = mapping.robot is not None and is_dh_table(Path(mapping.robot))
         hint = _FIXED_ROWS if is_table else ""
         raise InputError(
@@ -322,6 +324,17 @@ def _check_count(robot, mapping: Mapping, table: RawTable) -> None:
             f"{len(mapping.joints.columns)} ({', '.join(mapping.joints.columns)}); add [joints] columns = [{columns}] "
             f"to a mapping file and name it with --map, or name another robot.{hint}"
         )
+
+
+def _proposed_columns(robot, mapping: Mapping, table: RawTable) -> list[str]:
+    """A column for each reading, "?" where none is known: a sliding joint has a length that nothing else reads."""
+    slides, known = sliding(robot), list(mapping.joints.columns)
+    if len(known) != int((~slides).sum()):
+        return (known + ["?"] * len(slides))[: len(slides)]
+    units = {name: read_header(name).unit for name in table.columns if not is_mapped(mapping, name)}
+    lengths = [name for name, unit in units.items() if unit in LENGTHS]
+    lengths = lengths if len(lengths) == int(slides.sum()) else ["?"] * int(slides.sum())
+    return [(lengths if slide else known).pop(0) for slide in slides]
 
 
 def _missing(table: RawTable, mapping: Mapping) -> list[str]:

@@ -91,7 +91,8 @@ def python_module(arm: CalibratedArm) -> str:
 
 def arm_data(arm: CalibratedArm, ranges: Mapping | None = None) -> dict:
     """Robot, parameter values, place of the load, and what a correction is compared with, as JSON; nan is null."""
-    robot = {f.name: _plain(getattr(arm.robot, f.name)) for f in fields(arm.robot)}
+    names = [f.name for f in fields(arm.robot) if f.name != "joint_names"]
+    robot = {name: _plain(getattr(arm.robot, name)) for name in names}
     return {
         "robot": robot,
         "values": dict(arm.values),
