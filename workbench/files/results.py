@@ -95,7 +95,7 @@ def _row(parameter, value, free, judged, others):
         "free": bool(free),
         "label": parameter.label,
         "std_given_tied": None if sure else std,
-        "why": _why(free, sure, std, others, is_asked),
+        "why": _why(free, sure, std, others, is_asked, value == parameter.null),
         "status": _status(free, sure, others),
         "deviation": _deviation(where, name, value, parameter.null),
     }
@@ -113,7 +113,7 @@ def _deviation(where: str, name: str, value: float, nominal: float) -> float | N
     return value - nominal if has_nominal else None
 
 
-def _why(free, sure, std, others, is_asked):
+def _why(free, sure, std, others, is_asked, is_nominal):
     if sure:
         return ""
     if free and std is None:
@@ -123,7 +123,8 @@ def _why(free, sure, std, others, is_asked):
             return "not identifiable: confounded with " + ", ".join(others)
         return "not identifiable: too small an effect on these measurements"
     if others:
-        return "not identifiable, held at nominal: confounded with " + ", ".join(others)
+        place = "nominal" if is_nominal else "the value of a fit of all"
+        return f"not identifiable, held at {place}: confounded with " + ", ".join(others)
     if not is_asked:
         return "held at its nominal value by the plan"
     return "held at nominal: too small an effect on these measurements"

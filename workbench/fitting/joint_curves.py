@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_model.effects.curve import JointCurve, curve_candidates
-from workbench.core.least_squares.linear_algebra import covariance_of
+from workbench.core.least_squares.linear_algebra import covariance_of, symmetric_eigen
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 
@@ -110,8 +110,15 @@ def _log_evidence(linear: _Linear, precision, variance, kept) -> float:
     scale = 1 / np.sqrt(precision[kept])
     matrix = linear.gram[np.ix_(kept, kept)] * np.outer(scale, scale) / variance
     matrix[np.diag_indices_from(matrix)] += 1.0
-    factor = np.linalg.cholesky(matrix)
-    gained = np.linalg.solve(factor, linear.right[kept] * scale / variance)
+    right = linear.right[kept] * scale / variance
+    try:
+        factor = np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:  # hardly any noise: rounding of the data is more than their priors' unit
+        values, vectors = symmetric_eigen(matrix)
+        values = np.maximum(values, 1.0)  # no eigenvalue is below that of the priors
+        gained = (vectors.T @ right) / np.sqrt(values)
+        return float(0.5 * gained @ gained - 0.5 * np.log(values).sum())
+    gained = np.linalg.solve(factor, right)
     return float(0.5 * gained @ gained - np.log(np.diag(factor)).sum())
 
 

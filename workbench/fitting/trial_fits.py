@@ -12,6 +12,8 @@ from workbench.core.solution import Stage
 from workbench.fitting.noise_scale import NOISE_ROUNDS, is_settled, noise_scaled
 from workbench.fitting.wider_priors import widened
 
+_SAME_FIT = 1.02  # ratio of sums of squares: what small terms that are left out may change
+
 
 def fit_with_noise(
     model: Model, fitted: np.ndarray, before: Fit, start: Parameters, stage: Stage
@@ -35,6 +37,25 @@ def fit_with_noise(
         if is_same_prior and is_settled(stated, part.chain):
             break
     return trial, part, chain
+
+
+def solve_independent(model: Model, trial: Fit, free: Parameters, stage: Stage) -> Fit:
+    """Fit of an independent set of parameters, `free`, after a trial fit of all, which it equals.
+
+    Parameters that are left out return to their earlier values, and those of the set make up for it. Where columns are
+    nearly dependent this moves them so far that the model bends, and the solver would end on the way (axes that are
+    parallel within a hundredth of a degree). There, parameters that are left out keep the values of the trial.
+    """
+    fit = solve(model, free, stage.loss, stage.steps, trial)
+    if _squares(model, fit) <= _SAME_FIT * _squares(model, trial):
+        return fit
+    kept = replace(free, values=trial.parameters.values)
+    return solve(model, kept, stage.loss, stage.steps, trial)
+
+
+def _squares(model: Model, fit: Fit) -> float:
+    """Weighted sum of squared residuals over their sigma."""
+    return float((fit.weights * (fit.residual / model.sigma(fit.parameters)) ** 2).sum())
 
 
 def _with_noise(

@@ -245,7 +245,7 @@ def _parameters(console, parameters: Sequence[Mapping], most: int = 15) -> None:
     for row in large:
         if row.get("tied_to"):
             others = ", ".join(row["tied_to"])
-            line = f"{row['where']}.{row['name']} is not identifiable alone: its value holds with {others} at nominal."
+            line = f"{row['where']}.{row['name']} is not identifiable alone: its value holds with {others} as stated."
             console.print(line, markup=False)
 
 

@@ -29,6 +29,9 @@ _ROUNDING = (
 )
 _LEAST_SCALE = 1e-9  # residuals of exactly zero make no data infinitely good
 _FAINT = 1e-4  # knows a parameter to a hundred typical sizes
+_AMPLIFIED = (
+    1e-12  # of squared column lengths: rounding of sums of many products in double precision
+)
 _CONFOUNDED = 1e-2  # squared: what is left of a column, in typical sizes, below which it is confounded with others
 
 
@@ -241,16 +244,20 @@ def _partners(part, keys, kept):
 def _greedy(scaled):
     """Indices kept, and for each one left out its mix of the kept (Cholesky, column by column)."""
     kept, left_out, lower = [], {}, np.zeros_like(scaled)
+    norms = np.sqrt(np.maximum(np.diag(scaled), 0))
     for k in range(len(scaled)):
         size = len(kept)
         factor = lower[:size, :size]
         row = _solve_lower(factor, scaled[kept, k])
         rest = scaled[k, k] - row @ row
-        if rest > max(_CONFOUNDED, 1e-12 * scaled[k, k]):
+        mix = _solve_lower(factor, row, transposed=True)
+        # rounding of the entries, as the mix of nearly dependent columns amplifies it: it is no information
+        rounding = _AMPLIFIED * (norms[k] + np.abs(mix) @ norms[kept]) ** 2
+        if rest > max(_CONFOUNDED, rounding):
             lower[size, :size], lower[size, size] = row, np.sqrt(rest)
             kept.append(k)
         else:
-            left_out[k] = _solve_lower(factor, row, transposed=True)
+            left_out[k] = mix
     return kept, left_out
 
 

@@ -50,7 +50,7 @@ from workbench.fitting.parallel_axes import parallelism_warnings
 from workbench.fitting.plans import default_plan, frames_of, held, read_plan, stage_mask
 from workbench.fitting.shrinkage import settled
 from workbench.fitting.stage_tests import is_retained
-from workbench.fitting.trial_fits import fit_with_noise
+from workbench.fitting.trial_fits import fit_with_noise, solve_independent
 from workbench.fitting.verdicts.fit_quality import noise_report
 from workbench.fitting.verdicts.noise_report import NoiseReport
 from workbench.fitting.verdicts.residual_structure import in_root
@@ -326,7 +326,7 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     model, free, tied = model.with_chain(chain), trial.parameters, {}
     if stage.canonical:
         free, tied = _canonical(part, trial, wanted)
-    fit = solve(part, free, stage.loss, stage.steps, trial)
+    fit = solve_independent(part, trial, free, stage)
     if stage.canonical:
         fit = settled(part, fit, stage.loss, stage.steps)
     if size is not None:

@@ -177,12 +177,23 @@ def _sign_needs(recording: Recording) -> Iterator[Need]:
     except (np.linalg.LinAlgError, InputError, ValueError):
         return  # no fit is possible: other needs say why
     for one in found:
-        (name,) = one.correction.touches
         fits = f"{fit_words(one.recorded)} as recorded, {fit_words(one.fit)} with the opposite sign"
-        what = f"column {name} moves the measured point too little for its sign to be tested (fit: {fits})"
-        action = (
-            f"check the sign of joint {joint_number(name)}, or measure a point away from its axis"
-        )
+        names = sorted(one.correction.touches)
+        if len(names) > 1:
+            what = (
+                f"the signs of columns {', '.join(names)} are not tested: the data fit as well with the opposite sign "
+                f"of all of them (fit: {fits})"
+            )
+            action = (
+                "move each joint alone and compare the sense of its readings with the robot file"
+            )
+        else:
+            what = (
+                f"column {names[0]} moves the measured point too little for its sign to be tested "
+                f"(fit: {fits})"
+            )
+            number = joint_number(names[0])
+            action = f"check the sign of joint {number}, or measure a point away from its axis"
         yield Need("calibrate", False, what, action)
 
 
