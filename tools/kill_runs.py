@@ -52,6 +52,8 @@ def main() -> int:
         "--minutes", type=float, default=120, help="no further kill after this time"
     )
     given = parser.parse_args()
+    # commands that a shell starts in the background ignore SIGINT, and so would all that they start
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     until = time.monotonic() + 60 * given.minutes
     faults, kills = 0, 0
     with tempfile.TemporaryDirectory(prefix="workbench-kills-") as home:

@@ -113,7 +113,8 @@ def _log_evidence(linear: _Linear, precision, variance, kept) -> float:
     right = linear.right[kept] * scale / variance
     try:
         factor = np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:  # hardly any noise: rounding of the data is more than their priors' unit
+    except np.linalg.LinAlgError:
+        # hardly any noise: rounding of the data is more than their priors' unit
         values, vectors = symmetric_eigen(matrix)
         values = np.maximum(values, 1.0)  # no eigenvalue is below that of the priors
         gained = (vectors.T @ right) / np.sqrt(values)
