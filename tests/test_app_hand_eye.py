@@ -120,7 +120,7 @@ def test_a_real_click_on_a_bar_shows_image_with_overlay_pose_and_row(
         click_at(page, "pose_errors", x, y)
         wait_for_text(page, "selection", "1 of 14 samples selected")
         page.get_by_role(
-            "heading", name=f"Sample 5, residual {errors[4]['residual']:.4f} px"
+            "heading", name=f"Sample 5: residual {errors[4]['residual']:.4f} px (fit)"
         ).wait_for()
         wait_for_text(page, "picked", "images/board-005.png")
         wait_for_text(page, "picked", "54 corners detected")

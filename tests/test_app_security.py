@@ -1,6 +1,7 @@
 """Who may talk to the app: each refusal by itself, and over a real connection."""
 
 import http.client
+import json
 import os
 import re
 import shutil
@@ -282,6 +283,18 @@ def test_a_websocket_with_a_wrong_token_is_refused(of_run, token):
         "Origin": of_run.origin,
     }
     assert _get(of_run, f"/ws?token={token}", **headers)[0] == 403
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("token", "status"), [(None, 200), ("wrong", 403)])
+def test_the_page_asks_where_its_websocket_is(of_run, token, status):
+    connection = http.client.HTTPConnection("127.0.0.1", of_run.port, timeout=30)
+    connection.request("POST", f"/paraview/?token={token or of_run.token}", body="{}")
+    answer = connection.getresponse()
+    body = answer.read().decode()
+    assert answer.status == status
+    if status == 200:
+        assert json.loads(body) == {"sessionURL": f"ws://127.0.0.1:{of_run.port}/ws"}
 
 
 @pytest.mark.slow

@@ -301,6 +301,33 @@ def test_the_outlier_threshold_is_dragged_with_the_mouse(page):
     page.locator("[data-change]", has_text=f"exclude {above} sample").wait_for()
 
 
+def test_the_line_of_the_outlier_threshold_is_dragged_in_the_histogram(page):
+    show_tab(page, "Edit and rerun")
+    figure = plot(page, "threshold")
+    settled_place(page, lambda: figure.evaluate(_PLACE, 0.9))
+    x, y = figure.evaluate(_PLACE, 0.9)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    x, _ = figure.evaluate(_PLACE, 0.5)
+    page.mouse.move(x, y, steps=6)
+    page.mouse.up()
+    limit = figure.evaluate(
+        "(one) => one._fullLayout.xaxis.p2c(0.5 * one._fullLayout.xaxis._length)"
+    )
+    page.wait_for_function(
+        "(limit) => Math.abs(trame.state.state.threshold - limit) < 0.01 * limit", arg=limit
+    )
+    value = page.evaluate("trame.state.state.threshold")
+    wait_for_text(page, "threshold", f"above {value:.4g} mm")
+
+
+_PLACE = """(element, share) => {
+    const {xaxis, yaxis} = element._fullLayout, box = element.getBoundingClientRect();
+    return [box.left + xaxis._offset + share * xaxis._length, box.top + yaxis._offset + 0.5 * yaxis._length];
+}"""
+"""A place in the window at a share of the width of the axes."""
+
+
 def test_a_rerun_of_the_scanner_shows_before_and_after_and_is_repeated(page, served, tmp_path):
     show_tab(page, "Edit and rerun")
     page.get_by_role("button", name="Calibrate").click()

@@ -1,6 +1,7 @@
 """The state of the app without its page: what is opened, selected, drawn and edited, and background jobs."""
 
 import json
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -9,8 +10,9 @@ import numpy as np
 import pytest
 
 from app_diagnosis import write_diagnosis
+from workbench.app.data.comparison import comparison_rows
 from workbench.app.data.effect_titles import Units, change_sentence, effect_title
-from workbench.app.data.opened import open_subject
+from workbench.app.data.opened import newest_diagnosis, open_subject
 from workbench.app.data.plan import plan_sentence, stage_items
 from workbench.app.data.residuals import updated_threshold
 from workbench.app.edits.session import read_session
@@ -277,6 +279,46 @@ def test_before_and_after_compares_the_last_two_runs(work, run):
     rows = {row["name"]: (row["before"], row["after"]) for row in work.comparison()}
     assert rows["samples"] == ("300", "300")
     assert set(rows) == {"samples", "RMS of the fit (mm)", "held-out RMS (mm)"}
+
+
+def test_before_and_after_of_other_samples_state_the_error_of_those_in_both(work, run):
+    before = work.opened
+    found = before.residuals
+    keep = np.argsort(found.lengths["held_out"])[:250]
+    smaller = replace(
+        found,
+        sample=found.sample[keep],
+        vectors={kind: values[:, keep] for kind, values in found.vectors.items()},
+    )
+    after = open_subject(str(run))
+    after.__dict__["residuals"] = smaller
+    rows = comparison_rows(before, after, "calibrate")
+    assert rows[-1]["name"] == "held-out RMS of the 250 samples in both runs (mm)"
+    expected = np.sqrt(np.mean(found.lengths["held_out"][keep] ** 2))
+    assert rows[-1]["before"] == rows[-1]["after"] == f"{expected:.4g}"
+    assert expected < np.sqrt(np.mean(found.lengths["held_out"] ** 2))
+
+
+def test_the_newest_diagnosis_of_the_same_data_is_found(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    opened = open_subject(str(run))
+    same = opened.answer["provenance"]["data_sha256"]
+    names = ("a-diagnose-1", "b-diagnose-2", "arm-session/diagnose-1", "c-diagnose-other")
+    for second, (name, data) in enumerate(zip(names, (same, same, same, "other"))):
+        folder = write_diagnosis(tmp_path / "runs" / name)
+        path = folder / "answer.json"
+        answer = json.loads(path.read_text(encoding="utf-8"))
+        answer["provenance"] = {"data_sha256": data}
+        path.write_text(json.dumps(answer), encoding="utf-8")
+        os.utime(path, (1000 + second, 1000 + second))
+    work = Workspace(opened, tmp_path / "session.toml")
+    work.look_for_diagnosis()
+    assert work.diagnosis.folder == tmp_path / "runs" / "arm-session" / "diagnose-1"
+    assert work.diagnosis.recording is opened.recording
+    (tmp_path / "runs" / "arm-session" / "diagnose-1" / "answer.json").write_text("{")
+    assert newest_diagnosis(opened).folder.name == "b-diagnose-2"
+    without = replace(opened, answer={**opened.answer, "provenance": {}})
+    assert newest_diagnosis(without) is None
 
 
 def test_a_calibration_after_a_diagnosis_is_compared_with_its_baseline(run, tmp_path):

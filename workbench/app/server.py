@@ -54,8 +54,16 @@ def add_gate(server, token: str, folder_of: Callable[[str], Path | None]) -> Non
         middleware, send_file = guard(lambda: Gate(token, server.port), folder_of)
         web_server.app.middlewares.append(middleware)
         web_server.app.router.add_get("/runs/{run:[0-9]{1,6}}/{name:.*}", send_file)
+        web_server.app.router.add_post("/paraview/", tell_session)
 
     server.controller.on_server_bind.add(protect)
+
+
+async def tell_session(request):
+    """Where the websocket is, which trame's page asks for first; without an answer the browser logs an error."""
+    from aiohttp import web
+
+    return web.json_response({"sessionURL": f"ws://{request.host}/ws"})
 
 
 def _start(server, port: int) -> None:

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from workbench.app.data.comparison import comparison_rows
 from workbench.app.data.decimate import Histogram, within
 from workbench.app.data.memo import Memo
 from workbench.app.data.numbers import rows_of
-from workbench.app.data.opened import Opened, open_subject
+from workbench.app.data.opened import Opened, newest_diagnosis, open_subject
 from workbench.app.data.plan import DIAGNOSE
 from workbench.app.data.prediction import lengths_by_number, predicted_lengths
 from workbench.app.data.sample_images import sample_images
@@ -33,32 +34,11 @@ from workbench.app.edits.excluded import (
     excluded_pose_count,
 )
 from workbench.app.edits.history import History
-from workbench.app.edits.session import CALIBRATE, CAMERA, HAND_EYE, Session
+from workbench.app.edits.session import CALIBRATE, Session
 from workbench.app.edits.start import first_session
 from workbench.app.jobs import DONE, RUNNING, Job
 from workbench.core.errors import InputError
 
-_ORIENTATION = "held-out orientation RMS (deg)"
-_COMPARED = {
-    CALIBRATE: (
-        ("samples", "samples"),
-        ("RMS of the fit (mm)", "fit"),
-        ("held-out RMS (mm)", "held_out"),
-        (_ORIENTATION, "held_out", "rotation_rms_deg"),
-    ),
-    CAMERA: (("images used", "views"), ("corners", "corners"), ("RMS (px)", "rms_px")),
-    HAND_EYE: (
-        ("poses", "poses"),
-        ("RMS of the fit (px)", "fit", "rms_px"),
-        ("held-out RMS (px)", "held_out", "rms_px"),
-        ("RMS of the fit (mm)", "fit"),
-        ("held-out RMS (mm)", "held_out"),
-        ("held-out board or ball position (mm)", "held_out", "centre_mm"),
-        ("held-out board rotation (deg)", "held_out", "turn_deg"),
-    ),
-}
-_UNKNOWN = "–"
-_BASELINE = {"rms_mm": "before_mm", "rotation_rms_deg": "before_deg"}
 _MOST_KNOWN = 24
 MOST_LISTED = 100
 """Excluded items that a list shows."""
@@ -78,6 +58,7 @@ class Workspace:
         self.history = History(first_session(opened, self.path))
         self.job: Job | None = None
         self.diagnosis: Opened | None = opened if opened.command == DIAGNOSE else None
+        self._has_looked = False
         self._select_none()
 
     @property
@@ -391,6 +372,12 @@ class Workspace:
             self.open_run(made)
         return True
 
+    def look_for_diagnosis(self) -> None:
+        """Where none is open, take the newest diagnosis of the same data that was made before; looks once."""
+        if self.diagnosis is None and not self._has_looked:
+            self._has_looked = True
+            self.diagnosis = newest_diagnosis(self.opened)
+
     def open_run(self, opened: Opened) -> None:
         """Show another run of the same recording; the selection is lost."""
         self.runs.append(opened)
@@ -401,12 +388,7 @@ class Workspace:
         """One row a figure of the newest run and the one before: name, before, after; [] without two runs."""
         if self.previous is None:
             return []
-        rows = []
-        for name, *keys in _COMPARED[self.session.command]:
-            before, after = (_figure(run.answer, *keys) for run in (self.previous, self.opened))
-            if (before, after) != (_UNKNOWN, _UNKNOWN):  # not of this kind of recording
-                rows.append({"name": name, "before": before, "after": after})
-        return rows
+        return comparison_rows(self.previous, self.opened, self.session.command)
 
     # Inside
 
@@ -458,13 +440,3 @@ class Workspace:
         while (folder / f"{command}-{number}").exists():
             number += 1
         return folder / f"{command}-{number}"
-
-
-def _figure(answer, key: str, inner: str = "rms_mm") -> str:
-    """A figure of a run for people; of a diagnosis the one of its baseline, which the next run is compared with."""
-    value = answer.get(key)
-    if isinstance(value, dict):
-        value = value.get(inner, value.get(_BASELINE.get(inner)))
-    if value is None:
-        return _UNKNOWN
-    return f"{value:,}" if isinstance(value, int) else f"{value:.4g}"

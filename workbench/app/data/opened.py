@@ -1,6 +1,7 @@
 """What `workbench open` opens: a run folder with its recording, or a recording alone."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +13,7 @@ from workbench.app.data.residuals import Residuals, read_residuals
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_json
 from workbench.files.runs import KEPT_RECORDING, RUNS
+from workbench.report.text import counted
 
 ANSWER, DIAGNOSE = "answer.json", "diagnose"
 CENTRES = "ball-centres"
@@ -137,6 +139,27 @@ def newest_run() -> Path:
     return max(answers, key=lambda path: path.stat().st_mtime).parent
 
 
+def newest_diagnosis(opened: Opened) -> Opened | None:
+    """The newest diagnosis of the same data under `runs`, sessions of the app included; None where there is none."""
+    runs = [*finished_runs(), *RUNS.glob(f"*-session/{DIAGNOSE}-*/{ANSWER}")]
+    runs = [path for path in runs if DIAGNOSE in path.parent.name]
+    for path in sorted(runs, key=lambda path: path.stat().st_mtime, reverse=True):
+        with suppress(InputError):
+            answer = read_answer(path)
+            if answer.get("command") == DIAGNOSE and _has_same_data(answer, opened.answer or {}):
+                folder = path.parent.resolve()
+                if opened.samples is not opened.recording:  # each run has ball centres of its own
+                    return _open_run(folder, opened.subject)
+                return Opened(opened.subject, opened.recording, opened.samples, folder, answer)
+    return None
+
+
+def _has_same_data(one: Mapping, other: Mapping) -> bool:
+    """Whether two runs state the same checksum of their data."""
+    sums = [(answer.get("provenance") or {}).get("data_sha256") for answer in (one, other)]
+    return sums[0] is not None and sums[0] == sums[1]
+
+
 def _open_run(folder: Path, recording: str | None) -> Opened:
     import datasets
 
@@ -175,14 +198,30 @@ def read_answer(path: Path) -> dict:
     return answer
 
 
+_FIGURES = {
+    "rms_mm": "",
+    "rms_px": " reprojection error",
+    "centre_mm": " board or ball position",
+    "after_mm": "",
+    "after_px": "",
+}
+"""Keys of a held-out error, and what they are an error of."""
+
+
 def summary(opened: Opened) -> str:
     """One line: kind, number of samples, and the errors of the run."""
-    parts = [opened.recording.measures, f"{len(opened.rows):,} samples"]
+    images = len(opened.recording.images)
+    size = (
+        counted(images, "image")
+        if images and not len(opened.rows)
+        else counted(len(opened.rows), "sample")
+    )
+    parts = [opened.recording.measures, size]
     answer = opened.answer or {}
     held_out = answer.get("held_out") or {}
-    for key in ("rms_mm", "after_mm", "after_px"):
+    for key, of in _FIGURES.items():
         if isinstance(held_out, dict) and held_out.get(key) is not None:
             unit = key.rpartition("_")[2]
-            parts.append(f"held-out RMS {held_out[key]:.4g} {unit}")
+            parts.append(f"held-out RMS{of} {held_out[key]:.4g} {unit}")
     parts.append(f"run of {opened.command}" if opened.command else "no run yet")
     return " · ".join(parts)

@@ -59,7 +59,7 @@ def chain(places: Sequence[Place], chosen: str) -> go.Figure:
 def _short(place: Place) -> str:
     kind, dash, number = place.name.rpartition("-")
     name = f"{_SHORT.get(kind, kind + ' ')}{number}" if dash else place.name
-    return f"{name}<br>{100 * place.share:.0f} %" if place.share else name
+    return f"{name}<br>{100 * place.share:.0f} %"
 
 
 def _label(made, k: int, place: Place, anchor: str) -> None:

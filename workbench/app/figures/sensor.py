@@ -1,10 +1,12 @@
 """Images with what was detected, light planes and mirror axis in space, clouds with the balls fitted to them."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
 
+from workbench.app.data.image_errors import ImageError
 from workbench.app.data.images import Overlay
 from workbench.app.data.opened import Opened
 from workbench.app.data.sensor import cloud_of, scanner_of
@@ -13,6 +15,8 @@ from workbench.report.calibration.scene import arrow_step
 from workbench.report.sensor import space
 
 _NEAR_MM = 1.0
+_NAMED = 24
+"""More names of images overlap below the bars."""
 _SIGNED = [[0, style.BLUE], [0.5, "#c3c7cd"], [1, "#b3261e"]]
 """Colours from negative to positive deviations; zero is grey, so that it stands out on white."""
 _FROM_SENSOR = dict(
@@ -53,6 +57,36 @@ def image(shown: Overlay, residual: np.ndarray | None = None) -> go.Figure:
     if residual is not None and residual.size:
         _reprojection(made, shown.corners, residual)
     return made
+
+
+def error_bars(errors: Sequence[ImageError], chosen: int, excluded: Collection[str]) -> go.Figure:
+    """RMS reprojection error of each board image, and that of all; a click gives the place in images.csv."""
+    made = style.plane("image", "RMS reprojection error (px)", "image errors")
+    places = list(range(len(errors)))
+    colours = [style.GREY if one.name in excluded else style.BLUE for one in errors]
+    made.add_bar(
+        x=places,
+        y=[one.rms for one in errors],
+        customdata=[one.place for one in errors],
+        text=[style.plain(one.name) for one in errors],
+        textposition="none",
+        marker=dict(
+            color=colours,
+            line=dict(color=style.INK, width=[3 * (one.place == chosen) for one in errors]),
+        ),
+        hovertemplate="%{text}: %{y:.4f} px<extra></extra>",
+    )
+    together = float(np.sqrt(np.mean([one.rms**2 for one in errors])))
+    made.add_hline(
+        y=together,
+        line=dict(color=style.ORANGE, width=2, dash="dash"),
+        annotation_text=f"all images: {together:.4g} px",
+        annotation_position="top right",
+    )
+    every = -(-len(errors) // _NAMED) or 1
+    names = [style.plain(Path(one.name).stem) for one in errors]
+    made.update_xaxes(tickvals=places[::every], ticktext=names[::every])
+    return made.update_layout(showlegend=False, bargap=0.25)
 
 
 def _ground(made, width: int, height: int) -> None:

@@ -31,7 +31,7 @@ class DiagnosisTab(Tab):
         state.place, state.places, state.place_text = "", [], ""
         state.candidates, state.evidence, state.terms, state.ticked = [], [], [], []
         state.over, state.overs, state.next_text, state.has_next = "", [], "", False
-        state.no_before_after, state.diagnosis_report = "", ""
+        state.no_before_after, state.diagnosis_report, state.diagnosis_run = "", "", ""
         state.next_names, state.next_rows, state.next_csv, state.next_file = [], [], "", ""
         v3.VAlert(
             "{{ no_diagnosis }}",
@@ -44,12 +44,20 @@ class DiagnosisTab(Tab):
             html.Div(
                 "{{ verdict_text }}", **raw(data_text="verdict"), classes="font-weight-bold mb-2"
             )
+            html.Div(
+                "{{ diagnosis_run }}", **raw(data_text="diagnosis-run"), classes="text-caption"
+            )
             self.report_link("Report page of the diagnosis", "diagnosis_report")
             self.figure(
                 "chain",
                 "Measuring chain with the share of the mismatch at each place",
                 "34vh",
                 click=(self.page.handler(self.choose), points_of()),
+            )
+            html.P(
+                "Colour, size and percentage: share of the mismatch that an effect at this place can explain. Names "
+                "above are the effects that were kept. Click a place for its candidates and evidence.",
+                classes="text-caption mb-2",
             )
             with v3.VRow():
                 with v3.VCol(cols=12, lg=7):
@@ -159,6 +167,7 @@ class DiagnosisTab(Tab):
                 html.Td("{{ value }}", v_for="value, k in one.readings", key="k")
 
     def refresh(self) -> None:
+        self.work.look_for_diagnosis()
         state, made = self.state, self.work.diagnosis
         state.has_diagnosis = made is not None
         state.no_diagnosis = (
@@ -175,7 +184,7 @@ class DiagnosisTab(Tab):
         state.places = [place.name for place in found]
         if state.place not in state.places:
             state.place = max(found, key=lambda place: (bool(place.found), place.share)).name
-        state.verdict_text = _verdict(answer)
+        state.verdict_text, state.diagnosis_run = _verdict(answer), f"Run {made.folder.name}"
         terms = [*answer["effects"], *answer["refused"]]
         state.terms = [_term_row(term, k < len(answer["effects"])) for k, term in enumerate(terms)]
         self._show_place(found)

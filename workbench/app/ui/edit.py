@@ -72,7 +72,6 @@ class EditTab(Tab):
         html.Div("The run has no stages; rerun to see them.", v_if="!stages.length")
         self._checks("stages", self.set_stage)
         html.H2("Effects in the model", classes="text-subtitle-1 font-weight-bold mt-2")
-        html.Div("{{ plan_text }}", **raw(data_text="plan"), style="overflow-wrap: anywhere")
         html.Div("{{ no_effects }}", v_if="!effects.length", **raw(data_text="no-effects"))
         with html.Div(style="max-height: 50vh; overflow-y: auto"):
             self._checks("effects", self.set_effect)
@@ -104,7 +103,13 @@ class EditTab(Tab):
             **raw(data_text="threshold", role="status"),
         )
         self.button("Exclude samples above the threshold", self.exclude_above, "[threshold]")
-        self.figure("threshold", "Histogram of the residuals with the threshold", "34vh")
+        html.Div("Drag the line in the histogram, or the slider.", classes="text-caption")
+        self.figure(
+            "threshold",
+            "Histogram of the residuals with the threshold",
+            "34vh",
+            brush="window.dragLine($event, (mm) => { threshold = Math.min(Math.max(mm, 0), threshold_top) })",
+        )
 
     def _history(self) -> None:
         html.H2("Changes", classes="text-subtitle-1 font-weight-bold")
@@ -121,6 +126,13 @@ class EditTab(Tab):
 
     def _rerun(self) -> None:
         html.H2("Rerun", classes="text-subtitle-1 font-weight-bold")
+        html.Div(
+            "{{ plan_text }}",
+            v_if="has_plan",
+            **raw(data_text="plan"),
+            classes="mb-2",
+            style="overflow-wrap: anywhere",
+        )
         self.button(
             "{{ calibrate_label }}",
             self.start,

@@ -135,4 +135,18 @@
         addEventListener('pointercancel', end, options);
         addEventListener('keydown', (event) => event.key === 'Escape' && end(event), options);
     };
+
+    // A line that is dragged across a chart: `done` gets the place of the pointer in the units of the x axis, where the
+    // mouse is pressed and with each movement until it is released.
+    window.dragLine = (down, done) => {
+        const target = down.target.closest?.('.nsewdrag');
+        if (!target || down.button !== 0) return;
+        const {xaxis} = down.currentTarget.querySelector('.js-plotly-plot')._fullLayout;
+        const area = target.getBoundingClientRect();
+        const put = ({clientX}) => done(xaxis.p2c(Math.min(Math.max(clientX - area.left, 0), area.width)));
+        const listening = new AbortController(), options = {capture: true, signal: listening.signal};
+        addEventListener('pointermove', put, options);
+        for (const name of ['pointerup', 'pointercancel']) addEventListener(name, () => listening.abort(), options);
+        put(down);
+    };
 })();

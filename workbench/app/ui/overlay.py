@@ -11,6 +11,7 @@ from workbench.app.ui.attributes import raw
 SCRIPT = files("workbench.app.ui").joinpath("overlay.js").read_text(encoding="utf-8")
 STYLE = """
 .marks-over-figure { position: absolute; inset: 0; width: 100%; height: 100%; pointer-events: none; }
+[data-figure=threshold] .nsewdrag { cursor: ew-resize; }
 .brush { position: fixed; z-index: 3; pointer-events: none; border: 1px solid #1b1f24; background: #1565a833; }
 """
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import numpy as np
 from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
@@ -12,12 +13,15 @@ from workbench.app.data.images import image_rows
 from workbench.app.edits.session import HAND_EYE
 from workbench.app.figures import hand_eye, robot
 from workbench.app.figures.overlay import Overlay
+from workbench.app.figures.residuals import kind_label
 from workbench.app.ui.attributes import raw
 from workbench.app.ui.base import Tab, points_of, whole_number
 from workbench.app.ui.excluded import ExcludedList
 from workbench.app.ui.image_panel import ImagePanel
+from workbench.app.ui.steps import steps
 from workbench.app.ui.view import SPACE
-from workbench.report.text import joint_label
+from workbench.core.errors import InputError
+from workbench.report.text import covariate_label, joint_label
 
 
 class RecordingTab(Tab):
@@ -35,7 +39,8 @@ class RecordingTab(Tab):
         state = self.state
         state.row, state.last_row, state.row_text, state.row_table = 0, 0, "", []
         state.has_arm, state.images = False, []
-        state.has_joints = False
+        state.has_joints, state.has_samples = False, False
+        state.number_to_show = ""
         state.image, state.image_on, state.image_row = 0, True, -1
         with v3.VRow():
             with v3.VCol(cols=12, lg=7):
@@ -57,8 +62,13 @@ class RecordingTab(Tab):
                 SPACE,
                 click=(self.page.handler(self.on_click), points_of()),
             )
+        with html.Div(v_if="has_samples"):
+            self._scrubber()
+
+    def _scrubber(self) -> None:
+        """Buttons, slider and field that choose the current sample."""
         with html.Div(classes="d-flex align-center"):
-            previous, following = _steps("row", "last_row")
+            previous, following = steps("row", "last_row")
             self.button("Previous", previous, aria_label="Previous sample")
             self.button("Next", following, aria_label="Next sample")
             v3.VSlider(
@@ -71,10 +81,17 @@ class RecordingTab(Tab):
                 **raw(aria_label="Sample in the order of the recording"),
                 color="primary",
             )
-        html.Div(
-            "{{ row_text }}",
-            **raw(data_text="row", role="status"),
-        )
+        html.Div("{{ row_text }}", **raw(data_text="row", role="status"))
+        with html.Div(classes="d-flex flex-wrap align-center mt-2"):
+            v3.VTextField(
+                v_model=("number_to_show",),
+                label="Number of a sample",
+                density="compact",
+                hide_details=True,
+                style="flex: 0 0 220px",
+                classes="mr-2 mb-2",
+            )
+            self.button("Show sample", self.show_sample, "[number_to_show]")
 
     def _details(self) -> None:
         with html.Div(v_if="has_joints"):
@@ -87,18 +104,19 @@ class RecordingTab(Tab):
             self.figure(
                 "coverage", "Readings of each joint between its limits, and the workspace", "52vh"
             )
-        html.H2("Current sample", classes="text-subtitle-1 font-weight-bold mt-2")
-        label = raw(role="group", aria_label="Columns of the current sample", tabindex="0")
-        with v3.VTable(density="compact", height="26vh", **label):
-            with html.Tbody():
-                with html.Tr(v_for="one in row_table", key="one.name"):
-                    html.Td("{{ one.name }}")
-                    html.Td("{{ one.value }}", classes="text-right")
+        with html.Div(v_if="has_samples"):
+            html.H2("Current sample", classes="text-subtitle-1 font-weight-bold mt-2")
+            label = raw(role="group", aria_label="Columns of the current sample", tabindex="0")
+            with v3.VTable(density="compact", height="26vh", **label):
+                with html.Tbody():
+                    with html.Tr(v_for="one in row_table", key="one.name"):
+                        html.Td("{{ one.name }}")
+                        html.Td("{{ one.value }}", classes="text-right")
 
     def _images(self) -> None:
         html.H2("Images", classes="text-subtitle-1 font-weight-bold mt-4")
         with html.Div(classes="d-flex flex-wrap align-center"):
-            previous, following = _steps("image", "images.length - 1")
+            previous, following = steps("image", "images.length - 1")
             self.button("Previous image", previous)
             self.button("Next image", following)
             v3.VAutocomplete(
@@ -118,12 +136,17 @@ class RecordingTab(Tab):
                 classes="mx-4",
             )
             self.button(
-                "Select its sample", self.select_sample, "[image]", disabled=("image_row < 0",)
+                "Select its sample",
+                self.select_sample,
+                "[image]",
+                v_if="has_samples",
+                disabled=("image_row < 0",),
             )
         self.panel.build("70vh", self.on_image_click, "image")
 
     def refresh(self) -> None:
         self.state.has_arm = has_arm(self.work.opened) or has_flange(self.work.opened)
+        self.state.has_samples = self.work.count > 0
         self.state.has_joints = bool(joint_columns(self.work.opened.samples.columns))
         self.state.images = [
             {"title": f"{row['name']} ({row['role']})", "value": row["index"]}
@@ -169,15 +192,16 @@ class RecordingTab(Tab):
         self.state.row = work.current
         self.state.row_table = row_table(work) if work.count else []
         number = work.opened.samples.sample_ids[row] if work.count else 0
-        length = (
-            f", residual {work.lengths()[work.current]:.4f} mm"
-            if work.opened.residuals is not None
-            else ""
-        )
-        kept = "" if not work.count or work.kept[work.current] else ", excluded"
-        self.state.row_text = (
-            f"Sample {number} ({work.current + 1:,} of {work.count:,}){length}{kept}"
-        )
+        parts = [f"Sample {number} ({work.current + 1:,} of {work.count:,})"]
+        time = work.opened.samples.columns.get("time_s")
+        if time is not None and work.count:
+            parts.append(f"time {float(time[row]):,.6g} s")
+        if (found := work.opened.residuals) is not None:
+            kind = kind_label(found, "")
+            parts.append(f"residual ({kind}) {work.lengths()[work.current]:.4f} mm")
+        if work.count and not work.kept[work.current]:
+            parts.append("excluded")
+        self.state.row_text = ", ".join(parts)
 
     def _show_image(self) -> None:
         index = self._image_place(self.state.image)
@@ -198,6 +222,15 @@ class RecordingTab(Tab):
     def go_to(self, row) -> None:
         """Show one sample."""
         self.work.go_to(whole_number(row, 0, max(self.work.count - 1, 0), "sample"))
+
+    def show_sample(self, number) -> None:
+        """Show the sample of a number."""
+        number = whole_number(number, -(2**53), 2**53, "Number of a sample")
+        opened = self.work.opened
+        found = np.flatnonzero(opened.samples.sample_ids[opened.rows] == number)
+        if not len(found):
+            raise InputError(f"No sample of this run has the number {number}; correct the number")
+        self.work.go_to(int(found[0]))
 
     def use_image(self, image, on) -> None:
         """Include or exclude the image at a place of images.csv."""
@@ -235,28 +268,6 @@ def _scene(work):
     return robot.scene(work) if _is_still(work) else hand_eye.scene(work)
 
 
-def _steps(name: str, last: str) -> tuple[str, str]:
-    """Expressions of the browser that move a field back and on by one.
-
-    The browser counts by itself, so that clicks in quick succession each count while the server is busy.
-    """
-    back = f"{name} = Math.max(({name} || 0) - 1, 0)"
-    return back, f"{name} = Math.min(({name} || 0) + 1, {last})"
-
-
-_UNITS = {
-    "mm": "mm",
-    "deg": "deg",
-    "s": "s",
-    "kg": "kg",
-    "px": "px",
-    "C": "°C",
-    "degC": "°C",
-    "c": "°C",
-    "K": "K",
-}
-
-
 def row_table(work) -> list[dict]:
     """Name and value of each column of the current sample."""
     row = int(work.opened.rows[work.current])
@@ -266,12 +277,8 @@ def row_table(work) -> list[dict]:
 
 def _label(name: str) -> str:
     """A column of samples.csv as quantity and unit: "q1_deg" -> "joint 1 (deg)", "flange_qw" -> "flange qw"."""
-    if (joint := joint_label(name)) != name:
-        return joint
-    stem, _, unit = name.rpartition("_")
-    if stem and unit in _UNITS:
-        return f"{stem.replace('_', ' ')} ({_UNITS[unit]})"
-    return name.replace("_", " ")
+    joint = joint_label(name)
+    return joint if joint != name else covariate_label(name)
 
 
 def _text(value) -> str:

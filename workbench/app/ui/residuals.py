@@ -2,11 +2,12 @@
 
 from collections.abc import Callable
 
+import numpy as np
 from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
 from workbench.app.data.hand_eye import error_of_row
-from workbench.app.data.residuals import HELD_OUT, HELD_OUT_AFTER
+from workbench.app.data.residuals import FIT, HELD_OUT, HELD_OUT_AFTER
 from workbench.app.edits.session import CAMERA
 from workbench.app.figures import residuals
 from workbench.app.figures.robot import has_points
@@ -27,14 +28,6 @@ _MODES = [
 ]
 _MOST_PREPARED = 24
 """Quantities whose means are prepared in the background."""
-_HEADS = {
-    "sample": "Sample",
-    "pose": "Pose",
-    "length": "Residual ({{ residual_unit }})",
-    "held_out": "Held out ({{ residual_unit }})",
-    "angle": "Orientation (deg)",
-    "image": "Image",
-}
 
 
 _HINT = (
@@ -65,6 +58,7 @@ class ResidualsTab(Tab):
         state.length_from, state.length_to, state.wanted_sample = "", "", ""
         state.no_residuals, state.no_arrows = "", ""
         state.selected_count, state.residual_unit = 0, "mm"
+        state.has_rows, state.selected_heads = False, []
         state.picked_title, state.picked_image, state.picked_row = "", -1, []
         v3.VAlert(
             "{{ no_residuals }}",
@@ -74,6 +68,14 @@ class ResidualsTab(Tab):
             classes="mb-2",
         )
         self.errors.build()
+        with html.Div(v_if="has_rows"):
+            self._parts()
+        self.excluded.build()
+        for name in ("quantity", "kind"):
+            state.change(name)(self._on_choice)
+
+    def _parts(self) -> None:
+        """Figures, selection, and the sample that was selected last."""
         with v3.VRow(v_if="!no_residuals"):
             with v3.VCol(cols=12, lg=6):
                 html.Div("{{ no_arrows }}", v_if="no_arrows", **raw(data_text="no-arrows"))
@@ -89,9 +91,6 @@ class ResidualsTab(Tab):
                 self._charts()
         self._selection()
         self._picked()
-        self.excluded.build()
-        for name in ("quantity", "kind"):
-            state.change(name)(self._on_choice)
 
     def _charts(self) -> None:
         with html.Div(classes="d-flex"):
@@ -165,11 +164,9 @@ class ResidualsTab(Tab):
             **raw(role="group", aria_label="Selected samples"),
         ):
             with html.Thead(), html.Tr():
-                for head in _HEADS.values():
-                    html.Th(head, **raw(scope="col"))
+                html.Th("{{ head.title }}", v_for="head in selected_heads", **raw(scope="col"))
             with html.Tbody(), html.Tr(v_for="one in selected_table", key="one.row"):
-                for key in _HEADS:
-                    html.Td("{{ one." + key + " }}")
+                html.Td("{{ one[head.key] }}", v_for="head in selected_heads")
 
     def _field(self, key: str, label: str) -> None:
         v3.VTextField(
@@ -199,6 +196,7 @@ class ResidualsTab(Tab):
         work, state = self.work, self.state
         has = work.opened.residuals is not None
         state.residual_unit = state.pose_error_unit if self.errors.refresh() else "mm"
+        state.has_rows = work.count > 0
         state.no_residuals = "" if has else _no_residuals(work)
         state.quantities = list(work.quantities)
         if state.quantity not in work.quantities:
@@ -273,6 +271,7 @@ class ResidualsTab(Tab):
             f"{len(rows):,} of {work.count:,} samples selected; {excluded:,} excluded{outside}"
         )
         self.state.selected_table = [self._row(int(row)) for row in rows[:50]]
+        self.state.selected_heads = _heads(self.state.selected_table, self.state.residual_unit)
         self._describe_picked()
 
     def _describe_picked(self) -> None:
@@ -282,10 +281,7 @@ class ResidualsTab(Tab):
             self.mark("arrows", None)
             return
         shown = self._row(work.current)
-        pose = "" if shown["pose"] == "–" else f", pose {shown['pose']}"
-        state.picked_title = (
-            f"Sample {shown['sample']}{pose}, residual {shown['length']} {state.residual_unit}"
-        )
+        state.picked_title = _picked_title(shown, state.residual_unit)
         state.picked_row = row_table(work)
         if has_points(work):
             place = work.opened.residuals.points[:, work.current]
@@ -300,16 +296,17 @@ class ResidualsTab(Tab):
         pose = work.pose_of(row)
         number = int(work.opened.edit_ids[row])
         lengths = {} if found is None else found.lengths
+        fit = lengths.get(FIT, lengths.get("after"))
         held_out = lengths.get(HELD_OUT, lengths.get(HELD_OUT_AFTER))
         angles = {} if found is None else found.angles
         angle = angles.get("held_out", angles.get("fit", angles.get("after")))
         return {
             "row": row,
-            "angle": "–" if angle is None else f"{angle[row]:.4f}",
+            "angle": _shown(angle, row),
             "sample": number,
             "pose": "–" if pose is None else pose,
-            "length": "–" if found is None else f"{work.lengths()[row]:.4f}",
-            "held_out": "–" if held_out is None else f"{held_out[row]:.4f}",
+            "fit": _shown(fit, row),
+            "held_out": _shown(held_out, row),
             "image": work.image_of(number),
             **_of_pose(work.opened, row),
         }
@@ -394,10 +391,39 @@ def _no_residuals(work) -> str:
     """Why there is nothing to show here, and what to do."""
     if work.session.command == CAMERA:
         return (
-            "This run has no residuals of an arm. Residuals of images are in the tab Sensor; "
-            "those of a hand-eye calibration are here once its run is open."
+            "A calibration of a camera has no residuals of an arm. The reprojection error of each image is in the tab "
+            "Sensor."
         )
     return "This run has no residuals of an arm. Calibrate one in the tab Edit and rerun."
+
+
+def _shown(values, row: int) -> str:
+    """A value of a quantity for people; "–" where there is none."""
+    is_known = values is not None and np.isfinite(values[row])
+    return f"{values[row]:.4f}" if is_known else "–"
+
+
+def _heads(rows: list[dict], unit: str) -> list[dict]:
+    """Columns of the selected samples as key and title; a quantity that none of them has is left out."""
+    titles = {
+        "sample": "Sample",
+        "pose": "Pose",
+        "fit": f"Fit ({unit})",
+        "held_out": f"Held out ({unit})",
+        "angle": "Orientation (deg)",
+        "image": "Image",
+    }
+    has_any = {key: any(row[key] != "–" for row in rows) for key in titles}
+    return [{"key": key, "title": title} for key, title in titles.items() if has_any[key]]
+
+
+def _picked_title(row: dict, unit: str) -> str:
+    """Sample, pose and residuals of a row of the table."""
+    pose = "" if row["pose"] == "–" else f", pose {row['pose']}"
+    kinds = {"fit": "fit", "held_out": "held out"}
+    known = [f"{row[key]} {unit} ({name})" for key, name in kinds.items() if row[key] != "–"]
+    residual = f": residual {', '.join(known)}" if known else ""
+    return f"Sample {row['sample']}{pose}{residual}"
 
 
 def _of_pose(opened, row: int) -> dict:
@@ -405,7 +431,7 @@ def _of_pose(opened, row: int) -> dict:
     error = error_of_row(opened, row)
     if error is None:
         return {}
-    values = {"length": error.residual, "held_out": error.held_out}
+    values = {"fit": error.residual, "held_out": error.held_out}
     return {key: "–" if value is None else f"{value:.4f}" for key, value in values.items()}
 
 

@@ -1,14 +1,20 @@
 """Tab "Sensor": light planes and mirror axis in space, clouds with fitted balls, images with overlays."""
 
+import functools
+from collections.abc import Mapping
+
 from trame.widgets import html
 from trame.widgets import vuetify3 as v3
 
+from workbench.app.data.image_errors import camera_deviations, image_errors
 from workbench.app.data.images import image_rows
 from workbench.app.data.sensor import camera_of, scanner_of, scans_of
+from workbench.app.edits.changes import IMAGES
 from workbench.app.figures import sensor
 from workbench.app.ui.attributes import raw
-from workbench.app.ui.base import Tab
+from workbench.app.ui.base import Tab, points_of, whole_number
 from workbench.app.ui.image_panel import ImagePanel
+from workbench.app.ui.steps import steps
 from workbench.app.ui.view import SPACE
 from workbench.report.text import counted
 
@@ -38,6 +44,7 @@ class SensorTab(Tab):
         state.scan, state.scans, state.ball_table, state.camera_table = 0, [], [], []
         state.scan_text = ""
         state.sensor_image, state.sensor_images = 0, []
+        state.sensor_image_on, state.has_image_errors = True, False
         v3.VAlert(
             "{{ no_sensor }}", v_if="no_sensor", type="info", variant="outlined", classes="mb-2"
         )
@@ -61,23 +68,53 @@ class SensorTab(Tab):
         with html.Div(v_if="camera_table.length", style="max-width: 640px"):
             html.H2("Camera", classes="text-subtitle-1 font-weight-bold mt-3")
             with v3.VTable(density="compact", **raw(role="group", aria_label="Camera")):
+                with html.Thead(), html.Tr():
+                    for head in ("Parameter", "Value", "1 sigma"):
+                        side = {} if head == "Parameter" else {"classes": "text-right"}
+                        html.Th(head, **side, **raw(scope="col"))
                 with html.Tbody(), html.Tr(v_for="one in camera_table", key="one.name"):
                     html.Td("{{ one.name }}")
                     html.Td("{{ one.value }}", classes="text-right")
+                    html.Td("{{ one.sigma }}", classes="text-right")
 
     def _images(self) -> None:
         html.H2(
             "Corners, stripes and reprojection errors",
             classes="text-subtitle-1 font-weight-bold mt-3",
         )
-        v3.VAutocomplete(
-            v_model=("sensor_image",),
-            items=("sensor_images",),
-            label="Image of the sensor",
-            density="compact",
-            hide_details=True,
-            style="max-width: 600px",
-        )
+        with html.Div(v_if="has_image_errors"):
+            html.P(
+                "RMS distance of detected and predicted corners of each image; the dashed line is that of all images. "
+                "Click a bar to see its image. Grey images are excluded. The arrows in the image are those of a flat "
+                "board whose pose is fitted to this image alone.",
+                classes="text-caption",
+            )
+            self.figure(
+                "image_errors",
+                "RMS reprojection error of each board image",
+                "34vh",
+                click=(self.page.handler(self.on_bar), points_of()),
+            )
+        with html.Div(classes="d-flex flex-wrap align-center"):
+            previous, following = steps("sensor_image", "sensor_images.length - 1")
+            self.button("Previous", previous, aria_label="Previous image of the sensor")
+            self.button("Next", following, aria_label="Next image of the sensor")
+            v3.VAutocomplete(
+                v_model=("sensor_image",),
+                items=("sensor_images",),
+                label="Image of the sensor",
+                density="compact",
+                hide_details=True,
+                classes="mb-2",
+                style="flex: 0 1 520px; min-width: 260px",
+            )
+            v3.VCheckbox(
+                label="Use this image in the calibration",
+                model_value=("sensor_image_on",),
+                update_modelValue=(self.page.handler(self.use_image), "[sensor_image, $event]"),
+                hide_details=True,
+                classes="mx-4",
+            )
         self.panel.build("66vh")
 
     def _clouds(self) -> None:
@@ -124,13 +161,12 @@ class SensorTab(Tab):
                 "calibrate from images."
             )
         )
-        state.sensor_images = [
-            {"title": f"{row['name']} ({row['role']})", "value": row["index"]}
-            for row in image_rows(opened.recording)
-        ]
+        state.sensor_images = _image_items(opened)
+        state.has_image_errors = bool(image_errors(opened))
         if state.sensor_images:
             self._show_image()
-        state.camera_table = [] if camera is None else _camera_rows(camera)
+        deviations = camera_deviations(opened)
+        state.camera_table = [] if camera is None else _camera_rows(camera, deviations)
         if scanner is not None:
             self.draw_when_changed("planes", (opened,), lambda: sensor.planes(opened))
         if state.scans:
@@ -147,8 +183,28 @@ class SensorTab(Tab):
         self.state.scan_text = f"Scan {row['scan']}: {row['points']} points. {row['outcome']}"
 
     def _show_image(self) -> None:
-        last = len(self.work.opened.recording.images) - 1
-        self.panel.show(min(max(int(self.state.sensor_image or 0), 0), last))
+        opened, place = self.work.opened, self._image_place(self.state.sensor_image)
+        excluded = self.work.session.excluded(IMAGES)
+        self.state.sensor_image_on = opened.recording.images[place]["image"] not in excluded
+        self.panel.show(place)
+        if errors := image_errors(opened):
+            key = (opened, place, excluded)
+            make = functools.partial(sensor.error_bars, errors, place, excluded)
+            self.draw_when_changed("image_errors", key, make)
+
+    def _image_place(self, place) -> int:
+        """A place of images.csv that came from the browser; the nearest one that exists."""
+        place = whole_number(place or 0, -1, 2**31, "image")
+        return min(max(place, 0), len(self.work.opened.recording.images) - 1)
+
+    def on_bar(self, places) -> None:
+        """Show the image of a bar."""
+        if places and self.state.sensor_images:
+            self.state.sensor_image = self._image_place(places[0])
+
+    def use_image(self, place, on) -> None:
+        """Include or exclude the image at a place of images.csv."""
+        self.work.set_image(self._image_place(place), bool(on))
 
     def _on_image(self, **_) -> None:
         if self.is_shown and self.state.sensor_images:
@@ -175,10 +231,31 @@ def _ball_row(ball) -> dict:
     }
 
 
-def _camera_rows(camera) -> list[dict]:
-    rows = [(label, f"{getattr(camera, name):.3f} px") for name, label in _CAMERA.items()]
-    rows += [
-        (f"distortion {name}", f"{value:.5f}") for name, value in zip(_LENS, camera.distortion)
+def _image_items(opened) -> list[dict]:
+    """Images to choose from, with their reprojection error where the run states it."""
+    rms = {error.place: f", RMS {error.rms:.4g} px" for error in image_errors(opened)}
+    return [
+        {
+            "title": f"{row['name']} ({row['role']}){rms.get(row['index'], '')}",
+            "value": row["index"],
+        }
+        for row in image_rows(opened.recording)
     ]
-    rows.append(("image size", f"{camera.size[0]} × {camera.size[1]} px"))
-    return [{"name": name, "value": value} for name, value in rows]
+
+
+def _camera_rows(camera, deviations: Mapping[str, float]) -> list[dict]:
+    """Rows of the table: name, value and standard deviation, "" where the run states none."""
+    rows = [
+        (label, f"{getattr(camera, name):.3f} px", _sigma(deviations, name, " px"))
+        for name, label in _CAMERA.items()
+    ]
+    rows += [
+        (f"distortion {name}", f"{value:.5f}", _sigma(deviations, name))
+        for name, value in zip(_LENS, camera.distortion)
+    ]
+    rows.append(("image size", f"{camera.size[0]} × {camera.size[1]} px", ""))
+    return [{"name": name, "value": value, "sigma": sigma} for name, value, sigma in rows]
+
+
+def _sigma(deviations: Mapping[str, float], name: str, unit: str = "") -> str:
+    return f"{deviations[name]:.2g}{unit}" if name in deviations else ""

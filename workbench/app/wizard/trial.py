@@ -39,7 +39,7 @@ class Trial:
     def fits(self) -> list[dict]:
         """Readings that were tested on the robot, the chosen one first: name, rms_mm, rms_deg as text."""
         rows = [] if self.result is None else [fit.as_json() for fit in self.result.fits]
-        return [{key: _shown(value) for key, value in row.items()} for row in rows]
+        return [{key: _shown(value, 3) for key, value in row.items()} for row in rows]
 
     @property
     def samples(self) -> list[list[str]]:
@@ -65,10 +65,10 @@ class Trial:
             ) from None
 
 
-def _shown(value) -> str:
+def _shown(value, digits: int = 6) -> str:
     if value is None:
         return "–"
-    return value if isinstance(value, str) else f"{float(value):.6g}"
+    return value if isinstance(value, str) else f"{float(value):.{digits}g}"
 
 
 def try_import(

@@ -153,7 +153,13 @@ def light_planes(made: go.Figure, corners: np.ndarray, name: str) -> None:
         showlegend=True,
         hoverinfo="skip",
     )
-    lines(made, np.concatenate([corners, corners[:, :1]], axis=1), "their edges", style.ORANGE, 1.5)
+    lines(
+        made,
+        np.concatenate([corners, corners[:, :1]], axis=1),
+        "edges of the light planes",
+        style.ORANGE,
+        1.5,
+    )
 
 
 def ball(
