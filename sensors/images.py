@@ -18,6 +18,10 @@ FULL = 0.5
 """Share of pixels at full scale beyond which a image shows its exposure and nothing else."""
 STANDS_OUT = 8.0
 """Contrast over noise; the brightest and darkest thousandth of pure noise are 6.2 sigma apart."""
+_STEEPEST = 99.9
+"""Per cent of the pixels with a smaller gradient than an edge: a board has edges in more than a thousandth of them."""
+_SHARP_PX, _ONE_WAY = 8.0, 2.0
+"""px of an edge that is blurred, and the ratio of two directions; 1.4 where two families of edges are sharp."""
 _REMEDY = "or remove it and its row of the table of images or poses"
 ENDS = ((b"\xff\xd8", b"\xff\xd9", "JPEG"), (b"\x89PNG", b"IEND\xaeB`\x82", "PNG"))
 
@@ -98,7 +102,29 @@ def flaw(image: Image | np.ndarray) -> str | None:
     if image.saturated > FULL:
         return f"saturated: {100 * image.saturated:.0f} % of the pixels at full scale"
     if high - low <= STANDS_OUT * noise(image.grey) + 2:
-        return f"no contrast: grey values from {low:.0f} to {high:.0f} of {image.full}"
+        spread = f"grey values from {low:.0f} to {high:.0f} of {image.full}"
+        return f"no contrast: {spread}, noise of {noise(image.grey):.2g}"
+    return None
+
+
+def blur(grey: np.ndarray) -> str | None:
+    """How an image (H, W) with straight edges in two directions is blurred; None where its edges are sharp.
+
+    An edge is as wide as the contrast of the image over the steepest gradient across it, after smoothing by 1 px. The
+    narrower of two edge directions is blurred by focus; one that is much wider, by motion across it.
+    """
+    import cv2
+
+    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), 1.0)
+    low, high = np.percentile(smooth[::4, ::4], (0.1, 99.9))
+    down, right = np.gradient(smooth)
+    along = (right, down, (right + down) / np.sqrt(2), (right - down) / np.sqrt(2))
+    steepest = [float(np.percentile(np.abs(one), _STEEPEST)) for one in along]
+    narrow, wide = (float(high - low) / max(f(steepest), 1e-9) for f in (max, min))
+    if narrow > _SHARP_PX:
+        return f"blurred: its sharpest edges are {narrow:.0f} px wide"
+    if wide > max(_SHARP_PX, _ONE_WAY * narrow):
+        return f"blurred along one direction, as by motion: edges are up to {wide:.0f} px wide, others {narrow:.0f}"
     return None
 
 

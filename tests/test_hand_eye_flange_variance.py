@@ -15,12 +15,15 @@ from workbench.core.rigid import transform
 from workbench.fitting.verdicts.hand_eye_verdict import flange_error_words
 
 
-def variances_of(seed, shift, spin, count=25):
-    """Of simulated views with independent errors of position (mm) and rotation (rad) of the flange, by adjustment."""
+def variances_of(seed, shift, spin, count=25, directions=(1.0, 1.0, 1.0)):
+    """Of simulated views with independent errors of position (mm) and rotation (rad) of the flange, by adjustment.
+
+    directions: factors of the position errors along x, y and z.
+    """
     views, flange = images(seed, shift=0, spin=0, count=count, noise=0.02)
     random = np.random.default_rng(seed)
     turns = Rotation.from_rotvec(random.normal(0, 1, (count, 3)) * spin).as_matrix()
-    moved = flange[:, :3, 3] + shift * random.normal(0, 1, (count, 3))
+    moved = flange[:, :3, 3] + shift * random.normal(0, 1, (count, 3)) * directions
     flange = transform(turns @ flange[:, :3, :3], moved)
     points = board().points
     chain = _chain(views, points, CAMERA, flange, "in-hand", None)
@@ -37,6 +40,14 @@ def test_both_components_are_those_of_the_flange(shift, spin):
     fit, found = variances_of(2, shift, spin)
     assert abs(found.spread[0] - shift) < 3 * found.std[0] < shift
     assert abs(found.spread[1] - spin) < 3 * found.std[1] < spin
+
+
+def test_the_uncertainty_holds_for_errors_along_one_direction():
+    """As many independent errors as poses, a third of those of errors that are alike in all directions."""
+    found = [variances_of(seed, 0.1, 3e-4, 20, (0.1, 0.1, 1.73))[1] for seed in range(100, 140)]
+    scatter = np.std([one.spread[0] for one in found])
+    stated = np.sqrt(np.mean([one.std[0] ** 2 for one in found]))
+    assert 0.75 < scatter / stated < 1.25
 
 
 def test_rotation_errors_alone_are_no_position_error():

@@ -1,5 +1,7 @@
 """Tables of targets and points that a user names: the same forms as those of the import, and never a silent guess."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from robot_model import load_robot
 from scenes import SLIDING
 from workbench.core.errors import InputError
 from workbench.files.points import read_points
-from workbench.files.targets import read_programme
+from workbench.files.targets import as_csv, corrected_columns, read_programme
 
 ROBOT = load_robot({"builtin": "ur10"}, "test")
 READINGS = [[10.5, -90, 20, -5, 30.25, 1], [11, -80, 25, -6, 31.5, 2]]
@@ -194,3 +196,55 @@ def test_the_mapping_of_a_measurement_reads_targets_without_the_point(tmp_path):
     mapping.write_text(f'format = "import/1"\n{joints}{point}')
     programme = read_programme(tmp_path / "t.csv", load_robot("ur10"), mapping)
     assert np.allclose(np.rad2deg(programme.readings[1]), [2, 3, 4, 5, 6, 7])
+
+
+def corrected(path, mapping=None):
+    """Columns of corrected.csv where every reading is corrected by 1 deg."""
+    programme = read_programme(path, ROBOT, mapping)
+    count = len(programme.readings)
+    found = SimpleNamespace(
+        readings=programme.readings + np.deg2rad(1.0),
+        reached=np.ones(count, bool),
+        **{name: np.zeros(count) for name in RESULTS},
+    )
+    return corrected_columns(programme, ROBOT, found)
+
+
+RESULTS = (
+    "correction_mm",
+    "left_mm",
+    "position_left_mm",
+    "rotation_left_deg",
+    "sigma_mm",
+    "uncertainty_mm",
+    "expanded_uncertainty_mm",
+)
+
+
+def test_corrected_targets_keep_the_columns_and_units_of_the_user(tmp_path):
+    header = ["Nr", *(f"Achse {k} [gon]" for k in range(1, 7)), "Last [lb]"]
+    path = table(tmp_path, header, [[k, *row, 2] for k, row in enumerate(READINGS, 1)])
+    made = corrected(path)
+    assert list(made)[:8] == header
+    np.testing.assert_allclose(made["Achse 3 [gon]"], [20 + 1 / 0.9, 25 + 1 / 0.9])
+    assert made["Last [lb]"].tolist() == [2, 2] and "q1_deg" not in made
+
+
+def test_a_row_of_units_goes_into_the_headers_of_corrected_targets(tmp_path):
+    path = tmp_path / "t.csv"
+    rows = [",".join(f"{value}" for value in row) for row in READINGS]
+    path.write_text("\n".join([",".join(OPEN), ",".join(["gon"] * 6), *rows]))
+    made = corrected(path)
+    assert list(made)[:6] == [f"A{k} [gon]" for k in range(1, 7)]
+    np.testing.assert_allclose(made["A1 [gon]"], [10.5 + 1 / 0.9, 11 + 1 / 0.9])
+    written = tmp_path / "again.csv"
+    written.write_text(as_csv(made))
+    again = read_programme(written, ROBOT)
+    np.testing.assert_allclose(again.readings[:, 0], np.deg2rad([10.45, 10.9]), rtol=1e-8)
+
+
+def test_corrected_poses_get_readings_in_degrees(tmp_path):
+    header = ["X [m]", "Y [m]", "Z [m]", "qw", "qx", "qy", "qz"]
+    path = table(tmp_path, header, [[0.5, 0.25, 0.3, 1, 0, 0, 0]])
+    made = corrected(path)
+    assert list(made)[:13] == [*header, *NATIVE] and made["X [m]"].tolist() == [0.5]

@@ -24,6 +24,17 @@ _LONGEST_TEXT, _LONGEST_NUMBER = (
 
 
 @dataclass(frozen=True, eq=False)
+class UserColumns:
+    """The columns of a table as its user wrote them, in their order and units, where `Table.columns` are converted.
+
+    `joints`: column and size of its unit, deg or mm, of each joint reading; () where the table has none.
+    """
+
+    columns: Mapping[str, np.ndarray]
+    joints: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Table:
     """Columns of one file: (n,) float64 where numeric, (n,) str where the column is text."""
 
@@ -33,6 +44,8 @@ class Table:
     """(n,) row numbers as a spreadsheet shows them: the header of a CSV file is row 1."""
     names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Columns of groups that hold names: name k stands for the number k + 1 in the column."""
+    origin: UserColumns | None = None
+    """Of a table of targets in other columns than those of the recording format; None elsewhere."""
 
     def where(self, index: int, column: str) -> str:
         """Place of one cell for an error sentence."""

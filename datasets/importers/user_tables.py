@@ -17,7 +17,7 @@ import numpy as np
 from datasets.columns import POINT, QUATERNION, joint_columns
 from datasets.errors import InputError, complaint
 from datasets.files import read_text
-from datasets.formats.table import Table, read_table
+from datasets.formats.table import Table, UserColumns, read_table
 from datasets.importers.mapping import conversion
 from datasets.importers.mapping.candidates import (
     ANGLE_UNITS,
@@ -68,6 +68,7 @@ def _converted(raw: RawTable, sliding: Sequence[bool], mapping: Mapping | None) 
     _check_cells(raw)
     found = _mapping(raw, mapping)
     columns: dict[str, np.ndarray] = {}
+    joints = () if found.joints is None else _joint_sizes(raw, found, sliding)
     if found.joints is not None:
         columns |= _joints(raw, found, sliding)
     if found.flange_point is not None:
@@ -76,7 +77,31 @@ def _converted(raw: RawTable, sliding: Sequence[bool], mapping: Mapping | None) 
         columns |= _positions(raw, found)
     if found.flange_rotation is not None:
         columns |= _rotations(raw, found)
-    return _table(raw, columns, found)
+    is_program = NAME_OF_POSITION in raw.columns
+    origin = None if is_program else UserColumns(*_with_units(raw, joints))
+    return replace(_table(raw, columns, found), origin=origin)
+
+
+def _joint_sizes(raw: RawTable, found: Mapping, sliding: Sequence[bool]):
+    """Column and size of its unit, deg or mm, of each joint reading."""
+    group = found.joints
+    if group.counts_per_deg is not None:
+        return tuple((name, 1 / count) for name, count in zip(group.columns, group.counts_per_deg))
+    units = _joint_units(raw, group, sliding)
+    return tuple((name, {**LENGTHS, **ANGLES}[unit]) for name, unit in zip(group.columns, units))
+
+
+def _with_units(
+    raw: RawTable, joints
+) -> tuple[dict[str, np.ndarray], tuple[tuple[str, float], ...]]:
+    """All columns and those of the joint readings, with the units of a row of units in their headers."""
+    names = {}
+    for name in raw.columns:
+        unit = raw.units.get(name)
+        is_in_header = unit is None or read_header(name).unit is not None
+        names[name] = name if is_in_header else f"{name} [{unit}]"
+    columns = {names[name]: cells for name, cells in raw.columns.items()}
+    return columns, tuple((names[name], size) for name, size in joints)
 
 
 def read_named_points(path: Path, labels: Sequence[str]) -> Table:

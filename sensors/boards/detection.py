@@ -82,13 +82,16 @@ def detect(
             if image.saturated > 0.1
             else ""
         )
-        return Rejected(name, found.why + bright, placement, found.size)
+        blurred = images.blur(image.grey) if found.size is None else None
+        why = f"{blurred}; {found.why}" if blurred else found.why
+        return Rejected(name, why + bright, placement, found.size)
     grey = image.grey.astype(np.float32)
     index, fit, radius = board_finders.refine(grey, board, found)
     if fit.good.sum() < max(LEAST, 0.5 * len(index)):
         return Rejected(
             name,
-            f"blurred or covered: {fit.good.sum()} of {len(index)} {board.marks} are sharp enough",
+            f"{images.blur(image.grey) or 'blurred or covered'}; {fit.good.sum()} of {len(index)} {board.marks} are "
+            "sharp enough",
             placement,
         )
     kept = fit.good

@@ -291,7 +291,7 @@ def leave_out(adjusted: Adjusted, pose: int, full) -> LeftOut:
     chain, parameters, variances = adjusted.chain, adjusted.parameters, adjusted.variances
     made = full
     for _ in range(2):
-        others = _without(made, pose)
+        others = without_pose(made, pose)
         variances = restricted_likelihood(chain, others, parameters, variances)
         linear = _linear(chain, others, parameters, variances, adjusted.equal)
         far = np.abs(linear.change / parameters.typical[parameters.mask]).max()
@@ -302,7 +302,8 @@ def leave_out(adjusted: Adjusted, pose: int, full) -> LeftOut:
     return LeftOut(parameters.values, *_distance(chain, made, pose, linear, variances))
 
 
-def _without(made, pose):
+def without_pose(made, pose: int):
+    """`grams` without what one pose says."""
     keep = np.arange(len(made[0])) != pose
     return made[0] * keep[:, None, None], made[1] * keep
 

@@ -253,13 +253,18 @@ def corrected_columns(
 ) -> dict[str, np.ndarray]:
     """Columns of the corrected programme: the file's own, its readings replaced, and what is left of the error.
 
+    The file's own columns keep their names and units; readings of a file without any are q1_deg ....
     refused: indices of targets that keep no readings, like those that are not reached.
     """
     is_refused = np.isin(np.arange(len(found.readings)), list(refused))
     readings = np.where(is_refused[:, None], np.nan, found.readings)
-    joints = {}
-    for k, (slides, column) in enumerate(zip(sliding(robot), readings.T), 1):
-        joints[f"q{k}_{'mm' if slides else 'deg'}"] = column if slides else np.rad2deg(column)
+    table, slides = programme.table, sliding(robot)
+    own = table.columns if table.origin is None else table.origin.columns
+    names = [(f"q{k}_{'mm' if one else 'deg'}", 1.0) for k, one in enumerate(slides, 1)]
+    if table.origin is not None and table.origin.joints:
+        names = table.origin.joints
+    in_deg_or_mm = readings * np.where(slides, 1.0, 180 / np.pi)
+    joints = {name: column / size for (name, size), column in zip(names, in_deg_or_mm.T)}
     added = {
         "correction_mm": found.correction_mm,
         "left_mm": found.left_mm,
@@ -271,7 +276,7 @@ def corrected_columns(
         "reached": found.reached.astype(float),
         "refused": is_refused.astype(float),
     }
-    return {**programme.table.columns, **joints, **added}
+    return {**own, **joints, **added}
 
 
 def as_csv(columns: Mapping[str, np.ndarray]) -> str:

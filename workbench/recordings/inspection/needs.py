@@ -34,6 +34,7 @@ _MODERATE = 120.0  # deg or mm: a range this large determines the joint, however
 _SMALL_SPREAD_DEG = 20.0
 _FEW_IMAGES, _LEAST_IMAGES, _FIELD = 10, 4, 0.6
 _HAND_EYE = 3
+_NAMED_IMAGES = 12
 _NOISE_RATIO = 2.0
 
 
@@ -269,9 +270,11 @@ def _image_needs(recording: Recording, images: ImageCoverage) -> Iterator[Need]:
         what = f"the board is found in {images.found} images"
         yield Need(command, False, what, f"take {_FEW_IMAGES} or more, tilted by 20 to 45 deg")
     if images.found >= _LEAST_IMAGES and images.rejected:
-        names = ", ".join(image for image, _ in images.rejected[:3])
-        more = ", ..." if len(images.rejected) > 3 else ""
-        what = f"the board is not found in {len(images.rejected)} images ({names}{more}: {images.rejected[0][1]})"
+        count = len(images.rejected)
+        reasons = [f"{image}: {why}" for image, why in images.rejected[:_NAMED_IMAGES]]
+        more = [f"and {count - _NAMED_IMAGES} more"] if count > _NAMED_IMAGES else []
+        which = "1 image is" if count == 1 else f"{count} images are"
+        what = f"{which} not usable: {' | '.join([*reasons, *more])}"
         yield Need(
             command, False, what, "look at these images, and take them again or leave them out"
         )

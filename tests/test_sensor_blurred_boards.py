@@ -1,0 +1,53 @@
+"""Why a board is not found: images blurred by focus or motion are told from sharp ones, and every image is named."""
+
+import cv2
+import numpy as np
+import pytest
+
+from sensors.boards.board import Board
+from sensors.boards.detection import Rejected, detect
+from sensors.images import blur
+from workbench.recordings.inspection.coverage import ImageCoverage
+from workbench.recordings.inspection.needs import _image_needs
+
+BOARD = Board("chessboard", 6, 4, 10.0)
+
+
+def drawn(turn_deg=12.0):
+    """(480, 640) of a chessboard with squares of 40 px, turned in the image plane."""
+    squares = np.kron(np.indices((5, 7)).sum(0) % 2, np.ones((40, 40))) * 170 + 30
+    plain = np.full((480, 640), 120.0)
+    plain[140:340, 180:460] = squares
+    turn = cv2.getRotationMatrix2D((320, 240), turn_deg, 1.0)
+    made = cv2.warpAffine(plain, turn, (640, 480), flags=cv2.INTER_AREA, borderValue=120)
+    noise = np.random.default_rng(2).normal(0, 1.5, made.shape)
+    return np.clip(cv2.GaussianBlur(made, (0, 0), 0.7) + noise, 0, 255).astype(np.uint8)
+
+
+def moved(image, length):
+    return cv2.blur(image, (length, 1))
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 12.0, 45.0])
+def test_a_sharp_board_is_not_blurred(turn_deg):
+    assert blur(drawn(turn_deg)) is None
+
+
+def test_focus_and_motion_are_named():
+    out_of_focus = detect(cv2.GaussianBlur(drawn(), (0, 0), 25), BOARD, "a.png")
+    in_motion = detect(moved(drawn(), 31), BOARD, "b.png")
+    assert isinstance(out_of_focus, Rejected) and isinstance(in_motion, Rejected)
+    assert out_of_focus.why.startswith("blurred: its sharpest edges are ")
+    assert in_motion.why.startswith("blurred along one direction, as by motion: edges are up to 3")
+
+
+def test_check_names_every_image_with_its_own_reason():
+    rejected = (("a.png", "blurred"), ("b.png", "no contrast"), ("c.png", "the same as d.png"))
+    images = ImageCoverage({"board": 14}, 11, rejected, np.ones((2, 1)), (640, 480))
+
+    class Recording:
+        measures = "board-images"
+
+    said = " ".join(need.what for need in _image_needs(Recording, images))
+    for name, why in rejected:
+        assert f"{name}: {why}" in said
