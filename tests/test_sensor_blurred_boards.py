@@ -1,4 +1,4 @@
-"""Why a board is not found: focus and motion blur are recognised by the widths of edges, and every image is named.
+"""Why a board is not found: focus and motion blur are recognised by the widths of edges, and every image is named."""
 
 import cv2
 import numpy as np
