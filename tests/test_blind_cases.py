@@ -210,7 +210,7 @@ def test_rows_of_a_withheld_approach_stand_in_no_order_that_tells_it():
 def test_the_size_is_what_survives_the_makers_own_baseline():
     """Nothing of a clean case remains; the baseline absorbs a displacement along itself completely."""
     from datasets.makers.blind import baseline_span, workplace
-    from datasets.makers.blind.world import Push
+    from datasets.makers.blind.world import Perturbation
 
     world = workplace.draw(
         np.random.default_rng(4), workplace.Requirements("ball-centre", samples=(120, 140))
@@ -219,25 +219,27 @@ def test_the_size_is_what_survives_the_makers_own_baseline():
     assert np.allclose(base.T @ base, np.eye(base.shape[1]), atol=1e-9)
     offset = np.zeros((world.n, world.joints))
     offset[:, 2] = 1e-5
-    change = world.measured(Push(joint=offset)) - world.clean
+    change = world.measured(Perturbation(joint=offset)) - world.clean
     assert baseline_span.rms(baseline_span.left(base, change)) < 2e-3 * baseline_span.rms(change)
     sine = offset * np.sin(3 * world.angles)
-    change = world.measured(Push(joint=sine)) - world.clean
+    change = world.measured(Perturbation(joint=sine)) - world.clean
     assert baseline_span.rms(baseline_span.left(base, change)) > 0.3 * baseline_span.rms(change)
 
 
 def test_pushes_add_up_and_nothing_is_nothing():
     from datasets.makers.blind import workplace
-    from datasets.makers.blind.world import Push
+    from datasets.makers.blind.world import Perturbation
 
     world = workplace.draw(np.random.default_rng(6), workplace.Requirements(samples=(100, 110)))
     twist = np.zeros((world.n, 6))
     twist[:, 0] = 0.3
-    whole = world.measured(Push(base=twist) + Push(joint_compliance=np.full(world.joints, 1e-6)))
+    whole = world.measured(
+        Perturbation(base=twist) + Perturbation(joint_compliance=np.full(world.joints, 1e-6))
+    )
     assert np.abs(whole - world.clean).max() > 0.01
-    assert np.array_equal(world.measured(Push()), world.clean)
+    assert np.array_equal(world.measured(Perturbation()), world.clean)
     if world.measures == "external-point":
-        moved = world.measured(Push(base=twist)) - world.clean
+        moved = world.measured(Perturbation(base=twist)) - world.clean
         assert np.allclose(np.linalg.norm(moved, axis=1), 0.3, atol=1e-9)
 
 

@@ -64,8 +64,8 @@ def test_every_flaw_of_the_mirror_is_nothing_at_size_zero_and_moves_the_light_el
     still = light()
     where = still.away(points, still.truly(0.1, 0.05))
     for flaw in (
-        {"nod": (1e-3, 0.0, 2.0, 0.3)},
-        {"nod": (0.0, 0.05, 1.0, 0.0)},
+        {"wobble": (1e-3, 0.0, 2.0, 0.3)},
+        {"wobble": (0.0, 0.05, 1.0, 0.0)},
         {"encoder": (1e-4, 7, 0.5)},
         {"late": 1e-3},
         {"cone": 1e-3},

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sensors.stripe.ambient import MOST_IMAGES, Lines, chosen_images, scene_of, slope_pull
+from sensors.stripe.ambient import MOST_IMAGES, Lines, ambient_bias, chosen_images, scene_of
 from sensors.stripe.centre_noise import centre_noise
 from sensors.stripe.find import find_stripes
 
@@ -34,7 +34,7 @@ def test_a_slope_of_the_light_no_longer_pulls_centres(slope, turned):
     seen = images.transpose(0, 2, 1) if turned else images
     found = find_stripes(seen, "columns" if turned else "rows")
     shape = np.vstack([found.shape, found.peak])
-    pull = slope_pull(seen[chosen_images(len(seen))], found.pixels, shape, not turned)
+    pull = ambient_bias(seen[chosen_images(len(seen))], found.pixels, shape, not turned)
     inside = found.line < HEIGHT - 25
     error = (found.centre - places[found.frame, found.line])[inside]
     assert np.mean(error) == pytest.approx(np.sign(slope) * 0.013, abs=0.004)
@@ -46,7 +46,7 @@ def test_some_images_show_the_scene():
     assert chosen_images(3).tolist() == [0, 1, 2]
     assert chosen_images(4).tolist() == [0, 1, 2, 3]
     assert len(chosen_images(100)) == MOST_IMAGES
-    assert (slope_pull([], np.zeros((2, 5)), np.ones((3, 5)), True) == 0).all()
+    assert (ambient_bias([], np.zeros((2, 5)), np.ones((3, 5)), True) == 0).all()
 
 
 def test_an_edge_of_the_scene_moves_no_centre_far():
@@ -55,7 +55,7 @@ def test_an_edge_of_the_scene_moves_no_centre_far():
     images[:, :, 30:] = 200
     pixels = np.array([[30.0, 31.0], [20.0, 25.0]])
     shape = np.array([[2.0, 2.0], [0.1, 0.1], [20.0, 20.0]])
-    assert np.abs(slope_pull(images, pixels, shape, True)).max() < 0.3
+    assert np.abs(ambient_bias(images, pixels, shape, True)).max() < 0.3
 
 
 @pytest.mark.parametrize("beyond", [0.0, 0.05])
@@ -88,7 +88,7 @@ def test_the_slope_of_the_light_is_seen_next_to_the_lines_of_few_images(count, t
         lines = Lines(found.pixels[:, own], found.width[own], not turned)
         shown.append(scene_of(seen[k], count, lines))
     shape = np.vstack([found.shape, found.peak])
-    pull = slope_pull(shown, found.pixels, shape, not turned)
+    pull = ambient_bias(shown, found.pixels, shape, not turned)
     inside = found.line < HEIGHT - 25
     error = (found.centre - places[found.frame, found.line])[inside]
     assert np.mean(error) == pytest.approx(0.013, abs=0.006)

@@ -12,10 +12,10 @@ from sensors.camera.model import Camera
 from sensors.light.planes import light_origin
 from sensors.scanner.cloud import Cloud
 from sensors.scanner.model import Scanner
-from sensors.stripe.bend import Bend, LineShape
 from sensors.stripe.brightness import Brightness, brightness_law
 from sensors.stripe.find import find_stripes
 from sensors.stripe.light_direction import light_on_ball
+from sensors.stripe.surface_line import LineShape, SurfaceLine
 from workbench.jobs.sensor.scan import INCIDENCE_DEG, _fitted
 
 SIZE, FOCAL, RADIUS = (320, 240), 450.0, 18.0
@@ -68,7 +68,7 @@ def seen(light: np.ndarray, rng) -> np.ndarray:
     return np.clip(np.round(255 * noisy), 0, 255).astype(np.uint8)
 
 
-def measured(centre, planes, rng, law=None) -> tuple[Cloud, Bend, np.ndarray, np.ndarray]:
+def measured(centre, planes, rng, law=None) -> tuple[Cloud, SurfaceLine, np.ndarray, np.ndarray]:
     """Points on the ball, what it does to their stripes, line (3, n) (shape and peak) and sigma (n,) px."""
     camera = Camera(FOCAL, FOCAL, SIZE[0] / 2, SIZE[1] / 2, (0.0,) * 5, SIZE)
     scanner = Scanner(camera, np.arange(planes.shape[1]), planes, sigma_px=0.03)
@@ -77,14 +77,14 @@ def measured(centre, planes, rng, law=None) -> tuple[Cloud, Bend, np.ndarray, np
     away = np.linalg.norm(points - centre[:, None], axis=0) - RADIUS
     on = np.abs(away) < 0.05 * RADIUS
     cloud = Cloud(scanner, points, found.pixels, found.frame, found.frame).some(on)
-    bend = cloud.bend(np.append(centre, RADIUS))
+    bend = cloud.surface_line(np.append(centre, RADIUS))
     return cloud, bend, np.vstack([found.shape, found.peak])[:, on], found.sigma[on]
 
 
-def radius_error(centre, cloud: Cloud, bend: Bend, shape, sigma) -> float:
+def radius_error(centre, cloud: Cloud, bend: SurfaceLine, shape, sigma) -> float:
     """mm, of the radius that is fitted freely to points without the pull of the surface."""
     straight = cloud.points - cloud.error * np.nan_to_num(
-        bend.pull(bend.line_shape(shape[0]), *shape[:2])
+        bend.centre_bias(bend.line_shape(shape[0]), *shape[:2])
     )
     length = np.linalg.norm(cloud.error, axis=0)
     limit = np.deg2rad(INCIDENCE_DEG)
@@ -167,7 +167,7 @@ def test_radius_of_balls_that_are_not_matt_has_no_bias(law):
 
 
 def test_brightness_of_few_points_says_nothing():
-    few = Bend(*(np.full(5, 0.9) for _ in range(10)))
+    few = SurfaceLine(*(np.full(5, 0.9) for _ in range(10)))
     assert brightness_law(few, np.ones(5), np.ones(5)) == Brightness()
 
 
@@ -190,7 +190,7 @@ def flux_on(centre: np.ndarray, plane: np.ndarray, rng) -> tuple[np.ndarray, np.
     outward = (points - centre[:, None]) / RADIUS
     on = np.abs(np.linalg.norm(outward, axis=0) - 1) < 0.05
     cloud = Cloud(scanner, points, found.pixels, found.frame, found.frame).some(on)
-    slope = cloud.bend(np.append(centre, RADIUS)).slope
+    slope = cloud.surface_line(np.append(centre, RADIUS)).slope
     return outward[:, on], found.peak[on] * found.width[on] * np.abs(slope)
 
 

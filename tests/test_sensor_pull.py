@@ -7,8 +7,8 @@ import pytest
 
 from sensors.ball.fit import fit_ball
 from sensors.ball.shared import Shared
-from sensors.stripe.bend import LineShape
-from sensors.stripe.pull import measured_pull
+from sensors.stripe.centre_bias import estimate_centre_bias
+from sensors.stripe.surface_line import LineShape
 from test_sensor_line_shape import RADIUS, TRUE, light_planes, measured
 
 
@@ -46,15 +46,15 @@ def test_many_widths_outweigh_a_line_that_is_known_wrongly(seen):
 
 def test_derivative_of_the_pull_is_that_of_its_size(seen):
     bend, shape = seen
-    pull = measured_pull(bend, shape, TRUE)
-    wider = measured_pull(bend, shape, None)
+    pull = estimate_centre_bias(bend, shape, TRUE)
+    wider = estimate_centre_bias(bend, shape, None)
     assert pull.derivative.shape == (5, len(bend.slope))
     assert np.isfinite(pull.derivative).all()
     assert np.linalg.eigvalsh(pull.covariance).min() >= 0
     plane = np.sqrt(TRUE.plane_width_mm**2 + 1e-4)
     moved = np.nan_to_num(
-        pull.bend.pull(LineShape(plane, TRUE.blur_px), *shape[:2])
-        - pull.bend.pull(TRUE, *shape[:2])
+        pull.bend.centre_bias(LineShape(plane, TRUE.blur_px), *shape[:2])
+        - pull.bend.centre_bias(TRUE, *shape[:2])
     )
     usual = np.abs(moved) < np.quantile(np.abs(moved), 0.9)
     assert 1e-4 * pull.derivative[0, usual] == pytest.approx(moved[usual], rel=0.1, abs=2e-5)

@@ -17,8 +17,8 @@ from rendered_scanner import (
     ye_scene,
 )
 from sensors.rendering import BallSurface, laser_light
-from sensors.stripe.bend import bend_on_ball
 from sensors.stripe.find import find_stripes
+from sensors.stripe.surface_line import line_on_ball
 
 TINY = {
     "mirror": {"steps": 10, "first_deg": -3.0, "last_deg": 3.0},
@@ -64,14 +64,14 @@ def test_what_a_ball_does_to_its_stripes_is_known():
     )
     light, off = instrument.mirror.point, np.zeros(len(found))
     for _ in range(4):  # Newton's method to the middle of the light plane
-        bend = bend_on_ball(
+        bend = line_on_ball(
             camera, centre, radius, found.pixels - off * row[:, None], planes, row, light
         )
         off = off + bend.away / bend.slope
     near = (bend.lit > 0.5) & np.isfinite(off) & (found.pixels[1] > 100) & (found.pixels[1] < 900)
     ratio = found.noise.gain * found.peak / found.noise.variance(found.background)
     line = bend.line_shape(found.width)
-    pull = bend.pull(line, found.width, ratio)
+    pull = bend.centre_bias(line, found.width, ratio)
     assert line.plane_width_mm == pytest.approx(instrument.laser.width_mm, rel=0.05)
     assert (off * pull)[near].sum() / (pull**2)[near].sum() == pytest.approx(1, abs=0.1)
     assert rms((off - pull)[near]) < 0.4 * rms(off[near])

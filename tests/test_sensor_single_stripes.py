@@ -12,7 +12,7 @@ from sensors.camera.model import Camera
 from sensors.scanner.cloud import Cloud
 from sensors.scanner.file import scanner_of, scanner_text
 from sensors.scanner.model import Scanner
-from sensors.stripe.bend import LineShape, bend_on_ball
+from sensors.stripe.surface_line import LineShape, line_on_ball
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import parse_toml
 from workbench.jobs.sensor.scan import _Work
@@ -49,7 +49,7 @@ def stripe(ball, away, seed=0, wider=1.0):
 def _cloud(made, places, ball, rng, wider):
     count = places.shape[1]
     planes = np.repeat(made.planes[:, :1], count, axis=1)
-    bend = bend_on_ball(made.camera, ball[:3], ball[3], places, planes, np.array([1.0, 0.0]))
+    bend = line_on_ball(made.camera, ball[:3], ball[3], places, planes, np.array([1.0, 0.0]))
     width = wider * np.sqrt(bend.width_square(LINE)) * (1 + NOISE_WIDTH * rng.normal(size=count))
     noisy = places + np.stack([NOISE_PX * rng.normal(size=count), np.zeros(count)])
     steps = np.zeros(count, int)

@@ -11,7 +11,7 @@ from plane_scenes import CAMERA, HALF_DIAGONAL, MIDDLE, mirror
 from sensors.camera.model import Camera
 from sensors.light.board_chain import BoardStripeChain
 from sensors.light.straight import straightened, unshaded
-from sensors.stripe.bend import LineShape, bend_on_ball, bend_on_boards
+from sensors.stripe.surface_line import LineShape, line_on_ball, line_on_boards
 from workbench.core.rigid import rotation_matrix
 
 PINHOLE = Camera.of([1700.0, 1700.0, 640.0, 512.0, 0.0, 0.0, 0.0, 0.0, 0.0], (1280, 1024))
@@ -61,7 +61,7 @@ def test_the_pull_on_a_tilted_board_is_that_of_a_fit_to_its_light(turn, light):
     plane = mirror().planes(np.array([0.01]))[:, 0]
     zero = crossing(normal, height, plane, 300.0)
     centre, width = fitted_centre(normal, height, plane, zero, 300.0, light)
-    bend = bend_on_boards(
+    bend = line_on_boards(
         PINHOLE,
         normal[:, None],
         np.array([height]),
@@ -70,7 +70,7 @@ def test_the_pull_on_a_tilted_board_is_that_of_a_fit_to_its_light(turn, light):
         np.array([1.0, 0.0]),
         light,
     )
-    modelled = bend.pull(LineShape(PLANE_WIDTH, 0.0), np.array([width]), np.array([0.0]))[0]
+    modelled = bend.centre_bias(LineShape(PLANE_WIDTH, 0.0), np.array([width]), np.array([0.0]))[0]
     assert abs(bend.away[0]) < 1e-9
     assert modelled == pytest.approx(centre - zero, rel=0.05, abs=2e-4)
     assert abs(modelled) > 0.002 or turn >= 0
@@ -109,14 +109,14 @@ def test_blur_along_the_line_moves_the_centre_on_a_ball(row):
     def bend_at(x):
         place = np.array([[x], [row]])
         scan = np.array([1.0, 0.0])
-        return bend_on_ball(PINHOLE, centre, radius, place, plane[:, None], scan, LIGHT)
+        return line_on_ball(PINHOLE, centre, radius, place, plane[:, None], scan, LIGHT)
 
     middle = PINHOLE.project(np.array([[top], [0.0], [110.0]]))[0, 0]
     zero = brentq(lambda x: bend_at(x).away[0], middle - 60, middle + 60)
     found, width = blurred_on_ball(centre, radius, plane, zero, row, blur)
     bend = bend_at(zero)
-    pull = bend.pull(LineShape(PLANE_WIDTH, blur), np.array([width]), np.array([0.0]))[0]
-    without = bend.pull(LineShape(PLANE_WIDTH, 0.0), np.array([width]), np.array([0.0]))[0]
+    pull = bend.centre_bias(LineShape(PLANE_WIDTH, blur), np.array([width]), np.array([0.0]))[0]
+    without = bend.centre_bias(LineShape(PLANE_WIDTH, 0.0), np.array([width]), np.array([0.0]))[0]
     assert pull == pytest.approx(found - zero, rel=0.1, abs=1e-3)
     assert abs(without - (found - zero)) > 2 * abs(pull - (found - zero))
 
@@ -135,7 +135,7 @@ def chain(seed=1):
         CAMERA, pixels, {"placement": group, "step": step}, poses, planes, MIDDLE, HALF_DIAGONAL
     )
     turn = rotation_matrix(turns)[:, :, 2]
-    bend = bend_on_boards(
+    bend = line_on_boards(
         CAMERA,
         turn[group].T,
         (turn * poses[:, :3]).sum(1)[group],

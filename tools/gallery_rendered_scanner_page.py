@@ -40,7 +40,7 @@ curved surface f has a second derivative along the scan line and the cosine a sl
 
     c = a² (l − (f2/f1) (3 − q a²/w²)),    a = s/f1
 
-(sensors/stripe/bend.py (`sensors/stripe/bend.py`) says what the letters mean). Almost without noise it agrees
+(sensors/stripe/surface_line.py (`sensors/stripe/surface_line.py`) defines the symbols). Almost without noise it agrees
 with rendered lines to 5 % (2 % with the true s) and leaves 0.0012 px of 0.0105 px RMS (tests/test_sensor_rendered.py).
 It is a physical effect and not one of the renderer: its size is s²/R times a function of both angles, 0.03 px where
 the light comes in at 66°, and −0.8 µm in the centre of this ball along the direction of the mirror. A light plane of

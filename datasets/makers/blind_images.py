@@ -104,7 +104,7 @@ def _cone(world, rng, size):
     return replace(world, light=replace(world.light, cone=angle)), {"cone_rad": float(angle)}
 
 
-def _nod(world, rng, size):
+def _wobble(world, rng, size):
     """Wobble of two cycles per revolution (oval bearing); one cycle is confounded with the pose of the mirror."""
     lean, step = (
         size * rng.choice([-1, 1]) * rng.uniform(12e-3, 20e-3),
@@ -114,7 +114,9 @@ def _nod(world, rng, size):
         0.15, 0.85
     )  # near the other phases it is a turn of the beam and nothing else
     made = (lean, step, 2.0, phase)
-    return replace(world, light=replace(world.light, nod=made)), {"nod": [float(x) for x in made]}
+    return replace(world, light=replace(world.light, wobble=made)), {
+        "nod": [float(x) for x in made]
+    }
 
 
 def _encoder(world, rng, size):
@@ -155,7 +157,7 @@ def _late(world, rng, size):
 
 _FLAWS = {
     "plane-bow": _cone,
-    "mirror-wobble": _nod,
+    "mirror-wobble": _wobble,
     "mirror-encoder-harmonic": _encoder,
     "board-bow": _bowed,
     "lens-residual": _glass,

@@ -68,7 +68,7 @@ class Light:
 
     The laser stands at `source` (3,) and fans out across `normal` (3,); with a `cone` angle (rad) the fan is
     a cone: every ray of it leaves at that angle from the plane. The mirror turns about `axis` through
-    `pivot`; at angle 0 its face's normal is `face`, and it stands `offset` from the axis. `nod` (amplitude rad,
+    `pivot`; at angle 0 its face's normal is `face`, and it stands `offset` from the axis. `wobble` (amplitude rad,
     run-out mm, turns, phase): the face leans along the axis and steps back and forth as it turns. `encoder`
     (amplitude rad, order, phase): the disc on the axis is off centre. `late` s after the angle was read the image is
     taken. `width` mm, 1 sigma.
@@ -82,7 +82,7 @@ class Light:
     offset: float
     width: float = 0.15
     cone: float = 0.0
-    nod: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 0.0)
+    wobble: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 0.0)
     encoder: tuple[float, float, float] = (0.0, 1.0, 0.0)
     late: float = 0.0
 
@@ -95,7 +95,7 @@ class Light:
 
     def thrown(self, angle: float) -> tuple[np.ndarray, np.ndarray]:
         """Source and normal of the fan as the mirror shows them at its true angle."""
-        lean, step, turns, phase = self.nod
+        lean, step, turns, phase = self.wobble
         wave = np.cos(turns * angle + phase)
         # the face is rotated about the axis, then leans towards it with the wave
         across = np.cross(self.axis, self.face)

@@ -1,8 +1,8 @@
-"""Stripes on tilted boards are not symmetric: what pulls their centres is taken off before planes are fitted to them.
+"""Stripes on tilted boards are asymmetric: the bias of their centres is subtracted before planes are fitted to them.
 
-A tilted board is seen larger where it is nearer, and lit more where it is nearer to the light: `sensors.stripe.bend`
-says what that does to the centre. It is some thousandths of a pixel, the same for all stripes of a board pose: planes
-from many stripes are known better than that.
+A tilted board is imaged larger and lit more where it is nearer. `sensors.stripe.surface_line` computes the bias of the
+centre, some thousandths of a pixel, equal for all stripes of a board pose: planes from many stripes are known better
+than that.
 """
 
 from dataclasses import replace
@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from sensors.light.board_chain import BoardStripeChain
-from sensors.stripe.bend import Bend, LineShape, bend_on_boards
+from sensors.stripe.surface_line import LineShape, SurfaceLine, line_on_boards
 from workbench.core.rigid import rotation_matrix
 
 
@@ -25,7 +25,7 @@ def straightened(
         return chain, LineShape(0.0, 0.0)
     bend = _bend(chain, None)
     line = bend.line_shape(shape[0])
-    return _without(chain, bend.pull(line, *shape)), line
+    return _without(chain, bend.centre_bias(line, *shape)), line
 
 
 def unshaded(chain: BoardStripeChain, plane_width: float, light: np.ndarray) -> BoardStripeChain:
@@ -39,10 +39,10 @@ def unshaded(chain: BoardStripeChain, plane_width: float, light: np.ndarray) -> 
     return _without(chain, (plane_width / bend.slope) ** 2 * bend.shade)
 
 
-def _bend(chain, light) -> Bend:
+def _bend(chain, light) -> SurfaceLine:
     turns, placement = rotation_matrix(chain.poses[:, 3:]), chain.labels["placement"]
     heights = (turns[:, :, 2] * chain.poses[:, :3]).sum(1)
-    return bend_on_boards(
+    return line_on_boards(
         chain.camera,
         turns[placement, :, 2].T,
         heights[placement],

@@ -18,7 +18,7 @@ from sensors.scanner.check import LeftOut, leave_out, residuals
 from sensors.scanner.errors import Apart, field_points
 from sensors.scanner.model import Scanner
 from sensors.scanner.shared import own_noise, with_shared_errors
-from sensors.stripe.bend import LineShape
+from sensors.stripe.surface_line import LineShape
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 

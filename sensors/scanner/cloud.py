@@ -10,8 +10,8 @@ from sensors.ball.shared import Common
 from sensors.scanner.errors import by_rays
 from sensors.scanner.model import Scanner
 from sensors.scanner.motion import Motion, Seen
-from sensors.stripe.bend import Bend, bend_on_ball
 from sensors.stripe.light_direction import light_on_ball
+from sensors.stripe.surface_line import SurfaceLine, line_on_ball
 
 _GRAZING = 0.1  # cosine of the incidence of sight below which the silhouette cuts the line
 
@@ -113,7 +113,7 @@ class Cloud:
     def _seen(self) -> Seen:
         return Seen(self.pixels, self.steps, self.image)
 
-    def bend(self, ball: np.ndarray, line: np.ndarray | None = None) -> Bend:
+    def surface_line(self, ball: np.ndarray, line: np.ndarray | None = None) -> SurfaceLine:
         """What a ball (4,), centre and radius in mm, does to the stripes on it.
 
         line (3, n): width of the lines (px), a number that is not used here, and their peak (grey values): they say
@@ -148,7 +148,7 @@ class Cloud:
         flux = line[2] * line[0] * np.abs(self._bend(ball, None).slope)
         return light_on_ball(self.scanner.planes[:, 0], outward, flux)
 
-    def _bend(self, ball: np.ndarray, light: np.ndarray | None) -> Bend:
+    def _bend(self, ball: np.ndarray, light: np.ndarray | None) -> SurfaceLine:
         if self.motion is None:
             return self._bend_at(ball[:3], ball[3], light)
         order = np.argsort(self.image, kind="stable")
@@ -158,13 +158,15 @@ class Cloud:
             centre = self.motion.local(ball[:3], image)
             parts.append(self.some(rows)._bend_at(centre, ball[3], light))
         back = np.argsort(order)
-        names = [one.name for one in fields(Bend)]
-        return Bend(*(np.concatenate([getattr(one, n) for one in parts])[back] for n in names))
+        names = [one.name for one in fields(SurfaceLine)]
+        return SurfaceLine(
+            *(np.concatenate([getattr(one, n) for one in parts])[back] for n in names)
+        )
 
-    def _bend_at(self, centre: np.ndarray, radius: float, light: np.ndarray | None) -> Bend:
+    def _bend_at(self, centre: np.ndarray, radius: float, light: np.ndarray | None) -> SurfaceLine:
         scanner = self.scanner
         planes = scanner.planes[:, scanner.places(self.steps)]
-        return bend_on_ball(
+        return line_on_ball(
             scanner.camera, centre, radius, self.pixels, planes, scanner.scan, light
         )
 

@@ -51,7 +51,7 @@ def chosen_images(count: int) -> np.ndarray:
 
 
 def scene_of(image: np.ndarray, count: int, lines: Lines) -> np.ndarray:
-    """An image (H, W) of `count` chosen ones for `slope_pull`: without its lines where the images are few."""
+    """An image (H, W) of `count` chosen ones for `ambient_bias`: without its lines where the images are few."""
     if count >= _FEWEST_IMAGES or not lines.pixels.shape[1]:
         return image
     if lines.is_across_columns:
@@ -79,7 +79,7 @@ def _without_lines(image: np.ndarray, lines: Lines) -> np.ndarray:
     return made
 
 
-def slope_pull(
+def ambient_bias(
     images: Sequence[np.ndarray],
     pixels: np.ndarray,
     shape: np.ndarray,
@@ -123,4 +123,4 @@ def _gain(ratio: np.ndarray) -> np.ndarray:
     return np.interp(ratio, _RATIOS, weight.sum(1) / (weight * g).sum(1))
 
 
-__all__ = ["Lines", "chosen_images", "scene_of", "slope_pull"]
+__all__ = ["Lines", "chosen_images", "scene_of", "ambient_bias"]

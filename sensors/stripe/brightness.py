@@ -1,9 +1,9 @@
 """How bright a surface is under light of different incidence, measured on the line itself.
 
 The light of a line falls off across it as its surface turns away from the light, and its centre moves with that
-(`sensors.stripe.bend`). A matt surface (Lambert) is as bright as the cosine m of the incidence. Real ones are not:
-ambient light, translucency and roughness fill their dark side (Oren & Nayar, Proc. SIGGRAPH, 1994, 239), gloss lifts
-their bright side. Here
+(`sensors.stripe.surface_line`). A matt surface (Lambert) is as bright as the cosine m of the incidence. Real ones are
+not: ambient light, translucency and roughness fill their dark side (Oren & Nayar, Proc. SIGGRAPH, 1994, 239), gloss
+lifts their bright side. Here
 
     ln brightness = const + p ln m + s (m - 1),
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sensors.stripe.bend import SMOOTH, Bend
+from sensors.stripe.surface_line import SMOOTH, SurfaceLine
 from workbench.core.least_squares.linear_algebra import inverse_positive
 
 _SURFACES_VARY = np.array([0.5, 1.0])  # std of exponent and gloss among surfaces in general
@@ -35,13 +35,13 @@ class Brightness:
         default_factory=lambda: np.diag(_SURFACES_VARY**2), compare=False
     )
 
-    def applied(self, bend: Bend) -> Bend:
+    def applied(self, bend: SurfaceLine) -> SurfaceLine:
         """A bend whose changes of brightness are those of a matt surface, with those of this surface."""
         share = self.exponent + self.gloss * bend.lit
         return replace(bend, shade=bend.shade * share, brightening=bend.brightening * share)
 
 
-def brightness_law(bend: Bend, width: np.ndarray, peak: np.ndarray) -> Brightness:
+def brightness_law(bend: SurfaceLine, width: np.ndarray, peak: np.ndarray) -> Brightness:
     """The law from widths (n,) px and peaks (n,) grey values of the lines at the points of `bend`.
 
     A line holds the light peak * width, spread over the slope of the light plane. Least absolute deviations by

@@ -26,7 +26,7 @@ from sensors.stripe.noise import exposure_scales, pixel_noise
 from sensors.stripe.pilot import SAMPLE, Search, first_look
 from sensors.stripe.profile import Noise, speckle_floor
 from sensors.stripe.rows import Rows
-from sensors.stripe.surface import uneven_pull
+from sensors.stripe.surface import background_bias
 from workbench.core.errors import InputError
 
 BLOCK = 8
@@ -206,7 +206,7 @@ def _block(rows: Rows, image: np.ndarray, setting: Setting, search: Search):
     fits = search.fits(found, rows, setting)
     count, place, second = others(found, rows, fits, setting, search)
     follow(fits, place, second, len(image), rows.height)
-    return fits, count, uneven_pull(rows, fits, setting.noise.read), len(image)
+    return fits, count, background_bias(rows, fits, setting.noise.read), len(image)
 
 
 def _joined(parts: list[Fits]) -> Fits:

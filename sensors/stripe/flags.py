@@ -173,7 +173,7 @@ def flags(
     pull: np.ndarray | float = 0.0,
     strong: float = STRONG,
 ) -> np.ndarray:
-    """(n,) uint8, sums of `NAMES`. `double` (n,) bool; `misfit` as `usual_misfit`, `pull` as `uneven_pull` gives it."""
+    """(n,) uint8, sums of `NAMES`. `double` (n,); `misfit` as of `usual_misfit`, `pull` as of `background_bias`."""
     around = smooth_log_width(fits, rows, setting.width, 65)
     change = np.abs(np.log(fits.width) - around) / np.hypot(_WIDTH_CHANGE, 4.5 * fits.wide)
     allowed = 1 + 6 * np.sqrt(2 / _freedom(setting)) + 8 * misfit * fits.strength**2

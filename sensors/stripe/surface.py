@@ -13,7 +13,7 @@ NEGLIGIBLE = 0.04
 """Widths of the line; a smaller pull only widens sigma."""
 
 
-def uneven_pull(rows: Rows, fits: Fits, noise: float) -> np.ndarray:
+def background_bias(rows: Rows, fits: Fits, noise: float) -> np.ndarray:
     """(n,) px, 0 or more, by which the fit of a line is pulled where the surface reflects as `rows.under` shows.
 
     The background image stands for the reflectivity: the fit's answer to the profile times the

@@ -1,7 +1,7 @@
 """The levels of a diagnosis in one table: chances of a false alarm, confidence, and what is only rounding.
 
 Levels differ because they guard against different mistakes. A false name costs more than a missed one, and what is
-said of the data themselves (outliers, a place that moves at random) or of the parameters of a simulation is checked by
+said of the data themselves (outliers, random effects) or of the parameters of a simulation is checked by
 no held-out sample, so that its level alone guards it.
 """
 
@@ -13,7 +13,7 @@ DATA_FAULT_LEVEL = 1e-3
 """Chance that something is said about the noise of a recording, or about a parameter of its simulation, with nothing
 wrong: no held-out sample guards it."""
 RANDOM_EFFECT_LEVEL = 1e-4
-"""Chance that a place is said to move at random: its test looks at all places, and its null is only nearly right."""
+"""Chance that a random effect is reported at a place: its test covers all places, and its null is only nearly right."""
 CONFIDENCE = 0.95
 """Probability from which on a name is certain, and share of the posterior that alternatives are listed for."""
 CONFOUNDED_SHARE = 0.9

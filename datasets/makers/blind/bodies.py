@@ -8,7 +8,7 @@ import numpy as np
 from datasets.makers.blind import statics
 from datasets.makers.blind.joints import on_joint, pick
 from datasets.makers.blind.planted import PlantedEffect
-from datasets.makers.blind.world import Push, World
+from datasets.makers.blind.world import Perturbation, World
 
 _MOST_RAD = 2e-3
 _UNLOADED_NM = 0.2
@@ -28,7 +28,7 @@ def joint_compliance(rng, world, joint: int | None = None):
     return PlantedEffect(
         "joint-compliance",
         f"joint-{k + 1}",
-        lambda s: Push(joint_compliance=s * np.eye(world.joints)[k]),
+        lambda s: Perturbation(joint_compliance=s * np.eye(world.joints)[k]),
         most / 10,
         most,
         "rad/(N m)",
@@ -49,7 +49,7 @@ def link_self_weight(rng, world):
     return PlantedEffect(
         "link-self-weight",
         f"joint-{k + 1}",
-        lambda s: Push(joint=on_joint(world, k, s * torque[:, k])),
+        lambda s: Perturbation(joint=on_joint(world, k, s * torque[:, k])),
         most / 10,
         most,
         "rad/(N m)",
@@ -65,7 +65,7 @@ def link_compliance(rng, world):
     return PlantedEffect(
         "link-compliance",
         f"link-{k + 1}",
-        lambda s: Push(link_compliance=s * np.eye(world.joints)[k]),
+        lambda s: Perturbation(link_compliance=s * np.eye(world.joints)[k]),
         most / 10,
         most,
         "rad/(N m)",
@@ -76,7 +76,12 @@ def pedestal_compliance(rng, world):
     """A pedestal that tilts under the arm, somewhat more one way than the other."""
     both = rng.uniform(0.6, 1.0, 2)
     return PlantedEffect(
-        "pedestal-compliance", "base", lambda s: Push(pedestal=s * both), 2e-6, 5e-5, "rad/(N m)"
+        "pedestal-compliance",
+        "base",
+        lambda s: Perturbation(pedestal=s * both),
+        2e-6,
+        5e-5,
+        "rad/(N m)",
     )
 
 
@@ -84,7 +89,9 @@ def mount_tilt(rng, world):
     """Gravity is not along -z of the base, and the joints deflect accordingly."""
     side = rng.uniform(-np.pi, np.pi)
     tilt = np.array([np.cos(side), np.sin(side), 0.0])
-    return PlantedEffect("mount-tilt", "base", lambda s: Push(gravity=s * tilt), 5e-3, 0.09, "rad")
+    return PlantedEffect(
+        "mount-tilt", "base", lambda s: Perturbation(gravity=s * tilt), 5e-3, 0.09, "rad"
+    )
 
 
 def tool_deflection(rng, world):
@@ -92,8 +99,8 @@ def tool_deflection(rng, world):
     soft = np.diag(rng.permutation([1.0, rng.uniform(0.3, 0.7), rng.uniform(0.0, 0.3)]))
 
     def act(s):
-        turn = world.flange(Push())[:, :3, :3]
-        return Push(tip=s * np.einsum("nji,j->ni", turn, [0.0, 0.0, -1.0]) @ soft)
+        turn = world.flange(Perturbation())[:, :3, :3]
+        return Perturbation(tip=s * np.einsum("nji,j->ni", turn, [0.0, 0.0, -1.0]) @ soft)
 
     return PlantedEffect("tool-deflection", "tool", act, 0.05, 1.5, "mm")
 
@@ -105,7 +112,7 @@ def axis_run_out(rng, world):
     aside = np.zeros((world.n, world.joints, 3))
     aside[:, k, :2] = waves.T @ rng.normal(0, 1, (2, 2))
     return PlantedEffect(
-        "axis-run-out", f"joint-{k + 1}", lambda s: Push(run_out=s * aside), 0.02, 0.4, "mm"
+        "axis-run-out", f"joint-{k + 1}", lambda s: Perturbation(run_out=s * aside), 0.02, 0.4, "mm"
     )
 
 
@@ -120,7 +127,7 @@ def base_drift(rng, world):
     return PlantedEffect(
         "base-drift",
         "base",
-        lambda s: Push(base=s * twist),
+        lambda s: Perturbation(base=s * twist),
         0.05,
         1.0,
         "mm and mrad",
@@ -135,7 +142,7 @@ def range_scale(rng, world):
     sensed = np.zeros((world.n, 3))
     sensed[:, 2] = far - 130.0
     return PlantedEffect(
-        "range-scale", "sensor", lambda s: Push(sensed=s * sensed), 3e-3, 0.04, "mm/mm"
+        "range-scale", "sensor", lambda s: Perturbation(sensed=s * sensed), 3e-3, 0.04, "mm/mm"
     )
 
 
@@ -145,7 +152,9 @@ def field_bias(rng, world):
     terms = np.stack([x, y, x * x, x * y, y * y])
     sensed = np.zeros((world.n, 3))
     sensed[:, 2] = (rng.normal(0, 1, 5) * [0.3, 0.3, 1, 1, 1]) @ terms
-    return PlantedEffect("field-bias", "sensor", lambda s: Push(sensed=s * sensed), 0.05, 0.6, "mm")
+    return PlantedEffect(
+        "field-bias", "sensor", lambda s: Perturbation(sensed=s * sensed), 0.05, 0.6, "mm"
+    )
 
 
 def ball_position(rng, world):
@@ -154,7 +163,7 @@ def ball_position(rng, world):
     way = rng.normal(0, 1, 3)
     off = np.where((world.index == k)[:, None], way / np.linalg.norm(way), 0.0)
     return PlantedEffect(
-        "ball-position", f"ball-{k + 1}", lambda s: Push(ball=s * off), 0.1, 1.5, "mm"
+        "ball-position", f"ball-{k + 1}", lambda s: Perturbation(ball=s * off), 0.1, 1.5, "mm"
     )
 
 
@@ -163,7 +172,7 @@ def artefact_expansion(rng, world):
     warm = world.covariates["temperature_c"] - 20.0
     grown = world.targets[world.index] * warm[:, None]
     return PlantedEffect(
-        "artefact-expansion", "artefact", lambda s: Push(ball=s * grown), 2e-5, 8e-5, "1/K"
+        "artefact-expansion", "artefact", lambda s: Perturbation(ball=s * grown), 2e-5, 8e-5, "1/K"
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from datasets.makers.blind import baseline_span, data, suites, uncatalogued, workplace
 from datasets.makers.blind.planted import Sized, sized
 from datasets.makers.blind.scatter import Scatter
-from datasets.makers.blind.world import Push, World
+from datasets.makers.blind.world import Perturbation, World
 from datasets.mujoco_arm import StaticsError
 
 _TRIES = 60
@@ -81,7 +81,7 @@ def _hidden(world: World, one: Sized) -> float:
 
 
 def _case(rng, suite, index, world: World, question, found) -> Case:
-    push = sum((one.push for one in found), Push())
+    push = sum((one.push for one in found), Perturbation())
     exact = world.measured(push)
     points = exact + _noise(rng, world, question.scatter, push)
     columns = _columns(world, points)
@@ -136,7 +136,7 @@ def _truth(suite, index, world, question, found) -> dict:
     }
 
 
-def _noise(rng, world, scatter: Scatter, push: Push) -> np.ndarray:
+def _noise(rng, world, scatter: Scatter, push: Perturbation) -> np.ndarray:
     """(n, 3) mm of unit variance times sigma."""
     unit = rng.normal(0, 1, (world.n, 3))
     if scatter.degrees:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from datasets.makers.blind.planted import PlantedEffect
-from datasets.makers.blind.world import Push
+from datasets.makers.blind.world import Perturbation
 
 
 def outliers(rng, world):
@@ -20,7 +20,14 @@ def outliers(rng, world):
     )
     detail = {"samples": sorted(int(r) + 1 for r in rows)}
     return PlantedEffect(
-        "outliers", "samples", lambda s: Push(sensed=s * off), 1.0, 1.0, "1", detail, fixed=True
+        "outliers",
+        "samples",
+        lambda s: Perturbation(sensed=s * off),
+        1.0,
+        1.0,
+        "1",
+        detail,
+        fixed=True,
     )
 
 
@@ -40,7 +47,7 @@ def noise_heteroscedastic(rng, world):
     return PlantedEffect(
         "noise-heteroscedastic",
         "noise",
-        lambda s: Push(spread=s * by),
+        lambda s: Perturbation(spread=s * by),
         size,
         size,
         "1",
@@ -55,7 +62,7 @@ def unit_or_frame(rng, world):
     joint = int(rng.integers(1, world.joints - 1))
     detail = {"kind": kind, "axis": str(rng.choice(["x_mm", "y_mm", "z_mm"])), "joint": joint + 1}
     return PlantedEffect(
-        "unit-or-frame", "samples", lambda s: Push(), 1.0, 1.0, "1", detail, fixed=True
+        "unit-or-frame", "samples", lambda s: Perturbation(), 1.0, 1.0, "1", detail, fixed=True
     )
 
 

@@ -6,7 +6,7 @@ Each takes a random generator and a world and returns a `PlantedEffect`, or None
 import numpy as np
 
 from datasets.makers.blind.planted import PlantedEffect
-from datasets.makers.blind.world import Push, World
+from datasets.makers.blind.world import Perturbation, World
 
 _MOST_RAD = 4e-3
 
@@ -36,7 +36,7 @@ def transmission_harmonic(rng, world, order: int | None = None, joint: int | Non
     return PlantedEffect(
         "transmission-harmonic",
         f"joint-{k + 1}",
-        lambda s: Push(joint=on_joint(world, k, s * wave)),
+        lambda s: Perturbation(joint=on_joint(world, k, s * wave)),
         1e-4,
         _MOST_RAD,
         "rad",
@@ -51,7 +51,7 @@ def backlash(rng, world, joint: int | None = None):
     return PlantedEffect(
         "backlash",
         f"joint-{k + 1}",
-        lambda s: Push(joint=on_joint(world, k, s * side)),
+        lambda s: Perturbation(joint=on_joint(world, k, s * side)),
         1e-4,
         _MOST_RAD,
         "rad",
@@ -70,7 +70,7 @@ def backlash_by_gravity(rng, world):
     return PlantedEffect(
         "backlash",
         f"joint-{k + 1}",
-        lambda s: Push(joint=on_joint(world, k, s * side)),
+        lambda s: Perturbation(joint=on_joint(world, k, s * side)),
         1e-4,
         _MOST_RAD,
         "rad",
@@ -85,7 +85,7 @@ def joint_coupling(rng, world):
     return PlantedEffect(
         "joint-coupling",
         f"joint-{k + 1}",
-        lambda s: Push(joint=on_joint(world, k, s * swing)),
+        lambda s: Perturbation(joint=on_joint(world, k, s * swing)),
         1e-4,
         _MOST_RAD,
         "rad/rad",
@@ -105,7 +105,7 @@ def zero_shift(rng, world):
     return PlantedEffect(
         "zero-shift",
         f"joint-{k + 1}",
-        lambda s: Push(joint=on_joint(world, k, s * after)),
+        lambda s: Perturbation(joint=on_joint(world, k, s * after)),
         1e-4,
         _MOST_RAD,
         "rad",
@@ -120,7 +120,7 @@ def encoder_quantisation(rng, world):
     return PlantedEffect(
         "encoder-quantisation",
         f"joint-{k + 1}",
-        lambda s: Push(joint=on_joint(world, k, s * np.round(reading / s) - reading)),
+        lambda s: Perturbation(joint=on_joint(world, k, s * np.round(reading / s) - reading)),
         3e-4,
         2e-3,
         "rad a count",
@@ -133,7 +133,9 @@ def time_offset(rng, world):
         np.column_stack([world.covariates[f"qdot{k}_deg_s"] for k in range(1, world.joints + 1)])
     )
     speed = speed @ world.arm.mixing.T
-    return PlantedEffect("time-offset", "time", lambda s: Push(joint=s * speed), 1e-3, 0.1, "s")
+    return PlantedEffect(
+        "time-offset", "time", lambda s: Perturbation(joint=s * speed), 1e-3, 0.1, "s"
+    )
 
 
 def reading_lag(rng, world):
@@ -161,7 +163,7 @@ def reading_lag(rng, world):
     )  # of the way, at t^2 = 1
     left = way * np.where(time.max(1) > 0, share, 0)[:, None] / 5.0
     return PlantedEffect(
-        "reading-lag", "time", lambda s: Push(joint=s * left), 1e-4, _MOST_RAD, "rad"
+        "reading-lag", "time", lambda s: Perturbation(joint=s * left), 1e-4, _MOST_RAD, "rad"
     )
 
 
@@ -172,7 +174,7 @@ def joint_thermal_drift(rng, world):
     return PlantedEffect(
         "joint-thermal-drift",
         f"joint-{k + 1}",
-        lambda s: Push(joint=on_joint(world, k, s * warm)),
+        lambda s: Perturbation(joint=on_joint(world, k, s * warm)),
         1e-5,
         4e-4,
         "rad/K",
@@ -188,7 +190,7 @@ def link_thermal_growth(rng, world):
     return PlantedEffect(
         "link-thermal-growth",
         f"link-{k + 1}",
-        lambda s: Push(growth=on_joint(world, k, s * warm)),
+        lambda s: Perturbation(growth=on_joint(world, k, s * warm)),
         2e-5,
         8e-5,
         "1/K",

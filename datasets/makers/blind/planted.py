@@ -6,14 +6,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from datasets.makers.blind import baseline_span
-from datasets.makers.blind.world import Push, World
+from datasets.makers.blind.world import Perturbation, World
 
 
 @dataclass(frozen=True)
 class PlantedEffect:
     """One effect at one place.
 
-    act: size -> Push. trial: a size that is detectable and still small; most: the largest size on a
+    act: size -> Perturbation. trial: a size that is detectable and still small; most: the largest size on a
     real machine. detail: options that an oracle fit needs (order, instant, ...). accept: other
     (effect, where) that are equivalent in these data. places: equivalent places. depends_on:
     covariates of an effect outside the vocabulary, any of which is correct. fixed: the size is not scaled.
@@ -21,7 +21,7 @@ class PlantedEffect:
 
     effect: str
     where: str
-    act: Callable[[float], Push]
+    act: Callable[[float], Perturbation]
     trial: float
     most: float
     unit: str
@@ -38,7 +38,7 @@ class Sized:
 
     planted: PlantedEffect
     size: float
-    push: Push
+    push: Perturbation
     survives: float
     share: float
 

@@ -23,7 +23,7 @@ def torques(arm: Arm, angles: np.ndarray, payload: np.ndarray) -> tuple[np.ndarr
 
 
 def stand(arm: Arm, angles: np.ndarray, payload: np.ndarray, push) -> np.ndarray:
-    """(n, 4, 4) mm of the flange under a `world.Push`; angles (n, J) rad without the theta of the rows."""
+    """(n, 4, 4) mm of the flange under a `world.Perturbation`; angles (n, J) rad without the theta of the rows."""
     n, joints = angles.shape
     arm = with_compliances(arm, push)
     moved = angles + np.broadcast_to(push.joint, (n, joints))

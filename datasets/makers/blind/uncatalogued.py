@@ -5,7 +5,7 @@ import numpy as np
 from datasets.makers import poses
 from datasets.makers.blind.joints import on_joint
 from datasets.makers.blind.planted import PlantedEffect
-from datasets.makers.blind.world import Push
+from datasets.makers.blind.world import Perturbation
 
 _MOST_RAD = 6e-3
 _SMALLEST_NM = 1e-3
@@ -35,7 +35,7 @@ def hose_on_the_wrist(rng, world):
     return PlantedEffect(
         "unknown",
         f"joint-{k + 1}",
-        lambda s: Push(joint=on_joint(world, k, s * pull)),
+        lambda s: Perturbation(joint=on_joint(world, k, s * pull)),
         2e-4,
         _MOST_RAD,
         "rad",
@@ -67,7 +67,7 @@ def loose_bolt(rng, world):
     return PlantedEffect(
         "unknown",
         f"link-{k + 1}",
-        lambda s: Push(bend=s * bend),
+        lambda s: Perturbation(bend=s * bend),
         1e-4,
         _MOST_RAD,
         "rad",
@@ -87,7 +87,7 @@ def stick_slip(rng, world):
     return PlantedEffect(
         "unknown",
         f"joint-{k + 1}",
-        lambda s: Push(joint=on_joint(world, k, s * stuck)),
+        lambda s: Perturbation(joint=on_joint(world, k, s * stuck)),
         2e-4,
         _MOST_RAD,
         "rad",
@@ -106,7 +106,7 @@ def neighbours_cycle(rng, world):
     return PlantedEffect(
         "unknown",
         "base",
-        lambda s: Push(base=s * twist),
+        lambda s: Perturbation(base=s * twist),
         0.05,
         1.5,
         "mm and mrad",
@@ -125,7 +125,7 @@ def worn_patch(rng, world):
     return PlantedEffect(
         "unknown",
         f"joint-{k + 1}",
-        lambda s: Push(joint=on_joint(world, k, s * bump)),
+        lambda s: Perturbation(joint=on_joint(world, k, s * bump)),
         2e-4,
         _MOST_RAD,
         "rad",
@@ -163,7 +163,7 @@ def local_basis(world, base: np.ndarray, one: PlantedEffect) -> np.ndarray:
     return np.column_stack([base, u[:, s > 1e-6 * s[0]]])
 
 
-def _named_at(world, where: str) -> list[Push]:
+def _named_at(world, where: str) -> list[Perturbation]:
     """Small pushes of the named effects at a place."""
     kind, _, number = where.rpartition("-")
     k = int(number) - 1 if kind else 0
@@ -172,17 +172,19 @@ def _named_at(world, where: str) -> list[Push]:
         share = world.covariates["time_s"] / world.covariates["time_s"][-1]
         scale = np.array([0.1, 0.1, 0.1, small, small, small])
         return [
-            Push(base=share[:, None] ** n * unit * scale) for n in (1, 2, 3) for unit in np.eye(6)
+            Perturbation(base=share[:, None] ** n * unit * scale)
+            for n in (1, 2, 3)
+            for unit in np.eye(6)
         ]
     if kind == "link":
         bends = np.zeros((2, world.n, world.joints, 2))
         for axis in (0, 1):
             moment = world.moment[:, k, axis]
             bends[axis, :, k, axis] = small * moment / max(np.abs(moment).max(), _SMALLEST_NM)
-        return [Push(bend=bend) for bend in bends]
+        return [Perturbation(bend=bend) for bend in bends]
     angle = world.angles[:, k]
     torque = world.torque[:, k] / max(np.abs(world.torque[:, k]).max(), _SMALLEST_NM)
     waves = [wave(n * angle) for n in (1, 2) for wave in (np.cos, np.sin)]
     loads = [torque, np.tanh(10 * torque), np.sign(torque)]
     sides = [world.covariates[f"approach{k + 1}"]] if f"approach{k + 1}" in world.covariates else []
-    return [Push(joint=on_joint(world, k, small * row)) for row in (*waves, *loads, *sides)]
+    return [Perturbation(joint=on_joint(world, k, small * row)) for row in (*waves, *loads, *sides)]

@@ -15,7 +15,7 @@ from datasets.mujoco_arm import Arm, ball_points, reflector_points
 
 
 @dataclass(frozen=True)
-class Push:
+class Perturbation:
     """Changes of a measurement by effects; they are additive, and 0 means no change.
 
     joint: (n, J) rad on the joint angles. joint_compliance, link_compliance (J,), pedestal (2,)
@@ -41,8 +41,8 @@ class Push:
     sensed: np.ndarray | float = 0.0
     spread: np.ndarray | float = 0.0
 
-    def __add__(self, other: "Push") -> "Push":
-        return Push(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
+    def __add__(self, other: "Perturbation") -> "Perturbation":
+        return Perturbation(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class World:
     @cached_property
     def clean(self) -> np.ndarray:
         """(n, 3) mm: the measurement without any effect and without noise."""
-        return self.measured(Push())
+        return self.measured(Perturbation())
 
     def only(self, rows: np.ndarray) -> "World":
         """The same world with only some of its samples; rows (n,) bool."""
@@ -112,16 +112,16 @@ class World:
             covariates={name: column[rows] for name, column in self.covariates.items()},
         )
 
-    def flange(self, push: Push) -> np.ndarray:
+    def flange(self, push: Perturbation) -> np.ndarray:
         """(n, 4, 4) of the flange in the frame in which the base once stood."""
         return statics.stand(self.arm, self.angles, self.payload, push)
 
-    def measured(self, push: Push) -> np.ndarray:
+    def measured(self, push: Perturbation) -> np.ndarray:
         """(n, 3) mm: ball centres in the sensor frame, or reflectors in the instrument's."""
         seen = self.seen(self.flange(push), self.hand, self.targets[self.index], self.station, push)
         return seen + push.sensed
 
-    def seen(self, flange, hand, targets, station, push: Push | None = None) -> np.ndarray:
+    def seen(self, flange, hand, targets, station, push: Perturbation | None = None) -> np.ndarray:
         """(n, 3) mm for given flange poses, hand-eye, targets (n, 3) and station."""
         tip, ball = (0.0, 0.0) if push is None else (push.tip, push.ball)
         if self.measures == "ball-centre":

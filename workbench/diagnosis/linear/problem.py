@@ -76,7 +76,7 @@ class Scan:
     covariate; `options` (V,) ascending; `make` gives the effects for an option, or None where the
     family has no name (a periodic movement of the floor). `typical`: prior size of an amplitude in
     the port's unit, one a row. `mass` (V,): prior of each option, relative to the others.
-    `unnamed`: the covariates it would depend on, for a family without a name. `centred`: as of `Grid`.
+    `unnamed`: the covariates it would depend on, for a smooth nonparametric family. `centred`: as of `Grid`.
     `option`: name of the option where it is a real number and no integer, else "". `is_exact`: whether it was
     made for the single value that the data determine.
     """
@@ -112,7 +112,7 @@ class Site:
     `where`: a word of the vocabulary; `port`: the port there; `rows` (k, N): whitened derivatives of
     its k slots; `unit`: of the slots, one a slot or one for all; `typical` (k,): the size that a
     disturbance of each slot would have before measuring. `covariates`: names of those that an
-    unnamed function here may depend on, one at a time; `pairs`: two at a time. `sharp`: the function may change
+    smooth function here may depend on, one at a time; `pairs`: two at a time. `sharp`: the function may change
     sharply, as at a worn place.
     """
 

@@ -18,7 +18,7 @@ from workbench.diagnosis.levels import MAJORITY, NEGLIGIBLE_SHARE, RANDOM_EFFECT
 from workbench.diagnosis.linear.problem import Alternative, Finding, Located, Problem, Site
 
 QUANTISATION = "encoder-quantisation"
-"""A finding on the data: readings of a joint that move at random, as counts of an encoder do."""
+"""A finding on the data: readings of a joint with a random error, such as that of encoder counts."""
 _SPREADS, _TRIED = (0.05, 50.0), 40
 """Spreads that are tried, in units of the noise: from invisible to nothing else, in steps of a fifth."""
 _ROUNDS = int(np.ceil(-np.log2(ROUNDING)))
@@ -41,7 +41,7 @@ _COLUMNS = {
 
 @dataclass(frozen=True)
 class RandomEffect:
-    """A place that moves at random from sample to sample.
+    """A random effect at a place: it varies from sample to sample.
 
     `site`: the place, with `p_value` over all sites. `spread`: of its slots, in typical sizes; `ratio`: of it to the
     noise that is left. `kurtosis`: excess kurtosis of its movement, with standard error `error` (joints alone, else

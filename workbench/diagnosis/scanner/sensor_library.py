@@ -1,4 +1,4 @@
-"""The sensor's candidates and the places where something without a name may act, of a scanner's measurements.
+"""The sensor's candidates and the places where a smooth nonparametric function may act, of a scanner's measurements.
 
 Nothing here looks at a residual: only at which kinds of measurement there are, and which columns.
 """
@@ -11,7 +11,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Place:
-    """Some slots of a port at a place, which an unnamed function of `covariates` (one, or two of `pairs`) moves."""
+    """Some slots of a port at a place, which a smooth function of `covariates` (one, or two of `pairs`) moves."""
 
     where: str
     port: str

@@ -40,7 +40,7 @@ def near(place: str, other: str) -> bool:
 
 
 def _covers(function: Hypothesis, law: Hypothesis) -> bool:
-    """Whether an unnamed function leaves no room for a law: it makes what the law makes, of what the law reads.
+    """Whether a smooth function excludes a law: it acts on the same port and reads the same covariates.
 
     At a joint a function of any angles leaves none for slow waves and for another angle's share either.
     """

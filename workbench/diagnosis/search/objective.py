@@ -138,7 +138,7 @@ class LogPosterior:
 
     @cached_property
     def unnamed(self) -> np.ndarray:
-        """(K,) bool: functions without a name."""
+        """(K,) bool: smooth nonparametric functions."""
         return np.array([bool(h.unnamed) for h in self.terms])
 
     @cached_property
@@ -294,7 +294,7 @@ class LogPosterior:
 def _other_laws(
     columns: np.ndarray, start: np.ndarray, terms: Sequence[Hypothesis], accepted: Accepted
 ) -> np.ndarray:
-    """(N, P) columns of the accepted laws that are not elastic; functions without a name may stand for elastic ones."""
+    """(N, P) columns of the accepted laws that are not elastic; smooth functions may represent elastic ones."""
     kept = [
         i < accepted.count and not h.unnamed and not is_elastic(h) and not h.needs_compliance
         for i, h in enumerate(terms)

@@ -129,7 +129,7 @@ def _with_lattices(lattices, data):
 
 
 def _beyond_functions(search: Search, after: Problem, outliers, data):
-    """Outliers and findings on the data where functions without a name are accepted, which are only nearly right.
+    """Outliers and findings on the data where smooth nonparametric functions are accepted, which are only nearly right.
 
     What such a function leaves is not the same everywhere, and lies far off where it bends sharply: only outliers that
     hold more than what it may miss are outliers.

@@ -19,7 +19,7 @@ from workbench.diagnosis.search.compatible import compatible
 class Search:
     """`accepted` hypotheses and the `problem` solved with them, on `samples` (n,) bool (None: all).
 
-    `level`: chance of a false alarm on the whole search. `random_effect`: a place that moves at random, `spread` (n,)
+    `level`: chance of a false alarm on the whole search. `random_effect`: the random effect of the model, `spread` (n,)
     how far each sample's noise is spread: all is judged conditional on them. `trail`: a line for each step.
     `impossible`: names of hypotheses whose fitted values no machine has.
     `alone`: what is likely with no other term, under this noise; judged at the first solution, as it hardly changes

@@ -11,9 +11,9 @@ import numpy as np
 from workbench.diagnosis.search.objective import LogPosterior, Members
 
 LAW = 0.95
-"""Share of what functions without a name explain that laws must explain: no law is exact."""
+"""Share of what smooth nonparametric functions explain that laws must explain: no law is exact."""
 _LARGEST, _UNNAMED = 12, 2
-"""Terms in a set, and functions without a name among them, at most: recordings do not determine more."""
+"""Terms in a set, and smooth nonparametric functions among them, at most: recordings do not determine more."""
 _STEPS = 60
 """Moves of a climb: a set of the largest size is made and wholly exchanged in fewer."""
 _PAIRED, _KINDS = 40, 3
@@ -29,8 +29,8 @@ class Stepwise:
     def likeliest(self, present: Members = ()) -> Members:
         """The likeliest set.
 
-        Where laws explain `LAW` of what functions without a name do, the rest is the laws' own error and counts for
-        nothing: the simpler of the two is taken.
+        Where laws explain `LAW` of what smooth functions do, the remainder is the model error of the laws and is
+        ignored: the simpler of the two is taken.
         """
         objective = self.objective
         lawful = self._lawful(present)

@@ -14,9 +14,9 @@ from sensors.light.board_chain import BoardStripeChain
 from sensors.light.planes import light_origin
 from sensors.scanner.calibration import ScannerCalibration
 from sensors.scanner.model import Scanner
-from sensors.stripe.bend import bend_on_ball
 from sensors.stripe.brightness import brightness_law
 from sensors.stripe.find import find_stripes
+from sensors.stripe.surface_line import line_on_ball
 from workbench.files.images.ball_names import named
 from workbench.files.images.columns import recorded_columns
 from workbench.files.images.images import by_role, full_scale, path_of
@@ -97,7 +97,7 @@ def _arcs(recording, scanner: Scanner, rows, depth, light) -> list[_Arc]:
 
 
 def _stripes(recording, scanner, rows, depth):
-    """Pixels (2, n), steps, sigma (n,), line (3, n) (as of `Bend.pull`, and peak in grey values) and
+    """Pixels (2, n), steps, sigma (n,), line (3, n) (as of `SurfaceLine.centre_bias`, and peak in grey values) and
     covariates (n,) of a scan's stripes."""
     paths = [path_of(recording, row) for row in rows]
     along = "rows" if abs(scanner.scan[0]) >= abs(scanner.scan[1]) else "columns"
@@ -120,7 +120,7 @@ def _arc(scanner, seen, shape, points, fit, radius, number, light) -> _Arc | Non
     """A ball's points without those seen or lit too steeply, their centres straightened; None where few are left."""
     on = (np.abs(fit.residual) < 0.05 * radius) & np.isfinite(points).all(0)
     pixels, step = seen["pixels"][:, on], seen["step"][on]
-    matt = bend_on_ball(
+    matt = line_on_ball(
         scanner.camera,
         fit.centre,
         fit.radius,
@@ -131,7 +131,7 @@ def _arc(scanner, seen, shape, points, fit, radius, number, light) -> _Arc | Non
     )
     width, ratio, peak = shape[:, on]
     bend = brightness_law(matt, width, peak).applied(matt)
-    pull = np.nan_to_num(bend.pull(bend.line_shape(width), width, ratio))
+    pull = np.nan_to_num(bend.centre_bias(bend.line_shape(width), width, ratio))
     outward = points[:, on] - fit.centre[:, None]
     facing = (
         -(outward * points[:, on]).sum(0)

@@ -19,10 +19,10 @@ from sensors.images import flaw, read, stacks, unlit
 from sensors.scanner.cloud import Cloud
 from sensors.scanner.misfit import Misfit, stripe_misfit
 from sensors.scanner.model import Scanner
-from sensors.stripe.ambient import Lines, chosen_images, scene_of, slope_pull
+from sensors.stripe.ambient import Lines, ambient_bias, chosen_images, scene_of
+from sensors.stripe.centre_bias import estimate_centre_bias
 from sensors.stripe.centre_noise import centre_noise
 from sensors.stripe.find import find_stripes
-from sensors.stripe.pull import measured_pull
 from workbench.core.errors import InputError
 from workbench.core.text.file_names import differ_in_case_only, file_name
 from workbench.files.images.ball_names import by_sample, named
@@ -285,7 +285,7 @@ class _Work:
         )
         if self.motions.of(rows) is None:
             scan = 0 if self.along == "rows" else 1
-            pixels[scan] -= slope_pull(scene, pixels, shape, scan == 0)
+            pixels[scan] -= ambient_bias(scene, pixels, shape, scan == 0)
         names = recorded_columns(rows)
         covariates = {name: np.array([row[name] for row in rows], float)[frame] for name in names}
         steps = np.array([int(row.get("step", 0)) for row in rows])[frame]
@@ -352,7 +352,7 @@ class _Work:
         own = own | cloud.together()
         radius = self._radius(number, free.radius, self.radii)
         start = np.append(free.centre, free.radius if radius is None else radius)
-        pull = measured_pull(cloud.bend(start, shape), shape, self.scanner.line)
+        pull = estimate_centre_bias(cloud.surface_line(start, shape), shape, self.scanner.line)
         moves = cloud.error * pull.derivative[:, None]
         own["shared"] = own["shared"].with_common(moves, pull.covariance)
         straight = cloud.points - cloud.error * pull.size

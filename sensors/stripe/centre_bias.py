@@ -1,8 +1,8 @@
-"""By how much the curvature of a ball pulls the centres of its stripes, and the uncertainty of that.
+"""Bias of the stripe centres on a ball due to its curvature, and the uncertainty of this bias.
 
-The pull (`sensors.stripe.bend`) follows from the squared widths of light plane and blur, and from the exponent and the
-gloss of the surface's brightness. All come from the stripes themselves and from what is known of lines and surfaces; an
-error of one pulls all points of the ball, and most where light or sight graze it.
+The bias (`sensors.stripe.surface_line`) follows from the squared widths of light plane and blur, and from the exponent
+and the gloss of the surface's brightness. All are estimated from the stripes, with priors for lines and surfaces; an
+error of one displaces all points of the ball, most where light or line of sight are grazing.
 """
 
 from collections.abc import Sequence
@@ -10,15 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sensors.stripe.bend import Bend, LineShape
 from sensors.stripe.brightness import Brightness, brightness_law
+from sensors.stripe.surface_line import LineShape, SurfaceLine
 
 _STEP = 0.01  # of one standard deviation: of the difference quotients
-_LAW = 0.1  # relative, of the pull: its law is of first order in width over radius
+_LAW = 0.1  # relative, of the bias: its law is of first order in width over radius
 
 
 @dataclass(frozen=True)
-class Pull:
+class CentreBias:
     """`size` (n,) px along the scan line; `derivative` (m, n) px by errors that all points share.
 
     `covariance` (m, m) of these errors; `bend`: of the surface as bright as it was measured to be.
@@ -27,10 +27,12 @@ class Pull:
     size: np.ndarray
     derivative: np.ndarray
     covariance: np.ndarray
-    bend: Bend
+    bend: SurfaceLine
 
 
-def measured_pull(matt: Bend, shape: np.ndarray, known: LineShape | None) -> Pull:
+def estimate_centre_bias(
+    matt: SurfaceLine, shape: np.ndarray, known: LineShape | None
+) -> CentreBias:
     """The pull of a ball from its bend if it were matt and lines (3, n): width px, `Stripes.shape`, and peak.
 
     known: the line as it is on other surfaces, None where that is not known.
@@ -43,7 +45,7 @@ def measured_pull(matt: Bend, shape: np.ndarray, known: LineShape | None) -> Pul
     def at(moved: Sequence[float]) -> np.ndarray:
         plane, blur = np.sqrt(np.maximum(moved[:2], 0.0))
         surface = Brightness(*moved[2:]).applied(matt)
-        return np.nan_to_num(surface.pull(LineShape(plane, blur), *shape[:2]))
+        return np.nan_to_num(surface.centre_bias(LineShape(plane, blur), *shape[:2]))
 
     size = at(values)
     covariance = np.zeros((5, 5))
@@ -54,4 +56,4 @@ def measured_pull(matt: Bend, shape: np.ndarray, known: LineShape | None) -> Pul
     for k, step in enumerate(_STEP * np.sqrt(np.diag(covariance)[:4])):
         moved = values + step * (np.arange(4) == k)
         rows.append((at(moved) - size) / step if step else np.zeros_like(size))
-    return Pull(size, np.array([*rows, size]), covariance, bend)
+    return CentreBias(size, np.array([*rows, size]), covariance, bend)

@@ -1,4 +1,4 @@
-"""What a surface does to the line's centre: on a ball or a tilted board the stripe is not symmetric, its fit is pulled.
+"""Bias of the centre of a laser line on a curved or tilted surface, whose stripe is asymmetric.
 
 Across the stripe the light is exp(-f^2 / (2 s^2)) cos(incidence), f the distance from the light plane's
 middle, s the light plane's 1 sigma. Along the scan line, v px from where f = 0,
@@ -45,7 +45,7 @@ _NO_WIDER = 0.01  # relative deviation of width^2 below which all lines count al
 
 
 @dataclass(frozen=True)
-class Bend:
+class SurfaceLine:
     """A surface's part in each of n stripe points: `slope` f1 (n,) mm/px, `bend` f2 (n,) mm/px^2, `shade` l (n,) 1/px;
     `lit` (n,) cosine of the light's incidence, 1 where it is unknown where the light comes from; `facing` (n,) cosine
     between surface normal and line of sight; `away` (n,) mm from the middle of the light plane. Along the line: `tilt`
@@ -64,8 +64,8 @@ class Bend:
     widening: np.ndarray
     brightening: np.ndarray
 
-    def pull(self, line: "LineShape", width: np.ndarray, ratio: np.ndarray) -> np.ndarray:
-        """(n,) px by which centres of lines of `width` (n,) px are found off along the scan line.
+    def centre_bias(self, line: "LineShape", width: np.ndarray, ratio: np.ndarray) -> np.ndarray:
+        """(n,) px bias of the centres of lines of `width` (n,) px along the scan line.
 
         ratio (n,): photon variance at the peak over that next to the line.
         """
@@ -147,7 +147,7 @@ def _nonnegative(shape, weight, precision, centre) -> np.ndarray:
     return nnls(rows, np.concatenate([root, strong * centre]))[0]
 
 
-def bend_on_ball(
+def line_on_ball(
     camera: Camera,
     centre: np.ndarray,
     radius: float,
@@ -155,7 +155,7 @@ def bend_on_ball(
     planes: np.ndarray,
     scan: np.ndarray,
     light: np.ndarray | None = None,
-) -> Bend:
+) -> SurfaceLine:
     """How the light plane and its light change along the scan line at pixels (2, n) on a ball.
 
     centre (3,) and radius mm in the camera frame; planes (4, n) of the points; scan (2,) unit vector;
@@ -173,7 +173,7 @@ def bend_on_ball(
     return _bend(camera, surface, pixels, planes, scan, light)
 
 
-def bend_on_boards(
+def line_on_boards(
     camera: Camera,
     normals: np.ndarray,
     heights: np.ndarray,
@@ -181,8 +181,8 @@ def bend_on_boards(
     planes: np.ndarray,
     scan: np.ndarray,
     light: np.ndarray | None = None,
-) -> Bend:
-    """As `bend_on_ball`, of points on flat boards n.X = h: unit normals (3, n) and heights (n,) mm, camera frame."""
+) -> SurfaceLine:
+    """As `line_on_ball`, of points on flat boards n.X = h: unit normals (3, n) and heights (n,) mm, camera frame."""
     side = np.sign((normals * (0 if light is None else light[:, None])).sum(0) - heights)
 
     def surface(rays):
@@ -206,7 +206,7 @@ def _bend(camera, surface, pixels, planes, scan, light):
     twice, twice_line = ((ends - 2 * middle)[0] / _STEP**2 for ends in (high + low, after + before))
     slope, crossed = by_scan[0], mixed[0] / (4 * _STEP**2)
     tilt = -by_line[0] / slope
-    return Bend(
+    return SurfaceLine(
         slope,
         twice / 2,
         by_scan[1],
