@@ -9,6 +9,7 @@ from scipy.ndimage import gaussian_filter1d
 import datasets
 from sensor_recordings import scanner_recording
 from sensors.scanner.calibration import calibrate_scanner
+from sensors.scanner.line_dependence import LineDependence
 from sensors.scanner.misfit import stripe_misfit
 from sensors.stripe.asymmetry import Profiles, asymmetry
 from sensors.stripe.find import find_stripes
@@ -125,6 +126,17 @@ def test_a_clean_scanner_has_no_warning(run):
     assert scanner_warnings(run.calibration, run.misfit, run.asymmetry) == []
     assert scanner_verdict(run.calibration, (), run.misfit).passed is None
     assert scanners.as_json(run)["misfit"]["relevant"] is False
+    assert scanners.as_json(run)["line_dependence"]["relevant"] is False
+
+
+def test_what_displaces_the_line_where_no_residual_shows_it_is_said(run):
+    clean = run.calibration
+    blooming = replace(clean, dependence=LineDependence(0.2, 0.0, 0.1))
+    (warning,) = scanner_warnings(blooming, run.misfit, run.asymmetry)
+    assert "uncertainty is not trustworthy" in warning and "blooming" in warning
+    scratched = replace(clean, wrong=np.arange(clean.wrong.size) % 5 == 0)
+    (warning,) = scanner_warnings(scratched, run.misfit, run.asymmetry)
+    assert "20 % of the points" in warning and "scratch" in warning
 
 
 def test_a_doubtful_camera_does_not_hide_the_lack_of_fit_of_the_stripes(run):

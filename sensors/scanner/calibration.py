@@ -16,6 +16,7 @@ from sensors.light.together import Together
 from sensors.scanner.adjustment import Adjustment, adjust
 from sensors.scanner.check import LeftOut, leave_out, residuals
 from sensors.scanner.errors import Apart, field_points
+from sensors.scanner.line_dependence import LineDependence, line_dependence
 from sensors.scanner.model import Scanner
 from sensors.scanner.shared import own_noise, with_shared_errors
 from sensors.stripe.surface_line import LineShape
@@ -53,7 +54,8 @@ class ScannerCalibration:
     left without it; the errors that points of a stripe share (`made.board_stripes.together`) are in both;
     `dropped` numbers of points, by reason; `volume` nearest and farthest depth, mm; `sentences` what was
     dropped, what is not determined and what was refused; `commanded` (S,) rad mirror angles of the steps as
-    images.csv states them, None where it does not; `lines` of the image that were taken for the laser line.
+    images.csv states them, None where it does not; `lines` of the image that were taken for the laser line;
+    `dependence` of centres on the width and brightness of the line, None where these are unknown.
     """
 
     scanner: Scanner
@@ -76,6 +78,7 @@ class ScannerCalibration:
     sentences: tuple[str, ...] = field(default_factory=tuple)
     commanded: np.ndarray | None = None
     lines: tuple[StationaryLine, ...] = ()
+    dependence: LineDependence | None = None
 
     @property
     def camera(self):
@@ -177,15 +180,10 @@ def _unshaded(found: "_Found", tried: Adjustment, light):
     )
 
 
-def _result(camera, found, free, made, checked, left, provenance) -> ScannerCalibration:
+def _scanner(made: Adjustment, found: "_Found", apart, centre, provenance) -> Scanner:
+    """The scanner of an adjustment; centre: px, noise of a stripe's centre."""
     stripes = made.board_stripes
-    last = replace(found.whole, angles=stripes.angles)
-    last = last.moved(made.camera, stripes.poses, stripes.planes, stripes.mirror)
-    pixels, millimetres = residuals(made, last)
-    good = ~found.wrong & (np.abs(pixels) <= 5 * 1.4826 * np.median(np.abs(pixels[~found.wrong])))
-    dropped = {**found.dropped, _WRONG: int((~good).sum())}
-    apart, centre = made.apart(found.volume), _centre_noise(last.at(good), pixels[good])
-    scanner = Scanner(
+    return Scanner(
         made.camera,
         found.steps,
         stripes.planes,
@@ -195,7 +193,7 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
         centre,
         apart.planes,
         found.volume,
-        last.scan[:, 0],
+        found.whole.scan[:, 0],
         dict(provenance or {}),
         apart.frame,
         stripes.together.named,
@@ -203,9 +201,25 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
         rays=apart.rays,
         line=found.line if found.line.plane_width_mm > 0 else None,
     )
-    about_fit = *_on_mirror(checked), *_on_shared(made, centre), *_on_fit(made)
-    sentences = *_on_dropped(dropped), *camera.undetermined, *about_fit
+
+
+def _result(camera, found, free, made, checked, left, provenance) -> ScannerCalibration:
+    stripes = made.board_stripes
+    last = replace(found.whole, angles=stripes.angles)
+    last = last.moved(made.camera, stripes.poses, stripes.planes, stripes.mirror)
+    pixels, millimetres = residuals(made, last)
+    good = ~found.wrong & (np.abs(pixels) <= 5 * 1.4826 * np.median(np.abs(pixels[~found.wrong])))
+    dropped = {**found.dropped, _WRONG: int((~good).sum())}
+    apart, centre = made.apart(found.volume), _centre_noise(last.at(good), pixels[good])
+    scanner = _scanner(made, found, apart, centre, provenance)
+    about_fit = (
+        *camera.undetermined,
+        *_on_mirror(checked),
+        *_on_shared(made, centre),
+        *_on_fit(made),
+    )
     step = last.labels["step"]
+    rms = [_rms(values, step, good, len(found.steps)) for values in (pixels, millimetres)]
     return ScannerCalibration(
         scanner,
         camera,
@@ -218,16 +232,24 @@ def _result(camera, found, free, made, checked, left, provenance) -> ScannerCali
         pixels,
         millimetres,
         ~good,
-        _rms(pixels, step, good, len(found.steps)),
-        _rms(millimetres, step, good, len(found.steps)),
+        *rms,
         _sigma_planes(made, found.volume),
         apart,
         dropped,
         found.volume,
-        sentences,
+        (*_on_dropped(dropped), *about_fit),
         found.commanded,
         found.lines,
+        _dependence(found, last, pixels, good),
     )
+
+
+def _dependence(found: "_Found", last: BoardStripeChain, pixels, good) -> LineDependence | None:
+    """Of the residuals (n,) px of the points that are `good` (n,) bool."""
+    if found.shape is None:
+        return None
+    stripe = last.labels["placement"] * len(found.steps) + last.labels["step"]
+    return line_dependence(pixels[good], stripe[good], last.along[good], found.shape[:, good])
 
 
 def _on_shared(made, centre):
@@ -252,7 +274,7 @@ def _rms(values, step, good, count):
 @dataclass(frozen=True)
 class _Found:
     """Stripe points on boards, sorted out: the chain at its start, its steps (S,) and their commanded angles, and
-    `line` as of `straightened`."""
+    `line` as of `straightened`; `shape` (2, n) as of `BoardStripes`."""
 
     whole: BoardStripeChain
     wrong: np.ndarray
@@ -261,6 +283,7 @@ class _Found:
     dropped: dict[str, int]
     line: LineShape
     lines: tuple[StationaryLine, ...] = ()
+    shape: np.ndarray | None = None
 
     @property
     def volume(self) -> tuple[float, float]:
@@ -318,6 +341,7 @@ def _prepared(camera, stripes: BoardStripes, board) -> _Found:
         dropped,
         line,
         lines,
+        kept.shape,
     )
 
 

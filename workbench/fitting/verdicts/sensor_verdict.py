@@ -37,6 +37,8 @@ _POINTS = "of the points, as the errors of sensor and pose explain it"
 # noise and no imperfect lens.
 _POOR_PX, _POOR_SHARE = 1.0, 5e-4
 _MOST_WRONG = 0.5
+# Of clean images 1 to 3 % are.
+_MANY_WRONG = 0.1
 _MAINLY = 0.95  # of the lack of fit
 _MODEL = "the model leaves out a part of what the images show"
 _POOR_WORDS = "DO NOT USE THIS RESULT, it is not trustworthy"
@@ -151,11 +153,19 @@ def scanner_warnings(
             f"{_POOR_WORDS}: {100 * wrong:.0f} % of the points of the laser line were left out as wrong; take the "
             "images with less light, without reflections, and with the line on the board"
         )
+    elif calibration.wrong.mean() > _MANY_WRONG:
+        said.append(
+            f"{_DOUBT_WORDS}: {100 * calibration.wrong.mean():.0f} % of the points of the laser line were left out as "
+            "wrong: something displaces the line at places of the image or of the board, as a scratch or dirt on the "
+            "optics, a reflection, or a print that is glossy"
+        )
     is_refused = any(one.startswith(_POOR_WORDS) for one in said)
     if misfit is not None and misfit.is_relevant and not is_refused:
         said.append(f"{_DOUBT_WORDS}: {misfit.sentence}: {_DIAGNOSE}")
     if asymmetry is not None and asymmetry.is_relevant(calibration.scanner.sigma_px):
         said.append(_of_asymmetry(asymmetry))
+    if calibration.dependence is not None and calibration.dependence.is_relevant:
+        said.append(f"{_DOUBT_WORDS}: {calibration.dependence.sentence}")
     first = _POOR_WORDS if _mostly_stationary(calibration) else _DOUBT_WORDS
     return [*said, *(f"{first}: {line.sentence}" for line in calibration.lines)]
 

@@ -364,6 +364,9 @@ def as_json(made: ScannerRun, tolerances: Sequence[Tolerance] = ()) -> dict:
         "sentences": [*calibration.sentences, *_on_unseen(made), *_on_turntable(made)],
         "misfit": None if made.misfit is None else made.misfit.as_json(),
         "line_asymmetry": None if made.asymmetry is None else made.asymmetry.as_json(),
+        "line_dependence": None
+        if calibration.dependence is None
+        else calibration.dependence.as_json(),
         "warnings": scanner_warnings(calibration, made.misfit, made.asymmetry),
         "verdict": scanner_verdict(calibration, tolerances, made.misfit).as_json(),
         "provenance": provenance(made.recording),
