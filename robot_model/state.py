@@ -16,7 +16,7 @@ from robot_model.statics import (
     load_levers,
     moment_levers,
 )
-from workbench.core.covariates import WIND_UP, last_moves, last_side, last_sides, wound_up
+from workbench.core.covariates import MotionHistory, last_moves, last_side, last_sides
 from workbench.core.errors import InputError
 
 _MM_A_METRE = 1e3
@@ -48,6 +48,8 @@ class State:
     target: np.ndarray
     root_rotation: np.ndarray | None = None
     """(3, 3) from the robot's root frame to the external one, at the start of the fit; None where there is none."""
+    history: MotionHistory | None = None
+    """The moves that led to the samples; None where these have no order."""
 
     @property
     def n(self) -> int:
@@ -175,6 +177,16 @@ class State:
         each = np.repeat(change[:, None], self.n, axis=1)
         return self.altered([("mass", np.arange(len(change)), each)])
 
+    def wound_up(self, joint: int, width: float) -> np.ndarray:
+        """(n,) state of friction of a joint, from 1, between -1 and 1, see `MotionHistory`; width: rad, m of a slide.
+
+        Of a target, which has no history, that of `with_history`.
+        """
+        if self.history is None:
+            return self.covariate(_wound(joint))
+        metres = _MM_A_METRE if self.robot.prismatic[joint - 1] else 1.0
+        return self.history.wound_up(joint, metres * width)
+
     def covariate(self, name: str) -> np.ndarray:
         """(n,) a recorded covariate; InputError where the recording does not hold it."""
         if name not in self.covariates:
@@ -210,23 +222,19 @@ class _Altered(State):
 
 def moved(
     robot: Robot, variables: np.ndarray, time: np.ndarray, pose: np.ndarray
-) -> dict[str, np.ndarray]:
-    """How each joint came to its pose: `move<k>`, `move<k>_side`, `move<k>_wound_<i>`; pose (n,): labels.
+) -> tuple[dict[str, np.ndarray], MotionHistory]:
+    """How each joint came to its pose: covariates `move<k>` and `move<k>_side`, and the history; pose (n,): labels.
 
     `move<k>` (n,) rad, mm: how far it came from the configuration before; `move<k>_side` (n,): the direction in
-    which it moved last, 0 before the first move; `move<k>_wound_<i>` (n,): the state of friction with the width
-    `WIND_UP[i]` (mm of a slide: times 1000).
+    which it moved last, 0 before the first move.
     """
     still = np.where(robot.prismatic, *_STILL)
     moves = last_moves(variables, time, still, pose)
-    widths = np.where(robot.prismatic, 1e3, 1.0)[:, None] * np.array(WIND_UP)
     made = {f"move{k}": row for k, row in enumerate(moves, 1)}
     travel = np.where(robot.prismatic, *_TRAVEL)
     for k, side in enumerate(last_sides(moves, time, travel), 1):
         made[last_side(k)] = side
-    for k, states in enumerate(wound_up(moves, time, widths), 1):
-        made |= {f"move{k}_wound_{i}": row for i, row in enumerate(states)}
-    return made
+    return made, MotionHistory.of(moves, time)
 
 
 def with_history(covariates: Mapping[str, np.ndarray], joints: int, n: int) -> dict:
@@ -238,9 +246,13 @@ def with_history(covariates: Mapping[str, np.ndarray], joints: int, n: int) -> d
     made = {}
     for k in range(1, joints + 1):
         side = covariates.get(f"approach{k}", np.zeros(n))
-        made |= {f"approach{k}": side, f"move{k}": np.zeros(n), last_side(k): side}
-        made |= {f"move{k}_wound_{i}": side for i in range(len(WIND_UP))}
+        made |= {f"approach{k}": side, f"move{k}": np.zeros(n), last_side(k): side, _wound(k): side}
     return made | dict(covariates)
+
+
+def _wound(joint: int) -> str:
+    """Name of the covariate that holds the state of friction of a target, whatever the width."""
+    return f"move{joint}_wound"
 
 
 def approaches_read(effects) -> list[str]:

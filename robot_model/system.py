@@ -93,6 +93,7 @@ class RobotChain:
             measured=self.state.measured[:, seen],
             index=self.state.index[seen],
             target=self.state.target[:, seen],
+            history=self.state.history and self.state.history.at(seen),
         )
         measurement = self.measurement.at(samples)
         return replace(
@@ -389,11 +390,14 @@ def _state(robot, ends, variables, measurement, tool) -> State:
     held = [end.covariates for end in ends]
     covariates = {name: np.concatenate([columns[name] for columns in held]) for name in held[-1]}
     covariates.setdefault("row", np.tile(np.arange(ends[0].n, dtype=float), len(ends)))
+    history = None
     if len(ends) == 1:  # two ends of a length have no order
-        covariates |= moved(
-            robot, variables, covariates.get("time_s", covariates["row"]), ends[0].poses
-        )
+        time = covariates.get("time_s", covariates["row"])
+        moves, history = moved(robot, variables, time, ends[0].poses)
+        covariates |= moves
     payload = robot.payload_mass + covariates.get("payload_kg", np.zeros(variables.shape[1]))
     centre = robot.payload_com if robot.payload_mass > 0 or robot.payload_com.any() else tool[:3]
     seen = measurement.measured, measurement.numbers, measurement.targets(tool)
-    return State(robot, variables, covariates, robot.gravity, payload, centre, *seen)
+    return State(
+        robot, variables, covariates, robot.gravity, payload, centre, *seen, history=history
+    )

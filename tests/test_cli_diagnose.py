@@ -71,10 +71,10 @@ def test_the_answer_keeps_to_the_contract(found):
     assert gap["unit"] == "rad" and abs(gap["value"] - 2e-4) < 4 * gap["std"]
     held_out = found["held_out"]
     assert held_out["after_mm"] < held_out["before_mm"] and held_out["folds"] == 5
-    again = re.search(r"reselected in \d+ of (\d+) folds \((.*)\)", effect["statement"])
-    schemes = [part.split(" ", 1) for part in again[2].split(", ")]
-    assert [name for _, name in schemes] == ["blocks of time", "blocks of the workspace"]
-    assert sum(int(count) for count, _ in schemes) == int(again[1])
+    again = re.search(r"reselected in (\d+) of (\d+) folds\.", effect["statement"])
+    schemes = [row["folds_by"] for row in held_out["schemes"]]
+    assert schemes == ["blocks of time", "blocks of the workspace"]
+    assert sum(row["folds"] for row in held_out["schemes"]) == int(again[2])
     assert {"where", "depends_on", "share_of_mismatch"} <= set(found["located"][0])
     assert {"effect", "where", "size_mm"} <= set(found["smallest_visible"][0])
     assert found["next_experiment"].endswith(".")

@@ -15,7 +15,7 @@ from workbench.diagnosis.linear.problem import Alternative, Finding, Problem
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.validation import folds, heldout, proof, stability
 from workbench.diagnosis.validation.controls import PERMUTED, ROTATED, controls, of_order
-from workbench.explanation import minimal_detectable_bias, words
+from workbench.explanation import minimal_detectable_bias, statements, words
 from workbench.explanation import reference as references
 from workbench.explanation.noise import replicates
 from workbench.explanation.planning.candidate_recordings import list_candidates
@@ -415,17 +415,22 @@ def term(probability, *others, effect="backlash", depends=()):
 
 
 def test_the_statement_names_effect_place_size_and_proof():
-    said = words.statement(term(0.99), "the ball", "mm")
+    said = statements.statement(term(0.99), "the ball", "mm")
     assert said == (
-        "Joint 3 stands off its reading by half a gap in the direction of its last move or of gravity (or short of it): half gap 0.130 ± 0.010 mrad, "
-        "0.08 mm RMS at the ball. It reduces the held-out RMS error by 0.013 mm (t = 5.2), and it is reselected in "
-        "9 of 9 folds."
+        "Joint 3 stands off its reading by half a gap in the direction of its last move or of gravity (or short of it): "
+        "half gap 0.130 ± 0.010 mrad, 0.08 mm RMS at the ball. It reduces the held-out RMS error by 0.013 mm (t = 5.2) and is reselected "
+        "in 9 of 9 folds."
     )
-    both = replace(term(0.99), ways=(("blocks of time", 5), ("blocks of the workspace", 4)))
-    folds = "9 of 9 folds (5 blocks of time, 4 blocks of the workspace)."
-    assert words.statement(both, "the ball", "mm").endswith(folds)
-    doubtful = words.statement(term(0.6, ("zero-shift", 0.4)), "the ball", "mm")
-    assert "its name is not certain: this (0.60) or zero-shift at joint 3 (0.40)" in doubtful
+    doubtful = statements.statement(term(0.6, ("zero-shift", 0.4)), "the ball", "mm")
+    assert doubtful.endswith(
+        "In these poses the name is not certain. This effect has a probability of 0.60; zero-shift at joint 3 0.40."
+    )
+
+
+def test_a_refused_term_has_its_reason_and_no_other_names():
+    refused = replace(term(0.001, ("zero-shift", 0.4)), kept=False, reason="its gain is not real")
+    said = statements.statement(refused, "the ball", "mm")
+    assert said.endswith("9 of 9 folds. Reason: its gain is not real.") and "zero-shift" not in said
 
 
 def test_the_verdict_follows_from_the_terms():
@@ -486,13 +491,13 @@ def test_noise_findings_are_described_in_words():
     moving = Term(
         Finding("unknown", "joint-3", "", (), 1e-9, 1.0, 0.3, 40.0, (), (hidden,)), size=0.03
     )
-    said = words.statement(moving, "the ball", "mm")
+    said = statements.statement(moving, "the ball", "mm")
     assert "moves from sample to sample" in said and "the side from which each joint came" in said
     spread = Term(
         Finding("noise-heteroscedastic", "noise", "", (), 1e-9, 1.0, 0.0, 0.0, ("range_mm",))
     )
     assert (
-        words.statement(spread, "the ball", "mm")
+        statements.statement(spread, "the ball", "mm")
         == "The noise is not the same everywhere: its spread goes with the range."
     )
 

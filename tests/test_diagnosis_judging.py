@@ -15,7 +15,7 @@ from workbench.diagnosis.validation import judging, proof, stability
 from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.folds import SPACE, TIME, Scheme, schemes
 from workbench.diagnosis.validation.heldout import DOUBLED, critical_t, left_out
-from workbench.explanation import words
+from workbench.explanation import statements
 from workbench.explanation.answer import _somewhere, diagnose
 from workbench.explanation.result import UNEXPLAINED, Term, verdict_of
 from workbench.fitting.cross_validation import cross_validate
@@ -261,7 +261,7 @@ def test_terms_that_raise_the_held_out_error_are_refused_one_by_one(monkeypatch)
         "joint-coupling",
         "axis-run-out",
     ]
-    assert all("the held-out error by blocks of time rises" in term.reason for term in refused)
+    assert all("the held-out error (blocks of time) rises" in term.reason for term in refused)
     assert judging.headline(rows).rms_after == judging.headline(rows).rms_before
     assert verdict_of((), 1e-6) == UNEXPLAINED
 
@@ -291,13 +291,13 @@ def test_what_is_unexplained_is_never_a_function_with_p_1_and_no_share():
     bow = Finding("plane-bow", "laser", "", (), 1e-7, 0.9, 1.0, 60.0)
     refused = (Term(bow, kept=False, reason="it does not predict the others"),)
     likely = (
-        "most likely at the laser. The most probable cause there is plane-bow, probability 0.90 in the first search; "
-        "cross-validation did not confirm it"
+        "most likely at the laser. The most probable cause there is plane-bow, with a probability of 0.90 in the first "
+        "search. Cross-validation did not confirm it"
     )
-    for gone, where, said in ((refused, "laser", likely), ((), "samples", words.NOT_LOCATED)):
+    for gone, where, said in ((refused, "laser", likely), ((), "samples", statements.NOT_LOCATED)):
         (term,) = _somewhere(found_with(nothing), (), gone, None)
         assert term.finding.where == where and term.finding.p_value == 1e-6 and term.share is None
-        assert said in words.statement(term, "the board", "px")
+        assert said in statements.statement(term, "the board", "px")
 
 
 def test_where_a_smooth_function_is_significant_it_is_what_is_unexplained(monkeypatch):

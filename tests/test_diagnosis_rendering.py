@@ -12,7 +12,7 @@ from rich.console import Console
 from workbench.commands.robot.diagnose import show
 from workbench.commands.shared import answer
 from workbench.diagnosis.linear.problem import Alternative, Finding, Found, Located
-from workbench.explanation import words
+from workbench.explanation import statements
 from workbench.explanation.files import save
 from workbench.explanation.minimal_detectable_bias import DetectableBias
 from workbench.explanation.result import (
@@ -142,7 +142,7 @@ def diagnoses(draw):
         outliers=tuple(draw(st.sampled_from([(), (1, 2), tuple(range(30))]))),
         not_recorded=draw(st.sampled_from([(), ("temperature",)])),
     )
-    said = [words.statement(term, "the reflector", unit) for term in (*kept, *gone)]
+    said = [statements.statement(term, "the reflector", unit) for term in (*kept, *gone)]
     return with_statements(made, said)
 
 

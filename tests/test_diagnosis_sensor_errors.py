@@ -28,7 +28,7 @@ from workbench.explanation.sensor_errors import (
     jitter_term,
     with_jitter,
 )
-from workbench.explanation.words import statement
+from workbench.explanation.statements import statement
 from workbench.jobs.sensor.chains import noise_scale
 
 SHIFT = 0.3  # px

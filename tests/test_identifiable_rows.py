@@ -32,11 +32,11 @@ def test_a_parameter_that_could_be_anything_is_not_identifiable_by_itself(value,
 def test_no_number_is_stated_of_what_only_a_combination_determines():
     """One reflector shows three numbers of the six of a slipped tool."""
     rows = [row("x", 0.05, 5.6), row("y", 0.02, 5.4), row("rx", 1e-4, 0.02, "rad", 3e-4)]
-    assert figures(rows) == "x, y and rx only in combination"
+    assert figures(rows) == "x, y and rx identifiable only in combination"
 
 
 def test_identifiable_numbers_stand_before_the_others():
     said = figures([row("x", 0.052, 0.004), row("y", 0.02, 5.4)])
     assert said.startswith("the shift, x")
-    assert said.endswith("(y only in combination)")
+    assert said.endswith("(y identifiable only in combination)")
     assert "5.4" not in said

@@ -15,9 +15,8 @@ from robot_model.effects.load_mass import load_masses
 from robot_model.effects.stiffness import MASSES, PRODUCT, stiffness_rows
 from robot_model.effects.unknown_masses import bar_moments, base_columns
 from scenes import ABB, CRAIG, model_of, scene
-from workbench.core.covariates import WIND_UP, wound_up
-from workbench.core.effect import make_effects, numeric_derivative
-from workbench.core.errors import InputError
+from workbench.core.covariates import MotionHistory
+from workbench.core.effect import numeric_derivative
 from workbench.core.model import Model
 from workbench.jobs.robot.calibrate import calibrate
 
@@ -166,28 +165,42 @@ def test_warming_up_starts_with_its_rate_and_ends_at_one():
 
 def test_friction_is_fully_wound_up_by_long_moves():
     moves = np.array([[1.0, -2.0, 0.5, -0.7]])
-    state = wound_up(moves, np.arange(4.0), np.array([[0.003]]))
-    np.testing.assert_allclose(state[0, 0], np.sign(moves[0]))
+    state = MotionHistory.of(moves, np.arange(4.0)).wound_up(1, 0.003)
+    np.testing.assert_allclose(state, np.sign(moves[0]))
 
 
 def test_friction_is_released_linearly_and_remembers_short_moves():
     """From fully wound up, a move back by half the width leaves half of it; then forward again to where it was."""
     moves = np.array([[5.0, -0.05, 0.05]])
-    state = wound_up(moves, np.arange(3.0), np.array([[0.1]]))[0, 0]
+    state = MotionHistory.of(moves, np.arange(3.0)).wound_up(1, 0.1)
     assert state[1] == pytest.approx(0.5)
     assert state[2] == pytest.approx(1 - 0.5 * np.exp(-0.5))
 
 
 def test_rows_of_one_pose_share_the_state_of_friction():
     moves = np.array([[0.02, 0.02, 0.02, -0.01]])
-    state = wound_up(moves, np.arange(4.0), np.array([[0.1]]))[0, 0]
+    state = MotionHistory.of(moves, np.arange(4.0)).wound_up(1, 0.1)
     assert state[0] == state[1] == state[2] != state[3]
 
 
-def test_a_width_that_is_not_known_is_a_sentence():
-    with pytest.raises(InputError, match="option width: expected 0 or one of"):
-        make_effects(CATALOGUE, [("joint-hysteresis", "joint-2", {"width": 0.02})])
-    assert 0.03 in WIND_UP
+def test_some_samples_remember_the_moves_to_all_others():
+    moves = np.array([[0.05, -0.02, 0.03, -0.07, 0.01]])
+    history = MotionHistory.of(moves, np.arange(5.0))
+    np.testing.assert_array_equal(
+        history.at(np.array([1, 4])).wound_up(1, 0.04), history.wound_up(1, 0.04)[[1, 4]]
+    )
+
+
+def test_the_state_of_friction_solves_its_differential_equation():
+    """Small steps of dz/dq = (1 - |z| (1 + sign(z dq)) / 2) / width along the same moves."""
+    moves, width = np.array([0.08, -0.05, -0.2, 0.3, -0.02]), 0.1
+    z, expected = 0.0, []
+    for move in moves:
+        for step in np.full(20000, move / 20000):
+            z += step * (1 - abs(z) * (1 + np.sign(z * step)) / 2) / width
+        expected.append(z)
+    state = MotionHistory.of(moves[None], np.arange(5.0)).wound_up(1, width)
+    np.testing.assert_allclose(state, expected, atol=1e-4)
 
 
 @pytest.mark.parametrize("step", [0.01, 0.0137, 0.5])

@@ -14,6 +14,7 @@ from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.scanner import sensor
 from workbench.diagnosis.scanner.sensor_simulate import simulated
 from workbench.diagnosis.search.select import find
+from workbench.explanation.statements import label_of
 
 SPAN = 20.0 * 219  # s, of `recorded`
 CONSTANTS = SPAN * np.geomspace(0.03, 1.0, 10)
@@ -34,6 +35,16 @@ def warm_up(value):
     return kind("joint-2", value), [4 * SIZE / LEVER]
 
 
+def hysteresis(value):
+    """Friction of joint 2 that winds up within an angle."""
+    return CATALOGUE["joint-hysteresis"]("joint-2", value), [4 * SIZE / LEVER, 0.0]
+
+
+def soft_backlash(value):
+    """Backlash of joint 3 that gravity closes over a range of torques."""
+    return CATALOGUE["backlash"]("joint-3", "gravity", value), [4 * SIZE / LEVER]
+
+
 def floor(value):
     """The base moving to and fro along x and y."""
     effect = PeriodicMotion("base", value, ["mm"] * 3 + ["rad"] * 3, [0.05] * 3 + [3e-4] * 3)
@@ -46,6 +57,9 @@ def floor(value):
         (order, 17.25),
         (order, 88.5),
         (warm_up, float(np.mean(CONSTANTS[3:5]))),
+        (hysteresis, 0.2),
+        pytest.param(hysteresis, 0.6, marks=pytest.mark.slow),
+        (soft_backlash, 3.7),
         pytest.param(floor, 2 * np.pi * 12.25 / SPAN, marks=pytest.mark.slow),
     ],
 )
@@ -64,6 +78,19 @@ def assert_one_finding(found, effect, value):
     assert 0 < option.std < 0.02 * value
     assert abs(option.value - value) < 3 * option.std
     assert option.value == getattr(found.findings[0].effects[0], option.name)
+
+
+def test_the_uncertainty_of_a_size_contains_that_of_the_option():
+    """A wider hysteresis is larger: the size moves with the width, which is known to one standard deviation."""
+    truth, values = hysteresis(0.2)
+    bench = bench_of(recorded(13, [truth], values))
+    (one,) = find(bench).findings
+    (effect,), option = one.effects, one.option
+    row = bench.parameters([effect], options={effect: option})[0]
+    moved = bench.parameters([option.changed(effect, 1.0)])[0]["value"] - row["value"]
+    assert abs(moved) > 0.3 * row["conditional_std"]
+    assert label_of(one).startswith("wound up within 0.2") and " ± 0.0" in label_of(one)
+    assert row["std"] == pytest.approx(np.hypot(row["conditional_std"], moved), rel=0.05)
 
 
 @pytest.mark.parametrize(

@@ -355,9 +355,9 @@ def test_rounding_in_the_file_of_a_robot_is_zero():
     assert _number(2e-5, None) == "2e−05"
 
 
-def test_states_of_a_hysteresis_have_different_names():
-    names = {covariate_name(name) for name in ("move1", "move1_wound_0", "move1_wound_1")}
-    assert len(names) == 3 and all("joint 1" in name for name in names)
+def test_a_move_and_its_direction_have_different_names():
+    names = {covariate_name(name) for name in ("move1", "move1_side")}
+    assert len(names) == 2 and all("joint 1" in name for name in names)
 
 
 @pytest.mark.slow

@@ -35,7 +35,7 @@ def finding(effect, depends_on):
 
 def test_backlash_is_asked_for_only_where_it_would_explain_what_is_seen():
     assert _resembles_backlash(finding("joint-hysteresis", ()))
-    assert _resembles_backlash(finding("unknown", ("move2_wound_1", "q2_deg")))
+    assert _resembles_backlash(finding("unknown", ("move2_side", "q2_deg")))
     assert _resembles_backlash(finding("unknown", ()))
     assert not _resembles_backlash(finding("unknown", ("q2_deg",)))
     assert not _resembles_backlash(finding("unknown", ("time_s",)))

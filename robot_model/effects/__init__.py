@@ -26,7 +26,7 @@ CATALOGUE = {
     "joint-compliance": elastic.JointCompliance,
     "ye-compliance": elastic.YeCompliance,
     "backlash": transmission.Backlash,
-    "joint-thermal-drift": transmission.JointThermalDrift,
+    "joint-thermal-drift": drift.JointThermalDrift,
     "link-thermal-growth": drift.LinkThermalGrowth,
     "link-self-weight": elastic.LinkSelfWeight,
     "gravity-compliance": unknown_masses.GravityCompliance,

@@ -1,4 +1,4 @@
-"""Effects of heat and time on links and base, and axes that run out."""
+"""Effects of heat and time on joints, links and base, and axes that run out."""
 
 from typing import Annotated
 
@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from robot_model.chain import THETA, A, D
-from robot_model.effects.transmission import turning_joints
+from robot_model.effects.transmission import size_of, turning_joints
 from workbench.core.covariates import clock, missing_temperature, warmth, warmth_sizes
 from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
@@ -49,6 +49,41 @@ class LinkThermalGrowth(Effect):
     def column(self):
         """Where the temperature of the link itself would be recorded."""
         return f"temperature_link{self.number}_c"
+
+
+class JointThermalDrift(Effect):
+    """The encoder or gear of a joint drifts with temperature, or with time where none was recorded."""
+
+    effect = "joint-thermal-drift"
+    port = "joint"
+    places = ("joint",)
+    equation = "dq = c (T - T0)"
+    source = "linear thermal drift of a joint offset"
+    reads = ("temperature",)
+    unrecorded = "temperature"
+
+    @classmethod
+    def candidates(cls, chain):
+        """At every joint, with time where no temperature is recorded."""
+        for made in map(cls, chain.places("joint")):
+            yield Variant(made, missing=missing_temperature(chain.state, made.column))
+
+    def table(self, chain):
+        angle, kelvin = size_of(chain, self.number, 1e-4)
+        unit, size, prior = warmth_sizes(chain.state, kelvin, self.column)
+        return (
+            self.parameter(
+                "per_unit", f"{angle}/{unit}", size, f"joint {self.number}'s drift", prior
+            ),
+        )
+
+    def basis(self, state):
+        return warmth(state, self.column)[None, None]
+
+    @property
+    def column(self):
+        """Where the temperature of the joint itself would be recorded."""
+        return f"temperature_j{self.number}_c"
 
 
 class BaseDrift(Effect):

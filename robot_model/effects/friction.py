@@ -7,11 +7,11 @@ from pydantic import Field
 
 from robot_model.effects.transmission import Backlash
 from robot_model.effects.unknown_masses import bar_moments
-from workbench.core.covariates import WIND_UP
 from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
 
 _WEIGHT = 0.2  # prior weight of a width, relative to backlash
+_WIDTHS = (0.003, 0.01, 0.03, 0.1, 0.3)  # rad, m of a slide: where a search starts
 _HALF_GAP_RAD, _HALF_GAP_MM = 3e-4, 0.03
 
 
@@ -19,8 +19,8 @@ class JointHysteresis(Effect):
     """Joint K stands off its reading by friction and wind-up in the direction of its motion (or short of it).
 
     The spring between reading and joint is wound up by every move in the order of the samples, to z between -1 and 1
-    (`workbench.core.covariates.wound_up`); `width` is one of `WIND_UP` (rad; m of a slide), 0 for the side of approach,
-    which is fully wound up at once. Friction grows with the gravity torque; where no masses are stated, with that of
+    (`workbench.core.covariates.MotionHistory`), over `width` (rad; m of a slide), 0 for the side of approach, which is
+    fully wound up at once. Friction grows with the gravity torque; where no masses are stated, with that of
     uniform bars. For a small width and no growth it is the backlash.
     """
 
@@ -36,11 +36,6 @@ class JointHysteresis(Effect):
 
     def __init__(self, where: str, width: Annotated[float, Field(ge=0)] = 0.01):
         super().__init__(where)
-        if width and width not in WIND_UP:
-            raise InputError(
-                f"effect '{self.effect}', option width: expected 0 or one of "
-                f"{', '.join(map(str, WIND_UP))}, found {width:g}; choose one of them"
-            )
         self.width = width
 
     @property
@@ -57,9 +52,13 @@ class JointHysteresis(Effect):
             moves = chain.state.covariates.get(f"move{number}", np.zeros(1))
             if not moves.min() < 0 < moves.max():
                 continue
-            unit = "m" if chain.slides(number) else "rad"
-            for width in WIND_UP:
-                yield Variant(cls(where, width), f"wound up within {width:g} {unit}", _WEIGHT)
+            word = f"wound up within {{:g}} {cls(where).option_unit(chain, 'width')}"
+            for width in _WIDTHS:
+                label = word.format(width)
+                yield Variant(cls(where, width), label, _WEIGHT, option="width", word=word)
+
+    def option_unit(self, chain, name):
+        return "m" if chain.slides(self.number) else "rad"
 
     def table(self, chain):
         slides = chain.slides(self.number)
@@ -71,15 +70,14 @@ class JointHysteresis(Effect):
         )
 
     def basis(self, state):
-        wound = state.covariate(self._column)
+        wound = self._wound_up(state)
         return np.stack([wound, wound * self._load(state)])[:, None]
 
-    @property
-    def _column(self) -> str:
-        """The covariate that holds the state of friction."""
+    def _wound_up(self, state) -> np.ndarray:
+        """(n,) the state of friction."""
         if not self.width:
-            return f"approach{self.number}"
-        return f"move{self.number}_wound_{WIND_UP.index(self.width)}"
+            return state.covariate(f"approach{self.number}")
+        return state.wound_up(self.number, self.width)
 
     def _load(self, state) -> np.ndarray:
         """(n,) gravity torque over the greatest that all masses can make, without sign: the same on any samples."""

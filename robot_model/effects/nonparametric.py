@@ -219,6 +219,9 @@ class PeriodicMotion(Effect):
         """None: the rate is searched for on a fine grid."""
         return ()
 
+    def option_unit(self, chain, name):
+        return "rad/s" if "time_s" in chain.state.covariates else "rad/sample"
+
     @property
     def options(self) -> dict:
         """Its constructor's options as lists, which every file format holds."""

@@ -118,12 +118,12 @@ def warm_up_variants(kind, chain) -> list[Variant]:
     start, span = float(time.min()), float(np.ptp(time))
     if span <= 0 or any("temperature" in name for name in chain.state.covariates):
         return []
-    word, mass = "with time constant {:g}", 1 / len(_TIME_CONSTANTS)
-    found = []
+    mass, found = 1 / len(_TIME_CONSTANTS), []
     for where in (w for place in kind.places for w in chain.places(place)):
         for share in _TIME_CONSTANTS:
             constant = float(f"{share * span:.3g}")
             made = kind(where, constant, start)
+            word = f"with time constant {{:g}} {made.option_unit(chain, 'time_constant')}"
             if np.any(made.basis(chain.state)):
                 about = (word.format(constant), mass, "temperature", "time_constant", word)
                 found.append(Variant(made, *about))
@@ -152,6 +152,9 @@ class WarmUpLaw:
     def candidates(cls, chain):
         """With time constants of a share of the recording's length, where no temperature is recorded."""
         return warm_up_variants(cls, chain)
+
+    def option_unit(self, chain, name):
+        return "s" if "time_s" in chain.state.covariates else "samples"
 
 
 class JointWarmUp(WarmUpLaw, Effect):

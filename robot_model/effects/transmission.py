@@ -10,10 +10,7 @@ from workbench.core.covariates import (
     clock,
     instant_format,
     last_side,
-    missing_temperature,
     reversals,
-    warmth,
-    warmth_sizes,
 )
 from workbench.core.effect import Effect, Grid, Variant
 from workbench.core.errors import InputError
@@ -27,6 +24,10 @@ _PLANNED_RAD = 0.35  # and below which the default plan fits none
 _TYPICAL = {"rad": 3e-4, "mm": 0.05}  # of a step or amplitude that is searched for
 _REVERSALS = 4  # of a joint, from which on its side is no step, as a shift of its zero is
 _LOADED_NM = 0.02  # variation of a load below which nothing deflects measurably
+_SHARP_NM, _SHARP = (
+    0.5,
+    0.01,
+)  # width of a sharp change of side, also as a share of the largest torque
 # shares of the largest torque over which a gap closes, and the prior weight of each relative to a sharp change
 _CLOSING, _CLOSING_WEIGHT = (0.05, 0.1, 0.2), 0.3
 
@@ -131,7 +132,9 @@ class ConstantTerm(Effect):
     def table(self, chain):
         return (
             self.parameter(
-                "k0", *_size(chain, self.number, 1e-3), f"the constant term of joint {self.number}"
+                "k0",
+                *size_of(chain, self.number, 1e-3),
+                f"the constant term of joint {self.number}",
             ),
         )
 
@@ -166,7 +169,7 @@ class Backlash(Effect):
         self,
         where: str,
         seat: Literal["approach", "gravity", "moves"] = "approach",
-        width: Annotated[float, Field(gt=0)] = 0.5,
+        width: Annotated[float, Field(gt=0)] = _SHARP_NM,
     ):
         super().__init__(where)
         self.seat, self.width = seat, width
@@ -199,11 +202,17 @@ class Backlash(Effect):
             return
         if not chain.state.has_masses:
             return
-        yield Variant(cls(where, "gravity"), "seated by gravity")
+        greatest = float(np.abs(torque).max())
+        made = cls(where, "gravity", min(_SHARP_NM, _SHARP * greatest))
+        yield Variant(made, "seated by gravity")
+        word = f"seated by gravity, softly within {{:g}} {made.option_unit(chain, 'width')}"
         for share in _CLOSING:
-            width = float(f"{share * np.abs(torque).max():.3g}")
-            label = f"seated by gravity, softly within {width:g} N m"
-            yield Variant(cls(where, "gravity", width), label, _CLOSING_WEIGHT)
+            width = float(f"{share * greatest:.3g}")
+            about = (word.format(width), _CLOSING_WEIGHT, "", "width", word)
+            yield Variant(cls(where, "gravity", width), *about)
+
+    def option_unit(self, chain, name):
+        return "N" if chain.slides(self.number) else "N m"
 
     @classmethod
     def planned(cls, chain):
@@ -215,7 +224,7 @@ class Backlash(Effect):
     def table(self, chain):
         return (
             self.parameter(
-                "half_gap", *_size(chain, self.number, 1e-3), f"joint {self.number}'s half gap"
+                "half_gap", *size_of(chain, self.number, 1e-3), f"joint {self.number}'s half gap"
             ),
         )
 
@@ -280,7 +289,7 @@ class ZeroShift(Effect):
     def table(self, chain):
         instant = instant_format(chain.state).format(self.after)
         label = f"joint {self.number}'s shift (after {instant})"
-        return (self.parameter("shift", *_size(chain, self.number, 1e-3), label),)
+        return (self.parameter("shift", *size_of(chain, self.number, 1e-3), label),)
 
     def basis(self, state):
         return (clock(state) > self.after).astype(float)[None, None]
@@ -328,48 +337,13 @@ class JointCoupling(Effect):
             raise InputError(
                 f"{self.title}, option joint: expected {expected}, found {self.joint}; correct it"
             )
-        unit, size = _size(chain, self.number, 1e-3)
-        other, per = _size(chain, self.joint, 1.0)
+        unit, size = size_of(chain, self.number, 1e-3)
+        other, per = size_of(chain, self.joint, 1.0)
         label = f"joint {self.number}'s share of joint {self.joint}"
         return (self.parameter(f"from{self.joint}", f"{unit}/{other}", size / per, label),)
 
     def basis(self, state):
         return state.variables[self.joint - 1][None, None]
-
-
-class JointThermalDrift(Effect):
-    """The encoder or gear of a joint drifts with temperature, or with time where none was recorded."""
-
-    effect = "joint-thermal-drift"
-    port = "joint"
-    places = ("joint",)
-    equation = "dq = c (T - T0)"
-    source = "linear thermal drift of a joint offset"
-    reads = ("temperature",)
-    unrecorded = "temperature"
-
-    @classmethod
-    def candidates(cls, chain):
-        """At every joint, with time where no temperature is recorded."""
-        for made in map(cls, chain.places("joint")):
-            yield Variant(made, missing=missing_temperature(chain.state, made.column))
-
-    def table(self, chain):
-        angle, kelvin = _size(chain, self.number, 1e-4)
-        unit, size, prior = warmth_sizes(chain.state, kelvin, self.column)
-        return (
-            self.parameter(
-                "per_unit", f"{angle}/{unit}", size, f"joint {self.number}'s drift", prior
-            ),
-        )
-
-    def basis(self, state):
-        return warmth(state, self.column)[None, None]
-
-    @property
-    def column(self):
-        """Where the temperature of the joint itself would be recorded."""
-        return f"temperature_j{self.number}_c"
 
 
 class TimeOffset(Effect):
@@ -494,6 +468,6 @@ def turning_joints(chain, least: float) -> list[str]:
     ]
 
 
-def _size(chain, number: int, turn: float) -> tuple[str, float]:
+def size_of(chain, number: int, turn: float) -> tuple[str, float]:
     """Unit and typical size of a joint's error, `turn` rad; of a slide what that makes a metre away, in mm."""
     return ("mm", 1000 * turn) if chain.robot.prismatic[number - 1] else ("rad", turn)

@@ -39,6 +39,9 @@ class WarmUpLaw:
         if time_constant_s:
             self.needs = self.reads = ("time_s",)
 
+    def option_unit(self, chain, name):
+        return "s"
+
     def progress(self, state) -> np.ndarray:
         """(n,) the factor by which the parameters are multiplied."""
         if not self.time_constant_s:

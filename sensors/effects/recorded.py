@@ -89,6 +89,9 @@ class MirrorVibration(Effect):
             label = "{:g} rad/s"
             yield Grid(cls, where, "angular_frequency", "wave", "time_s", values, even, 1e-4, label)
 
+    def option_unit(self, chain, name):
+        return "rad/s"
+
     def table(self, chain):
         return tuple(
             self.parameter(wave, "rad", 1e-4, f"the mirror's vibration, {wave}ine")

@@ -1,5 +1,8 @@
 """Derived covariates of effects: the clock, the last moves of the joints, and the temperature above the reference."""
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 
 
@@ -55,10 +58,6 @@ def warmth(state, *names: str) -> np.ndarray:
     return clock(state) / 3600
 
 
-WIND_UP = (0.003, 0.01, 0.03, 0.1, 0.3)
-"""Widths (rad; m of a slide) over which friction winds up a joint, for which the state is known for each sample."""
-
-
 def last_side(joint: int) -> str:
     """Name of the covariate that holds the direction of the last move of a joint, counted from 1."""
     return f"move{joint}_side"
@@ -92,35 +91,54 @@ def reversals(side: np.ndarray, time: np.ndarray) -> int:
     return int(np.count_nonzero(np.diff(ordered[ordered != 0])))
 
 
-def wound_up(moves: np.ndarray, time: np.ndarray, widths: np.ndarray) -> np.ndarray:
-    """(J, W, n) state of friction, from -1 to 1, after the moves (J, n) in the order of `time` (n,); 0 at first.
+@dataclass(frozen=True)
+class MotionHistory:
+    """The moves that led to each sample, which friction remembers.
 
-    Bouc-Wen with exponent 1 and beta = gamma = 1/2, straight moves: dz/dq = (1 - |z| (1 + sign(z dq)) / 2) / width, so
-    that z first falls linearly to 0 and then approaches the sign of the move exponentially. widths (J, W), units of the
-    moves. Rows of one pose share a move and a state: a move counts where it differs from that of the row before.
+    `moves` (J, K) rad, mm: of every joint to each of K configurations, in the order in which they were measured;
+    `reached` (n,): the configuration of each sample.
     """
-    order = np.argsort(time, kind="stable")
-    steps = moves[:, order]
-    is_new = np.ones(len(order), bool)
-    is_new[1:] = (np.diff(steps, axis=1) != 0).any(0)
-    arrived = order[is_new]
-    side = np.where(moves[:, arrived] < 0, -1.0, 1.0).T[:, :, None]  # (K, J, 1)
-    lengths = np.abs(moves[:, arrived]).T[:, :, None] / widths
-    z, reached = np.zeros(widths.shape), np.empty((len(arrived), *widths.shape))
-    for k, length in enumerate(lengths):
-        z = reached[k] = side[k] * _wound(side[k] * z, length)
-    out = np.empty((*widths.shape, len(order)))
-    out[:, :, order] = np.moveaxis(reached[np.cumsum(is_new) - 1], 0, -1)
-    return out
+
+    moves: np.ndarray
+    reached: np.ndarray
+
+    @classmethod
+    def of(cls, moves: np.ndarray, time: np.ndarray) -> "MotionHistory":
+        """Of moves (J, n) as of `last_moves`, in the order of `time` (n,).
+
+        Rows of one pose share a move: it counts where it differs from that of the row before.
+        """
+        order = np.argsort(time, kind="stable")
+        steps = moves[:, order]
+        is_new = np.ones(len(order), bool)
+        is_new[1:] = (np.diff(steps, axis=1) != 0).any(0)
+        reached = np.empty(len(order), int)
+        reached[order] = np.cumsum(is_new) - 1
+        return cls(steps[:, is_new], reached)
+
+    def at(self, samples: np.ndarray) -> "MotionHistory":
+        """The history of some of the samples: all moves that led to them, those to other samples too."""
+        return MotionHistory(self.moves, self.reached[samples])
+
+    def wound_up(self, joint: int, width: float) -> np.ndarray:
+        """(n,) state of friction of a joint, from 1, between -1 and 1; 0 before the first move.
+
+        Bouc-Wen with exponent 1 and beta = gamma = 1/2, straight moves: dz/dq = (1 - |z| (1 + sign(z dq)) / 2) / width,
+        so that z first falls linearly to 0 and then approaches the sign of the move exponentially. width: rad, mm.
+        """
+        state, states = 0.0, []
+        for length in (self.moves[joint - 1] / width).tolist():
+            state = _wound(state, length) if length >= 0 else -_wound(-state, -length)
+            states.append(state)
+        return np.array(states)[self.reached]
 
 
-def _wound(z: np.ndarray, length: np.ndarray) -> np.ndarray:
+def _wound(z: float, length: float) -> float:
     """The state after a straight move whose length is given in widths; z, from -1 to 1, is positive along the move."""
-    beyond = (
-        np.minimum(z, 0.0) + length
-    )  # what remains once the spring is released; negative: not yet released
-    wound = 1 - (1 - np.maximum(z, 0.0)) * np.exp(-np.maximum(beyond, 0.0))
-    return np.minimum(beyond, 0.0) + wound
+    if z < 0:
+        released = min(-z, length)
+        z, length = z + released, length - released
+    return z if length == 0 else 1 - (1 - z) * math.exp(-length)
 
 
 def missing_temperature(state, *names: str) -> str:

@@ -190,6 +190,10 @@ class Effect:
         """
         raise NotImplementedError
 
+    def option_unit(self, chain: Recorded, name: str) -> str:
+        """Unit of an option that is a real number, which a diagnosis estimates; "1" by default (an order)."""
+        return "1"
+
     @property
     def place(self) -> Place:
         """`where` as a place."""

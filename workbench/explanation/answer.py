@@ -1,7 +1,7 @@
 """The whole diagnosis: from a recording to findings that are located, named, tested and described."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,20 +10,26 @@ import numpy as np
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.errors import InputError
 from workbench.diagnosis.levels import DATA_FAULT_LEVEL, RANDOM_EFFECT_LEVEL, UNMODELLED_LEVEL
+from workbench.diagnosis.linear.estimates import Options
 from workbench.diagnosis.linear.problem import Alternative, Bench, Finding, Found
 from workbench.diagnosis.noise.random_effects import find_random_effect, unrecorded
+from workbench.diagnosis.noise.serial_correlation import SerialCorrelation
 from workbench.diagnosis.robot.bench import RobotBench, bench_of
+from workbench.diagnosis.robot.derived import DEFLECTION
+from workbench.diagnosis.search.findings import with_equivalent_places
 from workbench.diagnosis.search.select import find, found_terms
 from workbench.diagnosis.validation import proof
+from workbench.diagnosis.validation.correlated_noise import with_correlated_noise
 from workbench.diagnosis.validation.folds import LEAST_FOLDS, judged_part, schemes
 from workbench.explanation import reference as references
-from workbench.explanation import words
+from workbench.explanation import statements, words
 from workbench.explanation.differences import with_differences
 from workbench.explanation.final_model import FinalModel, residuals_of, stated_sigma, unwhitened
 from workbench.explanation.fixed_points import fixed_points
 from workbench.explanation.minimal_detectable_bias import minimal_detectable_biases
 from workbench.explanation.noise import replicates, stated_noise
 from workbench.explanation.noise.angular_noise import with_angular_noise
+from workbench.explanation.noise.correlated_noise import correlated_noise
 from workbench.explanation.planning.experiment import missing_of, next_experiment
 from workbench.explanation.result import (
     UNEXPLAINED,
@@ -145,15 +151,16 @@ def _whole(
     bench, found, jobs = _searched(bench, say, jobs)
     unit, noise = bench.unit, FinalModel(bench, found, bench.unit).noise
     terms, refused, proved = _proved(bench, found, noise, say, jobs)
-    last = FinalModel(bench, found, unit, terms)
-    proved = last.with_variance_factors(proved)
+    last, correlation = _final_model(bench, found, terms)
+    found, proved = last.found, last.with_variance_factors(proved)
     terms = _with_noise(last, terms, refused)
     terms = (*terms, *jitter_term(bench, terms, found.before))
     proved, terms = _with_stated_noise(last, proved, terms, refused)
     verdict = _verdict(last, terms, refused, proved)
     if verdict == UNEXPLAINED:
         bare = last.after if terms else found.before
-        terms = (*terms, *_somewhere(found, terms, refused, bare))
+        more = _somewhere(found, terms, refused, bare)
+        terms = (*terms, *(_with_equivalent_places(bench, term) for term in more))
     say("what these data could have shown")
     visible = _visible(bench, found)
     say("the next experiment")
@@ -180,14 +187,23 @@ def _whole(
         shares,
         last.outliers(),
         missing_of(terms),
-        _warnings(bench, recording, terms),
+        _warnings(bench, recording, terms, correlation),
         dict(provenance(recording)),
         fixed_points(recording, bench, terms),
         *_for_sensor(bench, recording, proved, terms, ~found.outliers),
+        correlation=correlation,
     )
     point = words.TIPS.get(recording.measures, "the measured point")
-    statements = [words.statement(term, point, unit) for term in (*terms, *refused)]
-    return with_statements(made, statements)
+    said = [statements.statement(term, point, unit) for term in (*terms, *refused)]
+    return with_statements(made, said)
+
+
+def _final_model(bench, found: Found, terms) -> tuple[FinalModel, SerialCorrelation | None]:
+    """The final model, what is left judged under the correlation of its noise, and this correlation."""
+    last = FinalModel(bench, found, bench.unit, terms)
+    effects = [e for term in terms for e in term.finding.effects]
+    fresh, correlation = with_correlated_noise(bench, found, effects, last.after)
+    return FinalModel(bench, fresh, bench.unit, terms), correlation
 
 
 def _visible(bench: Bench, found: Found) -> tuple:
@@ -287,7 +303,7 @@ def _with_stated_noise(last: "FinalModel", proved, terms, refused):
         return proved, (*terms, term)
     p = compared.lack_of_fit()
     if not terms and p < UNMODELLED_LEVEL:
-        unknown = Finding("unknown", "samples", words.BY_POSE, (), p, 1.0 - p, 0.0, 0.0)
+        unknown = Finding("unknown", "samples", statements.BY_POSE, (), p, 1.0 - p, 0.0, 0.0)
         return proved, (Term(unknown),)
     return proved, terms
 
@@ -301,9 +317,11 @@ def _contains_structure(found: Found, terms) -> bool:
     return unnamed or found.p_remainder <= UNMODELLED_LEVEL
 
 
-def _warnings(bench, recording, terms=()) -> tuple[str, ...]:
+def _warnings(bench, recording, terms=(), correlation=None) -> tuple[str, ...]:
     """What is in doubt about this recording, and what its answer cannot contain."""
     on_data, chain = bench.warnings or recording.warnings, bench.chain
+    if correlation is not None:
+        on_data = (*on_data, correlated_noise(correlation))
     if chain is None:
         random = random_focal_error(bench, terms)
         return (*on_data, *displaced_lines(bench), *([random] if random else []))
@@ -317,7 +335,7 @@ def _searched(bench: Bench, say: _Reporter, jobs: int) -> tuple[Bench, Found, in
     repetitions: several only where it takes long."""
     start, progress = time.perf_counter(), elapsed(say, LEAST_FOLDS)
     bench, found = with_jitter(bench, lambda one: find(one, progress=progress))
-    say.first(words.preliminary(found))
+    say.first(statements.preliminary(found))
     spent = time.perf_counter() - start
     jobs = jobs if spent > _LONG_S else 1
     if found.findings:
@@ -331,7 +349,7 @@ def _proved(bench, found: Found, noise, say, jobs):
     """Terms that stay, terms refused, and the proof; both kinds with parameters and size."""
     proved, kept, refused = proof.prove(bench, found, found_terms, noise, say, jobs)
     effects = [e for term in kept for e in term.finding.effects]
-    rows = bench.parameters(effects)
+    rows = bench.parameters(effects, options=_estimated_options(kept))
     stay = tuple(_with_numbers(bench, term, effects, rows) for term in kept)
     gone = tuple(
         _with_numbers(bench, term, (*effects, *term.finding.effects), None) for term in refused
@@ -339,14 +357,23 @@ def _proved(bench, found: Found, noise, say, jobs):
     return stay, gone, proved
 
 
+def _estimated_options(terms: Sequence[Term]) -> Options:
+    """The effects of terms with an option that is a real number, and this option."""
+    findings = [term.finding for term in terms if term.finding.option is not None]
+    return {found.effects[0]: found.option for found in findings}
+
+
 def _with_numbers(bench, term: Term, effects, rows) -> Term:
-    """The term with its parameters and the RMS displacement that it makes."""
-    rows = bench.parameters(list(effects)) if rows is None else rows
+    """The term with its parameters and the RMS displacement that it makes, of a deflection its variation."""
+    if rows is None:
+        rows = bench.parameters(list(effects), options=_estimated_options([term]))
     own = {(e.effect, e.where) for e in term.finding.effects}
     mine = tuple(
         row for row in rows if (row["effect"], row["where"]) in own and _of(row, term, bench)
     )
-    return replace(term, parameters=mine, size=_size(bench, effects, term))
+    varying = [row["size_mm"] for row in mine if row["name"] == DEFLECTION]
+    size = varying[0] if len(varying) == 1 else _size(bench, effects, term)
+    return replace(term, parameters=mine, size=size)
 
 
 def _of(row, term: Term, bench) -> bool:
@@ -433,12 +460,19 @@ def _somewhere(found: Found, terms, refused, problem) -> tuple[Term, ...]:
     return (Term(unknown, share=at.share, remainder=bool(terms)),)
 
 
+def _with_equivalent_places(bench, term: Term) -> Term:
+    if bench.chain is None:
+        return term
+    finding = with_equivalent_places(term.finding, bench.chain.robot.joints)
+    return replace(term, finding=finding)
+
+
 def _refused_there(refused, at) -> tuple[Alternative, ...]:
     """Named effects of the first search at a place that cross-validation refused, the most probable first."""
     named = [term.finding for term in refused if term.finding.effects]
     there = [one for one in named if one.where == at.where and one.p_value < _PLACED]
     return tuple(
-        Alternative(one.effect, one.where, one.label, one.probability, 1.0, words.UNCONFIRMED)
+        Alternative(one.effect, one.where, one.label, one.probability, 1.0, statements.UNCONFIRMED)
         for one in sorted(there, key=lambda one: -one.probability)
     )
 
@@ -448,7 +482,7 @@ def _of_refused(found: Found, refused, remainder: bool) -> Finding:
     p = found.p_remainder if remainder else found.p_first
     likely = _likely(refused)
     where = likely[0].where if likely else "samples"
-    return Finding("unknown", where, words.NOT_LOCATED, (), p, 0.0, 0.0, 0.0, (), likely)
+    return Finding("unknown", where, statements.NOT_LOCATED, (), p, 0.0, 0.0, 0.0, (), likely)
 
 
 def _likely(refused) -> tuple[Alternative, ...]:
@@ -458,4 +492,4 @@ def _likely(refused) -> tuple[Alternative, ...]:
         return ()
     one = max(named, key=lambda one: one.gain)
     about = (one.effect, one.where, one.label, one.probability, 1.0)
-    return (Alternative(*about, words.UNCONFIRMED),)
+    return (Alternative(*about, statements.UNCONFIRMED),)

@@ -101,6 +101,7 @@ class Diagnosis:
     differences: object = None  # differences.Differences, where a simulation or solution was named
     given: tuple = ()  # effects that the baseline holds
     robot_keys: Mapping | None = None  # of the reference's robot; None: that of the recording
+    correlation: object = None  # SerialCorrelation of the noise, where nothing else is left
     turntable: object = None  # TurntableCalibration, where a board stood on a turntable
 
     def as_json(self) -> dict:
@@ -133,6 +134,7 @@ class Diagnosis:
             "against": self.shares.as_json() if self.shares else None,
             "differences": self._differences(),
             "fixed_reflectors": self.fixed.as_json() if self.fixed else None,
+            "serial_correlation": asdict(self.correlation) if self.correlation else None,
             "warnings": list(self.warnings),
             "provenance": dict(self.provenance),
         }
@@ -212,7 +214,7 @@ def _effect(term: Term, unit: str) -> dict:
         "depends_on": list(found.depends_on),
         "options": options_of(found.effects),
         "instant": asdict(found.instant) if found.instant else None,
-        "estimated_option": asdict(found.option) if found.option else None,
+        "estimated_option": _option(found.option) if found.option else None,
         "spectrum": _spectrum(term),
         f"size_{unit}": term.size,
         "t": term.t,
@@ -224,6 +226,10 @@ def _effect(term: Term, unit: str) -> dict:
         "alarms": list(found.alarms),
         "statement": term.statement,
     }
+
+
+def _option(option) -> dict:
+    return {key: getattr(option, key) for key in ("name", "value", "std", "unit")}
 
 
 def _spectrum(term: Term) -> dict | None:

@@ -9,18 +9,11 @@ import re
 from collections.abc import Mapping, Sequence
 
 from robot_model.effects import CATALOGUE as ROBOT
-from robot_model.effects.friction import ReadingLattice
 from sensors.effects import CATALOGUE as SENSOR
-from workbench.core.common_effects import NoiseLaw
-from workbench.core.least_squares.adjustment_tests import p_text
 from workbench.core.text.uncertain import with_std
 from workbench.core.vocabulary import Covariate, Place
-from workbench.diagnosis.levels import CRITICAL_T, LISTED_PROBABILITY, MAJORITY
-from workbench.diagnosis.linear.problem import Finding, Found
-from workbench.diagnosis.noise.random_effects import ALONG
+from workbench.diagnosis.levels import CRITICAL_T, MAJORITY
 from workbench.diagnosis.robot.derived import DEFLECTION
-from workbench.diagnosis.scanner.image_jitter import EFFECT as JITTER
-from workbench.explanation.result import Term
 
 TIPS = {"ball-centre": "the ball", "ball-surface": "the ball", "external-point": "the reflector"}
 _PLACES = {
@@ -60,15 +53,8 @@ _NAMES = {
     "reflector": "which reflector it is",
 }
 _MOST = 3
-BY_POSE = (
-    "the residual is larger than the scatter of repeats of one pose, without a place or a covariate"
-)
-NOT_LOCATED = "not located: no smooth function of one or two covariates at any place is significant"
 _MASSES = "_mass_"  # in the name of a law's number for a first moment
 _PART = "A part of the machine"  # in the sentence of an effect that may sit anywhere
-_OF_DATA = ("outliers", NoiseLaw.effect, "encoder-quantisation", ReadingLattice.effect)
-UNCONFIRMED = "found in the first search, not confirmed by cross-validation"
-_EITHER = "with temperature, or with time where none was recorded"
 
 
 def place(where: str) -> str:
@@ -207,7 +193,7 @@ def figures(rows: Sequence[Mapping]) -> str:
     ]
     said = _listed_figures(parts)
     if vague:
-        combined = f"{listed([row['name'] for row in vague])} only in combination"
+        combined = f"{listed([row['name'] for row in vague])} identifiable only in combination"
         said = f"{said} ({combined})" if said else combined
     return said + (
         f" (with {len(masses)} numbers for masses that the data sheet does not know)"
@@ -272,186 +258,10 @@ def _waves(rows):
     for first, second in pairs:
         a, b = known[first], known[second]
         size = math.hypot(a["value"], b["value"])
-        std = math.hypot(a["value"] * a["std"], b["value"] * b["std"]) / size if size else a["std"]
+        # the phase depends on an estimated order, the amplitude to first order not
+        own = [row.get("conditional_std", row["std"]) for row in (a, b)]
+        std = math.hypot(a["value"] * own[0], b["value"] * own[1]) / size if size else own[0]
         yield "amplitude", {"name": first, "value": size, "std": std, "unit": a["unit"]}
-
-
-def statement(term: Term, tip: str, unit: str) -> str:
-    """One paragraph on one finding. tip: what the displacement is of ('the ball')."""
-    found = term.finding
-    sentences = [_what(term, tip, unit), _proved(term, unit), _doubt(found)]
-    sentences += [f"Alarm: {alarm}." for alarm in found.alarms]
-    if not term.kept:
-        sentences.append(f"It was not kept: {term.reason}.")
-    return " ".join(one for one in sentences if one)
-
-
-def _what(term: Term, tip: str, unit: str) -> str:
-    found = term.finding
-    at = f"at {tip}" if unit == "mm" else "in the image"
-    size = f"{length(term.size, unit)} RMS {at}" if term.size is not None else ""
-    if term.share is not None:
-        depends = listed([covariate(name) for name in found.depends_on])
-        if term.remainder:
-            return (
-                f"Much is left that no retained effect makes: a function of {depends} at "
-                f"{place(found.where)} makes {100 * term.share:.0f} % of it.{_unconfirmed(found)}"
-            )
-        return (
-            f"There is structure that these data show and do not explain: a function of {depends} at "
-            f"{place(found.where)} makes {100 * term.share:.0f} % of the mismatch, and yet nothing that was fitted "
-            f"to some of the poses predicts the others.{_unconfirmed(found) or ' No more is claimed.'}"
-        )
-    if found.effect == "stated-noise":
-        return _of_stated_noise(term)
-    if found.effect == JITTER:
-        return _of_jitter(term)
-    if found.label == NOT_LOCATED and _unconfirmed(found):
-        text = (
-            f"There is structure that is not explained ({p_text(found.p_value)}), most likely at "
-        )
-        return f"{text}{place(found.where)}.{_unconfirmed(found)}"
-    if found.effect == "unknown" and found.label in (BY_POSE, NOT_LOCATED):
-        return f"There is structure that nothing in the catalogue explains: {found.label} ({p_text(found.p_value)})."
-    if found.effect in _OF_DATA or (
-        found.effect == "unknown" and not found.effects and not found.depends_on
-    ):
-        return _of_data(found)
-    if found.effect == "unknown":
-        depends = (
-            listed([covariate(name) for name in found.depends_on]) or "nothing that was recorded"
-        )
-        text = (
-            f"{place(found.where).capitalize()} errs with {depends}, by a law that no tested effect of the catalogue "
-            "describes as well"
-        )
-        return f"{text}{': ' + size if size else ''}."
-    said = law(
-        found.effect, found.where, found.label, type(found.effects[0]) if found.effects else None
-    )
-    numbers = figures(term.parameters) if term.parameters else ""
-    warms_up = any(getattr(one, "time_constant_s", 0) for one in found.effects)
-    by_time = warms_up or any(row["unit"].endswith("/h") for row in term.parameters)
-    said = said.replace(
-        _EITHER, "with time (no temperature was recorded)" if by_time else "with temperature"
-    )
-    return f"{said}: {', '.join(filter(None, (numbers, size)))}." if numbers or size else f"{said}."
-
-
-def _unconfirmed(found: Finding) -> str:
-    """The most probable effect at the place of an unknown, if it was found there and not retained; else ""."""
-    for one in found.alternatives:
-        if one.why == UNCONFIRMED:
-            label = f" ({one.label})" if one.label else ""
-            return (
-                f" The most probable cause there is {one.effect}{label}, probability {one.probability:.2f} in the "
-                "first search; cross-validation did not confirm it, so it is not corrected."
-            )
-    return ""
-
-
-def _of_jitter(term: Term) -> str:
-    """How far whole stripes are displaced at random, what does that, and what to do."""
-    row = term.parameters[0]
-    return (
-        f"Whole stripes are displaced at random from image to image by {row['value']:.2g} ± {row['std']:.1g} px "
-        "(1 sigma): jitter or vibration of the mirror or the arm, or irregular timing. No recorded covariate predicts "
-        "it, so no correction can remove it. Average several sweeps, let the arm settle, or record what changes "
-        "between images."
-    )
-
-
-def _of_stated_noise(term: Term) -> str:
-    """The factor by which the stated noise is wrong, why that matters and what to do."""
-    row = next(iter(term.parameters), None)
-    factor = f"{row['value']:.2f} ± {row['std']:.2f} times" if row else "not"
-    source = term.finding.label.rpartition(", ")[2]
-    return (
-        f"The recording states the wrong noise: {source} the standard deviation is {factor} the stated sigma. "
-        "All results below use the noise that was found. Correct sigma_mm in the recording: calibration and "
-        "tolerances rely on it."
-    )
-
-
-def _of_data(found: Finding) -> str:
-    """What is wrong with the data, or a random effect: nothing of it can be fitted."""
-    if found.effect == "outliers":
-        return f"{found.label} samples come from another process: they lie farther off than the others' spread allows."
-    if found.effect == NoiseLaw.effect:
-        depends = listed([covariate(name) for name in found.depends_on])
-        return f"The noise is not the same everywhere: its spread goes with {depends}."
-    if found.effect == ReadingLattice.effect:
-        return f"The readings of {place(found.where)} are rounded, {found.label}."
-    if found.effect == "encoder-quantisation":
-        return f"The reading of {place(found.where)} is rounded to counts."
-    if found.label == ALONG:
-        return (
-            "What is left points back along the last moves, by another share of them each time: the joints were "
-            "read at differing moments before the arm stood still."
-        )
-    said = (
-        f"{place(found.where).capitalize()} moves from sample to sample, with nothing that was recorded: what is "
-        "left points along what that place does."
-    )
-    could = [
-        f"{one.effect} at {place(one.where)} with {covariate(one.missing)}"
-        for one in found.alternatives
-        if one.missing
-    ]
-    return said + (
-        f" It may be {listed(could, 'or')}, none of which this recording holds." if could else ""
-    )
-
-
-def _proved(term: Term, unit: str) -> str:
-    if term.gain is None:
-        return ""
-    parts = ", ".join(f"{count} {name}" for name, count in term.ways) if len(term.ways) > 1 else ""
-    again = (
-        f", and it is reselected in {term.again} of {term.chances} folds{parts and f' ({parts})'}"
-        if term.chances
-        else ""
-    )
-    falls = (
-        f"reduces the held-out RMS error by {length(term.gain, unit)}"
-        if term.gain > 0
-        else f"increases the held-out RMS error by {length(-term.gain, unit)}"
-    )
-    t = f" (t = {term.t:.1f})" if term.t is not None else ""
-    return f"It {falls}{t}{again}."
-
-
-def _doubt(found: Finding) -> str:
-    """What else would do as well."""
-    others = [one for one in found.alternatives if one.why != UNCONFIRMED]
-    if not others or found.probability >= 0.95:
-        return ""
-    likely = [one for one in others if one.probability >= LISTED_PROBABILITY] or others[:1]
-    texts = [f"this ({found.probability:.2f})", *(_other(one) for one in likely[:_MOST])]
-    more = len(likely) - _MOST
-    rest = f", or one of {more} less likely ones" if more > 0 else ""
-    return f"In these poses its name is not certain: {listed(texts, 'or')}{rest}."
-
-
-def _other(one) -> str:
-    label = f" ({one.label})" if one.label else ""
-    missing = (
-        f", if {covariate(one.missing)}, which this recording does not hold, changed"
-        if one.missing
-        else ""
-    )
-    name = "something unnamed" if one.effect == "unknown" else one.effect
-    return f"{name}{label} at {place(one.where)} ({one.probability:.2f}{missing})"
-
-
-def preliminary(found: Found) -> str:
-    """What the first search found, before anything of it is validated."""
-    names = [
-        f"{one.effect} at {place(one.where)} ({one.probability:.2f})" for one in found.findings
-    ]
-    if not names:
-        return "First result, not yet validated: no effect is missing."
-    return f"First result, not yet validated: {listed(names)}. Cross-validation may refuse some of them."
 
 
 def errors(before: float, after: float, noise: float, source: str, unit: str) -> str:

@@ -1,5 +1,6 @@
 """Estimates of a diagnosis with their standard deviations: parameters, instants, options that are real numbers."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from workbench.core.effect import Effect
@@ -18,15 +19,33 @@ class Instant:
 
 @dataclass(frozen=True)
 class RealOption:
-    """An option of an effect that is a real number: `name`, `value` and standard deviation `std`, in its own unit."""
+    """An option of an effect that is a real number: `name`, `value` and standard deviation `std`, in `unit`.
+
+    `word`: format string of the label of a variant, with its value as {:g}.
+    """
 
     name: str
     value: float
     std: float
+    unit: str
+    word: str
+
+    def changed(self, effect: Effect, step: float) -> Effect:
+        """An effect with another value of this option, `step` standard deviations away."""
+        value = self.value + step * self.std
+        return type(effect)(effect.where, **effect.options | {self.name: value})
 
 
-def parameter_row(p: Parameter, effect: Effect, value: float, std: float) -> dict:
+Options = Mapping[Effect, RealOption]
+"""Effects with an option that was estimated, and this option."""
+
+
+def parameter_row(
+    p: Parameter, effect: Effect, value: float, std: float, conditional_std: float | None = None
+) -> dict:
     """A row of `Bench.parameters`, but for the sizes of what the parameter does.
+
+    std: with the uncertainty of options that were estimated; conditional_std: with these options known.
 
     A parameter that could be many times its typical size, and zero as well, is not identifiable by itself.
     """
@@ -39,10 +58,11 @@ def parameter_row(p: Parameter, effect: Effect, value: float, std: float) -> dic
         "effect": effect.effect,
         "value": float(value),
         "std": float(std),
+        "conditional_std": float(std if conditional_std is None else conditional_std),
         "unit": p.unit,
         "typical": p.typical,
         "identifiable": bool(is_identifiable),
     }
 
 
-__all__ = ["Instant", "RealOption", "parameter_row"]
+__all__ = ["Instant", "Options", "RealOption", "parameter_row"]

@@ -175,14 +175,17 @@ def design_effect(y: np.ndarray, problem: Problem) -> float:
     """How many coordinates of one pose are worth one, as they err together: Kish's design effect, at least 1.
 
     Repeats of a pose share what the model misses there; they say ten times the same. From the sums
-    over a pose against the sum of squares: 1 + (m - 1) rho on average (Kish, Survey Sampling, 1965).
+    over a pose against the sum of squares: 1 + (m - 1) rho on average (Kish, Survey Sampling, 1965). Times that of
+    noise that is correlated from pose to pose.
     """
+    serial = problem.serial_effect
     m = len(y) // problem.n
     _, label = np.unique(problem.pose, return_inverse=True)
     if len(label) == label.max() + 1 or len(y) != m * problem.n:
-        return 1.0
+        return serial
     sums = np.stack([np.bincount(label, row) for row in y.reshape(m, problem.n)])
-    return float(np.clip((sums**2).sum() / max(y @ y, 1e-300), 1.0, np.bincount(label).max()))
+    largest = np.bincount(label).max()
+    return serial * float(np.clip((sums**2).sum() / max(y @ y, 1e-300), 1.0, largest))
 
 
 def once(kept: dict, key, make):

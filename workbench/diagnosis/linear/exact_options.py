@@ -45,11 +45,26 @@ class RealFamily:
 
     @property
     def bracket(self) -> tuple[float, float]:
-        """The neighbours of the present value on the grid; at an end of the grid as far away as the next value is."""
-        lower, upper = self.grid[self.grid < self.value], self.grid[self.grid > self.value]
-        first, last = np.diff(self.grid)[[0, -1]]
-        low = lower.max() if len(lower) else max(self.value - first, self.value / 2)
-        return float(low), float(upper.min() if len(upper) else self.value + last)
+        """The neighbours of the present value on the grid; at an end of the grid as far away as the next value is.
+
+        A few variants span what is plausible, and no option is more than one step, as a factor, beyond them. A fine
+        grid of orders or frequencies ends anywhere, so that its step counts from the present value.
+        """
+        grid, value = self.grid, self.value
+        if isinstance(self.own.source, Candidate):
+            beyond = grid[0] ** 2 / grid[1], grid[-1] ** 2 / grid[-2]
+        else:
+            first, last = np.diff(grid)[[0, -1]]
+            beyond = max(value - first, value / 2), value + last
+        lower, upper = grid[grid < value], grid[grid > value]
+        low = lower.max() if len(lower) else beyond[0]
+        return float(low), float(upper.min() if len(upper) else beyond[1])
+
+    @property
+    def word(self) -> str:
+        """Format string of the labels of its variants."""
+        source = self.own.source
+        return (source if isinstance(source, Candidate) else source[0]).word
 
     def columns(self, value: float) -> np.ndarray:
         """(N, P) whitened columns in typical sizes at a value."""

@@ -21,7 +21,7 @@ from scipy.linalg import block_diag
 from workbench.core.effect import Effect, Variant
 from workbench.core.least_squares.linear_algebra import thin_svd
 from workbench.diagnosis.levels import OBSERVABLE_SIGMAS, ROUNDING
-from workbench.diagnosis.linear.estimates import Instant, RealOption
+from workbench.diagnosis.linear.estimates import Instant, Options, RealOption
 from workbench.diagnosis.linear.kept_effects import Added, Beyond
 
 _SINGULAR = 1e-11
@@ -191,6 +191,7 @@ class Problem:
     rotation: np.ndarray | None = (
         None  # (N,) True for coordinates of an orientation, in rad; None: there are none
     )
+    serial_effect: float = 1.0  # design effect of noise that is correlated from pose to pose
 
     def conditional_on(self, kept: Sequence[int] | None = None) -> "Problem":
         """The problem with some of the effects (None: all) in the basis and the others back in the residual.
@@ -393,9 +394,15 @@ class Bench(Protocol):
         """The fit of baseline and effects until it converges; a problem made after it is linear about it."""
 
     def parameters(
-        self, effects: Sequence[Effect], samples: np.ndarray | None = None
+        self,
+        effects: Sequence[Effect],
+        samples: np.ndarray | None = None,
+        options: Options | None = None,
     ) -> tuple[dict, ...]:
-        """Of every effect's parameters: key, name, where, effect, value, std, unit, typical, size_mm."""
+        """Of every effect's parameters: key, name, where, effect, value, std, unit, typical, size_mm.
+
+        options: of these effects, whose standard deviations those of the parameters contain.
+        """
 
     def units(self, effects: Sequence[Effect]) -> list[str]:
         """Units of the parameters of some effects."""

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robot_model.effects.drift import LinkThermalGrowth
+from robot_model.effects.drift import JointThermalDrift, LinkThermalGrowth
 from robot_model.effects.elastic import JointCompliance
-from robot_model.effects.transmission import Backlash, JointThermalDrift, TimeOffset
+from robot_model.effects.transmission import Backlash, TimeOffset
 from workbench.core.distributions import chi2, norm, student
 from workbench.core.least_squares.linear_algebra import inverse_positive, symmetric_eigen
 from workbench.diagnosis.levels import MAJORITY, NEGLIGIBLE_SHARE, RANDOM_EFFECT_LEVEL, ROUNDING

@@ -10,7 +10,7 @@ from robot_model.effects import CATALOGUE
 from robot_model.effects.curve import JointCurve
 from robot_model.effects.elastic import JointCompliance
 from robot_model.effects.nonparametric import SmoothFunction
-from robot_model.state import moved
+from robot_model.state import State, moved
 from robot_model.system import RobotChain, bind
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect, Variant
@@ -20,11 +20,17 @@ from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import STATE_PORTS, Model
 from workbench.core.parameters import Parameters
 from workbench.diagnosis.levels import OBSERVABLE_SIGMAS
-from workbench.diagnosis.linear.estimates import parameter_row
+from workbench.diagnosis.linear.estimates import Options, parameter_row
 from workbench.diagnosis.linear.problem import Problem, Site
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot import mass_responses
-from workbench.diagnosis.robot.derived import deflection_row, mass_rows, spectrum
+from workbench.diagnosis.robot.derived import (
+    deflection_row,
+    mass_rows,
+    spectrum,
+    variation_mm,
+    with_estimated_options,
+)
 from workbench.diagnosis.robot.library import compliances, names, variants
 from workbench.diagnosis.robot.linearised import solution, with_candidates, with_places
 from workbench.diagnosis.robot.sliced_bases import SlicedBases, describe
@@ -70,9 +76,7 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
     moving = checked.recording
     _check_enough(moving)
     chain = bind(checked.robot, moving)
-    chain = replace(
-        chain, state=replace(chain.state, covariates=covariates_of(chain, moving.poses))
-    )
+    chain = replace(chain, state=with_derived(chain, moving.poses))
     effects = ()
     if baseline == JointCompliance.effect:
         effects = tuple(one.effect for one in JointCompliance.candidates(chain))
@@ -104,14 +108,15 @@ def _check_redundancy(problem: Problem, recording) -> None:
         )
 
 
-def covariates_of(chain: RobotChain, pose: np.ndarray) -> dict[str, np.ndarray]:
-    """Recorded covariates, and what follows from the readings: q, move, tau, payload; pose (n,): labels of repeats.
+def with_derived(chain: RobotChain, pose: np.ndarray) -> State:
+    """The state with covariates that follow from the readings: q, move, tau, payload; pose (n,): labels of repeats.
 
     Angles rad, slides mm, torques N m. `move<k>` needs the rows in the order in which they were measured.
     """
     recorded = dict(chain.state.covariates)
     made = {f"q{k}": q for k, q in enumerate(chain.variables, 1)}
-    made |= moved(chain.robot, chain.variables, clock(chain.state), pose)
+    moves, history = moved(chain.robot, chain.variables, clock(chain.state), pose)
+    made |= moves
     made |= {f"tau{k}": torque for k, torque in enumerate(chain.state.torque, 1)}
     made["time"] = clock(chain.state)
     attitude = np.einsum("cin,i->cn", chain.state.frames.link[-1], chain.state.gravity)
@@ -122,7 +127,7 @@ def covariates_of(chain: RobotChain, pose: np.ndarray) -> dict[str, np.ndarray]:
     made["payload"] = chain.state.payload
     if chain.measurement.place == "sensor":
         made |= dict(zip(("seen_x", "seen_y", "seen_z"), chain.state.measured))
-    return recorded | made
+    return replace(chain.state, covariates=recorded | made, history=history)
 
 
 @dataclass(frozen=True)
@@ -319,13 +324,16 @@ class RobotBench:
         return start.only(mask)
 
     def parameters(
-        self, effects: Sequence[Effect], samples: np.ndarray | None = None
+        self,
+        effects: Sequence[Effect],
+        samples: np.ndarray | None = None,
+        options: Options | None = None,
     ) -> tuple[dict, ...]:
         """Every effect's parameters with value and std; `size_mm` RMS of what one does to a measured coordinate.
 
         `acts`: whether one of typical size moves any. The weight deflects no joint about a vertical axis.
         """
-        model, fit, _ = self.solve(effects, samples)
+        model, fit, weights = self.solve(effects, samples)
         free, values = fit.parameters.mask, fit.parameters.values
         units = np.outer(fit.parameters.typical[free], fit.parameters.typical[free])
         prior = np.full(len(values), _GEOMETRY)
@@ -334,6 +342,8 @@ class RobotBench:
         covariance = covariance_of(fit.normal * units, prior[free])
         whole = np.zeros((len(values), len(values)))
         whole[np.ix_(free, free)] = covariance * units * fit.sigma_scale**2
+        conditional_std = np.sqrt(np.maximum(np.diag(whole), 0))
+        whole = with_estimated_options(model, fit, weights, whole, options or {})
         std = np.sqrt(np.maximum(np.diag(whole), 0))
         masses = mass_rows(model, values, whole)
         rows = []
@@ -344,7 +354,7 @@ class RobotBench:
             for column, k in zip(model.linearise(own)[1], numbers):
                 size = float(np.sqrt(((column[:3] * values[k]) ** 2).mean()))
                 p = fit.parameters.table[k]
-                row = parameter_row(p, effect, values[k], std[k])
+                row = parameter_row(p, effect, values[k], std[k], conditional_std[k])
                 sigmas = p.typical * np.linalg.norm(column / model.sigma(fit.parameters))
                 rows.append(row | {"size_mm": size, "acts": bool(sigmas > OBSERVABLE_SIGMAS)})
             if span.start in masses:
@@ -353,7 +363,8 @@ class RobotBench:
                 rows[-effect.terms] |= spectrum(effect, values[span], self.chain)
             deflected = deflection_row(effect, values[span], whole[span, span], self.chain)
             if deflected:
-                rows.append(deflected)
+                size = variation_mm(model, fit, effect, values[span])
+                rows.append(deflected | {"size_mm": size})
         return tuple(rows)
 
     def units(self, effects: Sequence[Effect]) -> list[str]:

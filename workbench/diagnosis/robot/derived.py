@@ -1,4 +1,7 @@
-"""Numbers that follow from the parameters of effects: masses of loads, deflections, coefficients of linearised laws."""
+"""Numbers that follow from the parameters of effects: masses of loads, deflections, coefficients of linearised laws.
+
+And their covariance where options of effects were estimated, too.
+"""
 
 from collections.abc import Sequence
 
@@ -12,8 +15,11 @@ from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.core.model import NOISE, STATE_PORTS
 from workbench.diagnosis.levels import CRITICAL_T
+from workbench.diagnosis.linear.estimates import Options
 
 DEFLECTION = "deflection"
+_STEP = 0.01  # standard deviations of an option, half-step of a derivative
+_POSITION = 3  # components of a residual that are a position
 _ROTATION = 3  # first rotation among the components of a frame
 
 
@@ -77,6 +83,49 @@ def deflection_row(
     }
 
 
+def with_estimated_options(
+    model, fit, weights: np.ndarray, covariance: np.ndarray, options: Options
+) -> np.ndarray:
+    """Covariance (P, P) of all parameters with that of the options of some effects estimated jointly with them.
+
+    covariance: with the options known. An option is one more parameter of the linearised model: with columns X of the
+    parameters and c of the options, C + C X'c (c'c - c'X C X'c)^-1 c'X C, the inverse by blocks.
+    """
+    options = {e: o for e, o in options.items() if e in model.effects and o.std > 0}
+    if not options:
+        return covariance
+    scale = fit.sigma_scale**2
+    white = np.sqrt(weights) / model.sigma(fit.parameters)
+    columns = (model.linearise(fit.parameters)[1] * white).reshape(fit.parameters.mask.sum(), -1)
+    slopes = np.stack([_slope(model, fit, *one) * white for one in options.items()])
+    slopes = slopes.reshape(len(options), -1)
+    free = np.flatnonzero(fit.parameters.mask)
+    shared = covariance[:, free] @ (columns @ slopes.T) / scale
+    left = slopes @ slopes.T - (columns @ slopes.T).T @ shared[free]
+    return covariance + scale * shared @ np.linalg.pinv(left, hermitian=True) @ shared.T
+
+
+def _slope(model, fit, effect: Effect, option) -> np.ndarray:
+    """(m, n) derivative of the residual by an option of an effect, per standard deviation of the option."""
+    either = []
+    for step in (_STEP, -_STEP):
+        effects = tuple(option.changed(e, step) if e is effect else e for e in model.effects)
+        either.append(type(model)(model.chain, effects).residual(fit.parameters))
+    return (either[0] - either[1]) / (2 * _STEP)
+
+
+def variation_mm(model, fit, effect: Effect, values: np.ndarray) -> float:
+    """RMS displacement of the measured point by what an effect changes from pose to pose, mm; values (P,).
+
+    The mean of a deflection under weights that are not known is not distinguishable from the geometry.
+    """
+    changes = effect.delta(values, model.chain.state)
+    changes = changes - changes.mean(-1, keepdims=True)
+    rows = model.evaluate(fit.parameters).rows(effect.port, np.asarray(effect.slots(model.chain)))
+    moved = np.einsum("kn,kmn->mn", changes, rows)[:_POSITION]
+    return float(np.sqrt((moved**2).sum(0).mean()))
+
+
 def negative_masses(bench, effects: Sequence[Effect], samples=None) -> list[tuple[Effect, dict]]:
     """Loads that cannot weigh less than nothing, and their rows where the fitted mass is significantly negative."""
     loads = [e for e in effects if e.needs_compliance and e.nonnegative > 0]
@@ -115,4 +164,6 @@ __all__ = [
     "mass_rows",
     "negative_masses",
     "spectrum",
+    "variation_mm",
+    "with_estimated_options",
 ]

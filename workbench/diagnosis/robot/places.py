@@ -121,6 +121,7 @@ def _floor(chain, rows, turns) -> list[Scan]:
     if span <= 0 or not len(cycles):
         return []
     units = ("mm", "mm", "mm", "rad", "rad", "rad")
+    unit = PeriodicMotion("base", 1.0, units, turns).option_unit(chain, "rate")
 
     def make(rate):
         return (PeriodicMotion("base", rate, units, tuple(turns.tolist())),)
@@ -138,7 +139,7 @@ def _floor(chain, rows, turns) -> list[Scan]:
             turns,
             "",
             make,
-            "to and fro, {:g} rad a unit of time",
+            f"to and fro, {{:g}} {unit}",
             ("time",),
             option="rate",
         )

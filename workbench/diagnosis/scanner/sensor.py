@@ -19,7 +19,7 @@ from workbench.core.effect import Effect
 from workbench.core.least_squares.bundle import BundleFit, solve_bundle
 from workbench.core.model import Model
 from workbench.core.parameters import Parameter, Parameters
-from workbench.diagnosis.linear.estimates import parameter_row
+from workbench.diagnosis.linear.estimates import Options, parameter_row
 from workbench.diagnosis.linear.problem import Found, Problem, Site
 from workbench.diagnosis.scanner.predictions import Predicted, scored_errors
 from workbench.diagnosis.scanner.sensor_library import Kind, described, places
@@ -215,21 +215,43 @@ class SensorBench:
         return fit.values["ball"]
 
     def parameters(
-        self, effects: Sequence[Effect], samples: np.ndarray | None = None
+        self,
+        effects: Sequence[Effect],
+        samples: np.ndarray | None = None,
+        options: Options | None = None,
     ) -> tuple[dict, ...]:
         """Every effect's parameters with value and std; `size_px` RMS of what one does to a coordinate, `size_mm` of
         the same at the middle range."""
         chains, fit = self.solve(effects, samples)
         every = models(chains, tuple(effects))
         scale = float(np.median(self.covariates["range"])) / chains.corners.camera.fx
+        shifts = self._shifts(effects, samples, fit.parameters, options or {})
         rows = []
         for effect in effects:
             for p in effect.parameters(host(every, effect).chain):
                 value = fit.parameters[p.key]
                 size = _rms_of(every, fit, p.key) * abs(value)
-                row = parameter_row(p, effect, value, fit.std.get(p.key, float("nan")))
+                known = fit.std.get(p.key, float("nan"))
+                std = np.hypot(known, shifts.get(p.key, 0.0))
+                row = parameter_row(p, effect, value, std, known)
                 rows.append(row | {"size_px": size, "size_mm": size * scale})
         return tuple(rows)
+
+    def _shifts(self, effects, samples, known: Parameters, options: Options) -> dict[str, float]:
+        """Parameter -> how far it moves where the options are one standard deviation away, RMS over the options."""
+        squares: dict[str, float] = {}
+        for effect, option in options.items():
+            if effect not in effects:
+                continue
+            changed = [option.changed(e, 1.0) if e is effect else e for e in effects]
+            chains, fit = self.solve(changed, samples)
+            every = models(chains, tuple(changed))
+            for before, after in zip(effects, changed):
+                chain = host(every, after).chain
+                for p, other in zip(before.parameters(chain), after.parameters(chain)):
+                    move = fit.parameters[other.key] - known[p.key]
+                    squares[p.key] = squares.get(p.key, 0.0) + move**2
+        return {key: float(np.sqrt(square)) for key, square in squares.items()}
 
     def units(self, effects: Sequence[Effect]) -> list[str]:
         """Units of the parameters of some effects; the last of the chains knows light and balls, too."""

@@ -4,6 +4,8 @@ Variants of one law exclude one another. A smooth nonparametric alternative excl
 make: those that read the same covariates, for a law is a function of these, too.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from robot_model.effects.nonparametric import SHARP_DEGREE
@@ -31,6 +33,24 @@ def same_place(law: Hypothesis) -> tuple[str, ...]:
         return (law.where,)
     k = int(law.where.rpartition("-")[2])
     return law.where, f"link-{k}", f"link-{k - 1}" if k > 1 else "base"
+
+
+def equivalent_places(where: str, names: Sequence[str], joints: int) -> tuple[str, ...]:
+    """Other links, base or tool at which a function of these covariates makes the same: it may move in any direction.
+
+    A twist in the frame of one link is, in that of a neighbour, mixed by the angle of the joint between them. Where the
+    function reads this angle, it is such a function there as well. No joint is between the last link and the tool.
+    """
+    frames = ["base", *(f"link-{k}" for k in range(1, joints + 1)), "tool"]
+    if where not in frames:
+        return ()
+    between = [f"q{k}" in names for k in range(1, joints + 1)] + [True]
+    first = last = frames.index(where)
+    while first > 0 and between[first - 1]:
+        first -= 1
+    while last < joints + 1 and between[last]:
+        last += 1
+    return tuple(one for one in frames[first : last + 1] if one != where)
 
 
 def near(place: str, other: str) -> bool:
@@ -61,4 +81,4 @@ def _fast(law: Hypothesis) -> bool:
     return order * np.ptp(scan.x) / 2 > SHARP_DEGREE
 
 
-__all__ = ["compatible", "near", "same_place"]
+__all__ = ["compatible", "equivalent_places", "near", "same_place"]

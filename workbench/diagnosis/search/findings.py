@@ -14,7 +14,7 @@ from workbench.diagnosis.linear.problem import Alternative, Finding
 from workbench.diagnosis.noise.random_effects import hidden, movement
 from workbench.diagnosis.robot.library import compliances, names
 from workbench.diagnosis.robot.mass_responses import LABEL
-from workbench.diagnosis.search.compatible import same_place
+from workbench.diagnosis.search.compatible import equivalent_places, same_place
 from workbench.diagnosis.search.instants import instant_of
 from workbench.diagnosis.search.options import option_of
 from workbench.diagnosis.search.posterior import Name
@@ -24,6 +24,7 @@ from workbench.diagnosis.search.stepwise import LAW
 
 ELASTIC = frozenset(names(compliances(CATALOGUE)))
 _NEAR = 6.0  # variances of noise: a difference that chance makes once in seventy times
+SAME_FUNCTION = "a function of these covariates at one of the places is one at the other"
 _NUMBERS = 6  # directions in which a smooth nonparametric alternative may displace a place
 
 
@@ -59,7 +60,21 @@ def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -
     )
     if names and mine.key in names:
         made = _among_sets(made, shares, names)
+    if search.bench.chain is not None:
+        made = with_equivalent_places(made, search.bench.chain.robot.joints)
     return made if mine.unnamed else _doubted(search, own, made)
+
+
+def with_equivalent_places(made: Finding, joints: int) -> Finding:
+    """The finding of a function without a law, with the places at which it is the same: all are equally probable."""
+    places = equivalent_places(made.where, made.depends_on, joints)
+    if made.effect != "unknown" or not places:
+        return made
+    probability = made.probability / (1 + len(places))
+    about = (made.label, probability, 1.0, SAME_FUNCTION)
+    others = tuple(Alternative(made.effect, where, *about) for where in places)
+    kept = tuple(a for a in made.alternatives if a.effect != made.effect or a.where not in places)
+    return replace(made, probability=probability, alternatives=(*others, *kept))
 
 
 def bare_finding(h: Hypothesis) -> Finding:
@@ -109,7 +124,7 @@ def _taken_in(general: Finding, parts: Sequence[Finding]) -> Finding:
     every = (general, *parts)
     return replace(
         general,
-        label=" and ".join(one.label for one in every if one.label),
+        label=", ".join(one.label for one in every if one.label),
         effects=tuple(effect for one in every for effect in one.effects),
         p_value=min(one.p_value for one in every),
         probability=max(one.probability for one in every),
@@ -197,7 +212,7 @@ def _doubted(search: Search, own: Hypothesis, made: Finding) -> Finding:
     other = Alternative(
         "unknown",
         made.where,
-        "one thing that makes this and what is left there",
+        "one cause of this and of the structure that remains there",
         made.probability * (1 - sure),
         1.0,
         "what is left at this place is beyond chance",
@@ -257,4 +272,12 @@ def _port(function: Hypothesis) -> str:
     return getattr(site, "port", "")
 
 
-__all__ = ["ELASTIC", "bare_finding", "finding", "tells", "with_hidden"]
+__all__ = [
+    "ELASTIC",
+    "SAME_FUNCTION",
+    "bare_finding",
+    "finding",
+    "tells",
+    "with_equivalent_places",
+    "with_hidden",
+]

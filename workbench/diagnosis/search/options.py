@@ -77,7 +77,8 @@ def option_of(search, i: int) -> RealOption | None:
     if likelihood is None:
         return None
     family = likelihood.family
-    return RealOption(family.name, family.value, likelihood.std(family.value))
+    unit = family.own.effects[0].option_unit(search.bench.chain, family.name)
+    return RealOption(family.name, family.value, likelihood.std(family.value), unit, family.word)
 
 
 def _refined(likelihood: "_Profile | None", own: Hypothesis) -> Hypothesis:

@@ -99,7 +99,7 @@ def with_carriers(bench, terms: Sequence[Term]) -> tuple[list[Term], list[Term]]
     effects = [effect for term in terms for effect in term.finding.effects]
     if any(effect.carries_load for effect in (*getattr(bench, "baseline", ()), *effects)):
         return list(terms), []
-    reason = "it acts through compliances, of which none is retained"
+    reason = "it acts only through a compliance, and none is retained"
     orphans = [t for t in terms if any(effect.needs_compliance for effect in t.finding.effects)]
     kept = [t for t in terms if not any(t is orphan for orphan in orphans)]
     return kept, [replace(t, kept=False, reason=reason) for t in orphans]
@@ -111,7 +111,7 @@ def with_possible_masses(bench, terms: Sequence[Term]) -> tuple[list[Term], list
     kept, refused = list(terms), []
     for load, mass in negative_masses(bench, effects):
         size = f"{mass['value']:.3g} ± {mass['std']:.2g} {mass['unit']}"
-        reason = f"its mass would be negative, {size}: what it explains is not a load"
+        reason = f"its mass would be negative ({size}), so that it is not a load"
         lost = [t for t in kept if any(effect is load for effect in t.finding.effects)]
         refused += [replace(term, kept=False, reason=reason) for term in lost]
         kept = [t for t in kept if not any(t is one for one in lost)]
@@ -144,8 +144,8 @@ def not_supported(term: Term, rows: Sequence[Judged], unit: str) -> Term:
     worst = max(judges, key=lambda row: row.rms_after / max(row.rms_before, 1e-300))
     change = "rises" if worst.rms_after > worst.rms_before else "does not fall"
     reason = (
-        f"with the terms found, the held-out error by {worst.scheme.name} {change} from {worst.rms_before:.3g} to "
-        f"{worst.rms_after:.3g} {unit}, and this term has the least support of them"
+        f"the held-out error ({worst.scheme.name}) {change} with all terms that were found ({worst.rms_before:.3g} "
+        f"{unit} before, {worst.rms_after:.3g} {unit} with them), and of these this one has the least support"
     )
     return replace(term, kept=False, reason=reason)
 

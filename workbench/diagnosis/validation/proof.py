@@ -20,6 +20,7 @@ from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.diagnosis.linear.problem import Bench, Finding, Found, Problem
 from workbench.diagnosis.validation.conditional_gains import ConditionalGains
 from workbench.diagnosis.validation.controls import controls
+from workbench.diagnosis.validation.correlated_noise import beyond_correlated_noise
 from workbench.diagnosis.validation.folds import JUDGED, Scheme, judged_part, schemes, thinned
 from workbench.diagnosis.validation.heldout import (
     Errors,
@@ -79,7 +80,8 @@ def prove(
     terms, more = _controlled(bench, terms, say)
     terms, orphans = with_carriers(bench, terms)
     terms, impossible = with_possible_masses(bench, terms)
-    gone = [*refused, *lost, *more, *orphans, *impossible]
+    terms, chance = beyond_correlated_noise(bench, terms)
+    gone = [*refused, *lost, *more, *orphans, *impossible, *chance]
     terms, worse, rows = _supported(errors, terms, gone, whole, usual)
     effects = effects_of([term.finding for term in terms])
     fixed = [errors(effects, one.scheme.fold) if effects else one.plain for one in whole]
@@ -152,7 +154,7 @@ def _inside(
         if scan.effect == _WAVE:
             is_of_motor = scan.mass >= _MOTOR * np.median(scan.mass)  # these stand by themselves
             last[scan.where] = scan.options[~is_of_motor].max()
-    reason = "its order is the last that was asked for, so that the wave that is there may be any of a higher order"
+    reason = "its order is the highest that was tested, so that the true order may be higher"
     kept = []
     for term in terms:
         found = term.finding
@@ -315,7 +317,7 @@ def _with_best(
 
 
 def _insignificant(t: float, least: float) -> str:
-    return f"its held-out gain conditional on the others is not significant (t = {t:.1f}; required: above {least:g})"
+    return f"its held-out gain next to the other terms is not significant (t = {t:.1f}, required is {least:g})"
 
 
 def _controlled(bench, terms: list[Term], say) -> tuple[list[Term], list[Term]]:
@@ -327,7 +329,7 @@ def _controlled(bench, terms: list[Term], say) -> tuple[list[Term], list[Term]]:
         made = replace(term, controls=controls(bench, others, term.finding.effects))
         broken = [one.kind for one in made.controls if one.passed is False]
         if broken:
-            reason = f"what it depends on, {' and '.join(broken)}, gains as much"
+            reason = f"it has a gain without its cause, too (control: {' and '.join(broken)})"
             failed.append(replace(made, kept=False, reason=reason))
         else:
             kept.append(made)

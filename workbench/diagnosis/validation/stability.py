@@ -52,7 +52,7 @@ def stable_terms(
     judges = judges_of_all(bench, terms, [one.scheme for one in whole])
     t = combined_t([one.t for one in whole if one.scheme in judges], bench.sigma)
     if not t > critical_t(bench.sigma):
-        reason = f"the whole search, made on parts of the samples, does not predict the others better (t = {t:.1f})"
+        reason = f"the nested search does not reduce the held-out error significantly (t = {t:.1f})"
         return [], [replace(term, kept=False, t_nested=t, reason=reason) for term in terms]
     folds = _Folds(bench, terms, whole, usual)
     judged = [folds.judged(number, term) for number, term in enumerate(terms)]
@@ -99,11 +99,10 @@ class _Folds:
             again=sum(_alike(moved, others) for others in made),
             chances=len(made),
             t_nested=nested,
-            ways=tuple((scheme.name, len(rows)) for scheme, rows in self._solved.items()),
         )
         if nested > critical_t(self._sigma):
             return judged
-        reason = f"where the search is repeated inside the folds, it does not predict the others (t = {nested:.1f})"
+        reason = f"what the nested search finds in its place does not reduce the held-out error (t = {nested:.1f})"
         return replace(judged, kept=False, reason=reason)
 
     def _t(self, finding: Finding, own: Sequence[int], moved: np.ndarray) -> list[float]:

@@ -33,8 +33,7 @@ class Term:
     `t` of the gain, one value a pose (`heldout.significance`), `t_fall` of the fall of the error itself, and `t_nested`
     of the gain in the nested cross-validation; `gain` (mm, px)
     the fall of the held-out RMS that this term alone brings; `again` of `chances` folds in which the repeated search
-    reselects most of what it makes, `ways` their schemes and how many folds each has;
-    `size` (mm, px) RMS displacement of the measured point; `kept` False where a
+    reselects most of what it makes; `size` (mm, px) RMS displacement of the measured point; `kept` False where a
     proof failed, and `reason` then says which. `parameters`: rows of `Bench.parameters`. `share` of the mismatch, of
     what is located and not modelled,
     or of what remains next to the other terms where `remainder`.
@@ -48,7 +47,6 @@ class Term:
     gain: float | None = None
     again: int = 0
     chances: int = 0
-    ways: tuple[tuple[str, int], ...] = ()
     controls: tuple[Control, ...] = ()
     kept: bool = True
     reason: str = ""

@@ -4,10 +4,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from robot_model.state import State
 from robot_model.system import bind
+from workbench.core.covariates import MotionHistory, clock
 from workbench.core.model import Model
 from workbench.core.vocabulary import Covariate
-from workbench.diagnosis.robot.bench import covariates_of
+from workbench.diagnosis.robot.bench import with_derived
 
 POOL = 120
 _LOAD_SHARE, _LEAST_LOAD_KG = 0.1, 2.0
@@ -37,19 +39,23 @@ class CandidateRecording:
     samples: np.ndarray | None
     scene: dict = field(default_factory=dict)
 
-    def covariates(self, chain) -> dict[str, np.ndarray]:
-        """Covariates of all rows, the planned side of approach and last move written over the extra ones."""
-        made = covariates_of(chain, np.arange(chain.n))
+    def state(self, chain) -> State:
+        """The state of all rows, the planned side of approach and last move written over those of the extra ones."""
+        state = with_derived(chain, np.arange(chain.n))
+        if not self.sides.any():
+            return state
+        made = dict(state.covariates)
         extra = np.arange(chain.n) >= chain.n - len(self.pose)
         for name in list(made):
             known = Covariate.of(name)
-            if not self.sides.any() or known.kind not in ("approach", "move"):
+            if known.kind not in ("approach", "move"):
                 continue
             is_angle = known.kind == "move" and not known.unit  # and no state from -1 to 1
             size = _MOVED_RAD if is_angle else 1.0
             made[name] = made[name].copy()
             made[name][extra] = size * self.sides
-        return made
+        moves = np.stack([made[f"move{k}"] for k in range(1, chain.robot.joints + 1)])
+        return replace(state, covariates=made, history=MotionHistory.of(moves, clock(state)))
 
     def listing(self, chosen: np.ndarray) -> np.ndarray:
         """Joint readings (k, J), in the recording's own units, of the chosen poses of the pool."""
@@ -165,9 +171,7 @@ def _seen(bench, joined):
     """The recording with the points that the fitted baseline predicts: what an effect reads of them."""
     model, fit, _ = bench.solve(())
     chain = bind(model.chain.robot, joined, model.chain.start)
-    chain = replace(
-        chain, state=replace(chain.state, covariates=covariates_of(chain, np.arange(chain.n)))
-    )
+    chain = replace(chain, state=with_derived(chain, np.arange(chain.n)))
     here = Model(chain, bench.baseline)
     residual = here.residual(here.parameters.take_over(fit.parameters))
     return replace(joined, columns=dict(joined.columns) | chain.measurement.columns(residual))

@@ -203,22 +203,21 @@ def _missing(terms: Sequence[Term], others: bool = False) -> str:
     if not lacking:
         return ""
     if others:
-        return f"In any recording, record {lacking} with every sample: it tells whether the error follows it."
+        return f"Also record {lacking} with every sample: it shows whether the error follows it."
     return f"Record {lacking} with every sample; without it this is not identifiable."
 
 
 def _by_word(term: Term) -> str:
     others = [f"{one.effect} at {place(one.where)}" for one in term.finding.alternatives[:3]]
-    changed = (
-        listed([covariate(name) for name in sorted(term.finding.depends_on)])
-        or "what it depends on"
-    )
+    reads = term.finding.effects[0].reads if term.finding.effects else ()
+    names = sorted(term.finding.depends_on or reads)
+    changed = listed([covariate(name) for name in names]) or "the covariate of this effect"
     aim = (
         f"distinguish {_called(term)} from {listed(others, 'or')}"
         if others
         else f"learn what makes {_called(term)}"
     )
-    return f"To {aim}: measure again where {changed} changes and nothing else does."
+    return f"To {aim}, measure again so that only {changed} changes."
 
 
 def _called(term: Term) -> str:
@@ -326,7 +325,7 @@ def _separation(normal, size, own) -> float:
 def _rows(bench, fitted: _Fitted, pair: ConfoundedPair, plan: CandidateRecording):
     """Whitened rows (n + extra, m, F) in typical sizes, places of the finding's parameters, precisions, their sizes."""
     chain = bind(fitted.chain.robot, plan.recording, fitted.chain.start)
-    chain = replace(chain, state=replace(chain.state, covariates=plan.covariates(chain)))
+    chain = replace(chain, state=plan.state(chain))
     model = Model(chain, fitted.effects)
     parameters = model.parameters.take_over(fitted.parameters)
     own = [p.key for e in pair.own for p in e.parameters(chain)]
@@ -367,9 +366,10 @@ def describe_comparison(
     best, plan = rows[0]
     if best["samples_needed"] == 0:
         return (
-            f"At the size found, {pair.name} and {pair.other} stand {best['apart_now_sigma']:.1f} σ apart in these "
-            f"poses ({separable_distance():.1f} σ are needed for a probability of 95 %). Both remain likely: neither "
-            f"alone describes the effect. {_capital(plan.words.format(poses=len(best['poses'])))}."
+            f"These poses distinguish {pair.name} from {pair.other}: at the size found they are "
+            f"{best['apart_now_sigma']:.1f} σ apart ({separable_distance():.1f} σ give a probability of 95 %). "
+            "Both remain likely all the same: neither alone describes the effect. "
+            f"{_capital(plan.words.format(poses=len(best['poses'])))}."
         )
     if best["samples_needed"] > _MOST_EXTRA * best["samples"]:
         return (
@@ -378,11 +378,12 @@ def describe_comparison(
             f"with {best['samples']} more samples, {plan.name}. Either corrects for both."
         )
     first = (
-        f"To distinguish {pair.name} from {pair.other}: {plan.words.format(poses=len(best['poses']))}. They would "
-        f"then stand {best['apart_then_sigma']:.1f} σ apart instead of {best['apart_now_sigma']:.1f} σ "
-        f"({separable_distance():.1f} σ are needed for a probability of 95 %)."
+        f"To distinguish {pair.name} from {pair.other}, {plan.words.format(poses=len(best['poses']))}. The two "
+        f"effects would then be {best['apart_then_sigma']:.1f} σ apart instead of {best['apart_now_sigma']:.1f} σ; "
+        f"{separable_distance():.1f} σ are needed for a probability of 95 %."
     )
     if len(rows) > 1:
         other, second = rows[1]
-        first += f" The next best, {second.name}, would reach {other['apart_then_sigma']:.1f} σ with as many poses."
+        reached = f"{other['apart_then_sigma']:.1f} σ with as many poses"
+        first += f" The next best recording ({second.name}) reaches {reached}."
     return first

@@ -6,6 +6,7 @@ import numpy as np
 
 from workbench.core.distributions import chi2, fisher
 from workbench.core.least_squares.adjustment_tests import VarianceTest, effective_degrees, p_text
+from workbench.fitting.plausibility.hypotheses.corrections import listed
 from workbench.fitting.verdicts.residual_structure import ORDER, Structure
 from workbench.fitting.verdicts.verdict import REPLICATES, STATED
 
@@ -291,17 +292,17 @@ def _cause(found: Findings) -> str:
 
 def _cause_by_structure(found: Findings) -> str:
     names = found.structure.depends_on
-    moved = " or an instrument, sensor, tool or base that moved" if ORDER in names else ""
+    moved = ", or an instrument, sensor, tool or base moved" if ORDER in names else ""
     limit = _bound(found)
     ratio = limit / found.stated
     check = (
-        f", which is still {ratio:.3g} times the stated noise: check that too"
+        f", still {ratio:.3g} times the stated noise: check the stated noise as well"
         if ratio > _STILL_LARGE
         else ""
     )
     return (
-        f"The residual depends on {' and '.join(names)}, which noise does not: unmodelled effects{moved}. At most "
-        f"{limit:.3g} mm of it can be noise{check}.{_next(found, ' Run `workbench diagnose`.')}"
+        f"The residual depends on {listed(names)}, and noise does not: unmodelled effects remain{moved}. Noise is at "
+        f"most {limit:.3g} mm of it{check}.{_next(found, ' Run `workbench diagnose`.')}"
     )
 
 

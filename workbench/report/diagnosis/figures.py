@@ -6,7 +6,6 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from workbench.core.covariates import WIND_UP
 from workbench.core.vocabulary import Covariate
 from workbench.explanation import words as said
 from workbench.explanation.result import Diagnosis
@@ -238,15 +237,11 @@ def extent(values) -> tuple[float, float]:
 
 
 def covariate_name(name: str) -> str:
-    """A covariate in words; the state of a hysteresis with the angle over which it winds up."""
+    """A covariate in words; the direction of a last move, too."""
     known = Covariate.of(name)
     if known.kind == "move" and known.unit == "side":
         return f"the direction of the last move of joint {known.place.number}"
-    stem, _, place = name.partition("_wound_")
-    if not place:
-        return said.covariate(name)
-    moved = f"the moves of joint {Covariate.of(stem).place.number}"
-    return f"{moved}, wound up within {WIND_UP[int(place)]:g} rad or m (−1 to 1)"
+    return said.covariate(name)
 
 
 def shown_covariate(name: str, covariates: Mapping[str, np.ndarray]) -> tuple[np.ndarray, str]:

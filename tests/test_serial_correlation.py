@@ -1,0 +1,105 @@
+"""Noise that is correlated from pose to pose is no structure, and a drift is no such noise."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from robot_model.effects import CATALOGUE
+from test_diagnosis_engine import SIGMA, recorded
+from workbench.diagnosis.levels import UNMODELLED_LEVEL
+from workbench.diagnosis.linear.problem import Finding
+from workbench.diagnosis.noise.serial_correlation import serial_correlation
+from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.search.compatible import equivalent_places
+from workbench.diagnosis.search.findings import with_equivalent_places
+from workbench.diagnosis.validation.correlated_noise import (
+    beyond_correlated_noise,
+    with_correlated_noise,
+)
+from workbench.diagnosis.validation.terms import Term
+from workbench.explanation.noise.correlated_noise import correlated_noise
+from workbench.explanation.statements import statement
+
+
+@dataclass(frozen=True)
+class _Found:
+    """The two p-values of `Found` that are changed."""
+
+    p_first: float
+    p_remainder: float
+
+
+DRIFT = CATALOGUE["base-drift"]("base", 0.0, 20.0 * 119, 1)
+
+
+def correlated(seed, value, n=120, effects=(), values=()):
+    """A recording whose noise is an autoregressive process."""
+    rng = np.random.default_rng(seed)
+    noise = rng.normal(0, SIGMA, (3, n))
+    for k in range(1, n):
+        noise[:, k] = value * noise[:, k - 1] + np.sqrt(1 - value**2) * noise[:, k]
+    made = recorded(seed, effects, values, n=n, sigma=1e-6)
+    columns = {f"{axis}_mm": made.columns[f"{axis}_mm"] + row for axis, row in zip("xyz", noise)}
+    return replace(made, columns=dict(made.columns) | columns, sigma_mm=SIGMA)
+
+
+def bench(*args, **given):
+    return bench_of(correlated(*args, **given))
+
+
+@pytest.mark.parametrize("value", [0.4, 0.7])
+def test_the_correlation_of_noise_is_estimated(value):
+    benches = [bench(seed, value, n=200) for seed in range(4)]
+    found = [serial_correlation(one.problem((), hypotheses=False)) for one in benches]
+    errors = np.array([(one.value - value) / one.std for one in found])
+    assert np.abs(errors).max() < 3.5 and abs(errors.mean()) < 1.5
+
+
+@pytest.mark.parametrize("size", [0.0, 10 * SIGMA])
+def test_independent_noise_is_not_correlated_even_next_to_a_drift(size):
+    values = [size, -size, size, 0.0, 0.0, 0.0]
+    for seed in range(5):
+        made = bench(seed, 0.0, effects=[DRIFT], values=values)
+        assert serial_correlation(made.problem((), hypotheses=False)) is None
+
+
+def test_what_correlated_noise_explains_is_not_left():
+    made = bench(3, 0.7)
+    problem = made.problem((), hypotheses=False)
+    fresh, noise = with_correlated_noise(made, _Found(1e-6, 1e-6), [], problem)
+    assert fresh.p_first > UNMODELLED_LEVEL and fresh.p_remainder > UNMODELLED_LEVEL
+    assert "correlated from pose to pose (0." in correlated_noise(noise)
+
+
+def test_a_law_of_the_joints_is_left_under_correlated_noise():
+    law = CATALOGUE["joint-compliance"]("joint-2")
+    made = bench(4, 0.5, effects=[law], values=[4e-6])
+    problem = made.problem((), hypotheses=False)
+    fresh, noise = with_correlated_noise(made, _Found(1e-6, 1e-6), [], problem)
+    assert (fresh.p_first, noise) == (1e-6, None)
+
+
+@pytest.mark.parametrize(("value", "size", "stays"), [(0.0, 5.0, True), (0.7, 0.0, False)])
+def test_a_drift_is_refused_only_where_correlated_noise_explains_it(value, size, stays):
+    made = bench(5, value, effects=[DRIFT], values=[size * SIGMA, 0, 0, 0, 0, 0])
+    term = Term(Finding("base-drift", "base", "evenly", (DRIFT,), 1e-6, 0.9, 1.0, 30.0))
+    kept, refused = beyond_correlated_noise(made, [term])
+    assert (len(kept), len(refused)) == (stays, not stays)
+    assert all("correlated from pose to pose" in one.reason for one in refused)
+
+
+def test_places_of_a_function_of_the_angle_between_them_are_equivalent():
+    assert equivalent_places("link-2", ["q3"], 6) == ("link-3",)
+    assert equivalent_places("link-3", ["q3", "q4"], 6) == ("link-2", "link-4")
+    assert equivalent_places("base", ["q1"], 6) == ("link-1",)
+    assert equivalent_places("link-6", ["time"], 6) == ("tool",)
+    assert equivalent_places("link-2", ["time"], 6) == equivalent_places("joint-3", ["q3"], 6) == ()
+
+
+def test_the_statement_names_both_places_of_such_a_function():
+    unknown = Finding("unknown", "link-2", "", (), 1e-9, 1.0, 1.0, 30.0, ("q3",))
+    made = with_equivalent_places(unknown, 6)
+    assert made.probability == 0.5 and made.alternatives[0].where == "link-3"
+    said = statement(Term(made, size=0.2), "the reflector", "mm")
+    assert "No pose distinguishes link 2 and link 3 as its place" in said

@@ -1,0 +1,119 @@
+"""Noise that is correlated from pose to pose, as that of an instrument whose air or temperature changes slowly.
+
+A test that takes samples for independent calls such noise structure: a slow function gains (1 + r) / (1 - r) times as
+much from noise of first-order autocorrelation r as from independent noise (Bayley & Hammersley, Suppl. J. R. Stat. Soc.
+8 (1946) 184). The correlation is estimated next to slow polynomials in time, so that a drift does not count as noise.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from workbench.core.distributions import norm
+from workbench.diagnosis.levels import DATA_FAULT_LEVEL, NEGLIGIBLE_SHARE
+from workbench.diagnosis.linear.problem import Problem
+
+_DEGREE = 4  # of polynomials in time, in every coordinate, that are no noise
+_LEAST_POSES, _MOST_POSES = 30, 600  # of more, as many one after another
+_LARGEST = (
+    0.9  # beyond which correlated noise is a random walk and not distinguishable from a drift
+)
+
+
+@dataclass(frozen=True)
+class SerialCorrelation:
+    """First-order autocorrelation of the noise from pose to pose: `value`, its standard deviation and p-value of 0."""
+
+    value: float
+    std: float
+    p_value: float
+
+    @property
+    def design_effect(self) -> float:
+        """How many correlated poses are worth one independent one, for slow functions."""
+        return (1 + self.value) / (1 - self.value)
+
+
+def serial_correlation(problem: Problem) -> SerialCorrelation | None:
+    """The significant positive correlation of what a problem leaves; None where there is none or too few poses.
+
+    Poses in the order in which they were measured, repeats by their mean. Restricted maximum likelihood next to the
+    baseline and the polynomials, which take slow noise out of the residual (Patterson & Thompson, Biometrika 58 (1971)
+    545); the p-value is that of the likelihood ratio.
+    """
+    left = problem.clear(problem.residual)
+    if len(left) % problem.n:
+        return None
+    y, basis = _by_pose(problem, left[:, None]), _by_pose(problem, problem.whole_basis)
+    likelihood = _Restricted.of(y[:_MOST_POSES], basis[:_MOST_POSES])
+    if len(y) < _LEAST_POSES or likelihood.degrees < _LEAST_POSES:
+        return None
+    best = minimize_scalar(
+        lambda value: -likelihood.log(value),
+        bounds=(0.0, _LARGEST),
+        method="bounded",
+        options={"xatol": 1e-3},
+    )
+    value = float(best.x)
+    ratio = 2 * (likelihood.log(value) - likelihood.log(0.0))
+    p = float(norm.sf(np.sqrt(max(ratio, 0.0))))
+    if p > DATA_FAULT_LEVEL:
+        return None
+    return SerialCorrelation(value, float(np.sqrt((1 - value**2) / likelihood.degrees)), p)
+
+
+@dataclass(frozen=True)
+class _Restricted:
+    """Likelihood of a correlation for y (poses, coordinates) next to columns X (poses, coordinates, K)."""
+
+    y: np.ndarray
+    columns: np.ndarray
+
+    @classmethod
+    def of(cls, y: np.ndarray, basis: np.ndarray) -> "_Restricted":
+        """Next to a basis and polynomials of every coordinate, without those that the basis makes."""
+        poses, coordinates = y.shape[:2]
+        slow = np.polynomial.legendre.legvander(np.linspace(-1, 1, poses), _DEGREE)
+        trends = np.einsum("pd,ce->pcde", slow, np.eye(coordinates)).reshape(y.size, -1)
+        vectors, sizes, _ = np.linalg.svd(basis.reshape(y.size, -1), full_matrices=False)
+        known = vectors[:, sizes > NEGLIGIBLE_SHARE * sizes.max(initial=0.0)]
+        trends = trends / np.linalg.norm(trends, axis=0)
+        vectors, sizes, _ = np.linalg.svd(trends - known @ (known.T @ trends), full_matrices=False)
+        known = np.hstack([known, vectors[:, sizes > NEGLIGIBLE_SHARE]])
+        return cls(y[..., 0], known.reshape(poses, coordinates, -1))
+
+    @property
+    def degrees(self) -> int:
+        return self.y.size - self.columns.shape[2]
+
+    def log(self, value: float) -> float:
+        """Restricted log likelihood, the variance at its best; first-order autoregression, stationary at the start."""
+        y, columns = (self._innovations(one, value) for one in (self.y, self.columns))
+        orthonormal, triangle = np.linalg.qr(columns.reshape(y.size, -1))
+        left = y.ravel() - orthonormal @ (orthonormal.T @ y.ravel())
+        spread = self.degrees * np.log(float(left @ left))
+        mixing = 2 * np.log(np.abs(np.diag(triangle))).sum()
+        return -0.5 * (spread + mixing - self.y.shape[1] * np.log(1 - value**2))
+
+    @staticmethod
+    def _innovations(rows: np.ndarray, value: float) -> np.ndarray:
+        made = rows.copy()
+        made[0] *= np.sqrt(1 - value**2)
+        made[1:] -= value * rows[:-1]
+        return made
+
+
+def _by_pose(problem: Problem, columns: np.ndarray) -> np.ndarray:
+    """(poses, coordinates, K) mean over the samples of each pose, in order of time, of columns (N, K)."""
+    poses, first, label = np.unique(problem.pose, return_index=True, return_inverse=True)
+    count = np.bincount(label)
+    coordinates = len(columns) // problem.n
+    rows = columns.reshape(coordinates, problem.n, -1)
+    sums = np.zeros((len(poses), coordinates, rows.shape[2]))
+    np.add.at(sums, label, rows.transpose(1, 0, 2))
+    means = sums / np.sqrt(count)[:, None, None]
+    return means[np.argsort(problem.order[first], kind="stable")]
+
+
+__all__ = ["SerialCorrelation", "serial_correlation"]

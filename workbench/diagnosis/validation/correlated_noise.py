@@ -1,0 +1,63 @@
+"""Terms and structure that noise makes alone where it is correlated from pose to pose."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from workbench.core.effect import Effect
+from workbench.diagnosis.levels import UNMODELLED_LEVEL
+from workbench.diagnosis.linear.hypotheses import family_wise, judged
+from workbench.diagnosis.linear.problem import Bench, Found, Problem
+from workbench.diagnosis.noise.serial_correlation import SerialCorrelation, serial_correlation
+from workbench.diagnosis.validation.controls import of_order
+from workbench.diagnosis.validation.folds import judged_part
+from workbench.diagnosis.validation.terms import Term
+
+
+def beyond_correlated_noise(bench: Bench, terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
+    """The terms, and refused those that read the time and that correlated noise explains as well.
+
+    Whether anything is missing without such a term, with the correlation of what is left there next to slow
+    polynomials: a drift is none, and what varies with the poses is not judged here.
+    """
+    kept, refused = list(terms), []
+    if bench.chain is None:
+        return kept, refused
+    for term in terms:
+        if not term.finding.effects or not of_order(bench, term.finding.effects):
+            continue
+        effects = [e for one in kept for e in one.finding.effects]
+        own = {id(e) for e in term.finding.effects}
+        others = [i for i, e in enumerate(effects) if id(e) not in own]
+        problem = bench.problem(effects, judged_part(bench)).conditional_on(others)
+        noise = serial_correlation(problem)
+        if noise is not None and _chance(problem, noise) >= UNMODELLED_LEVEL:
+            reason = f"noise that is correlated from pose to pose ({noise.value:.2f}) explains it as well"
+            refused.append(replace(term, kept=False, reason=reason))
+            kept = [one for one in kept if one is not term]
+    return kept, refused
+
+
+def with_correlated_noise(
+    bench: Bench, found: Found, effects: Sequence[Effect], after: Problem
+) -> tuple[Found, SerialCorrelation | None]:
+    """What was found, with the p-values of correlated noise where this explains what is left; and its correlation.
+
+    effects: those retained; after: the problem with them. Where structure remains that the correlation of what is left
+    does not explain, this is no noise, and the second is None.
+    """
+    noise = None if bench.chain is None else serial_correlation(after)
+    if noise is None:
+        return found, None
+    p = _chance(bench.problem(effects, judged_part(bench)).conditional_on(), noise)
+    if p < UNMODELLED_LEVEL:
+        return found, None
+    first = found.p_first if effects else max(found.p_first, p)
+    return replace(found, p_first=first, p_remainder=max(found.p_remainder, p)), noise
+
+
+def _chance(problem: Problem, noise: SerialCorrelation) -> float:
+    """Family-wise p-value that a problem lacks anything, under correlated noise."""
+    return family_wise(judged(replace(problem, serial_effect=noise.design_effect)))
+
+
+__all__ = ["beyond_correlated_noise", "with_correlated_noise"]

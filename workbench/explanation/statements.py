@@ -1,0 +1,252 @@
+"""One paragraph on each finding: what it is, how large, how it was validated, and what else explains these poses."""
+
+from robot_model.effects.friction import ReadingLattice
+from workbench.core.common_effects import NoiseLaw
+from workbench.core.least_squares.adjustment_tests import p_text
+from workbench.diagnosis.levels import LISTED_PROBABILITY
+from workbench.diagnosis.linear.problem import Finding, Found
+from workbench.diagnosis.noise.random_effects import ALONG
+from workbench.diagnosis.robot.derived import DEFLECTION
+from workbench.diagnosis.scanner.image_jitter import EFFECT as JITTER
+from workbench.diagnosis.search.findings import SAME_FUNCTION
+from workbench.explanation.result import Term
+from workbench.explanation.words import (
+    covariate,
+    figures,
+    law,
+    length,
+    listed,
+    measured,
+    place,
+)
+
+BY_POSE = (
+    "the residual is larger than the scatter of repeats of one pose, without a place or a covariate"
+)
+NOT_LOCATED = "not located: no smooth function of one or two covariates at any place is significant"
+UNCONFIRMED = "found in the first search, not confirmed by cross-validation"
+_OF_DATA = ("outliers", NoiseLaw.effect, "encoder-quantisation", ReadingLattice.effect)
+_EITHER = "with temperature, or with time where none was recorded"
+_MOST = 3  # alternatives that are listed
+_CLEAR = 0.95  # probability from which on no alternative is listed
+
+
+def statement(term: Term, tip: str, unit: str) -> str:
+    """One paragraph on one finding. tip: what the displacement is of ('the ball')."""
+    found = term.finding
+    sentences = [_what(term, tip, unit), _places(found), _validated(term, unit)]
+    sentences += [f"Alarm: {alarm}." for alarm in found.alarms]
+    # what a refused term may be called instead is of no use
+    sentences.append(_doubt(found) if term.kept else f"Reason: {term.reason}.")
+    return " ".join(one for one in sentences if one)
+
+
+def _what(term: Term, tip: str, unit: str) -> str:
+    found = term.finding
+    if term.share is not None:
+        return _of_structure(term)
+    if found.effect == "stated-noise":
+        return _of_stated_noise(term)
+    if found.effect == JITTER:
+        return _of_jitter(term)
+    if found.label == NOT_LOCATED and _unconfirmed(found):
+        text = f"The residual contains structure that is not explained ({p_text(found.p_value)}), most likely at"
+        return f"{text} {place(found.where)}.{_unconfirmed(found)}"
+    if found.effect == "unknown" and found.label in (BY_POSE, NOT_LOCATED):
+        return (
+            "The residual contains structure that no effect of the catalogue explains: "
+            f"{found.label} ({p_text(found.p_value)})."
+        )
+    if found.effect in _OF_DATA or (
+        found.effect == "unknown" and not found.effects and not found.depends_on
+    ):
+        return _of_data(found)
+    size = _size(term, tip, unit)
+    if found.effect == "unknown":
+        depends = _depends(found) or "no recorded covariate"
+        text = (
+            f"{place(found.where).capitalize()} has an error that depends on {depends}, and no tested effect of the "
+            "catalogue describes it as well"
+        )
+        return f"{text}{': ' + size if size else ''}."
+    return _of_law(term, size)
+
+
+def _places(found: Finding) -> str:
+    """The places that no pose distinguishes from that of a function without a law; "" where there are none."""
+    others = [place(one.where) for one in found.alternatives if one.why == SAME_FUNCTION]
+    if not others:
+        return ""
+    every = [place(found.where), *others]
+    return (
+        f"No pose distinguishes {listed(every)} as its place: a function of {_depends(found)} at one of them is also "
+        "one at the other."
+    )
+
+
+def _depends(found: Finding) -> str:
+    return listed([covariate(name) for name in found.depends_on])
+
+
+def _size(term: Term, tip: str, unit: str) -> str:
+    """RMS displacement by a term; of a deflection of unknown mean, which the geometry absorbs, its variation."""
+    if term.size is None:
+        return ""
+    has_deflection = any(row["name"] == DEFLECTION for row in term.parameters)
+    kind = "RMS about its mean" if has_deflection else "RMS"
+    return f"{length(term.size, unit)} {kind} {f'at {tip}' if unit == 'mm' else 'in the image'}"
+
+
+def _of_law(term: Term, size: str) -> str:
+    """A law of the catalogue with its parameters."""
+    found = term.finding
+    kind = type(found.effects[0]) if found.effects else None
+    said = law(found.effect, found.where, label_of(found), kind)
+    numbers = figures(term.parameters) if term.parameters else ""
+    warms_up = any(getattr(one, "time_constant_s", 0) for one in found.effects)
+    by_time = warms_up or any(row["unit"].endswith("/h") for row in term.parameters)
+    said = said.replace(
+        _EITHER, "with time (no temperature was recorded)" if by_time else "with temperature"
+    )
+    return f"{said}: {', '.join(filter(None, (numbers, size)))}." if numbers or size else f"{said}."
+
+
+def _of_structure(term: Term) -> str:
+    """Structure that is not explained, and the function that explains the largest share of it."""
+    found = term.finding
+    function = f"A smooth function of {_depends(found)} at {place(found.where)} explains"
+    share = f"{100 * term.share:.0f} %"
+    if term.remainder:
+        text = f"Structure remains that no retained effect explains. {function} {share} of it."
+        return text + _unconfirmed(found)
+    return (
+        f"The residual contains structure that is not explained. {function} {share} of the residual, but no model "
+        f"that was fitted to some of the poses predicts the others.{_unconfirmed(found)}"
+    )
+
+
+def label_of(found: Finding) -> str:
+    """The label of a finding, an option that was estimated with its standard deviation and unit."""
+    option = found.option
+    if option is None or option.word.format(option.value) != found.label:
+        return found.label
+    text = option.word.replace(f"{{:g}} {option.unit}", "{}").replace("{:g}", "{}")
+    return text.format(measured(option.value, option.std, option.unit))
+
+
+def _unconfirmed(found: Finding) -> str:
+    """The most probable effect at the place of an unknown, if it was found there and not retained; else ""."""
+    for one in found.alternatives:
+        if one.why == UNCONFIRMED:
+            label = f" ({one.label})" if one.label else ""
+            return (
+                f" The most probable cause there is {one.effect}{label}, with a probability of {_probability(one)} in "
+                "the first search. Cross-validation did not confirm it, so it is not corrected."
+            )
+    return ""
+
+
+def _of_jitter(term: Term) -> str:
+    """How far whole stripes are displaced at random, what does that, and what to do."""
+    row = term.parameters[0]
+    return (
+        f"Whole stripes are displaced at random from image to image by {row['value']:.2g} ± {row['std']:.1g} px "
+        "(1 sigma): jitter or vibration of the mirror or the arm, or irregular timing. No recorded covariate predicts "
+        "it, so no correction can remove it. Average several sweeps, let the arm settle, or record what changes "
+        "between images."
+    )
+
+
+def _of_stated_noise(term: Term) -> str:
+    """The factor by which the stated noise is wrong, why that matters and what to do."""
+    row = next(iter(term.parameters), None)
+    factor = f"{row['value']:.2f} ± {row['std']:.2f} times" if row else "not"
+    source = term.finding.label.rpartition(", ")[2]
+    return (
+        f"The recording states the wrong noise: {source} the standard deviation is {factor} the stated sigma. "
+        "All results below use the noise that was found. Correct sigma_mm in the recording: calibration and "
+        "tolerances rely on it."
+    )
+
+
+def _of_data(found: Finding) -> str:
+    """What is wrong with the data, or a random effect: nothing of it can be fitted."""
+    if found.effect == "outliers":
+        return f"{found.label} samples come from another process: they lie farther off than the others' spread allows."
+    if found.effect == NoiseLaw.effect:
+        depends = listed([covariate(name) for name in found.depends_on])
+        return f"The noise is not the same everywhere: its spread goes with {depends}."
+    if found.effect == ReadingLattice.effect:
+        return f"The readings of {place(found.where)} are rounded, {found.label}."
+    if found.effect == "encoder-quantisation":
+        return f"The reading of {place(found.where)} is rounded to counts."
+    if found.label == ALONG:
+        return (
+            "What is left points back along the last moves, by another share of them each time: the joints were "
+            "read at differing moments before the arm stood still."
+        )
+    said = (
+        f"{place(found.where).capitalize()} moves from sample to sample, with nothing that was recorded: what is "
+        "left points along what that place does."
+    )
+    could = [
+        f"{one.effect} at {place(one.where)} with {covariate(one.missing)}"
+        for one in found.alternatives
+        if one.missing
+    ]
+    return said + (
+        f" It may be {listed(could, 'or')}, none of which this recording holds." if could else ""
+    )
+
+
+def _validated(term: Term, unit: str) -> str:
+    """The held-out gain and in how many folds the search finds the term again."""
+    if term.gain is None:
+        return ""
+    verb = "reduces" if term.gain > 0 else "increases"
+    t = f" (t = {term.t:.1f})" if term.t is not None else ""
+    text = f"It {verb} the held-out RMS error by {length(abs(term.gain), unit)}{t}"
+    if term.chances:
+        text += f" and is reselected in {term.again} of {term.chances} folds"
+    return f"{text}."
+
+
+def _doubt(found: Finding) -> str:
+    """The probability of a name that is not certain, and those of the most probable other ones."""
+    others = [one for one in found.alternatives if one.why not in (UNCONFIRMED, SAME_FUNCTION)]
+    if not others or found.probability >= _CLEAR:
+        return ""
+    likely = [one for one in others if one.probability >= LISTED_PROBABILITY] or others[:1]
+    texts = [_other(one) for one in likely[:_MOST]]
+    more = len(likely) - _MOST
+    if more > 0:
+        texts.append(f"{more} {'others are' if more > 1 else 'other is'} less probable")
+    return (
+        f"In these poses the name is not certain. This effect has a probability of {_probability(found)}; "
+        f"{'; '.join(texts)}."
+    )
+
+
+def _other(one) -> str:
+    """An alternative with its probability."""
+    label = f" ({one.label})" if one.label else ""
+    name = "an unnamed effect" if one.effect == "unknown" else one.effect
+    missing = ""
+    if one.missing:
+        missing = f" if {covariate(one.missing)} changed, which this recording does not hold"
+    return f"{name} at {place(one.where)}{label} {_probability(one)}{missing}"
+
+
+def _probability(one) -> str:
+    return f"{one.probability:.2f}" if one.probability >= 0.005 else "below 0.01"
+
+
+def preliminary(found: Found) -> str:
+    """What the first search found, before anything of it is validated."""
+    names = [f"{one.effect} at {place(one.where)} ({_probability(one)})" for one in found.findings]
+    if not names:
+        return "First result, not yet validated: no effect is missing."
+    return (
+        f"First result with probabilities, not yet validated: {listed(names)}. Cross-validation may reject some of "
+        "them."
+    )
