@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from datasets.columns import joint_columns
+from datasets.columns import POINT, joint_columns
+from datasets.importers.units import LENGTHS
 from workbench.fitting.plausibility.columns_at_rest import longest_run
 from workbench.fitting.plausibility.fitting import POSITION, row_mismatch, row_residual
 from workbench.fitting.plausibility.hypotheses.corrections import listed, observed_columns
@@ -18,6 +19,8 @@ _FEW_VALUES, _RARE = 8, 0.25
 _SEVERAL, _CHANCE = 3, 0.01
 _NUMBERS = ("sample", "pose", "repeat")
 _NEAR = 4.0
+_UNIT_DIGITS = 1e-3
+"""Of a unit: half a step of a coordinate with three digits, and more for three coordinates."""
 _NEARLY_ALL = 0.8
 _ALIKE = 1.05
 _NAMED = 12
@@ -107,7 +110,7 @@ class Reason:
 def outlier_reason(robot, recording, fit, outliers: Outliers) -> Reason:
     """The most specific reason that the outlying rows agree with."""
     near = _NEAR * outliers.median
-    for explain in (_stuck, _other_labels, _shifted, _interchanged):
+    for explain in (_stuck, _other_labels, _other_unit, _shifted, _interchanged):
         reason = explain(robot, recording, fit, outliers, near)
         if reason is not None:
             return reason
@@ -191,6 +194,23 @@ def _stuck(robot, recording, fit, outliers, near):
         "while the other joints move, as of a stuck encoder",
         "stuck-encoder",
     )
+
+
+def _other_unit(robot, recording, fit, outliers, near):
+    """Outlying rows whose points fit in another unit of length; its digits may be coarser."""
+    if not set(POINT) <= set(recording.columns) or len(outliers.rows) < 2:
+        return None
+    rows = outliers.rows
+    for unit in ("in", "m", "cm", "ft"):
+        size = LENGTHS[unit]
+        columns = {n: size * v if n in POINT else v for n, v in recording.columns.items()}
+        scaled = row_mismatch(robot, replace(recording, columns=columns), fit)[rows]
+        if (scaled < max(near, _UNIT_DIGITS * size)).mean() > 0.7:
+            return Reason(
+                f"their coordinates fit in the unit {unit} instead of mm, so that units are mixed",
+                "length-unit",
+            )
+    return None
 
 
 def _shifted(robot, recording, fit, outliers, near):

@@ -1,11 +1,11 @@
-"""Mistakes in the order of rows: measurements shifted by a few rows, or in reverse order, against joint readings."""
+"""Mistakes in the order of rows: measurements, or one joint column, shifted by a few rows, or in reverse order."""
 
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from datasets.columns import MEASURED
+from datasets.columns import MEASURED, joint_columns
 from workbench.fitting.plausibility.hypotheses.corrections import (
     LABELS,
     Correction,
@@ -29,6 +29,8 @@ def row_corrections(recording) -> Iterator[Correction]:
         if labelled:
             yield _shifted(bare, rows)
     yield _reversed(names)
+    for name in joint_columns(recording.columns):
+        yield from (_column_late(name, rows) for rows in (step, -step))
 
 
 def _rows_a_pose(recording) -> int:
@@ -55,6 +57,26 @@ def _shifted(names, step) -> Correction:
         f"hold the measurement of {count} {'after' if step < 0 else 'before'}",
         f"move the measured columns {'up' if step > 0 else 'down'} by {abs(step)} row{'s' * (abs(step) > 1)}",
         frozenset({ROWS}),
+        apply,
+    )
+
+
+def _column_late(name: str, step: int) -> Correction:
+    """One column of joint readings `step` rows late (or early, where negative) against all others."""
+
+    def apply(robot, recording):
+        n = recording.n
+        mine = np.arange(max(0, -step), n - max(0, step))
+        columns = {c: v[mine + step if c == name else mine] for c, v in recording.columns.items()}
+        return robot, replace(recording, columns=columns)
+
+    rows = f"{abs(step)} row{'s' * (abs(step) > 1)}"
+    return Correction(
+        "column-shifted",
+        f"column {name}",
+        f"is {rows} {'late' if step > 0 else 'early'} against the other columns",
+        f"move the cells of this column {'up' if step > 0 else 'down'} by {rows}",
+        frozenset({name}),
         apply,
     )
 
