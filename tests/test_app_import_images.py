@@ -52,5 +52,5 @@ def test_a_run_without_residuals_shows_no_empty_charts(page):
     page.get_by_role("button", name="Calibrate the camera").wait_for()
     assert page.locator("[data-tab=edit] [data-figure]").count() == 0
     show_tab(page, "Residuals")
-    page.get_by_text("those of a hand-eye calibration are here once its run is open").wait_for()
+    page.get_by_text("Residuals of a hand-eye calibration are here once its run is open").wait_for()
     assert page.get_by_label("Residual from (mm)").count() == 0

@@ -47,6 +47,17 @@ def test_a_cancelled_job_leaves_nothing(tmp_path, project):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
+def test_a_job_is_cancelled_only_once_its_folder_is_removed(tmp_path, project, monkeypatch):
+    job = Job(["calibrate", "elastic-arm", "--no-report"], tmp_path / "out", tmp_path)
+    states = []
+    monkeypatch.setattr(
+        "workbench.app.jobs.shutil.rmtree", lambda *words, **named: states.append(job.state)
+    )
+    job.cancel()
+    assert states == ["running"] and job.state == CANCELLED
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
 def test_a_job_that_does_not_end_in_time_is_killed_and_leaves_nothing(
     tmp_path, project, monkeypatch
 ):

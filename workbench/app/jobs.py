@@ -29,6 +29,7 @@ class Job:
         self.lines: deque[str] = deque(maxlen=_KEPT)
         self.started = time.monotonic()
         self.is_cancelled = False
+        self._is_removing = False
         self._process = subprocess.Popen(
             [sys.executable, "-m", "workbench", *words, "--out", str(out)],
             cwd=folder,
@@ -46,8 +47,8 @@ class Job:
 
     @property
     def state(self) -> str:
-        """ "running", "done" (the run folder is complete), "failed" or "cancelled"."""
-        if self._process.poll() is None:
+        """ "running", "done" (the run folder is complete), "failed" or "cancelled" (and its folder is removed)."""
+        if self._process.poll() is None or self._is_removing:
             return RUNNING
         if self.is_cancelled:
             return CANCELLED
@@ -71,14 +72,21 @@ class Job:
         """
         if self._process.poll() is not None:
             return
-        self.is_cancelled = True
+        self.is_cancelled = self._is_removing = True
+        try:
+            self._end()
+            shutil.rmtree(self.out, ignore_errors=True)
+        finally:
+            self._is_removing = False
+
+    def _end(self) -> None:
+        """Interrupt the command; kill it where it does not end in time."""
         self._signal(signal.SIGINT)
         try:
             self._process.wait(_PATIENCE_S)
         except subprocess.TimeoutExpired:
             self._signal(signal.SIGKILL if os.name == "posix" else signal.SIGTERM)
             self._process.wait(_PATIENCE_S)
-        shutil.rmtree(self.out, ignore_errors=True)
 
     def wait(self, timeout: float | None = None) -> str:
         """Wait until the command has ended; its state."""

@@ -392,7 +392,7 @@ def _no_residuals(work) -> str:
     if work.session.command == CAMERA:
         return (
             "A calibration of a camera has no residuals of an arm. The reprojection error of each image is in the tab "
-            "Sensor."
+            "Sensor. Residuals of a hand-eye calibration are here once its run is open."
         )
     return "This run has no residuals of an arm. Calibrate one in the tab Edit and rerun."
 
