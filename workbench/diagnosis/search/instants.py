@@ -36,9 +36,15 @@ def refine_instants(search) -> None:
     A sample on the wrong side of an instant lies far off, and hardly counts in the solution with it. The evidence about
     that solution therefore does not distinguish the instants on either side of the sample, which then seems an outlier.
     """
-    refined = tuple(_refined(search, i) for i in search.everyone)
+    refined = list(search.accepted)
+    for i in search.everyone:
+        one = _refined(search, i)
+        # two steps of one effect never come to begin at one instant: they would be the same step
+        others = {step for k in search.others(i) for step in _steps(refined[k])}
+        if others.isdisjoint(_steps(one)):
+            refined[i] = one
     if any(one is not held for one, held in zip(refined, search.accepted)):
-        search.accepted = refined
+        search.accepted = tuple(refined)
         search.solve_possible()
 
 
@@ -68,6 +74,15 @@ def _loss(problem: Problem, scan: Scan, option: float) -> float:
     left = problem.clear(problem.residual)
     left = left - columns @ least_squares(columns, left, ROUNDING)
     return robust_loss((left / problem.root_weights).reshape(-1, problem.n))
+
+
+def _steps(h: Hypothesis) -> set[tuple]:
+    """Effect, place and instant of each step of a hypothesis."""
+    return {
+        (effect.effect, effect.where, effect.after)
+        for effect in h.effects
+        if getattr(effect, "after", None) is not None
+    }
 
 
 def _is_step(h: Hypothesis) -> bool:
