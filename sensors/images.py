@@ -22,6 +22,8 @@ _STEEPEST = 99.9
 """Per cent of the pixels with a smaller gradient than an edge: a board has edges in more than a thousandth of them."""
 _SHARP_PX, _ONE_WAY = 8.0, 2.0
 """px of an edge that is blurred, and the ratio of two directions; 1.4 where two families of edges are sharp."""
+_CROSSING = 0.5
+"""Of the gradient energy that edges across the others would have, were they as many: a single stripe has none."""
 _REMEDY = "or remove it and its row of the table of images or poses"
 ENDS = ((b"\xff\xd8", b"\xff\xd9", "JPEG"), (b"\x89PNG", b"IEND\xaeB`\x82", "PNG"))
 
@@ -111,7 +113,8 @@ def blur(grey: np.ndarray) -> str | None:
     """How an image (H, W) with straight edges in two directions is blurred; None where its edges are sharp.
 
     An edge is as wide as the contrast of the image over the steepest gradient across it, after smoothing by 1 px. The
-    narrower of two edge directions is blurred by focus; one that is much wider, by motion across it.
+    narrower of two edge directions is blurred by focus; one that is much wider, by motion across it, unless hardly
+    anything in the image varies along it (a single stripe).
     """
     import cv2
 
@@ -123,9 +126,17 @@ def blur(grey: np.ndarray) -> str | None:
     narrow, wide = (float(high - low) / max(f(steepest), 1e-9) for f in (max, min))
     if narrow > _SHARP_PX:
         return f"blurred: its sharpest edges are {narrow:.0f} px wide"
-    if wide > max(_SHARP_PX, _ONE_WAY * narrow):
+    is_crossed = _weaker_energy(right, down) > _CROSSING * narrow / wide
+    if is_crossed and wide > max(_SHARP_PX, _ONE_WAY * narrow):
         return f"blurred along one direction, as by motion: edges are up to {wide:.0f} px wide, others {narrow:.0f}"
     return None
+
+
+def _weaker_energy(right: np.ndarray, down: np.ndarray) -> float:
+    """Ratio of the eigenvalues of the structure tensor: gradient energy across the main direction over that along it."""
+    flat = np.stack([right.ravel(), down.ravel()])
+    weaker, stronger = np.linalg.eigvalsh(flat @ flat.T)
+    return float(weaker / max(stronger, 1e-12))
 
 
 def unlit(grey: np.ndarray) -> str | None:
