@@ -133,7 +133,7 @@ def blur(grey: np.ndarray) -> str | None:
 
 
 def _weaker_energy(right: np.ndarray, down: np.ndarray) -> float:
-    """Ratio of the eigenvalues of the structure tensor: gradient energy across the main direction over that along it."""
+    """Ratio of the eigenvalues of the structure tensor: gradient energy across the main direction over along it."""
     flat = np.stack([right.ravel(), down.ravel()])
     weaker, stronger = np.linalg.eigvalsh(flat @ flat.T)
     return float(weaker / max(stronger, 1e-12))
