@@ -319,7 +319,9 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     effects = make_effects(CATALOGUE, stage.effects)
     model = step.model.with_effects(*effects)
     start = model.parameters.take_over(step.parameters)
-    wanted = start.only(start.mask | stage_mask(start, stage, effects, model.chain))
+    # what earlier stages left out may be determined now that the noise is smaller
+    before = np.isin(start.keys, list(step.tied)) & stage.canonical
+    wanted = start.only(start.mask | before | stage_mask(start, stage, effects, model.chain))
     size = size_of(model.chain, wanted) if stage.canonical else None
     asked, wanted = int(wanted.mask.sum()), wanted if size is None else wanted.fix(size)
     trial, part, chain = fit_with_noise(model, split.fit, step.fit, wanted, stage)
@@ -340,7 +342,7 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
         fit.parameters,
         fit,
         held_out,
-        step.tied | tied,
+        tied if stage.canonical else step.tied,
         asked,
         SingleParameters.of(known, fit.parameters).combinations,
         stage.loss,
