@@ -33,6 +33,15 @@ def test_a_negative_compliance_is_held_at_zero_and_the_others_are_solved_again()
     assert bounded.parameters[KEY.format(2)] > 0
 
 
+def test_what_stands_for_other_parameters_of_its_effect_may_be_negative():
+    model, fit = fitted((2e-5, -3e-5, 1e-5), noise=0.1)
+    tied = {"joint-3.joint-compliance.other": [KEY.format(3), KEY.format(2)]}
+    bounded, held = solve_nonnegative(model, fit, "linear", 30, tied)
+    assert bounded is fit and not held
+    other = {"joint-4.joint-compliance.compliance": [KEY.format(3)]}
+    assert solve_nonnegative(model, fit, "linear", 30, other)[1] == {KEY.format(3)}
+
+
 def test_positive_compliances_stay_as_they_are():
     model, fit = fitted((2e-5, 3e-5, 1e-5), noise=0.1)
     bounded, held = solve_nonnegative(model, fit, "linear", 30)

@@ -5,6 +5,8 @@ its release step: what is held stays held. A negative compliance that noise make
 wrong way, and an exported simulation would be unstable.
 """
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from workbench.core.least_squares.solver import Fit, solve
@@ -12,17 +14,35 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 
 
-def solve_nonnegative(model: Model, fit: Fit, loss: str, steps: int) -> tuple[Fit, frozenset[str]]:
+def solve_nonnegative(
+    model: Model,
+    fit: Fit,
+    loss: str,
+    steps: int,
+    tied: Mapping[str, Sequence[str]] | None = None,
+) -> tuple[Fit, frozenset[str]]:
     """The fit with every negative value of `Effect.nonnegative` parameters held at zero, and the keys of these.
 
     One parameter at a time, the most negative in standard deviations first: the others may then become positive.
+    tied: parameters that are left out of the fit, and those that stand for them. One that stands for others of its
+    effect is their combination, which may be negative.
     """
-    bounded = _bounded(model)
+    bounded = _bounded(model) & ~np.isin(model.parameters.keys, _combinations(tied or {}))
     held: list[str] = []
     while (worst := _most_negative(fit, bounded)) is not None:
         held.append(fit.parameters.keys[worst])
         fit = solve(model, _at_zero(fit.parameters, worst), loss, steps)
     return fit, frozenset(held)
+
+
+def _combinations(tied: Mapping[str, Sequence[str]]) -> list[str]:
+    """Parameters that stand for left-out parameters of the same effect at the same place."""
+    return [
+        partner
+        for key, partners in tied.items()
+        for partner in partners
+        if partner.rpartition(".")[0] == key.rpartition(".")[0]
+    ]
 
 
 def _bounded(model: Model) -> np.ndarray:

@@ -334,7 +334,7 @@ def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     if size is not None:
         fit = solve(part, resized(fit.parameters, size), stage.loss, stage.steps)
         tied = tied | {size: non_negligible_lengths(wanted, size)}
-    fit, at_zero = solve_nonnegative(part, fit, stage.loss, stage.steps)
+    fit, at_zero = solve_nonnegative(part, fit, stage.loss, stage.steps, tied)
     known = identifiability(fit.normal, fit.parameters, fit.sigma_scale)
     held_out = _held_out(model, fit, split, stage.loss, stage.steps, stage.canonical)
     return _Step(
