@@ -86,7 +86,7 @@ True
 True
 """,
     "stiffness": """
->>> calibration = wb.calibrate("elastic-arm", folds=4)
+>>> calibration = wb.calibrate("elastic-arm")
 >>> targets = np.array([[0.0, 20.0, 30.0, 0.0, 40.0, 0.0]])
 >>> found = wb.stiffness(calibration, targets)
 >>> found.compliance_largest_mm_per_n > found.compliance_least_mm_per_n > 0
