@@ -16,7 +16,7 @@ _HALF_GAP_RAD, _HALF_GAP_MM = 3e-4, 0.03
 
 
 class JointHysteresis(Effect):
-    """Joint K stands off its reading by friction and wind-up in the direction of its motion (or short of it).
+    """Joint K stands off its reading by friction and wind-up, along its motion or against it.
 
     The spring between reading and joint is wound up by every move in the order of the samples, to z between -1 and 1
     (`workbench.core.covariates.MotionHistory`), over `width` (rad; m of a slide), 0 for the side of approach, which is

@@ -37,7 +37,7 @@ class Shift(Effect):
     effect = "shift"
     port = "frame"
     places = ("tool", "base", "link")
-    equation = "twist = d after an instant"
+    equation = "twist = d after an instant; that of a link about a point fixed to it"
     source = "step change of a pose: change-point model, Basseville & Nikiforov, Detection of Abrupt Changes (1993)"
     reads = ("time",)
 

@@ -313,15 +313,15 @@ def _merged(stages, nominal: _Step) -> Stage:
 def _try(step: _Step, stage: Stage, split: Split) -> _Step:
     """The model with the stage's effects, solved on the fit samples and tested on the others.
 
-    Solves with all that the stage frees say how large the noise is, until it is that of their own residual;
+    Solves with all that the stage frees, and all that earlier ones left out, until the noise is that of their residual:
     only then can it be said which parameters these data determine, and the last solve has only those.
     """
     effects = make_effects(CATALOGUE, stage.effects)
     model = step.model.with_effects(*effects)
     start = model.parameters.take_over(step.parameters)
-    # what earlier stages left out may be determined now that the noise is smaller
-    before = np.isin(start.keys, list(step.tied)) & stage.canonical
-    wanted = start.only(start.mask | before | stage_mask(start, stage, effects, model.chain))
+    left_out_before = np.isin(start.keys, list(step.tied)) & stage.canonical
+    own = stage_mask(start, stage, effects, model.chain)
+    wanted = start.only(start.mask | left_out_before | own)
     size = size_of(model.chain, wanted) if stage.canonical else None
     asked, wanted = int(wanted.mask.sum()), wanted if size is None else wanted.fix(size)
     trial, part, chain = fit_with_noise(model, split.fit, step.fit, wanted, stage)
