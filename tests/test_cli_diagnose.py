@@ -126,7 +126,7 @@ def test_noise_stated_three_times_too_small_is_not_passed_over(home, tmp_path, c
 def test_the_statement_says_what_an_engineer_asks(found):
     said = found["effects"][0]["statement"]
     assert said.startswith(
-        "Joint 3 stands off its reading by half a gap in the direction of its last move"
+        "Joint 3 stands off its reading by half a gap, to one side or the other (by the side of approach)"
     )
     assert "mrad" in said and "RMS at the reflector" in said and "held-out RMS error" in said
 

@@ -149,7 +149,7 @@ def _reverses(chain, joint: int) -> bool:
 
 
 class Backlash(Effect):
-    """The joint stands off its reading by half a gap, along its last move or gravity or against it.
+    """The joint stands off its reading by half a gap, to one side or the other.
 
     `seat="approach"`: the side of the last motion, as recorded; `seat="moves"`: that side by the moves from sample to
     sample, where no side was recorded and the arm moved straight on; `seat="gravity"`: the side to which gravity
