@@ -14,7 +14,6 @@ from workbench.diagnosis.linear.hypotheses import judged
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search import select
 from workbench.diagnosis.search.objective import LogPosterior
-from workbench.diagnosis.search.subset_algebra import ConditionalSolution, Table
 
 
 def solved():
@@ -94,27 +93,6 @@ def test_an_objective_without_functions_weighs_laws_alike():
         every = tuple(int(rows[i]) for i in members)
         assert alone.value(members) == pytest.approx(objective.value(every), rel=1e-9)
         assert alone.gain(members) == pytest.approx(objective.gain(every), rel=1e-9)
-
-
-def test_a_set_less_a_member_is_the_smaller_set():
-    """Block inversion against a decomposition of its own."""
-    rng = np.random.default_rng(5)
-    widths = np.array([1, 3, 2, 3, 1, 6])
-    start = np.concatenate([[0], np.cumsum(widths)])
-    columns = rng.normal(size=(60, start[-1])) * rng.uniform(1, 30, start[-1])
-    groups = tuple(start[:-1][widths == w][:, None] + np.arange(w) for w in np.unique(widths))
-    table = Table(
-        columns.T @ columns, columns.T @ rng.normal(size=60), np.geomspace(100, 1e-4, 5), groups
-    )
-    held = np.r_[start[1] : start[2], start[4] : start[5], start[5] : start[6]]
-    for member in (slice(0, 3), slice(3, 4), slice(4, 10)):
-        less = ConditionalSolution(table, held).without(member)
-        own = ConditionalSolution(table, np.delete(held, member)).whole
-        assert np.allclose(less.spent, own.spent, rtol=1e-9) and np.allclose(
-            less.gained, own.gained, rtol=1e-9
-        )
-        assert np.allclose(less.left, own.left, rtol=1e-7, atol=1e-7)
-        assert all(np.allclose(a, b, rtol=1e-7, atol=1e-7) for a, b in zip(less.blocks, own.blocks))
 
 
 def test_what_moves_nothing_makes_nothing():

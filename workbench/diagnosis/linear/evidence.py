@@ -14,7 +14,7 @@ over the coordinates of a sample, so a family of a thousand change points costs 
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -102,30 +102,14 @@ class Projected:
 
         known = {} if name is None else self.known
         gram, largest = once(known, (name, "gram"), first)
-        return self._complement(name, gram, largest, *once(known, (name, "added"), coupling))
+        return self._complement(gram, largest, *once(known, (name, "added"), coupling))
 
-    def _complement(self, name, gram, largest, score, cross) -> Moments:
-        """Moments conditional on the kept effects; gram (C, P, P), score (C, P), cross (C, P, A) on the baseline.
-
-        name: of the hypotheses, under which the same conditional on all added effects are kept; None: they are new.
-        Conditional on all but a few, the moments grow from those by what the few alone make.
-        """
+    def _complement(self, gram, largest, score, cross) -> Moments:
+        """Moments conditional on the kept effects; gram (C, P, P), score (C, P), cross (C, P, A) on the baseline."""
         if self.beyond is None:
             return Moments(gram, score, largest)
-        lost = self.beyond.lost
-        if name is None or lost.shape[1] >= self.beyond.mixing.shape[1]:
-            made = cross @ self.beyond.mixing
-            return Moments(_less(gram, made), score - made @ self.beyond.score, largest)
-
-        def conditional_on_all():
-            made = cross @ self.beyond.added.whole.mixing
-            return _less(gram, made), score - made @ self.beyond.added.whole.score, made
-
-        gram, score, made = once(self.known, (name, "whole"), conditional_on_all)
-        if lost.shape[1]:
-            more = made @ lost
-            gram, score = gram + more @ more.swapaxes(1, 2), score + more @ self.beyond.lost_score
-        return Moments(gram, score, largest)
+        made = cross @ self.beyond.mixing
+        return Moments(_less(gram, made), score - made @ self.beyond.score, largest)
 
     def _y(self) -> np.ndarray:
         """(N,) the residual, orthogonal to the baseline alone."""
@@ -260,13 +244,12 @@ class Slots:
         known = self.projected.known
         gram, largest = once(known, (self.name, option, "gram"), first)
         more = once(known, (self.name, option, "added"), coupling)
-        return self.projected._complement((self.name, option), gram, largest, *more)
+        return self.projected._complement(gram, largest, *more)
 
-    def times(self, name: tuple, waves: np.ndarray, typical: np.ndarray, squares) -> Moments:
+    def times(self, name: tuple, waves: np.ndarray, typical: np.ndarray) -> Moments:
         """Moments of V functions (V, n) on every slot, as one hypothesis a group; waves (C, V, n).
 
-        name: of the functions. typical (C, k V): prior size of each coefficient, slot after slot. squares() (C, U, n):
-        products of all pairs of the functions.
+        name: of the functions. typical (C, k V): prior size of each coefficient, slot after slot.
         """
         groups, count, n = waves.shape
         flat = waves.reshape(groups * count, n)
@@ -275,20 +258,15 @@ class Slots:
             return (flat @ values).reshape(groups, count, -1)
 
         def raw():
-            if len(self.rows) == 1:
-                return (waves * self.squares[0, :, 0]) @ waves.swapaxes(1, 2)
-            return self._of_squares(squares(), count)
+            k = len(self.rows)
+            out = np.empty((groups, k, count, k, count))
+            for i in range(k):
+                for j in range(i + 1):
+                    part = (waves * self.squares[i, :, j]) @ waves.swapaxes(1, 2)  # symmetric
+                    out[:, i, :, j] = out[:, j, :, i] = part
+            return out.reshape(groups, k * count, k * count)
 
         return self._moments(name, linear, raw, typical)
-
-    def _of_squares(self, squares: np.ndarray, count: int) -> np.ndarray:
-        """(C, k V, k V) inner products, from products of all pairs of functions: one product of matrices."""
-        k = len(self.rows)
-        slots, functions = _pairs(k), _pairs(count)
-        first, second = np.triu_indices(k)
-        sums = squares @ self.squares[first, :, second].T  # (C, pairs of functions, pairs of slots)
-        raw = sums[:, functions[None, :, None, :], slots[:, None, :, None]]
-        return raw.reshape(len(squares), k * count, k * count)
 
     def steps(self, x: np.ndarray, options: np.ndarray, typical: np.ndarray, centred: bool):
         """Moments of rows * (x > option), one hypothesis an option (V,); typical (k,).
@@ -311,13 +289,6 @@ class Slots:
 
         sizes = np.broadcast_to(typical, (len(options), len(typical)))
         return self._moments(("step",), linear, raw, sizes)
-
-
-def _pairs(count: int) -> np.ndarray:
-    """(count, count) number of each pair among those of `np.triu_indices`."""
-    out, (i, j) = np.empty((count, count), int), np.triu_indices(count)
-    out[i, j] = out[j, i] = np.arange(len(i))
-    return out
 
 
 def log_evidence(volume: np.ndarray, gained: np.ndarray, projected: "Projected") -> np.ndarray:
@@ -363,12 +334,6 @@ def judge(moments: Moments, yy: float, degrees: float) -> Scores:
     return Scores(np.where(rank > 0, evidence, 0.0), gain, rank, np.maximum(p, 1e-300))
 
 
-def squares_of(waves: np.ndarray) -> np.ndarray:
-    """(..., U, n) products of all pairs of functions (..., V, n)."""
-    first, second = np.triu_indices(waves.shape[-2])
-    return waves[..., first, :] * waves[..., second, :]
-
-
 def scan_moments(projected: Projected, scan: Scan) -> Moments:
     """Moments of every option of a scan."""
     slots = projected.slots(scan.rows, scan.key)
@@ -379,7 +344,7 @@ def scan_moments(projected: Projected, scan: Scan) -> Moments:
     for start in range(0, len(scan.options), step):
         waves = _waves(projected.problem, scan, slice(start, start + step))
         typical = np.broadcast_to(np.repeat(scan.typical, 2), (len(waves), 2 * len(scan.typical)))
-        parts.append(slots.times(("wave", start), waves, typical, partial(squares_of, waves)))
+        parts.append(slots.times(("wave", start), waves, typical))
     return Moments.joined(parts)
 
 

@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from scipy.special import log_ndtr, logsumexp
@@ -17,7 +16,6 @@ from workbench.diagnosis.linear.evidence import (
     Scores,
     once,
     scan_moments,
-    squares_of,
 )
 from workbench.diagnosis.linear.problem import Candidate, Problem, Scan, Site
 
@@ -128,20 +126,6 @@ def waves_at(
         return functions(names, values, [(float(v.min()), float(v.max())) for v in values], fine)
 
     return once(problem.made, (names, fine), make)
-
-
-def _squares(problem: Problem, chosen: Sequence[tuple[str, ...]], fine: int) -> np.ndarray:
-    """(C, U, n) products of all pairs of each of several `waves_at`."""
-
-    def made(names):
-        def make():
-            return squares_of(waves)
-
-        waves, _ = waves_at(problem, names, fine)
-        is_small = len(waves) ** 2 * problem.n <= CHUNK_SIZE
-        return once(problem.made if is_small else {}, ("squares", names, fine), make)
-
-    return np.stack([made(names) for names in chosen])
 
 
 def judged(
@@ -269,8 +253,7 @@ def _site_moments(site: Site, problem: Problem, projected: Projected):
         known = [waves_at(problem, names, site.fine) for names in chosen]
         waves = np.stack([functions for functions, _ in known])
         typical = np.stack([np.outer(site.typical, sizes).ravel() for _, sizes in known])
-        squares = partial(_squares, problem, chosen, site.fine)
-        yield chosen, slots.times((site.fine, *chosen), waves, typical, squares)
+        yield chosen, slots.times((site.fine, *chosen), waves, typical)
 
 
 def _named_priors(rows: Sequence[Hypothesis]) -> Iterator[Hypothesis]:

@@ -47,11 +47,6 @@ class Added:
         precision = np.concatenate(held) / np.maximum((whole * length) ** 2, 1e-200)
         return cls(clear, start, clear.T @ clear, y, clear.T @ y, precision)
 
-    @cached_property
-    def whole(self) -> "Beyond":
-        """What all of the effects make."""
-        return self.kept(range(len(self.start) - 1))
-
     def kept(self, effects: Sequence[int]) -> "Beyond":
         """What some of the effects, by their numbers, make."""
         parts = [np.arange(self.start[i], self.start[i + 1]) for i in effects]
@@ -94,18 +89,6 @@ class Beyond:
     def basis(self) -> np.ndarray:
         """(N, R) orthonormal basis."""
         return self.added.columns @ self.mixing
-
-    @cached_property
-    def lost(self) -> np.ndarray:
-        """(R, L) orthonormal directions, in terms of those of all effects, that the kept effects do not make."""
-        whole = self.added.whole.mixing
-        kept = whole.T @ self.added.gram @ self.mixing
-        return np.linalg.qr(kept, mode="complete")[0][:, kept.shape[1] :]
-
-    @property
-    def lost_score(self) -> np.ndarray:
-        """(L,) inner products of these with the residual."""
-        return self.lost.T @ self.added.whole.score
 
     @cached_property
     def hat_mixing(self) -> np.ndarray:

@@ -30,17 +30,9 @@ from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.search.compatible import compatible
 from workbench.diagnosis.search.prior import Masses, Priors, elastic_prior, is_elastic
-from workbench.diagnosis.search.subset_algebra import (
-    ConditionalSolution,
-    ExtendedSet,
-    FactoredSet,
-    Left,
-    Table,
-)
+from workbench.diagnosis.search.subset_algebra import ConditionalSolution, Table
 
 Members = tuple[int, ...]
-_FACTORED = 3
-"""Sets whose Cholesky factors are kept: neighbours of one set in turn."""
 _SMALL = 8
 """Columns up to which what a group of terms costs is the call and not the numbers."""
 
@@ -69,8 +61,6 @@ class LogPosterior:
     priors: Priors
     seen: dict[frozenset, float] = field(default_factory=dict)
     joined: dict[frozenset, np.ndarray] = field(default_factory=dict)
-    last: dict = field(default_factory=dict)
-    factors: dict[Members, FactoredSet] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -186,25 +176,11 @@ class LogPosterior:
 
     def value_at(self, members: Members, gain: float) -> float:
         """Log posterior of a set where a larger fall of the sum of squares than `gain` counts for nothing."""
-        solved = self._solve_set(members)
+        solved = self._solved(members)
         logs = float(log_evidence(solved.spent, np.minimum(solved.gained, gain), self))
         return logs + self.priors.of(members) + self._signs(members, solved)
 
-    def _solve_set(self, members: Members) -> ExtendedSet | ConditionalSolution:
-        """A set, its columns in the order of its members; the factors of all but its last member are kept."""
-        if not members:
-            return self._conditional_on(members)
-        base = members[:-1]
-        try:
-            if base not in self.factors:
-                while len(self.factors) >= _FACTORED:
-                    self.factors.pop(next(iter(self.factors)))
-                self.factors[base] = FactoredSet(self.table, self.index(base))
-            return ExtendedSet(self.factors[base], self.index(members[-1:]))
-        except np.linalg.LinAlgError:  # hardly any noise: rounding exceeds what is left
-            return ConditionalSolution(self.table, self.index(members))
-
-    def _signs(self, members: Members, solved: ExtendedSet | ConditionalSolution) -> float:
+    def _signs(self, members: Members, solved: ConditionalSolution) -> float:
         """Log probability, times 2 for each, that what cannot be negative is not; the coefficients one by one."""
         widths = np.diff(self.start)[list(members)] if members else np.zeros(0, int)
         first = np.concatenate([np.zeros(0, int), *(np.arange(w) for w in widths)])
@@ -236,38 +212,19 @@ class LogPosterior:
         """(K,) log posterior, but for signs, of a set with each other term, by Schur complements."""
         key = frozenset(base)
         if key not in self.joined:
-            self.joined[key] = self._weighed(base, self._conditional_on(tuple(sorted(base))).whole)
+            weights = np.full(len(self.terms), -np.inf)
+            solved = self._solved(base)
+            for (rows, columns), blocks in zip(self.groups, solved.blocks):
+                weights[rows] = self._evidence_with(solved, columns, blocks)
+            self.joined[key] = weights + self.priors.of(base) + self.priors.conditional(base)
         return self.joined[key]
 
-    def _conditional_on(self, base: Members) -> ConditionalSolution:
-        """The solution conditional on a set; the last one is kept."""
-        if self.last.get("members") != base:
-            self.last.update(
-                members=base, conditional=ConditionalSolution(self.table, self.index(base))
-            )
-        return self.last["conditional"]
+    def _solved(self, members: Members) -> ConditionalSolution:
+        return ConditionalSolution(self.table, self.index(members))
 
-    def reduced(self, base: Members) -> None:
-        """Weigh all sets with one member less from the solution conditional on the whole set."""
-        base = tuple(sorted(base))
-        edges = np.concatenate([[0], np.cumsum(np.diff(self.start)[list(base)])])
-        for k in range(len(base)):
-            fewer = base[:k] + base[k + 1 :]
-            if frozenset(fewer) in self.joined:
-                continue
-            try:
-                left = self._conditional_on(base).without(slice(edges[k], edges[k + 1]))
-            except np.linalg.LinAlgError:  # too close to singular: solved by itself when needed
-                continue
-            self.joined[frozenset(fewer)] = self._weighed(fewer, left)
-
-    def _weighed(self, base: Members, left: Left) -> np.ndarray:
-        weights = np.full(len(self.terms), -np.inf)
-        for (rows, columns), blocks in zip(self.groups, left.blocks):
-            weights[rows] = self._evidence_with(left, columns, blocks)
-        return weights + self.priors.of(base) + self.priors.conditional(base)
-
-    def _evidence_with(self, left: Left, columns: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+    def _evidence_with(
+        self, solved: ConditionalSolution, columns: np.ndarray, blocks: np.ndarray
+    ) -> np.ndarray:
         """(C,) log evidence of a set with each of C terms with columns (C, w), blocks (S, C, w, w).
 
         One Cholesky factor of each, the score as its last row, gives both determinant and gain.
@@ -276,7 +233,7 @@ class LogPosterior:
         both = np.zeros((*blocks.shape[:2], width + 1, width + 1))
         both[..., :-1, :-1] = blocks
         both[..., range(width), range(width)] += shrink[:, None, None]
-        both[..., -1, :-1] = left.left[:, columns]
+        both[..., -1, :-1] = solved.left[:, columns]
         both[..., -1, -1] = np.finfo(float).max  # of the factor's corner, which nobody reads
         try:
             factor = np.linalg.cholesky(both)
@@ -285,10 +242,10 @@ class LogPosterior:
         except np.linalg.LinAlgError:  # hardly any noise: rounding exceeds what is left
             values, vectors = symmetric_eigen(blocks)
             values = np.maximum(values, 0.0) + shrink[:, None, None]
-            along = np.einsum("scij,sci->scj", vectors, left.left[:, columns])
+            along = np.einsum("scij,sci->scj", vectors, solved.left[:, columns])
             more, spent = (along**2 / values).sum(-1), np.log(values).sum(-1)
         volume = spent - width * np.log(shrink)[:, None]
-        return log_evidence(left.spent[:, None] + volume, left.gained[:, None] + more, self)
+        return log_evidence(solved.spent[:, None] + volume, solved.gained[:, None] + more, self)
 
 
 def _other_laws(

@@ -74,7 +74,6 @@ class Stepwise:
             top = objective.likeliest_with(members, self._open(members, allowed))
         if top[0] > weight + 1e-6:
             return top
-        objective.reduced(members)
         for i in members:
             fewer = tuple(j for j in members if j != i)
             exchanged = objective.likeliest_with(fewer, self._open(fewer, allowed))
