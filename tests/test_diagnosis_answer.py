@@ -12,7 +12,7 @@ from robot_model.effects.transmission import high_orders
 from sensors.effects import CATALOGUE as SENSOR
 from workbench.diagnosis.linear.problem import Alternative, Finding, Problem
 from workbench.diagnosis.robot.bench import bench_of
-from workbench.diagnosis.validation import folds, heldout, proof, stability
+from workbench.diagnosis.validation import folds, held_out, proof, stability
 from workbench.diagnosis.validation.controls import PERMUTED, ROTATED, controls, of_order
 from workbench.explanation import minimal_detectable_bias, statements, words
 from workbench.explanation import reference as references
@@ -76,7 +76,7 @@ def test_blocks_left_out_of_a_linear_fit_are_predicted_as_by_fitting_again():
         again[fold == k] = (
             y[fold == k] - columns[fold == k] @ np.linalg.lstsq(columns[fold != k], y[fold != k])[0]
         )
-    assert np.allclose(heldout.left_out(problem, fold), np.abs(again))
+    assert np.allclose(held_out.left_out(problem, fold), np.abs(again))
 
 
 def test_held_out_error_of_a_right_model_is_noise_and_the_uncertainty_of_its_parameters():
@@ -89,8 +89,8 @@ def test_held_out_error_of_a_right_model_is_noise_and_the_uncertainty_of_its_par
     squares = []
     for y in rng.normal(size=(2000, 60)):
         problem = Problem(y, basis, sample, ones, np.ones(60), fold, fold, {}, (), ())
-        squares.append((heldout.left_out(problem, fold)[usual] ** 2).mean() / 3)
-    factor = heldout.variance_factor(problem, fold, usual)
+        squares.append((held_out.left_out(problem, fold)[usual] ** 2).mean() / 3)
+    factor = held_out.variance_factor(problem, fold, usual)
     assert factor > 1.2 and factor == pytest.approx(np.mean(squares), rel=0.02)
 
 
@@ -105,8 +105,8 @@ def test_folds_never_part_a_pose(bench):
 def test_paired_gains_count_poses_and_not_samples():
     rng = np.random.default_rng(1)
     before, after = np.sqrt(rng.uniform(1, 3, 50)), np.sqrt(rng.uniform(0.8, 2.8, 50))
-    once = heldout.paired(np.arange(50), before, after, np.ones(50, bool))
-    often = heldout.paired(
+    once = held_out.paired(np.arange(50), before, after, np.ones(50, bool))
+    often = held_out.paired(
         np.repeat(np.arange(50), 7), np.repeat(before, 7), np.repeat(after, 7), np.ones(350, bool)
     )
     assert often == pytest.approx(once)
@@ -124,10 +124,10 @@ def test_a_few_poses_far_off_do_not_hide_what_helps_all_others():
         squares.mean() / squares.std(ddof=1) * np.sqrt(300)
         < 3
         < 10
-        < heldout.paired(pose, before, after, usual)
+        < held_out.paired(pose, before, after, usual)
     )
-    assert heldout.paired(pose, after, before, usual) == pytest.approx(
-        -heldout.paired(pose, before, after, usual)
+    assert held_out.paired(pose, after, before, usual) == pytest.approx(
+        -held_out.paired(pose, before, after, usual)
     )
 
 
@@ -156,8 +156,8 @@ def test_what_only_some_poses_show_is_no_luck_and_what_is_noisy_hides_nothing():
     for _ in range(30):
         pose, before, after, sigma = held_out_errors(rng, shown, noise)
         usual = np.ones(len(pose), bool)
-        plain.append(heldout.paired(pose, before, after, usual))
-        weighted.append(heldout.paired(pose, before, after, usual, sigma))
+        plain.append(held_out.paired(pose, before, after, usual))
+        weighted.append(held_out.paired(pose, before, after, usual, sigma))
     assert min(plain) < 2 < min(weighted)
     assert np.median(weighted) > 1.2 * np.median(
         plain
@@ -168,11 +168,13 @@ def test_absent_effect_and_effect_of_one_pose_are_not_significant():
     rng = np.random.default_rng(4)
     shown = np.concatenate([np.geomspace(0.02, 0.3, 14), np.zeros(20)])
     several = [held_out_errors(rng, shown, np.ones(1), 0.0) for _ in range(300)]
-    chance = np.array([heldout.paired(p, b, a, np.ones(len(p), bool), s) for p, b, a, s in several])
+    chance = np.array(
+        [held_out.paired(p, b, a, np.ones(len(p), bool), s) for p, b, a, s in several]
+    )
     assert np.mean(chance > 2) < 0.023 and chance.mean() < 0
     one = np.where(np.arange(34) == 5, 3.0, 0.01)
     alone = [held_out_errors(rng, one, np.ones(1)) for _ in range(20)]
-    assert max(heldout.paired(p, b, a, np.ones(len(p), bool), s) for p, b, a, s in alone) < 2
+    assert max(held_out.paired(p, b, a, np.ones(len(p), bool), s) for p, b, a, s in alone) < 2
 
 
 def test_where_few_poses_show_most_luck_proves_no_more_often():
@@ -181,7 +183,7 @@ def test_where_few_poses_show_most_luck_proves_no_more_often():
     for _ in range(1500):
         moves = 0.5 * np.exp(rng.normal(size=5)) * rng.choice([-1, 1], 5)
         before = rng.normal(size=5) + moves / 2
-        t.append(heldout._jackknife_t(20 * (before**2 - (before - moves) ** 2), 20 * moves**2))
+        t.append(held_out._jackknife_t(20 * (before**2 - (before - moves) ** 2), 20 * moves**2))
     assert np.mean(np.array(t) > 2) < 0.03
     assert max(t) < 4
 
@@ -220,8 +222,8 @@ def test_a_fold_finds_a_term_again_by_what_it_makes_and_not_by_its_name():
 def test_with_sigma_a_root_mean_square_weighs_samples_as_a_fit_does():
     errors, sigma = np.array([1.0, 1.0, 30.0, np.nan]), np.array([1.0, 1.0, 10.0, 1.0])
     usual = np.ones(4, bool)
-    assert heldout.rms(errors, usual, sigma) == pytest.approx(np.sqrt((1 + 1 + 9) / 2.01))
-    assert heldout.rms(errors, usual) == pytest.approx(np.sqrt(902 / 3))
+    assert held_out.rms(errors, usual, sigma) == pytest.approx(np.sqrt((1 + 1 + 9) / 2.01))
+    assert held_out.rms(errors, usual) == pytest.approx(np.sqrt(902 / 3))
 
 
 def test_a_search_inside_a_fold_keeps_every_pose_where_these_are_few():
@@ -239,9 +241,9 @@ def test_a_direction_that_one_block_alone_shows_stays_where_all_samples_have_it(
     block = bench.chain.state.covariates["q5"] > 0.2
     problem = bench.problem(()).conditional_on()
     assert (
-        heldout._block_shares(problem, block[problem.sample]).max() < 1 - heldout.NEGLIGIBLE_SHARE
+        held_out._block_shares(problem, block[problem.sample]).max() < 1 - held_out.NEGLIGIBLE_SHARE
     )
-    errors = heldout.Errors(bench).predicted(block.astype(int), {1: ()})[block]
+    errors = held_out.Errors(bench).predicted(block.astype(int), {1: ()})[block]
     assert np.isfinite(errors).all() and errors.max() < 5
 
 

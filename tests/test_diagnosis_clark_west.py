@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from workbench.diagnosis.levels import CRITICAL_CLARK_WEST_T
-from workbench.diagnosis.validation.heldout import (
+from workbench.diagnosis.validation.held_out import (
     _jackknife_t,
     _serial_factor,
     clark_west_t,

@@ -50,7 +50,7 @@ def begun(name: str) -> Finding:
     search = Search(bench, None, 0.005, lambda line: None)
     search.solve()
     for key in keys:
-        best = next(h for h in search.table(search.everyone) if h.key == key)
+        best = next(h for h in search.table(search.accepted_indices) if h.key == key)
         search.accepted = (*search.accepted, best)
         search.solve()
     return finding(search, len(search.accepted) - 1)
@@ -68,7 +68,7 @@ def test_what_begins_at_no_instant_has_none():
     wave = CATALOGUE["transmission-harmonic"]("joint-2", order=3.0)
     bench = bench_of(recorded(5, (wave,), [3e-4, 0.0]))
     (made,) = find(bench).findings
-    answer = _effect(Term(made, again=8, chances=9), "mm")
+    answer = _effect(Term(made, reselected_folds=8, searched_folds=9), "mm")
     assert answer["instant"] is None and answer["spectrum"] is None
     assert answer["reselected"] == {"folds": 8, "of": 9}
 

@@ -15,7 +15,7 @@ from workbench.diagnosis.linear.hypotheses import judged
 from workbench.diagnosis.robot import bench
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.robot.library import variants
-from workbench.diagnosis.search.likeliest import accept_likeliest
+from workbench.diagnosis.search.most_probable_set import accept_most_probable_set
 from workbench.diagnosis.search.posterior import Window, exchange_names
 from workbench.diagnosis.search.prior import SECOND, elastic_prior
 from workbench.diagnosis.search.select import find
@@ -147,14 +147,14 @@ def test_a_function_gives_way_to_the_law_that_is_likelier(elastic_arm):
     """Next to all that the arm has otherwise, a function of the torque on joint 2 stands for its compliance."""
     search = Search(bench_of(elastic_arm.recording), None, 1e-3, lambda line: None)
     search.solve()
-    accept_likeliest(search)
+    accept_most_probable_set(search)
     place = [h.key for h in search.accepted].index(("joint-compliance", "joint-2"))
     others = search.table(search.others(place))
-    function = next(h for h in others if h.unnamed == ("tau2",) and h.where == "joint-2")
+    function = next(h for h in others if h.smooth_covariates == ("tau2",) and h.where == "joint-2")
     effect = search.bench.smooth(*function.source)
     accepted = list(search.accepted)
     accepted[place] = replace(function, effects=(effect,))
     search.accepted = tuple(accepted)
     search.solve()
     exchange_names(search)
-    assert not any(h.unnamed for h in search.accepted)
+    assert not any(h.smooth_covariates for h in search.accepted)

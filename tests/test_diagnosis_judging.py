@@ -14,7 +14,7 @@ from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.validation import judging, proof, stability
 from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.folds import SPACE, TIME, Scheme, schemes
-from workbench.diagnosis.validation.heldout import DOUBLED, critical_t, left_out
+from workbench.diagnosis.validation.held_out import DOUBLED, critical_t, left_out
 from workbench.explanation import statements
 from workbench.explanation.answer import _somewhere, diagnose
 from workbench.explanation.result import UNEXPLAINED, Term, verdict_of
@@ -235,11 +235,11 @@ def test_a_scheme_in_which_the_error_rises_counts_on_the_scale_of_the_others():
 )
 def test_the_shown_error_is_of_a_split_that_judges_and_falls(errors, supported, shown):
     rows = [
-        judging.Judged(Scheme(name, np.zeros(1, int)), np.zeros(1), np.zeros(1), *row)
+        judging.SchemeErrors(Scheme(name, np.zeros(1, int)), np.zeros(1), np.zeros(1), *row)
         for name, row in zip((TIME, SPACE), errors)
     ]
     assert judging.is_supported(rows) is supported
-    assert judging.headline(rows).scheme.name == shown
+    assert judging.reported_scheme(rows).scheme.name == shown
 
 
 def test_terms_that_raise_the_held_out_error_are_refused_one_by_one(monkeypatch):
@@ -262,7 +262,7 @@ def test_terms_that_raise_the_held_out_error_are_refused_one_by_one(monkeypatch)
         "axis-run-out",
     ]
     assert all("the held-out error (blocks of time) rises" in term.reason for term in refused)
-    assert judging.headline(rows).rms_after == judging.headline(rows).rms_before
+    assert judging.reported_scheme(rows).rms_after == judging.reported_scheme(rows).rms_before
     assert verdict_of((), 1e-6) == UNEXPLAINED
 
 

@@ -91,8 +91,8 @@ def test_outliers_next_to_an_unknown_hold_more_than_it_may_miss(share, stay):
     outliers = np.arange(60) < 3
     gain = unweighted_squares(problem, outliers) / (1 - LAW) / share
     search = SimpleNamespace(
-        accepted=[SimpleNamespace(unnamed=("q4",))],
-        everyone=(0,),
+        accepted=[SimpleNamespace(smooth_covariates=("q4",))],
+        accepted_indices=(0,),
         conditional_gain=lambda i: (gain, 0.0),
     )
     said = (SimpleNamespace(effect="outliers"), SimpleNamespace(effect="noise-heteroscedastic"))

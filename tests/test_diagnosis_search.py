@@ -15,7 +15,7 @@ from workbench.diagnosis.linear.hypotheses import judged
 from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.findings import with_special_cases
-from workbench.diagnosis.search.likeliest import _varied
+from workbench.diagnosis.search.most_probable_set import _varied
 from workbench.diagnosis.search.objective import LogPosterior
 from workbench.diagnosis.search.posterior import Window
 from workbench.diagnosis.search.select import found_terms
@@ -78,10 +78,10 @@ def test_the_objective_is_prior_times_marginal_likelihood_times_the_chance_of_th
 
 def test_a_move_is_weighed_as_the_set_that_it_leads_to(objective):
     """Schur complements conditional on a set against each set solved by itself."""
-    base = (0, int(np.flatnonzero(objective.rooms[0])[0]))
+    base = (0, int(np.flatnonzero(objective.compatible_pairs[0])[0]))
     for held in (base, base[:1], base[1:]):
         weights = objective._with_each(held)
-        for k in np.flatnonzero(objective.rooms[list(held)].all(0))[:12]:
+        for k in np.flatnonzero(objective.compatible_pairs[list(held)].all(0))[:12]:
             if not objective.priors.positive[[*held, k]].any():
                 assert weights[k] == pytest.approx(objective.value((*held, int(k))), rel=1e-7)
 
@@ -134,11 +134,11 @@ def test_the_likeliest_set_does_not_depend_on_where_the_search_starts(elastic_ar
     keys = [h.key for h in elastic_arm.terms]
     wrong = [("joint-compliance", "joint-2"), ("link-compliance", "link-3")]
     start = tuple(keys.index(key) for key in wrong)
-    assert set(search.likeliest(start)) == set(search.likeliest())
+    assert set(search.most_probable_set(start)) == set(search.most_probable_set())
 
 
 def test_probabilities_over_sets_are_a_distribution(elastic_arm):
-    best = Stepwise(elastic_arm).likeliest()
+    best = Stepwise(elastic_arm).most_probable_set()
     window = Window.around(elastic_arm, best, range(len(elastic_arm.terms)))
     assert window.weights.sum() == pytest.approx(1.0)
     assert len(set(window.sets)) == len(window.sets)
@@ -168,7 +168,7 @@ def test_masses_that_are_nearly_known_make_a_name_less_certain(elastic_arm):
     known = LogPosterior.of(replace(problem, mass_responses=()), elastic_arm.terms)
     keys = [h.key for h in elastic_arm.terms]
     joint, link = (keys.index((name, "joint-3" if "joint" in name else "link-3")) for name in NAMES)
-    best = Stepwise(elastic_arm).likeliest((joint,))
+    best = Stepwise(elastic_arm).most_probable_set((joint,))
     exchanged = tuple(i for i in best if i not in (joint, link)) + (link,)
 
     def spread(objective):

@@ -17,7 +17,7 @@ from workbench.diagnosis.scanner.sensor_simulate import simulated
 from workbench.diagnosis.search.select import find
 from workbench.diagnosis.validation import folds
 from workbench.diagnosis.validation.controls import controls
-from workbench.diagnosis.validation.heldout import name_of
+from workbench.diagnosis.validation.held_out import name_of
 from workbench.diagnosis.validation.proof import earned_inside
 from workbench.jobs.sensor import chains as measured_chains
 
@@ -271,7 +271,7 @@ def test_large_law_that_is_likelier_is_an_alternative_to_a_function_at_its_place
         "unknown",
         "mirror",
         label,
-        unnamed=("mirror", "along"),
+        smooth_covariates=("mirror", "along"),
         evidence=20.0,
         gain=100.0,
         rank=16,

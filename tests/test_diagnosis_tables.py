@@ -87,7 +87,7 @@ def test_an_objective_without_functions_weighs_laws_alike():
     problem = solved().conditional_on(())
     terms = [h for h in judged(problem) if h.evidence > 0]
     objective = LogPosterior.of(problem, terms[:40])
-    rows = np.flatnonzero(~objective.unnamed)
+    rows = np.flatnonzero(~objective.is_smooth)
     alone = objective.among(rows)
     for members in [(0,), (1, 3), (0, 2, 4)]:
         every = tuple(int(rows[i]) for i in members)

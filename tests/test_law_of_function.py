@@ -8,7 +8,7 @@ from robot_model.effects import CATALOGUE
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.search.posterior import _law_of_function
 
-FUNCTION = Hypothesis("unknown", "joint-2", "", gain=100.0, unnamed=("q2",))
+FUNCTION = Hypothesis("unknown", "joint-2", "", gain=100.0, smooth_covariates=("q2",))
 
 
 def curve(where, gain, terms=15):
@@ -37,7 +37,7 @@ def test_of_several_the_likeliest_is_taken():
         (FUNCTION, curve("joint-2", 90.0)),
         (FUNCTION, curve("joint-3", 99.9)),
         (
-            Hypothesis("unknown", "joint-2", "", gain=100.0, unnamed=("q2", "q4")),
+            Hypothesis("unknown", "joint-2", "", gain=100.0, smooth_covariates=("q2", "q4")),
             curve("joint-2", 99.9),
         ),
         (curve("joint-2", 100.0), curve("joint-2", 99.9, 31)),

@@ -31,7 +31,7 @@ def test_two_steps_at_one_place_never_come_to_begin_at_one_instant(monkeypatch):
     accepted = (step(10.0), step(20.0))
     search = SimpleNamespace(
         accepted=accepted,
-        everyone=(0, 1),
+        accepted_indices=(0, 1),
         others=lambda i: (1 - i,),
         solve_possible=lambda: None,
     )

@@ -20,7 +20,7 @@ from workbench.core.least_squares.solver import normal_matrix
 from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix
 from workbench.diagnosis.robot.bench import bench_of
-from workbench.diagnosis.validation.heldout import Errors
+from workbench.diagnosis.validation.held_out import Errors
 from workbench.explanation.answer import diagnose
 from workbench.explanation.files import save as save_diagnosis
 from workbench.fitting.cross_validation import HeldOut, cross_validate, error_summary

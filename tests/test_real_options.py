@@ -72,7 +72,7 @@ def test_an_option_between_two_values_of_the_grid_is_one_finding_of_an_arm(make,
 def assert_one_finding(found, effect, value):
     """One finding, whose option is known and right."""
     assert [(one.effect, one.where) for one in found.findings] == [(effect.effect, effect.where)], (
-        found.trail
+        found.history
     )
     option = found.findings[0].option
     assert 0 < option.std < 0.02 * value

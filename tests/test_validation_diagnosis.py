@@ -12,7 +12,7 @@ from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.select import find
 from workbench.diagnosis.validation.folds import schemes
-from workbench.diagnosis.validation.heldout import Errors, paired, rms
+from workbench.diagnosis.validation.held_out import Errors, paired, rms
 from workbench.explanation.answer import diagnose
 from workbench.explanation.fixed_points import fixed_points
 from workbench.explanation.result import CONSISTENT, Term

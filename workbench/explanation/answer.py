@@ -20,7 +20,7 @@ from workbench.diagnosis.search.findings import with_equivalent_places
 from workbench.diagnosis.search.select import find, found_terms
 from workbench.diagnosis.validation import proof
 from workbench.diagnosis.validation.correlated_noise import with_correlated_noise
-from workbench.diagnosis.validation.folds import LEAST_FOLDS, judged_part, schemes
+from workbench.diagnosis.validation.folds import LEAST_FOLDS, schemes, tested_samples
 from workbench.explanation import reference as references
 from workbench.explanation import statements, words
 from workbench.explanation.differences import with_differences
@@ -165,7 +165,7 @@ def _whole(
     visible = _visible(bench, found)
     say("the next experiment")
     certain = [e for t in terms if t.certain for e in t.finding.effects]
-    known = bench.problem(certain, judged_part(bench))
+    known = bench.problem(certain, tested_samples(bench))
     experiment = next_experiment(bench, terms, known, found.p_first, refused)
     made = Diagnosis(
         recording.name,
@@ -210,7 +210,7 @@ def _visible(bench: Bench, found: Found) -> tuple:
     """The smallest sizes that these data, as far as they are tested, would have shown."""
     problem = found.before
     if not problem.candidates:  # a large recording keeps no table of all its samples
-        problem = bench.problem((), judged_part(bench))
+        problem = bench.problem((), tested_samples(bench))
     return tuple(
         minimal_detectable_biases(
             problem, unwhitened(problem), lambda one: bench.units(one.effects)

@@ -220,8 +220,11 @@ def _effect(term: Term, unit: str) -> dict:
         "t": term.t,
         "t_searched_anew": term.t_nested,
         f"held_out_gain_{unit}": term.gain,
-        "reselected": {"folds": term.again, "of": term.chances},
-        "found_again": {"folds": term.again, "of": term.chances},  # the same, by its older name
+        "reselected": {"folds": term.reselected_folds, "of": term.searched_folds},
+        "found_again": {
+            "folds": term.reselected_folds,
+            "of": term.searched_folds,
+        },  # the same, by its older name
         "controls": [_control(one) for one in term.controls],
         "alarms": list(found.alarms),
         "statement": term.statement,

@@ -11,7 +11,7 @@ from sensors.effects.recorded import BoardPointErrors
 from workbench.diagnosis.linear.problem import Found, Problem
 from workbench.diagnosis.scanner.image_jitter import find_image_jitter, jitter_before_proof
 from workbench.diagnosis.scanner.sensor_linear import acts
-from workbench.diagnosis.validation.heldout import rms
+from workbench.diagnosis.validation.held_out import rms
 from workbench.explanation.result import Proof, Term
 from workbench.jobs.sensor.chains import at_solution
 

@@ -206,8 +206,8 @@ def _validated(term: Term, unit: str) -> str:
     verb = "reduces" if term.gain > 0 else "increases"
     t = f" (t = {term.t:.1f})" if term.t is not None else ""
     text = f"It {verb} the held-out RMS error by {length(abs(term.gain), unit)}{t}"
-    if term.chances:
-        text += f" and is reselected in {term.again} of {term.chances} folds"
+    if term.searched_folds:
+        text += f" and is reselected in {term.reselected_folds} of {term.searched_folds} folds"
     return f"{text}."
 
 

@@ -19,7 +19,7 @@ from workbench.diagnosis.linear.evidence import (
 )
 from workbench.diagnosis.linear.problem import Candidate, Problem, Scan, Site
 
-LEVEL_UNNAMED = 0.3
+SMOOTH_LEVEL = 0.3
 """Share of the error level that the smooth nonparametric alternatives receive."""
 
 
@@ -29,8 +29,8 @@ class Hypothesis:
 
     `evidence`: log Bayes factor against nothing; `p`: of its F test by itself; `gain`, `rank` as in `Scores`. `mass`:
     of this variant's prior, relative to others of its `family`; `log_prior`: of this variant; `weight`: its share of
-    the error level of the whole search. `unnamed`: covariates of a smooth nonparametric alternative, () for a named
-    effect. `source`: what it came from, a Candidate, (Scan, option) or (Site, names).
+    the error level of the whole search. `smooth_covariates`: covariates of a smooth nonparametric alternative, () for
+    a named effect. `source`: what it came from, a Candidate, (Scan, option) or (Site, names).
     """
 
     effect: str
@@ -44,7 +44,7 @@ class Hypothesis:
     p: float = 1.0
     gain: float = 0.0
     rank: int = 1
-    unnamed: tuple[str, ...] = ()
+    smooth_covariates: tuple[str, ...] = ()
     missing: str = ""
     together: bool = True
     log_prior: float = 0.0
@@ -58,7 +58,7 @@ class Hypothesis:
     @property
     def key(self) -> tuple[str, str]:
         """What an answer is judged by: the effect and where it sits."""
-        return (self.effect, self.where) if not self.unnamed else ("unknown", self.where)
+        return (self.effect, self.where) if not self.smooth_covariates else ("unknown", self.where)
 
     @property
     def reads(self) -> set[str]:
@@ -141,9 +141,9 @@ def judged(
     periods = []
     scans = projected.judge_each([scan_moments(projected, scan) for scan in problem.scans])
     for scan, scores in zip(problem.scans, scans):
-        (periods if scan.unnamed else named).extend(_of_scan(scan, scores, wanted))
+        (periods if scan.smooth_covariates else named).extend(_of_scan(scan, scores, wanted))
     smooth = [*_of_sites(problem, projected)]
-    found = [*_named_priors(named), *_unnamed_priors(smooth, periods)]
+    found = [*_named_priors(named), *_smooth_priors(smooth, periods)]
     free = [h for h in found if not any(_excludes(effect, h) for effect in problem.effects)]
     return sorted(free, key=lambda h: -h.log_weight)
 
@@ -152,8 +152,8 @@ def _excludes(effect: Effect, h: Hypothesis) -> bool:
     """Whether an effect in the model leaves no room for a hypothesis: the same, or another variant of its law."""
     if (effect.effect, effect.where) != h.key:
         return False
-    if h.unnamed:
-        return effect.names == h.unnamed and all(
+    if h.smooth_covariates:
+        return effect.names == h.smooth_covariates and all(
             other.options == effect.options for other in h.effects
         )
     return not h.together or any(effect.options == other.options for other in h.effects)
@@ -222,7 +222,7 @@ def _of_scan(scan: Scan, scores: Scores, wanted: set) -> Iterator[Hypothesis]:
             (scan, value),
             scan.mass[i],
             *scores.row(i),
-            unnamed=scan.unnamed,
+            smooth_covariates=scan.smooth_covariates,
             together=scan.together,
         )
 
@@ -240,7 +240,7 @@ def _of_sites(problem: Problem, projected: Projected) -> Iterator[Hypothesis]:
         for i, names in enumerate(chosen):
             label = f"a {kind} function of {' and '.join(names)}"
             about = ("unknown", site.where, label, "", (), (site, names), 1.0)
-            yield Hypothesis(*about, *scores.row(i), unnamed=names)
+            yield Hypothesis(*about, *scores.row(i), smooth_covariates=names)
 
 
 def _site_moments(site: Site, problem: Problem, projected: Projected):
@@ -263,17 +263,17 @@ def _named_priors(rows: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
         total[h.family] += h.mass
     for h in rows:
         part = h.mass / total[h.family] / len(total)
-        yield _with_prior(h, 1 - RARE_PRIOR, 1 - LEVEL_UNNAMED, part)
+        yield _with_prior(h, 1 - RARE_PRIOR, 1 - SMOOTH_LEVEL, part)
 
 
-def _unnamed_priors(smooth: Sequence[Hypothesis], periods: Sequence[Hypothesis]):
+def _smooth_priors(smooth: Sequence[Hypothesis], periods: Sequence[Hypothesis]):
     """Functions of one covariate, of two, and periods: each kind shares the prior equally, as do its members."""
-    kinds = [[h for h in smooth if len(h.unnamed) == k] for k in (1, 2)] + [periods]
+    kinds = [[h for h in smooth if len(h.smooth_covariates) == k] for k in (1, 2)] + [periods]
     held = [members for members in kinds if members]
     for members in held:
         total = sum(h.mass for h in members)
         for h in members:
-            yield _with_prior(h, RARE_PRIOR, LEVEL_UNNAMED, h.mass / total / len(held))
+            yield _with_prior(h, RARE_PRIOR, SMOOTH_LEVEL, h.mass / total / len(held))
 
 
 def _with_prior(h: Hypothesis, share: float, level: float, part: float) -> Hypothesis:
@@ -287,7 +287,9 @@ def family_wise(hypotheses: Sequence[Hypothesis], least: float = 0.0) -> float:
     A smooth alternative counts only if it is likelier than no effect: one with many parameters may not be.
     Holm, Scand. J. Stat. 6 (1979); weights: Genovese, Roeder & Wasserman, Biometrika 93 (2006).
     """
-    counted = [h for h in hypotheses if h.gain >= least and (h.evidence > 0 or not h.unnamed)]
+    counted = [
+        h for h in hypotheses if h.gain >= least and (h.evidence > 0 or not h.smooth_covariates)
+    ]
     return float(min([1.0, *(h.p / h.weight for h in counted)]))
 
 

@@ -15,7 +15,7 @@ def located(problem: Problem, table: Sequence[Hypothesis] | None = None) -> tupl
     table = judged(problem) if table is None else table
     best: dict[tuple, Hypothesis] = {}
     for h in table:
-        if h.unnamed and (
+        if h.smooth_covariates and (
             (at := (h.where, _port(h))) not in best or h.evidence > best[at].evidence
         ):
             best[at] = h
@@ -24,7 +24,7 @@ def located(problem: Problem, table: Sequence[Hypothesis] | None = None) -> tupl
     rows = [
         Located(
             *at,
-            h.unnamed,
+            h.smooth_covariates,
             max(0.0, h.gain - h.rank * noise) / max(yy, 1e-300),
             min(1.0, h.p / h.weight),
             float((h.gain / len(problem.sample)) ** 0.5),

@@ -76,7 +76,7 @@ class Scan:
     covariate; `options` (V,) ascending; `make` gives the effects for an option, or None where the
     family has no name (a periodic movement of the floor). `typical`: prior size of an amplitude in
     the port's unit, one a row. `mass` (V,): prior of each option, relative to the others.
-    `unnamed`: the covariates it would depend on, for a smooth nonparametric family. `centred`: as of `Grid`.
+    `smooth_covariates`: the covariates it would depend on, for a smooth nonparametric family. `centred`: as of `Grid`.
     `option`: name of the option where it is a real number and no integer, else "". `is_exact`: whether it was
     made for the single value that the data determine.
     """
@@ -92,7 +92,7 @@ class Scan:
     family: str
     make: object = None
     word: str = ""  # of the label: "order {:g}", "after {:g}"
-    unnamed: tuple[str, ...] = ()
+    smooth_covariates: tuple[str, ...] = ()
     together: bool = False
     centred: bool = False
     option: str = ""
@@ -481,7 +481,7 @@ class Found:
     `before`, `after`: the problems of the baseline and of the final model. `p_first`: family-wise
     p-value that anything at all is missing; `p_remainder` that anything is left at the end. `located`:
     of the baseline's mismatch, and of what is left (`remainder`). `outliers`: (n,) bool. `spread`:
-    findings on the variance. `trail`: lines that say what was tried and why.
+    findings on the variance. `history`: lines that say what was tried and why.
     """
 
     findings: tuple[Finding, ...]
@@ -493,4 +493,4 @@ class Found:
     remainder: tuple[Located, ...]
     outliers: np.ndarray
     spread: tuple[Finding, ...] = ()
-    trail: tuple[str, ...] = field(default_factory=tuple)
+    history: tuple[str, ...] = field(default_factory=tuple)

@@ -37,11 +37,11 @@ def _with_alternatives(bench, bare: Problem, finding: Finding) -> Finding:
         (h for h in table if (*h.key, h.label) == (finding.effect, finding.where, finding.label)),
         None,
     )
-    named = [h for h in table if not h.unnamed]
+    named = [h for h in table if not h.smooth_covariates]
     alternatives = (
         []
         if own is None
-        else (_laws if own.unnamed else _confounded_effects)(bench, bare, named, own)
+        else (_laws if own.smooth_covariates else _confounded_effects)(bench, bare, named, own)
     )
     if not alternatives:
         return finding

@@ -19,7 +19,7 @@ from workbench.core.rigid import rotation_matrix, skew
 from workbench.core.text.uncertain import with_std
 from workbench.diagnosis.levels import CRITICAL_T, UNMODELLED_LEVEL
 from workbench.diagnosis.validation.folds import LEAST_FOLDS
-from workbench.diagnosis.validation.heldout import paired, rms
+from workbench.diagnosis.validation.held_out import paired, rms
 from workbench.files.images.flange import flange_poses
 from workbench.jobs.sensor import hand_eye
 

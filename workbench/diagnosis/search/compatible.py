@@ -19,11 +19,11 @@ _SLOW = 6.0
 
 def compatible(h: Hypothesis, other: Hypothesis) -> bool:
     """Whether two terms may act side by side."""
-    if bool(h.unnamed) != bool(other.unnamed):
-        function, law = (h, other) if h.unnamed else (other, h)
+    if bool(h.smooth_covariates) != bool(other.smooth_covariates):
+        function, law = (h, other) if h.smooth_covariates else (other, h)
         return not _covers(function, law)
-    if h.unnamed:
-        return h.key != other.key or h.unnamed != other.unnamed
+    if h.smooth_covariates:
+        return h.key != other.key or h.smooth_covariates != other.smooth_covariates
     return h.family != other.family or (h.together and h.label != other.label)
 
 
@@ -66,11 +66,11 @@ def _covers(function: Hypothesis, law: Hypothesis) -> bool:
     """
     if function.where not in same_place(law) or _fast(law):
         return False
-    angles = all(name[0] == "q" for name in function.unnamed)
+    angles = all(name[0] == "q" for name in function.smooth_covariates)
     slow = law.effect == _WAVE and law.effects and law.effects[0].order <= _SLOW
     if angles and function.where == law.where and (slow or law.effect == JointCoupling.effect):
         return True
-    return bool(law.reads & set(function.unnamed))
+    return bool(law.reads & set(function.smooth_covariates))
 
 
 def _fast(law: Hypothesis) -> bool:

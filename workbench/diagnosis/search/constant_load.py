@@ -20,7 +20,7 @@ from workbench.diagnosis.linear.evidence import Projected, log_null
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Candidate, Problem
 from workbench.diagnosis.search.compatible import compatible
-from workbench.diagnosis.search.likeliest import as_solved, order_by_gain, say_terms
+from workbench.diagnosis.search.most_probable_set import as_solved, order_by_gain, record_terms
 from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members
 from workbench.diagnosis.search.prior import DEFLECTS
 from workbench.diagnosis.search.state import Search, name_of
@@ -46,14 +46,14 @@ def accept_constant_loads(search: Search) -> None:
         if not search.accepted or name in held:
             continue
         laws = _Laws.of(search, load.effect)
-        likeliest = laws.likeliest() if laws is not None else None
+        likeliest = laws.most_probable_set() if laws is not None else None
         if likeliest is None:
             continue
         trial = _solved_with(search, likeliest, load)
         if trial is not None and _gain(search, trial) > LEAST_LOG_ODDS:
             search.accepted = trial.accepted
             search.impossible = trial.impossible
-            say_terms(search, search.accepted)
+            record_terms(search, search.accepted)
             search.solve()
             order_by_gain(search)
 
@@ -70,7 +70,7 @@ def _solved_with(search: Search, laws: Sequence[Hypothesis], load) -> Search | N
     trial = Search(search.bench, search.samples, search.level, lambda line: None, held)
     trial.spread, trial.impossible = search.spread, search.impossible - {name}
     trial.solve()
-    own = [h for h in trial.whole_table(trial.everyone) if name_of(h) == name]
+    own = [h for h in trial.whole_table(trial.accepted_indices) if name_of(h) == name]
     if not own:
         return None
     loads = [h for h in search.accepted if h.needs_compliance and compatible(h, own[0])]
@@ -131,7 +131,9 @@ class _Laws:
         """Of what is accepted and all elastic laws, at the present solution; None where nothing deflects."""
         problem = search.problem.conditional_on(())
         table = [h for h in search.whole_table(()) if _deflects(h)]
-        others = [search.own(i) for i in search.everyone if not _is_elastic(search.accepted[i])]
+        others = [
+            search.own(i) for i in search.accepted_indices if not _is_elastic(search.accepted[i])
+        ]
         terms = (*(h for h in others if not h.needs_compliance), *table)
         if not table:
             return None
@@ -158,13 +160,13 @@ class _Laws:
             len(held),
         )
 
-    def likeliest(self) -> list[Hypothesis] | None:
+    def most_probable_set(self) -> list[Hypothesis] | None:
         """The likeliest terms next to a load, which is not among them; None where a load makes them hardly likelier."""
         starts = [members for members in dict.fromkeys(self.first) if self._needs_load(members)]
         if not starts:
             return None
         none = self._objective(np.zeros(len(self.changes)))
-        without = max(none.value(Stepwise(none).likeliest(members)) for members in starts)
+        without = max(none.value(Stepwise(none).most_probable_set(members)) for members in starts)
         value, members = max(map(self._climb, starts), key=lambda one: one[0])
         if value <= without + LEAST_LOG_ODDS:
             return None
@@ -199,7 +201,7 @@ class _Laws:
         for _ in range(_ROUNDS):
             load = self._load(members, load)
             objective = self._objective(load)
-            members = tuple(sorted(Stepwise(objective).likeliest(members)))
+            members = tuple(sorted(Stepwise(objective).most_probable_set(members)))
             reached = objective.value(members)
             if reached <= best[0] + LEAST_LOG_ODDS:
                 break
@@ -245,7 +247,7 @@ def _change(problem: Problem, h: Hypothesis, load: Effect, sizes: np.ndarray, sh
 
 
 def _is_elastic(h: Hypothesis) -> bool:
-    return not h.unnamed and h.effect in DEFLECTS
+    return not h.smooth_covariates and h.effect in DEFLECTS
 
 
 def _deflects(h: Hypothesis) -> bool:

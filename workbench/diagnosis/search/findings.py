@@ -38,7 +38,9 @@ def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -
     explained, chance = search.explained(), _NEAR * search.variance()
     explanations = []
     for h in table:
-        counts = own.unnamed or not h.unnamed or _explains_more(h, own, explained)
+        counts = (
+            own.smooth_covariates or not h.smooth_covariates or _explains_more(h, own, explained)
+        )
         if counts and not _only_generalises(h, own, chance):
             explanations.append(h)
     total = logsumexp([h.log_weight for h in explanations])
@@ -53,7 +55,7 @@ def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -
         float(shares[mine.key]),
         search.size(i),
         own.gain,
-        mine.unnamed,
+        mine.smooth_covariates,
         _alternatives(explanations, shares, own, search.left(), chance),
         instant=instant_of(search, i, own),
         option=option_of(search, i),
@@ -62,7 +64,7 @@ def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -
         made = _among_sets(made, shares, names)
     if search.bench.chain is not None:
         made = with_equivalent_places(made, search.bench.chain.robot.joints)
-    return made if mine.unnamed else _doubted(search, own, made)
+    return made if mine.smooth_covariates else _doubted(search, own, made)
 
 
 def with_equivalent_places(made: Finding, joints: int) -> Finding:
@@ -79,7 +81,7 @@ def with_equivalent_places(made: Finding, joints: int) -> Finding:
 
 def bare_finding(h: Hypothesis) -> Finding:
     """An accepted term by its name and effects alone."""
-    return Finding(*h.key, h.label, h.effects, h.p, 1.0, 0.0, h.gain, h.unnamed)
+    return Finding(*h.key, h.label, h.effects, h.p, 1.0, 0.0, h.gain, h.smooth_covariates)
 
 
 def _explains_more(function: Hypothesis, law: Hypothesis, explained: float) -> bool:
@@ -90,7 +92,7 @@ def _explains_more(function: Hypothesis, law: Hypothesis, explained: float) -> b
     by more, and so may all of it before a law's place is in doubt.
     """
     error = (1 - LAW) * explained
-    if function.where in same_place(law) and law.reads & set(function.unnamed):
+    if function.where in same_place(law) and law.reads & set(function.smooth_covariates):
         others = max(explained - law.gain, 0.0)
         error = LAW_ERROR**2 * law.gain + (1 - LAW) * others
     return function.gain > law.gain + error
@@ -180,7 +182,7 @@ def _alternatives(table, shares, own, left: float, noise: float) -> tuple[Altern
         less = own.gain - other.gain  # than the finding explains
         are_elastic = other.effect in ELASTIC and own.effect in ELASTIC
         is_special = other.effect in special and other.where == own.where
-        is_law = not other.unnamed and other.rank <= own.rank
+        is_law = not other.smooth_covariates and other.rank <= own.rank
         near = is_special or (are_elastic and less < noise)
         near = near or (is_law and 0 < left and less < left and len(out) < MOST_LISTED)
         if key != own.key and (covered < CONFIDENCE or near):
@@ -221,7 +223,7 @@ def _doubted(search: Search, own: Hypothesis, made: Finding) -> Finding:
     return replace(made, probability=made.probability * sure, alternatives=alternatives)
 
 
-def tells(search: Search, own: Hypothesis) -> bool:
+def explains_movement(search: Search, own: Hypothesis) -> bool:
     """Whether the random effect at its place is what a law makes of a covariate that was not recorded."""
     if search.random_effect is None or search.random_effect.site.where not in same_place(own):
         return False
@@ -253,17 +255,17 @@ def _unnamed_remainder(search: Search, own: Hypothesis) -> tuple[float, bool, st
     recorded, that may make it; and through which port the largest part acts."""
     places, noise = same_place(own), search.variance()
     left = [(0.0, "")]
-    for h in search.table(search.everyone):
-        if h.unnamed and h.where in places and h.p / h.weight <= search.level:
+    for h in search.table(search.accepted_indices):
+        if h.smooth_covariates and h.where in places and h.p / h.weight <= search.level:
             left.append((h.gain - h.rank * noise, _port(h)))
     for i, h in enumerate(search.accepted):
-        if h.unnamed and h.where in places:
+        if h.smooth_covariates and h.where in places:
             left.append((search.own(i).gain, _port(h)))
     moves = search.random_effect is not None and search.random_effect.site.where in places
     if moves:
         left.append((movement(search.random_effect), search.random_effect.site.port))
     most, port = max(left)
-    return most, tells(search, own), port
+    return most, explains_movement(search, own), port
 
 
 def _port(function: Hypothesis) -> str:
@@ -277,7 +279,7 @@ __all__ = [
     "SAME_FUNCTION",
     "bare_finding",
     "finding",
-    "tells",
+    "explains_movement",
     "with_equivalent_places",
     "with_hidden",
 ]

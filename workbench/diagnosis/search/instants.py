@@ -37,7 +37,7 @@ def refine_instants(search) -> None:
     that solution therefore does not distinguish the instants on either side of the sample, which then seems an outlier.
     """
     refined = list(search.accepted)
-    for i in search.everyone:
+    for i in search.accepted_indices:
         one = _refined(search, i)
         # two steps of one effect never come to begin at one instant: they would be the same step
         others = {step for k in search.others(i) for step in _steps(refined[k])}

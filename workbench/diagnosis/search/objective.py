@@ -117,7 +117,7 @@ class LogPosterior:
         )
 
     @cached_property
-    def rooms(self) -> np.ndarray:
+    def compatible_pairs(self) -> np.ndarray:
         """(K, K) bool: which may act side by side."""
         count = len(self.terms)
         out = np.zeros((count, count), bool)
@@ -127,9 +127,9 @@ class LogPosterior:
         return out
 
     @cached_property
-    def unnamed(self) -> np.ndarray:
+    def is_smooth(self) -> np.ndarray:
         """(K,) bool: smooth nonparametric functions."""
-        return np.array([bool(h.unnamed) for h in self.terms])
+        return np.array([bool(h.smooth_covariates) for h in self.terms])
 
     @cached_property
     def groups(self) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -194,9 +194,9 @@ class LogPosterior:
         z = -value / np.maximum(spread * np.sqrt(variance), 1e-300)
         return float((np.log(2) + log_ndtr(z)).sum())
 
-    def likeliest_with(self, base: Members, allowed: np.ndarray) -> tuple[float, Members]:
+    def most_probable_extension(self, base: Members, allowed: np.ndarray) -> tuple[float, Members]:
         """The likeliest set with one more of the terms allowed (K,) bool; the set itself where none has room."""
-        free = allowed & (self.rooms[list(base)].all(0) if base else True)
+        free = allowed & (self.compatible_pairs[list(base)].all(0) if base else True)
         weights = np.where(free, self._with_each(base), -np.inf)
         held = int(self.priors.positive[list(base)].sum())
         most = np.log(2) * (held + self.priors.positive)  # that signs add
@@ -253,7 +253,10 @@ def _other_laws(
 ) -> np.ndarray:
     """(N, P) columns of the accepted laws that are not elastic; smooth functions may represent elastic ones."""
     kept = [
-        i < accepted.count and not h.unnamed and not is_elastic(h) and not h.needs_compliance
+        i < accepted.count
+        and not h.smooth_covariates
+        and not is_elastic(h)
+        and not h.needs_compliance
         for i, h in enumerate(terms)
     ]
     return columns[:, np.repeat(kept, np.diff(start)).astype(bool)]

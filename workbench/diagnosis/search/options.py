@@ -53,7 +53,11 @@ def with_estimated_options(
     projected = Projected(search.problem.conditional_on(kept))
     whole = float(projected.y @ projected.y)
     for h in pool:
-        if h.unnamed or h.key in seen or not h.gain > _CLEAR * (whole - h.gain) / projected.degrees:
+        if (
+            h.smooth_covariates
+            or h.key in seen
+            or not h.gain > _CLEAR * (whole - h.gain) / projected.degrees
+        ):
             continue
         seen.add(h.key)
         family = RealFamily.of(search.problem, h)

@@ -16,7 +16,7 @@ from workbench.diagnosis.levels import LEAST_LOG_ODDS, LISTED_PROBABILITY, MOST_
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.constant_load import accept_constant_loads
-from workbench.diagnosis.search.likeliest import as_solved, order_by_gain, say_terms
+from workbench.diagnosis.search.most_probable_set import as_solved, order_by_gain, record_terms
 from workbench.diagnosis.search.objective import LogPosterior, Members
 from workbench.diagnosis.search.options import refine_options
 from workbench.diagnosis.search.prior import is_elastic
@@ -126,14 +126,14 @@ class Window:
 
 def _neighbours(objective: LogPosterior, members: Members, open_: Sequence[int]) -> list[Members]:
     """Sets with one of the open terms more, less, or exchanged."""
-    rooms = objective.rooms
-    out = [(*members, i) for i in open_ if rooms[i, list(members)].all()]
+    compatible_pairs = objective.compatible_pairs
+    out = [(*members, i) for i in open_ if compatible_pairs[i, list(members)].all()]
     for i in members:
         if i not in open_:
             continue
         fewer = tuple(j for j in members if j != i)
         out.append(fewer)
-        free = [j for j in open_ if j != i and rooms[j, list(fewer)].all()]
+        free = [j for j in open_ if j != i and compatible_pairs[j, list(fewer)].all()]
         free.sort(key=lambda j: -_share(objective, i, j))
         out += [(*fewer, j) for j in free[:_SWAPS]]
     return out
@@ -183,7 +183,7 @@ def _exchange_laws(search) -> None:
     """
     tried = [{name_of(h) for h in search.accepted}]
     for _ in range(_ROUNDS):
-        for i in search.everyone:
+        for i in search.accepted_indices:
             other = _likelier(search, i)
             if other is not None:
                 search.accepted = (*search.accepted[:i], other, *search.accepted[i + 1 :])
@@ -208,8 +208,8 @@ def _likelier(search, i: int) -> Hypothesis | None:
         return law
     families: dict[Key, list[Hypothesis]] = {}
     for h in table:
-        is_law = not h.unnamed and (mine.unnamed or not is_elastic(h))
-        if is_law or (mine.unnamed and h.key == mine.key):
+        is_law = not h.smooth_covariates and (mine.smooth_covariates or not is_elastic(h))
+        if is_law or (mine.smooth_covariates and h.key == mine.key):
             families.setdefault(h.key, []).append(h)
     marginal = {key: logsumexp([h.log_weight for h in own]) for key, own in families.items()}
     best = max(marginal, key=marginal.get, default=None)
@@ -226,26 +226,26 @@ def _law_of_function(search, i: int, table: Sequence[Hypothesis]) -> Hypothesis 
     A joint's error as any function of its own angle has a name; the two differ by their bases alone.
     """
     mine = search.accepted[i]
-    if not mine.unnamed:
+    if not mine.smooth_covariates:
         return None
     gain = _SAME_GAIN * search.own(i, table).gain
     laws = []
     for h in table:
-        is_law = not h.unnamed and not is_elastic(h) and h.where == mine.where
-        if is_law and h.reads == set(mine.unnamed) and h.gain >= gain:
+        is_law = not h.smooth_covariates and not is_elastic(h) and h.where == mine.where
+        if is_law and h.reads == set(mine.smooth_covariates) and h.gain >= gain:
             laws.append(h)
     return max(laws, key=lambda h: h.log_weight, default=None)
 
 
 def _makes_likelier(search, i: int, other: Hypothesis) -> bool:
     """Whether the accepted set, with signs and priors, is clearly likelier with another term in the place of one."""
-    accepted = [search.own(k) for k in search.everyone]
+    accepted = [search.own(k) for k in search.accepted_indices]
     objective = LogPosterior.of(
         search.problem.conditional_on(()),
         [*accepted, other],
         accepted=as_solved(search, accepted),
     )
-    own, count = search.everyone, len(accepted)
+    own, count = search.accepted_indices, len(accepted)
     exchanged = tuple(count if k == i else k for k in own)
     return objective.value(exchanged) - objective.value(own) > LEAST_LOG_ODDS
 
@@ -275,7 +275,7 @@ def _exchange_elastic(search) -> None:
             break
         tried.append(names)
         search.accepted = tuple(chosen)
-        say_terms(search, chosen)
+        record_terms(search, chosen)
         search.solve_possible()
     if len(tried) > 1:
         order_by_gain(search)
@@ -283,11 +283,11 @@ def _exchange_elastic(search) -> None:
 
 def _elastic_window(search) -> Window | None:
     """The sets about the accepted one, whose terms come first; None where no elastic term is accepted."""
-    mine = [i for i in search.everyone if is_elastic(search.accepted[i])]
+    mine = [i for i in search.accepted_indices if is_elastic(search.accepted[i])]
     if not mine:
         return None
-    accepted = [search.own(i) for i in search.everyone]
-    others = tuple(i for i in search.everyone if i not in mine)
+    accepted = [search.own(i) for i in search.accepted_indices]
+    others = tuple(i for i in search.accepted_indices if i not in mine)
     plain: dict[Key, object] = {}
     for h in search.table(others):
         if is_elastic(h) and not h.label.startswith(LABEL):

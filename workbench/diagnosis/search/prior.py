@@ -100,7 +100,7 @@ def elastic_prior(
     others (N, P): columns of accepted laws that are not elastic. The robot's compliance is estimated conditional on
     these: what they make would else make it far too large, or with the opposite sign zero.
     """
-    elastic = np.array([h.effect in _CHANCE and not h.unnamed for h in terms], bool)
+    elastic = np.array([h.effect in _CHANCE and not h.smooth_covariates for h in terms], bool)
     log_prior = np.array([h.log_prior for h in terms])
     positive = np.array([getattr(h.source, "positive", 0) for h in terms], int)
     robot = _RobotScale.of(problem, projected, others)
@@ -272,7 +272,7 @@ class Masses:
 
 def is_elastic(h: Hypothesis) -> bool:
     """Whether a term deflects under gravity, or is the harmonic that is most like it."""
-    if h.unnamed:
+    if h.smooth_covariates:
         return False
     order = getattr(h.effects[0], "order", None) if h.effects else None
     deflects = h.effect in (*DEFLECTS, GravityCompliance.effect)

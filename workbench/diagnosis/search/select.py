@@ -31,17 +31,17 @@ from workbench.diagnosis.noise.rounded_readings import rounded_readings
 from workbench.diagnosis.search.compatible import near
 from workbench.diagnosis.search.findings import (
     bare_finding,
+    explains_movement,
     finding,
-    tells,
     with_hidden,
     with_special_cases,
 )
-from workbench.diagnosis.search.likeliest import accept_likeliest
+from workbench.diagnosis.search.most_probable_set import accept_most_probable_set
 from workbench.diagnosis.search.posterior import exchange_names, probabilities_of_names
 from workbench.diagnosis.search.prior import LAW_ERROR
 from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.search.stepwise import LAW
-from workbench.diagnosis.validation.folds import JUDGED, thinned
+from workbench.diagnosis.validation.folds import MAX_TESTED_SAMPLES, thinned
 
 _MANY = 1200  # samples beyond which a search takes only every so many poses
 
@@ -82,7 +82,7 @@ def _accept(search: Search) -> tuple[float, bool]:
         search.say("the noise is not the same everywhere")
         first = _again(search)
     elif search.accepted:
-        accept_likeliest(search)
+        accept_most_probable_set(search)
     moving = _elsewhere(search) or _explain_next_to_unknowns(search)
     if not moving:
         search.random_effect, own = _moving(search) or search.random_effect, search.random_effect
@@ -96,29 +96,38 @@ def _accept(search: Search) -> tuple[float, bool]:
 
 def _found(search: Search) -> Found:
     """The likeliest set on the search's samples, as findings with their probabilities, and the noise."""
-    level, before = search.level, search.plain
+    level, before = search.level, search.stated_noise_problem
     places = located(search.problem, search.table(()))
     first, moving = _accept(search)
     exchange_names(search)
     names = probabilities_of_names(search)
-    each = [with_hidden(search, finding(search, i, names)) for i in search.everyone]
+    each = [with_hidden(search, finding(search, i, names)) for i in search.accepted_indices]
     findings = tuple(with_special_cases(each))
-    remainder = family_wise(search.table(search.everyone))
+    remainder = family_wise(search.table(search.accepted_indices))
     after = search.converged().conditional_on()
     outliers, data = find_data_faults(after, [e for h in search.accepted for e in h.effects])
     if search.random_effect:
         data = ()
     elif remainder <= level:  # noise is judged where little is left
         data = tuple(f for f in data if f.p_value < remainder)
-    if any(h.unnamed for h in search.accepted):
+    if any(h.smooth_covariates for h in search.accepted):
         outliers, data = _beyond_functions(search, after, outliers, data)
     if moving:
         data, places = _with_random_effect(search, before, data, places)
         first = min(first, search.random_effect.p_value)
     data = _with_lattices(rounded_readings(after, level), data)
-    left = located(search.problem.conditional_on(), search.table(search.everyone))
+    left = located(search.problem.conditional_on(), search.table(search.accepted_indices))
     return Found(
-        findings, before, after, first, remainder, places, left, outliers, data, tuple(search.trail)
+        findings,
+        before,
+        after,
+        first,
+        remainder,
+        places,
+        left,
+        outliers,
+        data,
+        tuple(search.history),
     )
 
 
@@ -134,7 +143,11 @@ def _beyond_functions(search: Search, after: Problem, outliers, data):
     What such a function leaves is not the same everywhere, and lies far off where it bends sharply: only outliers that
     hold more than what it may miss are outliers.
     """
-    own = sum(search.conditional_gain(i)[0] for i in search.everyone if search.accepted[i].unnamed)
+    own = sum(
+        search.conditional_gain(i)[0]
+        for i in search.accepted_indices
+        if search.accepted[i].smooth_covariates
+    )
     data = tuple(
         f
         for f in data
@@ -153,7 +166,7 @@ def _first(search: Search, thorough: bool = True) -> float:
     """The chance that nothing is missing; where it is small, the likeliest set of terms is accepted."""
     first = family_wise(search.table(()), LAW_ERROR**2 * search.problem.given)
     if first <= search.level:
-        accept_likeliest(search, thorough)
+        accept_most_probable_set(search, thorough)
     elif search.accepted:
         search.accepted = ()
         search.solve()
@@ -163,14 +176,14 @@ def _first(search: Search, thorough: bool = True) -> float:
 def _moving(search: Search) -> RandomEffect | None:
     """The place with a random effect, unless what is left has a law, though not a known one."""
     found = find_random_effect(search.problem.conditional_on(), RANDOM_EFFECT_LEVEL)
-    if found is None or found.p_value > family_wise(search.table(search.everyone)):
+    if found is None or found.p_value > family_wise(search.table(search.accepted_indices)):
         return None
     return found
 
 
 def _with_random_effect(search: Search, before: Problem, data, places):
     """Findings on the data and places with a random effect, unless a finding there says more of it."""
-    if any(h.unnamed or tells(search, h) for h in search.accepted):
+    if any(h.smooth_covariates or explains_movement(search, h) for h in search.accepted):
         return data, places
     place = (place_of(search.random_effect),)
     found = random_effect_finding(search.random_effect, before)
@@ -179,8 +192,8 @@ def _with_random_effect(search: Search, before: Problem, data, places):
 
 def _elsewhere(search: Search) -> bool:
     """Whether a random effect, at a place without a smooth alternative, is likelier than all of these."""
-    unknown = [h.where for h in search.accepted if h.unnamed]
-    laws = tuple(i for i in search.everyone if not search.accepted[i].unnamed)
+    unknown = [h.where for h in search.accepted if h.smooth_covariates]
+    laws = tuple(i for i in search.accepted_indices if not search.accepted[i].smooth_covariates)
     bare, kept = search.problem.conditional_on(laws), search.problem.conditional_on()
     found = find_random_effect(bare, RANDOM_EFFECT_LEVEL) if unknown else None
     if found is None or any(near(found.site.where, where) for where in unknown):
@@ -197,7 +210,7 @@ def _explain_next_to_unknowns(search: Search) -> bool:
 
     Whether the function itself is not needed there: then there is no more than movement by chance.
     """
-    unknown = [i for i in search.everyone if search.accepted[i].unnamed]
+    unknown = [i for i in search.accepted_indices if search.accepted[i].smooth_covariates]
     if not unknown:
         return False
     largest = max(unknown, key=lambda i: search.conditional_gain(i)[0])
@@ -209,8 +222,8 @@ def _explain_next_to_unknowns(search: Search) -> bool:
         return False
     search.say(f"what is left at {site.where} is taken for the unknown's own")
     search.solve()
-    accept_likeliest(search)
-    if any(h.unnamed and h.where == site.where for h in search.accepted):
+    accept_most_probable_set(search)
+    if any(h.smooth_covariates and h.where == site.where for h in search.accepted):
         return False
     search.random_effect = None
     search.solve()
@@ -231,7 +244,9 @@ def _confirmed(search: Search, samples) -> Found:
     effects = [e for f in found.findings for e in f.effects]
     bench.solve(effects, samples)
     after = bench.problem(effects, samples, hypotheses=False).conditional_on()
-    remainder = bench.problem(effects, thinned(bench.pose, every, JUDGED)).conditional_on()
+    remainder = bench.problem(
+        effects, thinned(bench.pose, every, MAX_TESTED_SAMPLES)
+    ).conditional_on()
     table = judged(remainder)
     outliers, spread = find_data_faults(after, effects)
     # where functions are accepted, as the part has it, on which laws and functions were judged

@@ -20,10 +20,10 @@ class Search:
     """`accepted` hypotheses and the `problem` solved with them, on `samples` (n,) bool (None: all).
 
     `level`: chance of a false alarm on the whole search. `random_effect`: the random effect of the model, `spread` (n,)
-    how far each sample's noise is spread: all is judged conditional on them. `trail`: a line for each step.
+    how far each sample's noise is spread: all is judged conditional on them. `history`: a line for each step.
     `impossible`: names of hypotheses whose fitted values no machine has.
-    `alone`: what is likely with no other term, under this noise; judged at the first solution, as it hardly changes
-    after that. `judged_under`: spread, random effect and whether a compliance is accepted, for which it holds.
+    `screened`: what is likely with no other term, under this noise; judged at the first solution, as it hardly changes
+    after that. `screening_conditions`: spread, random effect and whether a compliance is accepted, for which it holds.
     `also`: hypotheses that every table holds, however unlikely they are.
     """
 
@@ -32,32 +32,32 @@ class Search:
     level: float
     progress: Callable[[str], None]
     accepted: tuple[Hypothesis, ...] = ()
-    trail: list[str] = field(default_factory=list)
+    history: list[str] = field(default_factory=list)
     problem: Problem | None = None
-    plain: Problem | None = None
+    stated_noise_problem: Problem | None = None
     tables: dict = field(default_factory=dict)
     random_effect: RandomEffect | None = None
     spread: np.ndarray | None = None
     impossible: set[tuple] = field(default_factory=set)
-    alone: list[Hypothesis] = field(default_factory=list)
-    judged_under: tuple = (None, None, False)
+    screened: list[Hypothesis] = field(default_factory=list)
+    screening_conditions: tuple = (None, None, False)
     also: tuple[Hypothesis, ...] = ()
 
     def say(self, line: str):
         """A line for the trail and for whoever waits."""
-        self.trail.append(line)
+        self.history.append(line)
         self.progress(line)
 
     def solve(self):
         """Everything solved with what is accepted; tables of before are void."""
         effects = [e for h in self.accepted for e in h.effects]
         if not self._is_solved_with(effects):
-            self.plain = self.bench.problem(effects, self.samples)
+            self.stated_noise_problem = self.bench.problem(effects, self.samples)
         # a compliance brings all that acts through it into the library
         under = (self.spread, self.random_effect, any(h.carries_load for h in self.accepted))
-        if not all(one is held for one, held in zip(under, self.judged_under)):
-            self.judged_under, self.alone = under, []
-        problem = self.plain
+        if not all(one is held for one, held in zip(under, self.screening_conditions)):
+            self.screening_conditions, self.screened = under, []
+        problem = self.stated_noise_problem
         if self.spread is not None:
             problem = with_equal_noise(problem, self.spread)
         self.problem = (
@@ -83,22 +83,27 @@ class Search:
 
     def converged(self) -> Problem:
         """The problem about a complete solution: the search itself needs none, but single samples are judged by it."""
-        effects = self.plain.effects
+        effects = self.stated_noise_problem.effects
         self.bench.solve(effects, self.samples)
         return self.bench.problem(effects, self.samples, hypotheses=False)
 
     def _is_solved_with(self, effects) -> bool:
-        """Whether `plain` is the problem solved with these very effects."""
-        if self.plain is None or len(effects) != len(self.plain.effects):
+        """Whether `stated_noise_problem` is the problem solved with these very effects."""
+        if self.stated_noise_problem is None or len(effects) != len(
+            self.stated_noise_problem.effects
+        ):
             return False
-        return all(one is held for one, held in zip(effects, self.plain.effects))
+        return all(one is held for one, held in zip(effects, self.stated_noise_problem.effects))
 
     def reorder(self, order: list[int]) -> None:
         """The accepted hypotheses in another order; the solution and the tables stay what they are."""
-        if order == list(self.everyone):
+        if order == list(self.accepted_indices):
             return
         self.accepted = tuple(self.accepted[i] for i in order)
-        self.problem, self.plain = self.problem.reordered(order), self.plain.reordered(order)
+        self.problem, self.stated_noise_problem = (
+            self.problem.reordered(order),
+            self.stated_noise_problem.reordered(order),
+        )
         new = {old: place for place, old in enumerate(order)}
         self.tables = {
             tuple(sorted(new[i] for i in kept)): table for kept, table in self.tables.items()
@@ -109,7 +114,7 @@ class Search:
 
         Without what acts through an accepted compliance that is not kept: its columns would stand in for that.
         """
-        carriers = {i for i in self.everyone if self.accepted[i].carries_load}
+        carriers = {i for i in self.accepted_indices if self.accepted[i].carries_load}
         table = self.whole_table(kept)
         return table if carriers <= set(kept) else [h for h in table if not h.needs_compliance]
 
@@ -122,18 +127,18 @@ class Search:
                 h
                 for h in judged(self.problem.conditional_on(kept), wanted=wanted)
                 if name_of(h) not in self.impossible
-                and (h.unnamed or all(compatible(h, other) for other in held))
+                and (h.smooth_covariates or all(compatible(h, other) for other in held))
             ]
         return self.tables[kept]
 
     @property
-    def everyone(self) -> tuple[int, ...]:
+    def accepted_indices(self) -> tuple[int, ...]:
         """Numbers of all accepted."""
         return tuple(range(len(self.accepted)))
 
     def others(self, i: int) -> tuple[int, ...]:
         """Numbers of all accepted but one."""
-        return tuple(j for j in self.everyone if j != i)
+        return tuple(j for j in self.accepted_indices if j != i)
 
     def own(self, i: int, table: list[Hypothesis] | None = None) -> Hypothesis:
         """An accepted hypothesis as a table judges it; by default the one conditional on the others."""
@@ -154,7 +159,7 @@ class Search:
         without.random_effect, without.spread = self.random_effect, self.spread
         without.impossible, without.also = self.impossible, (mine,)
         without.solve()
-        return without.table(without.everyone)
+        return without.table(without.accepted_indices)
 
     def conditional_gain(self, i: int) -> tuple[float, float]:
         """Gain of an accepted hypothesis conditional on the others, and the p-value of its F test by itself."""
@@ -162,15 +167,21 @@ class Search:
 
     def size(self, i: int) -> float:
         """RMS over all coordinates of an accepted hypothesis's part, conditional on the others, in stated sigmas."""
-        return float(np.sqrt(_asked(self.plain, i, self.others(i))[0] / len(self.plain.sample)))
+        return float(
+            np.sqrt(
+                _asked(self.stated_noise_problem, i, self.others(i))[0]
+                / len(self.stated_noise_problem.sample)
+            )
+        )
 
     def left(self) -> float:
         """Gain of the best function of what is left, where that is beyond chance."""
-        table = self.table(self.everyone)
+        table = self.table(self.accepted_indices)
         if family_wise(table) > self.level:
             return 0.0
         return max(
-            (h.gain for h in table if h.unnamed and h.p / h.weight <= self.level), default=0.0
+            (h.gain for h in table if h.smooth_covariates and h.p / h.weight <= self.level),
+            default=0.0,
         )
 
     def explained(self) -> float:

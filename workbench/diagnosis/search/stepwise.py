@@ -12,7 +12,7 @@ from workbench.diagnosis.search.objective import LogPosterior, Members
 
 LAW = 0.95
 """Share of what smooth nonparametric functions explain that laws must explain: no law is exact."""
-_LARGEST, _UNNAMED = 12, 2
+_LARGEST, _MAX_SMOOTH = 12, 2
 """Terms in a set, and smooth nonparametric functions among them, at most: recordings do not determine more."""
 _STEPS = 60
 """Moves of a climb: a set of the largest size is made and wholly exchanged in fewer."""
@@ -26,7 +26,7 @@ class Stepwise:
 
     objective: LogPosterior
 
-    def likeliest(self, present: Members = ()) -> Members:
+    def most_probable_set(self, present: Members = ()) -> Members:
         """The likeliest set.
 
         Where laws explain `LAW` of what smooth functions do, the remainder is the model error of the laws and is
@@ -34,7 +34,7 @@ class Stepwise:
         """
         objective = self.objective
         lawful = self._lawful(present)
-        if not objective.unnamed.any():
+        if not objective.is_smooth.any():
             return lawful
         starts = [present, lawful] if present else [lawful, *self._free_starts()]
         free = self._best(starts, np.ones(len(objective.terms), bool))
@@ -45,7 +45,7 @@ class Stepwise:
 
     def _lawful(self, present: Members) -> Members:
         """The likeliest set of laws, searched without the many columns of functions."""
-        laws = np.flatnonzero(~self.objective.unnamed)
+        laws = np.flatnonzero(~self.objective.is_smooth)
         alone = Stepwise(self.objective.among(laws))
         every = np.ones(len(laws), bool)
         named = tuple(int(i) for i in np.flatnonzero(np.isin(laws, present)))
@@ -71,15 +71,15 @@ class Stepwise:
         objective = self.objective
         top = (-np.inf, members)
         if len(members) < _LARGEST:
-            top = objective.likeliest_with(members, self._open(members, allowed))
+            top = objective.most_probable_extension(members, self._open(members, allowed))
         if top[0] > weight + 1e-6:
             return top
         for i in members:
             fewer = tuple(j for j in members if j != i)
-            exchanged = objective.likeliest_with(fewer, self._open(fewer, allowed))
+            exchanged = objective.most_probable_extension(fewer, self._open(fewer, allowed))
             top = max(top, (objective.value(fewer), fewer), exchanged)
         for fewer in self._without_place(members):
-            top = max(top, objective.likeliest_with(fewer, self._open(fewer, allowed)))
+            top = max(top, objective.most_probable_extension(fewer, self._open(fewer, allowed)))
         return top
 
     def _without_place(self, members: Members) -> list[Members]:
@@ -91,29 +91,29 @@ class Stepwise:
         for i in members:
             term = self.objective.terms[i]
             read = [name for effect in term.effects for name in effect.reads]
-            if read and not term.unnamed:
+            if read and not term.smooth_covariates:
                 groups.setdefault((term.where, *sorted(read)), []).append(i)
         several = [group for group in groups.values() if len(group) > 1]
         return [tuple(i for i in members if i not in group) for group in several]
 
     def _open(self, members: Members, allowed: np.ndarray) -> np.ndarray:
-        """(K,) the allowed terms, without functions where there are `_UNNAMED` of them."""
-        functions = sum(bool(self.objective.unnamed[i]) for i in members)
-        return allowed & ~self.objective.unnamed if functions >= _UNNAMED else allowed
+        """(K,) the allowed terms, without functions where there are `_MAX_SMOOTH` of them."""
+        functions = sum(bool(self.objective.is_smooth[i]) for i in members)
+        return allowed & ~self.objective.is_smooth if functions >= _MAX_SMOOTH else allowed
 
     def _starts(self, allowed: np.ndarray) -> list[Members]:
         return [self._single(allowed), self._pair(allowed), *self._kinds(allowed)]
 
     def _free_starts(self) -> list[Members]:
-        return [self._single(self.objective.unnamed), *self._kinds(self.objective.unnamed)]
+        return [self._single(self.objective.is_smooth), *self._kinds(self.objective.is_smooth)]
 
     def _single(self, allowed: np.ndarray) -> Members:
-        return self.objective.likeliest_with((), allowed)[1]
+        return self.objective.most_probable_extension((), allowed)[1]
 
     def _pair(self, allowed: np.ndarray) -> Members:
         """The likeliest pair of which one is among the likeliest alone."""
         rows = np.flatnonzero(allowed)[:_PAIRED]
-        pairs = [self.objective.likeliest_with((int(i),), allowed) for i in rows]
+        pairs = [self.objective.most_probable_extension((int(i),), allowed) for i in rows]
         return max(pairs, default=(0.0, ()))[1]
 
     def _kinds(self, allowed: np.ndarray) -> list[Members]:
@@ -121,9 +121,9 @@ class Stepwise:
         kinds: dict[tuple, list[int]] = {}
         for i in np.flatnonzero(allowed):
             term = self.objective.terms[i]
-            if term.unnamed or not isinstance(term.source, tuple):
+            if term.smooth_covariates or not isinstance(term.source, tuple):
                 members = kinds.setdefault(_kind(term), [])
-                if len(members) < _LARGEST and self.objective.rooms[i, members].all():
+                if len(members) < _LARGEST and self.objective.compatible_pairs[i, members].all():
                     members.append(int(i))
         many = [tuple(members) for members in kinds.values() if len(members) > 2]
         return sorted(many, key=self.objective.value, reverse=True)[:_KINDS]
@@ -131,11 +131,11 @@ class Stepwise:
 
 def _kind(term) -> tuple:
     """("move",) of functions of each joint's own move, at whatever joint; else the effect."""
-    if not term.unnamed:
+    if not term.smooth_covariates:
         return (term.effect,)
     number = term.where.rpartition("-")[2]
-    if all(name.endswith(number) for name in term.unnamed):
-        return tuple(name.removesuffix(number) for name in term.unnamed)
+    if all(name.endswith(number) for name in term.smooth_covariates):
+        return tuple(name.removesuffix(number) for name in term.smooth_covariates)
     return (*term.key, term.label)
 
 

@@ -9,7 +9,7 @@ from workbench.diagnosis.levels import OUTLIER_WEIGHT
 from workbench.diagnosis.linear.evidence import once
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.validation.folds import Scheme, schemes
-from workbench.diagnosis.validation.heldout import (
+from workbench.diagnosis.validation.held_out import (
     critical_t,
     left_out_components,
     paired,

@@ -23,8 +23,8 @@ from workbench.core.least_squares.linear_algebra import solve_positive, symmetri
 from workbench.core.model import NOISE, STATE_PORTS
 from workbench.diagnosis.levels import MAJORITY, NEGLIGIBLE_SHARE
 from workbench.diagnosis.linear.problem import Bench
-from workbench.diagnosis.validation.folds import judged_part
-from workbench.diagnosis.validation.heldout import name_of
+from workbench.diagnosis.validation.folds import tested_samples
+from workbench.diagnosis.validation.held_out import name_of
 from workbench.diagnosis.validation.terms import Control
 
 _TRIALS, _SHIFTS = 199, 39
@@ -120,7 +120,7 @@ class _Trial:
     """
 
     def __init__(self, bench, others, own):
-        part = judged_part(bench)
+        part = tested_samples(bench)
         self.problem = bench.problem(others, samples=part, hypotheses=False).conditional_on()
         self.y = self.problem.fitted_residual
         self._basis = np.hstack(self.problem.fit_columns) @ self.problem.hat_mixing

@@ -9,7 +9,7 @@ from workbench.diagnosis.linear.hypotheses import family_wise, judged
 from workbench.diagnosis.linear.problem import Bench, Found, Problem
 from workbench.diagnosis.noise.serial_correlation import SerialCorrelation, serial_correlation
 from workbench.diagnosis.validation.controls import of_order
-from workbench.diagnosis.validation.folds import judged_part
+from workbench.diagnosis.validation.folds import tested_samples
 from workbench.diagnosis.validation.terms import Term
 
 
@@ -28,7 +28,7 @@ def beyond_correlated_noise(bench: Bench, terms: Sequence[Term]) -> tuple[list[T
         effects = [e for one in kept for e in one.finding.effects]
         own = {id(e) for e in term.finding.effects}
         others = [i for i, e in enumerate(effects) if id(e) not in own]
-        problem = bench.problem(effects, judged_part(bench)).conditional_on(others)
+        problem = bench.problem(effects, tested_samples(bench)).conditional_on(others)
         noise = serial_correlation(problem)
         if noise is not None and _chance(problem, noise) >= UNMODELLED_LEVEL:
             reason = f"noise that is correlated from pose to pose ({noise.value:.2f}) explains it as well"
@@ -48,7 +48,7 @@ def with_correlated_noise(
     noise = None if bench.chain is None else serial_correlation(after)
     if noise is None:
         return found, None
-    p = _chance(bench.problem(effects, judged_part(bench)).conditional_on(), noise)
+    p = _chance(bench.problem(effects, tested_samples(bench)).conditional_on(), noise)
     if p < UNMODELLED_LEVEL:
         return found, None
     first = found.p_first if effects else max(found.p_first, p)

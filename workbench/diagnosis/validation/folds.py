@@ -18,7 +18,7 @@ _FOLDS, _HALVINGS = LEAST_FOLDS, 2
 """Blocks of time, and halvings of the workspace: four fifths and three quarters of the poses determine the geometry."""
 _FEW = 50  # poses below which a fold leaves out half as many: a fifth of them would leave the geometry open
 _SEARCHED = 900  # samples that a search inside a fold sees at most; what it finds is fitted on all of the fold
-JUDGED = 3000
+MAX_TESTED_SAMPLES = 3000
 """Samples on which the terms of a fold, their controls and the remainder are tested at most: a large recording is no
 better known by a test on all of it, and each takes as much longer."""
 
@@ -108,11 +108,20 @@ def thinned(pose: np.ndarray, samples: np.ndarray, most: int = _SEARCHED) -> np.
     return out
 
 
-def judged_part(bench) -> np.ndarray | None:
+def tested_samples(bench) -> np.ndarray | None:
     """(n,) bool: the samples of a large recording on which its terms are tested; None for all."""
-    if bench.chain is None or len(bench.pose) <= JUDGED:
+    if bench.chain is None or len(bench.pose) <= MAX_TESTED_SAMPLES:
         return None
-    return thinned(bench.pose, np.ones(len(bench.pose), bool), JUDGED)
+    return thinned(bench.pose, np.ones(len(bench.pose), bool), MAX_TESTED_SAMPLES)
 
 
-__all__ = ["DEALT", "JUDGED", "SPACE", "TIME", "Scheme", "judged_part", "schemes", "thinned"]
+__all__ = [
+    "DEALT",
+    "MAX_TESTED_SAMPLES",
+    "SPACE",
+    "TIME",
+    "Scheme",
+    "tested_samples",
+    "schemes",
+    "thinned",
+]

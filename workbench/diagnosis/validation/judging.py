@@ -19,7 +19,7 @@ from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.robot.derived import negative_masses
 from workbench.diagnosis.validation.controls import of_order
 from workbench.diagnosis.validation.folds import TIME, Scheme
-from workbench.diagnosis.validation.heldout import rises
+from workbench.diagnosis.validation.held_out import rises
 from workbench.diagnosis.validation.terms import Term
 
 _ONE_BLOCK = 0.9
@@ -31,7 +31,7 @@ _WORSE = 0.01
 
 
 @dataclass(frozen=True)
-class Judged:
+class SchemeErrors:
     """Held-out errors (n,) of a scheme with the baseline and with the terms, their RMS, and `judges`: it can judge."""
 
     scheme: Scheme
@@ -126,19 +126,19 @@ def combined_t(values: Sequence[float], sigma: np.ndarray | None) -> float:
     return min(values) if rises(min(values), sigma) else float(np.mean(values))
 
 
-def headline(rows: Sequence[Judged]) -> Judged:
+def reported_scheme(rows: Sequence[SchemeErrors]) -> SchemeErrors:
     """The scheme whose errors are shown: the first that judges and improves, else the first that judges."""
     judges = [row for row in rows if row.judges] or list(rows)
     return next((row for row in judges if row.improves), judges[0])
 
 
-def is_supported(rows: Sequence[Judged]) -> bool:
+def is_supported(rows: Sequence[SchemeErrors]) -> bool:
     """Whether the terms reduce the held-out error in a scheme that can judge them, and raise it in none of these."""
     judges = [row for row in rows if row.judges] or list(rows)
-    return headline(rows).improves and not any(row.worsens for row in judges)
+    return reported_scheme(rows).improves and not any(row.worsens for row in judges)
 
 
-def not_supported(term: Term, rows: Sequence[Judged], unit: str) -> Term:
+def not_supported(term: Term, rows: Sequence[SchemeErrors], unit: str) -> Term:
     """The term as refused, with the reason."""
     judges = [row for row in rows if row.judges] or list(rows)
     worst = max(judges, key=lambda row: row.rms_after / max(row.rms_before, 1e-300))
@@ -151,10 +151,10 @@ def not_supported(term: Term, rows: Sequence[Judged], unit: str) -> Term:
 
 
 __all__ = [
-    "Judged",
+    "SchemeErrors",
     "combined_t",
     "extrapolated_share",
-    "headline",
+    "reported_scheme",
     "is_supported",
     "judging_schemes",
     "not_supported",

@@ -21,8 +21,14 @@ from workbench.diagnosis.linear.problem import Bench, Finding, Found, Problem
 from workbench.diagnosis.validation.conditional_gains import ConditionalGains
 from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.correlated_noise import beyond_correlated_noise
-from workbench.diagnosis.validation.folds import JUDGED, Scheme, judged_part, schemes, thinned
-from workbench.diagnosis.validation.heldout import (
+from workbench.diagnosis.validation.folds import (
+    MAX_TESTED_SAMPLES,
+    Scheme,
+    schemes,
+    tested_samples,
+    thinned,
+)
+from workbench.diagnosis.validation.held_out import (
     Errors,
     critical_t,
     paired,
@@ -31,10 +37,10 @@ from workbench.diagnosis.validation.heldout import (
     significance,
 )
 from workbench.diagnosis.validation.judging import (
-    Judged,
-    headline,
+    SchemeErrors,
     is_supported,
     not_supported,
+    reported_scheme,
     with_carriers,
     with_possible_masses,
 )
@@ -73,7 +79,7 @@ def prove(
     usual = ~found.outliers
     errors = Errors(bench)
     terms, refused = _inside(
-        found.after, *_earned(bench, list(found.findings), judged_part(bench), say)
+        found.after, *_earned(bench, list(found.findings), tested_samples(bench), say)
     )
     whole = _whole(bench, found, find if terms else None, errors, say, jobs)
     terms, lost = stable_terms(bench, terms, whole, usual)
@@ -84,7 +90,7 @@ def prove(
     gone = [*refused, *lost, *more, *orphans, *impossible, *chance]
     terms, worse, rows = _supported(errors, terms, gone, whole, usual)
     effects = effects_of([term.finding for term in terms])
-    fixed = [errors(effects, one.scheme.fold) if effects else one.plain for one in whole]
+    fixed = [errors(effects, one.scheme.fold) if effects else one.baseline_errors for one in whole]
     made = _with_angles(_proof(bench, rows, fixed, noise, usual), errors, usual)
     return made, tuple(terms), (*gone, *worse)
 
@@ -120,7 +126,7 @@ def _supported(errors: Errors, terms: list[Term], gone: list[Term], whole: list[
         terms, orphans = with_carriers(errors.bench, left)
         refused += orphans
         predicted = _without(errors, whole, [*gone, *refused])
-    plain = [one.plain for one in whole]
+    plain = [one.baseline_errors for one in whole]
     return [], refused, _judged_rows(whole, plain, parts, usual, sigma)
 
 
@@ -136,12 +142,14 @@ def _without(errors: Errors, whole: list[Nested], refused: Sequence[Term]) -> li
     return out
 
 
-def _judged_rows(whole: list[Nested], predicted, judges, usual, sigma) -> list[Judged]:
+def _judged_rows(whole: list[Nested], predicted, judges, usual, sigma) -> list[SchemeErrors]:
     """Errors by scheme; those of several kinds of samples (corners, stripes) are weighted by their noise `sigma`."""
     rows = []
     for one, after in zip(whole, predicted):
-        figures = rms(one.plain, usual, sigma), rms(after, usual, sigma)
-        rows.append(Judged(one.scheme, one.plain, after, *figures, one.scheme in judges))
+        figures = rms(one.baseline_errors, usual, sigma), rms(after, usual, sigma)
+        rows.append(
+            SchemeErrors(one.scheme, one.baseline_errors, after, *figures, one.scheme in judges)
+        )
     return rows
 
 
@@ -191,9 +199,9 @@ def _t_of(errors: Errors, before: np.ndarray, after: np.ndarray, usual: np.ndarr
     return significance(bench.pose, *components, usual)
 
 
-def _proof(bench, rows: Sequence[Judged], fixed, noise, usual) -> Proof:
+def _proof(bench, rows: Sequence[SchemeErrors], fixed, noise, usual) -> Proof:
     """The figures of the scheme that judges; where nothing is claimed, the baseline predicts."""
-    shown = headline(rows)
+    shown = reported_scheme(rows)
     at = next(i for i, row in enumerate(rows) if row is shown)
     t = paired(bench.pose, shown.before, shown.after, usual, sigma_of(bench))
     return Proof(
@@ -211,7 +219,7 @@ def _proof(bench, rows: Sequence[Judged], fixed, noise, usual) -> Proof:
     )
 
 
-def _scheme_row(bench, row: Judged, usual, fixed) -> dict:
+def _scheme_row(bench, row: SchemeErrors, usual, fixed) -> dict:
     return {
         "folds_by": row.scheme.name,
         "folds": len(row.scheme.folds),
@@ -249,7 +257,10 @@ def earned_inside(bench: Bench, samples: np.ndarray, find: Find) -> list[Finding
     """
     searched = judged = samples
     if not bench.whole:
-        searched, judged = thinned(bench.pose, samples), thinned(bench.pose, samples, JUDGED)
+        searched, judged = (
+            thinned(bench.pose, samples),
+            thinned(bench.pose, samples, MAX_TESTED_SAMPLES),
+        )
     return [term.finding for term in _earned(bench, find(bench, searched), judged)[0]]
 
 

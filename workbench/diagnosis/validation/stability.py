@@ -13,8 +13,8 @@ from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.diagnosis.levels import CONFOUNDED_SHARE, MAJORITY
 from workbench.diagnosis.linear.problem import Finding, Problem
-from workbench.diagnosis.validation.folds import Scheme, judged_part
-from workbench.diagnosis.validation.heldout import (
+from workbench.diagnosis.validation.folds import Scheme, tested_samples
+from workbench.diagnosis.validation.held_out import (
     critical_t,
     left_out_components,
     rises,
@@ -27,13 +27,13 @@ from workbench.diagnosis.validation.terms import Term
 
 @dataclass(frozen=True)
 class Nested:
-    """A scheme with errors (n,) of the baseline, `plain`, and of what every fold found by itself.
+    """A scheme with errors (n,) of the baseline, `baseline_errors`, and of what every fold found by itself.
 
     `found`: fold -> findings of the search without it; `t` of the gain, as of `significance`.
     """
 
     scheme: Scheme
-    plain: np.ndarray
+    baseline_errors: np.ndarray
     errors: np.ndarray
     found: dict[int, list[Finding]]
     t: float
@@ -62,7 +62,7 @@ def stable_terms(
 def judges_of_all(bench, terms: Sequence[Term], schemes: Sequence[Scheme]) -> list[Scheme]:
     """The schemes that can judge every term; where no scheme can, those that can judge the largest."""
     findings = [term.finding for term in terms]
-    part = judged_part(bench)
+    part = tested_samples(bench)
     problem = bench.problem(effects_of(findings), part, hypotheses=False)
     originals = {scheme.at(part): scheme for scheme in schemes}
     able = []
@@ -77,7 +77,7 @@ class _Folds:
     """The judged samples solved with what each fold found, and with all terms; as linear problems."""
 
     def __init__(self, bench, terms: Sequence[Term], whole: Sequence[Nested], usual: np.ndarray):
-        part = judged_part(bench)
+        part = tested_samples(bench)
         here = np.ones(len(bench.pose), bool) if part is None else part
         findings = [term.finding for term in terms]
         self._bench, self._pose, self._usual = bench, bench.pose[here], usual[here]
@@ -96,8 +96,8 @@ class _Folds:
         made = [fold.made for rows in self._solved.values() for fold in rows.values()]
         judged = replace(
             term,
-            again=sum(_alike(moved, others) for others in made),
-            chances=len(made),
+            reselected_folds=sum(_alike(moved, others) for others in made),
+            searched_folds=len(made),
             t_nested=nested,
         )
         if nested > critical_t(self._sigma):

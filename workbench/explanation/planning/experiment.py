@@ -22,7 +22,7 @@ from workbench.core.parameters import Parameters
 from workbench.core.vocabulary import Covariate
 from workbench.diagnosis.levels import UNMODELLED_LEVEL
 from workbench.diagnosis.linear.problem import Problem
-from workbench.diagnosis.validation.heldout import critical_t
+from workbench.diagnosis.validation.held_out import critical_t
 from workbench.explanation.minimal_detectable_bias import separable_distance
 from workbench.explanation.planning.candidate_recordings import CandidateRecording, list_candidates
 from workbench.explanation.planning.scenes import scene_of

@@ -150,7 +150,7 @@ def _findings(made: Diagnosis):
 def _row(term: Term):
     found = term.finding
     name = with_labels(found.effect + (f", {found.label}" if found.label else ""))
-    reselected = f"{term.again} of {term.chances}" if term.chances else "–"
+    reselected = f"{term.reselected_folds} of {term.searched_folds}" if term.searched_folds else "–"
     return (
         name,
         said.place(found.where),

@@ -20,7 +20,7 @@ from workbench.diagnosis.search.stepwise import Stepwise
 
 _ROUNDS = 5
 """Searches of the set, each about a new solution or more thorough: the second nearly always confirms the first."""
-_FIRST, _CONDITIONAL, _UNNAMED = 48, 24, 6
+_FIRST, _CONDITIONAL, _MAX_SMOOTH = 48, 24, 6
 """Terms taken into the search: the likeliest alone, the likeliest in addition, and functions of each table."""
 _INSTEAD, _WIDE = 4, 6
 """Terms in the place of each accepted one, where no more than so many are accepted: more are exchanged in pairs."""
@@ -28,7 +28,7 @@ _VARIANTS = 4
 """Variants of one effect at one place among these, of the same covariates."""
 
 
-def accept_likeliest(search: Search, thorough: bool = True) -> None:
+def accept_most_probable_set(search: Search, thorough: bool = True) -> None:
     """Replace what is accepted by the set with the highest posterior, in the order in which its terms explain most.
 
     thorough: what would stand in the place of each accepted term is searched, too. It takes a table for each of them,
@@ -40,14 +40,14 @@ def accept_likeliest(search: Search, thorough: bool = True) -> None:
         remainder = Projected(search.problem.conditional_on()).y
         solved = as_solved(search, terms[: len(present)])
         objective = LogPosterior.of(search.problem.conditional_on(()), terms, remainder, solved)
-        members = Stepwise(objective).likeliest(present)
+        members = Stepwise(objective).most_probable_set(present)
         chosen = [terms[i] for i in members]
         names = {name_of(h) for h in chosen}
-        if names in tried or _hardly_likelier(objective, members, present):
+        if names in tried or _is_gain_negligible(objective, members, present):
             break
         tried.append(names)
         search.accepted = tuple(_with_effect(search.bench, h) for h in chosen)
-        say_terms(search, chosen)
+        record_terms(search, chosen)
         search.solve_possible()
         order_by_gain(search)
         refine_options(search, is_first=len(tried) == 1 and not thorough)
@@ -55,7 +55,7 @@ def accept_likeliest(search: Search, thorough: bool = True) -> None:
     order_by_gain(search)
 
 
-def say_terms(search: Search, terms: Sequence[Hypothesis]) -> None:
+def record_terms(search: Search, terms: Sequence[Hypothesis]) -> None:
     """A line with what is accepted now."""
     search.say("; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in terms))
 
@@ -75,7 +75,7 @@ def as_solved(search: Search, terms: Sequence[Hypothesis]) -> Accepted:
     return Accepted(len(terms), loads)
 
 
-def _hardly_likelier(objective: LogPosterior, members: Members, present: Members) -> bool:
+def _is_gain_negligible(objective: LogPosterior, members: Members, present: Members) -> bool:
     """Whether a set is likelier than the accepted one, but by less than is worth another solution."""
     if not present:
         return False
@@ -87,16 +87,16 @@ def _at_hand(search: Search, thorough: bool) -> tuple[list[Hypothesis], tuple[in
 
     thorough: also the likeliest in the place of each.
     """
-    if not search.alone:
-        first = _likeliest(search.whole_table(()), _FIRST, _UNNAMED)
-        search.alone = with_estimated_options(search, first, ())
-    pools = [search.alone]
+    if not search.screened:
+        first = _most_probable(search.whole_table(()), _FIRST, _MAX_SMOOTH)
+        search.screened = with_estimated_options(search, first, ())
+    pools = [search.screened]
     if search.accepted:
-        more = _likeliest(search.table(search.everyone), _CONDITIONAL, _UNNAMED)
-        pools.append(with_estimated_options(search, more, search.everyone))
+        more = _most_probable(search.table(search.accepted_indices), _CONDITIONAL, _MAX_SMOOTH)
+        pools.append(with_estimated_options(search, more, search.accepted_indices))
     if thorough and len(search.accepted) <= _WIDE:
-        for kept in map(search.others, search.everyone):
-            instead = _likeliest(search.table(kept), _INSTEAD, 0)
+        for kept in map(search.others, search.accepted_indices):
+            instead = _most_probable(search.table(kept), _INSTEAD, 0)
             pools.append(with_estimated_options(search, instead, kept))
     chosen = {name_of(h): h for h in _here(search, search.accepted)}
     present = tuple(range(len(chosen)))
@@ -113,10 +113,10 @@ def _here(search: Search, terms: Iterable[Hypothesis]) -> list[Hypothesis]:
     return [h for h in (one.at(problem) for one in terms) if h is not None]
 
 
-def _likeliest(table: list[Hypothesis], named: int, unnamed: int) -> list[Hypothesis]:
+def _most_probable(table: list[Hypothesis], named: int, unnamed: int) -> list[Hypothesis]:
     """The first so many laws and functions of a table."""
-    laws = _varied([h for h in table if not h.unnamed], named)
-    return [*laws, *[h for h in table if h.unnamed][:unnamed]]
+    laws = _varied([h for h in table if not h.smooth_covariates], named)
+    return [*laws, *[h for h in table if h.smooth_covariates][:unnamed]]
 
 
 def _varied(terms: list[Hypothesis], count: int) -> list[Hypothesis]:
@@ -139,12 +139,16 @@ def _varied(terms: list[Hypothesis], count: int) -> list[Hypothesis]:
 
 def _with_effect(bench, h: Hypothesis) -> Hypothesis:
     """A smooth nonparametric alternative gets an effect, too: itself, fitted."""
-    return replace(h, effects=(bench.smooth(*h.source),)) if h.unnamed and not h.effects else h
+    return (
+        replace(h, effects=(bench.smooth(*h.source),))
+        if h.smooth_covariates and not h.effects
+        else h
+    )
 
 
 def order_by_gain(search: Search) -> None:
     """What explains most first, then what explains most conditional on it, and so on."""
-    left, kept = list(search.everyone), []
+    left, kept = list(search.accepted_indices), []
     if len(left) < 2:
         return
     added = search.problem.known_added
@@ -164,4 +168,4 @@ def _able(search: Search, left: list[int]) -> list[int]:
     return [i for i in left if not accepted[i].needs_compliance]
 
 
-__all__ = ["accept_likeliest", "as_solved", "order_by_gain", "say_terms"]
+__all__ = ["accept_most_probable_set", "as_solved", "order_by_gain", "record_terms"]

@@ -10,7 +10,7 @@ from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetr
 from workbench.diagnosis.levels import CRITICAL_CLARK_WEST_T, CRITICAL_T, NEGLIGIBLE_SHARE
 from workbench.diagnosis.linear.evidence import once
 from workbench.diagnosis.linear.problem import Problem
-from workbench.diagnosis.validation.folds import judged_part
+from workbench.diagnosis.validation.folds import tested_samples
 from workbench.fitting.cross_validation import hold_out, pad_to_position
 
 _LIMIT, _MEDIAN = 2.8, float(chi2.ppf(0.5, 3))
@@ -259,7 +259,7 @@ class Errors:
 
     def _leaves_open(self, effects, block: np.ndarray) -> bool:
         """Whether a direction of the fit is determined by the samples of a block (n,) bool alone."""
-        part = judged_part(self.bench)
+        part = tested_samples(self.bench)
         problem = self.bench.problem(effects, part, hypotheses=False).conditional_on()
         rows = (block if part is None else block[part])[problem.sample]
         return _block_shares(problem, rows).max(initial=0.0) > 1 - NEGLIGIBLE_SHARE
