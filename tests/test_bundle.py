@@ -1,6 +1,7 @@
 """The bundle and the corner chain: gradients of every port and family, the dense solve's answer, honest sigmas."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -337,3 +338,30 @@ def test_tiles_hold_every_sample_once_in_its_own_groups(groups, families):
     )
     for name, label in labels.items():
         assert (label[tiles.index] == tiles.groups[name][combination]).all()
+
+
+class CurvedValley:
+    """Rosenbrock's function as a chain: residuals 10 (y - x^2) and 1 - x, whose valley is a parabola."""
+
+    sigma, state, labels = np.ones((2, 1)), None, {"valley": np.zeros(1, int)}
+    parameters = Parameters.of(
+        [Parameter("valley.x", "1", -1.2, 1.0), Parameter("valley.y", "1", 1.0, 1.0)]
+    )
+
+    def with_families(self, values):
+        return self
+
+    def evaluate(self, values, deltas):
+        x, y = values
+        rows = np.array([[[-20 * x], [-1.0]], [[10.0], [0.0]]])
+        return SimpleNamespace(
+            residual=np.array([[10 * (y - x**2)], [1 - x]]), own_rows=lambda indices: rows[indices]
+        )
+
+
+def test_full_steps_leap_across_the_side_of_a_curved_valley():
+    """Two full steps reach the minimum, the first of which raises the cost a hundredfold; damped ones are very many."""
+    model = Model(CurvedValley(), ())
+    fit = solve_bundle([model], model.parameters.free("*"), eliminate=None, steps=4)
+    assert fit.converged
+    np.testing.assert_allclose(fit.parameters.values, [1.0, 1.0], atol=5e-3)

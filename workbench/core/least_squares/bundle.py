@@ -35,6 +35,7 @@ NOT_FINITE = "did not converge: the model or its derivative is not finite; check
 # They are those of all unknowns together, which are many here: a last step without a new derivative may be longer.
 _FLOOR, _DONE, _NEARLY = 1e-4, 1e-4, 5e-2
 _LAST = 6  # steps that together must have brought less than one squared sigma where damping made the last one small
+_LEAP, _LEAPS = 4, 2  # full steps that may go up before the cost falls, and how often this may fail
 CHI_SQUARE_MEDIAN = {1: 0.4549, 2: 1.3863, 3: 2.366}
 """By degrees of freedom: those of one sample's whitened residual."""
 # As many degrees of freedom: the root of what 5 % exceed; and, with Huber's weights beyond that, what
@@ -164,6 +165,7 @@ class _Problem:
         self.layout = _layout(parameters, self.families, eliminate)
         self.parts = [Part(model, parameters, self.layout) for model in models]
         self.weigh, self.damping, self.outcome, self.history = weigh, 0.0, "", []
+        self.leaps = _LEAPS
         self.scales(parameters)
         start = _Point(
             parameters, {name: np.array(f.values, float) for name, f in self.families.items()}
@@ -262,7 +264,7 @@ class _Problem:
         pull = self.own_trust * self.own_scale * (self.own(point) - self.own_centre)
         self.own_gradient = self.data.own_gradient + pull
         self.cost = self.cost_of(point)
-        self.history.append(self.cost)
+        self.history = [*self.history, self.cost]
 
     def check(self) -> bool:
         """True if cost and equations are finite; otherwise the solver stops without a result."""
@@ -274,9 +276,10 @@ class _Problem:
         self.trust, self.own_trust = self.precision, self.own_precision
         return False
 
-    def cost_of(self, point):
-        """The squares under the present weights, and those of the priors."""
-        squares = sum(float(w @ z) for w, z in zip(self.point.weights, point.squares))
+    def cost_of(self, point, weights=None):
+        """The squares under some weights, the present ones by default, and those of the priors."""
+        weights = self.point.weights if weights is None else weights
+        squares = sum(float(w @ z) for w, z in zip(weights, point.squares))
         prior = self.trust @ (self.dense(point) - self.centre) ** 2
         return squares + float(
             prior + ((self.own(point) - self.own_centre) ** 2 @ self.own_trust).sum()
@@ -316,7 +319,7 @@ class _Problem:
                 and self.finished(move, decrement, unit)
             ):
                 return
-            if self.accept(move):
+            if self.accept(move) or self.leap(move):
                 if abs(before - self.cost) < max(1e-5 * before, 0.02 * unit) and self.still(unit):
                     self.outcome = SETTLED
                 return
@@ -359,6 +362,27 @@ class _Problem:
         self.damping = self.damping / 8 if self.damping > 1e-10 * self.largest else 0.0
         self.take(there, rows)
         return True
+
+    def leap(self, move):
+        """Accept a full step that raises the cost where a few more full steps bring it below where it was.
+
+        Along a curved valley a straight step goes up its side, and damped steps are very many: the watchdog technique
+        (Chamberlain et al., Math. Program. Study 16 (1982) 1).
+        """
+        if self.damping > 0 or self.leaps == 0:
+            return False
+        before, start = dict(self.__dict__), self.point
+        for _ in range(_LEAP):
+            there = self.moved(*move)
+            self.take(there, self.linearise(there))
+            if not self.check():
+                break
+            if self.cost_of(self.point, start.weights) < before["cost"]:
+                self.history = [*before["history"], self.cost]
+                return True
+            move = self.newton(_FLOOR)
+        self.__dict__.update(before | {"leaps": self.leaps - 1})
+        return False
 
     def degrees(self, schur, mix):
         """Residuals less the unknowns that the data, and not the priors, have spent on them."""

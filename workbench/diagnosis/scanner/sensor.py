@@ -125,15 +125,22 @@ class SensorBench:
         return self._solved[key]
 
     def _fit(self, chains: Chains, effects) -> BundleFit:
-        """Solved from the last solution of the baseline."""
-        start, families = self._table(chains, effects), families_of(chains)
-        if self._start is not None:
-            start = start.take_over(self._start[0])
-            families = {n: replace(f, values=self._start[1][n]) for n, f in families.items()}
-        fit = solve_bundle(models(chains, effects), start, families, loss="huber")
-        if self._start is None and not effects:
-            self._start = fit.parameters, fit.values
-        return fit
+        """Solved from the last solution of the baseline; where that does not converge, also from the calibration.
+
+        A baseline that an effect contradicts may be so far from the truth that a solve does not find back.
+        """
+        every, first = models(chains, effects), (self._table(chains, effects), families_of(chains))
+        if self._start is None:
+            fit = solve_bundle(every, *first, loss="huber")
+            if not effects:
+                self._start = fit.parameters, fit.values
+            return fit
+        families = {n: replace(f, values=self._start[1][n]) for n, f in first[1].items()}
+        fit = solve_bundle(every, first[0].take_over(self._start[0]), families, loss="huber")
+        if fit.converged:
+            return fit
+        again = solve_bundle(every, *first, loss="huber")
+        return again if again.converged or again.history[-1] < fit.history[-1] else fit
 
     def _table(self, chains: Chains, effects) -> Parameters:
         return shared(models(chains, effects), chains.gain_free)
