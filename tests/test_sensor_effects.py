@@ -323,7 +323,7 @@ def test_a_cone_is_what_the_bow_with_an_apex_makes_of_the_plane():
         observations(41), points=points, planes=np.tile(np.append(normal, 0.0)[:, None], 41)
     )
     (effect,) = make_effects(CATALOGUE, [("plane-bow", "laser", {"apex_mm": [0.0, 0.0, 0.0]})])
-    bend = effect.delta(np.array([-angle]), state)[0] * state.along**2
+    bend = effect.delta(np.array([-angle, 0, 0]), state)[0]
     np.testing.assert_allclose(normal @ points + bend, 0, atol=2e-4)
     assert np.abs(normal @ points).max() > 0.01
 

@@ -15,17 +15,20 @@ _LOW_ORDERS, _HIGHEST_ORDER = range(1, 9), 400
 class PlaneBow(Effect):
     """The light plane is not flat: it bends along the stripe.
 
-    Without `apex_mm` by one curvature everywhere. With it, the place in the camera frame that the
-    light fans out from, the light plane is a shallow cone whose curvature falls with the distance from
-    there; the parameter is then the angle by which the cone misses the plane.
+    Without `apex_mm` by one curvature everywhere. With it, a place on the mirror in the camera frame, the light fans
+    out in a shallow cone that misses the plane by an angle. The laser stands in front of the mirror, so that the apex
+    of the cone, its image, is farther away than the mirror and may be displaced along it. Both are parameters, to first
+    order and times the angle, since without a cone neither can be known.
     """
 
     effect = "plane-bow"
     port = "plane"
     places = ("laser",)
-    components = (4,)
-    equation = "f = n.X + b + k s^2, or k = a / (2 |X - apex|); s = place along the stripe"
-    source = "second order of a cone about its tangent plane"
+    equation = (
+        "f = n.X + b + k s^2, or f = n.X + b + a s^2 / (2 r) - d s^2 / (2 r^2) - h s / r; "
+        "s, r = distance from the apex along the stripe and across it"
+    )
+    source = "second order of a cone about its tangent plane, first order in the place of its apex"
 
     def __init__(
         self,
@@ -35,24 +38,33 @@ class PlaneBow(Effect):
         super().__init__(where)
         self.apex_mm = apex_mm
         self.apex = None if apex_mm is None else np.array(apex_mm, float)[:, None]
+        self.components = (4,) if apex_mm is None else (3,)
 
     @classmethod
     def candidates(cls, chain):
-        """Of one curvature, and of a cone where the origin of the light is known."""
+        """Of one curvature, and of a cone where the mirror is known."""
         for where in chain.places("laser"):
             yield Variant(cls(where), "the same all along", 0.5)
             if chain.light is not None:
-                yield Variant(cls(where, list(chain.light)), "fanning out from the mirror", 0.5)
+                yield Variant(cls(where, list(chain.light)), "fanning out from the laser", 0.5)
 
     def table(self, chain):
         if self.apex is None:
             return (self.parameter("curvature", "1/mm", 5e-5, "the light plane's curvature"),)
-        return (self.parameter("angle", "rad", 0.01, "the light cone's angle"),)
+        return (
+            self.parameter("angle", "rad", 0.01, "the light cone's angle"),
+            self.parameter("angle_distance", "rad mm", 0.5, "the angle times the apex' distance"),
+            self.parameter("angle_shift", "rad mm", 0.2, "the angle times the apex' displacement"),
+        )
 
     def basis(self, state):
         if self.apex is None:
             return np.ones((1, 1, state.n))
-        return known(0.5 / np.linalg.norm(state.points - self.apex, axis=0))[None, None]
+        place = state.points - self.apex
+        along = (stripe_direction(state.planes) * place).sum(0)
+        across = np.sqrt(np.maximum((place**2).sum(0) - along**2, 1.0))
+        slope = along / across
+        return known(np.stack([along * slope / 2, -(slope**2) / 2, -slope]))[:, None]
 
 
 class MirrorWobble(Effect):
