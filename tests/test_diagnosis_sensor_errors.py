@@ -187,6 +187,14 @@ def test_a_displacement_that_follows_the_step_is_no_jitter():
     assert jitter_of(moved_by(lambda placement, step: by_step[step])) is None
 
 
+def test_a_displacement_that_varies_along_the_stripes_is_no_jitter():
+    """What a model of the lens leaves displaces stripes, too, and bends them by as much."""
+    table = 0.1 * np.random.default_rng(3).normal(size=(20, 40))
+    along = simulated(sensor_virtual.chains(), (), {}, 5).board_stripes.along
+    wave = 1 + 1.5 * np.sin(2 * np.pi * along / np.ptp(along))
+    assert jitter_of(moved_by(lambda placement, step: table[placement, step] * wave)) is None
+
+
 def test_jitter_is_found_where_the_calibration_holds_it_as_an_error_that_stripes_share():
     table = 0.1 * np.random.default_rng(3).normal(size=(20, 40))
     chains = moved_by(lambda placement, step: table[placement, step]).chains

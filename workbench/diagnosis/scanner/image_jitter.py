@@ -9,6 +9,9 @@ board poses show, v the variance of the mean of a stripe's centres, against v al
 A board pose that is held by its corners errs, which moves its stripes smoothly with the mirror's angle. Only contrasts
 of the stripes of one board pose count that are orthogonal to a parabola in that angle: the likelihood of contrasts is
 the restricted one (Patterson & Thompson, Biometrika 58 (1971) 545), so that t has no bias from what they leave out.
+
+Jitter displaces a stripe as a whole. What a model of the lens, the board or the light plane leaves varies along stripes
+as much as between them: such stripes are displaced, but not at random.
 """
 
 from collections.abc import Sequence
@@ -33,6 +36,9 @@ _FEWEST_STRIPES, _FEWEST_POSES = 20, 3
 """Stripes from which a spread is known to a sixth, and board poses of which two predict the third."""
 _DEGREE = 2
 """Of the polynomial in the mirror's angle that the error of a board pose makes."""
+_BENT = (
+    0.5  # of the displacements of whole stripes: variation along stripes that jitter does not make
+)
 _SMALLEST, _LARGEST = 1e-3, 1e3  # of the noise of a stripe's mean: spreads that are tried
 
 
@@ -76,7 +82,7 @@ class ImageJitter:
 class _Stripes:
     """Stripes of one set of effects: contrasts `z` (k,) px of held-out board poses with their `variance` (k,) px^2 of
     noise and their board `pose` (k,); by how much each stripe is `displaced` (s,) px in the fit of all, with its `step`
-    (s,) and its place `order` (s,) in time."""
+    (s,) and its place `order` (s,) in time; `bent_px` RMS of what varies smoothly along stripes there."""
 
     z: np.ndarray
     variance: np.ndarray
@@ -84,6 +90,7 @@ class _Stripes:
     displaced: np.ndarray
     step: np.ndarray
     order: np.ndarray
+    bent_px: float
 
     @property
     def sigma(self) -> float:
@@ -92,8 +99,8 @@ class _Stripes:
 
     @property
     def is_systematic(self) -> bool:
-        """Whether stripes of one step, or those that follow one another, are displaced alike: that is no chance."""
-        if self._by_step() < DATA_FAULT_LEVEL:
+        """Whether it is no chance: stripes are bent, or those of one step or one after another displaced alike."""
+        if self.bent_px > _BENT * self.sigma or self._by_step() < DATA_FAULT_LEVEL:
             return True
         ordered = np.argsort(self.order, kind="stable")
         previous = np.empty(len(ordered), int)
@@ -172,16 +179,28 @@ def _stripes(bench, effects, problem: Problem) -> _Stripes | None:
     _, first = np.unique(stripe, return_index=True)
     weight = np.broadcast_to(chain.sigma, (1, chain.n))[0] ** -2.0
     total = np.bincount(stripe, weight, count)
+    fitted = _fitted(bench, effects)
     means = np.stack(
         [
             np.bincount(stripe, weight * residual, count) / total
-            for residual in (bench.held_out_stripes(effects, fold), _fitted(bench, effects))
+            for residual in (bench.held_out_stripes(effects, fold), fitted)
         ]
     )
+    bent = _smooth_rms(fitted - means[1, stripe], stripe, chain.state.along)
     order = bench.order[bench.of_board_stripes][first]
-    return _contrasts(
+    found = _contrasts(
         means, 1 / total, pose[first], step[first], _angles(chain, step[first]), order
     )
+    return None if found is None else replace(found, bent_px=bent)
+
+
+def _smooth_rms(residual: np.ndarray, stripe: np.ndarray, along: np.ndarray) -> float:
+    """px, RMS of the part of residuals (n,) that neighbours along a `stripe` (n,) share: noise is independent."""
+    order = np.lexsort((along, stripe))
+    first, second = order[:-1], order[1:]
+    together = stripe[first] == stripe[second]
+    products = residual[first] * residual[second]
+    return float(np.sqrt(max(products[together].mean(), 0.0)))
 
 
 def _fitted(bench, effects) -> np.ndarray:
@@ -229,6 +248,7 @@ def _contrasts(means, variance, pose, step, angle, order) -> _Stripes | None:
         displaced[kept],
         step[kept],
         order[kept],
+        0.0,
     )
 
 
