@@ -11,7 +11,7 @@ from robot_model.effects import CATALOGUE
 from test_real_arm_effects import without_masses
 from workbench.diagnosis.linear.problem import Finding, Found, Located, Problem
 from workbench.diagnosis.robot.bench import bench_of
-from workbench.diagnosis.validation import judging, proof, stability
+from workbench.diagnosis.validation import held_out, judging, proof, stability
 from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.folds import SPACE, TIME, Scheme, schemes
 from workbench.diagnosis.validation.held_out import DOUBLED, critical_t, left_out
@@ -240,6 +240,23 @@ def test_the_shown_error_is_of_a_split_that_judges_and_falls(errors, supported, 
     ]
     assert judging.is_supported(rows) is supported
     assert judging.reported_scheme(rows).scheme.name == shown
+
+
+def test_a_few_errors_far_off_do_not_decide_whether_the_held_out_error_falls():
+    rng = np.random.default_rng(1)
+    before, usual = np.abs(rng.normal(size=400)), np.ones(400, bool)
+    after = np.where(np.arange(400) < 4, 10.0, 0.5 * before)
+    without, with_it = held_out.rms_pair(before, after, usual)
+    assert with_it < without < 1.1
+    assert held_out.rms(after, usual) > held_out.rms(before, usual)
+    sigma = np.full(400, 0.1)  # squares of errors over sigma are then 100 times as large
+    np.testing.assert_allclose(
+        held_out.rms_pair(0.1 * before, 0.1 * after, usual, sigma), [0.1 * without, 0.1 * with_it]
+    )
+    fallen = held_out.rms_pair(before, 0.5 * before, usual)
+    assert fallen == (held_out.rms(before, usual), held_out.rms(0.5 * before, usual))
+    risen = held_out.rms_pair(before, 2 * before, usual)
+    assert risen == (held_out.rms(before, usual), held_out.rms(2 * before, usual))
 
 
 def test_terms_that_raise_the_held_out_error_are_refused_one_by_one(monkeypatch):

@@ -35,6 +35,25 @@ def rms(errors: np.ndarray, usual: np.ndarray, sigma: np.ndarray | None = None) 
     return float(np.sqrt(np.average(errors[kept] ** 2, weights=weights)))
 
 
+def rms_pair(
+    before: np.ndarray, after: np.ndarray, usual: np.ndarray, sigma: np.ndarray | None = None
+) -> tuple[float, float]:
+    """RMS of the errors (n,) without and with some terms, as of `rms`.
+
+    Where the squares rise and Huber's loss falls, a few samples far off decide on the squares: errors then count by
+    the loss, which decides on a term in every other place (`paired`).
+    """
+    plain = rms(before, usual, sigma), rms(after, usual, sigma)
+    kept = usual & np.isfinite(before) & np.isfinite(after)
+    if plain[1] < plain[0] or not kept.any():
+        return plain
+    unit = np.ones(int(kept.sum())) if sigma is None else sigma[kept]
+    errors = before[kept] / unit, after[kept] / unit
+    squares = _loss(_scaled(*errors)) * _scale(*errors)
+    without, with_it = np.sqrt(squares.sum(1) / (unit**-2.0).sum())
+    return (float(without), float(with_it)) if with_it < without else plain
+
+
 def paired(
     pose: np.ndarray,
     before: np.ndarray,
@@ -123,9 +142,13 @@ def clark_west_t(
 
 def _scaled(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """(2, k) squared errors on the scale of the median sample of the smaller errors."""
+    return np.stack([before, after]) ** 2 / _scale(before, after)
+
+
+def _scale(before: np.ndarray, after: np.ndarray) -> float:
+    """Square of the scale of the median sample, of the smaller of some errors (k,)."""
     squares = np.stack([before, after]) ** 2
-    scale = max(float(np.median(squares, axis=1).min()) / _MEDIAN, 1e-300)
-    return squares / scale
+    return max(float(np.median(squares, axis=1).min()) / _MEDIAN, 1e-300)
 
 
 def _jackknife_t(falls: np.ndarray, moved: np.ndarray, in_order: bool = False) -> float:
@@ -408,6 +431,7 @@ __all__ = [
     "paired",
     "rises",
     "rms",
+    "rms_pair",
     "sigma_of",
     "significance",
     "variance_factor",

@@ -33,6 +33,7 @@ from workbench.diagnosis.validation.held_out import (
     critical_t,
     paired,
     rms,
+    rms_pair,
     sigma_of,
     significance,
 )
@@ -146,7 +147,7 @@ def _judged_rows(whole: list[Nested], predicted, judges, usual, sigma) -> list[S
     """Errors by scheme; those of several kinds of samples (corners, stripes) are weighted by their noise `sigma`."""
     rows = []
     for one, after in zip(whole, predicted):
-        figures = rms(one.baseline_errors, usual, sigma), rms(after, usual, sigma)
+        figures = rms_pair(one.baseline_errors, after, usual, sigma)
         rows.append(
             SchemeErrors(one.scheme, one.baseline_errors, after, *figures, one.scheme in judges)
         )
