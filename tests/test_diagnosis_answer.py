@@ -12,7 +12,7 @@ from robot_model.effects.transmission import high_orders
 from sensors.effects import CATALOGUE as SENSOR
 from workbench.diagnosis.linear.problem import Alternative, Finding, Problem
 from workbench.diagnosis.robot.bench import bench_of
-from workbench.diagnosis.validation import folds, held_out, proof, stability
+from workbench.diagnosis.validation import folds, held_out, left_out_blocks, proof, stability
 from workbench.diagnosis.validation.controls import PERMUTED, ROTATED, controls, of_order
 from workbench.explanation import minimal_detectable_bias, statements, words
 from workbench.explanation import reference as references
@@ -90,7 +90,7 @@ def test_held_out_error_of_a_right_model_is_noise_and_the_uncertainty_of_its_par
     for y in rng.normal(size=(2000, 60)):
         problem = Problem(y, basis, sample, ones, np.ones(60), fold, fold, {}, (), ())
         squares.append((held_out.left_out(problem, fold)[usual] ** 2).mean() / 3)
-    factor = held_out.variance_factor(problem, fold, usual)
+    factor = left_out_blocks.variance_factor(problem, fold, usual)
     assert factor > 1.2 and factor == pytest.approx(np.mean(squares), rel=0.02)
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from workbench.diagnosis.linear.problem import Found
-from workbench.diagnosis.validation.held_out import variance_factor
+from workbench.diagnosis.validation.left_out_blocks import variance_factor
 from workbench.diagnosis.validation.terms import Proof
 from workbench.explanation.noise import replicates, stated_noise
 from workbench.explanation.result import Views

@@ -256,14 +256,6 @@ class Problem:
             return np.eye(self.basis.shape[1])
         return block_diag(np.eye(self.basis.shape[1]), self.beyond.hat_mixing)
 
-    @property
-    def fitted_residual(self) -> np.ndarray:
-        """(N,) y - B B' y, the residual of the fit whose hat matrix is that of `hat_mixing`."""
-        if self.beyond is None:
-            return self.clear(self.residual)
-        added, mixing = self.beyond.added, self.beyond.hat_mixing
-        return added.y - added.columns @ (mixing @ (mixing.T @ added.score))
-
     def through(
         self, white: Callable[[np.ndarray], np.ndarray], weights: np.ndarray | None = None
     ) -> "Problem":

@@ -25,6 +25,7 @@ from workbench.diagnosis.levels import MAJORITY, NEGLIGIBLE_SHARE
 from workbench.diagnosis.linear.problem import Bench
 from workbench.diagnosis.validation.folds import tested_samples
 from workbench.diagnosis.validation.held_out import name_of
+from workbench.diagnosis.validation.left_out_blocks import fitted_residual
 from workbench.diagnosis.validation.terms import Control
 
 _TRIALS, _SHIFTS = 199, 39
@@ -122,7 +123,7 @@ class _Trial:
     def __init__(self, bench, others, own):
         part = tested_samples(bench)
         self.problem = bench.problem(others, samples=part, hypotheses=False).conditional_on()
-        self.y = self.problem.fitted_residual
+        self.y = fitted_residual(self.problem)
         self._basis = np.hstack(self.problem.fit_columns) @ self.problem.hat_mixing
         self.noise = float(self.y @ self.y) / max(self.problem.degrees, 1)
         self.chain = bench.chain if part is None else bench.chain.at(part)

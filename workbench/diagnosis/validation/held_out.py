@@ -6,11 +6,11 @@ import numpy as np
 
 from workbench.core.distributions import chi2, norm, student
 from workbench.core.effect import Effect
-from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
 from workbench.diagnosis.levels import CRITICAL_CLARK_WEST_T, CRITICAL_T, NEGLIGIBLE_SHARE
 from workbench.diagnosis.linear.evidence import once
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.validation.folds import tested_samples
+from workbench.diagnosis.validation.left_out_blocks import block_shares, left_out_rows
 from workbench.fitting.cross_validation import hold_out, pad_to_position
 
 _LIMIT, _MEDIAN = 2.8, float(chi2.ppf(0.5, 3))
@@ -269,7 +269,7 @@ class Errors:
         out = np.full((_ROWS, len(block)), np.nan)
         if self._leaves_open(effects, block):
             problem = self.bench.problem(effects, hypotheses=False).conditional_on()
-            rows = _left_out_rows(problem, np.where(block, 0, -1), only=0)
+            rows = left_out_rows(problem, np.where(block, 0, -1), only=0)
             out[:2] = _lengths_of(problem, rows)
             out[2:] = pad_to_position(_components_of(problem, rows))
             return out
@@ -285,7 +285,7 @@ class Errors:
         part = tested_samples(self.bench)
         problem = self.bench.problem(effects, part, hypotheses=False).conditional_on()
         rows = (block if part is None else block[part])[problem.sample]
-        return _block_shares(problem, rows).max(initial=0.0) > 1 - NEGLIGIBLE_SHARE
+        return block_shares(problem, rows).max(initial=0.0) > 1 - NEGLIGIBLE_SHARE
 
 
 def name_of(effect: Effect) -> str:
@@ -293,28 +293,12 @@ def name_of(effect: Effect) -> str:
     return f"{type(effect).__qualname__} {effect.effect} {effect.where} {effect.options}"
 
 
-def _block_shares(problem: Problem, rows: np.ndarray) -> np.ndarray:
-    """(P,) shares of the directions of a fit that the rows (N,) bool of a block alone determine, ascending."""
-    mixing = problem.hat_mixing
-    return symmetric_eigenvalues(mixing.T @ _block_gram(problem, rows) @ mixing)
-
-
-def _block_gram(problem: Problem, rows: np.ndarray) -> np.ndarray:
-    """(R + A, R + A) inner products of the columns of a fit over some rows (N,) bool; made once a solution."""
-
-    def make():
-        columns = np.concatenate([part[rows] for part in problem.fit_columns], 1)
-        return columns.T @ columns
-
-    return once(problem.known, ("block", len(problem.fit_columns), rows.tobytes()), make)
-
-
 def left_out(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
     """(n,) length of each sample's position residual (mm, px) when its block is left out of the linearised fit.
 
     fold (n,) int; only: the one block that is asked for; nan elsewhere then.
     """
-    return _lengths_of(problem, _left_out_rows(problem, fold, only))[0]
+    return _lengths_of(problem, left_out_rows(problem, fold, only))[0]
 
 
 def left_out_components(
@@ -324,7 +308,7 @@ def left_out_components(
 
     scored: errors whose squares over the noise's add up to the logarithmic score of the block that they stand in.
     """
-    return _components_of(problem, _left_out_rows(problem, fold, only, scored))
+    return _components_of(problem, left_out_rows(problem, fold, only, scored))
 
 
 def _components_of(problem: Problem, rows: np.ndarray) -> np.ndarray:
@@ -349,77 +333,6 @@ def _lengths_of(problem: Problem, out: np.ndarray) -> np.ndarray:
     return np.stack([lengths[0], np.rad2deg(lengths[1])])
 
 
-def _left_out_rows(
-    problem: Problem, fold: np.ndarray, only: int | None = None, scored: bool = False
-) -> np.ndarray:
-    """(N,) residual (mm, rad, px) of each row when its sample's block is left out of the linearised fit.
-
-    e = (I - B_b B_b')^-1 r for a block b left out of a linear fit with hat matrix B B' (Cook & Weisberg, Residuals and
-    Influence in Regression (1982), sec. 3.6). The added effects have their priors in it, as in a fit of the samples.
-
-    scored: e has the covariance V = (I - B_b B_b')^-1, since its rows share what the other blocks leave uncertain. Its
-    logarithmic score, e' V^-1 e + log det V, is made of V^-1/2 e = (I - B_b B_b')^-1/2 r and equal parts of log det V.
-    """
-    mixing, left = problem.hat_mixing, problem.fitted_residual
-    out, mine = np.full_like(left, np.nan), fold[problem.sample]
-    for k in np.unique(fold) if only is None else (only,):
-        rows = mine == k
-        block = [part[rows] for part in problem.fit_columns]
-        inner = mixing.T @ _block_gram(problem, rows) @ mixing
-        score = mixing.T @ np.concatenate([part.T @ left[rows] for part in block])
-        change, log_determinant = (_scored_block if scored else _without_block)(inner, score)
-        edges = np.cumsum([part.shape[1] for part in block])[:-1]
-        parts = np.split(mixing @ change, edges)
-        errors = left[rows] + sum(part @ own for part, own in zip(block, parts))
-        out[rows] = np.sqrt(errors**2 + log_determinant / len(errors)) if scored else errors
-    return out * problem.units
-
-
-def variance_factor(problem: Problem, fold: np.ndarray, usual: np.ndarray) -> float:
-    """Expected mean square of a held-out position residual of a right model over the variance of its noise.
-
-    A left-out block has the covariance sigma^2 (I + J C J') = sigma^2 (I - B_b B_b')^-1: noise, and the uncertainty C
-    of parameters that the other blocks determine (Cook & Weisberg, sec. 3.6, as in `left_out`). Mean over whitened
-    rows of the usual samples (n,) bool; fold (n,) int.
-    """
-    mixing, mine = problem.hat_mixing, fold[problem.sample]
-    counted = usual[problem.sample]
-    if problem.rotation is not None:
-        counted = counted & ~problem.rotation
-    if not counted.any():
-        return 1.0
-    added = 0.0
-    for k in np.unique(fold[usual]):
-        rows = mine == k
-        values, vectors = symmetric_eigen(mixing.T @ _block_gram(problem, rows) @ mixing)
-        gram = mixing.T @ _block_gram(problem, rows & counted) @ mixing
-        shares = np.einsum("ij,ik,kj->j", vectors, gram, vectors)
-        added += float((shares / np.maximum(1 - values, NEGLIGIBLE_SHARE)).sum())
-    return 1.0 + added / int(counted.sum())
-
-
-def _without_block(inner: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, float]:
-    """(P,) (I - B_b'B_b)^-1 B_b'e, of inner products (P, P) and score (P,), and no log determinant.
-
-    A direction that the block alone determines counts as if the others determined `NEGLIGIBLE_SHARE` of it.
-    """
-    identity = np.eye(len(inner))
-    try:
-        np.linalg.cholesky((1 - NEGLIGIBLE_SHARE) * identity - inner)
-    except np.linalg.LinAlgError:
-        values, vectors = symmetric_eigen(inner)
-        return vectors @ (vectors.T @ score / np.maximum(1 - values, NEGLIGIBLE_SHARE)), 0.0
-    return np.linalg.solve(identity - inner, score), 0.0
-
-
-def _scored_block(inner: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, float]:
-    """(P,) what V^-1/2 e has more than the residual, by directions, and log det V; see `_left_out_rows`."""
-    values, vectors = symmetric_eigen(inner)
-    left = np.clip(1 - values, NEGLIGIBLE_SHARE, 1.0)
-    growth = (1 / np.sqrt(left) - 1) / np.maximum(values, NEGLIGIBLE_SHARE)
-    return vectors @ (growth * (vectors.T @ score)), float(-np.log(left).sum())
-
-
 __all__ = [
     "DOUBLED",
     "Errors",
@@ -434,5 +347,4 @@ __all__ = [
     "rms_pair",
     "sigma_of",
     "significance",
-    "variance_factor",
 ]

@@ -1,0 +1,138 @@
+"""Samples left out of a linearised fit, block by block: from inner products of each block, made once a solution.
+
+e = (I - B_b B_b')^-1 r for a block b left out of a linear fit with hat matrix B B' (Cook & Weisberg, Residuals and
+Influence in Regression (1982), sec. 3.6). The added effects have their priors in it, as in a fit of the samples.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
+from workbench.diagnosis.levels import NEGLIGIBLE_SHARE
+from workbench.diagnosis.linear.evidence import once
+from workbench.diagnosis.linear.problem import Problem
+
+
+@dataclass(frozen=True)
+class Block:
+    """Rows (k,) of a problem, the columns (k, C) and observations (k,) of its fit there, and their inner products.
+
+    The columns are those of all effects of the solution, so that every subset of these has the same blocks.
+    """
+
+    rows: np.ndarray
+    columns: np.ndarray
+    observed: np.ndarray
+    gram: np.ndarray
+    moments: np.ndarray
+
+
+def _observed(problem: Problem) -> np.ndarray:
+    """(N,) y: the residual without what the added effects make of it."""
+    return problem.residual if problem.beyond is None else problem.beyond.added.y
+
+
+def _coefficients(problem: Problem) -> np.ndarray:
+    """(R + A,) of `fit_columns`, in the fit whose hat matrix is that of `hat_mixing`."""
+    if problem.beyond is None:
+        return problem.basis.T @ problem.residual
+    mixing, score = problem.beyond.hat_mixing, problem.beyond.added.score
+    return np.concatenate([np.zeros(problem.basis.shape[1]), mixing @ (mixing.T @ score)])
+
+
+def fitted_residual(problem: Problem) -> np.ndarray:
+    """(N,) y - B B' y, the residual of the fit whose hat matrix is that of `hat_mixing`."""
+    return _observed(problem) - np.hstack(problem.fit_columns) @ _coefficients(problem)
+
+
+def _block(problem: Problem, rows: np.ndarray) -> Block:
+    """The block of some rows (N,) bool; made once a solution."""
+
+    def make():
+        columns = np.concatenate([part[rows] for part in problem.fit_columns], 1)
+        observed = _observed(problem)[rows]
+        return Block(
+            np.flatnonzero(rows), columns, observed, columns.T @ columns, columns.T @ observed
+        )
+
+    return once(problem.known, ("block", len(problem.fit_columns), rows.tobytes()), make)
+
+
+def block_shares(problem: Problem, rows: np.ndarray) -> np.ndarray:
+    """(P,) shares of the directions of a fit that the rows (N,) bool of a block alone determine, ascending."""
+    mixing = problem.hat_mixing
+    return symmetric_eigenvalues(mixing.T @ _block(problem, rows).gram @ mixing)
+
+
+def left_out_rows(
+    problem: Problem, fold: np.ndarray, only: int | None = None, scored: bool = False
+) -> np.ndarray:
+    """(N,) residual (mm, rad, px) of each row when its sample's block is left out of the linearised fit.
+
+    fold (n,) int: the block of each sample; only: the one block that is asked for; nan elsewhere then.
+    scored: e has the covariance V = (I - B_b B_b')^-1, since its rows share what the other blocks leave uncertain. Its
+    logarithmic score, e' V^-1 e + log det V, is made of V^-1/2 e = (I - B_b B_b')^-1/2 r and equal parts of log det V.
+    """
+    mixing, fitted = problem.hat_mixing, _coefficients(problem)
+    out, mine = np.full(len(problem.residual), np.nan), fold[problem.sample]
+    without = _scored_block if scored else _without_block
+    for k in np.unique(fold) if only is None else (only,):
+        block = _block(problem, mine == k)
+        inner = mixing.T @ block.gram @ mixing
+        score = mixing.T @ (block.moments - block.gram @ fitted)
+        change, log_determinant = without(inner, score)
+        errors = block.observed - block.columns @ (fitted - mixing @ change)
+        if scored:
+            errors = np.sqrt(errors**2 + log_determinant / len(errors))
+        out[block.rows] = errors
+    return out * problem.units
+
+
+def variance_factor(problem: Problem, fold: np.ndarray, usual: np.ndarray) -> float:
+    """Expected mean square of a held-out position residual of a right model over the variance of its noise.
+
+    A left-out block has the covariance sigma^2 (I + J C J') = sigma^2 (I - B_b B_b')^-1: noise, and the uncertainty C
+    of parameters that the other blocks determine (Cook & Weisberg, sec. 3.6, as in `left_out_rows`). Mean over whitened
+    rows of the usual samples (n,) bool; fold (n,) int.
+    """
+    mixing, mine = problem.hat_mixing, fold[problem.sample]
+    counted = usual[problem.sample]
+    if problem.rotation is not None:
+        counted = counted & ~problem.rotation
+    if not counted.any():
+        return 1.0
+    added = 0.0
+    for k in np.unique(fold[usual]):
+        block = _block(problem, mine == k)
+        values, vectors = symmetric_eigen(mixing.T @ block.gram @ mixing)
+        columns = block.columns[counted[block.rows]] @ mixing
+        gram = columns.T @ columns
+        shares = np.einsum("ij,ik,kj->j", vectors, gram, vectors)
+        added += float((shares / np.maximum(1 - values, NEGLIGIBLE_SHARE)).sum())
+    return 1.0 + added / int(counted.sum())
+
+
+def _without_block(inner: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, float]:
+    """(P,) (I - B_b'B_b)^-1 B_b'e, of inner products (P, P) and score (P,), and no log determinant.
+
+    A direction that the block alone determines counts as if the others determined `NEGLIGIBLE_SHARE` of it.
+    """
+    identity = np.eye(len(inner))
+    try:
+        np.linalg.cholesky((1 - NEGLIGIBLE_SHARE) * identity - inner)
+    except np.linalg.LinAlgError:
+        values, vectors = symmetric_eigen(inner)
+        return vectors @ (vectors.T @ score / np.maximum(1 - values, NEGLIGIBLE_SHARE)), 0.0
+    return np.linalg.solve(identity - inner, score), 0.0
+
+
+def _scored_block(inner: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, float]:
+    """(P,) what V^-1/2 e has more than the residual, by directions, and log det V; see `left_out_rows`."""
+    values, vectors = symmetric_eigen(inner)
+    left = np.clip(1 - values, NEGLIGIBLE_SHARE, 1.0)
+    growth = (1 / np.sqrt(left) - 1) / np.maximum(values, NEGLIGIBLE_SHARE)
+    return vectors @ (growth * (vectors.T @ score)), float(-np.log(left).sum())
+
+
+__all__ = ["block_shares", "fitted_residual", "left_out_rows", "variance_factor"]
