@@ -1,18 +1,16 @@
 """What a diagnosis proves, says and proposes: held-out blocks, controls, smallest sizes, shares, sentences."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import tomli_w
 
 from robot_model.effects import CATALOGUE
-from robot_model.effects.transmission import high_orders
 from sensors.effects import CATALOGUE as SENSOR
 from workbench.diagnosis.linear.problem import Alternative, Finding, Problem
 from workbench.diagnosis.robot.bench import bench_of
-from workbench.diagnosis.validation import folds, held_out, left_out_blocks, proof, stability
+from workbench.diagnosis.validation import folds, held_out, left_out_blocks, stability
 from workbench.diagnosis.validation.controls import PERMUTED, ROTATED, controls, of_order
 from workbench.explanation import minimal_detectable_bias, statements, words
 from workbench.explanation import reference as references
@@ -186,28 +184,6 @@ def test_where_few_poses_show_most_luck_proves_no_more_often():
         t.append(held_out._jackknife_t(20 * (before**2 - (before - moves) ** 2), 20 * moves**2))
     assert np.mean(np.array(t) > 2) < 0.03
     assert max(t) < 4
-
-
-@pytest.mark.parametrize(
-    ("ratio", "order", "kept"),
-    [
-        (np.nan, 200.0, False),
-        (np.nan, 199.0, True),
-        (100.0, 200.0, True),
-        (121.0, 200.0, False),
-        (121.0, 242.0, True),
-    ],
-)
-def test_a_wave_of_the_last_order_is_refused_unless_it_is_a_motors(ratio, order, kept):
-    options, mass = high_orders(ratio)
-    scan = SimpleNamespace(
-        effect="transmission-harmonic", where="joint-2", options=options, mass=mass
-    )
-    finding = Finding(
-        "transmission-harmonic", "joint-2", "", (SimpleNamespace(order=order),), 0.0, 1.0, 1.0, 1.0
-    )
-    stay, gone = proof._inside(SimpleNamespace(scans=(scan,)), [Term(finding)], [])
-    assert (len(stay), len(gone)) == (int(kept), int(not kept))
 
 
 def test_a_fold_finds_a_term_again_by_what_it_makes_and_not_by_its_name():

@@ -174,28 +174,6 @@ def test_effects_with_many_parameters_take_from_another_only_what_their_priors_a
     assert passes(1e4) and not passes(0.0)
 
 
-def test_a_term_that_was_removed_for_another_comes_back():
-    """Next to a term that is wrong the true one is worse than nothing; without the wrong one it is needed."""
-    wrong, true, plain = (
-        Term(Finding(name, "joint-2", "", (), 1e-9, 1.0, 1.0, 1.0)) for name in "wtp"
-    )
-
-    def judged(left):
-        names = "".join(sorted(term.finding.effect for term in left))
-        t = {
-            "ptw": {"w": 1.0, "t": -5.0, "p": 3.0},
-            "pw": {"w": 0.5, "p": 3.0},
-            "p": {"p": 4.0},
-            "pt": {"t": 6.0, "p": 5.0},
-        }
-        return [replace(one, t=t[names][one.finding.effect], gain=1.0) for one in left]
-
-    left, gone = proof._without_insignificant(judged, [wrong, true, plain], 2.0)
-    assert [term.finding.effect for term in left] == ["p"]
-    again = proof._with_best(judged, left, gone, 2.0)
-    assert [term.finding.effect for term in again] == ["p", "t"]
-
-
 def test_a_term_without_a_gain_goes_however_large_its_t():
     weak, harmful = (Term(Finding(n, "joint-2", "", (), 1e-9, 1.0, 1.0, 1.0)) for n in "wh")
 

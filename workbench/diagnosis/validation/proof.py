@@ -16,8 +16,7 @@ from functools import partial
 
 import numpy as np
 
-from robot_model.effects.transmission import TransmissionHarmonic
-from workbench.diagnosis.linear.problem import Bench, Finding, Found, Problem
+from workbench.diagnosis.linear.problem import Bench, Finding, Found
 from workbench.diagnosis.validation.conditional_gains import ConditionalGains
 from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.correlated_noise import beyond_correlated_noise
@@ -56,8 +55,6 @@ from workbench.diagnosis.validation.stability import (
 from workbench.diagnosis.validation.terms import Proof, Term
 from workbench.machine.progress import duration
 
-_WAVE = TransmissionHarmonic.effect
-_MOTOR = 10  # times as likely as most orders, from which on an order is one of the motor
 Find = Callable[[Bench, np.ndarray], list[Finding]]
 Say = Callable[[str], None]
 
@@ -79,9 +76,7 @@ def prove(
     """
     usual = ~found.outliers
     errors = Errors(bench)
-    terms, refused = _inside(
-        found.after, *_earned(bench, list(found.findings), tested_samples(bench), say)
-    )
+    terms, refused = _earned(bench, list(found.findings), tested_samples(bench), say)
     whole = _whole(bench, found, find if terms else None, errors, say, jobs)
     terms, lost = stable_terms(bench, terms, whole, usual)
     terms, more = _controlled(bench, terms, say)
@@ -152,26 +147,6 @@ def _judged_rows(whole: list[Nested], predicted, judges, usual, sigma) -> list[S
             SchemeErrors(one.scheme, one.baseline_errors, after, *figures, one.scheme in judges)
         )
     return rows
-
-
-def _inside(
-    problem: Problem, terms: list[Term], refused: list[Term]
-) -> tuple[list[Term], list[Term]]:
-    """The terms but waves of the last order that was asked for, whose best order may be any beyond; and the refused."""
-    last = {}
-    for scan in problem.scans:
-        if scan.effect == _WAVE:
-            is_of_motor = scan.mass >= _MOTOR * np.median(scan.mass)  # these stand by themselves
-            last[scan.where] = scan.options[~is_of_motor].max()
-    reason = "its order is the highest that was tested, so that the true order may be higher"
-    kept = []
-    for term in terms:
-        found = term.finding
-        if found.effect == _WAVE and found.effects[0].order == last.get(found.where):
-            refused = [*refused, replace(term, kept=False, reason=reason)]
-        else:
-            kept.append(term)
-    return kept, refused
 
 
 def _whole(bench, found: Found, find: Find | None, errors: Errors, say, jobs: int) -> list[Nested]:
@@ -284,15 +259,7 @@ def _earned(
         kept = [i for term in left for i in numbers[id(term.finding)]]
         return [trial.judged(term, numbers[id(term.finding)], kept) for term in left]
 
-    left, gone = _without_insignificant(judged, [Term(f) for f in findings], least)
-    for _ in findings:
-        again = _with_best(judged, left, gone, least)
-        if again is None:
-            break
-        left, lost = _without_insignificant(judged, again, least)
-        gone = [term for term in gone if not any(term.finding is t.finding for t in left)]
-        gone += [t for t in lost if not any(t.finding is term.finding for term in gone)]
-    return left, gone
+    return _without_insignificant(judged, [Term(f) for f in findings], least)
 
 
 Judge = Callable[[Sequence[Term]], list[Term]]
@@ -311,21 +278,6 @@ def _without_insignificant(
         gone.append(replace(worst, kept=False, reason=_insignificant(worst.t, least)))
         left.remove(worst)
     return left, gone
-
-
-def _with_best(
-    judged: Judge, left: list[Term], gone: Sequence[Term], least: float
-) -> list[Term] | None:
-    """The terms with the one of those removed whose gain next to them is largest and real; None where there is none.
-
-    Of two terms that share a signature the wrong one may go first, and with it what needs it.
-    """
-    best = None
-    for term in gone:
-        candidate = judged([*left, Term(term.finding)])[-1]
-        if candidate.t > least and candidate.gain > 0:
-            best = max(best, candidate, key=lambda one: one.t) if best else candidate
-    return None if best is None else [*left, best]
 
 
 def _insignificant(t: float, least: float) -> str:
