@@ -217,7 +217,8 @@ def test_a_direction_that_one_block_alone_shows_stays_where_all_samples_have_it(
     block = bench.chain.state.covariates["q5"] > 0.2
     problem = bench.problem(()).conditional_on()
     assert (
-        held_out._block_shares(problem, block[problem.sample]).max() < 1 - held_out.NEGLIGIBLE_SHARE
+        left_out_blocks.block_shares(problem, block[problem.sample]).max()
+        < 1 - held_out.NEGLIGIBLE_SHARE
     )
     errors = held_out.Errors(bench).predicted(block.astype(int), {1: ()})[block]
     assert np.isfinite(errors).all() and errors.max() < 5
