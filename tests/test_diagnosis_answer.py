@@ -275,7 +275,7 @@ def test_the_smallest_visible_is_found_as_often_as_is_said(bench):
         for i, c in enumerate(problem.candidates)
         if (c.effect, c.where) == ("backlash", "joint-3")
     )
-    column = problem.clear(problem.candidates[k].columns[:, 0] * rows[k].parameter)
+    column = problem.orthogonalise(problem.candidates[k].columns[:, 0] * rows[k].parameter)
     level = 1 - (1 - minimal_detectable_bias.FAMILY) ** (1 / len(rows))
     from scipy.stats import chi2
 
@@ -329,7 +329,7 @@ def test_shares_of_a_difference_add_up_and_only_structure_is_missing_physics(rec
 def _of_gap(recording):
     """mm^2 that the gap makes and the fitted geometry does not take up."""
     problem = bench_of(recording).problem((gap(),))
-    left = problem.clear(problem.added[0] @ problem.values[0]) * problem.sigma
+    left = problem.orthogonalise(problem.added[0] @ problem.values[0]) * problem.sigma
     return float((left**2).sum() / problem.n)
 
 

@@ -134,7 +134,7 @@ def test_the_compliance_of_a_robot_is_estimated_next_to_what_else_is_accepted(el
     problem = bench_of(elastic_arm.recording).problem()
     joints = [h for h in judged(problem) if h.effect == "joint-compliance" and not h.label]
     drift = next(h for h in judged(problem) if h.effect == "base-drift").columns(problem)
-    disturbed = replace(problem, residual=problem.residual + 30 * drift.sum(1), known={})
+    disturbed = replace(problem, residual=problem.residual + 30 * drift.sum(1), cache={})
     plain, next_to_it, alone = (
         elastic_prior(one, Projected(one), joints, others).scale
         for one, others in ((problem, drift), (disturbed, drift), (disturbed, None))

@@ -107,7 +107,7 @@ def test_projecting_takes_out_what_the_baseline_makes():
         for c in problem.candidates
         if c.effect == "transmission-harmonic" and c.where == "joint-3"
     )
-    left = problem.clear(offset.columns)
+    left = problem.orthogonalise(offset.columns)
     assert 0 < (left**2).sum() < 0.5 * (offset.columns**2).sum()
 
 
@@ -119,7 +119,7 @@ def test_steps_and_waves_agree_with_their_columns():
     projected = Projected(problem)
     for scan in problem.scans:
         moments, i = scan_moments(projected, scan), len(scan.options) // 3
-        columns = problem.clear(columns_of((scan, scan.options[i]), problem))
+        columns = problem.orthogonalise(columns_of((scan, scan.options[i]), problem))
         assert moments.gram[i] == pytest.approx(
             columns.T @ columns, rel=1e-6, abs=1e-6 * moments.raw[i]
         )
@@ -210,7 +210,7 @@ def test_keeping_an_effect_is_the_same_as_solving_with_it():
     bench = bench_of(recorded(10, [slip], [1e-3]))
     there: Problem = bench.problem((slip,))
     without, plain = there.conditional_on(()), bench.problem(())
-    a, b = (p.clear(p.residual) * p.sigma for p in (without, plain))
+    a, b = (p.orthogonalise(p.residual) * p.sigma for p in (without, plain))
     assert np.corrcoef(a, b)[0, 1] > 0.999
     assert there.conditional_on().rank == plain.rank + 1
 

@@ -56,7 +56,9 @@ def test_repeats_of_a_pose_that_err_together_are_no_movement_by_chance():
     for _ in range(12):
         shared = rng.normal(size=(3, 40))[:, pose] + 0.3 * rng.normal(size=(3, 240))
         found = find_random_effect(
-            replace(plain, residual=plain.clear(shared.ravel()), weights=np.ones(240), pose=pose),
+            replace(
+                plain, residual=plain.orthogonalise(shared.ravel()), weights=np.ones(240), pose=pose
+            ),
             1.0,
         )
         smallest.append(1.0 if found is None else found.p_value)
@@ -122,6 +124,6 @@ def test_random_effect_is_reported_next_to_a_rejected_term_if_it_persists(moves,
 def test_what_lies_far_off_counts_without_the_weights_that_made_it_little():
     problem = bench_of(recorded(8, n=60)).problem()
     every = np.ones(problem.n, bool)
-    left = problem.clear(problem.residual) / np.sqrt(problem.weights)[problem.sample]
+    left = problem.orthogonalise(problem.residual) / np.sqrt(problem.weights)[problem.sample]
     assert unweighted_squares(problem, every) == pytest.approx((left**2).sum())
     assert unweighted_squares(problem, ~every) == 0.0

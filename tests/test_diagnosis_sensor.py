@@ -118,7 +118,7 @@ def test_noise_is_read_from_neighbours_and_a_planted_effect_does_not_raise_it():
 
 def test_a_problem_is_whitened_and_its_basis_holds_every_pose_and_ball():
     problem = clean().problem()
-    left = problem.clear(problem.residual)
+    left = problem.orthogonalise(problem.residual)
     assert (
         len(problem.sample)
         == len(problem.residual)
@@ -139,10 +139,10 @@ def test_an_effects_columns_are_what_the_baseline_leaves_of_it():
         for c in problem.candidates
         if c.effect == "plane-bow" and c.label == "the same all along"
     )
-    change = problem.clear(
+    change = problem.orthogonalise(
         problem.residual / np.sqrt(problem.weights)[problem.sample]
-    ) - without.clear(without.residual)
-    expected = problem.clear(column[:, 0]) * 1e-5
+    ) - without.orthogonalise(without.residual)
+    expected = problem.orthogonalise(column[:, 0]) * 1e-5
     assert change @ expected / (expected @ expected) == pytest.approx(
         -1.0, abs=0.1
     )  # the prediction lacks it
@@ -203,7 +203,7 @@ def test_a_whitened_problem_makes_columns_of_an_effect_that_is_no_candidate():
     problem = clean().problem()
     effect = CATALOGUE["mirror-encoder-harmonic"]("mirror", order=12)
     weight = np.linspace(0.5, 1.0, len(problem.residual))
-    made = problem.through(lambda rows: weight * rows).columns_of(effect)
+    made = problem.transformed(lambda rows: weight * rows).columns_of(effect)
     assert np.allclose(made, weight[:, None] * problem.columns_of(effect))
 
 

@@ -33,7 +33,7 @@ def test_table_conditional_on_kept_effects_equals_one_computed_again(kept):
     problem = solved()
     judged(problem.conditional_on(()))
     shared = problem.conditional_on(kept)
-    fresh = replace(shared, basis=shared.whole_basis, known={}, made={}, beyond=None)
+    fresh = replace(shared, basis=shared.full_basis, cache={}, function_cache={}, retained=None)
     found, expected = judged(shared), judged(fresh)
     own = {
         (h.effect, h.where, h.label): (h.evidence, h.gain, h.rank, np.log(h.p)) for h in expected
@@ -47,14 +47,14 @@ def test_table_conditional_on_kept_effects_equals_one_computed_again(kept):
 def test_what_a_spread_of_the_noise_changes_is_not_kept():
     problem = solved()
     judged(problem.conditional_on(()))
-    through = problem.through(lambda rows: 2 * rows)
-    assert not through.known and through.beyond is None
+    through = problem.transformed(lambda rows: 2 * rows)
+    assert not through.cache and through.retained is None
 
 
 def test_terms_found_at_one_solution_have_their_columns_at_another():
     """A likely term is not judged again about a new solution, but its columns are those there."""
     problem = solved()
-    other = problem.through(lambda rows: 2 * rows)
+    other = problem.transformed(lambda rows: 2 * rows)
     for h in judged(problem.conditional_on(()))[:200]:
         assert np.allclose(h.at(other).columns(other), 2 * h.columns(problem))
     gone = replace(other, candidates=(), with_masses=(), scans=(), sites=())
@@ -79,7 +79,9 @@ def test_a_problem_takes_fewer_steps_than_a_complete_solve_and_is_the_same_to_fi
     early = bench.problem(effects).conditional_on()
     bench.solve(effects)
     late = bench.problem(effects).conditional_on()
-    y, z = (p.clear(p.residual) / np.sqrt(p.weights)[p.sample] * p.sigma for p in (early, late))
+    y, z = (
+        p.orthogonalise(p.residual) / np.sqrt(p.weights)[p.sample] * p.sigma for p in (early, late)
+    )
     assert np.sqrt(((y - z) ** 2).mean()) < 0.01 * np.sqrt((z**2).mean())
 
 

@@ -78,7 +78,7 @@ def test_the_evidence_of_a_change_without_masses_is_that_of_what_changes():
     middle, projected = len(scan.options) // 2, Projected(problem)
     moments = scan_moments(projected, scan)
     for i in (0, middle):
-        columns = problem.clear(columns_of((scan, scan.options[i]), problem))
+        columns = problem.orthogonalise(columns_of((scan, scan.options[i]), problem))
         scale = 1e-6 * moments.raw[i]
         assert moments.gram[i] == pytest.approx(columns.T @ columns, rel=1e-6, abs=scale)
         assert moments.score[i] == pytest.approx(columns.T @ projected.y, rel=1e-6, abs=1e-5)

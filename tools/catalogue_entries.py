@@ -51,7 +51,7 @@ def direction(typical: np.ndarray) -> np.ndarray:
 def large_enough(problem: Problem, typical: np.ndarray) -> np.ndarray:
     """(P,) values of the first added effect that leave `SURVIVING` sigmas RMS once the baseline is fitted."""
     along = direction(typical)
-    left = problem.clear(problem.added[0] @ along)
+    left = problem.orthogonalise(problem.added[0] @ along)
     size = float(np.sqrt((left**2).mean()))
     return along * min(SURVIVING / max(size, 1e-12), _MOST)
 
@@ -62,7 +62,7 @@ def sizes(problem: Problem, values: np.ndarray) -> tuple[float, float, float]:
     problem: of the perfect recording, so that everything is linearised where nothing acts.
     """
     moved = problem.added[0] @ values
-    left = problem.clear(moved)
+    left = problem.orthogonalise(moved)
     scale = unwhitened(problem)
     whole, remaining = (float(np.sqrt(((x * scale) ** 2).sum() / problem.n)) for x in (moved, left))
     return whole, remaining, float((left**2).sum() / (moved**2).sum())
@@ -70,7 +70,7 @@ def sizes(problem: Problem, values: np.ndarray) -> tuple[float, float, float]:
 
 def confounded(problem: Problem, values: np.ndarray, family: str) -> list[tuple[object, float]]:
     """(candidate, share of the surviving signature that it explains), largest first, one per family."""
-    own = problem.clear(problem.added[0] @ values)
+    own = problem.orthogonalise(problem.added[0] @ values)
     best: dict[str, tuple[object, float]] = {}
     for c in problem.candidates:
         if c.family == family:
@@ -84,11 +84,11 @@ def confounded(problem: Problem, values: np.ndarray, family: str) -> list[tuple[
 
 def made_by(problem: Problem, columns: np.ndarray, own: np.ndarray) -> float:
     """Share of `own` (N,), already cleared, that columns (N, P), in typical sizes, make at a likely size."""
-    clear = problem.clear(columns)
-    along = clear.T @ own
+    orthogonal = problem.orthogonalise(columns)
+    along = orthogonal.T @ own
     return float(
         along
-        @ np.linalg.solve(clear.T @ clear + _BROAD**-2 * np.eye(len(along)), along)
+        @ np.linalg.solve(orthogonal.T @ orthogonal + _BROAD**-2 * np.eye(len(along)), along)
         / (own @ own)
     )
 

@@ -206,7 +206,7 @@ def _separates(bench, effect, problem, values, near) -> str:
     if not near or near[0][1] < 0.5:
         return "Nothing is needed: no other effect explains half of its residual."
     other, _ = near[0]
-    left = np.sqrt((problem.clear(problem.added[0] @ values) ** 2).sum())
+    left = np.sqrt((problem.orthogonalise(problem.added[0] @ values) ** 2).sum())
     known = ConfoundedPair(
         (effect,), values * FAINT / left, other.effects, "it", f"{other.effect} at {other.where}"
     )

@@ -82,15 +82,15 @@ class _Table:
         self.every = every
         typical = np.concatenate([c.typical for c in every])
         columns = np.concatenate([c.columns for c in every], axis=1) * typical
-        clear = problem.clear(columns)
-        self.gram, whole = clear.T @ clear, columns.T @ columns
-        for one in (columns, clear):  # in place: there are hundreds of megabytes of columns
+        orthogonal = problem.orthogonalise(columns)
+        self.gram, whole = orthogonal.T @ orthogonal, columns.T @ columns
+        for one in (columns, orthogonal):  # in place: there are hundreds of megabytes of columns
             one *= sigma[:, None]
         self.first = np.concatenate([[0], np.cumsum([c.columns.shape[1] for c in every])])
         self.draws = _directions(self.first)
         self.length = self._sizes(self.gram)
         self.raw = self._sizes(columns.T @ columns) / np.sqrt(problem.n)
-        self.left = self._sizes(clear.T @ clear) / np.sqrt(problem.n)
+        self.left = self._sizes(orthogonal.T @ orthogonal) / np.sqrt(problem.n)
         self.whole = self._sizes(whole)
         self.parameter = self._sizes(
             np.diag(typical**2 / np.repeat(np.diff(self.first), np.diff(self.first)))

@@ -80,13 +80,15 @@ class Projected:
 
     def __init__(self, problem: Problem, remainder: np.ndarray | None = None):
         """remainder (N,): what is left where more effects are fitted than `problem` keeps; its design effect counts."""
-        self.problem, self.beyond = problem, problem.beyond
-        self.y = problem.clear(problem.residual) if self.beyond is None else self.beyond.y
+        self.problem, self.retained = problem, problem.retained
+        self.y = (
+            problem.orthogonalise(problem.residual) if self.retained is None else self.retained.y
+        )
         self.design_effect = design_effect(self.y if remainder is None else remainder, problem)
         # a set of effects may spend all numbers of a fold: the residual is then zero, and so is all evidence
         self.yy = float(self.y @ self.y) / self.design_effect
         self.degrees = max(problem.degrees, 1) / self.design_effect
-        self.known = problem.known
+        self.cache = problem.cache
         n, size = problem.n, len(problem.sample)
         self._sum = csr_array((np.ones(size), (problem.sample, np.arange(size))), shape=(n, size))
 
@@ -100,24 +102,24 @@ class Projected:
         def coupling():
             return np.einsum("cnp,n->cp", columns, self._y()), _made(self._columns(), columns)
 
-        known = {} if name is None else self.known
-        gram, largest = once(known, (name, "gram"), first)
-        return self._complement(gram, largest, *once(known, (name, "added"), coupling))
+        cache = {} if name is None else self.cache
+        gram, largest = once(cache, (name, "gram"), first)
+        return self._complement(gram, largest, *once(cache, (name, "added"), coupling))
 
     def _complement(self, gram, largest, score, cross) -> Moments:
         """Moments conditional on the kept effects; gram (C, P, P), score (C, P), cross (C, P, A) on the baseline."""
-        if self.beyond is None:
+        if self.retained is None:
             return Moments(gram, score, largest)
-        made = cross @ self.beyond.mixing
-        return Moments(_less(gram, made), score - made @ self.beyond.score, largest)
+        made = cross @ self.retained.mixing
+        return Moments(_less(gram, made), score - made @ self.retained.score, largest)
 
     def _y(self) -> np.ndarray:
         """(N,) the residual, orthogonal to the baseline alone."""
-        return self.y if self.beyond is None else self.beyond.added.y
+        return self.y if self.retained is None else self.retained.added.y
 
     def _columns(self) -> np.ndarray:
         """(N, A) columns of all added effects, orthogonal to the baseline."""
-        return np.zeros((len(self.y), 0)) if self.beyond is None else self.beyond.added.columns
+        return np.zeros((len(self.y), 0)) if self.retained is None else self.retained.added.columns
 
     def slots(self, rows: np.ndarray, name: tuple) -> "Slots":
         """Sums over each sample's coordinates of rows (k, N) of the problem; `name` as of `Slots`."""
@@ -241,9 +243,9 @@ class Slots:
             score = linear(self.score).swapaxes(1, 2).reshape(count, -1)
             return score * typical, made(self.added)
 
-        known = self.projected.known
-        gram, largest = once(known, (self.name, option, "gram"), first)
-        more = once(known, (self.name, option, "added"), coupling)
+        cache = self.projected.cache
+        gram, largest = once(cache, (self.name, option, "gram"), first)
+        more = once(cache, (self.name, option, "added"), coupling)
         return self.projected._complement(gram, largest, *more)
 
     def times(self, name: tuple, waves: np.ndarray, typical: np.ndarray) -> Moments:
@@ -291,14 +293,14 @@ class Slots:
         return self._moments(("step",), linear, raw, sizes)
 
 
-def log_evidence(volume: np.ndarray, gained: np.ndarray, projected: "Projected") -> np.ndarray:
+def log_evidence(volume: np.ndarray, gain: np.ndarray, projected: "Projected") -> np.ndarray:
     """Log Bayes factor from log|I + s^2 D Z'Z D| and q(s), each (sizes, ...), summed over the sizes."""
-    return _summed_over_sizes(log_evidence_each(volume, gained, projected))
+    return _summed_over_sizes(log_evidence_each(volume, gain, projected))
 
 
-def log_evidence_each(volume: np.ndarray, gained: np.ndarray, projected) -> np.ndarray:
+def log_evidence_each(volume: np.ndarray, gain: np.ndarray, projected) -> np.ndarray:
     """The same of each size by itself."""
-    share = np.minimum(gained / (projected.yy + _ANCHOR), 1 - 1e-12)
+    share = np.minimum(gain / (projected.yy + _ANCHOR), 1 - 1e-12)
     return -0.5 * volume - 0.5 * (projected.degrees + _ANCHOR) * np.log1p(-share)
 
 
@@ -356,5 +358,5 @@ def _waves(problem: Problem, scan: Scan, chunk: slice) -> np.ndarray:
         return np.stack([np.cos(phase), np.sin(phase)], 1)
 
     is_small = scan.options.size * problem.n <= CHUNK_SIZE and not scan.is_exact
-    kept = problem.made if is_small else {}
+    kept = problem.function_cache if is_small else {}
     return once(kept, ("wave", scan.where, scan.effect, chunk.start), make)

@@ -111,7 +111,7 @@ def with_exact_options(problem: Problem, held: Sequence[Hypothesis]) -> Problem:
         problem,
         candidates=(*problem.candidates, *candidates),
         scans=(*problem.scans, *scans),
-        known={},
+        cache={},
     )
 
 

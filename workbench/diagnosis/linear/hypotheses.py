@@ -125,7 +125,7 @@ def waves_at(
         values = [problem.covariates[name] for name in names]
         return functions(names, values, [(float(v.min()), float(v.max())) for v in values], fine)
 
-    return once(problem.made, (names, fine), make)
+    return once(problem.function_cache, (names, fine), make)
 
 
 def judged(

@@ -19,7 +19,7 @@ def located(problem: Problem, table: Sequence[Hypothesis] | None = None) -> tupl
             (at := (h.where, _port(h))) not in best or h.evidence > best[at].evidence
         ):
             best[at] = h
-    yy = float((problem.clear(problem.residual) ** 2).sum())
+    yy = float((problem.orthogonalise(problem.residual) ** 2).sum())
     noise = yy / max(problem.degrees, 1)
     rows = [
         Located(

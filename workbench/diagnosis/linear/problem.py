@@ -1,4 +1,4 @@
-"""What a diagnosis looks at: a fitted baseline's residual and everything that might explain it, as arrays.
+"""Input of a diagnosis as arrays: residual of a fitted baseline and all candidate explanations.
 
 Robot samples and the sensor chain's own residuals become the same `Problem`; all that follows
 (evidence, smooth alternatives, selection, place) knows no robot and no camera. A `Bench` makes problems: it can
@@ -22,7 +22,7 @@ from workbench.core.effect import Effect, Variant
 from workbench.core.least_squares.linear_algebra import thin_svd
 from workbench.diagnosis.levels import OBSERVABLE_SIGMAS, ROUNDING
 from workbench.diagnosis.linear.estimates import Instant, Options, RealOption
-from workbench.diagnosis.linear.kept_effects import Added, Beyond
+from workbench.diagnosis.linear.retained_subspace import AddedEffects, RetainedSubspace
 
 _SINGULAR = 1e-11
 """Relative singular value below which a direction of a Jacobian is rounding: 1e-16 times 1e5 of its columns' scales."""
@@ -141,7 +141,7 @@ class Problem:
     """A fitted baseline, linearised. n samples, N coordinates, R the baseline's rank.
 
     `residual` (N,): whitened, predicted minus measured. `basis` (N, R): orthonormal basis of the
-    baseline's Jacobian; `beyond`: of the effects that are kept, see `conditional_on`.
+    baseline's Jacobian; `retained`: of the effects that are kept, see `conditional_on`.
     `sample` (N,): which sample each coordinate
     is of. `weights` (n,): robust weight of each sample, already in all columns; 0 is a sample left
     out as an outlier. `sigma` (N,): what one whitened unit is, in the coordinate's own unit (mm, rad,
@@ -179,13 +179,13 @@ class Problem:
     mass_responses: tuple[Candidate, ...] = ()
     given_values: Mapping[tuple[str, str], np.ndarray] = field(default_factory=dict)
     precisions: tuple[np.ndarray, ...] = ()  # of the prior of each added parameter, in its own unit
-    made: dict = field(
+    function_cache: dict = field(
         default_factory=dict, compare=False, repr=False
-    )  # functions of the covariates, made once
-    # what is known of all that is compared with the baseline, made once
-    known: dict = field(default_factory=dict, compare=False, repr=False)
-    beyond: Beyond | None = (
-        None  # of a problem that keeps some effects: what these make, see `conditional_on`
+    )  # functions of the covariates, computed once
+    # inner products of the columns of all hypotheses, computed once
+    cache: dict = field(default_factory=dict, compare=False, repr=False)
+    retained: RetainedSubspace | None = (
+        None  # column space of the effects that `conditional_on` retains
     )
     columns_of: Callable[..., np.ndarray] | None = None
     rotation: np.ndarray | None = (
@@ -209,25 +209,25 @@ class Problem:
             added=(),
             values=(),
             precisions=(),
-            beyond=self.known_added.kept(kept),
+            retained=self.added_effects.subspace(kept),
         )
 
     @property
-    def known_added(self) -> Added:
-        """Inner products of all added effects, made once."""
-        if "added" not in self.known:
-            self.known["added"] = Added.of(self)
-        return self.known["added"]
+    def added_effects(self) -> AddedEffects:
+        """Inner products of all added effects, computed once."""
+        if "added" not in self.cache:
+            self.cache["added"] = AddedEffects.of(self)
+        return self.cache["added"]
 
     def reordered(self, order: Sequence[int]) -> "Problem":
-        """The problem with its effects in another order; what is known of others than these stays."""
-        known = {key: value for key, value in self.known.items() if key[-1] == "gram"}
+        """The problem with its effects in another order; cached inner products of other columns remain valid."""
+        cache = {key: value for key, value in self.cache.items() if key[-1] == "gram"}
         effects, added, values, precisions = (
             tuple(held[i] for i in order) if held else ()
             for held in (self.effects, self.added, self.values, self.precisions)
         )
         return replace(
-            self, effects=effects, added=added, values=values, precisions=precisions, known=known
+            self, effects=effects, added=added, values=values, precisions=precisions, cache=cache
         )
 
     @cached_property
@@ -242,9 +242,9 @@ class Problem:
     @property
     def fit_columns(self) -> tuple[np.ndarray, ...]:
         """Baseline's basis (N, R) and, where effects are kept, the columns (N, A) of all that are added."""
-        if self.beyond is None:
+        if self.retained is None:
             return (self.basis,)
-        return self.basis, self.beyond.added.columns
+        return self.basis, self.retained.added.columns
 
     @property
     def hat_mixing(self) -> np.ndarray:
@@ -252,11 +252,11 @@ class Problem:
 
         Without priors B is orthonormal. A direction that the data hardly determine is shorter than 1.
         """
-        if self.beyond is None:
+        if self.retained is None:
             return np.eye(self.basis.shape[1])
-        return block_diag(np.eye(self.basis.shape[1]), self.beyond.hat_mixing)
+        return block_diag(np.eye(self.basis.shape[1]), self.retained.hat_mixing)
 
-    def through(
+    def transformed(
         self, white: Callable[[np.ndarray], np.ndarray], weights: np.ndarray | None = None
     ) -> "Problem":
         """The problem with residual, basis and all that is compared with them mapped by `white`, rows (k, N) to (k, N).
@@ -281,7 +281,7 @@ class Problem:
         return replace(
             self,
             residual=white(self.residual),
-            basis=np.linalg.qr(columns(self.whole_basis))[0],
+            basis=np.linalg.qr(columns(self.full_basis))[0],
             weights=self.weights if weights is None else weights,
             added=tuple(map(columns, self.added)),
             sites=places(self.sites),
@@ -289,40 +289,40 @@ class Problem:
             scans=places(self.scans),
             candidates=candidates(self.candidates),
             with_masses=candidates(self.with_masses),
-            known={},
-            beyond=None,
+            cache={},
+            retained=None,
             mass_responses=candidates(self.mass_responses),
             columns_of=columns_of,
         )
 
     def orthogonal_basis(self, columns: np.ndarray) -> np.ndarray:
-        """(N, R) orthonormal basis of what columns (N, P) make and the baseline does not, without rounding's share.
+        """(N, R) orthonormal basis of the component of columns (N, P) that is orthogonal to the baseline.
 
-        What the baseline makes exactly leaves 1e-13 of itself, in no direction that means anything.
+        Directions below `ROUNDING` are omitted: a column inside the baseline leaves 1e-13 of its length as rounding.
         """
         length = np.sqrt((columns**2).sum(0))
         own = columns / np.maximum(length, 1e-300)
-        u, s, _ = thin_svd(self.clear(own))
+        u, s, _ = thin_svd(self.orthogonalise(own))
         kept = u[:, s > ROUNDING]
-        return np.linalg.qr(self.clear(kept))[0]
+        return np.linalg.qr(self.orthogonalise(kept))[0]
 
-    def clear(self, columns: np.ndarray) -> np.ndarray:
-        """(N,) or (N, P) with all that the baseline and the kept effects can make of it taken out: x - Q Q' x."""
+    def orthogonalise(self, columns: np.ndarray) -> np.ndarray:
+        """(N,) or (N, P) component orthogonal to the baseline and to the retained effects: x - Q Q' x."""
         made = self.basis @ (self.basis.T @ columns)
-        if self.beyond is not None:
-            added, mixing = self.beyond.added.columns, self.beyond.mixing
+        if self.retained is not None:
+            added, mixing = self.retained.added.columns, self.retained.mixing
             made += added @ (mixing @ (mixing.T @ (added.T @ columns)))
         return np.subtract(columns, made, out=made)
 
     @property
-    def whole_basis(self) -> np.ndarray:
-        """(N, R) orthonormal basis of what the baseline and the kept effects can make."""
-        return self.basis if self.beyond is None else np.hstack([self.basis, self.beyond.basis])
+    def full_basis(self) -> np.ndarray:
+        """(N, R) orthonormal basis of the column space of baseline and retained effects."""
+        return self.basis if self.retained is None else np.hstack([self.basis, self.retained.basis])
 
     @property
     def rank(self) -> int:
-        """Number of directions that the baseline and the kept effects can make."""
-        kept = 0 if self.beyond is None else self.beyond.mixing.shape[1]
+        """Dimension of the column space of baseline and retained effects."""
+        kept = 0 if self.retained is None else self.retained.mixing.shape[1]
         return self.basis.shape[1] + kept
 
     @property
@@ -342,12 +342,12 @@ class Problem:
 
     @property
     def degrees(self) -> int:
-        """Degrees of freedom that the fit has left: coordinates in use less its rank."""
+        """Degrees of freedom of the residual: coordinates in use less the rank of the fit."""
         return int((self.weights[self.sample] > 0).sum()) - self.rank
 
 
-def seen_basis(columns: np.ndarray) -> np.ndarray:
-    """(N, R) orthonormal basis of columns (N, F) in sigmas for a typical size; directions unseen are left out."""
+def observable_basis(columns: np.ndarray) -> np.ndarray:
+    """(N, R) orthonormal basis of columns (N, F) in sigmas for a typical size, without unobservable directions."""
     q, r = np.linalg.qr(columns)
     u, s, _ = thin_svd(r)
     return q @ u[:, s > max(OBSERVABLE_SIGMAS, _SINGULAR * s[:1].max(initial=0.0))]

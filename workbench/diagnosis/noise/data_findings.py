@@ -67,12 +67,12 @@ def relative_noise(problem: Problem) -> np.ndarray | None:
 def with_equal_noise(problem: Problem, spread: np.ndarray) -> Problem:
     """The problem whitened by the spread (n,) of each sample's noise."""
     factor = (1 / spread)[problem.sample]
-    return problem.through(lambda rows: rows * factor, problem.weights / spread**2)
+    return problem.transformed(lambda rows: rows * factor, problem.weights / spread**2)
 
 
 def _unweighted(problem: Problem) -> np.ndarray:
     """(N,) residuals of all that is kept, without the robust weights."""
-    return problem.clear(problem.residual) / problem.root_weights
+    return problem.orthogonalise(problem.residual) / problem.root_weights
 
 
 def _outlying(problem: Problem, name: str) -> tuple[float, np.ndarray]:

@@ -73,7 +73,7 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
     if m < 2 or len(problem.residual) != m * problem.n or not problem.sites:
         return None
     root = problem.root_weights
-    whole = (problem.clear(problem.residual) / root).reshape(m, problem.n)
+    whole = (problem.orthogonalise(problem.residual) / root).reshape(m, problem.n)
     sites = [replace(site, rows=site.rows / root) for site in places(problem)]
     length = np.sqrt((whole**2).sum(0))
     z = whole * np.minimum(1.0, _FAR * np.median(length) / np.maximum(length, 1e-300))
@@ -296,7 +296,7 @@ def evened_by(problem: Problem, random_effect: RandomEffect) -> Problem:
     def white(rows):
         return np.einsum("abn,kbn->kan", root, rows.reshape(-1, m, problem.n)).reshape(rows.shape)
 
-    return problem.through(white)
+    return problem.transformed(white)
 
 
 def _which(site: Site) -> tuple:
@@ -317,7 +317,7 @@ def residual_random_effect(
         return None
     root = problem.root_weights
     site = replace(site, rows=site.rows / root)
-    z = (problem.clear(problem.residual) / root).reshape(m, problem.n)
+    z = (problem.orthogonalise(problem.residual) / root).reshape(m, problem.n)
     best, ratio, noise = _likelihood(site, z)
     gain = best - _of_noise(z)
     p = 0.5 * float(chi2.sf(max(2 * gain, 0.0), 1))

@@ -18,7 +18,7 @@ def rounded_readings(problem: Problem, level: float) -> tuple[Finding, ...]:
     problem: with all effects that were found. level: of the test that the joint moves from sample to sample. The
     variance that rounding makes is that of an error uniform in one step: step^2 / 12.
     """
-    left = float((problem.clear(problem.residual) ** 2).sum())
+    left = float((problem.orthogonalise(problem.residual) ** 2).sum())
     found = []
     for site in problem.sites:
         made = _lattice(problem, site)

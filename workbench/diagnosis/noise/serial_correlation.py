@@ -42,10 +42,10 @@ def serial_correlation(problem: Problem) -> SerialCorrelation | None:
     baseline and the polynomials, which take slow noise out of the residual (Patterson & Thompson, Biometrika 58 (1971)
     545); the p-value is that of the likelihood ratio.
     """
-    left = problem.clear(problem.residual)
+    left = problem.orthogonalise(problem.residual)
     if len(left) % problem.n:
         return None
-    y, basis = _by_pose(problem, left[:, None]), _by_pose(problem, problem.whole_basis)
+    y, basis = _by_pose(problem, left[:, None]), _by_pose(problem, problem.full_basis)
     likelihood = _Restricted.of(y[:_MOST_POSES], basis[:_MOST_POSES])
     if len(y) < _LEAST_POSES or likelihood.degrees < _LEAST_POSES:
         return None

@@ -150,7 +150,7 @@ class _Part:
 
     def __init__(self, chain: RobotChain, baseline: tuple[Effect, ...]):
         self.chain, self.baseline, self.bases = chain, baseline, {}
-        self.known, self.made, self.solved, self.names = {}, {}, {}, {}
+        self.known, self.function_cache, self.solved, self.names = {}, {}, {}, {}
         self.last = None
 
     def library(self, elastic: bool) -> list[Variant]:
@@ -213,7 +213,7 @@ class RobotBench:
         rotation = (
             np.repeat(np.arange(len(fit.residual)) >= 3, made.n) if len(fit.residual) > 3 else None
         )
-        return replace(made, made=part.made, rotation=rotation)
+        return replace(made, function_cache=part.function_cache, rotation=rotation)
 
     def _part(self, samples) -> _Part:
         """What is kept of some samples, of the last few that were asked for."""

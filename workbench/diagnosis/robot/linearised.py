@@ -11,7 +11,7 @@ from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.core.least_squares.solver import Fit
 from workbench.core.model import NOISE, STATE_PORTS, Model
 from workbench.diagnosis.levels import ROUNDING
-from workbench.diagnosis.linear.problem import Candidate, Problem, seen_basis
+from workbench.diagnosis.linear.problem import Candidate, Problem, observable_basis
 from workbench.diagnosis.robot.derived import linear_values
 from workbench.diagnosis.robot.library import candidate_of
 from workbench.diagnosis.robot.places import lengths, scans, sites
@@ -138,7 +138,7 @@ def _baseline(model: Model, fit: Fit, white) -> np.ndarray:
     own = start.only(start.mask & ~_noise(model))
     sizes = np.array([min(p.typical, _PLAUSIBLE.get(p.unit, np.inf)) for p in own.table])[own.mask]
     jacobian = (model.linearise(own)[1] * white).reshape(len(sizes), -1)
-    return seen_basis(jacobian.T * sizes)
+    return observable_basis(jacobian.T * sizes)
 
 
 def _given(bare: Model, fit: Fit, white) -> float:

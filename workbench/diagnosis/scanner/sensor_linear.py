@@ -17,7 +17,7 @@ from workbench.core.least_squares.bundle import BundleFit, Family
 from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues
 from workbench.core.model import Evaluation, Model
 from workbench.core.parameters import Parameters
-from workbench.diagnosis.linear.problem import Candidate, Problem, Scan, Site, seen_basis
+from workbench.diagnosis.linear.problem import Candidate, Problem, Scan, Site, observable_basis
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot.library import candidate_of, grids, scan_of, variants
 from workbench.diagnosis.scanner.rounded_angles import rounding_steps
@@ -187,7 +187,7 @@ class Linear:
             made[place] = rows * own.typical[own.mask][:, None]
             shared.append(made)
         columns = [self.family(name, family) for name, family in families_of(self.chains).items()]
-        return seen_basis(np.concatenate([np.concatenate(shared, axis=1), *columns]).T)
+        return observable_basis(np.concatenate([np.concatenate(shared, axis=1), *columns]).T)
 
     def family(self, name: str, family: Family) -> np.ndarray:
         """(G L, N) whitened columns of a family's groups that have samples."""

@@ -80,7 +80,9 @@ def _laws(bench, bare: Problem, named: Sequence[Hypothesis], own: Hypothesis) ->
 def large(bench, bare: Problem, h: Hypothesis) -> bool:
     """Whether the least values that make what is there exceed what is typical by far."""
     columns = h.columns(bare)
-    values = np.linalg.lstsq(bare.clear(columns), bare.clear(bare.residual), rcond=1e-3)[0]
+    values = np.linalg.lstsq(
+        bare.orthogonalise(columns), bare.orthogonalise(bare.residual), rcond=1e-3
+    )[0]
     widened = getattr(h.source, "typical", None)
     if widened is None:
         return False

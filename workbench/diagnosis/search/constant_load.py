@@ -150,8 +150,8 @@ class _Laws:
         return cls(
             problem,
             terms,
-            problem.clear(np.concatenate(parts, 1)),
-            np.stack([problem.clear(one) for one in every]),
+            problem.orthogonalise(np.concatenate(parts, 1)),
+            np.stack([problem.orthogonalise(one) for one in every]),
             start,
             Projected(problem).y,
             Projected(search.problem.conditional_on()).y,

@@ -70,8 +70,8 @@ def _refined(search, i: int) -> Hypothesis:
 
 def _loss(problem: Problem, scan: Scan, option: float) -> float:
     """Robust loss of the residual with a step at an option, without the weights that the solution gave the samples."""
-    columns = problem.clear(columns_of((scan, option), problem))
-    left = problem.clear(problem.residual)
+    columns = problem.orthogonalise(columns_of((scan, option), problem))
+    left = problem.orthogonalise(problem.residual)
     left = left - columns @ least_squares(columns, left, ROUNDING)
     return robust_loss((left / problem.root_weights).reshape(-1, problem.n))
 

@@ -151,10 +151,10 @@ def order_by_gain(search: Search) -> None:
     left, kept = list(search.accepted_indices), []
     if len(left) < 2:
         return
-    added = search.problem.known_added
+    added = search.problem.added_effects
     while left:
         able = _able(search, left)
-        falls = [float((added.kept((*kept, i)).score ** 2).sum()) for i in able]
+        falls = [float((added.subspace((*kept, i)).score ** 2).sum()) for i in able]
         kept.append(able[int(np.argmax(falls))])
         left.remove(kept[-1])
     search.reorder(kept)

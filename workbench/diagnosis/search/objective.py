@@ -82,7 +82,7 @@ class LogPosterior:
         parts = [accepted.loads.get(i, h.columns(problem)) for i, h in enumerate(terms)]
         start = np.concatenate([[0], np.cumsum([c.shape[1] for c in parts])]).astype(int)
         raw = np.concatenate(parts, 1)
-        columns = problem.clear(raw)
+        columns = problem.orthogonalise(raw)
         _condition_on_compliances(columns, start, terms, accepted)
         others = _other_laws(raw, start, terms, accepted)
         priors = elastic_prior(problem, projected, terms, others)
@@ -177,7 +177,7 @@ class LogPosterior:
     def value_at(self, members: Members, gain: float) -> float:
         """Log posterior of a set where a larger fall of the sum of squares than `gain` counts for nothing."""
         solved = self._solved(members)
-        logs = float(log_evidence(solved.spent, np.minimum(solved.gained, gain), self))
+        logs = float(log_evidence(solved.log_determinant, np.minimum(solved.gain, gain), self))
         return logs + self.priors.of(members) + self._signs(members, solved)
 
     def _signs(self, members: Members, solved: ConditionalSolution) -> float:
@@ -187,9 +187,9 @@ class LogPosterior:
         cannot = first < np.repeat(self.priors.positive[list(members)], widths)
         if not cannot.any():
             return 0.0
-        best = int(np.argmax(log_evidence_each(solved.spent, solved.gained, self)))
+        best = int(np.argmax(log_evidence_each(solved.log_determinant, solved.gain, self)))
         value, spread = solved.coefficients(best, np.flatnonzero(cannot))
-        variance = max(self.yy - solved.gained[best], 1e-300) / max(self.degrees, 1.0)
+        variance = max(self.yy - solved.gain[best], 1e-300) / max(self.degrees, 1.0)
         # the residual is predicted minus measured: what is missing has the opposite sign
         z = -value / np.maximum(spread * np.sqrt(variance), 1e-300)
         return float((np.log(2) + log_ndtr(z)).sum())
@@ -233,19 +233,21 @@ class LogPosterior:
         both = np.zeros((*blocks.shape[:2], width + 1, width + 1))
         both[..., :-1, :-1] = blocks
         both[..., range(width), range(width)] += shrink[:, None, None]
-        both[..., -1, :-1] = solved.left[:, columns]
+        both[..., -1, :-1] = solved.scores[:, columns]
         both[..., -1, -1] = np.finfo(float).max  # of the factor's corner, which nobody reads
         try:
             factor = np.linalg.cholesky(both)
             more = (factor[..., -1, :-1] ** 2).sum(-1)
-            spent = 2 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)[..., :-1]).sum(-1)
+            log_determinant = 2 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)[..., :-1]).sum(-1)
         except np.linalg.LinAlgError:  # hardly any noise: rounding exceeds what is left
             values, vectors = symmetric_eigen(blocks)
             values = np.maximum(values, 0.0) + shrink[:, None, None]
-            along = np.einsum("scij,sci->scj", vectors, solved.left[:, columns])
-            more, spent = (along**2 / values).sum(-1), np.log(values).sum(-1)
-        volume = spent - width * np.log(shrink)[:, None]
-        return log_evidence(solved.spent[:, None] + volume, solved.gained[:, None] + more, self)
+            along = np.einsum("scij,sci->scj", vectors, solved.scores[:, columns])
+            more, log_determinant = (along**2 / values).sum(-1), np.log(values).sum(-1)
+        volume = log_determinant - width * np.log(shrink)[:, None]
+        return log_evidence(
+            solved.log_determinant[:, None] + volume, solved.gain[:, None] + more, self
+        )
 
 
 def _other_laws(
@@ -263,17 +265,17 @@ def _other_laws(
 
 
 def _condition_on_compliances(
-    clear: np.ndarray, start: np.ndarray, terms: Sequence[Hypothesis], accepted: Accepted
+    orthogonal: np.ndarray, start: np.ndarray, terms: Sequence[Hypothesis], accepted: Accepted
 ) -> None:
     """Take out of the columns (N, T) of loads, in place, what the accepted compliances make."""
     widths = np.diff(start)
     carriers = [i < accepted.count and h.carries_load for i, h in enumerate(terms)]
     loads = [h.needs_compliance and i not in accepted.loads for i, h in enumerate(terms)]
     carried = np.repeat(loads, widths).astype(bool)
-    base = clear[:, np.repeat(carriers, widths).astype(bool)]
+    base = orthogonal[:, np.repeat(carriers, widths).astype(bool)]
     if carried.any() and base.shape[1]:
         orthonormal = np.linalg.qr(base)[0]
-        clear[:, carried] -= orthonormal @ (orthonormal.T @ clear[:, carried])
+        orthogonal[:, carried] -= orthonormal @ (orthonormal.T @ orthogonal[:, carried])
 
 
 __all__ = ["Accepted", "LogPosterior", "Members"]

@@ -132,7 +132,7 @@ class _Profile:
         columns, coefficients = self._solved(value)
         step = _STEP * float(np.diff(self.family.grid).min())
         either = [self.family.columns(value + h) @ coefficients for h in (step, -step)]
-        slope = self.projected.problem.clear((either[0] - either[1]) / (2 * step))
+        slope = self.projected.problem.orthogonalise((either[0] - either[1]) / (2 * step))
         slope = slope - columns @ least_squares(columns, slope, ROUNDING)
         left = self.projected.y - columns @ coefficients
         variance = float(left @ left) / max(self.projected.problem.degrees, 1)
@@ -141,7 +141,7 @@ class _Profile:
 
     def _solved(self, value: float) -> tuple[np.ndarray, np.ndarray]:
         """Columns (N, P) at a value, the baseline projected out, and their coefficients (P,)."""
-        columns = self.projected.problem.clear(self.family.columns(value))
+        columns = self.projected.problem.orthogonalise(self.family.columns(value))
         return columns, least_squares(columns, self.projected.y, ROUNDING)
 
 

@@ -142,26 +142,28 @@ class _RobotScale:
         if not joints:
             return None
         sizes = np.array([c.load**_SIZE_BY_LOAD for c in joints])
-        clear = problem.clear(np.concatenate([c.columns[:, :1] for c in joints], 1) * sizes)
+        orthogonal = problem.orthogonalise(
+            np.concatenate([c.columns[:, :1] for c in joints], 1) * sizes
+        )
         left = _Residual.of(problem, projected, others)
-        own = left.cleared(clear)
+        own = left.cleared(orthogonal)
         values, vectors = symmetric_eigen(own.T @ own / projected.design_effect)
         values = np.maximum(values, 0.0)
         along = vectors.T @ (own.T @ left.y) / projected.design_effect
         spread = _SCALES[:, None] ** 2
-        spent = np.log1p(spread * values).sum(1)
-        gained = (along**2 * spread / (1 + spread * values)).sum(1)
-        best = int(np.argmax(log_evidence_each(spent, gained, left)))
+        log_determinant = np.log1p(spread * values).sum(1)
+        gain = (along**2 * spread / (1 + spread * values)).sum(1)
+        best = int(np.argmax(log_evidence_each(log_determinant, gain, left)))
         inverse = 1 / (values + _SCALES[best] ** -2)
         found = np.maximum(-vectors @ (along * inverse), 0.0)
-        variance = max(left.yy - gained[best], 0.0) / left.degrees
+        variance = max(left.yy - gain[best], 0.0) / left.degrees
         std = np.sqrt(variance * (vectors**2 @ inverse))
         usual = _usual_compliance(found, std, np.array([c.load for c in joints]))
         most = _MOST_OF_USUAL * usual if usual > 0 else float(_SCALES[best])
         reference = []
         for candidate, value, size in zip(joints, np.minimum(found, most), sizes):
             reference.append((candidate.effect, candidate.where, float(value * size)))
-        return cls(min(float(_SCALES[best]), most), tuple(reference), clear, left.y)
+        return cls(min(float(_SCALES[best]), most), tuple(reference), orthogonal, left.y)
 
     def size(self, candidate: Candidate) -> float:
         """Prior size of an elastic law's compliance, rad/(N m)."""
@@ -238,7 +240,7 @@ class Masses:
             made = responses[key].reshape(len(total), len(values), -1)
             own = np.einsum("npm,p->nm", made, values)
             total = own if total.shape[1] != own.shape[1] else total + own
-        return cls(problem.clear(total), problem.whole_basis, projected.design_effect)
+        return cls(problem.orthogonalise(total), problem.full_basis, projected.design_effect)
 
     def marginalised(
         self, columns: np.ndarray, y: np.ndarray

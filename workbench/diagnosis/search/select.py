@@ -198,7 +198,7 @@ def _elsewhere(search: Search) -> bool:
     found = find_random_effect(bare, RANDOM_EFFECT_LEVEL) if unknown else None
     if found is None or any(near(found.site.where, where) for where in unknown):
         return False
-    before, after = (float((p.clear(p.residual) ** 2).sum()) for p in (bare, kept))
+    before, after = (float((p.orthogonalise(p.residual) ** 2).sum()) for p in (bare, kept))
     if found.gain < 0.5 * kept.degrees * np.log(before / after):
         return False
     search.random_effect = found

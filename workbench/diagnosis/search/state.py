@@ -188,13 +188,14 @@ class Search:
         """Fall of the sum of squares by all that is accepted."""
         kept, bare = self.problem.conditional_on(), self.problem.conditional_on(())
         return float(
-            (bare.clear(bare.residual) ** 2).sum() - (kept.clear(kept.residual) ** 2).sum()
+            (bare.orthogonalise(bare.residual) ** 2).sum()
+            - (kept.orthogonalise(kept.residual) ** 2).sum()
         )
 
     def variance(self) -> float:
         """Variance of a whitened coordinate that is left."""
         kept = self.problem.conditional_on()
-        return float((kept.clear(kept.residual) ** 2).sum()) / max(kept.degrees, 1)
+        return float((kept.orthogonalise(kept.residual) ** 2).sum()) / max(kept.degrees, 1)
 
 
 def _asked(problem: Problem, i: int, others: tuple[int, ...]) -> tuple[float, float]:

@@ -31,27 +31,27 @@ class Table:
 
 
 class ConditionalSolution:
-    """A set of columns `held` (h,) of a table, solved once: moments conditional on it."""
+    """A set of columns `columns` (h,) of a table, solved once: moments conditional on it."""
 
-    def __init__(self, table: Table, held: np.ndarray):
+    def __init__(self, table: Table, columns: np.ndarray):
         self.table = table
-        values, self._vectors = symmetric_eigen(table.gram[np.ix_(held, held)])
-        self._within = 1 / (
+        values, self._vectors = symmetric_eigen(table.gram[np.ix_(columns, columns)])
+        self._inverse_eigenvalues = 1 / (
             np.maximum(values, 0.0) + table.shrink[:, None]
         )  # (S, h): of A^-1, along the vectors
-        self._held = held
-        self._score = self._vectors.T @ table.score[held]
-        self._solution = self._within * self._score
+        self._columns = columns
+        self._score = self._vectors.T @ table.score[columns]
+        self._solution = self._inverse_eigenvalues * self._score
 
     @cached_property
-    def _along(self) -> np.ndarray:
+    def _projected_gram(self) -> np.ndarray:
         """(h, T) of the set's inner products with all columns, along the vectors."""
-        return self._vectors.T @ self.table.gram[self._held]
+        return self._vectors.T @ self.table.gram[self._columns]
 
     @cached_property
-    def left(self) -> np.ndarray:
+    def scores(self) -> np.ndarray:
         """(S, T) the scores conditional on the set."""
-        return self.table.score - self._solution @ self._along
+        return self.table.score - self._solution @ self._projected_gram
 
     @property
     def blocks(self) -> tuple[np.ndarray, ...]:
@@ -59,12 +59,14 @@ class ConditionalSolution:
         return tuple(map(self._complement, self.table.columns, self.table.blocks))
 
     @cached_property
-    def spent(self) -> np.ndarray:
+    def log_determinant(self) -> np.ndarray:
         """(S,) log determinant of the set."""
-        return -np.log(self._within).sum(1) - len(self._score) * np.log(self.table.shrink)
+        return -np.log(self._inverse_eigenvalues).sum(1) - len(self._score) * np.log(
+            self.table.shrink
+        )
 
     @cached_property
-    def gained(self) -> np.ndarray:
+    def gain(self) -> np.ndarray:
         """(S,) gain of the set."""
         return self._solution @ self._score
 
@@ -73,15 +75,15 @@ class ConditionalSolution:
 
         rows (k,): places among the columns of the set.
         """
-        within, vectors = self._within[size], self._vectors[rows]
+        within, vectors = self._inverse_eigenvalues[size], self._vectors[rows]
         return vectors @ self._solution[size], np.sqrt((vectors**2 * within).sum(1))
 
     def _complement(self, columns, own) -> np.ndarray:
         """(S, C, w, w)."""
         if not len(self._score):
-            return np.broadcast_to(own, (len(self._within), *own.shape))
-        made = self._along.T[columns]  # (C, w, h)
-        return own - (made * self._within[:, None, None]) @ made.swapaxes(1, 2)
+            return np.broadcast_to(own, (len(self._inverse_eigenvalues), *own.shape))
+        made = self._projected_gram.T[columns]  # (C, w, h)
+        return own - (made * self._inverse_eigenvalues[:, None, None]) @ made.swapaxes(1, 2)
 
 
 __all__ = ["ConditionalSolution", "Table"]

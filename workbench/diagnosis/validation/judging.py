@@ -79,7 +79,7 @@ def extrapolated_share(problem: Problem, numbers: Sequence[int], fold: np.ndarra
     bare = problem.conditional_on(())
     columns = np.concatenate([problem.added[i] for i in numbers], axis=1)
     basis = bare.orthogonal_basis(columns)
-    made = bare.clear(sum(problem.added[i] @ problem.values[i] for i in numbers))
+    made = bare.orthogonalise(sum(problem.added[i] @ problem.values[i] for i in numbers))
     total = float(made @ made)
     if not basis.shape[1] or not total > 0:
         return 0.0

@@ -30,14 +30,14 @@ class Block:
 
 def _observed(problem: Problem) -> np.ndarray:
     """(N,) y: the residual without what the added effects make of it."""
-    return problem.residual if problem.beyond is None else problem.beyond.added.y
+    return problem.residual if problem.retained is None else problem.retained.added.y
 
 
 def _coefficients(problem: Problem) -> np.ndarray:
     """(R + A,) of `fit_columns`, in the fit whose hat matrix is that of `hat_mixing`."""
-    if problem.beyond is None:
+    if problem.retained is None:
         return problem.basis.T @ problem.residual
-    mixing, score = problem.beyond.hat_mixing, problem.beyond.added.score
+    mixing, score = problem.retained.hat_mixing, problem.retained.added.score
     return np.concatenate([np.zeros(problem.basis.shape[1]), mixing @ (mixing.T @ score)])
 
 
@@ -56,7 +56,7 @@ def _block(problem: Problem, rows: np.ndarray) -> Block:
             np.flatnonzero(rows), columns, observed, columns.T @ columns, columns.T @ observed
         )
 
-    return once(problem.known, ("block", len(problem.fit_columns), rows.tobytes()), make)
+    return once(problem.cache, ("block", len(problem.fit_columns), rows.tobytes()), make)
 
 
 def block_shares(problem: Problem, rows: np.ndarray) -> np.ndarray:

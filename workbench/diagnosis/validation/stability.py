@@ -141,7 +141,7 @@ def _made(problem: Problem, findings: Sequence[Finding]) -> list[np.ndarray]:
     """(N,) mm, px: what each finding makes, orthogonal to the baseline."""
     bare = problem.conditional_on(())
     return [
-        problem.units * bare.clear(sum(problem.added[i] @ problem.values[i] for i in own))
+        problem.units * bare.orthogonalise(sum(problem.added[i] @ problem.values[i] for i in own))
         for own in numbered(findings)
     ]
 

@@ -1,4 +1,4 @@
-"""What effects that are in a solution make beyond the baseline, and what any subset of them makes: inner products."""
+"""Column space of the effects of a solution, orthogonal to the baseline, and of any subset of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ _FIXED = 1e12  # precision of a prior beyond which a coefficient is 0
 
 
 @dataclass(frozen=True)
-class Added:
+class AddedEffects:
     """Columns (N, A) of all added effects, orthogonal to the baseline, of unit length; `start` (E + 1,) of each.
 
     `gram` (A, A) their inner products; `y` (N,) the residual without all of these effects, the baseline projected out;
-    `score` (A,) inner products of the two; `precision` (A,) of their coefficients' priors. What any of the
-    effects make follows from these without the samples.
+    `score` (A,) inner products of the two; `precision` (A,) of their coefficients' priors. The column space of any
+    subset of the effects follows from these without the samples.
     """
 
     columns: np.ndarray
@@ -30,31 +30,33 @@ class Added:
     precision: np.ndarray
 
     @classmethod
-    def of(cls, problem) -> "Added":
+    def of(cls, problem) -> "AddedEffects":
         """Of a `Problem` solved with effects."""
         columns = np.concatenate(problem.added, 1)
-        made = columns @ np.concatenate(problem.values)
-        y = problem.clear(problem.residual - made)
+        fitted = columns @ np.concatenate(problem.values)
+        y = problem.orthogonalise(problem.residual - fitted)
         whole = np.sqrt(np.einsum("np,np->p", columns, columns))
         columns /= np.maximum(whole, 1e-300)
-        clear = problem.clear(columns)
+        orthogonal = problem.orthogonalise(columns)
         del columns
-        clear = problem.clear(clear)  # again: rounding of the first time is no direction
-        length = np.sqrt(np.einsum("np,np->p", clear, clear))
-        clear *= np.where(length > ROUNDING, 1 / np.maximum(length, 1e-300), 0.0)
+        orthogonal = problem.orthogonalise(
+            orthogonal
+        )  # again: rounding of the first time is no direction
+        length = np.sqrt(np.einsum("np,np->p", orthogonal, orthogonal))
+        orthogonal *= np.where(length > ROUNDING, 1 / np.maximum(length, 1e-300), 0.0)
         start = np.concatenate([[0], np.cumsum([part.shape[1] for part in problem.added])])
-        held = problem.precisions or tuple(np.zeros(part.shape[1]) for part in problem.added)
-        precision = np.concatenate(held) / np.maximum((whole * length) ** 2, 1e-200)
-        return cls(clear, start, clear.T @ clear, y, clear.T @ y, precision)
+        precisions = problem.precisions or tuple(np.zeros(part.shape[1]) for part in problem.added)
+        precision = np.concatenate(precisions) / np.maximum((whole * length) ** 2, 1e-200)
+        return cls(orthogonal, start, orthogonal.T @ orthogonal, y, orthogonal.T @ y, precision)
 
-    def kept(self, effects: Sequence[int]) -> "Beyond":
-        """What some of the effects, by their numbers, make."""
+    def subspace(self, effects: Sequence[int]) -> "RetainedSubspace":
+        """Column space of some of the effects, which are given by their indices."""
         parts = [np.arange(self.start[i], self.start[i + 1]) for i in effects]
-        held = np.concatenate([np.zeros(0, int), *parts])
-        orthonormal = _orthonormal(self.gram[np.ix_(held, held)])
+        indices = np.concatenate([np.zeros(0, int), *parts])
+        orthonormal = _orthonormal(self.gram[np.ix_(indices, indices)])
         mixing = np.zeros((len(self.score), orthonormal.shape[1]))
-        mixing[held] = orthonormal
-        return Beyond(self, mixing, held)
+        mixing[indices] = orthonormal
+        return RetainedSubspace(self, mixing, indices)
 
 
 def _orthonormal(gram: np.ndarray) -> np.ndarray:
@@ -68,22 +70,22 @@ def _orthonormal(gram: np.ndarray) -> np.ndarray:
     if not len(gram):
         return gram
     factor, pivots, rank, _ = dpstrf(gram, tol=ROUNDING, lower=0)
-    made = np.zeros((len(gram), rank))
+    transform = np.zeros((len(gram), rank))
     if rank:
-        made[pivots[:rank] - 1] = dtrtri(np.triu(factor[:rank, :rank]))[0]
-    return made
+        transform[pivots[:rank] - 1] = dtrtri(np.triu(factor[:rank, :rank]))[0]
+    return transform
 
 
 @dataclass(frozen=True)
-class Beyond:
-    """What some of the added effects make: columns of `added` times `mixing` (A, R) are orthonormal.
+class RetainedSubspace:
+    """Column space of some of the added effects: columns of `added` times `mixing` (A, R) are orthonormal.
 
-    `held`: numbers of the columns of these effects.
+    `column_numbers`: indices of the columns of these effects.
     """
 
-    added: Added
+    added: AddedEffects
     mixing: np.ndarray
-    held: np.ndarray
+    column_numbers: np.ndarray
 
     @property
     def basis(self) -> np.ndarray:
@@ -94,17 +96,19 @@ class Beyond:
     def hat_mixing(self) -> np.ndarray:
         """(A, P) with H H' the inverse of X'X + L: X the columns of these effects, L the precisions of their priors."""
         # a column that is zero has a precision beyond 1e200, next to which eigenvectors of all others are rounding
-        precision = np.minimum(self.added.precision[self.held], _FIXED)
+        precision = np.minimum(self.added.precision[self.column_numbers], _FIXED)
         scale = 1 / np.sqrt(1 + precision)
-        gram = self.added.gram[np.ix_(self.held, self.held)] * np.outer(scale, scale)
+        gram = self.added.gram[np.ix_(self.column_numbers, self.column_numbers)] * np.outer(
+            scale, scale
+        )
         orthonormal = _orthonormal(gram + np.diag(precision * scale**2))
         mixing = np.zeros((len(self.added.score), orthonormal.shape[1]))
-        mixing[self.held] = scale[:, None] * orthonormal
+        mixing[self.column_numbers] = scale[:, None] * orthonormal
         return mixing
 
     @property
     def y(self) -> np.ndarray:
-        """(N,) the residual with all that baseline and kept effects make projected out."""
+        """(N,) the residual orthogonal to the baseline and to the retained effects."""
         return self.added.y - self.added.columns @ (self.mixing @ self.score)
 
     @property
@@ -113,4 +117,4 @@ class Beyond:
         return self.mixing.T @ self.added.score
 
 
-__all__ = ["Added", "Beyond"]
+__all__ = ["AddedEffects", "RetainedSubspace"]
