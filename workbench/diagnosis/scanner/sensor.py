@@ -82,6 +82,7 @@ class SensorBench:
         self.order = self.covariates.get("time_s", np.arange(self.n, dtype=float))
         self._solved: dict = {}
         self._start: tuple | None = None
+        self._is_far = False
 
     def with_jitter(self, sigma_px: float) -> "SensorBench":
         """The bench whose problems count the points of one stripe as displaced together, by `sigma_px` (1 sigma).
@@ -127,10 +128,11 @@ class SensorBench:
     def _fit(self, chains: Chains, effects) -> BundleFit:
         """Solved from the last solution of the baseline; where that does not converge, also from the calibration.
 
-        A baseline that an effect contradicts may be so far from the truth that a solve does not find back.
+        A baseline that an effect contradicts may be so far from the truth that a solve does not find back. Once that
+        was so, solves with effects start from the calibration.
         """
         every, first = models(chains, effects), (self._table(chains, effects), families_of(chains))
-        if self._start is None:
+        if self._start is None or (self._is_far and effects):
             fit = solve_bundle(every, *first, loss="huber")
             if not effects:
                 self._start = fit.parameters, fit.values
@@ -140,6 +142,7 @@ class SensorBench:
         if fit.converged:
             return fit
         again = solve_bundle(every, *first, loss="huber")
+        self._is_far = again.converged and bool(effects)
         return again if again.converged or again.history[-1] < fit.history[-1] else fit
 
     def _table(self, chains: Chains, effects) -> Parameters:
