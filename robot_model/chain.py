@@ -21,7 +21,10 @@ class Frames:
     `z`, `x`, `y` (J, 3, n): the axes about which theta, alpha and beta turn (d and a shift along
     z and x); `z_origin`, `x_origin` (J, 3, n): points on them. `link` (J+2, 3, 3, n) the columns
     of the frame of each small twist (base, links, tool), `pivot` (J+2, 3, n) the point that it
-    turns about and `origin` (J, 3, n) that of the frame after each joint. `end` (3, 3, n)
+    turns about and `origin` (J, 3, n) that of the frame after each joint. `tip` (J, 3, n): the foot of
+    link K's common normal on the next axis, where link K ends. The pivot of a link lies midway between its tip and
+    the foot of the normal before it on joint K's own axis, which a slide carries with it: both are fixed to the
+    link, and neither depends on the convention. `end` (3, 3, n)
     columns of the flange, `end_origin` (3, n). `axes` (z, x, y) and `origins` (of z, of x) are
     lists of one (3, n) a joint: as the walk left them, copied only when somebody asks.
     """
@@ -31,6 +34,7 @@ class Frames:
     link: np.ndarray | None
     pivot: np.ndarray | None
     origin: np.ndarray | None
+    tip: np.ndarray | None
     end: tuple[np.ndarray, np.ndarray, np.ndarray]
     end_origin: np.ndarray
 
@@ -39,6 +43,10 @@ class Frames:
     y = cached_property(lambda self: np.stack(self.axes[2]))
     z_origin = cached_property(lambda self: np.stack(self.origins[0]))
     x_origin = cached_property(lambda self: np.stack(self.origins[1]))
+
+    def link_vector(self, number: int) -> np.ndarray:
+        """(3, n) mm from where link K (from 1) begins to where it ends, through its pivot."""
+        return 2 * (self.tip[number - 1] - self.pivot[number])
 
     def point(self, flange_point: np.ndarray) -> np.ndarray:
         """(3, n) world coordinates of a flange-frame point (3,) or (3, n)."""
@@ -67,8 +75,11 @@ def forward(
     "craig": Ry(beta) Rx(alpha) Tx(a) Rz(q+theta) Tz(d) (Craig, Introduction to Robotics, eq. 3.6).
     """
     joints, n = variables.shape
-    walk = _Walk(joints, n, robot.base, base, twists or {}, links or bool(twists))
     geometry = robot.geometry if geometry is None else geometry
+    ends = None
+    if links or twists:
+        ends = np.where(robot.prismatic[:, None], variables, 0.0), _tips(robot, geometry)
+    walk = _Walk(joints, n, robot.base, base, twists or {}, ends)
     angles, shifts = _angles_and_shifts(robot, variables, geometry)
     if turns is None or geometry.ndim > 2 or robot.prismatic.any():
         cosines, sines = np.cos(angles), np.sin(angles)
@@ -106,23 +117,38 @@ def _angles_and_shifts(robot, variables, geometry):
     return turned + theta, shifted + d
 
 
-class _Walk:
-    """The state of a walk along the chain: present axes and origin, and what is kept of them."""
+def _tips(robot, geometry) -> np.ndarray:
+    """(J, 3) or (J, 3, n) mm, the end of each link in the frame after its joint: the last one's is the flange."""
+    tips = np.zeros((len(geometry), 3, *geometry.shape[2:]))
+    if robot.convention == "craig":
+        beta, length = geometry[1:, BETA], geometry[1:, A]
+        tips[:-1, 0], tips[:-1, 2] = length * np.cos(beta), -length * np.sin(beta)
+    tips[-1] = robot.flange[:3, 3].reshape(3, *(1,) * (geometry.ndim - 2))
+    return tips
 
-    def __init__(self, joints, n, root, base, twists, links):
+
+class _Walk:
+    """The state of a walk along the chain: present axes and origin, and what is kept of them.
+
+    ends: where links are kept, how far each joint has slid (J, n) mm, and the tips of the links as of `_tips`.
+    """
+
+    def __init__(self, joints, n, root, base, twists, ends):
         rotation, origin = (np.eye(3), np.zeros(3)) if base is None else base
         start = rotation @ root[:3, :3]
         self.axes = [np.repeat(start[:, c, None], n, 1) for c in range(3)]
         self.origin = np.repeat((rotation @ root[:3, 3] + origin)[:, None], n, 1)
         self.z, self.x, self.y, self.z_origin, self.x_origin = ([] for _ in range(5))
+        links = ends is not None
         self.link = np.empty((joints + 2, 3, 3, n)) if links else None
         self.pivot = np.empty((joints + 2, 3, n)) if links else None
         self.origins = np.empty((joints, 3, n)) if links else None
+        self.tip = np.empty((joints, 3, n)) if links else None
+        self.ends = ends
         self.twists = twists
         self.keep_link(0, self.origin)
 
     def distal(self, k, theta, alpha, beta, shift, length):
-        before = self.origin
         self.z.append(self.axes[2])
         self.z_origin.append(self.origin)
         self.turn(2, *theta)
@@ -134,10 +160,9 @@ class _Walk:
         self.y.append(self.axes[1])
         if beta is not None:
             self.turn(1, *beta)
-        self.keep_joint(k, before)
+        self.keep_joint(k)
 
     def craig(self, k, theta, alpha, beta, shift, length):
-        before = self.origin
         self.y.append(self.axes[1])
         self.x_origin.append(self.origin)
         if beta is not None:
@@ -149,7 +174,7 @@ class _Walk:
         self.z_origin.append(self.origin)
         self.turn(2, *theta)
         self.origin = self.origin + self.axes[2] * shift
-        self.keep_joint(k, before)
+        self.keep_joint(k)
 
     def turn(self, about, c, s):
         """Right-multiply by an elementary rotation: mixes the other two axes."""
@@ -159,10 +184,14 @@ class _Walk:
         self.axes[i] += s * second
         self.axes[j] -= s * first
 
-    def keep_joint(self, k, before):
-        if self.link is not None:
-            self.origins[k] = self.origin
-            self.keep_link(k + 1, (before + self.origin) / 2)
+    def keep_joint(self, k):
+        if self.link is None:
+            return
+        slid, tips = self.ends
+        self.origins[k] = self.origin
+        self.tip[k] = self.origin + sum(axis * t for axis, t in zip(self.axes, tips[k]))
+        root = self.z_origin[k] + self.z[k] * slid[k]
+        self.keep_link(k + 1, (root + self.tip[k]) / 2)
 
     def keep_link(self, place, pivot):
         if self.link is None:
@@ -188,7 +217,22 @@ class _Walk:
             ]
         self.keep_link(len(self.z) + 1, self.origin)
         lines = (self.z, self.x, self.y), (self.z_origin, self.x_origin)
-        return Frames(*lines, self.link, self.pivot, self.origins, tuple(self.axes), self.origin)
+        kept = self.link, self.pivot, self.origins, self.tip
+        return Frames(*lines, *kept, tuple(self.axes), self.origin)
+
+
+def link_lengths(robot: Robot, number: int) -> tuple[tuple[int, ...], np.ndarray]:
+    """Slots of the geometry port that are lengths of link K (from 1), and their nominal values (mm).
+
+    d and a of its row; with "craig" the length up to the next axis is the a of the next row. The d of a slide is no
+    length of the link, but the zero of its reading.
+    """
+    after = number if robot.convention == "craig" else number - 1
+    places = [] if robot.prismatic[number - 1] else [(number - 1, D)]
+    if after < robot.joints:
+        places.append((after, A))
+    lengths = np.array([robot.geometry[place] for place in places])
+    return tuple(5 * row + column for row, column in places), lengths
 
 
 def cross(a: np.ndarray, b: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:

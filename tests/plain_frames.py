@@ -37,3 +37,23 @@ def frames_of(robot, readings):
         )
         frames.append(frames[-1] @ step)
     return [*frames, frames[-1] @ robot.flange]
+
+
+def middles_of(robot, frames, readings):
+    """(J, 3) mm, the middle of every link: between the feet on its own axis and on the next one (or the flange)."""
+    made = []
+    variables = robot.mixing @ np.asarray(readings)
+    for k, slides in enumerate(robot.prismatic):
+        before, here = frames[k], frames[k + 1]
+        foot, end = before[:3, 3], here[:3, 3]
+        if robot.convention == "distal":
+            foot = foot + slides * variables[k] * before[:3, 2]
+        else:
+            foot = end - robot.geometry[k, 1] * here[:3, 2]
+        if k + 1 == robot.joints:
+            end = frames[-1][:3, 3]
+        elif robot.convention == "craig":
+            _, _, length, _, beta = robot.geometry[k + 1]
+            end = end + length * here[:3, :3] @ [np.cos(beta), 0, -np.sin(beta)]
+        made.append((foot + end) / 2)
+    return np.array(made)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from plain_frames import frames_of, place
+from plain_frames import frames_of, middles_of, place
 from robot_model import load_robot
 from robot_model.chain import forward, rotate
 from robot_model.poses import pose_values
@@ -80,19 +80,19 @@ def test_twists_turn_each_place_about_its_pivot(arm, rng):
     }
     found = matrices(forward(robot, robot.mixing @ readings.T, twists=twists))
     expected = [
-        _twisted(frames_of(robot, q), {p: t[:, i] for p, t in twists.items()})
-        for i, q in enumerate(readings)
+        _twisted(robot, q, {p: t[:, i] for p, t in twists.items()}) for i, q in enumerate(readings)
     ]
     np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
-def _twisted(frames, twists):
+def _twisted(robot, reading, twists):
     """The flange when every frame's small twist is put between its neighbours."""
-    root, *after, flange = frames
+    root, *after, flange = frames = frames_of(robot, reading)
+    middles = middles_of(robot, frames, reading)
     out = root @ _about(np.zeros(3), twists[0])
     for k, (before, here) in enumerate(zip([root, *after], after), 1):
         step = np.linalg.inv(before) @ here
-        middle = np.linalg.inv(step)[:3, 3] / 2  # half-way back to the origin before, in this frame
+        middle = here[:3, :3].T @ (middles[k - 1] - here[:3, 3])  # in this frame
         out = out @ step @ _about(middle, twists[k])
     return out @ np.linalg.inv(after[-1]) @ flange @ _about(np.zeros(3), twists[len(after) + 1])
 

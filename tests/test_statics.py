@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plain_frames import frames_of
+from plain_frames import frames_of, middles_of
 from robot_model import load_robot
 from robot_model.state import State
 from scenes import ARMS, differences
@@ -125,7 +125,9 @@ def test_bending_moments_are_levers_times_weights(arm):
     for i in range(state.n):
         masses, centres, frames = bodies(state, i)
         origins = np.array([f[:3, 3] for f in frames[: joints + 1]])
-        pivots = [origins[0], *(origins[:-1] + origins[1:]) / 2, frames[-1][:3, 3]]
+        robot = replace(state.robot, mixing=np.eye(joints))
+        middles = middles_of(robot, frames, state.variables[:, i])
+        pivots = [origins[0], *middles, frames[-1][:3, 3]]
         first = [0, *range(1, joints + 1), joints]
         places = [*frames[: joints + 1], frames[-1]]
         for p, (pivot, body, frame) in enumerate(zip(pivots, first, places)):

@@ -33,8 +33,9 @@ classes of the effects.
   mass of the tool. If the tool has no mass, the load is at the measured point.
 - **Port `frame`.** A small motion (twist: translation in mm, then rotation vector in rad) in the axes of its place
   moves all parts between this place and the flange. The pivot of the rotation is: of `base` the origin of the base
-  frame; of `link-K` the midpoint between the origins of frames K-1 and K, with the axes of frame K; of `tool` the
-  origin of the flange frame.
+  frame; of `link-K` the middle of the link, with the axes of frame K; of `tool` the origin of the flange frame. A link
+  runs along its joint's axis from the foot of the common normal with the axis before, and along the common normal with
+  the next axis up to that axis (the last link: to the flange). These points move with the link, in either convention.
 - **Gravity** is a direction in the base frame (of a URDF: in the frame of its root link). Moments M are in N m.
 - **Time** is `time_s`, or the row number if no time is recorded. **T - T0** is the temperature above 20 °C,
   or the time in hours if no temperature is recorded.

@@ -5,7 +5,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from robot_model.chain import THETA, A, D
+from robot_model.chain import THETA, link_lengths
 from robot_model.effects.transmission import size_of, turning_joints
 from workbench.core.covariates import clock, missing_temperature, warmth, warmth_sizes
 from workbench.core.effect import Effect, Variant
@@ -22,8 +22,7 @@ class LinkThermalGrowth(Effect):
     effect = "link-thermal-growth"
     port = "geometry"
     places = ("link",)
-    components = (D, A)
-    equation = "(d, a) grow by c (T - T0) (d, a)"
+    equation = "the lengths d, a of the link grow by c (T - T0) of them"
     source = "linear expansion"
     reads = ("temperature",)
     unrecorded = "temperature"
@@ -32,8 +31,11 @@ class LinkThermalGrowth(Effect):
     def candidates(cls, chain):
         """At every link that has a length, with time where no temperature is recorded."""
         for made in map(cls, chain.places("link")):
-            if chain.robot.geometry[made.number - 1, [D, A]].any():
+            if link_lengths(chain.robot, made.number)[1].any():
                 yield Variant(made, missing=missing_temperature(chain.state, made.column))
+
+    def slots(self, chain):
+        return link_lengths(chain.robot, self.number)[0]
 
     def table(self, chain):
         unit, size, prior = warmth_sizes(chain.state, 1e-5, self.column)
@@ -42,7 +44,7 @@ class LinkThermalGrowth(Effect):
         )
 
     def basis(self, state):
-        lengths = state.robot.geometry[self.number - 1, [D, A]]
+        lengths = link_lengths(state.robot, self.number)[1]
         return (lengths[:, None] * warmth(state, self.column))[None]
 
     @property

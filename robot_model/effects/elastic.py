@@ -13,6 +13,7 @@ _LOADED_NM = 0.02
 """Variation of a load (N m) below which no deflection is measurable."""
 _SHORTEST_MM = 1.0
 """Length below which a link has nothing that bends; what its neighbours do is theirs."""
+_NO_LENGTH_MM = 1e-6
 
 
 def _loaded_variants(kind, chain):
@@ -201,9 +202,9 @@ class YeCompliance(Effect):
 class LinkCompliance(Effect):
     """Link K bends under the gravity moment of the bodies beyond it.
 
-    A rotation vector in frame K about the pivot of link K. M is the gravity moment of bodies K+1 to J and the load
-    about that pivot. Its component along the link is left out. The
-    link's direction is the nominal line from the origin of frame K-1 to that of frame K (Craig: the z axis of frame K).
+    A rotation vector in frame K about the middle of link K, which runs from the foot of the common normal before it on
+    the axis of joint K to the foot of its own on the next axis (the last link: to the flange). M is the gravity moment
+    of bodies K+1 to J and the load about that point. Its component along the link is left out.
     """
 
     effect = "link-compliance"
@@ -220,9 +221,8 @@ class LinkCompliance(Effect):
     @classmethod
     def candidates(cls, chain):
         """At every link that has a length and whose bending moment varies."""
-        lengths = np.hypot(*chain.robot.geometry[:, 1:3].T)
         for one in _loaded_variants(cls, chain):
-            if lengths[one.effect.number - 1] > _SHORTEST_MM:
+            if np.linalg.norm(link_line(chain.state, one.effect.number)) > _SHORTEST_MM:
                 yield one
 
     def load(self, state):
@@ -235,7 +235,7 @@ class LinkCompliance(Effect):
 
     def basis(self, state):
         moment = self.load(state)
-        along = _long_axis(state.robot, self.number - 1)
+        along = link_direction(state, self.number)
         return (moment - along[:, None] * (along @ moment))[None]
 
 
@@ -411,17 +411,20 @@ def one_each(values):
     return np.eye(len(values))[:, :, None] * values[None]
 
 
-def _long_axis(robot, k):
-    """(3,) unit vector of link k's length in its own frame; its z where it has none."""
-    _, d, a, alpha, beta = robot.geometry[k]
-    # craig: the link runs from frame k along its own z; distal: along x, after d along the joint's z
-    along = (
-        [0, 0, d]
-        if robot.convention == "craig"
-        else [a * np.cos(beta), d * np.sin(alpha), d * np.cos(alpha)]
-    )
-    length = np.linalg.norm(along)
-    return np.array(along) / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
+def link_line(state, number: int) -> np.ndarray:
+    """(3,) mm from where link K (from 1) begins to where it ends, in the axes of frame K; see `Frames`."""
+    frames = state.frames
+    return np.einsum("ci,i->c", frames.link[number][..., 0], frames.link_vector(number)[:, 0])
+
+
+def link_direction(state, number: int) -> np.ndarray:
+    """(3,) unit vector along link K in the axes of frame K; that of its joint's axis where it has no length."""
+    line = link_line(state, number)
+    length = np.linalg.norm(line)
+    frames = state.frames
+    if length > _NO_LENGTH_MM:
+        return line / length
+    return np.einsum("ci,i->c", frames.link[number][..., 0], frames.z[number - 1][:, 0])
 
 
 class FirstMoment(Effect):

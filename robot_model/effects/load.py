@@ -3,7 +3,7 @@
 import numpy as np
 
 from robot_model.chain import cross
-from robot_model.effects.elastic import one_each
+from robot_model.effects.elastic import link_direction, link_line, one_each
 from robot_model.effects.steps import instants_between
 from workbench.core.covariates import clock, instant_format
 from workbench.core.effect import Effect, Grid, Variant
@@ -216,9 +216,8 @@ class LinkBeam(Effect):
 
     def basis(self, state):
         moment = state.moment[self.number]
-        vector = self._vector(state)  # from root to tip, in the axes of frame K
-        length = float(np.linalg.norm(vector))
-        along = vector / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
+        vector = link_line(state, self.number)
+        along = link_direction(state, self.number)
         across = moment - along[:, None] * (along @ moment)
         difference = self._by_weight(state, vector)
         lever = np.broadcast_to((vector / 12)[:, None], difference.shape)
@@ -227,12 +226,6 @@ class LinkBeam(Effect):
         out[0, 3:] = across
         out[1, 3:] = along[:, None] * (along @ moment)
         return out
-
-    def _vector(self, state) -> np.ndarray:
-        """(3,) mm from the root of the link to its tip in frame K: twice the way from its pivot to its end."""
-        frames = state.frames
-        half = frames.origin[self.number - 1][:, :1] - frames.pivot[self.number][:, :1]
-        return 2 * np.einsum("cin,in->c", frames.link[self.number][..., :1], half)
 
     def _by_weight(self, state, vector: np.ndarray) -> np.ndarray:
         """(3, n) N m: moment at the root minus that at the tip, the link's vector times the weight beyond it."""

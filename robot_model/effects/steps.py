@@ -5,7 +5,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from robot_model.chain import cross
+from robot_model.chain import link_lengths
 from workbench.core.covariates import clock, instant_format
 from workbench.core.effect import Effect, Grid, Variant
 
@@ -30,14 +30,14 @@ def instants_between(state) -> np.ndarray:
 class Shift(Effect):
     """A part of the machine changes its pose once, as after a bump, a slipped clamp or a bent link.
 
-    Six numbers: the step of the twist at the place, in its own axes. That of a link turns about a point fixed to it.
+    Six numbers: the step of the twist at the place, in its own axes. That of a link turns about the middle of the link.
     `after` is an instant in s where time was recorded, else the number of a row.
     """
 
     effect = "shift"
     port = "frame"
     places = ("tool", "base", "link")
-    equation = "twist = d after an instant; that of a link about a point fixed to it"
+    equation = "twist = d after an instant"
     source = "step change of a pose: change-point model, Basseville & Nikiforov, Detection of Abrupt Changes (1993)"
     reads = ("time",)
 
@@ -70,25 +70,7 @@ class Shift(Effect):
 
     def basis(self, state):
         is_after = (clock(state) > self.after).astype(float)
-        twists = np.tile(np.eye(6)[:, :, None], state.n)
-        if self.where.startswith("link-"):
-            twists[3:, :3] = cross(np.eye(3)[:, :, None], _from_fixed_point(state, self.number))
-        return twists * is_after
-
-
-def _from_fixed_point(state, number: int) -> np.ndarray:
-    """(3, n) mm from a point fixed to link K to the point about which the port turns, in the axes of frame K.
-
-    The port's point is midway between the origins of frames K-1 and K. With alpha and a before the joint (Craig), or
-    along a slide, that of frame K-1 moves with respect to the link. The fixed point lies midway between the foot of
-    the joint's axis, which a slide carries with it, and the origin of frame K: for other joints it is the port's.
-    """
-    frames, k = state.frames, number - 1
-    foot = frames.z_origin[k]
-    if state.robot.prismatic[k]:
-        foot = foot + frames.z[k] * state.variables[k]
-    fixed = (foot + frames.origin[k]) / 2
-    return np.einsum("cin,in->cn", frames.link[number], frames.pivot[number] - fixed)
+        return np.eye(6)[:, :, None] * is_after
 
 
 class Loosening(Effect):
@@ -197,8 +179,10 @@ class LinkWarmUp(WarmUpLaw, Effect):
 
     port = "geometry"
     places = ("link",)
-    components = (1, 2)
-    equation = "(d, a) grow by c (1 - exp(-(t - start) / T)) (d, a)"
+    equation = "the lengths d, a of the link grow by c (1 - exp(-(t - start) / T)) of them"
+
+    def slots(self, chain):
+        return link_lengths(chain.robot, self.number)[0]
 
     def table(self, chain):
         return (
@@ -206,9 +190,7 @@ class LinkWarmUp(WarmUpLaw, Effect):
         )
 
     def basis(self, state):
-        lengths = state.robot.geometry[self.number - 1, 1:3]
-        if state.robot.prismatic[self.number - 1]:
-            lengths = lengths * [0.0, 1.0]
+        lengths = link_lengths(state.robot, self.number)[1]
         return (lengths[:, None] * warm_up_progress(state, self.time_constant, self.start))[None]
 
 

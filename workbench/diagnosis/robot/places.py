@@ -5,6 +5,7 @@ from itertools import combinations, product
 
 import numpy as np
 
+from robot_model.chain import link_lengths
 from robot_model.effects import CATALOGUE
 from robot_model.effects.curve import curve_candidates
 from robot_model.effects.nonparametric import PeriodicMotion
@@ -101,10 +102,9 @@ def lengths(chain, rows) -> tuple[Site, ...]:
     """The growth of each link, as a share of its lengths."""
     made = []
     for k in range(1, chain.robot.joints + 1):
-        d, a = chain.robot.geometry[k - 1, 1:3]
-        if abs(d) + abs(a) > 0:
-            first = 5 * (k - 1)
-            row = d * rows("geometry", [first + 1]) + a * rows("geometry", [first + 2])
+        slots, own = link_lengths(chain.robot, k)
+        if own.any():
+            row = np.einsum("k,kmn->mn", own, rows("geometry", slots))[None]
             made.append(Site(f"link-{k}", "geometry", _flat(row), "1", np.array([_GROWTH]), ()))
     return tuple(made)
 

@@ -72,8 +72,10 @@ def mjcf(arm: CalibratedArm) -> str:
     parent, servos = _pedestal(world, found.pedestal, arm.robot.base), ET.Element("actuator")
     before, after = around_joints(arm)
     here = np.eye(4) if any(found.pedestal) else arm.robot.base
+    onward = [*before[1:], arm.robot.flange]
     for k in range(arm.robot.joints):
-        parent, here = _link(parent, here @ before[k], k, arm, found, after[k])
+        tip = (after[k] @ onward[k])[:3, 3]
+        parent, here = _link(parent, here @ before[k], (k, tip), arm, found, after[k])
         _servo(servos, arm.robot, k, _stiffness(arm.robot, k, found))
     _flange(parent, here @ arm.robot.flange, arm)
     root.append(servos)
@@ -120,12 +122,7 @@ def control_terms(arm: CalibratedArm) -> list[Effect]:
 
 
 def _is_carried(effect, arm: CalibratedArm) -> bool:
-    """Whether the file holds a term: the law itself, and not one of its variants with further parameters.
-
-    In Craig's convention a link bends about a point that its joint does not move, which no hinge of the tree does.
-    """
-    if type(effect) is elastic.LinkCompliance and arm.robot.convention == "craig":
-        return False
+    """Whether the file holds a term: the law itself, and not one of its variants with further parameters."""
     return type(effect) in _CARRIED
 
 
@@ -156,8 +153,7 @@ def compliances_of(arm: CalibratedArm) -> Compliances:
     for effect in _of_kind(arm, elastic.BearingCompliance):
         (made.bearing[effect.number],) = _values(arm, effect, "tilt")
     for effect in _of_kind(arm, elastic.LinkCompliance):
-        if _is_carried(effect, arm):
-            (made.link[effect.number],) = _values(arm, effect, "bending")
+        (made.link[effect.number],) = _values(arm, effect, "bending")
     for effect in _of_kind(arm, elastic.PedestalCompliance):
         made.pedestal = tuple(_values(arm, effect, "about_x", "about_y"))
     return made
@@ -220,9 +216,13 @@ def _pedestal(world, compliance, base) -> ET.Element:
     return body
 
 
-def _link(parent, here, k, arm, found: Compliances, after) -> tuple[ET.Element, np.ndarray]:
-    """Body and joint k + 1 below `parent`; also where frame k + 1 is in the innermost body that it made."""
-    number, masses = k + 1, _masses(arm)
+def _link(parent, here, link, arm, found: Compliances, after) -> tuple[ET.Element, np.ndarray]:
+    """Body and joint k + 1 below `parent`; also where frame k + 1 is in the innermost body that it made.
+
+    link: k and where the link ends (3,) mm, in the frame of the joint.
+    """
+    (k, tip), masses = link, _masses(arm)
+    number = k + 1
     body = _body(parent, f"link_{number}", here)
     _joint(body, arm.robot, k, _stiffness(arm.robot, k, found))
     constants = [e for e in _of_kind(arm, transmission.ConstantTerm) if e.number == number]
@@ -234,10 +234,10 @@ def _link(parent, here, k, arm, found: Compliances, after) -> tuple[ET.Element, 
     if found.link.get(number):
         # the law has the moment of the bodies beyond the link: its own mass stays on the near half
         _inertial(body, masses[0][k], (after @ np.append(masses[1][k], 1))[:3])
-        pivot = after[:3, 3] / 2
+        pivot = tip / 2
         bend = _translation(pivot)
         body = _body(body, f"link_{number}_bent", bend)
-        for axis, name in zip(_across(pivot, after), "uv"):
+        for axis, name in zip(_across(pivot), "uv"):
             _spring(body, f"link_{number}_{name}", axis, found.link[number])
         _inertial(body, 0.0, np.zeros(3))
         return body, np.linalg.inv(bend) @ after
@@ -294,10 +294,10 @@ def _spring(body, name: str, axis, compliance: float) -> None:
     ET.SubElement(body, "joint", **keys)
 
 
-def _across(line, after) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit axes across a line (3,); those of the frame after the joint where the line has no length."""
+def _across(line) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit axes across a line (3,); across the joint's axis, z, where the line has no length."""
     length = np.linalg.norm(line)
-    along = line / length if length > 1e-6 else after[:3, 2]
+    along = line / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
     first = np.linalg.svd(along[None])[2][1]
     return first, np.cross(along, first)
 

@@ -119,10 +119,10 @@ def _springs(arm: CalibratedArm, found: Compliances, frames: Frames):
 
 
 def _along(frames: Frames, number: int) -> np.ndarray:
-    """(3, n) unit vector from the pivot of a link to its end; its z axis where it has no length."""
-    line = frames.origin[number - 1] - frames.pivot[number]
+    """(3, n) unit vector along a link; that of its joint's axis where it has no length."""
+    line = frames.link_vector(number)
     length = np.sqrt((line**2).sum(0))
-    return np.where(length > 1e-6, line / np.maximum(length, 1e-6), frames.link[number][2])
+    return np.where(length > 1e-6, line / np.maximum(length, 1e-6), frames.z[number - 1])
 
 
 def _across(along: np.ndarray, *hints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -481,7 +481,7 @@ def _external(poses: np.ndarray, measured: np.ndarray) -> tuple[Frames, External
     """Flange poses and target poses (k, 4, 4) as the frames of an arm and the measurements of an instrument."""
     columns = tuple(np.ascontiguousarray(poses[:, :3, c].T) for c in range(3))
     origin = np.ascontiguousarray(poses[:, :3, 3].T)
-    frames = Frames((), (), None, None, None, columns, origin)
+    frames = Frames((), (), None, None, None, None, columns, origin)
     return frames, ExternalPose(np.ascontiguousarray(measured[:, :3, 3].T), measured[:, :3, :3])
 
 
