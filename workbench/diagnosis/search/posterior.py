@@ -16,6 +16,7 @@ from workbench.diagnosis.levels import LEAST_LOG_ODDS, LISTED_PROBABILITY, MOST_
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.constant_load import accept_constant_loads
+from workbench.diagnosis.search.instants import refine_instants
 from workbench.diagnosis.search.most_probable_set import as_solved, order_by_gain, record_terms
 from workbench.diagnosis.search.objective import LogPosterior, Members
 from workbench.diagnosis.search.options import refine_options
@@ -171,6 +172,7 @@ def exchange_names(search) -> None:
     _exchange_elastic(search)
     accept_constant_loads(search)
     refine_options(search)
+    refine_instants(search)
 
 
 def _exchange_laws(search) -> None:
