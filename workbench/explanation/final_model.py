@@ -4,12 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from robot_model.effects.friction import ReadingLattice
 from workbench.diagnosis.linear.problem import Found
+from workbench.diagnosis.noise.rounded_readings import rounding_variance
 from workbench.diagnosis.validation.left_out_blocks import variance_factor
 from workbench.diagnosis.validation.terms import Proof
 from workbench.explanation.noise import replicates, stated_noise
 from workbench.explanation.result import Views
 from workbench.explanation.term_steps import steps_of_terms
+from workbench.fitting.verdicts.verdict import AS_STATED, WITH_ROUNDING
 
 SENSOR_CHAIN = ("camera", "laser", "mirror", "sensor", "artefact")
 
@@ -36,7 +39,19 @@ class FinalModel:
         recording, position = self.bench.recording, left[:3, usual]
         degrees = self.after.degrees * len(position) / len(left)
         pose, index = self.bench.pose[usual], self._index()[usual]
-        return replicates.noise(pose, index, position, stated_sigma(recording), degrees)
+        sigma, rounding = stated_sigma(recording), self._rounding()
+        if sigma is None or rounding is None:
+            return replicates.noise(pose, index, position, sigma, degrees)
+        sigma = float(np.sqrt(sigma**2 + (rounding[:3, usual] ** 2).mean()))
+        made, source = replicates.noise(pose, index, position, sigma, degrees)
+        return made, source + WITH_ROUNDING * (source == AS_STATED)
+
+    def _rounding(self) -> np.ndarray | None:
+        """(m, n) mm, standard deviation of each coordinate by the rounding of readings; None where none was found."""
+        if not any(one.effect == ReadingLattice.effect for one in self.found.spread):
+            return None
+        squares = rounding_variance(self.before) * unwhitened(self.before) ** 2
+        return np.sqrt(squares).reshape(-1, self.before.n)
 
     def with_variance_factors(self, proof: Proof) -> Proof:
         """The proof with what the uncertainty of the parameters adds to the noise in its held-out errors."""
@@ -54,7 +69,10 @@ class FinalModel:
             return None
         left = residuals_of(self.after)
         rows = slice(0, min(3, len(left)))  # of poses the position: what `sigma_mm` states
-        white = left[rows] / self.bench.chain.stated_sigma[rows, : self.before.n]
+        sigma, rounding = self.bench.chain.stated_sigma[rows, : self.before.n], self._rounding()
+        if rounding is not None:
+            sigma = np.hypot(sigma, rounding[rows])
+        white = left[rows] / sigma
         if not np.isfinite(white).all():
             return None
         degrees = self.after.degrees * white.size / left.size
@@ -117,6 +135,7 @@ class FinalModel:
             steps=steps_of_terms(
                 self.bench, self.terms or (), residuals_of, self.before, self.after
             ),
+            rounding=self._rounding(),
         )
 
     def _links(self):

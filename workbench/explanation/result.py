@@ -68,6 +68,9 @@ class Views:
         None  # before and after (k, n) rad, of the orientation
     )
     steps: tuple[Step, ...] = ()  # of a robot: simulation, baseline, and each term added
+    rounding: np.ndarray | None = (
+        None  # (m, n) mm, 1 sigma by the rounding of readings, where found
+    )
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,8 @@ from workbench.core.distributions import chi2, norm, student
 from workbench.core.least_squares.linear_algebra import inverse_positive, symmetric_eigen
 from workbench.diagnosis.levels import MAJORITY, NEGLIGIBLE_SHARE, RANDOM_EFFECT_LEVEL, ROUNDING
 from workbench.diagnosis.linear.problem import Alternative, Finding, Located, Problem, Site
+from workbench.diagnosis.noise.rounded_readings import PLACE as ROUNDING_PLACE
+from workbench.diagnosis.noise.rounded_readings import rounding_site
 
 QUANTISATION = "encoder-quantisation"
 """A finding on the data: readings of a joint with a random error, such as that of encoder counts."""
@@ -27,6 +29,8 @@ _FAR = 3.0
 """Median lengths from which on a sample counts no more: one in a hundred of Gaussian ones."""
 _PERIODS, _ORDERS = 1.6, 400_000
 """How far a count may be from what its spread says, and how many counts are tried."""
+_CONTRADICTED = 6.0
+"""Log likelihood ratio from which on the readings' rounding is not what is seen: twice it is chi-square, p = 0.0005."""
 _GRID = 20
 """Places of a grid in the shortest wave: that costs a hundredth of its power."""
 LABEL = "from sample to sample, with nothing that was recorded"
@@ -90,7 +94,8 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
     # likelihoods decide between places that are about as clear
     is_near = (scores > MAJORITY * scores.max()) | (turns > max(MAJORITY * turns.max(), 0.0))
     near = [sites[i] for i in np.flatnonzero(is_near)]
-    likely = [_likelihood(site, z) for site in near]
+    near += [site for site in sites if is_rounding(site) and not any(site is one for one in near)]
+    likely = [(_of_rounding if is_rounding(site) else _likelihood)(site, z) for site in near]
     best = int(np.argmax([row[0] for row in likely]))
     own, (log, ratio, noise) = near[best], likely[best]
     spread = ratio * noise
@@ -109,6 +114,9 @@ def places(problem: Problem) -> tuple[Site, ...]:
     """Every place that may have a random effect; all joints at once, too, as when readings are of another instant."""
     joints = [site for site in problem.sites if site.port == "joint" and not site.sharp]
     some = [site for site in (*problem.sites, *problem.growing) if not site.sharp]
+    rounding = rounding_site(problem)
+    if rounding is not None:
+        some.append(rounding)
     if len(joints) > 1:
         rows = np.concatenate([site.rows for site in joints])
         typical = np.concatenate([site.typical for site in joints])
@@ -155,6 +163,26 @@ def _likelihood(site, z) -> tuple[float, float, float]:
     logs = -0.5 * (np.log(widths).sum((1, 2)) + z.size * np.log(level))
     best = int(np.argmax(logs))
     return float(logs[best]), float(spreads[best]), float(np.sqrt(level[best]))
+
+
+def _of_rounding(site, z) -> tuple[float, float, float]:
+    """As `_likelihood`, of rounding errors, whose spread is known: 1. No likelihood where another spread explains more.
+
+    A spread that is known costs no parameter, half of log N by Schwarz (1978).
+    """
+    spreads, widths, squares = _widths(site, z)
+    level = np.maximum((squares / widths).mean((1, 2)), 1e-300)
+    logs = -0.5 * (np.log(widths).sum((1, 2)) + z.size * np.log(level))
+    known = int(np.argmin(np.abs(np.log(spreads * np.sqrt(level)))))
+    if logs[known] < logs.max() - _CONTRADICTED:
+        return -np.inf, float(spreads[known]), float(np.sqrt(level[known]))
+    log = float(logs[known]) + 0.5 * np.log(z.size)
+    return log, float(spreads[known]), float(np.sqrt(level[known]))
+
+
+def is_rounding(site: Site) -> bool:
+    """Whether a place is that of the rounding errors of all readings."""
+    return (site.where, site.port) == (ROUNDING_PLACE, "joint")
 
 
 def _widths(site, z) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -410,6 +438,7 @@ __all__ = [
     "residual_random_effect",
     "evened_by",
     "hidden",
+    "is_rounding",
     "movement",
     "place_of",
     "find_random_effect",

@@ -1,52 +1,73 @@
-"""Joint readings on a lattice: recognised from the readings, and stated where rounding makes a part of what is left."""
+"""Joint readings on a lattice, recognised from the readings of all joints: their rounding errors are known noise."""
+
+from dataclasses import replace
 
 import numpy as np
 
 from robot_model.effects.friction import ReadingLattice, lattice_step
-from workbench.diagnosis.linear.problem import Finding, Problem
-from workbench.diagnosis.noise.random_effects import residual_random_effect
+from workbench.diagnosis.linear.problem import Finding, Problem, Site
 
-_LEAST_SHARE, _MOST_SHARE = 0.03, 1.5
-"""Share of what is left that rounding makes: less does not matter, more contradicts the lattice."""
+PLACE = "samples"
+"""Where the rounding errors of all joints together act."""
+_LEAST_SHARE = 0.03
+"""Share of what is left that the rounding of one joint makes: less does not matter."""
 _DECIMALS = 6
 """Of a degree or mm: what conversions between units leave of a lattice."""
 
 
-def rounded_readings(problem: Problem, level: float) -> tuple[Finding, ...]:
-    """A finding for each joint whose readings lie on a lattice that makes a part of what is left.
+def rounding_site(problem: Problem) -> Site | None:
+    """All joints with readings on a lattice as one place; None where there is none.
 
-    problem: with all effects that were found. level: of the test that the joint moves from sample to sample. The
-    variance that rounding makes is that of an error uniform in one step: step^2 / 12.
+    Its typical sizes are the standard deviations of the rounding errors, step / sqrt(12) for errors uniform in a step:
+    a random effect of this place has the spread 1.
+    """
+    found = _lattices(problem)
+    if not found:
+        return None
+    rows = np.concatenate([site.rows for site, _, _ in found])
+    steps = np.array([step for _, step, _ in found])
+    typical = steps / np.sqrt(12)
+    return replace(found[0][0], where=PLACE, rows=rows, typical=typical, covariates=(), pairs=())
+
+
+def rounding_variance(problem: Problem) -> np.ndarray:
+    """(N,) variance of each whitened coordinate by the rounding of all readings that lie on a lattice."""
+    site = rounding_site(problem)
+    if site is None:
+        return np.zeros(len(problem.residual))
+    return ((site.rows * site.typical[:, None]) ** 2).sum(0)
+
+
+def rounded_readings(problem: Problem, p_value: float) -> tuple[Finding, ...]:
+    """A finding for each joint whose rounding makes a part of what is left that matters, and for those rounded alike.
+
+    problem: with all effects that were found. p_value: of the rounding errors of all joints together.
     """
     left = float((problem.orthogonalise(problem.residual) ** 2).sum())
-    found = []
-    for site in problem.sites:
-        made = _lattice(problem, site)
-        if made is None:
+    found, lattices = [], _lattices(problem)
+    made = [float((site.rows**2).sum()) * step**2 / 12 for site, step, _ in lattices]
+    matter = {words for (*_, words), own in zip(lattices, made) if own > _LEAST_SHARE * left}
+    for (site, _, words), squares in zip(lattices, made):
+        if words not in matter:
             continue
-        step, words = made
-        squares = float((site.rows**2).sum()) * step**2 / 12
-        if not _LEAST_SHARE < squares / max(left, 1e-300) < _MOST_SHARE:
-            continue
-        moves = residual_random_effect(problem, site.where, site.port, level)
-        if moves is not None:
-            size = float(np.sqrt(squares / len(problem.residual)))
-            p = moves.p_value
-            found.append(
-                Finding(ReadingLattice.effect, site.where, words, (), p, 1 - p, size, squares)
-            )
+        size = float(np.sqrt(squares / len(problem.residual)))
+        about = (ReadingLattice.effect, site.where, words, ())
+        found.append(Finding(*about, p_value, 1 - p_value, size, squares))
     return tuple(found)
 
 
-def _lattice(problem: Problem, site) -> tuple[float, str] | None:
-    """Step of the readings of a joint in the unit of its slot, and in words; None where they show none."""
-    number = site.where.rpartition("-")[2]
-    angle = problem.covariates.get(f"q{number}")
-    if site.port != "joint" or not site.where.startswith("joint-") or site.sharp or angle is None:
-        return None
-    unit, factor = ("mm", 1.0) if site.unit == "mm" else ("deg", np.pi / 180)
-    step = lattice_step(np.round(angle / factor, _DECIMALS))
-    return None if step is None else (step * factor, f"in steps of {step:.4g} {unit}")
+def _lattices(problem: Problem) -> list[tuple[Site, float, str]]:
+    """Joints with readings on a lattice: the place, the step in the unit of its slot, and the step in words."""
+    found = []
+    for site in problem.sites:
+        if site.port != "joint" or not site.where.startswith("joint-") or site.sharp:
+            continue
+        angle = problem.covariates.get(f"q{site.where.rpartition('-')[2]}")
+        unit, factor = ("mm", 1.0) if site.unit == "mm" else ("deg", np.pi / 180)
+        step = None if angle is None else lattice_step(np.round(angle / factor, _DECIMALS))
+        if step is not None:
+            found.append((site, step * factor, f"in steps of {step:.4g} {unit}"))
+    return found
 
 
-__all__ = ["rounded_readings"]
+__all__ = ["PLACE", "rounded_readings", "rounding_site", "rounding_variance"]

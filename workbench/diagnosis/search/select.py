@@ -20,9 +20,9 @@ from workbench.diagnosis.noise.data_findings import (
     unweighted_squares,
 )
 from workbench.diagnosis.noise.random_effects import (
-    QUANTISATION,
     RandomEffect,
     find_random_effect,
+    is_rounding,
     place_of,
     random_effect_finding,
     residual_random_effect,
@@ -87,7 +87,10 @@ def _accept(search: Search) -> tuple[float, bool]:
     if not moving:
         search.random_effect, own = _moving(search) or search.random_effect, search.random_effect
         moving = search.random_effect is not own
-    if moving and search.accepted:  # movement by chance also passes for laws
+    if moving and is_rounding(search.random_effect.site):
+        search.say("the readings are rounded")
+        first = _again(search)
+    elif moving and search.accepted:  # movement by chance also passes for laws
         search.say(f"{search.random_effect.site.where} moves from sample to sample")
         search.level = RANDOM_EFFECT_LEVEL  # how much it moves is only known nearly
         first = _again(search)
@@ -115,7 +118,7 @@ def _found(search: Search) -> Found:
     if moving:
         data, places = _with_random_effect(search, before, data, places)
         first = min(first, search.random_effect.p_value)
-    data = _with_lattices(rounded_readings(after, level), data)
+    data = (*_rounded(search, after), *data)
     left = located(search.problem.conditional_on(), search.table(search.accepted_indices))
     return Found(
         findings,
@@ -131,10 +134,12 @@ def _found(search: Search) -> Found:
     )
 
 
-def _with_lattices(lattices, data):
-    """Findings on the data, where rounded readings explain what else would be called quantisation."""
-    rounded = {f.where for f in lattices}
-    return (*lattices, *(f for f in data if f.effect != QUANTISATION or f.where not in rounded))
+def _rounded(search: Search, after: Problem) -> tuple[Finding, ...]:
+    """Findings of the rounding of readings, where it makes what moves from sample to sample."""
+    moves = search.random_effect or find_random_effect(after, RANDOM_EFFECT_LEVEL)
+    if moves is None or not is_rounding(moves.site):
+        return ()
+    return rounded_readings(after, moves.p_value)
 
 
 def _beyond_functions(search: Search, after: Problem, outliers, data):
@@ -183,7 +188,10 @@ def _moving(search: Search) -> RandomEffect | None:
 
 def _with_random_effect(search: Search, before: Problem, data, places):
     """Findings on the data and places with a random effect, unless a finding there says more of it."""
-    if any(h.smooth_covariates or explains_movement(search, h) for h in search.accepted):
+    is_known = is_rounding(search.random_effect.site)
+    if is_known or any(
+        h.smooth_covariates or explains_movement(search, h) for h in search.accepted
+    ):
         return data, places
     place = (place_of(search.random_effect),)
     found = random_effect_finding(search.random_effect, before)

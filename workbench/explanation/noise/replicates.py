@@ -3,6 +3,7 @@
 import numpy as np
 
 from workbench.core.distributions import fisher
+from workbench.fitting.verdicts.verdict import AS_STATED
 
 LEAST_REPEATS = 10
 
@@ -27,7 +28,7 @@ def noise(
         within = sum(float(((row - _means(row, group)) ** 2).sum()) for row in residual)
         return float(np.sqrt(len(residual) * within / free)), "from replicates"
     if sigma is not None:
-        return float(np.sqrt(len(residual)) * sigma), "as the recording states"
+        return float(np.sqrt(len(residual)) * sigma), AS_STATED
     return float(
         np.sqrt(len(residual) * (residual**2).sum() / max(degrees, 1.0))
     ), "what is left in the end"

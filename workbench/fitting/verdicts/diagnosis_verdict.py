@@ -17,8 +17,10 @@ from workbench.fitting.verdicts.fit_quality import reach_of
 from workbench.fitting.verdicts.noise_report import Findings, NoiseReport, Replicates, report
 from workbench.fitting.verdicts.residual_structure import JOINTS, Structure
 from workbench.fitting.verdicts.verdict import (
+    AS_STATED,
     REPLICATES,
     STATED,
+    WITH_ROUNDING,
     Noise,
     Residual,
     Tolerance,
@@ -26,7 +28,7 @@ from workbench.fitting.verdicts.verdict import (
     judge,
 )
 
-_SOURCES = {"from replicates": REPLICATES, "as the recording states": STATED}
+_SOURCES = {"from replicates": REPLICATES, AS_STATED: STATED}
 _NEIGHBOURS = (
     "from neighbouring points"  # of a sensor's stripes and corners, as "... and jitter" too
 )
@@ -70,7 +72,8 @@ def check_diagnosis(made, recording, tolerances: Sequence[Tolerance] = ()) -> Di
 def _expected(noise: NoiseReport | None, held_out: Mapping, unit: str) -> Noise | None:
     """The stated noise where there is one, since the test is against it; else that of replicates."""
     if noise is not None and noise.stated_rms is not None:
-        return Noise(noise.stated_rms, STATED)
+        rounded = held_out["noise_from"].endswith(WITH_ROUNDING)
+        return Noise(noise.stated_rms, STATED + WITH_ROUNDING * rounded)
     named = held_out["noise_from"]
     source = named if named and named.startswith(_NEIGHBOURS) else _SOURCES.get(named)
     return None if source is None else Noise(held_out[f"noise_{unit}"], source)
@@ -89,6 +92,9 @@ def noise_of(made, recording, held_out: Mapping) -> NoiseReport | None:
     left, components = residual[:, usual], len(residual)
     squares = (left**2).sum(0)
     sigma = None if moving.sigma is None else moving.sigma[usual]
+    if sigma is not None and made.views.rounding is not None:
+        rounding = (made.views.rounding[:3] ** 2).mean(0)[usual]
+        sigma = np.sqrt(sigma**2 + rounding)
     robot = load_robot(recording.robot, f"robot of {recording.name}")
     return report(
         Findings(

@@ -15,6 +15,7 @@ from workbench.core.errors import InputError
 
 UNITS = ("mm", "deg", "px")
 STATED, REPLICATES, RESIDUALS = "stated", "from replicates", "from residuals"
+AS_STATED, WITH_ROUNDING = "as the recording states", ", with the rounding of the readings"
 DIAGNOSE = "unmodelled effects, faulty observations or too small a noise statement remain; run `workbench diagnose`"
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([A-Za-z°µ]*)\s*")
