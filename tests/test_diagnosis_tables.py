@@ -9,7 +9,6 @@ from robot_model.chain import rotate
 from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded
 from workbench.core.model import NOISE, STATE_PORTS
-from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.hypotheses import judged
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search import select
@@ -95,13 +94,6 @@ def test_an_objective_without_functions_weighs_laws_alike():
         every = tuple(int(rows[i]) for i in members)
         assert alone.value(members) == pytest.approx(objective.value(every), rel=1e-9)
         assert alone.gain(members) == pytest.approx(objective.gain(every), rel=1e-9)
-
-
-def test_what_moves_nothing_makes_nothing():
-    problem = solved().conditional_on(())
-    seen = np.random.default_rng(8).normal(size=(len(problem.sample), 1))
-    projected = Projected(problem)
-    assert projected.fall(np.hstack([seen, 0 * seen])) == pytest.approx(projected.fall(seen))
 
 
 def test_the_basis_of_an_effect_that_is_gone_is_not_anothers():

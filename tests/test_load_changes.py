@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.validation import proof
-from workbench.diagnosis.validation.judging import with_carriers, with_possible_masses
+from workbench.diagnosis.validation.judging import with_carriers
 from workbench.diagnosis.validation.terms import Term
 
 COMPLIANCES = {"joint-2": 8e-6, "joint-3": 1.2e-5, "joint-5": 1.5e-4}  # rad/(N m)
@@ -108,21 +107,6 @@ def test_a_load_is_refused_where_no_compliance_is_retained():
     assert with_carriers(bench, terms) == (terms, [])
     kept, refused = with_carriers(bench, terms[:1])
     assert kept == [] and not refused[0].kept and "compliance" in refused[0].reason
-
-
-@pytest.mark.parametrize("mass", [2.0, -0.5, -2.0])
-def test_a_constant_load_that_would_weigh_less_than_nothing_is_refused(mass):
-    """Significantly: 2 kg with a standard deviation of 0.5 kg."""
-    recording = recorded(47, n=60)
-    robot = {key: value for key, value in recording.robot.items() if key != "payload"}
-    chain = bench_of(replace(recording, robot=robot)).chain
-    (variant,) = CATALOGUE["payload"].candidates(chain)
-    row = {"key": "tool.payload.mass", "value": mass, "std": 0.5, "unit": "kg"}
-    bench = SimpleNamespace(chain=chain, parameters=lambda effects, samples: (row,))
-    terms = [Term(finding) for finding in of_effects(*soft(), variant.effect)]
-    kept, refused = with_possible_masses(bench, terms)
-    assert len(kept) == (3 if mass < -1.0 else 4) and len(kept) + len(refused) == 4
-    assert all("negative (-2 ± 0.5 kg)" in term.reason and not term.kept for term in refused)
 
 
 def test_a_search_goes_on_without_a_load_of_negative_mass():

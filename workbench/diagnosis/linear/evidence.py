@@ -129,13 +129,6 @@ class Projected:
         """(n, R) sums over each sample's coordinates of values (N, R)."""
         return self._sum @ values
 
-    def fall(self, columns: np.ndarray) -> float:
-        """Fall of y'y by columns (N, P)."""
-        length = np.maximum(
-            np.sqrt((columns**2).sum(0)), 1e-300
-        )  # one that moves nothing makes nothing
-        return float(self.judge(self.of_columns(columns[None] / length)).gain[0])
-
     def judge(self, moments: Moments) -> Scores:
         """Evidence, gain and p-value of each hypothesis, every coordinate counting for as much as it is worth."""
         parts = (moments.gram, moments.score, moments.raw)

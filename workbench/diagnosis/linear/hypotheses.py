@@ -236,9 +236,8 @@ def _of_sites(problem: Problem, projected: Projected) -> Iterator[Hypothesis]:
     ]
     judged_groups = projected.judge_each([moments for *_, moments in groups])
     for (site, chosen, _), scores in zip(groups, judged_groups):
-        kind = "sharply changing" if site.sharp else "smooth"
         for i, names in enumerate(chosen):
-            label = f"a {kind} function of {' and '.join(names)}"
+            label = f"a smooth function of {' and '.join(names)}"
             about = ("unknown", site.where, label, "", (), (site, names), 1.0)
             yield Hypothesis(*about, *scores.row(i), smooth_covariates=names)
 

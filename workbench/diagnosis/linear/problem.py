@@ -112,8 +112,7 @@ class Site:
     `where`: a word of the vocabulary; `port`: the port there; `rows` (k, N): whitened derivatives of
     its k slots; `unit`: of the slots, one a slot or one for all; `typical` (k,): the size that a
     disturbance of each slot would have before measuring. `covariates`: names of those that an
-    smooth function here may depend on, one at a time; `pairs`: two at a time. `sharp`: the function may change
-    sharply, as at a worn place.
+    smooth function here may depend on, one at a time; `pairs`: two at a time.
     """
 
     where: str
@@ -123,17 +122,16 @@ class Site:
     typical: np.ndarray
     covariates: tuple[str, ...]
     pairs: tuple[tuple[str, str], ...] = ()
-    sharp: bool = False
 
     @property
     def fine(self) -> int:
         """How finely a function may change here, see `robot_model.effects.nonparametric.functions`."""
-        return 2 if self.sharp else int(len(self.rows) == 1)
+        return int(len(self.rows) == 1)
 
     @property
     def key(self) -> tuple:
         """What it is called at every solution."""
-        return "site", self.where, self.port, self.sharp
+        return "site", self.where, self.port
 
 
 @dataclass(frozen=True)

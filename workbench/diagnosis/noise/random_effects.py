@@ -112,8 +112,8 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
 
 def places(problem: Problem) -> tuple[Site, ...]:
     """Every place that may have a random effect; all joints at once, too, as when readings are of another instant."""
-    joints = [site for site in problem.sites if site.port == "joint" and not site.sharp]
-    some = [site for site in (*problem.sites, *problem.growing) if not site.sharp]
+    joints = [site for site in problem.sites if site.port == "joint"]
+    some = [*problem.sites, *problem.growing]
     rounding = rounding_site(problem)
     if rounding is not None:
         some.append(rounding)

@@ -60,7 +60,7 @@ def _lattices(problem: Problem) -> list[tuple[Site, float, str]]:
     """Joints with readings on a lattice: the place, the step in the unit of its slot, and the step in words."""
     found = []
     for site in problem.sites:
-        if site.port != "joint" or not site.where.startswith("joint-") or site.sharp:
+        if site.port != "joint" or not site.where.startswith("joint-"):
             continue
         angle = problem.covariates.get(f"q{site.where.rpartition('-')[2]}")
         unit, factor = ("mm", 1.0) if site.unit == "mm" else ("deg", np.pi / 180)

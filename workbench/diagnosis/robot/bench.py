@@ -386,7 +386,6 @@ class RobotBench:
             tuple(spans),
             site.unit,
             tuple(site.typical.tolist()),
-            site.sharp,
         )
 
 

@@ -126,14 +126,14 @@ def variation_mm(model, fit, effect: Effect, values: np.ndarray) -> float:
     return float(np.sqrt((moved**2).sum(0).mean()))
 
 
-def negative_masses(bench, effects: Sequence[Effect], samples=None) -> list[tuple[Effect, dict]]:
-    """Loads that cannot weigh less than nothing, and their rows where the fitted mass is significantly negative."""
+def negative_masses(bench, effects: Sequence[Effect], samples=None) -> list[Effect]:
+    """Loads that cannot weigh less than nothing, of which the fitted mass is significantly negative."""
     loads = [e for e in effects if e.needs_compliance and e.nonnegative > 0]
     if not loads:
         return []
     rows = {row["key"]: row for row in bench.parameters(effects, samples)}
     masses = [(load, rows[load.parameters(bench.chain)[0].key]) for load in loads]
-    return [(load, row) for load, row in masses if row["value"] < -CRITICAL_T * row["std"]]
+    return [load for load, row in masses if row["value"] < -CRITICAL_T * row["std"]]
 
 
 def linear_values(

@@ -1,13 +1,11 @@
 """Where a robot's model may be wrong without a law being known: places, growth of links, scans over one number."""
 
-from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
 
 from robot_model.chain import link_lengths
 from robot_model.effects import CATALOGUE
-from robot_model.effects.curve import curve_candidates
 from robot_model.effects.nonparametric import PeriodicMotion
 from workbench.core.covariates import clock
 from workbench.core.effect import Grid
@@ -81,7 +79,6 @@ def _is_general(name: str) -> bool:
 def _joint_sites(chain, rows, angles, general) -> list[Site]:
     """The joints, each with the covariates that its angle may be wrong with."""
     own = chain.state.covariates
-    curved = {curve.number for curve in curve_candidates(chain)}
     made = []
     for k in range(1, chain.robot.joints + 1):
         named = (f"tau{k}", f"move{k}", f"approach{k}")
@@ -93,8 +90,6 @@ def _joint_sites(chain, rows, angles, general) -> list[Site]:
         row, typical = _flat(rows("joint", [k - 1])), np.array([_TYPICAL[unit]])
         names = (*angles, *mine, *general)
         made.append(Site(f"joint-{k}", "joint", row, unit, typical, names, pairs))
-        if f"q{k}" in angles and k not in curved:  # elsewhere a joint-curve is a named candidate
-            made.append(replace(made[-1], covariates=(f"q{k}",), pairs=(), sharp=True))
     return made
 
 

@@ -194,6 +194,8 @@ def _exchange_laws(search) -> None:
         if names in tried:
             break
         tried.append(names)
+    if len(tried) > 1:
+        search.solve_possible()
 
 
 def _likelier(search, i: int) -> Hypothesis | None:

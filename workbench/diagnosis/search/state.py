@@ -73,7 +73,7 @@ class Search:
         """
         self.solve()
         effects = [e for h in self.accepted for e in h.effects]
-        loads = [load for load, _ in negative_masses(self.bench, effects, self.samples)]
+        loads = negative_masses(self.bench, effects, self.samples)
         lost = [h for h in self.accepted if any(e is load for e in h.effects for load in loads)]
         if lost:
             self.impossible |= {name_of(h) for h in lost}

@@ -16,7 +16,6 @@ import numpy as np
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.diagnosis.linear.problem import Problem
-from workbench.diagnosis.robot.derived import negative_masses
 from workbench.diagnosis.validation.controls import of_order
 from workbench.diagnosis.validation.folds import TIME, Scheme
 from workbench.diagnosis.validation.held_out import rises
@@ -105,19 +104,6 @@ def with_carriers(bench, terms: Sequence[Term]) -> tuple[list[Term], list[Term]]
     return kept, [replace(t, kept=False, reason=reason) for t in orphans]
 
 
-def with_possible_masses(bench, terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
-    """The terms, and refused the loads whose fitted mass is significantly below the least that is possible, zero."""
-    effects = [effect for term in terms for effect in term.finding.effects]
-    kept, refused = list(terms), []
-    for load, mass in negative_masses(bench, effects):
-        size = f"{mass['value']:.3g} ± {mass['std']:.2g} {mass['unit']}"
-        reason = f"its mass would be negative ({size}), so that it is not a load"
-        lost = [t for t in kept if any(effect is load for effect in t.finding.effects)]
-        refused += [replace(term, kept=False, reason=reason) for term in lost]
-        kept = [t for t in kept if not any(t is one for one in lost)]
-    return kept, refused
-
-
 def combined_t(values: Sequence[float], sigma: np.ndarray | None) -> float:
     """One t over several schemes: their mean, but the worst where one of them says that the error rises.
 
@@ -159,5 +145,4 @@ __all__ = [
     "judging_schemes",
     "not_supported",
     "with_carriers",
-    "with_possible_masses",
 ]

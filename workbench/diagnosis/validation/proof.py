@@ -42,7 +42,6 @@ from workbench.diagnosis.validation.judging import (
     not_supported,
     reported_scheme,
     with_carriers,
-    with_possible_masses,
 )
 from workbench.diagnosis.validation.parallel import searches
 from workbench.diagnosis.validation.stability import (
@@ -81,9 +80,8 @@ def prove(
     terms, lost = stable_terms(bench, terms, whole, usual)
     terms, more = _controlled(bench, terms, say)
     terms, orphans = with_carriers(bench, terms)
-    terms, impossible = with_possible_masses(bench, terms)
     terms, chance = beyond_correlated_noise(bench, terms)
-    gone = [*refused, *lost, *more, *orphans, *impossible, *chance]
+    gone = [*refused, *lost, *more, *orphans, *chance]
     terms, worse, rows = _supported(errors, terms, gone, whole, usual)
     effects = effects_of([term.finding for term in terms])
     fixed = [errors(effects, one.scheme.fold) if effects else one.baseline_errors for one in whole]
