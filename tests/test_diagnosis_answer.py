@@ -8,6 +8,7 @@ import tomli_w
 
 from robot_model.effects import CATALOGUE
 from sensors.effects import CATALOGUE as SENSOR
+from workbench.core.covariates import clock
 from workbench.diagnosis.linear.problem import Alternative, Finding, Problem
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.validation import folds, held_out, left_out_blocks, stability
@@ -462,3 +463,19 @@ def test_what_was_found_and_not_retained_is_open(bench):
     said = next_experiment(bench, (sure,), problem, 1e-9, (open_yet,)).sentence
     assert said.startswith("Of the findings that are retained none is in doubt.")
     assert "Open is backlash at joint 3, which was found and not retained" in said
+
+
+def test_a_held_out_sample_beside_an_instant_is_not_predicted_where_no_other_tells_its_side(
+    tmp_path,
+):
+    made_of = bench_of(made(tmp_path, effect=[step(445.0)], payload_kg=[0.0, 0.0]))
+    times = clock(made_of.chain.state)
+    beside = np.argsort(np.abs(times - 445.0))[:2]
+    fold = np.where(np.isin(np.arange(len(times)), beside), 0, 1)
+    effects = (CATALOGUE["zero-shift"]("joint-3", after=445.0),)
+    errors = held_out.Errors(made_of)
+    assert np.isnan(errors(effects, fold)[beside]).all()
+    assert np.isfinite(errors((), fold)).all(), "without a step no side is asked for"
+    far = np.argsort(np.abs(times - 445.0))[10:20]
+    elsewhere = np.where(np.isin(np.arange(len(times)), far), 0, 1)
+    assert np.isfinite(errors(effects, elsewhere)[far]).all()

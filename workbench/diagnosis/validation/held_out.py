@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from workbench.core.covariates import clock
 from workbench.core.distributions import chi2, norm, student
 from workbench.core.effect import Effect
 from workbench.diagnosis.levels import CRITICAL_CLARK_WEST_T, CRITICAL_T, NEGLIGIBLE_SHARE
@@ -262,7 +263,7 @@ class Errors:
         return np.stack([distances, *np.full((_ROWS - 1, len(distances)), np.nan)])
 
     def _of_arm(self, effects, block: np.ndarray) -> np.ndarray:
-        """(5, n): mm, deg and mm.
+        """(5, n): mm, deg and mm; nan where the others do not tell on which side of an instant a sample lies.
 
         Where the others leave a direction open (all have the tool upright, say), it stays where all samples have it.
         """
@@ -272,13 +273,25 @@ class Errors:
             rows = left_out_rows(problem, np.where(block, 0, -1), only=0)
             out[:2] = _lengths_of(problem, rows)
             out[2:] = pad_to_position(_components_of(problem, rows))
-            return out
+            return self._without_ambiguous(out, effects, block)
         model, fit, _ = self.bench.solve(effects, is_complete=False)
         found = hold_out(model, fit.parameters, block, ~block, "huber")
         out[0], out[2:] = np.sqrt(found.squares), found.position
         if len(found.rotation):
             out[1] = np.rad2deg(np.sqrt((found.rotation**2).sum(0)))
-        return out
+        return self._without_ambiguous(out, effects, block)
+
+    def _without_ambiguous(self, rows: np.ndarray, effects, block: np.ndarray) -> np.ndarray:
+        """Rows (5, n) with nan for held-out samples between the others just before and just after an instant.
+
+        The other samples show that the step lies between these two, and not on which side of a sample between them.
+        """
+        times = clock(self.bench.chain.state)
+        for after in {getattr(effect, "after", None) for effect in effects} - {None}:
+            before = times[~block & (times <= after)].max(initial=-np.inf)
+            next_one = times[~block & (times > after)].min(initial=np.inf)
+            rows[:, block & (times > before) & (times < next_one)] = np.nan
+        return rows
 
     def _leaves_open(self, effects, block: np.ndarray) -> bool:
         """Whether a direction of the fit is determined by the samples of a block (n,) bool alone."""
