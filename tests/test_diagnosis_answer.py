@@ -465,16 +465,16 @@ def test_what_was_found_and_not_retained_is_open(bench):
     assert "Open is backlash at joint 3, which was found and not retained" in said
 
 
-def test_a_held_out_sample_beside_an_instant_is_not_predicted_where_no_other_tells_its_side(
+def test_a_held_out_sample_next_to_an_instant_is_not_predicted_where_no_other_tells_its_side(
     tmp_path,
 ):
     made_of = bench_of(made(tmp_path, effect=[step(445.0)], payload_kg=[0.0, 0.0]))
     times = clock(made_of.chain.state)
-    beside = np.argsort(np.abs(times - 445.0))[:2]
-    fold = np.where(np.isin(np.arange(len(times)), beside), 0, 1)
+    adjacent = np.argsort(np.abs(times - 445.0))[:2]
+    fold = np.where(np.isin(np.arange(len(times)), adjacent), 0, 1)
     effects = (CATALOGUE["zero-shift"]("joint-3", after=445.0),)
     errors = held_out.Errors(made_of)
-    assert np.isnan(errors(effects, fold)[beside]).all()
+    assert np.isnan(errors(effects, fold)[adjacent]).all()
     assert np.isfinite(errors((), fold)).all(), "without a step no side is asked for"
     far = np.argsort(np.abs(times - 445.0))[10:20]
     elsewhere = np.where(np.isin(np.arange(len(times)), far), 0, 1)

@@ -1,6 +1,6 @@
 """What is wrong with the data rather than the model: outliers, and noise that is not the same everywhere."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.special import logsumexp
@@ -22,11 +22,11 @@ def find_data_faults(
 ) -> tuple[np.ndarray, tuple[Finding, ...]]:
     """(n,) bool of the outliers, and findings on the data: a spread that is not the same everywhere, and outliers.
 
-    effects: of the model. Samples that they cannot predict, see `_predicted`, are no outliers.
+    effects: of the model. Samples that they cannot predict, see `is_move_known`, are no outliers.
     """
     spread = _spread(problem)
     factor, each = _outlying(problem, spread[0].depends_on[0] if spread else "")
-    found = (each > 0.5) & _predicted(problem, effects)
+    found = (each > 0.5) & is_move_known(problem.covariates, effects)
     if factor < np.log(_CLEAR) or not found.any():
         return np.zeros(problem.n, bool), spread
     p, label = max(float(np.exp(-factor)), 1e-300), f"{found.sum()} of {problem.n}"
@@ -34,15 +34,17 @@ def find_data_faults(
     return found, (*spread, Finding("outliers", "samples", label, (), p, probability, 0.0, 0.0))
 
 
-def _predicted(problem: Problem, effects: Sequence[Effect]) -> np.ndarray:
-    """(n,) bool, False for the first pose where an effect reads the last moves: nobody recorded how it was reached."""
+def is_move_known(
+    covariates: Mapping[str, np.ndarray], effects: Sequence[Effect]
+) -> np.ndarray | bool:
+    """(n,) False for the first pose where an effect reads the last moves: nobody recorded how it was reached."""
     moves = []
-    for name, values in problem.covariates.items():
+    for name, values in covariates.items():
         known = Covariate.of(name)
         if known.kind == "move" and not known.unit:  # and no state that follows from the moves
             moves.append(values != 0)
     if not moves or not any(effect.by_moves for effect in effects):
-        return np.ones(problem.n, bool)
+        return True
     return np.any(moves, axis=0)
 
 

@@ -10,6 +10,7 @@ from workbench.core.effect import Effect
 from workbench.diagnosis.levels import CRITICAL_CLARK_WEST_T, CRITICAL_T, NEGLIGIBLE_SHARE
 from workbench.diagnosis.linear.evidence import once
 from workbench.diagnosis.linear.problem import Problem
+from workbench.diagnosis.noise.data_findings import is_move_known
 from workbench.diagnosis.validation.folds import tested_samples
 from workbench.diagnosis.validation.left_out_blocks import block_shares, left_out_rows
 from workbench.fitting.cross_validation import hold_out, pad_to_position
@@ -284,8 +285,11 @@ class Errors:
     def _without_ambiguous(self, rows: np.ndarray, effects, block: np.ndarray) -> np.ndarray:
         """Rows (5, n) with nan for held-out samples between the others just before and just after an instant.
 
-        The other samples show that the step lies between these two, and not on which side of a sample between them.
+        The other samples show that the step lies between these two, and not on which side of a sample between them. Nor
+        is the first pose predicted by effects of the last move.
         """
+        covariates = self.bench.chain.state.covariates
+        rows[:, ~(np.ones(len(block), bool) & is_move_known(covariates, effects))] = np.nan
         times = clock(self.bench.chain.state)
         for after in {getattr(effect, "after", None) for effect in effects} - {None}:
             before = times[~block & (times <= after)].max(initial=-np.inf)
