@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from scipy.stats import chi2
 
 from datasets.recording import Recording
 from robot_model import load_robot
@@ -15,6 +16,7 @@ from scenes import ABB, assert_rows, differences
 from workbench.core.least_squares.identifiability import identifiability
 from workbench.core.least_squares.solver import normal_matrix, solve
 from workbench.core.model import Model
+from workbench.diagnosis.robot.bench import bench_of
 from workbench.jobs.robot.calibrate import calibrate
 
 TIP = np.array([20.0, -15.0, 180.0])
@@ -120,3 +122,12 @@ def test_the_main_job_takes_touches(arm):
 
 def test_touches_have_no_coordinate_to_write():
     assert TouchPoint(np.zeros(3, int), (1,)).columns(np.zeros((3, 3))) == {}
+
+
+def test_errors_of_touches_are_not_explained_by_the_scale_of_the_arm(arm):
+    """Touches contain no length. The sum of squares that a baseline leaves is chi-square by the degrees of freedom."""
+    robot, geometry = arm
+    problem = bench_of(touches(robot, geometry, sigma=0.05, seed=4)).problem(hypotheses=False)
+    left = problem.orthogonalise(problem.residual) * problem.sigma / 0.05
+    assert chi2.sf(left @ left, problem.degrees) > 1e-3
+    assert chi2.cdf(left @ left, problem.degrees) > 1e-3

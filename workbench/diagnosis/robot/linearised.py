@@ -7,7 +7,7 @@ import numpy as np
 
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect
-from workbench.core.least_squares.linear_algebra import least_squares
+from workbench.core.least_squares.linear_algebra import least_squares, thin_svd
 from workbench.core.least_squares.solver import Fit
 from workbench.core.model import NOISE, STATE_PORTS, Model
 from workbench.diagnosis.levels import ROUNDING
@@ -136,9 +136,32 @@ def _baseline(model: Model, fit: Fit, white) -> np.ndarray:
     """
     start = model.parameters.take_over(fit.parameters)
     own = start.only(start.mask & ~_noise(model))
-    sizes = np.array([min(p.typical, _PLAUSIBLE.get(p.unit, np.inf)) for p in own.table])[own.mask]
-    jacobian = (model.linearise(own)[1] * white).reshape(len(sizes), -1)
-    return observable_basis(jacobian.T * sizes)
+    table = [p for p, is_free in zip(own.table, own.mask) if is_free]
+    sizes = np.array([min(p.typical, _PLAUSIBLE.get(p.unit, np.inf)) for p in table])
+    residual, derivative = model.linearise(own)
+    columns = (derivative * white).reshape(len(sizes), -1).T * sizes
+    is_length = np.array([p.unit == "mm" for p in table])
+    lengths = np.where(is_length, own.values[own.mask], 0.0) / sizes
+    return observable_basis(_at_fixed_scale(columns, (residual * white).ravel(), lengths))
+
+
+def _at_fixed_scale(columns: np.ndarray, residual: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """Columns (N, F) without the change of all lengths (F,) together, where no measured length holds it.
+
+    A residual that states a contact (a tip in a plane or in one point) is then proportional to the lengths. By Euler's
+    theorem its derivative along them is the residual itself: a fit could only follow it by shrinking the arm to
+    nothing. At adjusted observations the column is zero (Gauss-Helmert model: Mikhail, Observations and Least Squares,
+    1976, ch. 8); at measured ones it contains their errors, and a projection onto it leaves no residual at all.
+    """
+    missing = columns @ lengths - residual
+    if missing @ missing > ROUNDING * (residual @ residual):
+        return columns
+    u, s, vt = thin_svd(columns)
+    seen = s > ROUNDING * s[:1].max(initial=0.0)
+    shrunk = vt[seen].T @ (
+        u[:, seen].T @ residual / s[seen]
+    )  # less the origins of frames, which are free
+    return columns - np.outer(residual, shrunk) / max(shrunk @ shrunk, 1e-300)
 
 
 def _given(bare: Model, fit: Fit, white) -> float:
