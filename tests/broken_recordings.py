@@ -79,7 +79,7 @@ def drop(name: str, file: str = "samples.csv") -> Callable[[Path], None]:
     return lambda folder: edit(folder, file, patch)
 
 
-def numbered(name: str) -> Callable[[Path], None]:
+def effect_indices(name: str) -> Callable[[Path], None]:
     """Another number in every row of one column."""
     return lambda folder: edit(
         folder,

@@ -11,8 +11,8 @@ from broken_recordings import (
     cell,
     column,
     drop,
+    effect_indices,
     every_line,
-    numbered,
     parquet,
     radians,
     remove,
@@ -175,7 +175,7 @@ TABLES = [
     ),
     Case(
         "points touched once",
-        numbered("point"),
+        effect_indices("point"),
         (CSV, "row 2", "point", "same number"),
         "touch-point",
     ),

@@ -84,12 +84,12 @@ def test_held_out_error_of_a_right_model_is_noise_and_the_uncertainty_of_its_par
     columns = rng.normal(size=(60, 12)) * np.linspace(0.2, 3, 60)[:, None]
     sample, ones, fold = np.repeat(np.arange(20), 3), np.ones(20), np.arange(20) // 4
     basis = np.linalg.qr(columns)[0]
-    usual = np.arange(20) != 7
+    inliers = np.arange(20) != 7
     squares = []
     for y in rng.normal(size=(2000, 60)):
         problem = Problem(y, basis, sample, ones, np.ones(60), fold, fold, {}, (), ())
-        squares.append((held_out.left_out(problem, fold)[usual] ** 2).mean() / 3)
-    factor = left_out_blocks.variance_factor(problem, fold, usual)
+        squares.append((held_out.left_out(problem, fold)[inliers] ** 2).mean() / 3)
+    factor = left_out_blocks.variance_factor(problem, fold, inliers)
     assert factor > 1.2 and factor == pytest.approx(np.mean(squares), rel=0.02)
 
 
@@ -104,8 +104,8 @@ def test_folds_never_part_a_pose(bench):
 def test_paired_gains_count_poses_and_not_samples():
     rng = np.random.default_rng(1)
     before, after = np.sqrt(rng.uniform(1, 3, 50)), np.sqrt(rng.uniform(0.8, 2.8, 50))
-    once = held_out.paired(np.arange(50), before, after, np.ones(50, bool))
-    often = held_out.paired(
+    once = held_out.paired_t(np.arange(50), before, after, np.ones(50, bool))
+    often = held_out.paired_t(
         np.repeat(np.arange(50), 7), np.repeat(before, 7), np.repeat(after, 7), np.ones(350, bool)
     )
     assert often == pytest.approx(once)
@@ -117,16 +117,16 @@ def test_a_few_poses_far_off_do_not_hide_what_helps_all_others():
     after = 0.7 * before
     far = rng.choice(300, 6, replace=False)
     before[far], after[far] = 12.0, 12.0 * rng.uniform(0.6, 1.4, 6)
-    usual, pose = np.ones(300, bool), np.arange(300)
+    inliers, pose = np.ones(300, bool), np.arange(300)
     squares = before**2 - after**2
     assert (
         squares.mean() / squares.std(ddof=1) * np.sqrt(300)
         < 3
         < 10
-        < held_out.paired(pose, before, after, usual)
+        < held_out.paired_t(pose, before, after, inliers)
     )
-    assert held_out.paired(pose, after, before, usual) == pytest.approx(
-        -held_out.paired(pose, before, after, usual)
+    assert held_out.paired_t(pose, after, before, inliers) == pytest.approx(
+        -held_out.paired_t(pose, before, after, inliers)
     )
 
 
@@ -154,9 +154,9 @@ def test_what_only_some_poses_show_is_no_luck_and_what_is_noisy_hides_nothing():
     plain, weighted = [], []
     for _ in range(30):
         pose, before, after, sigma = held_out_errors(rng, shown, noise)
-        usual = np.ones(len(pose), bool)
-        plain.append(held_out.paired(pose, before, after, usual))
-        weighted.append(held_out.paired(pose, before, after, usual, sigma))
+        inliers = np.ones(len(pose), bool)
+        plain.append(held_out.paired_t(pose, before, after, inliers))
+        weighted.append(held_out.paired_t(pose, before, after, inliers, sigma))
     assert min(plain) < 2 < min(weighted)
     assert np.median(weighted) > 1.2 * np.median(
         plain
@@ -168,12 +168,12 @@ def test_absent_effect_and_effect_of_one_pose_are_not_significant():
     shown = np.concatenate([np.geomspace(0.02, 0.3, 14), np.zeros(20)])
     several = [held_out_errors(rng, shown, np.ones(1), 0.0) for _ in range(300)]
     chance = np.array(
-        [held_out.paired(p, b, a, np.ones(len(p), bool), s) for p, b, a, s in several]
+        [held_out.paired_t(p, b, a, np.ones(len(p), bool), s) for p, b, a, s in several]
     )
     assert np.mean(chance > 2) < 0.023 and chance.mean() < 0
     one = np.where(np.arange(34) == 5, 3.0, 0.01)
     alone = [held_out_errors(rng, one, np.ones(1)) for _ in range(20)]
-    assert max(held_out.paired(p, b, a, np.ones(len(p), bool), s) for p, b, a, s in alone) < 2
+    assert max(held_out.paired_t(p, b, a, np.ones(len(p), bool), s) for p, b, a, s in alone) < 2
 
 
 def test_where_few_poses_show_most_luck_proves_no_more_often():
@@ -190,17 +190,17 @@ def test_where_few_poses_show_most_luck_proves_no_more_often():
 def test_a_fold_finds_a_term_again_by_what_it_makes_and_not_by_its_name():
     rng = np.random.default_rng(7)
     own, other = rng.normal(size=(2, 300))
-    assert stability._alike(own, [0.4 * own + 0.1 * other, other])
-    assert not stability._alike(own, [-own])
-    assert not stability._alike(own, [other])
-    assert not stability._alike(own, [])
+    assert stability._is_reselected(own, [0.4 * own + 0.1 * other, other])
+    assert not stability._is_reselected(own, [-own])
+    assert not stability._is_reselected(own, [other])
+    assert not stability._is_reselected(own, [])
 
 
 def test_with_sigma_a_root_mean_square_weighs_samples_as_a_fit_does():
     errors, sigma = np.array([1.0, 1.0, 30.0, np.nan]), np.array([1.0, 1.0, 10.0, 1.0])
-    usual = np.ones(4, bool)
-    assert held_out.rms(errors, usual, sigma) == pytest.approx(np.sqrt((1 + 1 + 9) / 2.01))
-    assert held_out.rms(errors, usual) == pytest.approx(np.sqrt(902 / 3))
+    inliers = np.ones(4, bool)
+    assert held_out.rms(errors, inliers, sigma) == pytest.approx(np.sqrt((1 + 1 + 9) / 2.01))
+    assert held_out.rms(errors, inliers) == pytest.approx(np.sqrt(902 / 3))
 
 
 def test_a_search_inside_a_fold_keeps_every_pose_where_these_are_few():

@@ -8,7 +8,7 @@ from workbench.diagnosis.validation.held_out import (
     _jackknife_t,
     _serial_factor,
     clark_west_t,
-    paired,
+    paired_t,
 )
 
 FOLDS = 5
@@ -34,7 +34,7 @@ def t_of(before, after):
 
 def fall_of(before, after):
     lengths = [np.sqrt((one**2).sum(0)) for one in (before, after)]
-    return paired(np.arange(len(lengths[0])), *lengths, np.ones(len(lengths[0]), bool))
+    return paired_t(np.arange(len(lengths[0])), *lengths, np.ones(len(lengths[0]), bool))
 
 
 def test_an_effect_near_the_noise_is_twice_as_significant_as_its_fall():

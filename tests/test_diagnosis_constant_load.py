@@ -56,7 +56,7 @@ def _gain_of_load(scale: float) -> float:
     made = recorded(5, effects, values, repeats=4, sigma=0.02 * scale)
     search = Search(bench_of(made), None, UNMODELLED_LEVEL, lambda line: None)
     search.solve()
-    table = {h.where: h for h in search.whole_table(()) if h.effect == "joint-compliance"}
+    table = {h.where: h for h in search.full_table(()) if h.effect == "joint-compliance"}
     laws = [h for where, h in table.items() if where in COMPLIANCES and not h.label]
     search.accepted = tuple(laws)
     search.solve()

@@ -11,12 +11,12 @@ from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded
 from test_real_arm_effects import without_masses
 from workbench.diagnosis.linear.evidence import Projected
-from workbench.diagnosis.linear.hypotheses import judged
+from workbench.diagnosis.linear.hypotheses import ranked_hypotheses
 from workbench.diagnosis.robot import bench
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.robot.library import variants
 from workbench.diagnosis.search.most_probable_set import accept_most_probable_set
-from workbench.diagnosis.search.posterior import Window, exchange_names
+from workbench.diagnosis.search.posterior import Window, exchange_terms
 from workbench.diagnosis.search.prior import SECOND, elastic_prior
 from workbench.diagnosis.search.select import find
 from workbench.diagnosis.search.state import Search
@@ -121,7 +121,11 @@ def test_once_a_part_deflects_further_ones_are_likely_with_and_without_masses(el
     for recording in (elastic_arm.recording, without_masses(elastic_arm.recording)):
         problem = bench_of(recording).problem()
         names = ("joint-compliance", "gravity-compliance")
-        joints = [h for h in judged(problem) if h.effect in names and h.where.startswith("joint")]
+        joints = [
+            h
+            for h in ranked_hypotheses(problem)
+            if h.effect in names and h.where.startswith("joint")
+        ]
         joints = [h for h in joints if not h.label]
         priors = elastic_prior(problem, Projected(problem), joints)
         assert priors.elastic.all() and len(joints) > 2
@@ -132,8 +136,10 @@ def test_once_a_part_deflects_further_ones_are_likely_with_and_without_masses(el
 def test_the_compliance_of_a_robot_is_estimated_next_to_what_else_is_accepted(elastic_arm):
     """Whatever an accepted law makes, its columns are fitted as well: prior sizes stay those of the arm without it."""
     problem = bench_of(elastic_arm.recording).problem()
-    joints = [h for h in judged(problem) if h.effect == "joint-compliance" and not h.label]
-    drift = next(h for h in judged(problem) if h.effect == "base-drift").columns(problem)
+    joints = [
+        h for h in ranked_hypotheses(problem) if h.effect == "joint-compliance" and not h.label
+    ]
+    drift = next(h for h in ranked_hypotheses(problem) if h.effect == "base-drift").columns(problem)
     disturbed = replace(problem, residual=problem.residual + 30 * drift.sum(1), cache={})
     plain, next_to_it, alone = (
         elastic_prior(one, Projected(one), joints, others).scale
@@ -156,5 +162,5 @@ def test_a_function_gives_way_to_the_law_that_is_likelier(elastic_arm):
     accepted[place] = replace(function, effects=(effect,))
     search.accepted = tuple(accepted)
     search.solve()
-    exchange_names(search)
+    exchange_terms(search)
     assert not any(h.smooth_covariates for h in search.accepted)

@@ -12,7 +12,7 @@ from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from robot_model.system import bind
 from workbench.core.model import Model
-from workbench.diagnosis.linear.evidence import SIZES, Moments, Projected, judge
+from workbench.diagnosis.linear.evidence import SIZES, Moments, Projected, score_hypotheses
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.noise.outliers import robust_weights, spread_with
 from workbench.diagnosis.robot.bench import bench_of
@@ -64,7 +64,9 @@ def test_evidence_is_the_marginal_likelihood():
     """Against a sum over sizes and a numerical integral over sigma of Gaussian densities."""
     rng = np.random.default_rng(1)
     z, y = rng.normal(size=(12, 2)), rng.normal(size=12)
-    scores = judge(Moments((z.T @ z)[None], (z.T @ y)[None], np.array([20.0])), float(y @ y), 12)
+    scores = score_hypotheses(
+        Moments((z.T @ z)[None], (z.T @ y)[None], np.array([20.0])), float(y @ y), 12
+    )
     logs, anchor = np.linspace(-4, 4, 4001), 4.0
     variance = np.exp(logs)
     weight = variance ** (-anchor / 2) * np.exp(
@@ -89,7 +91,9 @@ def test_p_values_are_uniform_when_nothing_is_there():
     z, y = rng.normal(size=(60, 3)), rng.normal(size=(4000, 60))
     p = np.array(
         [
-            judge(Moments((z.T @ z)[None], (z.T @ row)[None], np.array([99.0])), row @ row, 60).p[0]
+            score_hypotheses(
+                Moments((z.T @ z)[None], (z.T @ row)[None], np.array([99.0])), row @ row, 60
+            ).p[0]
             for row in y
         ]
     )
@@ -237,9 +241,9 @@ def test_a_random_effect_is_located_and_the_missing_covariate_named():
 
     answer = found(12, [Random("joint-2", joint=4)], [2e-4])
     assert not answer.findings
-    assert [(f.effect, f.where) for f in answer.spread] == [("unknown", "joint-2")]
+    assert [(f.effect, f.where) for f in answer.noise_findings] == [("unknown", "joint-2")]
     assert {"temperature", "approach", "speed"} <= {
-        a.missing for a in answer.spread[0].alternatives
+        a.missing_covariate for a in answer.noise_findings[0].alternatives
     }
     assert answer.located[0].where == "joint-2"
 
@@ -253,6 +257,6 @@ def test_noise_that_grows_with_the_load_is_named_and_makes_no_function_of_it():
     columns = {c: recording.columns[c] + row for c, row in zip(("x_mm", "y_mm", "z_mm"), noise)}
     answer = find(bench_of(replace(recording, columns={**recording.columns, **columns})))
     assert not answer.findings
-    assert [(f.effect, f.depends_on[0].startswith("payload")) for f in answer.spread] == [
+    assert [(f.effect, f.depends_on[0].startswith("payload")) for f in answer.noise_findings] == [
         ("noise-heteroscedastic", True)
     ]

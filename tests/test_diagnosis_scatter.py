@@ -19,7 +19,7 @@ from workbench.diagnosis.noise.random_effects import (
     unrecorded,
 )
 from workbench.diagnosis.robot.bench import bench_of
-from workbench.diagnosis.search.select import _beyond_functions
+from workbench.diagnosis.search.select import _data_findings_with_functions
 from workbench.diagnosis.search.stepwise import LAW
 from workbench.explanation.answer import _of_noise
 
@@ -68,7 +68,8 @@ def test_repeats_of_a_pose_that_err_together_are_no_movement_by_chance():
 def test_what_goes_with_time_asks_for_what_changes_with_time():
     problem = bench_of(recorded(5, n=60)).problem()
     asked = {
-        a.missing for a in unrecorded(problem, Located("joint-3", "joint", ("time",), 0.3, 1e-9))
+        a.missing_covariate
+        for a in unrecorded(problem, Located("joint-3", "joint", ("time",), 0.3, 1e-9))
     }
     assert asked == {"temperature", "payload"}
     assert not unrecorded(problem, Located("joint-3", "joint", ("q3",), 0.3, 1e-9))
@@ -98,7 +99,7 @@ def test_outliers_next_to_an_unknown_hold_more_than_it_may_miss(share, stay):
         conditional_gain=lambda i: (gain, 0.0),
     )
     said = (SimpleNamespace(effect="outliers"), SimpleNamespace(effect="noise-heteroscedastic"))
-    left, data = _beyond_functions(search, problem, outliers, said)
+    left, data = _data_findings_with_functions(search, problem, outliers, said)
     assert (left == (outliers & stay)).all()
     assert [f.effect for f in data] == ["outliers"] * stay
 
@@ -117,7 +118,7 @@ def test_random_effect_is_reported_next_to_a_rejected_term_if_it_persists(moves,
         Finding("unknown", "joint-2", LABEL, (), 1e-9, 1.0, 0.0, 0.0),
         Finding("noise-heteroscedastic", "noise", "with q1", (), 1e-9, 1.0, 0.0, 0.0, ("q1",)),
     )
-    found = SimpleNamespace(spread=spread, p_first=1e-9)
+    found = SimpleNamespace(noise_findings=spread, p_first=1e-9)
     assert [t.finding.where for t in _of_noise(found, (), ("refused",), problem)] == places
 
 

@@ -11,11 +11,11 @@ import datasets
 from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import found, recorded
 from workbench.diagnosis.linear.evidence import SIZES
-from workbench.diagnosis.linear.hypotheses import judged
+from workbench.diagnosis.linear.hypotheses import ranked_hypotheses
 from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.findings import with_special_cases
-from workbench.diagnosis.search.most_probable_set import _varied
+from workbench.diagnosis.search.most_probable_set import _limit_variants
 from workbench.diagnosis.search.objective import LogPosterior
 from workbench.diagnosis.search.posterior import Window
 from workbench.diagnosis.search.select import found_terms
@@ -38,7 +38,7 @@ def problem():
 @pytest.fixture(scope="module")
 def objective(problem):
     """Of the forty likeliest terms, functions among them."""
-    return LogPosterior.of(problem, judged(problem)[:40])
+    return LogPosterior.of(problem, ranked_hypotheses(problem)[:40])
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,9 @@ def elastic_arm():
     problem = bench.problem(
         law("joint-compliance", "joint-2", "joint-3", "joint-5")
     ).conditional_on(())
-    deflects = [h for h in judged(problem) if h.effect.endswith("-compliance") and not h.label]
+    deflects = [
+        h for h in ranked_hypotheses(problem) if h.effect.endswith("-compliance") and not h.label
+    ]
     return LogPosterior.of(problem, deflects)
 
 
@@ -112,7 +114,7 @@ def test_variants_of_one_covariate_leave_room_for_those_of_another():
     """
     softly = [one_variant("tau2", f"softly {k}") for k in range(6)]
     by_side = one_variant("approach2", "by the side of approach")
-    kept = _varied([*softly, by_side, *softly], 48)
+    kept = _limit_variants([*softly, by_side, *softly], 48)
     assert by_side in kept and len(kept) == 5
 
 

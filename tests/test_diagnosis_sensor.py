@@ -18,7 +18,7 @@ from workbench.diagnosis.search.select import find
 from workbench.diagnosis.validation import folds
 from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.held_out import name_of
-from workbench.diagnosis.validation.proof import earned_inside
+from workbench.diagnosis.validation.proof import retained_in_fold
 from workbench.jobs.sensor import chains as measured_chains
 
 CASES = {
@@ -157,7 +157,7 @@ def test_a_search_inside_a_fold_sees_all_of_the_other_placements():
         return []
 
     others = bench.pose % 5 > 0
-    assert earned_inside(bench, others, search) == []
+    assert retained_in_fold(bench, others, search) == []
     assert others.sum() > 2 * folds._SEARCHED and np.array_equal(seen[0], others)
 
 

@@ -9,7 +9,7 @@ from robot_model.chain import rotate
 from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded
 from workbench.core.model import NOISE, STATE_PORTS
-from workbench.diagnosis.linear.hypotheses import judged
+from workbench.diagnosis.linear.hypotheses import ranked_hypotheses
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search import select
 from workbench.diagnosis.search.objective import LogPosterior
@@ -30,10 +30,10 @@ def solved():
 def test_table_conditional_on_kept_effects_equals_one_computed_again(kept):
     """What the baseline makes of every hypothesis is kept with the problem; all else is as without it."""
     problem = solved()
-    judged(problem.conditional_on(()))
+    ranked_hypotheses(problem.conditional_on(()))
     shared = problem.conditional_on(kept)
     fresh = replace(shared, basis=shared.full_basis, cache={}, function_cache={}, retained=None)
-    found, expected = judged(shared), judged(fresh)
+    found, expected = ranked_hypotheses(shared), ranked_hypotheses(fresh)
     own = {
         (h.effect, h.where, h.label): (h.evidence, h.gain, h.rank, np.log(h.p)) for h in expected
     }
@@ -45,7 +45,7 @@ def test_table_conditional_on_kept_effects_equals_one_computed_again(kept):
 
 def test_what_a_spread_of_the_noise_changes_is_not_kept():
     problem = solved()
-    judged(problem.conditional_on(()))
+    ranked_hypotheses(problem.conditional_on(()))
     through = problem.transformed(lambda rows: 2 * rows)
     assert not through.cache and through.retained is None
 
@@ -54,7 +54,7 @@ def test_terms_found_at_one_solution_have_their_columns_at_another():
     """A likely term is not judged again about a new solution, but its columns are those there."""
     problem = solved()
     other = problem.transformed(lambda rows: 2 * rows)
-    for h in judged(problem.conditional_on(()))[:200]:
+    for h in ranked_hypotheses(problem.conditional_on(()))[:200]:
         assert np.allclose(h.at(other).columns(other), 2 * h.columns(problem))
     gone = replace(other, candidates=(), with_masses=(), scans=(), sites=())
     assert h.at(gone) is None
@@ -86,7 +86,7 @@ def test_a_problem_takes_fewer_steps_than_a_complete_solve_and_is_the_same_to_fi
 
 def test_an_objective_without_functions_weighs_laws_alike():
     problem = solved().conditional_on(())
-    terms = [h for h in judged(problem) if h.evidence > 0]
+    terms = [h for h in ranked_hypotheses(problem) if h.evidence > 0]
     objective = LogPosterior.of(problem, terms[:40])
     rows = np.flatnonzero(~objective.is_smooth)
     alone = objective.among(rows)

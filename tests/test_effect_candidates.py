@@ -78,7 +78,7 @@ def test_a_grid_makes_the_effect_of_each_of_its_values(catalogue, chain):
         value = made.options[grid.option]
         assert value == grid.values[-1]
         assert isinstance(value, option_types(grid.effect)[grid.option])
-        assert len(grid.masses) == len(grid.values) and grid.label.format(value)
+        assert len(grid.prior_weights) == len(grid.values) and grid.label.format(value)
 
 
 def test_compliances_are_the_mass_dependent_effects_without_their_special_cases():

@@ -85,4 +85,4 @@ def test_the_first_pose_is_no_outlier_of_a_law_of_the_last_moves():
     """Nobody recorded from where the arm came to it, so that the law makes nothing of it."""
     answer = found(84, [BACKLASH], [2e-3], n=120)
     assert [(f.effect, f.where) for f in answer.findings] == [("backlash", "joint-3")]
-    assert "outliers" not in {f.effect for f in answer.spread} and not answer.outliers.any()
+    assert "outliers" not in {f.effect for f in answer.noise_findings} and not answer.outliers.any()

@@ -33,7 +33,7 @@ def test_two_steps_at_one_place_never_come_to_begin_at_one_instant(monkeypatch):
         accepted=accepted,
         accepted_indices=(0, 1),
         others=lambda i: (1 - i,),
-        solve_possible=lambda: None,
+        solve_feasible=lambda: None,
     )
     monkeypatch.setattr(instants, "_refined", lambda search, i: step(15.0))
     instants.refine_instants(search)

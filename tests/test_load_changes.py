@@ -15,7 +15,7 @@ from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.validation import proof
-from workbench.diagnosis.validation.judging import with_carriers
+from workbench.diagnosis.validation.judging import require_compliances
 from workbench.diagnosis.validation.terms import Term
 
 COMPLIANCES = {"joint-2": 8e-6, "joint-3": 1.2e-5, "joint-5": 1.5e-4}  # rad/(N m)
@@ -93,9 +93,9 @@ def test_a_compliance_is_judged_without_the_load_that_acts_through_it():
     load = CATALOGUE["payload"]("tool")
     bench = bench_of(recorded(45, [*soft()[:1], load], [1e-5, 12.0, *MOMENT], n=120))
     joint, added = of_effects(soft()[0], load)
-    kept, refused = proof._earned(bench, [joint, added], None)
+    kept, refused = proof._retained_terms(bench, [joint, added], None)
     assert not refused and {term.finding.effect for term in kept} == {joint.effect, added.effect}
-    alone, _ = proof._earned(bench, [joint], None)
+    alone, _ = proof._retained_terms(bench, [joint], None)
     t = {term.finding.effect: term.t for term in kept}
     assert t[joint.effect] > 0.8 * alone[0].t > 5.0
 
@@ -104,8 +104,8 @@ def test_a_load_is_refused_where_no_compliance_is_retained():
     bench = bench_of(recorded(46, n=60))
     load, joint = CATALOGUE["payload"]("tool"), CATALOGUE["joint-compliance"]("joint-2")
     terms = [Term(finding) for finding in of_effects(load, joint)]
-    assert with_carriers(bench, terms) == (terms, [])
-    kept, refused = with_carriers(bench, terms[:1])
+    assert require_compliances(bench, terms) == (terms, [])
+    kept, refused = require_compliances(bench, terms[:1])
     assert kept == [] and not refused[0].kept and "compliance" in refused[0].reason
 
 
@@ -119,7 +119,7 @@ def test_a_search_goes_on_without_a_load_of_negative_mass():
     search.accepted = (variant_of(soft()[0]), variant_of(variant.effect, "constant"))
     row = {"key": "tool.payload.mass", "value": -2.0, "std": 0.5, "unit": "kg"}
     bench.parameters = lambda effects, samples: (row,)
-    search.solve_possible()
+    search.solve_feasible()
     assert [h.effect for h in search.accepted] == ["joint-compliance"]
     table = search.table(search.accepted_indices)
     assert not any(h.effect == "payload" and h.label == "constant" for h in table)

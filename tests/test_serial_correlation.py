@@ -14,7 +14,7 @@ from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.compatible import equivalent_places
 from workbench.diagnosis.search.findings import with_equivalent_places
 from workbench.diagnosis.validation.correlated_noise import (
-    beyond_correlated_noise,
+    reject_explained_by_correlated_noise,
     with_correlated_noise,
 )
 from workbench.diagnosis.validation.terms import Term
@@ -84,7 +84,7 @@ def test_a_law_of_the_joints_is_left_under_correlated_noise():
 def test_a_drift_is_refused_only_where_correlated_noise_explains_it(value, size, stays):
     made = bench(5, value, effects=[DRIFT], values=[size * SIGMA, 0, 0, 0, 0, 0])
     term = Term(Finding("base-drift", "base", "evenly", (DRIFT,), 1e-6, 0.9, 1.0, 30.0))
-    kept, refused = beyond_correlated_noise(made, [term])
+    kept, refused = reject_explained_by_correlated_noise(made, [term])
     assert (len(kept), len(refused)) == (stays, not stays)
     assert all("correlated from pose to pose" in one.reason for one in refused)
 

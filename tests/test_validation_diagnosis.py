@@ -12,7 +12,7 @@ from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.select import find
 from workbench.diagnosis.validation.folds import schemes
-from workbench.diagnosis.validation.held_out import Errors, paired, rms
+from workbench.diagnosis.validation.held_out import Errors, paired_t, rms
 from workbench.explanation.answer import diagnose
 from workbench.explanation.fixed_points import fixed_points
 from workbench.explanation.result import CONSISTENT, Term
@@ -60,7 +60,7 @@ def held_out(bench, effects):
         before, after = errors((), scheme.fold), errors(tuple(effects), scheme.fold)
         usual = np.ones(len(before), bool)
         rows.append(
-            (rms(before, usual), rms(after, usual), paired(bench.pose, before, after, usual))
+            (rms(before, usual), rms(after, usual), paired_t(bench.pose, before, after, usual))
         )
     return rows
 

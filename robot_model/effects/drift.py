@@ -32,7 +32,7 @@ class LinkThermalGrowth(Effect):
         """At every link that has a length, with time where no temperature is recorded."""
         for made in map(cls, chain.places("link")):
             if link_lengths(chain.robot, made.number)[1].any():
-                yield Variant(made, missing=missing_temperature(chain.state, made.column))
+                yield Variant(made, missing_covariate=missing_temperature(chain.state, made.column))
 
     def slots(self, chain):
         return link_lengths(chain.robot, self.number)[0]
@@ -68,7 +68,7 @@ class JointThermalDrift(Effect):
     def candidates(cls, chain):
         """At every joint, with time where no temperature is recorded."""
         for made in map(cls, chain.places("joint")):
-            yield Variant(made, missing=missing_temperature(chain.state, made.column))
+            yield Variant(made, missing_covariate=missing_temperature(chain.state, made.column))
 
     def table(self, chain):
         angle, kelvin = size_of(chain, self.number, 1e-4)

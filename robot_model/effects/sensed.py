@@ -49,7 +49,7 @@ class ArtefactExpansion(ArtefactExpansionLaw, Effect):
     def candidates(cls, chain):
         """One, with time where no temperature is recorded."""
         for made in map(cls, chain.places("artefact")):
-            yield Variant(made, missing=missing_temperature(chain.state, cls.column))
+            yield Variant(made, missing_covariate=missing_temperature(chain.state, cls.column))
 
 
 class NoiseHeteroscedastic(NoiseLaw, Effect):

@@ -93,7 +93,7 @@ def _unit_torque(frames, gravity, joint: int, body: int, axis: int) -> np.ndarra
     return (frames.z[joint] * moment).sum(0)
 
 
-def _of_bars(kind, chain, label: str = "", mass: float = 1.0) -> list[Variant]:
+def _of_bars(kind, chain, label: str = "", prior_weight: float = 1.0) -> list[Variant]:
     """A variant at each place where the moment of uniform bars varies; none where masses are stated."""
     if chain.robot.mass.any():
         return []
@@ -104,7 +104,7 @@ def _of_bars(kind, chain, label: str = "", mass: float = 1.0) -> list[Variant]:
             if numbered and (chain.slides(made.number) or made.first() >= chain.robot.joints):
                 continue
             if np.ptp(made.basis(chain.state)[0], axis=-1).max() > _UNDER_BARS:
-                found.append(Variant(made, label, mass))
+                found.append(Variant(made, label, prior_weight))
     return found
 
 
@@ -258,7 +258,7 @@ class GravityLink(Effect):
     @classmethod
     def candidates(cls, chain):
         """Where the moment of uniform bars varies; none where masses are stated."""
-        return _of_bars(cls, chain, mass=_OTHER_WEIGHT)
+        return _of_bars(cls, chain, prior_weight=_OTHER_WEIGHT)
 
     def first(self) -> int:
         """Number from 0 of the first link whose weight acts."""
@@ -291,7 +291,7 @@ class GravityPedestal(Effect):
     @classmethod
     def candidates(cls, chain):
         """Where the moment of uniform bars varies; none where masses are stated."""
-        return _of_bars(cls, chain, mass=_OTHER_WEIGHT)
+        return _of_bars(cls, chain, prior_weight=_OTHER_WEIGHT)
 
     def first(self) -> int:
         """Number from 0 of the first link whose weight acts."""

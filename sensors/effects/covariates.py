@@ -83,7 +83,7 @@ def warming(kind, chain):
     known = any(Covariate.of(name).kind == "temperature" for name in chain.varying)
     for where in (one for place in kind.places for one in chain.places(place)):
         if known or not chain.varies("time_s"):
-            yield Variant(kind(where), missing="" if known else "temperature")
+            yield Variant(kind(where), missing_covariate="" if known else "temperature")
             continue
         yield Variant(kind(where), "linear with time", 0.5, "temperature")
         yield from warm_ups(kind, where, getattr(chain, "times", ()), 0.5, "temperature")

@@ -26,8 +26,8 @@ class Recorded(Protocol):
 class Variant:
     """A candidate explanation of a diagnosis: an effect with given options at one place.
 
-    `label`: what distinguishes it from other variants at that place ("order 2"). `mass`: its share
-    of the prior probability of its family, relative to the other members. `missing`: the kind of
+    `label`: what distinguishes it from other variants at that place ("order 2"). `prior_weight`: its share
+    of the prior probability of its family, relative to the other members. `missing_covariate`: the kind of
     covariate that the law needs and the recording does not hold ("temperature"), for which another
     one (time) is used instead; "" where nothing is missing. `option`: name of the option that is a real number, of
     which the variants of a family hold a few values; `word`: format string of their labels. "" of all others.
@@ -35,8 +35,8 @@ class Variant:
 
     effect: "Effect"
     label: str = ""
-    mass: float = 1.0
-    missing: str = ""
+    prior_weight: float = 1.0
+    missing_covariate: str = ""
     option: str = ""
     word: str = ""
 
@@ -52,7 +52,7 @@ class Grid:
 
     `shape` "step": 0 up to `value` of the `covariate` and 1 beyond it; "wave": cosine and sine of
     `value` times the covariate. Each of the k slots of the effect has its own amplitude. `values`
-    (V,) ascending; `masses` (V,) prior weight of each, relative to the others; `typical`: prior
+    (V,) ascending; `prior_weights` (V,) prior weight of each, relative to the others; `typical`: prior
     size of the amplitudes, one or (k,), in the units of the slots; `label`: format string of a
     variant's label ("order {:g}"); `factor` (k, n): what the amplitude of a slot is multiplied by
     at each sample, where it is not 1 (a lever arm); `slots` (k): the slot of each amplitude, where several act on
@@ -66,7 +66,7 @@ class Grid:
     shape: str
     covariate: str
     values: np.ndarray
-    masses: np.ndarray
+    prior_weights: np.ndarray
     typical: float | tuple[float, ...]
     label: str
     factor: np.ndarray | None = None

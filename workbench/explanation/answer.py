@@ -164,7 +164,7 @@ def _whole(
     say("what these data could have shown")
     visible = _visible(bench, found)
     say("the next experiment")
-    certain = [e for t in terms if t.certain for e in t.finding.effects]
+    certain = [e for t in terms if t.is_certain for e in t.finding.effects]
     known = bench.problem(certain, tested_samples(bench))
     experiment = next_experiment(bench, terms, known, found.p_first, refused)
     made = Diagnosis(
@@ -239,11 +239,11 @@ def _is_above_noise(last: "FinalModel", terms) -> bool:
     return compared.is_exceeded()
 
 
-def _for_sensor(bench, recording, proved, terms, usual):
+def _for_sensor(bench, recording, proved, terms, inliers):
     """Errors by kind of measurement, and ball centres before and after, of a sensor; nothing of a robot."""
     if recording.measures not in IMAGES:
         return (), None
-    return errors_by_kind(bench, proved, usual), ball_centres(bench, recording, terms)
+    return errors_by_kind(bench, proved, inliers), ball_centres(bench, recording, terms)
 
 
 def _has_unexplained_structure(bench, found: Found, terms, proved, is_above: bool) -> bool:
@@ -404,13 +404,15 @@ def _with_noise(last: FinalModel, terms, refused) -> tuple[Term, ...]:
 
 
 def _of_noise(found: Found, terms, refused, problem) -> tuple[Term, ...]:
-    """Findings on the data. They have no mean to be held out, so that their p-value, valid over the search, is all
-    their proof. If a term of the mean was rejected, only outliers and a persisting random
-    effect are kept.
+    """Findings on the noise, which have no mean to be held out: their p-value is valid over the whole search.
+
+    If a term of the mean was rejected, only outliers and a persisting random effect are kept.
     """
-    moves = find_random_effect(problem, RANDOM_EFFECT_LEVEL) if refused and found.spread else None
-    still = moves.site.where if moves else None
-    kept = [f for f in found.spread if not refused or f.effect == "outliers" or f.where == still]
+    kept = found.noise_findings
+    if refused and kept:
+        moves = find_random_effect(problem, RANDOM_EFFECT_LEVEL)
+        still = moves.site.where if moves else None
+        kept = [f for f in kept if f.effect == "outliers" or f.where == still]
     if (
         not terms
         and found.p_first <= UNMODELLED_LEVEL

@@ -32,31 +32,31 @@ class FinalModel:
 
     @property
     def noise(self) -> tuple[float, str]:
-        usual = ~self.found.outliers
+        inliers = ~self.found.outliers
         if self.bench.chain is None:
-            return self.bench.noise(usual)
+            return self.bench.noise(inliers)
         left = residuals_of(self.after)
-        recording, position = self.bench.recording, left[:3, usual]
+        recording, position = self.bench.recording, left[:3, inliers]
         degrees = self.after.degrees * len(position) / len(left)
-        pose, index = self.bench.pose[usual], self._index()[usual]
+        pose, index = self.bench.pose[inliers], self._index()[inliers]
         sigma, rounding = stated_sigma(recording), self._rounding()
         if sigma is None or rounding is None:
             return replicates.noise(pose, index, position, sigma, degrees)
-        sigma = float(np.sqrt(sigma**2 + (rounding[:3, usual] ** 2).mean()))
+        sigma = float(np.sqrt(sigma**2 + (rounding[:3, inliers] ** 2).mean()))
         made, source = replicates.noise(pose, index, position, sigma, degrees)
         return made, source + WITH_ROUNDING * (source == AS_STATED)
 
     def _rounding(self) -> np.ndarray | None:
         """(m, n) mm, standard deviation of each coordinate by the rounding of readings; None where none was found."""
-        if not any(one.effect == ReadingLattice.effect for one in self.found.spread):
+        if not any(one.effect == ReadingLattice.effect for one in self.found.noise_findings):
             return None
         squares = rounding_variance(self.before) * unwhitened(self.before) ** 2
         return np.sqrt(squares).reshape(-1, self.before.n)
 
     def with_variance_factors(self, proof: Proof) -> Proof:
         """The proof with what the uncertainty of the parameters adds to the noise in its held-out errors."""
-        usual = ~self.found.outliers
-        before, after = (variance_factor(p, proof.fold, usual) for p in (self.before, self.after))
+        inliers = ~self.found.outliers
+        before, after = (variance_factor(p, proof.fold, inliers) for p in (self.before, self.after))
         return replace(proof, variance_factors=(before, after))
 
     def stated_noise(self) -> stated_noise.StatedNoise | None:

@@ -176,7 +176,7 @@ def verdict_of(
         return CONSISTENT
     if left:
         return UNEXPLAINED
-    return EXPLAINED if all(term.certain for term in terms) else AMBIGUOUS
+    return EXPLAINED if all(term.is_certain for term in terms) else AMBIGUOUS
 
 
 def has_unexplained_structure(
@@ -275,8 +275,8 @@ def _alternative(one) -> dict:
         "variant": one.label,
         "why": one.why,
         "probability": min(one.probability, 1.0),
-        "alike": one.alike,
-        "not_recorded": one.missing,
+        "alike": one.squared_correlation,
+        "not_recorded": one.missing_covariate,
     }
 
 

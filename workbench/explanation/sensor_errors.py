@@ -19,10 +19,10 @@ _SAME_SPREAD = 0.2  # relative change of the spread of jitter below which a sear
 _KINDS = {"corners": "corners", "board_stripes": "stripes on boards", "balls": "stripes on balls"}
 
 
-def errors_by_kind(bench, proof: Proof, usual: np.ndarray) -> list[dict]:
+def errors_by_kind(bench, proof: Proof, inliers: np.ndarray) -> list[dict]:
     """Held-out RMS errors (px) of corners, stripes on boards and stripes on balls, with the noise of each kind.
 
-    usual (n,) bool: samples that are no outliers.
+    inliers (n,) bool: samples that are no outliers.
     """
     edges = np.cumsum([0, *bench.chains.counts])
     rows = []
@@ -31,7 +31,7 @@ def errors_by_kind(bench, proof: Proof, usual: np.ndarray) -> list[dict]:
     ):
         mine = np.zeros(bench.n, bool)
         mine[first:last] = True
-        before, after = (rms(errors, usual & mine) for errors in proof.errors)
+        before, after = (rms(errors, inliers & mine) for errors in proof.errors)
         square = (bench.sigma[mine] ** 2 + bench.shared_px[mine] ** 2).mean()
         noise = float(np.sqrt(len(chain.sigma) * square))
         rows.append(

@@ -190,9 +190,9 @@ def _of_data(found: Finding) -> str:
         "left points along what that place does."
     )
     could = [
-        f"{one.effect} at {place(one.where)} with {covariate(one.missing)}"
+        f"{one.effect} at {place(one.where)} with {covariate(one.missing_covariate)}"
         for one in found.alternatives
-        if one.missing
+        if one.missing_covariate
     ]
     return said + (
         f" It may be {listed(could, 'or')}, none of which this recording holds." if could else ""
@@ -232,8 +232,10 @@ def _other(one) -> str:
     label = f" ({one.label})" if one.label else ""
     name = "an unnamed effect" if one.effect == "unknown" else one.effect
     missing = ""
-    if one.missing:
-        missing = f" if {covariate(one.missing)} changed, which this recording does not hold"
+    if one.missing_covariate:
+        missing = (
+            f" if {covariate(one.missing_covariate)} changed, which this recording does not hold"
+        )
     return f"{name} at {place(one.where)}{label} {_probability(one)}{missing}"
 
 

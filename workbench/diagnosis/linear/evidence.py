@@ -92,26 +92,32 @@ class Projected:
         n, size = problem.n, len(problem.sample)
         self._sum = csr_array((np.ones(size), (problem.sample, np.arange(size))), shape=(n, size))
 
-    def of_columns(self, columns: np.ndarray, name: tuple | None = None) -> Moments:
+    def column_moments(self, columns: np.ndarray, name: tuple | None = None) -> Moments:
         """columns (C, N, P), already in typical sizes; `name`: of columns that are the problem's own."""
 
         def first():
             raw = np.einsum("cnp,cnq->cpq", columns, columns, optimize=True)
-            return _less(raw, _made(self.problem.basis, columns)), np.einsum("cpp->cp", raw).max(1)
+            return _without_projections(raw, _projections(self.problem.basis, columns)), np.einsum(
+                "cpp->cp", raw
+            ).max(1)
 
         def coupling():
-            return np.einsum("cnp,n->cp", columns, self._y()), _made(self._columns(), columns)
+            return np.einsum("cnp,n->cp", columns, self._y()), _projections(
+                self._columns(), columns
+            )
 
         cache = {} if name is None else self.cache
-        gram, largest = once(cache, (name, "gram"), first)
-        return self._complement(gram, largest, *once(cache, (name, "added"), coupling))
+        gram, largest = cached(cache, (name, "gram"), first)
+        return self._complement(gram, largest, *cached(cache, (name, "added"), coupling))
 
     def _complement(self, gram, largest, score, cross) -> Moments:
         """Moments conditional on the kept effects; gram (C, P, P), score (C, P), cross (C, P, A) on the baseline."""
         if self.retained is None:
             return Moments(gram, score, largest)
         made = cross @ self.retained.mixing
-        return Moments(_less(gram, made), score - made @ self.retained.score, largest)
+        return Moments(
+            _without_projections(gram, made), score - made @ self.retained.score, largest
+        )
 
     def _y(self) -> np.ndarray:
         """(N,) the residual, orthogonal to the baseline alone."""
@@ -121,29 +127,29 @@ class Projected:
         """(N, A) columns of all added effects, orthogonal to the baseline."""
         return np.zeros((len(self.y), 0)) if self.retained is None else self.retained.added.columns
 
-    def slots(self, rows: np.ndarray, name: tuple) -> "Slots":
-        """Sums over each sample's coordinates of rows (k, N) of the problem; `name` as of `Slots`."""
-        return Slots(rows, self, name)
+    def sample_sums(self, rows: np.ndarray, name: tuple) -> "SampleSums":
+        """Sums over each sample's coordinates of rows (k, N) of the problem; `name` as of `SampleSums`."""
+        return SampleSums(rows, self, name)
 
     def sums(self, values: np.ndarray) -> np.ndarray:
         """(n, R) sums over each sample's coordinates of values (N, R)."""
         return self._sum @ values
 
-    def judge(self, moments: Moments) -> Scores:
+    def score_hypotheses(self, moments: Moments) -> Scores:
         """Evidence, gain and p-value of each hypothesis, every coordinate counting for as much as it is worth."""
         parts = (moments.gram, moments.score, moments.raw)
-        scores = judge(
+        scores = score_hypotheses(
             Moments(*(part / self.design_effect for part in parts)), self.yy, self.degrees
         )
         return replace(scores, gain=scores.gain * self.design_effect)
 
-    def judge_each(self, groups: list[Moments]) -> list[Scores]:
-        """`judge` of several groups of hypotheses, of all groups with equally many columns at once."""
+    def score_groups(self, groups: list[Moments]) -> list[Scores]:
+        """`score_hypotheses` of several groups of hypotheses, of all groups with equally many columns at once."""
         found: list = [None] * len(groups)
         widths = np.array([group.score.shape[1] for group in groups])
         for width in np.unique(widths):
             rows = np.flatnonzero(widths == width)
-            scores = self.judge(Moments.joined([groups[i] for i in rows]))
+            scores = self.score_hypotheses(Moments.joined([groups[i] for i in rows]))
             ends = np.cumsum([len(groups[i].score) for i in rows])
             for i, end in zip(rows, ends):
                 found[i] = scores.part(slice(end - len(groups[i].score), end))
@@ -167,25 +173,25 @@ def design_effect(y: np.ndarray, problem: Problem) -> float:
     return serial * float(np.clip((sums**2).sum() / max(y @ y, 1e-300), 1.0, largest))
 
 
-def once(kept: dict, key, make):
+def cached(kept: dict, key, make):
     """What `make()` gives, made once."""
     if key not in kept:
         kept[key] = make()
     return kept[key]
 
 
-def _made(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
+def _projections(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """(C, P, R) what a basis (N, R) makes of columns (C, N, P)."""
     return np.einsum("nr,cnp->cpr", basis, columns, optimize=True)
 
 
-def _less(gram: np.ndarray, made: np.ndarray) -> np.ndarray:
+def _without_projections(gram: np.ndarray, made: np.ndarray) -> np.ndarray:
     """(C, P, P) inner products without what is made, (C, P, R), of them."""
     return gram - made @ made.swapaxes(1, 2) if made.shape[2] else gram
 
 
 @dataclass(frozen=True)
-class Slots:
+class SampleSums:
     """What is left of k slots with `rows` (k, N) once each sample's coordinates are summed, made where it is asked for.
 
     `score` (n, k) with the residual, `added` (k, n, A) with the columns of added effects, `basis` (k, n, R) with the
@@ -230,18 +236,18 @@ class Slots:
 
         def first():
             own = raw() * typical[:, :, None] * typical[:, None, :]
-            return _less(own, made(self.basis)), np.einsum("cpp->cp", own).max(1)
+            return _without_projections(own, made(self.basis)), np.einsum("cpp->cp", own).max(1)
 
         def coupling():
             score = linear(self.score).swapaxes(1, 2).reshape(count, -1)
             return score * typical, made(self.added)
 
         cache = self.projected.cache
-        gram, largest = once(cache, (self.name, option, "gram"), first)
-        more = once(cache, (self.name, option, "added"), coupling)
+        gram, largest = cached(cache, (self.name, option, "gram"), first)
+        more = cached(cache, (self.name, option, "added"), coupling)
         return self.projected._complement(gram, largest, *more)
 
-    def times(self, name: tuple, waves: np.ndarray, typical: np.ndarray) -> Moments:
+    def function_moments(self, name: tuple, waves: np.ndarray, typical: np.ndarray) -> Moments:
         """Moments of V functions (V, n) on every slot, as one hypothesis a group; waves (C, V, n).
 
         name: of the functions. typical (C, k V): prior size of each coefficient, slot after slot.
@@ -263,7 +269,7 @@ class Slots:
 
         return self._moments(name, linear, raw, typical)
 
-    def steps(self, x: np.ndarray, options: np.ndarray, typical: np.ndarray, centred: bool):
+    def step_moments(self, x: np.ndarray, options: np.ndarray, typical: np.ndarray, centred: bool):
         """Moments of rows * (x > option), one hypothesis an option (V,); typical (k,).
 
         centred: each step less its mean over the samples. Sums over a step are differences of cumulative sums.
@@ -288,10 +294,10 @@ class Slots:
 
 def log_evidence(volume: np.ndarray, gain: np.ndarray, projected: "Projected") -> np.ndarray:
     """Log Bayes factor from log|I + s^2 D Z'Z D| and q(s), each (sizes, ...), summed over the sizes."""
-    return _summed_over_sizes(log_evidence_each(volume, gain, projected))
+    return _marginalise_sizes(log_evidence_by_size(volume, gain, projected))
 
 
-def log_evidence_each(volume: np.ndarray, gain: np.ndarray, projected) -> np.ndarray:
+def log_evidence_by_size(volume: np.ndarray, gain: np.ndarray, projected) -> np.ndarray:
     """The same of each size by itself."""
     share = np.minimum(gain / (projected.yy + _ANCHOR), 1 - 1e-12)
     return -0.5 * volume - 0.5 * (projected.degrees + _ANCHOR) * np.log1p(-share)
@@ -302,14 +308,14 @@ def log_null(projected) -> float:
     return float(-0.5 * (projected.degrees + _ANCHOR) * np.log(projected.yy + _ANCHOR))
 
 
-def _summed_over_sizes(logs: np.ndarray) -> np.ndarray:
+def _marginalise_sizes(logs: np.ndarray) -> np.ndarray:
     """Log of the average over the sizes (the first axis) of exp(logs), each size as likely as it is."""
     logs = logs + _LOG_PRIOR.reshape(-1, *[1] * (logs.ndim - 1))
     top = logs.max(0)
     return top + np.log(np.exp(logs - top).sum(0))
 
 
-def judge(moments: Moments, yy: float, degrees: float) -> Scores:
+def score_hypotheses(moments: Moments, yy: float, degrees: float) -> Scores:
     """Evidence against nothing, fall of y'y, rank and F-test p-value of C hypotheses."""
     values, vectors = symmetric_eigen(moments.gram)
     seen = values > np.maximum(ROUNDING * moments.raw, 1e-12)[:, None]
@@ -321,7 +327,7 @@ def judge(moments: Moments, yy: float, degrees: float) -> Scores:
     share = (along**2 * spread / (1 + spread * values)).sum(-1) / (yy + _ANCHOR)
     volume, left = np.log1p(spread * values).sum(-1), np.log1p(-np.minimum(share, 1 - 1e-12))
     logs = -0.5 * volume - 0.5 * (degrees + _ANCHOR) * left
-    evidence = _summed_over_sizes(logs)
+    evidence = _marginalise_sizes(logs)
     left = np.maximum(degrees - rank, 1)
     p = np.where(
         rank > 0, betainc(left / 2, np.maximum(rank, 1) / 2, 1 - gain / max(yy, 1e-300)), 1.0
@@ -331,15 +337,15 @@ def judge(moments: Moments, yy: float, degrees: float) -> Scores:
 
 def scan_moments(projected: Projected, scan: Scan) -> Moments:
     """Moments of every option of a scan."""
-    slots = projected.slots(scan.rows, scan.key)
+    sample_sums = projected.sample_sums(scan.rows, scan.key)
     if scan.kind == "step":
-        return slots.steps(scan.x, scan.options, scan.typical, scan.centred)
+        return sample_sums.step_moments(scan.x, scan.options, scan.typical, scan.centred)
     parts = []
     step = max(CHUNK_SIZE // len(scan.x), 1)
     for start in range(0, len(scan.options), step):
         waves = _waves(projected.problem, scan, slice(start, start + step))
         typical = np.broadcast_to(np.repeat(scan.typical, 2), (len(waves), 2 * len(scan.typical)))
-        parts.append(slots.times(("wave", start), waves, typical))
+        parts.append(sample_sums.function_moments(("wave", start), waves, typical))
     return Moments.joined(parts)
 
 
@@ -352,4 +358,4 @@ def _waves(problem: Problem, scan: Scan, chunk: slice) -> np.ndarray:
 
     is_small = scan.options.size * problem.n <= CHUNK_SIZE and not scan.is_exact
     kept = problem.function_cache if is_small else {}
-    return once(kept, ("wave", scan.where, scan.effect, chunk.start), make)
+    return cached(kept, ("wave", scan.where, scan.effect, chunk.start), make)

@@ -119,7 +119,10 @@ def _exact(scan: Scan, value: float) -> Scan:
     """A scan with one option, which has the mass of the nearest one."""
     nearest = int(np.argmin(np.abs(scan.options - value)))
     return replace(
-        scan, options=np.array([value]), mass=scan.mass[nearest : nearest + 1], is_exact=True
+        scan,
+        options=np.array([value]),
+        prior_weight=scan.prior_weight[nearest : nearest + 1],
+        is_exact=True,
     )
 
 

@@ -14,7 +14,7 @@ from workbench.diagnosis.linear.evidence import (
     Moments,
     Projected,
     Scores,
-    once,
+    cached,
     scan_moments,
 )
 from workbench.diagnosis.linear.problem import Candidate, Problem, Scan, Site
@@ -39,14 +39,14 @@ class Hypothesis:
     family: str = ""
     effects: tuple[Effect, ...] = ()
     source: object = None
-    mass: float = 1.0
+    prior_weight: float = 1.0
     evidence: float = 0.0
     p: float = 1.0
     gain: float = 0.0
     rank: int = 1
     smooth_covariates: tuple[str, ...] = ()
-    missing: str = ""
-    together: bool = True
+    missing_covariate: str = ""
+    coexists: bool = True
     log_prior: float = 0.0
     weight: float = 1.0
 
@@ -108,7 +108,7 @@ def columns_of(source, problem: Problem) -> np.ndarray:
 def _functions(place: Scan | Site, option, problem: Problem) -> np.ndarray:
     """(V, n) functions, in their prior sizes, of one option of a scan or of the covariates named at a site."""
     if isinstance(place, Site):
-        waves, sizes = waves_at(problem, option, place.fine)
+        waves, sizes = waves_at(problem, option, place.resolution)
         return waves * sizes[:, None]
     if place.kind == "step":
         step = (place.x > option).astype(float)
@@ -125,23 +125,23 @@ def waves_at(
         values = [problem.covariates[name] for name in names]
         return functions(names, values, [(float(v.min()), float(v.max())) for v in values], fine)
 
-    return once(problem.function_cache, (names, fine), make)
+    return cached(problem.function_cache, (names, fine), make)
 
 
-def judged(
-    problem: Problem, projected: Projected | None = None, wanted: Sequence = ()
+def ranked_hypotheses(
+    problem: Problem, projected: Projected | None = None, required: Sequence = ()
 ) -> list[Hypothesis]:
     """Every hypothesis that the effects in the model leave room for, judged; likeliest first.
 
     wanted: (family, label) of options of scans that must be among them, however unlikely.
     """
     projected = projected or Projected(problem)
-    wanted = set(wanted)
+    required = set(required)
     named = [*_of_candidates((*problem.candidates, *problem.with_masses), projected)]
     periods = []
-    scans = projected.judge_each([scan_moments(projected, scan) for scan in problem.scans])
+    scans = projected.score_groups([scan_moments(projected, scan) for scan in problem.scans])
     for scan, scores in zip(problem.scans, scans):
-        (periods if scan.smooth_covariates else named).extend(_of_scan(scan, scores, wanted))
+        (periods if scan.smooth_covariates else named).extend(_of_scan(scan, scores, required))
     smooth = [*_of_sites(problem, projected)]
     found = [*_named_priors(named), *_smooth_priors(smooth, periods)]
     free = [h for h in found if not any(_excludes(effect, h) for effect in problem.effects)]
@@ -156,15 +156,15 @@ def _excludes(effect: Effect, h: Hypothesis) -> bool:
         return effect.names == h.smooth_covariates and all(
             other.options == effect.options for other in h.effects
         )
-    return not h.together or any(effect.options == other.options for other in h.effects)
+    return not h.coexists or any(effect.options == other.options for other in h.effects)
 
 
 def _of_candidates(candidates: Sequence[Candidate], projected: Projected) -> Iterator[Hypothesis]:
     """Each candidate judged, those with equally many columns at once."""
     widths = np.array([c.columns.shape[1] for c in candidates])
     for chosen, name in _groups(candidates, widths):
-        moments = projected.of_columns(np.stack([c.columns * c.typical for c in chosen]), name)
-        scores = projected.judge(moments)
+        moments = projected.column_moments(np.stack([c.columns * c.typical for c in chosen]), name)
+        scores = projected.score_hypotheses(moments)
         signs = _one_sided(chosen, moments, scores, projected)
         scores = replace(scores, evidence=scores.evidence + signs)
         for i, c in enumerate(chosen):
@@ -175,10 +175,10 @@ def _of_candidates(candidates: Sequence[Candidate], projected: Projected) -> Ite
                 c.family,
                 c.effects,
                 c,
-                c.mass,
+                c.prior_weight,
                 *scores.row(i),
-                missing=c.missing,
-                together=c.together,
+                missing_covariate=c.missing_covariate,
+                coexists=c.coexists,
             )
 
 
@@ -201,15 +201,15 @@ def _one_sided(chosen, moments: Moments, scores: Scores, projected: Projected) -
     return np.where(only, np.log(2) + log_ndtr(z), 0.0)
 
 
-def _of_scan(scan: Scan, scores: Scores, wanted: set) -> Iterator[Hypothesis]:
+def _of_scan(scan: Scan, scores: Scores, required: set) -> Iterator[Hypothesis]:
     """The best options of a scan, and those whose (family, label) is wanted; the first stands for all others, too."""
-    mass = scan.mass / max(scan.mass.sum(), 1e-300)
+    mass = scan.prior_weight / max(scan.prior_weight.sum(), 1e-300)
     best = np.argsort(-(scores.evidence + np.log(mass)))
     others = best[MOST_LISTED:]
     if len(others):
         rest = logsumexp(scores.evidence[others], b=mass[others]) - np.log(mass[best[0]])
         scores.evidence[best[0]] = np.logaddexp(scores.evidence[best[0]], rest)
-    labels = {label for family, label in wanted if family == scan.family}
+    labels = {label for family, label in required if family == scan.family}
     also = [i for i in others if labels and scan.word.format(scan.options[i]) in labels]
     for i in (*best[:MOST_LISTED], *also):
         value = float(scan.options[i])
@@ -220,10 +220,10 @@ def _of_scan(scan: Scan, scores: Scores, wanted: set) -> Iterator[Hypothesis]:
             scan.family,
             scan.make(value) if scan.make else (),
             (scan, value),
-            scan.mass[i],
+            scan.prior_weight[i],
             *scores.row(i),
             smooth_covariates=scan.smooth_covariates,
-            together=scan.together,
+            coexists=scan.coexists,
         )
 
 
@@ -234,7 +234,7 @@ def _of_sites(problem: Problem, projected: Projected) -> Iterator[Hypothesis]:
         for site in problem.sites
         for chosen, moments in _site_moments(site, problem, projected)
     ]
-    judged_groups = projected.judge_each([moments for *_, moments in groups])
+    judged_groups = projected.score_groups([moments for *_, moments in groups])
     for (site, chosen, _), scores in zip(groups, judged_groups):
         for i, names in enumerate(chosen):
             label = f"a smooth function of {' and '.join(names)}"
@@ -244,24 +244,24 @@ def _of_sites(problem: Problem, projected: Projected) -> Iterator[Hypothesis]:
 
 def _site_moments(site: Site, problem: Problem, projected: Projected):
     """(chosen, Moments) of the functions of a site: names of covariates that are mapped to equally many numbers."""
-    slots = projected.slots(site.rows, ("site", site.where, site.port))
+    sample_sums = projected.sample_sums(site.rows, ("site", site.where, site.port))
     groups: dict[int, list[tuple[str, ...]]] = {}
     for names in (*((c,) for c in site.covariates), *site.pairs):
-        groups.setdefault(len(waves_at(problem, names, site.fine)[0]), []).append(names)
+        groups.setdefault(len(waves_at(problem, names, site.resolution)[0]), []).append(names)
     for chosen in groups.values():
-        known = [waves_at(problem, names, site.fine) for names in chosen]
+        known = [waves_at(problem, names, site.resolution) for names in chosen]
         waves = np.stack([functions for functions, _ in known])
         typical = np.stack([np.outer(site.typical, sizes).ravel() for _, sizes in known])
-        yield chosen, slots.times((site.fine, *chosen), waves, typical)
+        yield chosen, sample_sums.function_moments((site.resolution, *chosen), waves, typical)
 
 
 def _named_priors(rows: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
     """Each family equally likely, its variants by their mass; the level of the search shared alike."""
     total: Counter[str] = Counter()
     for h in rows:
-        total[h.family] += h.mass
+        total[h.family] += h.prior_weight
     for h in rows:
-        part = h.mass / total[h.family] / len(total)
+        part = h.prior_weight / total[h.family] / len(total)
         yield _with_prior(h, 1 - RARE_PRIOR, 1 - SMOOTH_LEVEL, part)
 
 
@@ -270,9 +270,9 @@ def _smooth_priors(smooth: Sequence[Hypothesis], periods: Sequence[Hypothesis]):
     kinds = [[h for h in smooth if len(h.smooth_covariates) == k] for k in (1, 2)] + [periods]
     held = [members for members in kinds if members]
     for members in held:
-        total = sum(h.mass for h in members)
+        total = sum(h.prior_weight for h in members)
         for h in members:
-            yield _with_prior(h, RARE_PRIOR, SMOOTH_LEVEL, h.mass / total / len(held))
+            yield _with_prior(h, RARE_PRIOR, SMOOTH_LEVEL, h.prior_weight / total / len(held))
 
 
 def _with_prior(h: Hypothesis, share: float, level: float, part: float) -> Hypothesis:
@@ -292,4 +292,4 @@ def family_wise(hypotheses: Sequence[Hypothesis], least: float = 0.0) -> float:
     return float(min([1.0, *(h.p / h.weight for h in counted)]))
 
 
-__all__ = ["Hypothesis", "Moments", "columns_of", "family_wise", "judged", "waves_at"]
+__all__ = ["Hypothesis", "Moments", "columns_of", "family_wise", "ranked_hypotheses", "waves_at"]

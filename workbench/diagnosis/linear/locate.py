@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from workbench.diagnosis.linear.hypotheses import Hypothesis, judged
+from workbench.diagnosis.linear.hypotheses import Hypothesis, ranked_hypotheses
 from workbench.diagnosis.linear.problem import Located, Problem
 
 
@@ -12,7 +12,7 @@ def located(problem: Problem, table: Sequence[Hypothesis] | None = None) -> tupl
     `share`: of what the residual holds beyond noise (the unit variance that the degrees of freedom
     leave is taken off both). `p_value`: of the best function at the place over all places and covariates.
     """
-    table = judged(problem) if table is None else table
+    table = ranked_hypotheses(problem) if table is None else table
     best: dict[tuple, Hypothesis] = {}
     for h in table:
         if h.smooth_covariates and (

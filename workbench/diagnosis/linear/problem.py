@@ -53,9 +53,9 @@ class Candidate:
     columns: np.ndarray
     typical: np.ndarray
     family: str
-    mass: float = 1.0
-    missing: str = ""
-    together: bool = False
+    prior_weight: float = 1.0
+    missing_covariate: str = ""
+    coexists: bool = False
     positive: int = 0
     load: float = 0.0
     option: str = ""
@@ -87,13 +87,13 @@ class Scan:
     rows: np.ndarray
     x: np.ndarray
     options: np.ndarray
-    mass: np.ndarray
+    prior_weight: np.ndarray
     typical: np.ndarray
     family: str
     make: object = None
     word: str = ""  # of the label: "order {:g}", "after {:g}"
     smooth_covariates: tuple[str, ...] = ()
-    together: bool = False
+    coexists: bool = False
     centred: bool = False
     option: str = ""
     is_exact: bool = False
@@ -124,7 +124,7 @@ class Site:
     pairs: tuple[tuple[str, str], ...] = ()
 
     @property
-    def fine(self) -> int:
+    def resolution(self) -> int:
         """How finely a function may change here, see `robot_model.effects.nonparametric.functions`."""
         return int(len(self.rows) == 1)
 
@@ -362,7 +362,7 @@ class Bench(Protocol):
 
     baseline: tuple[Effect, ...]
     unit: str
-    whole: bool
+    needs_all_samples: bool
     pose: np.ndarray
     sigma: np.ndarray | None
     warnings: tuple[str, ...]
@@ -417,9 +417,9 @@ class Alternative:
     where: str
     label: str
     probability: float
-    alike: float
+    squared_correlation: float
     why: str
-    missing: str = ""
+    missing_covariate: str = ""
 
 
 @dataclass(frozen=True)
@@ -470,7 +470,7 @@ class Found:
 
     `before`, `after`: the problems of the baseline and of the final model. `p_first`: family-wise
     p-value that anything at all is missing; `p_remainder` that anything is left at the end. `located`:
-    of the baseline's mismatch, and of what is left (`remainder`). `outliers`: (n,) bool. `spread`:
+    of the baseline's mismatch, and of what is left (`remainder`). `outliers`: (n,) bool. `noise_findings`:
     findings on the variance. `history`: lines that say what was tried and why.
     """
 
@@ -482,5 +482,5 @@ class Found:
     located: tuple[Located, ...]
     remainder: tuple[Located, ...]
     outliers: np.ndarray
-    spread: tuple[Finding, ...] = ()
+    noise_findings: tuple[Finding, ...] = ()
     history: tuple[str, ...] = field(default_factory=tuple)

@@ -310,7 +310,7 @@ def _waves(reading, weight, count) -> tuple[float, int]:
     return float(power[tried].max(initial=0.0)), int(tried.sum())
 
 
-def evened_by(problem: Problem, random_effect: RandomEffect) -> Problem:
+def whitened_by(problem: Problem, random_effect: RandomEffect) -> Problem:
     """The problem with residuals, and all that is compared with them, also whitened by a site's random effect."""
     m = len(problem.residual) // problem.n
     mine = _which(random_effect.site)
@@ -367,11 +367,11 @@ def random_effect_finding(random_effect: RandomEffect, problem: Problem) -> Find
     if random_effect.rounds < RANDOM_EFFECT_LEVEL:
         return Finding(QUANTISATION, site.where, "", (), *given)
     label = ALONG if site.where == "time" and len(site.rows) == 1 else LABEL
-    others = hidden(random_effect, problem)
+    others = unrecorded_causes(random_effect, problem)
     return Finding("unknown", site.where, label, (), *given, alternatives=others)
 
 
-def hidden(random_effect: RandomEffect, problem: Problem) -> tuple[Alternative, ...]:
+def unrecorded_causes(random_effect: RandomEffect, problem: Problem) -> tuple[Alternative, ...]:
     """What could do it through a covariate that the recording does not hold, the likelier first."""
     site, held = random_effect.site, problem.covariates
     kurtosis, error = random_effect.kurtosis, random_effect.error
@@ -396,7 +396,7 @@ def unrecorded(problem: Problem, place: Located) -> tuple[Alternative, ...]:
     """
     found = find_random_effect(problem, RANDOM_EFFECT_LEVEL)
     if found is not None and found.site.where == place.where:
-        return hidden(found, problem)
+        return unrecorded_causes(found, problem)
     if "time" not in place.depends_on:
         return ()
     rows = [*_warm(place), *([_loaded(place)] if place.port == "joint" else [])]
@@ -436,8 +436,8 @@ def place_of(random_effect: RandomEffect) -> Located:
 __all__ = [
     "RandomEffect",
     "residual_random_effect",
-    "evened_by",
-    "hidden",
+    "whitened_by",
+    "unrecorded_causes",
     "is_rounding",
     "movement",
     "place_of",

@@ -170,7 +170,7 @@ class RobotBench:
     """
 
     unit = "mm"
-    whole = False  # a part of many poses finds the same terms
+    needs_all_samples = False  # a part of many poses finds the same terms
     sigma = None
 
     def __init__(
@@ -243,7 +243,7 @@ class RobotBench:
         state = self.chain.at(np.arange(0, self.chain.n, step)).state
         laws = [(o, mass_responses.with_estimated_masses(o.effect, state)) for o in known]
         return tuple(
-            replace(o, effect=law, label=mass_responses.LABEL, mass=_PRIOR_WITH_MASSES)
+            replace(o, effect=law, label=mass_responses.LABEL, prior_weight=_PRIOR_WITH_MASSES)
             for o, law in laws
             if law
         )

@@ -60,7 +60,9 @@ class SensorBench:
     baseline: tuple[Effect, ...] = ()
     chain = None
     warnings: tuple[str, ...] = ()
-    whole = True  # a third of the board poses would show a third as much, and other balls
+    needs_all_samples = (
+        True  # a third of the board poses would show a third as much, and other balls
+    )
     constant_loads = ()
 
     def __init__(self, chains: Chains):
@@ -208,14 +210,14 @@ class SensorBench:
         ]
         return [rows for kinds in scored for rows in kinds]
 
-    def noise(self, usual: np.ndarray) -> tuple[float, str]:
-        """RMS error (px) that noise alone makes of the usual samples (n,) bool, weighted as held-out errors are."""
+    def noise(self, inliers: np.ndarray) -> tuple[float, str]:
+        """RMS error (px) that noise alone makes of the inliers (n,) bool, weighted as held-out errors are."""
         of_parts = [len(chain.sigma) for chain in self.chains.parts.values()]
         components = np.repeat(of_parts, self.chains.counts)
-        weight = self.sigma[usual] ** -2.0
-        shared = float(weight @ self.shared_px[usual] ** 2)
+        weight = self.sigma[inliers] ** -2.0
+        shared = float(weight @ self.shared_px[inliers] ** 2)
         source = "from neighbouring points" + (" and jitter" if self.jitter_px else "")
-        return float(np.sqrt((components[usual].sum() + shared) / weight.sum())), source
+        return float(np.sqrt((components[inliers].sum() + shared) / weight.sum())), source
 
     def ball_centres(self, effects: Sequence[Effect] = ()) -> np.ndarray | None:
         """(B, 3) mm, centres of the balls of all scans in the camera frame; None without balls."""

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from workbench.diagnosis.linear.hypotheses import Hypothesis, judged
+from workbench.diagnosis.linear.hypotheses import Hypothesis, ranked_hypotheses
 from workbench.diagnosis.linear.problem import Alternative, Bench, Finding, Found, Problem
 
 _LARGE = 20.0
@@ -32,7 +32,7 @@ def reviewed(bench: Bench, found: Found, samples: np.ndarray | None = None) -> F
 
 
 def _with_alternatives(bench, bare: Problem, finding: Finding) -> Finding:
-    table = judged(bare)
+    table = ranked_hypotheses(bare)
     own = next(
         (h for h in table if (*h.key, h.label) == (finding.effect, finding.where, finding.label)),
         None,
@@ -101,7 +101,7 @@ def _finding_among(finding: Finding, own: Hypothesis, alternatives, shares) -> F
             float(left * share),
             float(min(1.0, h.gain / max(own.gain, 1e-300))),
             "one of the two would be so large that to first order they are confounded",
-            h.missing,
+            h.missing_covariate,
         )
         for h, share in zip(alternatives, shares[1:])
     ]

@@ -19,7 +19,7 @@ from workbench.core.rigid import rotation_matrix, skew
 from workbench.core.text.uncertain import with_std
 from workbench.diagnosis.levels import CRITICAL_T, UNMODELLED_LEVEL
 from workbench.diagnosis.validation.folds import LEAST_FOLDS
-from workbench.diagnosis.validation.held_out import paired, rms
+from workbench.diagnosis.validation.held_out import paired_t, rms
 from workbench.files.images.flange import flange_poses
 from workbench.jobs.sensor import hand_eye
 
@@ -300,7 +300,7 @@ def _tested(data: Data, base, candidate: Candidate, tests: int) -> Found:
     std = np.sqrt(np.diag(covariance)[-k:])
     size = float(np.sqrt(np.mean((candidate.columns @ values) ** 2)))
     before, after = _held_out(data, small), _held_out(data, large)
-    t = paired(data.pose, before, after, np.ones(len(target), bool))
+    t = paired_t(data.pose, before, after, np.ones(len(target), bool))
     retained = p_value < UNMODELLED_LEVEL and t > CRITICAL_T
     return Found(candidate, values, std, p_value, size, _rms(before), _rms(after), retained)
 

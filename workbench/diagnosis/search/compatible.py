@@ -21,10 +21,10 @@ def compatible(h: Hypothesis, other: Hypothesis) -> bool:
     """Whether two terms may act side by side."""
     if bool(h.smooth_covariates) != bool(other.smooth_covariates):
         function, law = (h, other) if h.smooth_covariates else (other, h)
-        return not _covers(function, law)
+        return not _represents_law(function, law)
     if h.smooth_covariates:
         return h.key != other.key or h.smooth_covariates != other.smooth_covariates
-    return h.family != other.family or (h.together and h.label != other.label)
+    return h.family != other.family or (h.coexists and h.label != other.label)
 
 
 def same_place(law: Hypothesis) -> tuple[str, ...]:
@@ -53,18 +53,18 @@ def equivalent_places(where: str, names: Sequence[str], joints: int) -> tuple[st
     return tuple(one for one in frames[first : last + 1] if one != where)
 
 
-def near(place: str, other: str) -> bool:
+def is_neighbour(place: str, other: str) -> bool:
     """Whether two places are the same, or of neighbouring links."""
     numbers = [int(p.rpartition("-")[2]) for p in (place, other) if "-" in p]
     return place == other or len(numbers) == 2 and abs(numbers[0] - numbers[1]) <= 1
 
 
-def _covers(function: Hypothesis, law: Hypothesis) -> bool:
+def _represents_law(function: Hypothesis, law: Hypothesis) -> bool:
     """Whether a smooth function excludes a law: it acts on the same port and reads the same covariates.
 
     At a joint a function of any angles leaves none for slow waves and for another angle's share either.
     """
-    if function.where not in same_place(law) or _fast(law):
+    if function.where not in same_place(law) or _is_too_fast(law):
         return False
     angles = all(name[0] == "q" for name in function.smooth_covariates)
     slow = law.effect == _WAVE and law.effects and law.effects[0].order <= _SLOW
@@ -73,7 +73,7 @@ def _covers(function: Hypothesis, law: Hypothesis) -> bool:
     return bool(law.reads & set(function.smooth_covariates))
 
 
-def _fast(law: Hypothesis) -> bool:
+def _is_too_fast(law: Hypothesis) -> bool:
     """Whether a wave has more turns in these poses than a function can follow that may change sharply."""
     if law.effect != _WAVE or not isinstance(law.source, tuple):
         return False
@@ -81,4 +81,4 @@ def _fast(law: Hypothesis) -> bool:
     return order * np.ptp(scan.x) / 2 > SHARP_DEGREE
 
 
-__all__ = ["compatible", "equivalent_places", "near", "same_place"]
+__all__ = ["compatible", "equivalent_places", "is_neighbour", "same_place"]

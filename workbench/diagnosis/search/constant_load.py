@@ -52,7 +52,7 @@ def accept_constant_loads(search: Search) -> None:
         trial = _solved_with(search, likeliest, load)
         if trial is not None and _gain(search, trial) > LEAST_LOG_ODDS:
             search.accepted = trial.accepted
-            search.impossible = trial.impossible
+            search.infeasible = trial.infeasible
             record_terms(search, search.accepted)
             search.solve()
             order_by_gain(search)
@@ -68,14 +68,14 @@ def _solved_with(search: Search, laws: Sequence[Hypothesis], load) -> Search | N
     held = tuple(accepted.get(name_of(h), h) for h in laws)
     name = (load.effect.effect, load.effect.where, load.label)
     trial = Search(search.bench, search.samples, search.level, lambda line: None, held)
-    trial.spread, trial.impossible = search.spread, search.impossible - {name}
+    trial.noise_factors, trial.infeasible = search.noise_factors, search.infeasible - {name}
     trial.solve()
-    own = [h for h in trial.whole_table(trial.accepted_indices) if name_of(h) == name]
+    own = [h for h in trial.full_table(trial.accepted_indices) if name_of(h) == name]
     if not own:
         return None
     loads = [h for h in search.accepted if h.needs_compliance and compatible(h, own[0])]
     trial.accepted = (*trial.accepted, *loads, own[0])
-    trial.solve_possible()
+    trial.solve_feasible()
     return trial if any(name_of(h) == name for h in trial.accepted) else None
 
 
@@ -130,9 +130,11 @@ class _Laws:
     def of(cls, search: Search, load: Effect) -> "_Laws | None":
         """Of what is accepted and all elastic laws, at the present solution; None where nothing deflects."""
         problem = search.problem.conditional_on(())
-        table = [h for h in search.whole_table(()) if _deflects(h)]
+        table = [h for h in search.full_table(()) if _deflects(h)]
         others = [
-            search.own(i) for i in search.accepted_indices if not _is_elastic(search.accepted[i])
+            search.conditional_hypothesis(i)
+            for i in search.accepted_indices
+            if not _is_elastic(search.accepted[i])
         ]
         terms = (*(h for h in others if not h.needs_compliance), *table)
         if not table:

@@ -11,31 +11,33 @@ from robot_model.effects import CATALOGUE
 from workbench.diagnosis.levels import CONFIDENCE, MOST_LISTED, RARE_PRIOR
 from workbench.diagnosis.linear.hypotheses import Hypothesis, family_wise
 from workbench.diagnosis.linear.problem import Alternative, Finding
-from workbench.diagnosis.noise.random_effects import hidden, movement
+from workbench.diagnosis.noise.random_effects import movement, unrecorded_causes
 from workbench.diagnosis.robot.library import compliances, names
 from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.compatible import equivalent_places, same_place
 from workbench.diagnosis.search.instants import instant_of
 from workbench.diagnosis.search.options import option_of
-from workbench.diagnosis.search.posterior import Name
+from workbench.diagnosis.search.posterior import EffectPosterior
 from workbench.diagnosis.search.prior import LAW_ERROR, SECOND
 from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.search.stepwise import LAW
 
 ELASTIC = frozenset(names(compliances(CATALOGUE)))
-_NEAR = 6.0  # variances of noise: a difference that chance makes once in seventy times
+_CLOSE_GAIN = 6.0  # variances of noise: a difference that chance makes once in seventy times
 SAME_FUNCTION = "a function of these covariates at one of the places is one at the other"
-_NUMBERS = 6  # directions in which a smooth nonparametric alternative may displace a place
+_MAX_DIRECTIONS = 6  # directions in which a smooth nonparametric alternative may displace a place
 
 
-def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -> Finding:
+def finding(
+    search: Search, i: int, names: Mapping[tuple, EffectPosterior] | None = None
+) -> Finding:
     """One that is accepted, with its posterior among all that could replace it, conditional on the others.
 
     names: posterior of the elastic terms over sets of them, see `search.posterior`; it decides between these.
     """
     table, mine = search.alternatives(i), search.accepted[i]
-    own = search.own(i, table)
-    explained, chance = search.explained(), _NEAR * search.variance()
+    own = search.conditional_hypothesis(i, table)
+    explained, chance = search.explained(), _CLOSE_GAIN * search.variance()
     explanations = []
     for h in table:
         counts = (
@@ -56,15 +58,15 @@ def finding(search: Search, i: int, names: Mapping[tuple, Name] | None = None) -
         search.size(i),
         own.gain,
         mine.smooth_covariates,
-        _alternatives(explanations, shares, own, search.left(), chance),
+        _alternatives(explanations, shares, own, search.unexplained_gain(), chance),
         instant=instant_of(search, i, own),
         option=option_of(search, i),
     )
     if names and mine.key in names:
-        made = _among_sets(made, shares, names)
+        made = _with_set_posterior(made, shares, names)
     if search.bench.chain is not None:
         made = with_equivalent_places(made, search.bench.chain.robot.joints)
-    return made if mine.smooth_covariates else _doubted(search, own, made)
+    return made if mine.smooth_covariates else _with_unexplained_alternative(search, own, made)
 
 
 def with_equivalent_places(made: Finding, joints: int) -> Finding:
@@ -107,7 +109,7 @@ def with_special_cases(findings: Sequence[Finding]) -> list[Finding]:
     for general in findings:
         parts = [one for one in kept if one is not general and _is_case_of(one, general)]
         if parts and any(one is general for one in kept):
-            whole = [_taken_in(general, parts) if one is general else one for one in kept]
+            whole = [_merged(general, parts) if one is general else one for one in kept]
             kept = [one for one in whole if not any(one is part for part in parts)]
     return kept
 
@@ -120,7 +122,7 @@ def _is_case_of(finding: Finding, general: Finding) -> bool:
     return all(effect.coexists and effect.effect in contained for effect in finding.effects)
 
 
-def _taken_in(general: Finding, parts: Sequence[Finding]) -> Finding:
+def _merged(general: Finding, parts: Sequence[Finding]) -> Finding:
     """The general finding with the effects of its special cases."""
     mine = {(part.effect, part.where) for part in parts}
     every = (general, *parts)
@@ -146,8 +148,8 @@ def _only_generalises(other: Hypothesis, own: Hypothesis, chance: float) -> bool
     return contains and is_larger and other.gain <= own.gain + chance
 
 
-def _among_sets(
-    made: Finding, shares: Mapping[tuple, float], names: Mapping[tuple, Name]
+def _with_set_posterior(
+    made: Finding, shares: Mapping[tuple, float], names: Mapping[tuple, EffectPosterior]
 ) -> Finding:
     """The finding with the posterior over sets of elastic terms in place of single exchanges between these.
 
@@ -188,12 +190,12 @@ def _alternatives(table, shares, own, left: float, noise: float) -> tuple[Altern
         if key != own.key and (covered < CONFIDENCE or near):
             alike = min(1.0, other.gain / max(own.gain, 1e-300))
             why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
-            out.append(Alternative(*key, other.label, share, alike, why, other.missing))
+            out.append(Alternative(*key, other.label, share, alike, why, other.missing_covariate))
         covered += share
     return tuple(out)
 
 
-def _doubted(search: Search, own: Hypothesis, made: Finding) -> Finding:
+def _with_unexplained_alternative(search: Search, own: Hypothesis, made: Finding) -> Finding:
     """The finding as likely as what is left at its very place allows: something unnamed there might make both.
 
     That takes one thing instead of two at one place, but its direction must be the law's by chance but for a share s
@@ -202,14 +204,14 @@ def _doubted(search: Search, own: Hypothesis, made: Finding) -> Finding:
     direction, a law of one joint has one direction, however many parameters its function has. What is left at the
     joint itself turns about the same axis: only the function, of r parameters, is then a coincidence.
     """
-    left, moves, port = _unnamed_remainder(search, own)
+    left, moves, port = _unexplained_at_place(search, own)
     if left <= 0:
         return made
     share = left / (left + own.gain)
     places = len({site.where for site in search.problem.sites})
     two = (1 - RARE_PRIOR) * np.exp(SECOND) / (1 if moves else places)
     directions = 1 if port == "frame" and _has_one_axis(search, own) else own.rank
-    one = RARE_PRIOR * share ** (max(_NUMBERS - directions, 1) / 2)
+    one = RARE_PRIOR * share ** (max(_MAX_DIRECTIONS - directions, 1) / 2)
     sure = float(two / (two + one))
     other = Alternative(
         "unknown",
@@ -227,16 +229,18 @@ def explains_movement(search: Search, own: Hypothesis) -> bool:
     """Whether the random effect at its place is what a law makes of a covariate that was not recorded."""
     if search.random_effect is None or search.random_effect.site.where not in same_place(own):
         return False
-    return any(a.effect == own.effect for a in hidden(search.random_effect, search.problem))
+    return any(
+        a.effect == own.effect for a in unrecorded_causes(search.random_effect, search.problem)
+    )
 
 
-def with_hidden(search: Search, made: Finding) -> Finding:
+def with_unrecorded_covariates(search: Search, made: Finding) -> Finding:
     """The finding with the effects of covariates not recorded that may cause the random effect at its place."""
     if search.random_effect is None or search.random_effect.site.where != made.where:
         return made
     known = {(a.effect, a.where, a.label) for a in made.alternatives}
     more = []
-    for a in hidden(search.random_effect, search.problem):
+    for a in unrecorded_causes(search.random_effect, search.problem):
         is_asked = made.effect in ("unknown", a.effect)
         if is_asked and (a.effect, a.where, a.label) not in known:
             more.append(a)
@@ -250,7 +254,7 @@ def _has_one_axis(search: Search, own: Hypothesis) -> bool:
     return is_of_joints and all(len(effect.slots(chain)) == 1 for effect in own.effects)
 
 
-def _unnamed_remainder(search: Search, own: Hypothesis) -> tuple[float, bool, str]:
+def _unexplained_at_place(search: Search, own: Hypothesis) -> tuple[float, bool, str]:
     """Sum of squares of what is unexplained at a law's place next to it; whether it is the law's own covariate, not
     recorded, that may make it; and through which port the largest part acts."""
     places, noise = same_place(own), search.variance()
@@ -260,7 +264,7 @@ def _unnamed_remainder(search: Search, own: Hypothesis) -> tuple[float, bool, st
             left.append((h.gain - h.rank * noise, _port(h)))
     for i, h in enumerate(search.accepted):
         if h.smooth_covariates and h.where in places:
-            left.append((search.own(i).gain, _port(h)))
+            left.append((search.conditional_hypothesis(i).gain, _port(h)))
     moves = search.random_effect is not None and search.random_effect.site.where in places
     if moves:
         left.append((movement(search.random_effect), search.random_effect.site.port))
@@ -281,5 +285,5 @@ __all__ = [
     "finding",
     "explains_movement",
     "with_equivalent_places",
-    "with_hidden",
+    "with_unrecorded_covariates",
 ]

@@ -40,12 +40,12 @@ def refine_instants(search) -> None:
     for i in search.accepted_indices:
         one = _refined(search, i)
         # two steps of one effect never come to begin at one instant: they would be the same step
-        others = {step for k in search.others(i) for step in _steps(refined[k])}
+        others = {step for k in search.other_indices(i) for step in _steps(refined[k])}
         if others.isdisjoint(_steps(one)):
             refined[i] = one
     if any(one is not held for one, held in zip(refined, search.accepted)):
         search.accepted = tuple(refined)
-        search.solve_possible()
+        search.solve_feasible()
 
 
 def _refined(search, i: int) -> Hypothesis:
@@ -59,7 +59,7 @@ def _refined(search, i: int) -> Hypothesis:
     between = (here.x > plausible.min()) & (here.x <= plausible.max())
     if not (problem.weights[between] < MAJORITY).any():
         return own  # all of these samples count, in the evidence too
-    conditional = problem.conditional_on(search.others(i))
+    conditional = problem.conditional_on(search.other_indices(i))
     losses = [_loss(conditional, here, option) for option in plausible]
     if min(losses) > _loss(conditional, here, value) - LEAST_LOG_ODDS:
         return own
@@ -92,9 +92,9 @@ def _is_step(h: Hypothesis) -> bool:
 def _posterior(search, i: int, scan: Scan) -> tuple[Scan, np.ndarray]:
     """The scan at the present solution, and the posterior (V,) of its options conditional on all others accepted."""
     here = search.problem.sources.get(scan.key, scan)
-    projected = Projected(search.problem.conditional_on(search.others(i)))
-    evidence = projected.judge(scan_moments(projected, here)).evidence
-    logs = evidence + np.log(np.maximum(here.mass, 1e-300))
+    projected = Projected(search.problem.conditional_on(search.other_indices(i)))
+    evidence = projected.score_hypotheses(scan_moments(projected, here)).evidence
+    logs = evidence + np.log(np.maximum(here.prior_weight, 1e-300))
     return here, np.exp(logs - logsumexp(logs))
 
 

@@ -22,7 +22,7 @@ _ROUNDS = 5
 """Searches of the set, each about a new solution or more thorough: the second nearly always confirms the first."""
 _FIRST, _CONDITIONAL, _MAX_SMOOTH = 48, 24, 6
 """Terms taken into the search: the likeliest alone, the likeliest in addition, and functions of each table."""
-_INSTEAD, _WIDE = 4, 6
+_REPLACEMENTS, _MAX_REPLACED = 4, 6
 """Terms in the place of each accepted one, where no more than so many are accepted: more are exchanged in pairs."""
 _VARIANTS = 4
 """Variants of one effect at one place among these, of the same covariates."""
@@ -36,7 +36,7 @@ def accept_most_probable_set(search: Search, thorough: bool = True) -> None:
     """
     tried: list[set] = []
     for _ in range(_ROUNDS):
-        terms, present = _at_hand(search, thorough)
+        terms, present = _candidate_terms(search, thorough)
         remainder = Projected(search.problem.conditional_on()).y
         solved = as_solved(search, terms[: len(present)])
         objective = LogPosterior.of(search.problem.conditional_on(()), terms, remainder, solved)
@@ -48,7 +48,7 @@ def accept_most_probable_set(search: Search, thorough: bool = True) -> None:
         tried.append(names)
         search.accepted = tuple(_with_effect(search.bench, h) for h in chosen)
         record_terms(search, chosen)
-        search.solve_possible()
+        search.solve_feasible()
         order_by_gain(search)
         refine_options(search, is_first=len(tried) == 1 and not thorough)
         refine_instants(search)
@@ -57,7 +57,7 @@ def accept_most_probable_set(search: Search, thorough: bool = True) -> None:
 
 def record_terms(search: Search, terms: Sequence[Hypothesis]) -> None:
     """A line with what is accepted now."""
-    search.say("; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in terms))
+    search.log_step("; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in terms))
 
 
 def as_solved(search: Search, terms: Sequence[Hypothesis]) -> Accepted:
@@ -82,44 +82,44 @@ def _is_gain_negligible(objective: LogPosterior, members: Members, present: Memb
     return 0 <= objective.value(members) - objective.value(present) < LEAST_LOG_ODDS
 
 
-def _at_hand(search: Search, thorough: bool) -> tuple[list[Hypothesis], tuple[int, ...]]:
+def _candidate_terms(search: Search, thorough: bool) -> tuple[list[Hypothesis], tuple[int, ...]]:
     """Terms to search: the accepted ones, whose numbers are given, and what is likely alone or in addition.
 
     thorough: also the likeliest in the place of each.
     """
     if not search.screened:
-        first = _most_probable(search.whole_table(()), _FIRST, _MAX_SMOOTH)
+        first = _most_probable(search.full_table(()), _FIRST, _MAX_SMOOTH)
         search.screened = with_estimated_options(search, first, ())
     pools = [search.screened]
     if search.accepted:
         more = _most_probable(search.table(search.accepted_indices), _CONDITIONAL, _MAX_SMOOTH)
         pools.append(with_estimated_options(search, more, search.accepted_indices))
-    if thorough and len(search.accepted) <= _WIDE:
-        for kept in map(search.others, search.accepted_indices):
-            instead = _most_probable(search.table(kept), _INSTEAD, 0)
+    if thorough and len(search.accepted) <= _MAX_REPLACED:
+        for kept in map(search.other_indices, search.accepted_indices):
+            instead = _most_probable(search.table(kept), _REPLACEMENTS, 0)
             pools.append(with_estimated_options(search, instead, kept))
-    chosen = {name_of(h): h for h in _here(search, search.accepted)}
+    chosen = {name_of(h): h for h in _at_current_solution(search, search.accepted)}
     present = tuple(range(len(chosen)))
     for pool in pools:
-        for h in _here(search, pool):
+        for h in _at_current_solution(search, pool):
             chosen.setdefault(name_of(h), h)
     return list(chosen.values()), present
 
 
-def _here(search: Search, terms: Iterable[Hypothesis]) -> list[Hypothesis]:
+def _at_current_solution(search: Search, terms: Iterable[Hypothesis]) -> list[Hypothesis]:
     """The terms with their columns at the present solution."""
     terms = list(terms)
     problem = with_exact_options(search.problem, terms)
     return [h for h in (one.at(problem) for one in terms) if h is not None]
 
 
-def _most_probable(table: list[Hypothesis], named: int, unnamed: int) -> list[Hypothesis]:
+def _most_probable(table: list[Hypothesis], law_count: int, smooth_count: int) -> list[Hypothesis]:
     """The first so many laws and functions of a table."""
-    laws = _varied([h for h in table if not h.smooth_covariates], named)
-    return [*laws, *[h for h in table if h.smooth_covariates][:unnamed]]
+    laws = _limit_variants([h for h in table if not h.smooth_covariates], law_count)
+    return [*laws, *[h for h in table if h.smooth_covariates][:smooth_count]]
 
 
-def _varied(terms: list[Hypothesis], count: int) -> list[Hypothesis]:
+def _limit_variants(terms: list[Hypothesis], count: int) -> list[Hypothesis]:
     """The first so many terms with at most `_VARIANTS` variants of one effect at one place that read the same.
 
     A step at each of a dozen neighbouring instants would leave no room for other effects; a backlash that gravity seats
@@ -153,14 +153,14 @@ def order_by_gain(search: Search) -> None:
         return
     added = search.problem.added_effects
     while left:
-        able = _able(search, left)
+        able = _allowed_next(search, left)
         falls = [float((added.subspace((*kept, i)).score ** 2).sum()) for i in able]
         kept.append(able[int(np.argmax(falls))])
         left.remove(kept[-1])
     search.reorder(kept)
 
 
-def _able(search: Search, left: list[int]) -> list[int]:
+def _allowed_next(search: Search, left: list[int]) -> list[int]:
     """Those left that may come next: what needs a compliance follows all compliances."""
     accepted = search.accepted
     if not any(accepted[i].carries_load for i in left):

@@ -25,11 +25,11 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from workbench.core.least_squares.linear_algebra import solve_positive, symmetric_eigen
-from workbench.diagnosis.linear.evidence import SIZES, Projected, log_evidence, log_evidence_each
+from workbench.diagnosis.linear.evidence import SIZES, Projected, log_evidence, log_evidence_by_size
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.search.compatible import compatible
-from workbench.diagnosis.search.prior import Masses, Priors, elastic_prior, is_elastic
+from workbench.diagnosis.search.prior import MassUncertainty, Priors, elastic_prior, is_elastic
 from workbench.diagnosis.search.subset_algebra import ConditionalSolution, Table
 
 Members = tuple[int, ...]
@@ -87,10 +87,10 @@ class LogPosterior:
         others = _other_laws(raw, start, terms, accepted)
         priors = elastic_prior(problem, projected, terms, others)
         columns *= np.repeat(priors.scale, np.diff(start))
-        masses = Masses.of(problem, projected, priors)
+        masses = MassUncertainty.of(problem, projected, priors)
         gram, score, yy = masses.marginalised(columns, projected.y)
         design_effect = projected.design_effect
-        yy = (yy + masses.inexact(priors)) / design_effect
+        yy = (yy + masses.law_error(priors)) / design_effect
         return cls(
             tuple(terms),
             gram / design_effect,
@@ -187,7 +187,7 @@ class LogPosterior:
         cannot = first < np.repeat(self.priors.positive[list(members)], widths)
         if not cannot.any():
             return 0.0
-        best = int(np.argmax(log_evidence_each(solved.log_determinant, solved.gain, self)))
+        best = int(np.argmax(log_evidence_by_size(solved.log_determinant, solved.gain, self)))
         value, spread = solved.coefficients(best, np.flatnonzero(cannot))
         variance = max(self.yy - solved.gain[best], 1e-300) / max(self.degrees, 1.0)
         # the residual is predicted minus measured: what is missing has the opposite sign

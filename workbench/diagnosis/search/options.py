@@ -35,7 +35,7 @@ def refine_options(search, is_first: bool = False) -> None:
     for _ in range(1 if is_first else _ROUNDS):
         refined = []
         for i, h in enumerate(search.accepted):
-            others = tuple(range(i)) if is_first else search.others(i)
+            others = tuple(range(i)) if is_first else search.other_indices(i)
             refined.append(_refined(_Profile.of(search, i, others), h))
         if not _accept(search, refined):
             return
@@ -71,13 +71,13 @@ def _accept(search, refined: list[Hypothesis]) -> bool:
     if all(one is held for one, held in zip(refined, search.accepted)):
         return False
     search.accepted = tuple(refined)
-    search.solve_possible()
+    search.solve_feasible()
     return True
 
 
 def option_of(search, i: int) -> RealOption | None:
     """The option of an accepted hypothesis with its standard deviation; None where it is no real number."""
-    likelihood = _Profile.of(search, i, search.others(i))
+    likelihood = _Profile.of(search, i, search.other_indices(i))
     if likelihood is None:
         return None
     family = likelihood.family

@@ -34,7 +34,7 @@ _EXPANDED, _SWAPS = 8, 6
 
 
 @dataclass(frozen=True)
-class Name:
+class EffectPosterior:
     """`probability` that a term is present, over all sets; `instead`: (key, probability, alike) of others.
 
     A set without the term counts for the alternatives, not accepted, that it holds instead, each by its share of the
@@ -73,14 +73,14 @@ class Window:
         weights = np.exp(logs - logsumexp(logs))
         return cls(objective, tuple(tuple(sorted(s)) for s in sets), weights)
 
-    def likelier_than(self, count: int) -> Members | None:
+    def more_probable_set(self, count: int) -> Members | None:
         """The likeliest set, where it is worth more than the set of the first `count` terms; None where it is not."""
         best = int(np.argmax(self.weights))
         own = self.objective.value(tuple(range(count)))
         gain = self.objective.value(self.sets[best]) - own
         return self.sets[best] if gain > LEAST_LOG_ODDS else None
 
-    def likelier_names(self, count: int) -> Members | None:
+    def more_probable_exchange(self, count: int) -> Members | None:
         """The set of the first `count` terms with the one exchanged whose best alternative is likelier by most.
 
         None where every term is the likeliest at its place.
@@ -99,7 +99,7 @@ class Window:
                 exchanged = tuple(numbers[other] if j == i else j for j in rest)
         return exchanged
 
-    def names(self, accepted: set[Key], keys: Sequence[Key]) -> dict[Key, Name]:
+    def names(self, accepted: set[Key], keys: Sequence[Key]) -> dict[Key, EffectPosterior]:
         """Of each key its probability, and of those accepted what is present instead in the sets without it."""
         present = self._present(keys)
         others = [key for key in keys if key not in accepted]
@@ -108,12 +108,12 @@ class Window:
         for key in keys:
             absent = self.weights * ~present[key]
             instead = self._instead(key, others, held, absent) if key in accepted else ()
-            out[key] = Name(float(min(self.weights @ present[key], 1.0)), instead)
+            out[key] = EffectPosterior(float(min(self.weights @ present[key], 1.0)), instead)
         return out
 
     def _instead(self, key: Key, others: Sequence[Key], held: np.ndarray, absent: np.ndarray):
         """Of a key the `instead` of its name: others, in which sets these are, held (others, sets), weights absent."""
-        likeness = np.array([alike(self.objective, key, other) for other in others])
+        likeness = np.array([explained_share(self.objective, key, other) for other in others])
         parts = held * np.maximum(likeness, ROUNDING)[:, None]
         shares = parts / np.maximum(parts.sum(0), ROUNDING) @ absent
         ranked = [k for k in np.argsort(-shares)[:MOST_LISTED] if shares[k] >= LISTED_PROBABILITY]
@@ -140,7 +140,7 @@ def _neighbours(objective: LogPosterior, members: Members, open_: Sequence[int])
     return out
 
 
-def alike(objective: LogPosterior, key: Key, other: Key) -> float:
+def explained_share(objective: LogPosterior, key: Key, other: Key) -> float:
     """Share (0-1) of a term's first column, the baseline projected out, that another term's columns make."""
     numbers = {h.key: i for i, h in reversed(list(enumerate(objective.terms)))}
     return _share(objective, numbers[key], numbers[other])
@@ -156,7 +156,7 @@ def _share(objective: LogPosterior, i: int, j: int) -> float:
     return float(np.clip(cross @ pseudo_inverse(inner, 1e-9) @ cross / length, 0.0, 1.0))
 
 
-def probabilities_of_names(search) -> dict[Key, Name]:
+def effect_posteriors(search) -> dict[Key, EffectPosterior]:
     """Of every elastic term that might be present, where one is accepted; search: as in `state`."""
     window = _elastic_window(search)
     if window is None:
@@ -166,7 +166,7 @@ def probabilities_of_names(search) -> dict[Key, Name]:
     return window.names(held, [h.key for h in terms if is_elastic(h)])
 
 
-def exchange_names(search) -> None:
+def exchange_terms(search) -> None:
     """Exchange what is accepted for what is likelier once variants, and sets of elastic terms, are summed over."""
     _exchange_laws(search)
     _exchange_elastic(search)
@@ -186,7 +186,7 @@ def _exchange_laws(search) -> None:
     tried = [{name_of(h) for h in search.accepted}]
     for _ in range(_ROUNDS):
         for i in search.accepted_indices:
-            other = _likelier(search, i)
+            other = _more_probable_variant(search, i)
             if other is not None:
                 search.accepted = (*search.accepted[:i], other, *search.accepted[i + 1 :])
                 search.solve()
@@ -195,10 +195,10 @@ def _exchange_laws(search) -> None:
             break
         tried.append(names)
     if len(tried) > 1:
-        search.solve_possible()
+        search.solve_feasible()
 
 
-def _likelier(search, i: int) -> Hypothesis | None:
+def _more_probable_variant(search, i: int) -> Hypothesis | None:
     """The best variant of the effect with the highest marginal posterior; None where that is the accepted one.
 
     A law may take the place of a smooth nonparametric alternative, but no alternative that of a law: laws are not
@@ -221,7 +221,7 @@ def _likelier(search, i: int) -> Hypothesis | None:
         return None
     other = max(families[best], key=lambda h: h.log_weight)
     # signs and prior sizes of elastic terms are known to sets alone
-    return None if is_elastic(other) and not _makes_likelier(search, i, other) else other
+    return None if is_elastic(other) and not _raises_posterior(search, i, other) else other
 
 
 def _law_of_function(search, i: int, table: Sequence[Hypothesis]) -> Hypothesis | None:
@@ -232,7 +232,7 @@ def _law_of_function(search, i: int, table: Sequence[Hypothesis]) -> Hypothesis 
     mine = search.accepted[i]
     if not mine.smooth_covariates:
         return None
-    gain = _SAME_GAIN * search.own(i, table).gain
+    gain = _SAME_GAIN * search.conditional_hypothesis(i, table).gain
     laws = []
     for h in table:
         is_law = not h.smooth_covariates and not is_elastic(h) and h.where == mine.where
@@ -241,9 +241,9 @@ def _law_of_function(search, i: int, table: Sequence[Hypothesis]) -> Hypothesis 
     return max(laws, key=lambda h: h.log_weight, default=None)
 
 
-def _makes_likelier(search, i: int, other: Hypothesis) -> bool:
+def _raises_posterior(search, i: int, other: Hypothesis) -> bool:
     """Whether the accepted set, with signs and priors, is clearly likelier with another term in the place of one."""
-    accepted = [search.own(k) for k in search.accepted_indices]
+    accepted = [search.conditional_hypothesis(k) for k in search.accepted_indices]
     objective = LogPosterior.of(
         search.problem.conditional_on(()),
         [*accepted, other],
@@ -268,7 +268,7 @@ def _exchange_elastic(search) -> None:
         if window is None:
             break
         count = len(search.accepted)
-        members = window.likelier_than(count) or window.likelier_names(count)
+        members = window.more_probable_set(count) or window.more_probable_exchange(count)
         if members is None:
             break
         # an accepted function without a law is solved with its effect, which its row in a table does not have
@@ -280,7 +280,7 @@ def _exchange_elastic(search) -> None:
         tried.append(names)
         search.accepted = tuple(chosen)
         record_terms(search, chosen)
-        search.solve_possible()
+        search.solve_feasible()
     if len(tried) > 1:
         order_by_gain(search)
 
@@ -290,7 +290,7 @@ def _elastic_window(search) -> Window | None:
     mine = [i for i in search.accepted_indices if is_elastic(search.accepted[i])]
     if not mine:
         return None
-    accepted = [search.own(i) for i in search.accepted_indices]
+    accepted = [search.conditional_hypothesis(i) for i in search.accepted_indices]
     others = tuple(i for i in search.accepted_indices if i not in mine)
     plain: dict[Key, object] = {}
     for h in search.table(others):
@@ -304,4 +304,4 @@ def _elastic_window(search) -> Window | None:
     return Window.around(objective, tuple(range(len(accepted))), open_)
 
 
-__all__ = ["Name", "Window", "exchange_names", "probabilities_of_names"]
+__all__ = ["EffectPosterior", "Window", "exchange_terms", "effect_posteriors"]

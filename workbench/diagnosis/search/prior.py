@@ -20,7 +20,7 @@ from robot_model.effects.transmission import TransmissionHarmonic
 from robot_model.effects.unknown_masses import GravityCompliance
 from workbench.core.least_squares.linear_algebra import pseudo_inverse, symmetric_eigen
 from workbench.diagnosis.levels import ROUNDING
-from workbench.diagnosis.linear.evidence import Projected, log_evidence_each
+from workbench.diagnosis.linear.evidence import Projected, log_evidence_by_size
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Candidate, Problem
 
@@ -103,11 +103,11 @@ def elastic_prior(
     elastic = np.array([h.effect in _CHANCE and not h.smooth_covariates for h in terms], bool)
     log_prior = np.array([h.log_prior for h in terms])
     positive = np.array([getattr(h.source, "positive", 0) for h in terms], int)
-    robot = _RobotScale.of(problem, projected, others)
+    robot = _ComplianceScale.of(problem, projected, others)
     log_odds, scale = log_prior.copy(), np.ones(len(terms))
     for i in np.flatnonzero(elastic):
         chance, relative = _CHANCE[terms[i].effect]
-        log_odds[i] = np.log(chance / (1 - chance)) + np.log(terms[i].source.mass)
+        log_odds[i] = np.log(chance / (1 - chance)) + np.log(terms[i].source.prior_weight)
         if robot is not None and relative is not None:
             scale[i] = robot.size(terms[i].source) / float(terms[i].source.typical[0])
     deflects = (
@@ -123,7 +123,7 @@ def elastic_prior(
 
 
 @dataclass(frozen=True)
-class _RobotScale:
+class _ComplianceScale:
     """`common`: compliance of a joint under 1 N m (rad/(N m)); `reference`, `joints`, `residual` as of `Priors`."""
 
     common: float
@@ -134,7 +134,7 @@ class _RobotScale:
     @classmethod
     def of(
         cls, problem: Problem, projected: Projected, others: np.ndarray | None
-    ) -> "_RobotScale | None":
+    ) -> "_ComplianceScale | None":
         """From all joints of a robot together, conditional on the columns `others` (N, P); None: nothing deflects."""
         joints = [
             c for c in problem.candidates if c.effect == JointCompliance.effect and c.load > 0
@@ -146,20 +146,20 @@ class _RobotScale:
             np.concatenate([c.columns[:, :1] for c in joints], 1) * sizes
         )
         left = _Residual.of(problem, projected, others)
-        own = left.cleared(orthogonal)
+        own = left.orthogonalise(orthogonal)
         values, vectors = symmetric_eigen(own.T @ own / projected.design_effect)
         values = np.maximum(values, 0.0)
         along = vectors.T @ (own.T @ left.y) / projected.design_effect
         spread = _SCALES[:, None] ** 2
         log_determinant = np.log1p(spread * values).sum(1)
         gain = (along**2 * spread / (1 + spread * values)).sum(1)
-        best = int(np.argmax(log_evidence_each(log_determinant, gain, left)))
+        best = int(np.argmax(log_evidence_by_size(log_determinant, gain, left)))
         inverse = 1 / (values + _SCALES[best] ** -2)
         found = np.maximum(-vectors @ (along * inverse), 0.0)
         variance = max(left.yy - gain[best], 0.0) / left.degrees
         std = np.sqrt(variance * (vectors**2 @ inverse))
-        usual = _usual_compliance(found, std, np.array([c.load for c in joints]))
-        most = _MOST_OF_USUAL * usual if usual > 0 else float(_SCALES[best])
+        inliers = _median_compliance(found, std, np.array([c.load for c in joints]))
+        most = _MOST_OF_USUAL * inliers if inliers > 0 else float(_SCALES[best])
         reference = []
         for candidate, value, size in zip(joints, np.minimum(found, most), sizes):
             reference.append((candidate.effect, candidate.where, float(value * size)))
@@ -192,12 +192,12 @@ class _Residual:
         degrees = max(projected.degrees - basis.shape[1] / effect, 1.0)
         return cls(basis, y, float(y @ y) / effect, degrees)
 
-    def cleared(self, columns: np.ndarray) -> np.ndarray:
+    def orthogonalise(self, columns: np.ndarray) -> np.ndarray:
         """(N, P) columns without what the basis makes of them."""
         return columns - self.basis @ (self.basis.T @ columns)
 
 
-def _usual_compliance(found: np.ndarray, std: np.ndarray, load: np.ndarray) -> float:
+def _median_compliance(found: np.ndarray, std: np.ndarray, load: np.ndarray) -> float:
     """Weighted median of compliances (K,) with standard deviations (K,) and loads (K,) as weights; 0 where none is
     significant.
 
@@ -217,7 +217,7 @@ def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
 
 
 @dataclass(frozen=True)
-class Masses:
+class MassUncertainty:
     """What first moments of the links, each off by one standard deviation, change: columns (N, M), cleared.
 
     `basis` (N, R): of the baseline.
@@ -228,7 +228,7 @@ class Masses:
     design_effect: float
 
     @classmethod
-    def of(cls, problem: Problem, projected: Projected, priors: Priors) -> "Masses":
+    def of(cls, problem: Problem, projected: Projected, priors: Priors) -> "MassUncertainty":
         """Of the deflection that the baseline holds, and of that of all joints at their likeliest."""
         responses = {(c.effect, c.where): c.columns for c in problem.mass_responses}
         known = [(key, values) for key, values in problem.given_values.items()]
@@ -256,7 +256,7 @@ class Masses:
         score = columns.T @ y - by_masses.T @ own
         return gram, score, float(y @ y - own @ own)
 
-    def inexact(self, priors: Priors) -> float:
+    def law_error(self, priors: Priors) -> float:
         """Sum of squares that errors of the elastic laws leave: a share of what all joints explain."""
         if priors.joints is None or priors.residual is None:
             return 0.0
@@ -281,4 +281,12 @@ def is_elastic(h: Hypothesis) -> bool:
     return deflects or (h.effect == TransmissionHarmonic.effect and order == 1.0)
 
 
-__all__ = ["DEFLECTS", "LAW_ERROR", "SECOND", "Masses", "Priors", "elastic_prior", "is_elastic"]
+__all__ = [
+    "DEFLECTS",
+    "LAW_ERROR",
+    "SECOND",
+    "MassUncertainty",
+    "Priors",
+    "elastic_prior",
+    "is_elastic",
+]

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from workbench.diagnosis.levels import RANDOM_EFFECT_LEVEL, UNMODELLED_LEVEL
-from workbench.diagnosis.linear.hypotheses import family_wise, judged
+from workbench.diagnosis.linear.hypotheses import family_wise, ranked_hypotheses
 from workbench.diagnosis.linear.locate import located
 from workbench.diagnosis.linear.problem import Bench, Finding, Found, Problem
 from workbench.diagnosis.noise.data_findings import (
@@ -28,16 +28,16 @@ from workbench.diagnosis.noise.random_effects import (
     residual_random_effect,
 )
 from workbench.diagnosis.noise.rounded_readings import rounded_readings
-from workbench.diagnosis.search.compatible import near
+from workbench.diagnosis.search.compatible import is_neighbour
 from workbench.diagnosis.search.findings import (
     bare_finding,
     explains_movement,
     finding,
-    with_hidden,
     with_special_cases,
+    with_unrecorded_covariates,
 )
 from workbench.diagnosis.search.most_probable_set import accept_most_probable_set
-from workbench.diagnosis.search.posterior import exchange_names, probabilities_of_names
+from workbench.diagnosis.search.posterior import effect_posteriors, exchange_terms
 from workbench.diagnosis.search.prior import LAW_ERROR
 from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.search.stepwise import LAW
@@ -59,8 +59,8 @@ def find(
     """
     search = Search(bench, samples, level, progress)
     count = len(bench.pose) if samples is None else int(samples.sum())
-    if count > _MANY and not bench.whole:
-        return _confirmed(search, samples)
+    if count > _MANY and not bench.needs_all_samples:
+        return _search_on_subset(search, samples)
     search.solve()
     return bench.reviewed(_found(search), samples)
 
@@ -69,31 +69,36 @@ def found_terms(bench: Bench, samples: np.ndarray | None = None) -> list[Finding
     """The terms of `find` alone, without probabilities, alternatives and noise: what a fold of a proof asks for."""
     search = Search(bench, samples, UNMODELLED_LEVEL, lambda text: None)
     search.solve()
-    _accept(search)
-    exchange_names(search)
+    _accept_terms(search)
+    exchange_terms(search)
     return with_special_cases([bare_finding(h) for h in search.accepted])
 
 
-def _accept(search: Search) -> tuple[float, bool]:
+def _accept_terms(search: Search) -> tuple[float, bool]:
     """Accept the likeliest set with the noise of the samples; the p-value of no term, and whether a place moves."""
-    first = _first(search, thorough=False)
-    search.spread = relative_noise(search.problem.conditional_on())
-    if search.spread is not None:  # noise that grows with a covariate passes for a function of it
-        search.say("the noise is not the same everywhere")
-        first = _again(search)
+    first = _test_and_search(search, thorough=False)
+    search.noise_factors = relative_noise(search.problem.conditional_on())
+    if (
+        search.noise_factors is not None
+    ):  # noise that grows with a covariate passes for a function of it
+        search.log_step("the noise is not the same everywhere")
+        first = _repeat_search(search)
     elif search.accepted:
         accept_most_probable_set(search)
-    moving = _elsewhere(search) or _explain_next_to_unknowns(search)
+    moving = _prefer_random_effect(search) or _search_with_residual_random_effect(search)
     if not moving:
-        search.random_effect, own = _moving(search) or search.random_effect, search.random_effect
+        search.random_effect, own = (
+            _significant_random_effect(search) or search.random_effect,
+            search.random_effect,
+        )
         moving = search.random_effect is not own
     if moving and is_rounding(search.random_effect.site):
-        search.say("the readings are rounded")
-        first = _again(search)
+        search.log_step("the readings are rounded")
+        first = _repeat_search(search)
     elif moving and search.accepted:  # movement by chance also passes for laws
-        search.say(f"{search.random_effect.site.where} moves from sample to sample")
+        search.log_step(f"{search.random_effect.site.where} moves from sample to sample")
         search.level = RANDOM_EFFECT_LEVEL  # how much it moves is only known nearly
-        first = _again(search)
+        first = _repeat_search(search)
     return first, moving
 
 
@@ -101,10 +106,13 @@ def _found(search: Search) -> Found:
     """The likeliest set on the search's samples, as findings with their probabilities, and the noise."""
     level, before = search.level, search.stated_noise_problem
     places = located(search.problem, search.table(()))
-    first, moving = _accept(search)
-    exchange_names(search)
-    names = probabilities_of_names(search)
-    each = [with_hidden(search, finding(search, i, names)) for i in search.accepted_indices]
+    first, moving = _accept_terms(search)
+    exchange_terms(search)
+    names = effect_posteriors(search)
+    each = [
+        with_unrecorded_covariates(search, finding(search, i, names))
+        for i in search.accepted_indices
+    ]
     findings = tuple(with_special_cases(each))
     remainder = family_wise(search.table(search.accepted_indices))
     after = search.converged().conditional_on()
@@ -114,7 +122,7 @@ def _found(search: Search) -> Found:
     elif remainder <= level:  # noise is judged where little is left
         data = tuple(f for f in data if f.p_value < remainder)
     if any(h.smooth_covariates for h in search.accepted):
-        outliers, data = _beyond_functions(search, after, outliers, data)
+        outliers, data = _data_findings_with_functions(search, after, outliers, data)
     if moving:
         data, places = _with_random_effect(search, before, data, places)
         first = min(first, search.random_effect.p_value)
@@ -142,7 +150,7 @@ def _rounded(search: Search, after: Problem) -> tuple[Finding, ...]:
     return rounded_readings(after, moves.p_value)
 
 
-def _beyond_functions(search: Search, after: Problem, outliers, data):
+def _data_findings_with_functions(search: Search, after: Problem, outliers, data):
     """Outliers and findings on the data where smooth nonparametric functions are accepted, which are only nearly right.
 
     What such a function leaves is not the same everywhere, and lies far off where it bends sharply: only outliers that
@@ -161,13 +169,13 @@ def _beyond_functions(search: Search, after: Problem, outliers, data):
     return outliers & bool(data), data
 
 
-def _again(search: Search) -> float:
-    """As `_first`, with the noise as it is known by now: from the set that is accepted."""
+def _repeat_search(search: Search) -> float:
+    """As `_test_and_search`, with the noise as it is known by now: from the set that is accepted."""
     search.solve()
-    return _first(search)
+    return _test_and_search(search)
 
 
-def _first(search: Search, thorough: bool = True) -> float:
+def _test_and_search(search: Search, thorough: bool = True) -> float:
     """The chance that nothing is missing; where it is small, the likeliest set of terms is accepted."""
     first = family_wise(search.table(()), LAW_ERROR**2 * search.problem.given)
     if first <= search.level:
@@ -178,7 +186,7 @@ def _first(search: Search, thorough: bool = True) -> float:
     return first
 
 
-def _moving(search: Search) -> RandomEffect | None:
+def _significant_random_effect(search: Search) -> RandomEffect | None:
     """The place with a random effect, unless what is left has a law, though not a known one."""
     found = find_random_effect(search.problem.conditional_on(), RANDOM_EFFECT_LEVEL)
     if found is None or found.p_value > family_wise(search.table(search.accepted_indices)):
@@ -198,13 +206,13 @@ def _with_random_effect(search: Search, before: Problem, data, places):
     return (found, *data), places + place if search.accepted else place + places
 
 
-def _elsewhere(search: Search) -> bool:
+def _prefer_random_effect(search: Search) -> bool:
     """Whether a random effect, at a place without a smooth alternative, is likelier than all of these."""
     unknown = [h.where for h in search.accepted if h.smooth_covariates]
     laws = tuple(i for i in search.accepted_indices if not search.accepted[i].smooth_covariates)
     bare, kept = search.problem.conditional_on(laws), search.problem.conditional_on()
     found = find_random_effect(bare, RANDOM_EFFECT_LEVEL) if unknown else None
-    if found is None or any(near(found.site.where, where) for where in unknown):
+    if found is None or any(is_neighbour(found.site.where, where) for where in unknown):
         return False
     before, after = (float((p.orthogonalise(p.residual) ** 2).sum()) for p in (bare, kept))
     if found.gain < 0.5 * kept.degrees * np.log(before / after):
@@ -213,7 +221,7 @@ def _elsewhere(search: Search) -> bool:
     return True
 
 
-def _explain_next_to_unknowns(search: Search) -> bool:
+def _search_with_residual_random_effect(search: Search) -> bool:
     """Search again next to the random effect that an approximate smooth alternative leaves at its own place.
 
     Whether the function itself is not needed there: then there is no more than movement by chance.
@@ -228,7 +236,7 @@ def _explain_next_to_unknowns(search: Search) -> bool:
     search.random_effect = residual_random_effect(left, site.where, port, RANDOM_EFFECT_LEVEL)
     if search.random_effect is None:
         return False
-    search.say(f"what is left at {site.where} is taken for the unknown's own")
+    search.log_step(f"what is left at {site.where} is taken for the unknown's own")
     search.solve()
     accept_most_probable_set(search)
     if any(h.smooth_covariates and h.where == site.where for h in search.accepted):
@@ -239,7 +247,7 @@ def _explain_next_to_unknowns(search: Search) -> bool:
     return search.random_effect is not None
 
 
-def _confirmed(search: Search, samples) -> Found:
+def _search_on_subset(search: Search, samples) -> Found:
     """The search on every so many poses, which is as valid and quicker; what is left is judged on more of them."""
     bench = search.bench
     whole = bench.problem((), samples, hypotheses=False)
@@ -255,11 +263,13 @@ def _confirmed(search: Search, samples) -> Found:
     remainder = bench.problem(
         effects, thinned(bench.pose, every, MAX_TESTED_SAMPLES)
     ).conditional_on()
-    table = judged(remainder)
+    table = ranked_hypotheses(remainder)
     outliers, spread = find_data_faults(after, effects)
     # where functions are accepted, as the part has it, on which laws and functions were judged
     if any(f.effect == "unknown" for f in found.findings):
-        spread = tuple(f for f in spread if f.effect in {own.effect for own in found.spread})
+        spread = tuple(
+            f for f in spread if f.effect in {own.effect for own in found.noise_findings}
+        )
         outliers = outliers & any(f.effect == "outliers" for f in spread)
     return replace(
         found,
@@ -268,7 +278,7 @@ def _confirmed(search: Search, samples) -> Found:
         p_remainder=family_wise(table),
         remainder=located(remainder, table),
         outliers=outliers,
-        spread=spread,
+        noise_findings=spread,
     )
 
 

@@ -7,10 +7,10 @@ import numpy as np
 
 from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.exact_options import with_exact_options
-from workbench.diagnosis.linear.hypotheses import Hypothesis, family_wise, judged
+from workbench.diagnosis.linear.hypotheses import Hypothesis, family_wise, ranked_hypotheses
 from workbench.diagnosis.linear.problem import Bench, Problem
 from workbench.diagnosis.noise.data_findings import with_equal_noise
-from workbench.diagnosis.noise.random_effects import RandomEffect, evened_by
+from workbench.diagnosis.noise.random_effects import RandomEffect, whitened_by
 from workbench.diagnosis.robot.derived import negative_masses
 from workbench.diagnosis.search.compatible import compatible
 
@@ -21,10 +21,10 @@ class Search:
 
     `level`: chance of a false alarm on the whole search. `random_effect`: the random effect of the model, `spread` (n,)
     how far each sample's noise is spread: all is judged conditional on them. `history`: a line for each step.
-    `impossible`: names of hypotheses whose fitted values no machine has.
+    `infeasible`: names of hypotheses whose fitted values no machine has.
     `screened`: what is likely with no other term, under this noise; judged at the first solution, as it hardly changes
     after that. `screening_conditions`: spread, random effect and whether a compliance is accepted, for which it holds.
-    `also`: hypotheses that every table holds, however unlikely they are.
+    `always_listed`: hypotheses that every table holds, however unlikely they are.
     """
 
     bench: Bench
@@ -37,13 +37,13 @@ class Search:
     stated_noise_problem: Problem | None = None
     tables: dict = field(default_factory=dict)
     random_effect: RandomEffect | None = None
-    spread: np.ndarray | None = None
-    impossible: set[tuple] = field(default_factory=set)
+    noise_factors: np.ndarray | None = None
+    infeasible: set[tuple] = field(default_factory=set)
     screened: list[Hypothesis] = field(default_factory=list)
     screening_conditions: tuple = (None, None, False)
-    also: tuple[Hypothesis, ...] = ()
+    always_listed: tuple[Hypothesis, ...] = ()
 
-    def say(self, line: str):
+    def log_step(self, line: str):
         """A line for the trail and for whoever waits."""
         self.history.append(line)
         self.progress(line)
@@ -54,19 +54,19 @@ class Search:
         if not self._is_solved_with(effects):
             self.stated_noise_problem = self.bench.problem(effects, self.samples)
         # a compliance brings all that acts through it into the library
-        under = (self.spread, self.random_effect, any(h.carries_load for h in self.accepted))
+        under = (self.noise_factors, self.random_effect, any(h.carries_load for h in self.accepted))
         if not all(one is held for one, held in zip(under, self.screening_conditions)):
             self.screening_conditions, self.screened = under, []
         problem = self.stated_noise_problem
-        if self.spread is not None:
-            problem = with_equal_noise(problem, self.spread)
+        if self.noise_factors is not None:
+            problem = with_equal_noise(problem, self.noise_factors)
         self.problem = (
-            problem if self.random_effect is None else evened_by(problem, self.random_effect)
+            problem if self.random_effect is None else whitened_by(problem, self.random_effect)
         )
-        self.problem = with_exact_options(self.problem, (*self.accepted, *self.also))
+        self.problem = with_exact_options(self.problem, (*self.accepted, *self.always_listed))
         self.tables = {}
 
-    def solve_possible(self):
+    def solve_feasible(self):
         """`solve`; a load whose mass comes out negative is no longer searched, and all is solved without it.
 
         A constant load of negative mass is an error of the masses or laws of the compliances, not a load.
@@ -76,9 +76,9 @@ class Search:
         loads = negative_masses(self.bench, effects, self.samples)
         lost = [h for h in self.accepted if any(e is load for e in h.effects for load in loads)]
         if lost:
-            self.impossible |= {name_of(h) for h in lost}
-            self.accepted = tuple(h for h in self.accepted if name_of(h) not in self.impossible)
-            self.say("; ".join(f"{h.effect} {h.label}: its mass is negative" for h in lost))
+            self.infeasible |= {name_of(h) for h in lost}
+            self.accepted = tuple(h for h in self.accepted if name_of(h) not in self.infeasible)
+            self.log_step("; ".join(f"{h.effect} {h.label}: its mass is negative" for h in lost))
             self.solve()
 
     def converged(self) -> Problem:
@@ -115,18 +115,18 @@ class Search:
         Without what acts through an accepted compliance that is not kept: its columns would stand in for that.
         """
         carriers = {i for i in self.accepted_indices if self.accepted[i].carries_load}
-        table = self.whole_table(kept)
+        table = self.full_table(kept)
         return table if carriers <= set(kept) else [h for h in table if not h.needs_compliance]
 
-    def whole_table(self, kept: tuple[int, ...]) -> list[Hypothesis]:
+    def full_table(self, kept: tuple[int, ...]) -> list[Hypothesis]:
         """As `table`, with all that acts through compliances."""
         if kept not in self.tables:
-            wanted = [(h.family, h.label) for h in (*self.accepted, *self.also)]
+            required = [(h.family, h.label) for h in (*self.accepted, *self.always_listed)]
             held = [self.accepted[i] for i in kept]
             self.tables[kept] = [
                 h
-                for h in judged(self.problem.conditional_on(kept), wanted=wanted)
-                if name_of(h) not in self.impossible
+                for h in ranked_hypotheses(self.problem.conditional_on(kept), required=required)
+                if name_of(h) not in self.infeasible
                 and (h.smooth_covariates or all(compatible(h, other) for other in held))
             ]
         return self.tables[kept]
@@ -136,13 +136,13 @@ class Search:
         """Numbers of all accepted."""
         return tuple(range(len(self.accepted)))
 
-    def others(self, i: int) -> tuple[int, ...]:
+    def other_indices(self, i: int) -> tuple[int, ...]:
         """Numbers of all accepted but one."""
         return tuple(j for j in self.accepted_indices if j != i)
 
-    def own(self, i: int, table: list[Hypothesis] | None = None) -> Hypothesis:
+    def conditional_hypothesis(self, i: int, table: list[Hypothesis] | None = None) -> Hypothesis:
         """An accepted hypothesis as a table judges it; by default the one conditional on the others."""
-        table, mine = table or self.table(self.others(i)), name_of(self.accepted[i])
+        table, mine = table or self.table(self.other_indices(i)), name_of(self.accepted[i])
         return next((h for h in table if name_of(h) == mine), table[0])
 
     def alternatives(self, i: int) -> list[Hypothesis]:
@@ -153,28 +153,28 @@ class Search:
         """
         mine = self.accepted[i]
         if not mine.needs_compliance:
-            return self.table(self.others(i))
-        held = tuple(self.accepted[j] for j in self.others(i))
+            return self.table(self.other_indices(i))
+        held = tuple(self.accepted[j] for j in self.other_indices(i))
         without = Search(self.bench, self.samples, self.level, lambda line: None, held)
-        without.random_effect, without.spread = self.random_effect, self.spread
-        without.impossible, without.also = self.impossible, (mine,)
+        without.random_effect, without.noise_factors = self.random_effect, self.noise_factors
+        without.infeasible, without.always_listed = self.infeasible, (mine,)
         without.solve()
         return without.table(without.accepted_indices)
 
     def conditional_gain(self, i: int) -> tuple[float, float]:
         """Gain of an accepted hypothesis conditional on the others, and the p-value of its F test by itself."""
-        return _asked(self.problem, i, self.others(i))
+        return _conditional_scores(self.problem, i, self.other_indices(i))
 
     def size(self, i: int) -> float:
         """RMS over all coordinates of an accepted hypothesis's part, conditional on the others, in stated sigmas."""
         return float(
             np.sqrt(
-                _asked(self.stated_noise_problem, i, self.others(i))[0]
+                _conditional_scores(self.stated_noise_problem, i, self.other_indices(i))[0]
                 / len(self.stated_noise_problem.sample)
             )
         )
 
-    def left(self) -> float:
+    def unexplained_gain(self) -> float:
         """Gain of the best function of what is left, where that is beyond chance."""
         table = self.table(self.accepted_indices)
         if family_wise(table) > self.level:
@@ -198,10 +198,10 @@ class Search:
         return float((kept.orthogonalise(kept.residual) ** 2).sum()) / max(kept.degrees, 1)
 
 
-def _asked(problem: Problem, i: int, others: tuple[int, ...]) -> tuple[float, float]:
+def _conditional_scores(problem: Problem, i: int, others: tuple[int, ...]) -> tuple[float, float]:
     columns, projected = problem.added[i], Projected(problem.conditional_on(others))
     columns = columns / np.maximum(np.sqrt((columns**2).sum(0)), 1e-300)
-    scores = projected.judge(projected.of_columns(columns[None]))
+    scores = projected.score_hypotheses(projected.column_moments(columns[None]))
     return float(scores.gain[0]), float(scores.p[0])
 
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from workbench.diagnosis.levels import OUTLIER_WEIGHT
-from workbench.diagnosis.linear.evidence import once
+from workbench.diagnosis.linear.evidence import cached
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.validation.folds import Scheme, schemes
 from workbench.diagnosis.validation.held_out import (
     critical_t,
     left_out_components,
-    paired,
+    paired_t,
     rms,
     significance,
 )
@@ -31,15 +31,19 @@ class ConditionalGains:
 
     def judged(self, term: Term, own: Sequence[int], kept: Sequence[int]) -> Term:
         """The term, with the effects `own`, with t, t_fall and gain of its presence next to the effects `kept`."""
-        usual, sigma, pose = self._problem.weights > OUTLIER_WEIGHT, self._sigma, self._problem.pose
+        inliers, sigma, pose = (
+            self._problem.weights > OUTLIER_WEIGHT,
+            self._sigma,
+            self._problem.pose,
+        )
         rest = [i for i in kept if i not in own]
         t, falls, gain = [], [], []
         for scheme in self._judges_of(term, tuple(own)):
             with_it, without = self._left_out(scheme, kept), self._left_out(scheme, rest)
-            t.append(significance(pose, without, with_it, usual, sigma))
+            t.append(significance(pose, without, with_it, inliers, sigma))
             lengths = [np.sqrt((one**2).sum(0)) for one in (without, with_it)]
-            falls.append(paired(pose, *lengths, usual, sigma))
-            gain.append(rms(lengths[0], usual, sigma) - rms(lengths[1], usual, sigma))
+            falls.append(paired_t(pose, *lengths, inliers, sigma))
+            gain.append(rms(lengths[0], inliers, sigma) - rms(lengths[1], inliers, sigma))
         worst = int(np.argmin(t))
         known = combined_t(t, sigma)
         return replace(
@@ -55,7 +59,7 @@ class ConditionalGains:
                 self._bench, term.finding.effects, self._schemes, self._problem, own
             )
 
-        return once(self._judges, own, make)
+        return cached(self._judges, own, make)
 
     def _left_out(self, scheme: Scheme, kept: Sequence[int]) -> np.ndarray:
         """(m, n) components of the errors next to some effects; those of a sensor scored."""
@@ -65,7 +69,7 @@ class ConditionalGains:
             problem = self._problem.conditional_on(kept)
             return left_out_components(problem, scheme.fold, scored=scored)
 
-        return once(self._errors, (scheme.name, *sorted(kept)), make)
+        return cached(self._errors, (scheme.name, *sorted(kept)), make)
 
 
 __all__ = ["ConditionalGains"]

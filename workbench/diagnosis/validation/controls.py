@@ -59,8 +59,8 @@ def controls(
     rng = np.random.default_rng(seed)
     gains = np.array([trial.gain(trial.permuted(rng)) for _ in range(_TRIALS)])
     p = float((1 + (gains >= trial.own).sum()) / (1 + _TRIALS))
-    chance = trial.by_chance(rng)
-    share = max(trial.beyond(float(np.median(gains))) - chance, 0.0) / (1 - chance)
+    chance = trial.chance_share(rng)
+    share = max(trial.share_beyond_chance(float(np.median(gains))) - chance, 0.0) / (1 - chance)
     made = [Control(PERMUTED, share, p, p <= _LEVEL and share < _LEFT, _TRIALS)]
     return (*made, *_of_time(trial, rng))
 
@@ -68,13 +68,15 @@ def controls(
 def _of_time(trial: "_Trial", rng) -> tuple[Control, ...]:
     """Circular shifts of the time against what an effect leaves that reads it, at the best of all instants."""
     chain, parts = trial.chain, np.linspace(0.05, 0.95, _SHIFTS)
-    if chain is None or not any(_clocked(e, chain) for e in trial.effects):
+    if chain is None or not any(_changes_with_clock(e, chain) for e in trial.effects):
         return ()
     left = trial.y - trial.fitted
     few, many = trial.other_instants(_FEW_INSTANTS), trial.other_instants(_INSTANTS)
-    of_clock = [trial.best_gains(few, _turned_state(chain, part), left) for part in parts]
-    of_space = trial.best_gains(many, chain.state, trial.shifted(left, parts))
-    chance = float(np.median(trial.best_gains(many, chain.state, trial.exchanged(left, rng))))
+    of_clock = [trial.best_gains(few, _shifted_state(chain, part), left) for part in parts]
+    of_space = trial.best_gains(many, chain.state, trial.shifted_residuals(left, parts))
+    chance = float(
+        np.median(trial.best_gains(many, chain.state, trial.permuted_residuals(left, rng)))
+    )
     beyond = max(float(np.quantile(gains, _MOST)) for gains in (of_clock, of_space)) - chance
     share = float(np.clip(beyond / max(trial.own - chance, 1e-300), 0.0, 1.0))
     as_much = int(max((np.array(gains) >= trial.own).sum() for gains in (of_clock, of_space)))
@@ -86,22 +88,22 @@ def of_order(bench: Bench, effects: Sequence[Effect]) -> bool:
     """Whether an effect reads the time or the order of the rows, so that it says nothing of times not measured."""
     if bench.chain is None or not effects:
         return any("time" in getattr(e, "names", ()) for e in effects)
-    return any(_clocked(e, bench.chain) for e in effects)
+    return any(_changes_with_clock(e, bench.chain) for e in effects)
 
 
-def _clocked(effect: Effect, chain) -> bool:
+def _changes_with_clock(effect: Effect, chain) -> bool:
     """Whether an effect does anything else where the clock is moved round by half of the recording."""
     moves = any(name.startswith("move") for name in getattr(effect, "names", ()))
     if moves or effect.by_moves or effect.port == NOISE:
         return False
     # a law that is not linear has no columns where all its parameters are 0
     typical = np.array([p.typical for p in effect.parameters(chain)])
-    states = chain.state, _turned_state(chain, 0.5)
+    states = chain.state, _shifted_state(chain, 0.5)
     here, there = (effect.derivative(typical, state) for state in states)
     return not np.allclose(here, there, rtol=0, atol=NEGLIGIBLE_SHARE * np.abs(here).max())
 
 
-def _turned_state(chain, part: float):
+def _shifted_state(chain, part: float):
     """The state with its time circularly shifted by a part (0-1) of the recording."""
     covariates = dict(chain.state.covariates)
     order = np.argsort(clock(chain.state), kind="stable")
@@ -165,13 +167,13 @@ class _Trial:
         """The effects, and these with another instant or time constant of one of them that reads the clock, `most`."""
         every = [self.effects]
         for i, effect in enumerate(self.effects):
-            if _clocked(effect, self.chain):
+            if _changes_with_clock(effect, self.chain):
                 before, after = self.effects[:i], self.effects[i + 1 :]
                 others = _variants(effect, self.chain, most)
                 every += [(*before, other, *after) for other in others]
         return every
 
-    def shifted(self, left: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    def shifted_residuals(self, left: np.ndarray, parts: np.ndarray) -> np.ndarray:
         """(N, S) residuals (N,) circularly shifted in time by parts (S,) of the recording."""
         order = np.argsort(clock(self.chain.state), kind="stable")
         left = left.reshape(-1, self.chain.n)
@@ -180,7 +182,7 @@ class _Trial:
             out[:, order, i] = np.roll(left[:, order], round(part * self.chain.n), axis=1)
         return self._left(out.reshape(-1, len(parts)))
 
-    def exchanged(self, left: np.ndarray, rng) -> np.ndarray:
+    def permuted_residuals(self, left: np.ndarray, rng) -> np.ndarray:
         """(N, S) residuals (N,) exchanged between samples at random, `_SHIFTS` times."""
         left = left.reshape(-1, self.chain.n)
         made = [left[:, rng.permutation(self.chain.n)].ravel() for _ in range(_SHIFTS)]
@@ -239,12 +241,12 @@ class _Trial:
         score = ((columns.T @ y)[seen].T * unit).T
         return (((vectors[:, kept].T @ score) ** 2).T / values[kept]).sum(-1)
 
-    def beyond(self, gain: float) -> float:
+    def share_beyond_chance(self, gain: float) -> float:
         """A gain as a share of the effects' own, both beyond what as many columns gain by chance."""
         chance = self.count * self.noise
         return max(gain - chance, 0.0) / max(self.own - chance, 1e-300)
 
-    def by_chance(self, rng) -> float:
+    def chance_share(self, rng) -> float:
         """Share (0-1) of what the effects make at other poses that they make from yet others, at most a half.
 
         As many functions of poses explain that much of each other, whatever they depend on: a lot where poses are few.
@@ -270,7 +272,9 @@ def _variants(effect: Effect, chain, most: int) -> list[Effect]:
     found = [grid.make(value) for grid in scans for value in grid.values]
     found += [v.effect for v in kind.candidates(chain) if v.effect.where == where]
     numbers = len(effect.parameters(chain))
-    like = [e for e in found if len(e.parameters(chain)) == numbers and _clocked(e, chain)]
+    like = [
+        e for e in found if len(e.parameters(chain)) == numbers and _changes_with_clock(e, chain)
+    ]
     kept = np.linspace(0, len(like) - 1, min(len(like), most)).astype(int)
     return [like[i] for i in kept]
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from workbench.core.effect import Effect
 from workbench.diagnosis.levels import UNMODELLED_LEVEL
-from workbench.diagnosis.linear.hypotheses import family_wise, judged
+from workbench.diagnosis.linear.hypotheses import family_wise, ranked_hypotheses
 from workbench.diagnosis.linear.problem import Bench, Found, Problem
 from workbench.diagnosis.noise.serial_correlation import SerialCorrelation, serial_correlation
 from workbench.diagnosis.validation.controls import of_order
@@ -13,7 +13,9 @@ from workbench.diagnosis.validation.folds import tested_samples
 from workbench.diagnosis.validation.terms import Term
 
 
-def beyond_correlated_noise(bench: Bench, terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
+def reject_explained_by_correlated_noise(
+    bench: Bench, terms: Sequence[Term]
+) -> tuple[list[Term], list[Term]]:
     """The terms, and refused those that read the time and that correlated noise explains as well.
 
     Whether anything is missing without such a term, with the correlation of what is left there next to slow
@@ -57,7 +59,7 @@ def with_correlated_noise(
 
 def _chance(problem: Problem, noise: SerialCorrelation) -> float:
     """Family-wise p-value that a problem lacks anything, under correlated noise."""
-    return family_wise(judged(replace(problem, serial_effect=noise.design_effect)))
+    return family_wise(ranked_hypotheses(replace(problem, serial_effect=noise.design_effect)))
 
 
-__all__ = ["beyond_correlated_noise", "with_correlated_noise"]
+__all__ = ["reject_explained_by_correlated_noise", "with_correlated_noise"]

@@ -11,7 +11,11 @@ import numpy as np
 from workbench.diagnosis.linear.problem import Problem
 from workbench.fitting.cross_validation import blocks
 
-TIME, SPACE, DEALT = "blocks of time", "blocks of the workspace", "placements and balls in turn"
+TIME, SPACE, ROUND_ROBIN = (
+    "blocks of time",
+    "blocks of the workspace",
+    "placements and balls in turn",
+)
 LEAST_FOLDS = 5
 """Folds in which a validation repeats the search at least: the blocks of time."""
 _FOLDS, _HALVINGS = LEAST_FOLDS, 2
@@ -43,16 +47,16 @@ class Scheme:
 def schemes(pose: np.ndarray, problem: Problem) -> list[Scheme]:
     """Blocks of time and, for an arm, blocks of the workspace; for images, every fifth placement and ball."""
     if "u" in problem.covariates:
-        return [Scheme(DEALT, _dealt(pose, problem))]
+        return [Scheme(ROUND_ROBIN, _round_robin_folds(pose, problem))]
     by_order = np.argsort(problem.order, kind="stable")
     time = np.empty(problem.n, int)
     few = len(np.unique(pose)) < _FEW
     time[by_order] = blocks(pose[by_order], _FOLDS * (1 + few))
-    space = _halved(pose, problem)
+    space = _workspace_folds(pose, problem)
     return [Scheme(TIME, time)] + ([] if space is None else [Scheme(SPACE, space)])
 
 
-def _dealt(pose: np.ndarray, problem: Problem) -> np.ndarray:
+def _round_robin_folds(pose: np.ndarray, problem: Problem) -> np.ndarray:
     """(n,) block of each sample: placements of boards and balls dealt out in turn, so that no block lacks a kind."""
     poses, group = np.unique(pose, return_inverse=True)
     board = np.zeros(len(poses), bool)  # a corner has two coordinates, a stripe one
@@ -61,7 +65,7 @@ def _dealt(pose: np.ndarray, problem: Problem) -> np.ndarray:
     return (rank % min(_FOLDS, max(int(board.sum()), 2)))[group]
 
 
-def _halved(pose: np.ndarray, problem: Problem) -> np.ndarray | None:
+def _workspace_folds(pose: np.ndarray, problem: Problem) -> np.ndarray | None:
     """(n,) block of each sample: poses halved at the median of what spreads most, and each half again."""
     names = [c for c in ("q1", "q2", "q3") if np.ptp(problem.covariates.get(c, np.zeros(1))) > 0]
     if not names:
@@ -116,7 +120,7 @@ def tested_samples(bench) -> np.ndarray | None:
 
 
 __all__ = [
-    "DEALT",
+    "ROUND_ROBIN",
     "MAX_TESTED_SAMPLES",
     "SPACE",
     "TIME",

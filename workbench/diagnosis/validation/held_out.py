@@ -8,7 +8,7 @@ from workbench.core.covariates import clock
 from workbench.core.distributions import chi2, norm, student
 from workbench.core.effect import Effect
 from workbench.diagnosis.levels import CRITICAL_CLARK_WEST_T, CRITICAL_T, NEGLIGIBLE_SHARE
-from workbench.diagnosis.linear.evidence import once
+from workbench.diagnosis.linear.evidence import cached
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.noise.data_findings import is_move_known
 from workbench.diagnosis.validation.folds import tested_samples
@@ -27,10 +27,10 @@ _ROWS = 5
 """Rows of the errors of an arm's samples: distance, rotation angle, and three components of the position."""
 
 
-def rms(errors: np.ndarray, usual: np.ndarray, sigma: np.ndarray | None = None) -> float:
-    """Root mean square of the errors (n,) that there are, of the usual samples; with sigma (n,) in the errors' unit
+def rms(errors: np.ndarray, inliers: np.ndarray, sigma: np.ndarray | None = None) -> float:
+    """Root mean square of the errors (n,) that there are, of the inliers; with sigma (n,) in the errors' unit
     each weighs as in a fit."""
-    kept = usual & np.isfinite(errors)
+    kept = inliers & np.isfinite(errors)
     if not kept.any():
         return float("nan")
     weights = None if sigma is None else sigma[kept] ** -2.0
@@ -38,15 +38,15 @@ def rms(errors: np.ndarray, usual: np.ndarray, sigma: np.ndarray | None = None) 
 
 
 def rms_pair(
-    before: np.ndarray, after: np.ndarray, usual: np.ndarray, sigma: np.ndarray | None = None
+    before: np.ndarray, after: np.ndarray, inliers: np.ndarray, sigma: np.ndarray | None = None
 ) -> tuple[float, float]:
     """RMS of the errors (n,) without and with some terms, as of `rms`.
 
     Where the squares rise and Huber's loss falls, a few samples far off decide on the squares: errors then count by
-    the loss, which decides on a term in every other place (`paired`).
+    the loss, which decides on a term in every other place (`paired_t`).
     """
-    plain = rms(before, usual, sigma), rms(after, usual, sigma)
-    kept = usual & np.isfinite(before) & np.isfinite(after)
+    plain = rms(before, inliers, sigma), rms(after, inliers, sigma)
+    kept = inliers & np.isfinite(before) & np.isfinite(after)
     if plain[1] < plain[0] or not kept.any():
         return plain
     unit = np.ones(int(kept.sum())) if sigma is None else sigma[kept]
@@ -56,11 +56,11 @@ def rms_pair(
     return (float(without), float(with_it)) if with_it < without else plain
 
 
-def paired(
+def paired_t(
     pose: np.ndarray,
     before: np.ndarray,
     after: np.ndarray,
-    usual: np.ndarray,
+    inliers: np.ndarray,
     sigma: np.ndarray | None = None,
 ) -> float:
     """t of the falls of the loss, one fall a pose: their mean over its standard error.
@@ -72,7 +72,7 @@ def paired(
     sigma (n,): noise of each sample where they are not all of one kind, as corners, stripes on boards and stripes on
     balls are not. Errors then count in it and a pose by all of its samples, see `_jackknife_t`.
     """
-    kept = usual & np.isfinite(before) & np.isfinite(after)
+    kept = inliers & np.isfinite(before) & np.isfinite(after)
     _, group = np.unique(pose[kept], return_inverse=True)
     if not kept.any() or group.max() < 2:
         return 0.0
@@ -91,30 +91,30 @@ def significance(
     pose: np.ndarray,
     before: np.ndarray,
     after: np.ndarray,
-    usual: np.ndarray,
+    inliers: np.ndarray,
     sigma: np.ndarray | None = None,
 ) -> float:
     """t of a gain, of components (m, n) of the errors without and with it.
 
-    That of `clark_west_t`, or with sigma (n,) of `paired`; `critical_t` is the level for either.
+    That of `clark_west_t`, or with sigma (n,) of `paired_t`; `critical_t` is the level for either.
     """
     if sigma is None:
-        return clark_west_t(pose, before, after, usual)
-    return paired(pose, *(np.sqrt((one**2).sum(0)) for one in (before, after)), usual, sigma)
+        return clark_west_t(pose, before, after, inliers)
+    return paired_t(pose, *(np.sqrt((one**2).sum(0)) for one in (before, after)), inliers, sigma)
 
 
 def critical_t(sigma: np.ndarray | None) -> float:
-    """t above which a gain is significant: of `clark_west_t`, or with sigma of `paired`."""
+    """t above which a gain is significant: of `clark_west_t`, or with sigma of `paired_t`."""
     return CRITICAL_CLARK_WEST_T if sigma is None else CRITICAL_T
 
 
-def rises(t: float, sigma: np.ndarray | None) -> bool:
-    """Whether a t says that the error significantly rises: of `clark_west_t`, or with sigma of `paired`."""
+def rises_significantly(t: float, sigma: np.ndarray | None) -> bool:
+    """Whether a t says that the error significantly rises: of `clark_west_t`, or with sigma of `paired_t`."""
     return t < (-DOUBLED * CRITICAL_T if sigma is None else -CRITICAL_T)
 
 
 def clark_west_t(
-    pose: np.ndarray, before: np.ndarray, after: np.ndarray, usual: np.ndarray
+    pose: np.ndarray, before: np.ndarray, after: np.ndarray, inliers: np.ndarray
 ) -> float:
     """t of the change of the predictions by some terms in the errors without them; before, after (m, n) mm.
 
@@ -122,12 +122,12 @@ def clark_west_t(
     2 e'd - d'd, with the error e without the terms and the change d of the prediction, and d'd is no evidence against
     them. Clark & West, J. Econometrics 138 (2007), test the mean of e'd alone, whose t is about twice that of the
     fall. Their test is of forecasts in time; errors by Huber's loss, blocks left out in turn and the standard error
-    by `_jackknife_t` are an extension. Where the loss does not fall, it is the t of `paired` on the same scale.
+    by `_jackknife_t` are an extension. Where the loss does not fall, it is the t of `paired_t` on the same scale.
     Poses in the order of their rows may err alike; the standard error then allows for it, see `_serial_factor`.
     """
     lengths = [np.sqrt((one**2).sum(0)) for one in (before, after)]
-    fall = paired(pose, *lengths, usual)
-    kept = usual & np.isfinite(before).all(0) & np.isfinite(after).all(0)
+    fall = paired_t(pose, *lengths, inliers)
+    kept = inliers & np.isfinite(before).all(0) & np.isfinite(after).all(0)
     if not fall > 0:
         return DOUBLED * fall
     _, first, group, count = np.unique(
@@ -255,7 +255,7 @@ class Errors:
         """(5, k) distances, angles (deg, nan where there are none) and components of the samples of one block (n,)."""
         key = tuple(sorted(map(name_of, effects))), block.tobytes()
         predict = self._of_sensor if self.bench.chain is None else self._of_arm
-        return once(self._blocks, key, lambda: predict(effects, block)[:, block])
+        return cached(self._blocks, key, lambda: predict(effects, block)[:, block])
 
     def _of_sensor(self, effects, block: np.ndarray) -> np.ndarray:
         """(5, n): px and nan."""
@@ -269,7 +269,7 @@ class Errors:
         Where the others leave a direction open (all have the tool upright, say), it stays where all samples have it.
         """
         out = np.full((_ROWS, len(block)), np.nan)
-        if self._leaves_open(effects, block):
+        if self._is_undetermined_without(effects, block):
             problem = self.bench.problem(effects, hypotheses=False).conditional_on()
             rows = left_out_rows(problem, np.where(block, 0, -1), only=0)
             out[:2] = _lengths_of(problem, rows)
@@ -297,7 +297,7 @@ class Errors:
             rows[:, block & (times > before) & (times < next_one)] = np.nan
         return rows
 
-    def _leaves_open(self, effects, block: np.ndarray) -> bool:
+    def _is_undetermined_without(self, effects, block: np.ndarray) -> bool:
         """Whether a direction of the fit is determined by the samples of a block (n,) bool alone."""
         part = tested_samples(self.bench)
         problem = self.bench.problem(effects, part, hypotheses=False).conditional_on()
@@ -358,8 +358,8 @@ __all__ = [
     "left_out",
     "left_out_components",
     "name_of",
-    "paired",
-    "rises",
+    "paired_t",
+    "rises_significantly",
     "rms",
     "rms_pair",
     "sigma_of",

@@ -18,7 +18,7 @@ from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.validation.controls import of_order
 from workbench.diagnosis.validation.folds import TIME, Scheme
-from workbench.diagnosis.validation.held_out import rises
+from workbench.diagnosis.validation.held_out import rises_significantly
 from workbench.diagnosis.validation.terms import Term
 
 _ONE_BLOCK = 0.9
@@ -93,7 +93,7 @@ def extrapolated_share(problem: Problem, numbers: Sequence[int], fold: np.ndarra
     return lost / total
 
 
-def with_carriers(bench, terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
+def require_compliances(bench, terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
     """The terms, and refused those that need a compliance where neither baseline nor terms hold one."""
     effects = [effect for term in terms for effect in term.finding.effects]
     if any(effect.carries_load for effect in (*getattr(bench, "baseline", ()), *effects)):
@@ -109,7 +109,7 @@ def combined_t(values: Sequence[float], sigma: np.ndarray | None) -> float:
 
     sigma: of the bench, see `critical_t`.
     """
-    return min(values) if rises(min(values), sigma) else float(np.mean(values))
+    return min(values) if rises_significantly(min(values), sigma) else float(np.mean(values))
 
 
 def reported_scheme(rows: Sequence[SchemeErrors]) -> SchemeErrors:
@@ -124,7 +124,7 @@ def is_supported(rows: Sequence[SchemeErrors]) -> bool:
     return reported_scheme(rows).improves and not any(row.worsens for row in judges)
 
 
-def not_supported(term: Term, rows: Sequence[SchemeErrors], unit: str) -> Term:
+def refused_term(term: Term, rows: Sequence[SchemeErrors], unit: str) -> Term:
     """The term as refused, with the reason."""
     judges = [row for row in rows if row.judges] or list(rows)
     worst = max(judges, key=lambda row: row.rms_after / max(row.rms_before, 1e-300))
@@ -143,6 +143,6 @@ __all__ = [
     "reported_scheme",
     "is_supported",
     "judging_schemes",
-    "not_supported",
-    "with_carriers",
+    "refused_term",
+    "require_compliances",
 ]

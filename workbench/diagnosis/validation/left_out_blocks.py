@@ -10,7 +10,7 @@ import numpy as np
 
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
 from workbench.diagnosis.levels import NEGLIGIBLE_SHARE
-from workbench.diagnosis.linear.evidence import once
+from workbench.diagnosis.linear.evidence import cached
 from workbench.diagnosis.linear.problem import Problem
 
 
@@ -56,7 +56,7 @@ def _block(problem: Problem, rows: np.ndarray) -> Block:
             np.flatnonzero(rows), columns, observed, columns.T @ columns, columns.T @ observed
         )
 
-    return once(problem.cache, ("block", len(problem.fit_columns), rows.tobytes()), make)
+    return cached(problem.cache, ("block", len(problem.fit_columns), rows.tobytes()), make)
 
 
 def block_shares(problem: Problem, rows: np.ndarray) -> np.ndarray:
@@ -89,21 +89,21 @@ def left_out_rows(
     return out * problem.units
 
 
-def variance_factor(problem: Problem, fold: np.ndarray, usual: np.ndarray) -> float:
+def variance_factor(problem: Problem, fold: np.ndarray, inliers: np.ndarray) -> float:
     """Expected mean square of a held-out position residual of a right model over the variance of its noise.
 
     A left-out block has the covariance sigma^2 (I + J C J') = sigma^2 (I - B_b B_b')^-1: noise, and the uncertainty C
     of parameters that the other blocks determine (Cook & Weisberg, sec. 3.6, as in `left_out_rows`). Mean over whitened
-    rows of the usual samples (n,) bool; fold (n,) int.
+    rows of the inliers (n,) bool; fold (n,) int.
     """
     mixing, mine = problem.hat_mixing, fold[problem.sample]
-    counted = usual[problem.sample]
+    counted = inliers[problem.sample]
     if problem.rotation is not None:
         counted = counted & ~problem.rotation
     if not counted.any():
         return 1.0
     added = 0.0
-    for k in np.unique(fold[usual]):
+    for k in np.unique(fold[inliers]):
         block = _block(problem, mine == k)
         values, vectors = symmetric_eigen(mixing.T @ block.gram @ mixing)
         columns = block.columns[counted[block.rows]] @ mixing

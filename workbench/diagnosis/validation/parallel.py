@@ -14,7 +14,7 @@ _held: dict = {}  # of a process that searches: the bench and the search, sent o
 
 
 @contextmanager
-def searches(
+def parallel_searches(
     bench: Bench, search: Search, jobs: int
 ) -> Iterator[Callable[[Iterable[np.ndarray]], Iterator[list]]]:
     """A function of parts of the samples, each (n,) bool: what `search(bench, part)` gives of each, in their order.
@@ -38,4 +38,4 @@ def _search(part: np.ndarray) -> list:
     return _held["search"](_held["bench"], part)
 
 
-__all__ = ["searches"]
+__all__ = ["parallel_searches"]

@@ -19,7 +19,7 @@ import numpy as np
 from workbench.diagnosis.linear.problem import Bench, Finding, Found
 from workbench.diagnosis.validation.conditional_gains import ConditionalGains
 from workbench.diagnosis.validation.controls import controls
-from workbench.diagnosis.validation.correlated_noise import beyond_correlated_noise
+from workbench.diagnosis.validation.correlated_noise import reject_explained_by_correlated_noise
 from workbench.diagnosis.validation.folds import (
     MAX_TESTED_SAMPLES,
     Scheme,
@@ -30,7 +30,7 @@ from workbench.diagnosis.validation.folds import (
 from workbench.diagnosis.validation.held_out import (
     Errors,
     critical_t,
-    paired,
+    paired_t,
     rms,
     rms_pair,
     sigma_of,
@@ -39,16 +39,16 @@ from workbench.diagnosis.validation.held_out import (
 from workbench.diagnosis.validation.judging import (
     SchemeErrors,
     is_supported,
-    not_supported,
+    refused_term,
     reported_scheme,
-    with_carriers,
+    require_compliances,
 )
-from workbench.diagnosis.validation.parallel import searches
+from workbench.diagnosis.validation.parallel import parallel_searches
 from workbench.diagnosis.validation.stability import (
     Nested,
+    effect_indices,
     effects_of,
     judges_of_all,
-    numbered,
     stable_terms,
 )
 from workbench.diagnosis.validation.terms import Proof, Term
@@ -73,31 +73,33 @@ def prove(
     real, where it is real, too, in what the folds found by themselves, and where it passes its controls. jobs:
     processes that search the folds.
     """
-    usual = ~found.outliers
+    inliers = ~found.outliers
     errors = Errors(bench)
-    terms, refused = _earned(bench, list(found.findings), tested_samples(bench), say)
-    whole = _whole(bench, found, find if terms else None, errors, say, jobs)
-    terms, lost = stable_terms(bench, terms, whole, usual)
+    terms, refused = _retained_terms(bench, list(found.findings), tested_samples(bench), say)
+    whole = _nested_search(bench, found, find if terms else None, errors, say, jobs)
+    terms, lost = stable_terms(bench, terms, whole, inliers)
     terms, more = _controlled(bench, terms, say)
-    terms, orphans = with_carriers(bench, terms)
-    terms, chance = beyond_correlated_noise(bench, terms)
+    terms, orphans = require_compliances(bench, terms)
+    terms, chance = reject_explained_by_correlated_noise(bench, terms)
     gone = [*refused, *lost, *more, *orphans, *chance]
-    terms, worse, rows = _supported(errors, terms, gone, whole, usual)
+    terms, worse, rows = _supported(errors, terms, gone, whole, inliers)
     effects = effects_of([term.finding for term in terms])
     fixed = [errors(effects, one.scheme.fold) if effects else one.baseline_errors for one in whole]
-    made = _with_angles(_proof(bench, rows, fixed, noise, usual), errors, usual)
+    made = _with_angles(_proof(bench, rows, fixed, noise, inliers), errors, inliers)
     return made, tuple(terms), (*gone, *worse)
 
 
-def _with_angles(proof: Proof, errors: Errors, usual: np.ndarray) -> Proof:
+def _with_angles(proof: Proof, errors: Errors, inliers: np.ndarray) -> Proof:
     """The proof with the rotation angles that belong to its errors, where orientation is measured."""
     angles = np.stack([errors.angles_of(one) for one in proof.errors])
     if not np.isfinite(angles).any():
         return proof
-    return replace(proof, angles=angles, angles_rms=(rms(angles[0], usual), rms(angles[1], usual)))
+    return replace(
+        proof, angles=angles, angles_rms=(rms(angles[0], inliers), rms(angles[1], inliers))
+    )
 
 
-def _supported(errors: Errors, terms: list[Term], gone: list[Term], whole: list[Nested], usual):
+def _supported(errors: Errors, terms: list[Term], gone: list[Term], whole: list[Nested], inliers):
     """Terms that together reduce the held-out error, terms that do not, and the errors by scheme.
 
     Judged by what the folds found by themselves; where that fails, by that without what was refused. As long as the
@@ -108,20 +110,20 @@ def _supported(errors: Errors, terms: list[Term], gone: list[Term], whole: list[
     refused: list[Term] = []
     while terms:
         judges = judges_of_all(errors.bench, terms, parts)
-        rows = _judged_rows(whole, predicted, judges, usual, sigma)
+        rows = _judged_rows(whole, predicted, judges, inliers, sigma)
         if is_supported(rows):
             return terms, refused, rows
         if predicted is nested and gone:
             predicted = _without(errors, whole, gone)
             continue
         weakest = min(terms, key=lambda term: term.t_nested)
-        refused.append(not_supported(weakest, rows, errors.bench.unit))
+        refused.append(refused_term(weakest, rows, errors.bench.unit))
         left = [term for term in terms if term is not weakest]
-        terms, orphans = with_carriers(errors.bench, left)
+        terms, orphans = require_compliances(errors.bench, left)
         refused += orphans
         predicted = _without(errors, whole, [*gone, *refused])
     plain = [one.baseline_errors for one in whole]
-    return [], refused, _judged_rows(whole, plain, parts, usual, sigma)
+    return [], refused, _judged_rows(whole, plain, parts, inliers, sigma)
 
 
 def _without(errors: Errors, whole: list[Nested], refused: Sequence[Term]) -> list[np.ndarray]:
@@ -136,18 +138,20 @@ def _without(errors: Errors, whole: list[Nested], refused: Sequence[Term]) -> li
     return out
 
 
-def _judged_rows(whole: list[Nested], predicted, judges, usual, sigma) -> list[SchemeErrors]:
+def _judged_rows(whole: list[Nested], predicted, judges, inliers, sigma) -> list[SchemeErrors]:
     """Errors by scheme; those of several kinds of samples (corners, stripes) are weighted by their noise `sigma`."""
     rows = []
     for one, after in zip(whole, predicted):
-        figures = rms_pair(one.baseline_errors, after, usual, sigma)
+        figures = rms_pair(one.baseline_errors, after, inliers, sigma)
         rows.append(
             SchemeErrors(one.scheme, one.baseline_errors, after, *figures, one.scheme in judges)
         )
     return rows
 
 
-def _whole(bench, found: Found, find: Find | None, errors: Errors, say, jobs: int) -> list[Nested]:
+def _nested_search(
+    bench, found: Found, find: Find | None, errors: Errors, say, jobs: int
+) -> list[Nested]:
     """The search repeated inside every fold of every scheme; None: there is nothing to be proved."""
     parts = schemes(bench.pose, found.before)
     if find is None:
@@ -164,43 +168,43 @@ def _whole(bench, found: Found, find: Find | None, errors: Errors, say, jobs: in
     return made
 
 
-def _t_of(errors: Errors, before: np.ndarray, after: np.ndarray, usual: np.ndarray) -> float:
+def _t_of(errors: Errors, before: np.ndarray, after: np.ndarray, inliers: np.ndarray) -> float:
     """t of the gain from errors `before` to `after` (n,), which `errors` made."""
     bench = errors.bench
     if bench.sigma is not None:
-        return paired(bench.pose, before, after, usual, bench.sigma)
+        return paired_t(bench.pose, before, after, inliers, bench.sigma)
     components = [errors.components_of(one) for one in (before, after)]
-    return significance(bench.pose, *components, usual)
+    return significance(bench.pose, *components, inliers)
 
 
-def _proof(bench, rows: Sequence[SchemeErrors], fixed, noise, usual) -> Proof:
+def _proof(bench, rows: Sequence[SchemeErrors], fixed, noise, inliers) -> Proof:
     """The figures of the scheme that judges; where nothing is claimed, the baseline predicts."""
     shown = reported_scheme(rows)
     at = next(i for i, row in enumerate(rows) if row is shown)
-    t = paired(bench.pose, shown.before, shown.after, usual, sigma_of(bench))
+    t = paired_t(bench.pose, shown.before, shown.after, inliers, sigma_of(bench))
     return Proof(
         before=shown.rms_before,
         after=shown.rms_after,
-        fixed=rms(fixed[at], usual, sigma_of(bench)),
+        fixed=rms(fixed[at], inliers, sigma_of(bench)),
         t=t,
         folds=len(shown.scheme.folds),
         noise=noise[0],
         noise_from=noise[1],
         errors=np.stack([shown.before, shown.after]),
         fold=shown.scheme.fold,
-        schemes=tuple(_scheme_row(bench, row, usual, same) for row, same in zip(rows, fixed)),
+        schemes=tuple(_scheme_row(bench, row, inliers, same) for row, same in zip(rows, fixed)),
         scheme=shown.scheme.name,
     )
 
 
-def _scheme_row(bench, row: SchemeErrors, usual, fixed) -> dict:
+def _scheme_row(bench, row: SchemeErrors, inliers, fixed) -> dict:
     return {
         "folds_by": row.scheme.name,
         "folds": len(row.scheme.folds),
         "before": row.rms_before,
         "after": row.rms_after,
-        "after_same_terms": rms(fixed, usual, sigma_of(bench)),
-        "t": paired(bench.pose, row.before, row.after, usual, sigma_of(bench)),
+        "after_same_terms": rms(fixed, inliers, sigma_of(bench)),
+        "t": paired_t(bench.pose, row.before, row.after, inliers, sigma_of(bench)),
         "judges": row.judges,
     }
 
@@ -212,7 +216,7 @@ def _search_nested(
     found: list[dict[int, list[Finding]]] = [{} for _ in parts]
     work = [(i, s, k) for i, s in enumerate(parts) for k in s.folds]
     start = time.perf_counter()
-    with searches(bench, partial(earned_inside, find=find), jobs) as searched:
+    with parallel_searches(bench, partial(retained_in_fold, find=find), jobs) as searched:
         results = searched([s.fold != k for _, s, k in work])
         for done, ((i, s, k), terms) in enumerate(zip(work, results), 1):
             found[i][k] = terms
@@ -224,21 +228,21 @@ def _search_nested(
     return found
 
 
-def earned_inside(bench: Bench, samples: np.ndarray, find: Find) -> list[Finding]:
+def retained_in_fold(bench: Bench, samples: np.ndarray, find: Find) -> list[Finding]:
     """What search and held-out test leave on `samples` (n,) bool, which are then all that it has seen.
 
     Fewer of them where the bench can do with fewer; a bench that is `whole` sees in a fold what it saw outside.
     """
     searched = judged = samples
-    if not bench.whole:
+    if not bench.needs_all_samples:
         searched, judged = (
             thinned(bench.pose, samples),
             thinned(bench.pose, samples, MAX_TESTED_SAMPLES),
         )
-    return [term.finding for term in _earned(bench, find(bench, searched), judged)[0]]
+    return [term.finding for term in _retained_terms(bench, find(bench, searched), judged)[0]]
 
 
-def _earned(
+def _retained_terms(
     bench, findings: list[Finding], samples, say: Say = lambda text: None
 ) -> tuple[list[Term], list[Term]]:
     """Terms with a real held-out gain conditional on one another, and the removed ones, in the problem solved with all.
@@ -249,7 +253,7 @@ def _earned(
     if not findings:
         return [], []
     problem = bench.problem(effects_of(findings), samples, hypotheses=False)
-    numbers = dict(zip(map(id, findings), numbered(findings)))
+    numbers = dict(zip(map(id, findings), effect_indices(findings)))
     trial = ConditionalGains(bench, problem, sigma_of(bench, samples))
     least = critical_t(bench.sigma)
 
@@ -298,4 +302,4 @@ def _controlled(bench, terms: list[Term], say) -> tuple[list[Term], list[Term]]:
     return kept, failed
 
 
-__all__ = ["earned_inside", "prove"]
+__all__ = ["retained_in_fold", "prove"]

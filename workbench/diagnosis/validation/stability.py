@@ -17,7 +17,7 @@ from workbench.diagnosis.validation.folds import Scheme, tested_samples
 from workbench.diagnosis.validation.held_out import (
     critical_t,
     left_out_components,
-    rises,
+    rises_significantly,
     sigma_of,
     significance,
 )
@@ -40,11 +40,11 @@ class Nested:
 
 
 def stable_terms(
-    bench, terms: Sequence[Term], whole: Sequence[Nested], usual: np.ndarray
+    bench, terms: Sequence[Term], whole: Sequence[Nested], inliers: np.ndarray
 ) -> tuple[list[Term], list[Term]]:
     """The terms whose gain is significant, too, where each fold knows only what was found without it; and the others.
 
-    usual (n,) bool: samples that are no outliers. No term stays where what the folds found does not predict what they
+    inliers (n,) bool: samples that are no outliers. No term stays where what the folds found does not predict what they
     have not seen.
     """
     if not terms:
@@ -54,7 +54,7 @@ def stable_terms(
     if not t > critical_t(bench.sigma):
         reason = f"the nested search does not reduce the held-out error significantly (t = {t:.1f})"
         return [], [replace(term, kept=False, t_nested=t, reason=reason) for term in terms]
-    folds = _Folds(bench, terms, whole, usual)
+    folds = _Folds(bench, terms, whole, inliers)
     judged = [folds.judged(number, term) for number, term in enumerate(terms)]
     return [one for one in judged if one.kept], [one for one in judged if not one.kept]
 
@@ -66,7 +66,7 @@ def judges_of_all(bench, terms: Sequence[Term], schemes: Sequence[Scheme]) -> li
     problem = bench.problem(effects_of(findings), part, hypotheses=False)
     originals = {scheme.at(part): scheme for scheme in schemes}
     able = []
-    for finding, own in zip(findings, numbered(findings)):
+    for finding, own in zip(findings, effect_indices(findings)):
         judges = judging_schemes(bench, finding.effects, list(originals), problem, own)
         able.append([originals[one] for one in judges])
     common = [scheme for scheme in schemes if all(scheme in mine for mine in able)]
@@ -76,15 +76,15 @@ def judges_of_all(bench, terms: Sequence[Term], schemes: Sequence[Scheme]) -> li
 class _Folds:
     """The judged samples solved with what each fold found, and with all terms; as linear problems."""
 
-    def __init__(self, bench, terms: Sequence[Term], whole: Sequence[Nested], usual: np.ndarray):
+    def __init__(self, bench, terms: Sequence[Term], whole: Sequence[Nested], inliers: np.ndarray):
         part = tested_samples(bench)
         here = np.ones(len(bench.pose), bool) if part is None else part
         findings = [term.finding for term in terms]
-        self._bench, self._pose, self._usual = bench, bench.pose[here], usual[here]
+        self._bench, self._pose, self._usual = bench, bench.pose[here], inliers[here]
         self._sigma = sigma_of(bench, part)
         self._problem = bench.problem(effects_of(findings), part, hypotheses=False)
-        self._numbers = numbered(findings)
-        self._moved = _made(self._problem, findings)
+        self._numbers = effect_indices(findings)
+        self._moved = _displacements(self._problem, findings)
         self._solved = {one.scheme.at(part): _solved(bench, one.found, part) for one in whole}
         self._errors = {scheme: self._linear(scheme) for scheme in self._solved}
 
@@ -92,11 +92,11 @@ class _Folds:
         """The term with its t in the folds, and whether it is kept."""
         moved = self._moved[number]
         t = self._t(term.finding, self._numbers[number], moved)
-        nested = min(t) if rises(min(t), self._sigma) else max(t)
+        nested = min(t) if rises_significantly(min(t), self._sigma) else max(t)
         made = [fold.made for rows in self._solved.values() for fold in rows.values()]
         judged = replace(
             term,
-            reselected_folds=sum(_alike(moved, others) for others in made),
+            reselected_folds=sum(_is_reselected(moved, others) for others in made),
             searched_folds=len(made),
             t_nested=nested,
         )
@@ -120,33 +120,33 @@ class _Folds:
 
 
 @dataclass(frozen=True)
-class _Solved:
-    """What a fold found, the problem of the judged samples with it, and what each finding makes (see `_made`)."""
+class _SolvedFold:
+    """Findings of a fold, the problem of the judged samples with them, and their `_displacements`."""
 
     findings: list[Finding]
     problem: Problem
     made: list[np.ndarray]
 
 
-def _solved(bench, nested: dict[int, list[Finding]], part) -> dict[int, _Solved]:
+def _solved(bench, nested: dict[int, list[Finding]], part) -> dict[int, _SolvedFold]:
     """What each fold found, with a part (n,) bool of the samples (None: all) solved with that."""
     out = {}
     for k, found in nested.items():
         problem = bench.problem(effects_of(found), part, hypotheses=False)
-        out[k] = _Solved(found, problem, _made(problem, found))
+        out[k] = _SolvedFold(found, problem, _displacements(problem, found))
     return out
 
 
-def _made(problem: Problem, findings: Sequence[Finding]) -> list[np.ndarray]:
+def _displacements(problem: Problem, findings: Sequence[Finding]) -> list[np.ndarray]:
     """(N,) mm, px: what each finding makes, orthogonal to the baseline."""
     bare = problem.conditional_on(())
     return [
         problem.units * bare.orthogonalise(sum(problem.added[i] @ problem.values[i] for i in own))
-        for own in numbered(findings)
+        for own in effect_indices(findings)
     ]
 
 
-def _alike(moved: np.ndarray, others: list[np.ndarray]) -> bool:
+def _is_reselected(moved: np.ndarray, others: list[np.ndarray]) -> bool:
     """Whether what some findings make together is most of what one makes, (N,) each, by whatever names, and as it does.
 
     What they make is scaled as is best, since a fold finds another size, but not turned round.
@@ -160,15 +160,15 @@ def _alike(moved: np.ndarray, others: list[np.ndarray]) -> bool:
 
 
 def _linear(
-    scheme: Scheme, folds: dict[int, _Solved], without=None, scored: bool = False
+    scheme: Scheme, folds: dict[int, _SolvedFold], without=None, scored: bool = False
 ) -> np.ndarray:
     """(m, n) components of the errors where every fold is predicted with what was found without it, to first order.
 
-    without: a finding that is left out, and what it makes, as of `_made`. scored: as of `left_out_components`.
+    without: a finding that is left out, and what it makes, as of `_displacements`. scored: as of `left_out_components`.
     """
     parts = {}
     for k, solved in folds.items():
-        numbers = numbered(solved.findings)
+        numbers = effect_indices(solved.findings)
         kept = [i for own in numbers for i in own]
         if without is not None:
             same = [_same(f, m, *without) for f, m in zip(solved.findings, solved.made)]
@@ -198,7 +198,7 @@ def _names(finding: Finding) -> set[tuple[str, str]]:
     alternatives = (
         a
         for a in finding.alternatives
-        if a.probability >= 1 - CONFOUNDED_SHARE or a.alike >= CONFOUNDED_SHARE
+        if a.probability >= 1 - CONFOUNDED_SHARE or a.squared_correlation >= CONFOUNDED_SHARE
     )
     return {_name(one) for one in (finding, *finding.effects, *alternatives)}
 
@@ -207,7 +207,7 @@ def _name(one) -> tuple[str, str]:
     return one.effect, one.where
 
 
-def numbered(findings) -> list[list[int]]:
+def effect_indices(findings) -> list[list[int]]:
     """Numbers of each finding's effects among those of all, in order."""
     edges = np.cumsum([0, *(len(f.effects) for f in findings)])
     return [list(range(a, b)) for a, b in zip(edges, edges[1:])]
@@ -218,4 +218,4 @@ def effects_of(findings: Sequence[Finding]) -> tuple[Effect, ...]:
     return tuple(e for finding in findings for e in finding.effects)
 
 
-__all__ = ["Nested", "effects_of", "judges_of_all", "numbered", "stable_terms"]
+__all__ = ["Nested", "effects_of", "judges_of_all", "effect_indices", "stable_terms"]

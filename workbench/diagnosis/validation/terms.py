@@ -55,7 +55,7 @@ class Term:
     t_fall: float | None = None
 
     @property
-    def certain(self) -> bool:
+    def is_certain(self) -> bool:
         """Whether no other named or unnamed thing explains it as well."""
         return self.finding.probability >= CONFIDENCE or not self.finding.alternatives
 

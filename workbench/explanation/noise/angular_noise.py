@@ -19,30 +19,30 @@ _LEAST = 30  # samples
 _ROUNDING = 1e-12  # of the mean square, below which the logarithm of a square is rounding
 
 
-def with_angular_noise(terms: tuple[Term, ...], bench, residual: np.ndarray, usual: np.ndarray):
+def with_angular_noise(terms: tuple[Term, ...], bench, residual: np.ndarray, inliers: np.ndarray):
     """The terms with that of angular noise, where it is likelier than noise that depends on another covariate.
 
     residual (m, n): of a model that leaves no structure, its first three rows the position, mm, in the instrument's
-    frame; usual (n,) bool: not an outlier. Only where an external instrument measures points or poses, and the stated
+    frame; inliers (n,) bool: not an outlier. Only where an external instrument measures points or poses, and the stated
     sigma is the same along all axes.
     """
-    found = angular_noise(bench, residual[:3], usual)
+    found = angular_noise(bench, residual[:3], inliers)
     others = [term for term in terms if term.finding.effect == NoiseLaw.effect]
     if found is None or any(term.finding.p_value < found.p_value for term in others):
         return terms
     return (*(term for term in terms if term not in others), Term(found))
 
 
-def angular_noise(bench, residual: np.ndarray, usual: np.ndarray) -> Finding | None:
+def angular_noise(bench, residual: np.ndarray, inliers: np.ndarray) -> Finding | None:
     """The finding that the noise of position residuals (3, n) is angular, or None; arguments as above."""
     if bench.chain is None or not bench.chain.places("instrument") or len(residual) != 3:
         return None
     stated = bench.chain.stated_sigma[:3]
-    if usual.sum() < _LEAST or not (stated.max(0) <= _ISOTROPIC * stated.min(0)).all():
+    if inliers.sum() < _LEAST or not (stated.max(0) <= _ISOTROPIC * stated.min(0)).all():
         return None
-    sight, distance = (part[..., usual] for part in sight_lines(bench.chain.state))
-    p, ratio = direction_test(residual[:, usual], sight)
-    p_range, exponent = range_test(residual[:, usual], distance)
+    sight, distance = (part[..., inliers] for part in sight_lines(bench.chain.state))
+    p, ratio = direction_test(residual[:, inliers], sight)
+    p_range, exponent = range_test(residual[:, inliers], distance)
     labels = [
         (p if ratio > 1 else 1.0, f"{ratio:.2g} times as large across the sight line as along it"),
         (p_range if exponent > 0 else 1.0, f"with the range to the power {exponent:.2g}"),

@@ -47,12 +47,12 @@ class StatedNoise:
     """What is compared with the stated noise.
 
     white (m, n): residuals of the final model over the stated sigma, not weighted; degrees: their degrees of freedom;
-    usual (n,) bool: not an outlier; pose (n,): labels of repeated poses; index (n,): target of each sample.
+    inliers (n,) bool: not an outlier; pose (n,): labels of repeated poses; index (n,): target of each sample.
     """
 
     white: np.ndarray
     degrees: float
-    usual: np.ndarray
+    inliers: np.ndarray
     pose: np.ndarray
     index: np.ndarray
 
@@ -62,7 +62,7 @@ class StatedNoise:
         if not self.degrees >= len(self.white):
             return None
         each = (self.white**2).mean(0) / share
-        return _ratio(each, len(self.white), self.pose, self.usual, self.degrees, FROM_RESIDUALS)
+        return _ratio(each, len(self.white), self.pose, self.inliers, self.degrees, FROM_RESIDUALS)
 
     def from_replicates(self) -> NoiseRatio | None:
         """The ratio from the scatter of repeats of one pose and target; None where there are too few."""
@@ -75,8 +75,8 @@ class StatedNoise:
             [(np.bincount(group, row) / np.bincount(group))[group] for row in self.white]
         )
         each = ((self.white - means) ** 2).mean(0) * count / np.maximum(count - 1, 1)
-        m, pose, usual = len(self.white), self.pose[repeated], self.usual[repeated]
-        return _ratio(each[repeated], m, pose, usual, free, FROM_REPLICATES)
+        m, pose, inliers = len(self.white), self.pose[repeated], self.inliers[repeated]
+        return _ratio(each[repeated], m, pose, inliers, free, FROM_REPLICATES)
 
     def lack_of_fit(self) -> float:
         """p-value that the residual is no larger than the scatter of replicates; 1 without replicates."""
@@ -98,13 +98,13 @@ class StatedNoise:
 
 
 def _ratio(
-    each: np.ndarray, m: int, pose: np.ndarray, usual: np.ndarray, degrees: float, source: str
+    each: np.ndarray, m: int, pose: np.ndarray, inliers: np.ndarray, degrees: float, source: str
 ) -> NoiseRatio:
     """The ratio from mean squares (n,) of samples of m coordinates, in units of the stated variance."""
-    factors = np.sqrt(_variances(each, m, usual))
+    factors = np.sqrt(_variances(each, m, inliers))
     agreed, factor = _agreed(factors), float(factors[1])
-    kept = each[usual] if usual.any() else each
-    _, group = np.unique(pose[usual] if usual.any() else pose, return_inverse=True)
+    kept = each[inliers] if inliers.any() else each
+    _, group = np.unique(pose[inliers] if inliers.any() else pose, return_inverse=True)
     sums = np.bincount(group, kept - kept.mean())  # repeats of one pose may err together
     spread = float(np.sqrt((sums**2).sum()) / max(kept.sum(), 1e-300))
     normal = float(np.sqrt(2.0 / max(degrees, 1.0)))
@@ -114,9 +114,9 @@ def _ratio(
     return NoiseRatio(factor, factor * relative, max(p, 1e-300), source, agreed)
 
 
-def _variances(each: np.ndarray, m: int, usual: np.ndarray) -> np.ndarray:
+def _variances(each: np.ndarray, m: int, inliers: np.ndarray) -> np.ndarray:
     """(4,) variance over the stated one: of all samples, of all but outliers, and of the bulk by two quantiles."""
-    inner = each[usual] if usual.any() else each
+    inner = each[inliers] if inliers.any() else each
     bulk = [m * np.quantile(each, q) / chi2.ppf(q, m) for q in _QUANTILES]
     return np.maximum([each.mean(), inner.mean(), *bulk], 1e-300)
 

@@ -91,7 +91,7 @@ def next_experiment(
         return Experiment(
             " ".join(filter(None, (few if p_first < UNMODELLED_LEVEL else CLEAN, untested)))
         )
-    doubtful = [term for term in terms if not term.certain or term.finding.effect == "unknown"]
+    doubtful = [term for term in terms if not term.is_certain or term.finding.effect == "unknown"]
     if not doubtful:
         untested = sides_from_moves(bench.chain) if _may_be_backlash(terms) else ""
         nothing = EXCEPT if untested and not refused else _nothing(refused)
@@ -152,7 +152,9 @@ def _may_be_backlash(terms: Sequence[Term]) -> bool:
 
 def _has_likely_law(found) -> bool:
     """Whether an unknown has an alternative that needs no other column: a law that was found and not confirmed."""
-    return found.effect == "unknown" and any(not one.missing for one in found.alternatives)
+    return found.effect == "unknown" and any(
+        not one.missing_covariate for one in found.alternatives
+    )
 
 
 def _resembles_backlash(found) -> bool:
@@ -182,13 +184,15 @@ def _asked(bench, terms, term: Term, problem: Problem, kinds: Sequence[Candidate
 
 def missing_of(terms: Sequence[Term]) -> tuple[str, ...]:
     """Names of covariates that were not recorded and that a plausible alternative to some term would need."""
-    alternatives = [one for term in terms for one in term.finding.alternatives if one.missing]
+    alternatives = [
+        one for term in terms for one in term.finding.alternatives if one.missing_covariate
+    ]
     return tuple(
         sorted(
             {
-                one.missing
+                one.missing_covariate
                 for one in alternatives
-                if one.probability >= _LIKELY or one.alike >= _ALIKE
+                if one.probability >= _LIKELY or one.squared_correlation >= _ALIKE
             }
         )
     )

@@ -343,8 +343,8 @@ def _alternatives(made: Diagnosis):
                 with_labels(f"{one.effect} {one.label}".strip()),
                 said.place(one.where),
                 f"{one.probability:.2f}",
-                f"{100 * one.alike:.0f} %",
-                one.missing and f"needs {one.missing}, not recorded" or one.why,
+                f"{100 * one.squared_correlation:.0f} %",
+                one.missing_covariate and f"needs {one.missing_covariate}, not recorded" or one.why,
             )
             for one in term.finding.alternatives[:8]
         ]
