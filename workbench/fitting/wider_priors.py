@@ -45,7 +45,8 @@ def widened(model: Model, fit: Fit) -> Parameters:
     if fit.sigma_scale < _EXACT:
         return parameters
     linear = LinearFit.of(fit)
-    effects = _in_conflict(model, parameters, linear)
+    posteriors = _Posteriors(linear)
+    effects = _in_conflict(model, parameters, posteriors)
     if not effects:
         return parameters
     groups = list(effects)
@@ -54,7 +55,7 @@ def widened(model: Model, fit: Fit) -> Parameters:
     wider = linear.precision
     every = np.concatenate(_rows_of_effects(model, linear))
     for rows in groups:
-        wider = _widest_worthwhile(linear, wider, rows, np.sort(every))
+        wider = _widest_worthwhile(posteriors, wider, rows, np.sort(every))
     if wider is linear.precision:
         return parameters
     table = list(parameters.table)
@@ -64,18 +65,34 @@ def widened(model: Model, fit: Fit) -> Parameters:
     return Parameters(tuple(table), parameters.values, parameters.mask)
 
 
-def _in_conflict(model: Model, parameters: Parameters, linear: LinearFit) -> Sequence[np.ndarray]:
+class _Posteriors:
+    """Posteriors of a linear fit by the precisions (K,) of its priors, each of which several tests need."""
+
+    def __init__(self, linear: LinearFit):
+        self.linear, self._known = linear, {}
+
+    def under(self, precision: np.ndarray) -> Posterior:
+        key = precision.tobytes()
+        if key not in self._known:
+            self._known[key] = Posterior(self.linear, precision)
+        return self._known[key]
+
+
+def _in_conflict(
+    model: Model, parameters: Parameters, posteriors: _Posteriors
+) -> Sequence[np.ndarray]:
     """Rows, among the parameters with a prior, of each linear effect that may be in conflict with its prior.
 
     A screening test: the prior has a share in the posterior, and the estimates under weak priors of all effects are
     improbable under the prior predictive distribution.
     """
+    linear = posteriors.linear
     every = _rows_of_effects(model, linear)
-    share = linear.precision * Posterior(linear, linear.precision).variances(linear.noise)
+    share = linear.precision * posteriors.under(linear.precision).variances(linear.noise)
     every = [rows for rows in every if (share[rows] > _SHARE).any()]
     if not every:
         return every
-    weak = Posterior(linear, _weakened(linear.precision, np.concatenate(every)))
+    weak = posteriors.under(_weakened(linear.precision, np.concatenate(every)))
     noise = weak.next_noise(linear.noise)
     values, covariance = weak.values(noise), weak.covariance(noise)
     prior = 1 / linear.precision
@@ -105,20 +122,20 @@ def _is_conflict(values, covariance, prior, rows) -> bool:
     return bool(chi2.sf(square, len(rows)) < _SUSPICIOUS)
 
 
-def _widest_worthwhile(linear: LinearFit, precision, rows, effects) -> np.ndarray:
+def _widest_worthwhile(posteriors: _Posteriors, precision, rows, effects) -> np.ndarray:
     """Precisions with those of `rows` lowered where that raises the evidence by enough; else the same object.
 
     effects (E,): numbers of the parameters of all linear effects.
     """
-    weak = _weakened(precision, rows)
-    starts = (linear.noise, Posterior(linear, weak).next_noise(linear.noise))
-    present = Posterior(linear, precision)
+    linear, weak = posteriors.linear, _weakened(precision, rows)
+    starts = (linear.noise, posteriors.under(weak).next_noise(linear.noise))
+    present = posteriors.under(precision)
     best = present.evidence(starts) + _WORTHWHILE
     chosen = precision
     for factor in _STEPS:
         trial = precision.copy()
         trial[rows] = np.maximum(trial[rows] / factor**2, weak[rows])
-        posterior = Posterior(linear, trial)
+        posterior = posteriors.under(trial)
         value = posterior.evidence(starts)
         if value > best and not _cancels(linear, effects, present, posterior):
             best, chosen = value, trial
