@@ -108,6 +108,15 @@ def test_held_out_covers_every_sample_once(clean):
     assert np.isfinite(clean.held_out_residual).all()
 
 
+def test_stages_chosen_on_some_samples_are_fitted_to_all(clean, monkeypatch):
+    monkeypatch.setattr("workbench.jobs.robot.calibrate._CHOSEN_ON", 80)
+    found = calibrate(recorded())
+    assert [s.earned for s in found.stages] == [s.earned for s in clean.stages]
+    assert found.held_out["samples"] == 160
+    assert found.held_out["rms_mm"] == pytest.approx(clean.held_out["rms_mm"], rel=0.01)
+    assert found.fit["rms_mm"] == pytest.approx(clean.fit["rms_mm"], rel=0.01)
+
+
 @pytest.mark.slow
 def test_test_samples_have_no_part_in_any_choice():
     made = recorded()

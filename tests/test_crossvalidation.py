@@ -15,6 +15,7 @@ from workbench.fitting.cross_validation import (
     cross_validate,
     error_summary,
     hold_out,
+    samples_of_some_poses,
 )
 from workbench.jobs.robot.calibrate import calibrate
 
@@ -142,6 +143,17 @@ def test_figures_are_of_distances():
     assert found["rms_mm"] == pytest.approx(np.sqrt(13)) and found["mean_mm"] == pytest.approx(3)
     assert found["max_mm"] == pytest.approx(5) and found["p95_mm"] == pytest.approx(4.8)
     assert np.isnan(list(error_summary(residual[:, 2:]).values())).all()
+
+
+def test_some_poses_are_taken_whole_and_from_everywhere():
+    poses, samples = np.repeat(np.arange(300), 4), np.arange(1200) % 40 != 0
+    some = samples_of_some_poses(poses, samples, 400)
+    assert not (some & ~samples).any()
+    taken = np.unique(poses[some])
+    assert np.array_equal(some, samples & np.isin(poses, taken))
+    assert (np.diff(taken) <= 5).all() and len(np.unique(taken % 3)) == 3
+    assert 380 <= some.sum() <= 410
+    assert np.array_equal(samples_of_some_poses(poses, samples, 1200), samples)
 
 
 def test_a_calibration_keeps_repeats_of_a_pose_together():

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -15,7 +14,6 @@ from workbench.fitting.shrinkage import settled
 # Below a nanometre and a nanoradian a change of the error is rounding, whatever the recording states.
 _ROUNDING = (1e-6, 1e-9)
 _MATERIAL = 0.1  # of a mean square: 5 % of the RMS, more than a simpler model is worth
-_JUDGED = 4000  # samples by which stages are compared at most
 _STEPS = 50  # of a solve, at most
 
 
@@ -137,21 +135,30 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class Split:
-    """Which samples may be fitted (n,) bool, the folds among them, and the samples only tested.
-
-    `judged` (n,) int: the folds by which stages are compared, -1 for samples that have no part in it. Of many samples
-    these are every k-th, as fits on thousands decide the same.
-    """
+    """Which samples may be fitted (n,) bool, the folds among them, and the samples only tested."""
 
     fit: np.ndarray
     fold: np.ndarray
     test: np.ndarray
 
-    @cached_property
-    def judged(self) -> np.ndarray:
-        step = -(-int((self.fold >= 0).sum()) // _JUDGED)
-        folded = np.cumsum(self.fold >= 0) - 1
-        return np.where((self.fold >= 0) & (folded % step == 0), self.fold, -1)
+    def only(self, samples: np.ndarray) -> "Split":
+        """The same split with only some samples, (n,) bool, in the fit and in the folds."""
+        return Split(self.fit & samples, np.where(samples, self.fold, -1), self.test)
+
+
+def samples_of_some_poses(poses: np.ndarray, samples: np.ndarray, most: int) -> np.ndarray:
+    """(n,) True for about `most` of some samples, (n,) bool: those of one of every k consecutive poses.
+
+    Which of the k is random, always the same for one recording: poses that alternate, such as approaches from either
+    side, are all represented. The measurements of one pose stay together.
+    """
+    step = -(-int(samples.sum()) // most)
+    if step <= 1:
+        return samples.copy()
+    order = np.array(list(dict.fromkeys(poses[samples].tolist())))
+    first = np.arange(0, len(order), step)
+    chosen = first + np.random.default_rng(0).integers(0, step, len(first))
+    return samples & np.isin(poses, order[np.minimum(chosen, len(order) - 1)])
 
 
 def blocks(poses: np.ndarray, folds: int) -> np.ndarray:

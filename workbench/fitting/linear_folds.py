@@ -43,12 +43,17 @@ def cross_validate_linearised(
     """
     residual, located = no_residual(model), {}
     folds = _Folds.at(model, start, fold)
+    is_linear = len(folds.blocks) > 1 and not noise_mask(model, start).any()
     for k in range(len(folds.blocks)):
-        test = fold == folds.numbers[k]
-        found = folds.held_out(k, settle)
+        test, near, found = fold == folds.numbers[k], start, None
+        if is_linear:
+            known = folds.without(k)
+            fitted = folds.fitted(known, settle)
+            found = folds.held_out(k, known, fitted)
+            near = replace(start, values=fitted.values)
         if found is None:
             others = (fold >= 0) & ~test
-            exact = hold_out(model, start, test, others, "linear", steps, settle)
+            exact = hold_out(model, near, test, others, "linear", steps, settle)
             found = exact.residual[:, test], exact.located
         residual[:, test] = found[0]
         located |= found[1]
@@ -96,13 +101,17 @@ class _Block:
 
 @dataclass(frozen=True)
 class _Folds:
-    """The samples of all folds, linearised at `start`; `fold` (n,) and `blocks` in the order of `numbers`."""
+    """The samples of all folds, linearised at `start`; `fold` (n,) and `blocks` in the order of `numbers`.
+
+    `white` (m, n): 1 / sigma of the residuals.
+    """
 
     model: Model
     start: Parameters
     fold: np.ndarray
     numbers: np.ndarray
     blocks: tuple[_Block, ...]
+    white: np.ndarray
 
     @classmethod
     def at(cls, model: Model, start: Parameters, fold: np.ndarray) -> "_Folds":
@@ -112,18 +121,32 @@ class _Folds:
         white = np.broadcast_to(1 / part.sigma(start), residual.shape)
         residual, rows = residual * white, rows * white
         blocks = (_Block.of(rows[..., fold == k], residual[:, fold == k]) for k in numbers)
-        return cls(part, start, fold, numbers, tuple(blocks))
+        return cls(part, start, fold, numbers, tuple(blocks), white)
 
-    def held_out(self, k: int, settle: bool) -> tuple[np.ndarray, dict[str, float]] | None:
-        """Residual (m, n) on fold k and what was located on it; None where the fold needs a fit of its own."""
-        if noise_mask(self.model, self.start).any() or len(self.blocks) < 2:
-            return None
+    def without(self, k: int) -> _Block:
+        """The normal equations of all folds but one."""
         others = self.blocks[:k] + self.blocks[k + 1 :]
-        known = sum(others[1:], others[0])
-        fitted = self._fitted(known, settle)
+        return sum(others[1:], others[0])
+
+    def fitted(self, known: _Block, settle: bool) -> Parameters:
+        """The fit to some folds, one step from the start and, to settle, one more under priors of another scale."""
+        move = known.step(self.start, self.start, known.squares)
+        fitted = self.start.unpack(self.start.pack() + move)
+        if not settle:
+            return fitted
+        scaled = rescaled(self.model, fitted, normal=known.normal)
+        if scaled is fitted:
+            return fitted
+        move = known.step(scaled, self.start, known.squares_after(move))
+        return scaled.unpack(self.start.pack() + move)
+
+    def held_out(
+        self, k: int, known: _Block, fitted: Parameters
+    ) -> tuple[np.ndarray, dict[str, float]] | None:
+        """Residual (m, n) on fold k and what was located on it; None where the fold needs a fit of its own."""
         residual = self.model.residual(fitted)
         test = self.fold == self.numbers[k]
-        white = residual[:, ~test] / self.model.part(~test).sigma(fitted)
+        white = (residual * self.white)[:, ~test]
         move = fitted.pack() - self.start.pack()
         squares = float((white**2).sum())
         if not abs(squares - known.squares_after(move)) <= _SAME_FIT * squares:
@@ -136,17 +159,6 @@ class _Folds:
         located = {key: placed[key] for key, mine in zip(placed.keys, unseen) if mine}
         fitted = replace(fitted, values=placed.values)
         return pad_to_position(seen.residual(fitted)), located
-
-    def _fitted(self, known: _Block, settle: bool) -> Parameters:
-        move = known.step(self.start, self.start, known.squares)
-        fitted = self.start.unpack(self.start.pack() + move)
-        if not settle:
-            return fitted
-        scaled = rescaled(self.model, fitted, normal=known.normal)
-        if scaled is fitted:
-            return fitted
-        move = known.step(scaled, self.start, known.squares_after(move))
-        return scaled.unpack(self.start.pack() + move)
 
     def _unseen(self, known: _Block, block: _Block) -> np.ndarray:
         """(P,) True for places on tool or artefact that only this block shows."""

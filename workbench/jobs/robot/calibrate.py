@@ -7,24 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_model.effects import CATALOGUE
 from robot_model.robot import Robot
 from robot_model.system import (
     RobotChain,
     bind,
     geometry_free,
     held_by_convention,
-    redundant_geometry,
 )
-from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.least_squares.identifiability import (
     Identifiability,
     identifiability,
-    independent,
 )
-from workbench.core.least_squares.single_parameters import SingleParameters
-from workbench.core.least_squares.solver import Fit, normal_matrix, pose_scores, solve
+from workbench.core.least_squares.solver import normal_matrix, pose_scores
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Solution, Stage
@@ -41,28 +36,24 @@ from workbench.fitting.cross_validation import (
     in_space,
     predict_test,
     repeat_summary,
+    samples_of_some_poses,
 )
-from workbench.fitting.gauge import non_negligible_lengths, resized, size_of
 from workbench.fitting.linear_folds import cross_validate_linearised
 from workbench.fitting.missing_masses import missing_mass_warnings
-from workbench.fitting.nonnegative import solve_nonnegative
 from workbench.fitting.parallel_axes import parallelism_warnings
-from workbench.fitting.plans import default_plan, frames_of, held, read_plan, stage_mask
-from workbench.fitting.shrinkage import settled
-from workbench.fitting.stage_tests import is_retained
-from workbench.fitting.trial_fits import fit_with_noise, solve_independent
+from workbench.fitting.plans import default_plan, read_plan
 from workbench.fitting.verdicts.fit_quality import noise_report
 from workbench.fitting.verdicts.noise_report import NoiseReport
 from workbench.fitting.verdicts.residual_structure import in_root
-from workbench.machine.progress import counted, paced
+from workbench.jobs.robot.stages import Chosen, Step, first_step, refit, run_stages
+from workbench.machine.progress import paced
 
 # times the robust spread: a blunder (a lost beam, a wrong ball), not what a model has yet to explain
 _OUTLIER = 15.0
 _MEDIAN_CHI3 = 1.538  # of the length of a vector whose three components have sigma 1
 _ROUNDS = 2
 _LEAST_POSES = 4
-_FOLD_STEPS = 8  # of a fold that one linearisation does not reach, where stages are compared
-_MANY = 1000  # samples from which one linearisation serves all folds by which stages are compared
+_CHOSEN_ON = 4000  # samples by which stages are chosen, about: of more, some poses decide the same
 
 
 @dataclass(frozen=True)
@@ -116,22 +107,6 @@ class Calibration:
         return calibration_json(self)
 
 
-@dataclass(frozen=True)
-class _Step:
-    """Where a plan stands: the model so far, its fit on the fit samples, and its held-out error."""
-
-    model: Model
-    parameters: Parameters
-    fit: Fit
-    held_out: HeldOut
-    tied: dict
-    free: int
-    rank: int
-    loss: str = "linear"
-    settle: bool = False
-    at_zero: frozenset[str] = frozenset()
-
-
 def calibrate(
     recording,
     plan: Path | Sequence[Stage] | Callable[[RobotChain], Sequence[Stage]] | None = None,
@@ -157,22 +132,39 @@ def calibrate(
     split = everyone = _split(moving, fit_samples, test_samples, folds)
     chain = bind(robot, moving, start_on=split.fit)
     stages = _stages(plan, Model(chain).part(split.fit).chain)
-    progress("base and tool at the nominal geometry")
-    nominal = _first(Model(chain), split, stages)
-    step, results = _run(nominal, stages, split, progress)
+    some = samples_of_some_poses(moving.poses, split.fit, _CHOSEN_ON)
+    chosen = _chosen(Model(chain), split, some, stages, progress)
     for _ in range(_ROUNDS):
-        clean = _without_blunders(step, split, everyone)
+        clean = _without_blunders(chosen.step, split, everyone)
         if np.array_equal(clean.fit, split.fit):
             break
-        progress(
-            f"{int((everyone.fit & ~clean.fit).sum())} samples far off are left out and named; once more"
-        )
+        progress(f"{int((everyone.fit & ~clean.fit).sum())} samples far off are left out and named")
+        is_same = np.array_equal(clean.fit & some, split.fit & some)
         split = clean
-        nominal = _first(Model(chain), split, stages)
-        step, results = _run(nominal, stages, split, progress)
-    made = _calibration(checked, nominal, step, results, split, progress)
+        if is_same:
+            chosen = _on_all(chosen, split, stages, progress)
+        else:
+            chosen = _chosen(Model(chain), split, some, stages, progress)
+    made = _calibration(checked, chosen, split, progress)
     doubts = *parallelism_warnings(stages, robot), *missing_mass_warnings(stages, chain.state)
     return replace(made, warnings=(*made.warnings, *doubts))
+
+
+def _chosen(model: Model, split: Split, some: np.ndarray, stages, progress) -> Chosen:
+    """The plan's model on the samples of a split; its stages are chosen on `some` of the samples, (n,) bool."""
+    progress("base and tool at the nominal geometry")
+    part = split.only(some)
+    chosen = run_stages(first_step(model, part, stages), stages, part, progress)
+    is_part = (split.fit & ~some).any()
+    return _on_all(chosen, split, stages, progress) if is_part else chosen
+
+
+def _on_all(chosen: Chosen, split: Split, stages, progress) -> Chosen:
+    """The chosen model fitted to all samples of a split."""
+    progress("the chosen stages on all samples")
+    nominal = first_step(chosen.nominal.model, split, stages)
+    step = refit(chosen.step, nominal, chosen.retained, split)
+    return replace(chosen, nominal=nominal, step=step)
 
 
 def _stages(plan, chain) -> tuple[Stage, ...]:
@@ -200,7 +192,7 @@ def _split(recording, fit_samples, test_samples, folds) -> Split:
     return Split(fit, fold, test)
 
 
-def _without_blunders(step: _Step, split: Split, everyone: Split) -> Split:
+def _without_blunders(step: Step, split: Split, everyone: Split) -> Split:
     """The split without fit samples that are far off what the whole model leaves elsewhere.
 
     Far off in position or in orientation. They say something about the recording and nothing about
@@ -219,167 +211,7 @@ def _without_blunders(step: _Step, split: Split, everyone: Split) -> Split:
     return Split(everyone.fit & ~off, np.where(off, -1, everyone.fold), everyone.test)
 
 
-def _first(model: Model, split: Split, stages: Sequence[Stage]) -> _Step:
-    start = held(model.parameters, stages)
-    free = start.only(start.mask & start.matching(*frames_of(start)))
-    fit = solve(model.part(split.fit), free)
-    return _Step(
-        model,
-        fit.parameters,
-        fit,
-        _held_out(model, fit, split, "linear", 50),
-        {},
-        len(fit.normal),
-        len(fit.normal),
-    )
-
-
-def _run(nominal: _Step, stages, split, progress):
-    """All stages in order, then once more without each: a stage stays only if cross-validation retains it."""
-    step, results, tried = nominal, [], []
-    tests = sum(stage.earn for stage in stages)
-    begin = counted(progress, len(stages))
-    for planned in stages:
-        begin(f"stage {planned.name}: {planned.why}")
-        stage = planned.chosen_for(step.model.part(split.fit), step.parameters)
-        if planned.choose is not None and not stage.effects:
-            continue
-        tried.append(stage)
-        after = _try(step, stage, split)
-        earned = not stage.earn or is_retained(step, after, tests, split.fit)
-        results.append(_stage_result(stage, step, after, earned))
-        progress(results[-1].sentence)
-        step = after if earned else step
-    return _prune(nominal, step, list(zip(tried, results)), split, progress)
-
-
-def _prune(nominal: _Step, step: _Step, rows, split, progress):
-    """Remove stages that cross-validation no longer retains once a later stage explains the same.
-
-    None is removed whose absence makes the held-out error materially larger: a single block of poses that only this
-    stage predicts well is no significant gain, but the model without it fails there.
-    """
-    tests = sum(stage.earn for stage, _ in rows)
-    begin = counted(progress, max(1, sum(s.earn and r.earned for s, r in rows[:-1])))
-    for k, (stage, result) in enumerate(rows):
-        others = [s for i, (s, r) in enumerate(rows) if r.earned and i != k]
-        if not (
-            stage.earn
-            and result.earned
-            and any(s is later for s in others for later, _ in rows[k + 1 :])
-        ):
-            continue
-        begin(f"the result without {stage.name}")
-        fewer = _without_effects(step.model, [s for s, r in rows if r.earned], stage)
-        merged = _merged(others, nominal)
-        without = _try(replace(step, model=fewer), merged, split)
-        if without.held_out.is_materially_worse_than(step.held_out):
-            continue
-        if not is_retained(without, step, tests, split.fit):
-            change = f"with it added back, held-out {step.held_out.change_from(without.held_out)}"
-            sentence = (
-                f"{result.sentence}; no longer earned after the later stages ({change}): left out"
-            )
-            rows[k] = stage, replace(result, earned=False, sentence=sentence)
-            progress(rows[k][1].sentence)
-            step = without
-    return step, tuple(result for _, result in rows)
-
-
-def _without_effects(model: Model, stages: Sequence[Stage], left_out: Stage) -> Model:
-    """A model of the effects of some stages, in their order, without those of one of them; bases are kept."""
-    kept, first = [], 0
-    for stage in stages:
-        end = first + len(stage.effects)
-        kept += [] if stage is left_out else model.effects[first:end]
-        first = end
-    return replace(model, effects=tuple(kept))
-
-
-def _merged(stages, nominal: _Step) -> Stage:
-    """One stage that frees all that some stages do, in a model that has their effects."""
-    every = tuple(row for stage in stages for row in stage.effects)
-    model = nominal.model.with_effects(*make_effects(CATALOGUE, every))
-    mask = np.zeros(len(model.parameters), bool)
-    for stage in stages:
-        effects = make_effects(CATALOGUE, stage.effects)
-        mask |= stage_mask(model.parameters, stage, effects, model.chain)
-    free = tuple(key for key, wanted in zip(model.parameters.keys, mask) if wanted)
-    first, last = stages[0], stages[-1]
-    canonical = first.canonical and last.canonical
-    return replace(last, name="result", effects=(), free=free, canonical=canonical)
-
-
-def _try(step: _Step, stage: Stage, split: Split) -> _Step:
-    """The model with the stage's effects, solved on the fit samples and tested on the others.
-
-    Solves with all that the stage frees, and all that earlier ones left out, until the noise is that of their residual:
-    only then can it be said which parameters these data determine, and the last solve has only those.
-    """
-    effects = make_effects(CATALOGUE, stage.effects)
-    model = step.model.with_effects(*effects)
-    start = model.parameters.take_over(step.parameters)
-    left_out_before = np.isin(start.keys, list(step.tied)) & stage.canonical
-    own = stage_mask(start, stage, effects, model.chain)
-    wanted = start.only(start.mask | left_out_before | own)
-    size = size_of(model.chain, wanted) if stage.canonical else None
-    asked, wanted = int(wanted.mask.sum()), wanted if size is None else wanted.fix(size)
-    trial, part, chain = fit_with_noise(model, split.fit, step.fit, wanted, stage)
-    model, free, tied = model.with_chain(chain), trial.parameters, {}
-    if stage.canonical:
-        free, tied = _canonical(part, trial, wanted)
-    fit = solve_independent(part, trial, free, stage)
-    if stage.canonical:
-        fit = settled(part, fit, stage.loss, stage.steps)
-    if size is not None:
-        fit = solve(part, resized(fit.parameters, size), stage.loss, stage.steps)
-        tied = tied | {size: non_negligible_lengths(wanted, size)}
-    fit, at_zero = solve_nonnegative(part, fit, stage.loss, stage.steps, tied)
-    known = identifiability(fit.normal, fit.parameters, fit.sigma_scale)
-    held_out = _held_out(model, fit, split, stage.loss, stage.steps, stage.canonical)
-    return _Step(
-        model,
-        fit.parameters,
-        fit,
-        held_out,
-        tied if stage.canonical else step.tied,
-        asked,
-        SingleParameters.of(known, fit.parameters).combinations,
-        stage.loss,
-        stage.canonical,
-        at_zero,
-    )
-
-
-def _canonical(model, trial: Fit, wanted: Parameters):
-    """Free only what earlier parameters do not already make, judged at the trial's solution.
-
-    Starts from the trial's values; parameters that are not freed return to their earlier values. The terms of a
-    series stay: their common prior decides what the data determine.
-    """
-    shrunk = model.shrunk
-    others = trial.parameters.only(trial.parameters.mask & ~shrunk)
-    chosen = others.mask[trial.parameters.mask]
-    is_known = trial.gradient is not None
-    normal = trial.normal[np.ix_(chosen, chosen)] if is_known else normal_matrix(model, others)
-    redundant = redundant_geometry(model.chain.robot)
-    free, tied = independent(normal, others, redundant=redundant)
-    free = free.only(free.mask | (shrunk & trial.parameters.mask))
-    return replace(free, values=np.where(free.mask, trial.parameters.values, wanted.values)), tied
-
-
-def _held_out(model, fit, split, loss, steps, settle=False) -> HeldOut:
-    """Judged on folds of the fit samples alone: test samples have no part in choosing stages.
-
-    Of few samples each fold is a fit of its own: it differs much from that of all samples, and takes little time.
-    """
-    if loss != "linear" or (split.judged >= 0).sum() < _MANY:
-        return cross_validate(model, fit.parameters, split.judged, loss, steps, settle)
-    steps = min(steps, _FOLD_STEPS)
-    return cross_validate_linearised(model, fit.parameters, split.judged, steps, settle)
-
-
-def _final_held_out(step: _Step, split: Split, progress, what: str) -> HeldOut:
+def _final_held_out(step: Step, split: Split, progress, what: str) -> HeldOut:
     """The error on the named test samples, else that over the folds of all fitted samples.
 
     Test samples judge the model that is saved, without another fit. what: of the model, for the line of progress.
@@ -389,38 +221,15 @@ def _final_held_out(step: _Step, split: Split, progress, what: str) -> HeldOut:
         progress(f"error of {what} on the test samples")
         return predict_test(model, step.parameters, split.test, split.fit, loss)
     progress(f"cross-validation of {what}")
+    if loss == "linear" and (split.fold >= 0).sum() > _CHOSEN_ON:
+        return cross_validate_linearised(model, start, split.fold, settle=step.settle)
     folds = paced(progress, f"cross-validation of {what}, fold")
     return cross_validate(model, start, split.fold, loss, settle=step.settle, tick=folds)
 
 
-def _stage_result(stage, before: _Step, after: _Step, earned) -> StageResult:
-    change = f"held-out {after.held_out.change_from(before.held_out)}"
-    falls = after.held_out.falls_from(before.held_out)
-    verdict = f", lower in {(falls > 0).sum()} of {len(falls)} folds" + (
-        "" if earned else ": not retained by cross-validation"
-    )
-    errors = error_summary(after.fit.residual)
-    rotation = after.held_out.rotation_rms
-    return StageResult(
-        stage.name,
-        stage.why,
-        after.free,
-        after.rank,
-        errors["rms_mm"],
-        after.held_out.rms,
-        earned,
-        f"{stage.name}: {change}{verdict}",
-        after.fit.outcome,
-        after.fit.history,
-        errors.get("rotation_rms_deg"),
-        None if rotation is None else float(np.rad2deg(rotation)),
-    )
-
-
-def _calibration(
-    checked: CheckedSamples, nominal: _Step, step: _Step, stages, split, progress
-) -> Calibration:
+def _calibration(checked: CheckedSamples, chosen: Chosen, split: Split, progress) -> Calibration:
     recording, robot = checked.recording, checked.robot
+    nominal, step = chosen.nominal, chosen.step
     held_out = _final_held_out(step, split, progress, "the result")
     before = _final_held_out(nominal, split, progress, "the nominal geometry")
     progress("uncertainty of the parameters")
@@ -444,7 +253,7 @@ def _calibration(
         robot,
         step.model,
         solution,
-        stages,
+        chosen.results,
         tuple(parameter_rows(solution)),
         error_summary(step.fit.residual) | repeat_summary(recording, position["fit"]),
         _held_out_summary(held_out),
@@ -465,7 +274,7 @@ def _calibration(
     )
 
 
-def _all_known(step: _Step, parameters: Parameters, split: Split) -> Identifiability:
+def _all_known(step: Step, parameters: Parameters, split: Split) -> Identifiability:
     """What the data determine of all that any stage freed, also of what was then held, and what Hayati's rows hold."""
     asked = parameters.mask | np.isin(parameters.keys, list(step.tied))
     everything = parameters.only(
