@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 
+from robot_model.effects.instrument import sight_covariates
 from robot_model.state import State
 from workbench.core.covariates import clock
 
@@ -16,7 +17,8 @@ def covariate(state, name: str) -> np.ndarray:
 
     Derived: `q<k>` joint variable (rad, mm), `tau<k>` gravity torque (N m, N), `moment<k>_x` gravity moment at link k
     in its own frame and `moment_x` at the base (N m), `down_x` direction of gravity in the flange frame, `seen_x`
-    measured point in the sensor frame (mm), `payload` (kg), `time` (s, or the number of the row).
+    measured point in the sensor frame (mm), `sight_azimuth` and `sight_elevation` (rad) and `sight_range` (m) as the
+    instrument sees the point, `payload` (kg), `time` (s, or the number of the row).
     Raises InputError for a name that is neither.
     """
     if name in state.covariates:
@@ -31,6 +33,8 @@ def derived(state, name: str) -> np.ndarray | None:
         return clock(state)
     if name == "payload":
         return state.payload
+    if name.startswith("sight_"):
+        return sight_covariates(state.measured).get(name)
     match = _NUMBERED.fullmatch(name)
     if match is None:
         return None

@@ -129,6 +129,19 @@ class RobotChain:
             return tuple(f"{kind}-{number}" for number in self.numbers(kind))
         return (kind,)
 
+    @cached_property
+    def has_sight_lines(self) -> bool:
+        """Whether an instrument can stand at the origin of the measured points: outside the space in which they lie.
+
+        Where the points were transformed, to the frame of the robot say, its place is not known.
+        """
+        if not self.places("instrument"):
+            return False
+        points, root = self.state.measured, self.start[:3]
+        from_root = np.linalg.norm(points - root[:, None], axis=0)
+        is_outside = np.linalg.norm(root) > 0.5 * np.median(from_root)
+        return bool(is_outside and (points.mean(1) @ points).min() > 0)
+
     def varies(self, covariate: str) -> bool:
         """Whether a covariate is known for the samples and is not constant."""
         values = self.state.covariates.get(covariate)

@@ -165,6 +165,8 @@ CASES = (
     ("joint-torque", "joint-3", {"start": -2.0, "end": 2.0}),
     ("reading-lattice", "joint-3", {"step": 0.001}),
     ("sight-line-refraction", "instrument", {}),
+    ("azimuth-harmonic", "instrument", {"order": 5.0}),
+    ("elevation-harmonic", "instrument", {"order": 3.0}),
     ("instrument-range-scale", "instrument", {}),
     ("reflector-incidence", "tool", {}),
     ("angular-noise", "noise", {}),

@@ -90,7 +90,8 @@ def test_compliances_are_the_mass_dependent_effects_without_their_special_cases(
 
 def test_what_belongs_to_the_session_is_no_part_of_the_arm():
     of_session = names(kind for kind in ROBOT.values() if kind.of_session)
-    instrument = {"sight-line-refraction", "reflector-incidence"}
+    encoders = {"azimuth-harmonic", "elevation-harmonic"}
+    instrument = {"sight-line-refraction", "reflector-incidence"} | encoders
     assert of_session == {"base-drift", "time-offset", "reading-lag", "payload"} | instrument
 
 

@@ -35,6 +35,8 @@ ADDITIONS |= {
     "joint-torque",
     "reading-lattice",
     "sight-line-refraction",
+    "azimuth-harmonic",
+    "elevation-harmonic",
     "reflector-incidence",
     "angular-noise",
 }

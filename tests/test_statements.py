@@ -11,7 +11,10 @@ def test_noise_findings_are_described_in_words():
         Finding("unknown", "joint-3", "", (), 1e-9, 1.0, 0.3, 40.0, (), (hidden,)), size=0.03
     )
     said = statements.statement(moving, "the ball", "mm")
-    assert "moves from sample to sample" in said and "the side from which each joint came" in said
+    assert (
+        "random error from sample to sample" in said
+        and "the side from which each joint came" in said
+    )
     spread = Term(
         Finding("noise-heteroscedastic", "noise", "", (), 1e-9, 1.0, 0.0, 0.0, ("range_mm",))
     )

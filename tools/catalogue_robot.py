@@ -99,6 +99,8 @@ NOT_SEEN = {
     "gravity-link-compliance": "link-compliance of an arm without stated masses: the same residual",
     "gravity-pedestal-compliance": "pedestal-compliance of an arm without stated masses: the same residual",
     "reading-lattice": "rounded readings, recognised from the readings themselves; they move no mean",
+    "azimuth-harmonic": "an error curve of the instrument's azimuth encoder, shown by sight lines of many directions",
+    "elevation-harmonic": "the same of its elevation encoder",
     "angular-noise": "noise that grows with the distance; see noise-heteroscedastic",
     "smooth-function": "a term without a physical law, which a diagnosis adds with its own covariates",
     "periodic-motion": "a term without a physical law, whose rate a diagnosis searches for",

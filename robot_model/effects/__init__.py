@@ -45,6 +45,8 @@ CATALOGUE = {
     "load-deflection": load.LoadDeflection,
     "loosening": steps.Loosening,
     "sight-line-refraction": instrument.SightLineRefraction,
+    "azimuth-harmonic": instrument.AzimuthHarmonic,
+    "elevation-harmonic": instrument.ElevationHarmonic,
     "instrument-range-scale": instrument.InstrumentRange,
     "reflector-incidence": instrument.ReflectorIncidence,
     "angular-noise": instrument.AngularNoise,

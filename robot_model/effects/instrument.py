@@ -8,15 +8,111 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from workbench.core.effect import Effect, Variant
+from workbench.core.effect import Effect, Grid, Variant
 
 _METRE = 1e-3  # m per mm
+_LOW_ORDERS, _LOW, _HIGHEST = 2, 0.5, 60
+"""Eccentric scales make one and two cycles a revolution, and have half of the prior; the highest order tested."""
+_TYPICAL_RAD = 2e-5  # amplitude of an error of an angle encoder: 60 um at 3 m
 
 
 def sight_lines(state) -> tuple[np.ndarray, np.ndarray]:
     """Unit vectors (3, n) from the instrument to the measured points, external frame, and ranges (n,) in m."""
     length = np.linalg.norm(state.measured, axis=0)
     return state.measured / np.maximum(length, 1e-9), length * _METRE
+
+
+def sight_directions(points: np.ndarray) -> np.ndarray:
+    """(3, 3, n) motion of points (3, n) per unit of azimuth, elevation (mm/rad) and range, by axis."""
+    x, y, z = points
+    level = np.maximum(np.hypot(x, y), 1e-9)
+    length = np.maximum(np.hypot(level, z), 1e-9)
+    azimuth = np.stack([-y, x, np.zeros_like(z)])
+    elevation = np.stack([-z * x / level, -z * y / level, level])
+    return np.stack([azimuth, elevation, points / length])
+
+
+def sight_covariates(points: np.ndarray) -> dict[str, np.ndarray]:
+    """Azimuth and elevation (rad) and range (m) of points (3, n) mm, by name."""
+    level = np.hypot(*points[:2])
+    azimuth = np.arctan2(points[1], points[0])
+    middle = np.arctan2(np.sin(azimuth).mean(), np.cos(azimuth).mean())
+    around = middle + np.angle(np.exp(1j * (azimuth - middle)))  # without a jump by a revolution
+    return {
+        "sight_azimuth": around,
+        "sight_elevation": np.arctan2(points[2], level),
+        "sight_range": np.hypot(level, points[2]) * _METRE,
+    }
+
+
+class _AngleHarmonic:
+    """What the error curves of the two angle encoders of an instrument have in common."""
+
+    port = "sensor"
+    of_session = True
+    places = ("instrument",)
+    coexists = True
+    angle = "azimuth"
+
+    def __init__(self, where: str, order: Annotated[float, Field(gt=0)] = 1):
+        super().__init__(where)
+        self.order = order
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: `grids` has all orders."""
+        return ()
+
+    @classmethod
+    def grids(cls, chain):
+        """The orders 1 to 60, where the instrument stands outside the space in which the points lie."""
+        name = f"sight_{cls.angle}"
+        if not chain.places("instrument") or name not in chain.state.covariates:
+            return
+        orders = np.arange(1.0, _HIGHEST + 1)
+        is_low = orders <= _LOW_ORDERS
+        masses = np.where(is_low, _LOW / is_low.sum(), (1 - _LOW) / (~is_low).sum())
+        factor = sight_directions(chain.state.measured)[cls._row()][None]
+        about = ("order", "wave", name, orders, masses, _TYPICAL_RAD, "order {:g}", factor)
+        yield Grid(cls, "instrument", *about)
+
+    @classmethod
+    def _row(cls) -> int:
+        return ("azimuth", "elevation").index(cls.angle)
+
+    def slots(self, chain):
+        return (0, 1, 2)
+
+    def table(self, chain):
+        label = f"the error of the instrument's {self.angle}"
+        order = f"{self.order:g}".replace(".", "_")
+        return tuple(
+            self.parameter(f"{wave}{order}", "rad", _TYPICAL_RAD, f"{label}, {wave}")
+            for wave in ("cos", "sin")
+        )
+
+    def basis(self, state):
+        phase = self.order * sight_covariates(state.measured)[f"sight_{self.angle}"]
+        waves = np.stack([np.cos(phase), np.sin(phase)])
+        return waves[:, None] * sight_directions(state.measured)[self._row()]
+
+
+class AzimuthHarmonic(_AngleHarmonic, Effect):
+    """The azimuth encoder of the instrument has an error that is periodic in its angle."""
+
+    effect = "azimuth-harmonic"
+    angle = "azimuth"
+    equation = "d azimuth = A cos(n azimuth) + B sin(n azimuth)"
+    source = "eccentricity and subdivision error of angle encoders: Muralikrishnan et al., Precis. Eng. 44 (2016)"
+
+
+class ElevationHarmonic(_AngleHarmonic, Effect):
+    """The elevation encoder of the instrument has an error that is periodic in its angle."""
+
+    effect = "elevation-harmonic"
+    angle = "elevation"
+    equation = "d elevation = A cos(n elevation) + B sin(n elevation)"
+    source = AzimuthHarmonic.source
 
 
 class SightLineRefraction(Effect):
@@ -170,8 +266,12 @@ class AngularNoise(Effect):
 
 __all__ = [
     "AngularNoise",
+    "AzimuthHarmonic",
+    "ElevationHarmonic",
     "InstrumentRange",
     "ReflectorIncidence",
     "SightLineRefraction",
+    "sight_covariates",
+    "sight_directions",
     "sight_lines",
 ]

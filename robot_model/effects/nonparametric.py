@@ -11,6 +11,7 @@ from numpy.polynomial.legendre import legvander
 from pydantic import Field
 
 from robot_model.derived_covariates import covariate
+from robot_model.effects.instrument import sight_directions
 from robot_model.effects.structure_function import (
     distance_beyond,
     extrapolation_sigma,
@@ -20,7 +21,7 @@ from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter
 
-PLACES = ("joint", "link", "base", "tool", "sensor")
+PLACES = ("joint", "link", "base", "tool", "sensor", "instrument")
 SHARP_DEGREE = 40
 """Degree of a function that changes sharply: wear at one place extends over a twentieth of the range."""
 _DEGREE, _LONG_DEGREE, _PAIR_DEGREE = 6, 9, 3
@@ -169,8 +170,11 @@ class SmoothFunction(Effect):
         return super().slots(chain)[: len(self.sizes)]
 
     def basis(self, state):
-        """(slots x functions, slots, n)."""
-        return self._waves([covariate(state, name) for name in self.names])
+        """(slots x functions, slots, n); of the instrument the slots of a function are azimuth, elevation and range."""
+        made = self._waves([covariate(state, name) for name in self.names])
+        if self.where != "instrument":
+            return made
+        return np.einsum("pkn,kcn->pcn", made, sight_directions(state.measured))
 
     def extrapolation(self, p, state, recorded=None):
         """(slots, n) from the structure functions along each covariate, whose spans are what was recorded."""

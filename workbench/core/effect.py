@@ -55,8 +55,9 @@ class Grid:
     (V,) ascending; `prior_weights` (V,) prior weight of each, relative to the others; `typical`: prior
     size of the amplitudes, one or (k,), in the units of the slots; `label`: format string of a
     variant's label ("order {:g}"); `factor` (k, n): what the amplitude of a slot is multiplied by
-    at each sample, where it is not 1 (a lever arm); `slots` (k): the slot of each amplitude, where several act on
-    one slot with factors of their own. `centred`: the evidence is that of a step less its mean. Another law has the
+    at each sample, where it is not 1 (a lever arm), or (r, k, n): r amplitudes with shares in all
+    slots; `slots` (k): the slot of each amplitude, where several act on one slot with factors of
+    their own. `centred`: the evidence is that of a step less its mean. Another law has the
     factor all the time (deflection under gravity), and a step near the start must not stand in for it.
     """
 

@@ -31,6 +31,7 @@ from workbench.explanation.noise import replicates, stated_noise
 from workbench.explanation.noise.angular_noise import with_angular_noise
 from workbench.explanation.noise.correlated_noise import correlated_noise
 from workbench.explanation.planning.experiment import missing_of, next_experiment
+from workbench.explanation.plausible_values import implausible_values
 from workbench.explanation.result import (
     UNEXPLAINED,
     Diagnosis,
@@ -195,6 +196,7 @@ def _whole(
     )
     point = words.TIPS.get(recording.measures, "the measured point")
     said = [statements.statement(term, point, unit) for term in (*terms, *refused)]
+    said = [statements.with_sample_numbers(one, found.before.order, last.ids) for one in said]
     return with_statements(made, said)
 
 
@@ -373,7 +375,8 @@ def _with_numbers(bench, term: Term, effects, rows) -> Term:
     )
     varying = [row["size_mm"] for row in mine if row["name"] == DEFLECTION]
     size = varying[0] if len(varying) == 1 else _size(bench, effects, term)
-    return replace(term, parameters=mine, size=size)
+    alarms = (*term.finding.alarms, *implausible_values(mine, size))
+    return replace(term, parameters=mine, size=size, finding=replace(term.finding, alarms=alarms))
 
 
 def _of(row, term: Term, bench) -> bool:

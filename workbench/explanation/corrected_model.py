@@ -25,7 +25,8 @@ from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.corrected_scene import SCENE, corrected_scene, write_scene
 
 _IMAGES = "a diagnosis of images corrects a sensor, which a plan of an arm does not hold"
-_NO_PARAMETERS = "{title}: it has no parameters, so that no model holds it"
+_NO_LAW = "{title}: not contained, since no law was found for it"
+_NOT_PREDICTED = "{title}: not contained, since it describes the noise and changes no prediction"
 _NOMINAL = (
     "the nominal arm with estimated base and tool: an estimated geometry predicts unseen poses no better "
     "(held-out RMS error {fitted:.4g} mm; nominal geometry {nominal:.4g} mm)"
@@ -99,7 +100,11 @@ def write_model(
     robot = load_robot(robot_keys(recording), "recording.toml, key robot")
     stages = corrected_stages(made, robot)
     folder = Path(folder)
-    without = [_NO_PARAMETERS.format(title=t.title) for t in made.terms if not t.finding.effects]
+    without = [
+        (_NO_LAW if t.finding.effect == "unknown" else _NOT_PREDICTED).format(title=t.title)
+        for t in made.terms
+        if not t.finding.effects
+    ]
     progress("the corrected model")
     try:
         calibration = calibrate(recording, stages, trust_data=trust_data)

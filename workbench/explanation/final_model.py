@@ -95,14 +95,16 @@ class FinalModel:
         }
         return rows if all(rows.values()) else None
 
+    @property
+    def ids(self) -> np.ndarray:
+        """(n,) numbers of the samples."""
+        if self.bench.chain is None:
+            return np.arange(self.before.n)
+        return self.bench.recording.sample_ids
+
     def outliers(self) -> tuple[int, ...]:
         """Sample numbers of those that nothing brings near."""
-        ids = (
-            self.bench.recording.sample_ids
-            if self.bench.chain is not None
-            else np.arange(self.before.n)
-        )
-        return tuple(int(i) for i in ids[self.found.outliers])
+        return tuple(int(i) for i in self.ids[self.found.outliers])
 
     def views(self) -> Views:
         """What the page draws."""

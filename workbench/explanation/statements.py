@@ -1,5 +1,9 @@
 """One paragraph on each finding: what it is, how large, how it was validated, and what else explains these poses."""
 
+import re
+
+import numpy as np
+
 from robot_model.effects.friction import ReadingLattice
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.least_squares.adjustment_tests import p_text
@@ -27,8 +31,26 @@ NOT_LOCATED = "not located: no smooth function of one or two covariates at any p
 UNCONFIRMED = "found in the first search, not confirmed by cross-validation"
 _OF_DATA = ("outliers", NoiseLaw.effect, "encoder-quantisation", ReadingLattice.effect)
 _EITHER = "with temperature, or with time where none was recorded"
+_INSTANT = re.compile(r"after (?:row )?(?P<value>\d+(?:\.\d+)?(?:e[+-]?\d+)?)(?P<unit> s)?\b")
 _MOST = 3  # alternatives that are listed
 _CLEAR = 0.95  # probability from which on no alternative is listed
+
+
+def with_sample_numbers(text: str, order: np.ndarray, ids: np.ndarray) -> str:
+    """A statement whose instants name the samples before and after: "between samples 96 and 97".
+
+    order (n,): clock of the samples, s or the number of the row from 0; ids (n,): their numbers.
+    """
+    rank = np.argsort(order, kind="stable")
+
+    def name(found: re.Match) -> str:
+        later = int(np.searchsorted(order[rank], float(found["value"])))
+        if not 0 < later < len(rank):
+            return found[0]
+        between = f"between samples {ids[rank[later - 1]]:g} and {ids[rank[later]]:g}"
+        return f"at {found['value']} s, {between}" if found["unit"] else between
+
+    return _INSTANT.sub(name, text)
 
 
 def statement(term: Term, tip: str, unit: str) -> str:
@@ -182,12 +204,12 @@ def _of_data(found: Finding) -> str:
         return f"The reading of {place(found.where)} is rounded to counts."
     if found.label == ALONG:
         return (
-            "What is left points back along the last moves, by another share of them each time: the joints were "
-            "read at differing moments before the arm stood still."
+            "The joints were read at differing moments before the arm stood still: the residuals point back along the "
+            "last moves, by another share of them each time."
         )
     said = (
-        f"{place(found.where).capitalize()} moves from sample to sample, with nothing that was recorded: what is "
-        "left points along what that place does."
+        f"{_with_random_error(found.where)} a random error from sample to sample, which depends on no recorded "
+        "covariate: the residuals have the directions in which such an error moves the measured point."
     )
     could = [
         f"{one.effect} at {place(one.where)} with {covariate(one.missing_covariate)}"
@@ -197,6 +219,12 @@ def _of_data(found: Finding) -> str:
     return said + (
         f" It may be {listed(could, 'or')}, none of which this recording holds." if could else ""
     )
+
+
+def _with_random_error(where: str) -> str:
+    if where == "time":
+        return "The instant at which the joints are read has"
+    return f"{place(where).capitalize()} has"
 
 
 def _validated(term: Term, unit: str) -> str:

@@ -13,7 +13,7 @@ from sensors.effects import CATALOGUE as SENSOR
 from workbench.core.text.uncertain import with_std
 from workbench.core.vocabulary import Covariate, Place
 from workbench.diagnosis.levels import CRITICAL_T, MAJORITY
-from workbench.diagnosis.robot.derived import DEFLECTION
+from workbench.diagnosis.robot.derived import DEFLECTION, MOVE
 
 TIPS = {"ball-centre": "the ball", "ball-surface": "the ball", "external-point": "the reflector"}
 _PLACES = {
@@ -31,6 +31,12 @@ _KINDS = {
     "temperature": "the temperature of {}",
 }
 _NAMES = {
+    "sight_azimuth": "the azimuth of the instrument",
+    "sight_elevation": "the elevation of the instrument",
+    "sight_range": "the range of the instrument",
+    "down_x": "gravity along the tool's x axis",
+    "down_y": "gravity along the tool's y axis",
+    "down_z": "gravity along the tool's z axis",
     "moment_x": "the overturning moment about x",
     "moment_y": "the overturning moment about y",
     "temperature_artefact_c": "the artefact's temperature",
@@ -53,6 +59,9 @@ _NAMES = {
     "reflector": "which reflector it is",
 }
 _MOST = 3
+_COEFFICIENTS = (
+    12  # parameters of a law from which on single ones say nothing: those of a polynomial
+)
 _MASSES = "_mass_"  # in the name of a law's number for a first moment
 _PART = "A part of the machine"  # in the sentence of an effect that may sit anywhere
 
@@ -94,7 +103,8 @@ def law(effect: str, where: str, label: str = "", kind: type | None = None) -> s
         .rstrip(".")
         .replace(_PART, _capital(place(where)))
     )
-    return _placed(said, where) + (f" ({label})" if label else "")
+    is_said = label.removeprefix("of its ").strip() in said
+    return _placed(said, where) + (f" ({label})" if label and not is_said else "")
 
 
 def _capital(said: str) -> str:
@@ -203,7 +213,9 @@ def figures(rows: Sequence[Mapping]) -> str:
 
 
 def _drop_shares_of_deflection(rows: Sequence[Mapping]) -> list[Mapping]:
-    """The rows without shares of a deflection that a row states as a whole: parameters in its unit."""
+    """The rows without those that other rows state as a whole: shares of a deflection, and a tool's twist."""
+    if any(row["name"].startswith(f"{MOVE}_") for row in rows):
+        return [row for row in rows if row.get("derived")]
     units = {row["unit"] for row in rows if row["name"] == DEFLECTION}
     return [row for row in rows if row.get("derived") or row["unit"] not in units]
 
@@ -211,6 +223,8 @@ def _drop_shares_of_deflection(rows: Sequence[Mapping]) -> list[Mapping]:
 def _listed_figures(parts: Sequence[tuple[str, Mapping]]) -> str:
     """Values of named parameters; of many only significant ones, since others say nothing each by itself."""
     shown = parts
+    if len(parts) > _COEFFICIENTS:
+        return f"{len(parts)} coefficients"
     if len(parts) > _MOST:
         shown = [(name, row) for name, row in parts if _surety(row) >= CRITICAL_T]
         if not shown:

@@ -61,6 +61,7 @@ def parameter_row(
         "conditional_std": float(std if conditional_std is None else conditional_std),
         "unit": p.unit,
         "typical": p.typical,
+        "prior": p.prior,
         "identifiable": bool(is_identifiable),
     }
 

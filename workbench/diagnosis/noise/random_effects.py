@@ -113,7 +113,9 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
 def places(problem: Problem) -> tuple[Site, ...]:
     """Every place that may have a random effect; all joints at once, too, as when readings are of another instant."""
     joints = [site for site in problem.sites if site.port == "joint"]
-    some = [*problem.sites, *problem.growing]
+    # what an instrument does by chance is its noise, see `angular_noise`
+    every = (*problem.sites, *problem.growing)
+    some = [site for site in every if site.where != "instrument"]
     rounding = rounding_site(problem)
     if rounding is not None:
         some.append(rounding)

@@ -9,6 +9,7 @@ import numpy as np
 from robot_model.effects import CATALOGUE
 from robot_model.effects.curve import JointCurve
 from robot_model.effects.elastic import JointCompliance
+from robot_model.effects.instrument import sight_covariates
 from robot_model.effects.nonparametric import SmoothFunction
 from robot_model.state import State, moved
 from robot_model.system import RobotChain, bind
@@ -27,6 +28,7 @@ from workbench.diagnosis.robot import mass_responses
 from workbench.diagnosis.robot.derived import (
     deflection_row,
     mass_rows,
+    reflector_rows,
     spectrum,
     variation_mm,
     with_estimated_options,
@@ -48,6 +50,10 @@ A faint one would let a gauge freedom of base and joints turn the frame in which
 """
 BASELINES = ("geometry", JointCompliance.effect)
 _PRIOR_WITH_MASSES = 0.5  # a variant with masses found is half as likely as one that trusts them
+_NO_SIGHT_LINES = (
+    "The origin of the measured points is among the points or at the robot, so that the place of the instrument is not "
+    "known: errors of its angle encoders are not tested. To test them, record the points in the instrument's own frame."
+)
 _LEAST_POSES = 4
 """Distinct poses without which base and tool are not determined."""
 _FEW_STEPS, _STEPS = 6, 50
@@ -80,7 +86,10 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
     effects = ()
     if baseline == JointCompliance.effect:
         effects = tuple(one.effect for one in JointCompliance.candidates(chain))
-    return RobotBench(chain, moving.poses, effects, moving, checked.warnings)
+    warnings = checked.warnings or moving.warnings
+    if chain.places("instrument") and not chain.has_sight_lines:
+        warnings = (*warnings, _NO_SIGHT_LINES)
+    return RobotBench(chain, moving.poses, effects, moving, warnings)
 
 
 def _check_enough(moving) -> None:
@@ -127,6 +136,8 @@ def with_derived(chain: RobotChain, pose: np.ndarray) -> State:
     made["payload"] = chain.state.payload
     if chain.measurement.place == "sensor":
         made |= dict(zip(("seen_x", "seen_y", "seen_z"), chain.state.measured))
+    if chain.has_sight_lines:
+        made |= sight_covariates(chain.state.measured)
     return replace(chain.state, covariates=recorded | made, history=history)
 
 
@@ -361,6 +372,7 @@ class RobotBench:
                 rows.append(masses[span.start])
             if isinstance(effect, JointCurve):
                 rows[-effect.terms] |= spectrum(effect, values[span], self.chain)
+            rows += reflector_rows(effect, values[span], whole[span, span], self.chain)
             deflected = deflection_row(effect, values[span], whole[span, span], self.chain)
             if deflected:
                 size = variation_mm(model, fit, effect, values[span])

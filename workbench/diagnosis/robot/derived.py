@@ -10,6 +10,7 @@ import numpy as np
 from robot_model.effects.curve import JointCurve, dominant_cycles, periodic_share
 from robot_model.effects.load import LoadDeflection
 from robot_model.effects.load_mass import load_masses
+from robot_model.effects.steps import Shift
 from robot_model.effects.unknown_masses import TYPICAL_RAD
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
@@ -17,7 +18,7 @@ from workbench.core.model import NOISE, STATE_PORTS
 from workbench.diagnosis.levels import CRITICAL_T
 from workbench.diagnosis.linear.estimates import Options
 
-DEFLECTION = "deflection"
+DEFLECTION, MOVE = "deflection", "reflector"
 _STEP = 0.01  # standard deviations of an option, half-step of a derivative
 _POSITION = 3  # components of a residual that are a position
 _ROTATION = 3  # first rotation among the components of a frame
@@ -81,6 +82,37 @@ def deflection_row(
         "size_mm": 0.0,
         "derived": True,
     }
+
+
+def reflector_rows(effect: Effect, values: np.ndarray, covariance: np.ndarray, chain) -> list[dict]:
+    """The step of the tool as the move of its only reflector along the axes of the flange, as rows.
+
+    values (6,), covariance (6, 6) of the twist about the flange: a reflector at r moves by d + w x r. A single
+    point determines these three numbers, and of the twist only combinations. None with several reflectors or poses.
+    """
+    is_point = chain.measurement.place == "tool" and len(chain.sigma) == 3
+    if type(effect) is not Shift or effect.where != "tool" or not is_point:
+        return []
+    if len(np.unique(chain.state.index)) > 1:
+        return []
+    x, y, z = np.broadcast_to(chain.state.target.T, (chain.n, 3))[0]
+    lever = np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])
+    jacobian = np.hstack([np.eye(3), lever])
+    moved = jacobian @ values
+    std = np.sqrt(np.maximum(np.diag(jacobian @ covariance @ jacobian.T), 0))
+    first = effect.parameters(chain)[0].key
+    rows = []
+    for axis, value, error in zip("xyz", moved, std):
+        about = {"key": f"{first}.{MOVE}_{axis}", "first_parameter": first, "where": effect.where}
+        named = {
+            "name": f"{MOVE}_{axis}",
+            "label": f"move of the reflector along {axis} of the flange",
+        }
+        sizes = {"value": float(value), "std": float(error), "unit": "mm", "typical": 0.1}
+        rows.append(
+            about | named | sizes | {"effect": effect.effect, "size_mm": 0.0, "derived": True}
+        )
+    return rows
 
 
 def with_estimated_options(
@@ -159,10 +191,12 @@ def spectrum(effect: JointCurve, coefficients: np.ndarray, chain) -> dict:
 
 __all__ = [
     "DEFLECTION",
+    "MOVE",
     "deflection_row",
     "linear_values",
     "mass_rows",
     "negative_masses",
+    "reflector_rows",
     "spectrum",
     "variation_mm",
     "with_estimated_options",

@@ -6,6 +6,7 @@ import numpy as np
 
 from robot_model.chain import link_lengths
 from robot_model.effects import CATALOGUE
+from robot_model.effects.instrument import sight_directions
 from robot_model.effects.nonparametric import PeriodicMotion
 from workbench.core.covariates import clock
 from workbench.core.effect import Grid
@@ -20,6 +21,8 @@ _FRAME = np.repeat([_TYPICAL["mm"], _TYPICAL["rad"]], 3)
 _GROWTH = 1e-4
 """Growth of a link as a share of its length: that of steel by ten kelvin."""
 # covariates that belong to one place, or stand here under another name
+_SIGHT = ("sight_azimuth", "sight_elevation", "sight_range")
+_SIGHT_SIZES = np.array([2e-5, 2e-5, 0.02])  # rad, rad, mm: errors of an instrument
 _PARTICULAR = ("approach", "q", "qdot", "tau", "move", "seen", "down", "moment")
 _ALSO_AS = ("row", "time_s", "payload_kg")
 
@@ -40,7 +43,9 @@ def _scan(grid: Grid, chain, rows, columns) -> Scan:
     if effect.port in STATE_PORTS:  # its derivative is that of what deflects under the load
         return scan_of(grid, columns(grid.effect(grid.where)).T.copy(), covariate)
     own = rows(effect.port, grid.slots or effect.slots(chain))
-    if grid.factor is not None:
+    if grid.factor is not None and grid.factor.ndim == 3:
+        own = np.einsum("rkn,kmn->rmn", grid.factor, own)
+    elif grid.factor is not None:
         own = own * grid.factor[:, None]
     return scan_of(grid, _flat(own), covariate)
 
@@ -55,6 +60,11 @@ def sites(chain, rows) -> tuple[Site, ...]:
         frame = _flat(rows("frame", chain.slots("frame", place)))
         names = tuple(dict.fromkeys((*angles, *_varying(own, loads), *general)))
         made.append(Site(place, "frame", frame, "mm and rad", _FRAME, names))
+    if all(name in own for name in _SIGHT):
+        towards = sight_directions(chain.state.measured)
+        seen = np.einsum("kcn,cmn->kmn", towards, rows("sensor", [0, 1, 2]))
+        about = (_flat(seen), "rad and mm", _SIGHT_SIZES, (*_SIGHT, *general), (_SIGHT[:2],))
+        made.append(Site("instrument", "sensor", *about))
     if chain.measurement.place == "sensor":
         point = _flat(rows("sensor", [0, 1, 2]))
         names = ("seen_x", "seen_y", "seen_z", *general)
@@ -73,7 +83,7 @@ def _loads(joints: int) -> dict[str, tuple[str, ...]]:
 
 def _is_general(name: str) -> bool:
     """Whether a covariate belongs to no place and stands for itself."""
-    return Covariate.of(name).kind not in _PARTICULAR and name not in _ALSO_AS
+    return Covariate.of(name).kind not in _PARTICULAR and name not in (*_ALSO_AS, *_SIGHT)
 
 
 def _joint_sites(chain, rows, angles, general) -> list[Site]:

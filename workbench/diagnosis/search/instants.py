@@ -27,7 +27,8 @@ def instant_of(search, i: int, own: Hypothesis) -> Instant | None:
     spread = float(weights @ (here.options - value) ** 2)
     std = float(np.sqrt(spread + _gap(here, value) ** 2 / 12))
     is_timed = "time_s" in search.bench.chain.state.covariates
-    return Instant(value, std, "s" if is_timed else "sample")
+    # samples are counted from 1, rows from 0
+    return Instant(value, std, "s") if is_timed else Instant(value + 1, std, "sample")
 
 
 def refine_instants(search) -> None:

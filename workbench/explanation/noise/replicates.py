@@ -31,7 +31,7 @@ def noise(
         return float(np.sqrt(len(residual)) * sigma), AS_STATED
     return float(
         np.sqrt(len(residual) * (residual**2).sum() / max(degrees, 1.0))
-    ), "what is left in the end"
+    ), "not stated: at most what remains"
 
 
 def _means(row, group):
