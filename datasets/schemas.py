@@ -19,7 +19,7 @@ from datasets.importers.mapping.model import FORMAT, JOINS, PLACEMENTS, QUANTITI
 from datasets.importers.mapping.placements import Controller
 from datasets.importers.mapping.rotations import CONVENTIONS
 from datasets.importers.mapping.spherical import CONVENTIONS as SPHERICAL_CONVENTIONS
-from datasets.importers.units import ANGLES
+from datasets.importers.units import ANGLE_NAMES
 from datasets.importers.units import LENGTHS as LENGTH_UNITS
 from datasets.keys import RECORDING, SECTIONS, Key
 from workbench.core.sections import Placement
@@ -40,7 +40,7 @@ def recording_schema() -> dict:
 def mapping_schema() -> dict:
     """The mapping file of `workbench import`."""
     text = {"type": "string"}
-    unit = {"enum": [*ANGLES, *LENGTH_UNITS]}
+    unit = {"enum": [*ANGLE_NAMES, *LENGTH_UNITS]}
     group = {
         "type": "object",
         "properties": {

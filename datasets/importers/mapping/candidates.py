@@ -9,7 +9,6 @@ import numpy as np
 from datasets.importers.mapping.column_units import (
     ColumnUnits,
     completed_units,
-    unit_factors,
     unit_words,
 )
 from datasets.importers.mapping.model import Group
@@ -26,7 +25,7 @@ from datasets.importers.mapping.rotations import (
 from datasets.importers.mapping.sets import AXES_OF_SET, find_sets
 from datasets.importers.mapping.spherical import completions, is_spherical
 from datasets.importers.source import RawTable
-from datasets.importers.units import ANGLES, LENGTHS
+from datasets.importers.units import ANGLE_NAMES, DMS, LENGTHS, degrees_of, may_be_dms
 
 LENGTH_UNITS = ("mm", "m", "in", "cm")
 ANGLE_UNITS = ("deg", "rad", "gon")
@@ -37,6 +36,7 @@ ANGLE_WORDS = {
     "mrad": "milliradians",
     "arcmin": "arc minutes",
     "arcsec": "arc seconds",
+    DMS: "degrees with minutes and seconds as decimals",
 }
 LENGTH_WORDS = {
     "mm": "millimetres",
@@ -69,7 +69,8 @@ class Turn:
         values = np.stack([table.numbers(name) for name in self.group.columns], axis=1)
         unit = self.group.unit
         if isinstance(unit, tuple):
-            values, unit = values * unit_factors(unit, len(unit), ANGLES), "deg"
+            columns = [degrees_of(cells, word) for cells, word in zip(values.T, unit)]
+            values, unit = np.stack(columns, axis=1), "deg"
         return rotation_matrices(values, self.group.convention, unit, self.group.inverse)
 
 
@@ -92,7 +93,7 @@ def point_readings(group: Group, stated_only: bool = True) -> Iterator[tuple[str
 
 def angle_units(group: Group, stated_only: bool = True) -> tuple[ColumnUnits, ...]:
     """Units that angles may have: the stated ones, or all. Lengths of sliding joints stay as they are stated."""
-    known = {**ANGLES, **LENGTHS} if isinstance(group.unit, tuple) else ANGLES
+    known = (*ANGLE_NAMES, *LENGTHS) if isinstance(group.unit, tuple) else ANGLE_NAMES
     return completed_units(group.unit, ANGLE_UNITS, known) if stated_only else ANGLE_UNITS
 
 
@@ -109,7 +110,7 @@ def rotation_candidates(group: Group, table: RawTable, stated_only: bool = True)
     turns: list[Turn] = []
     seen: set[bytes] = set()
     for columns, convention in conventions:
-        units = angle_units(group, stated_only) if has_unit(convention) else (None,)
+        units = _rotation_units(group, table, stated_only) if has_unit(convention) else (None,)
         for unit in units:
             for inverse in (group.inverse,) if group.convention and stated_only else (False, True):
                 turn = Turn(
@@ -123,6 +124,13 @@ def rotation_candidates(group: Group, table: RawTable, stated_only: bool = True)
                     seen.add(key)
                     turns.append(turn)
     return sorted(turns, key=lambda turn: (turn.group.inverse, turn.group.unit == "gon"))
+
+
+def _rotation_units(group: Group, table: RawTable, stated_only: bool) -> tuple[ColumnUnits, ...]:
+    """Units of the angles of a rotation, with minutes and seconds as decimals where the digits allow it."""
+    units = angle_units(group, stated_only)
+    values = np.concatenate([table.numbers(name) for name in group.columns])
+    return (*units, DMS) if "deg" in units and may_be_dms(values) else units
 
 
 def reordered_candidates(group: Group, table: RawTable) -> list[Turn]:

@@ -15,7 +15,7 @@ from datasets.importers.mapping.rotations import quaternion_columns
 from datasets.importers.mapping.spherical import is_spherical, points_of
 from datasets.importers.mapping.time_stamps import times_of_column
 from datasets.importers.source import RawTable
-from datasets.importers.units import ANGLES, COVARIATE_UNITS, LENGTHS
+from datasets.importers.units import COVARIATE_UNITS, LENGTHS, degrees_of
 
 
 def complete_rows(table: RawTable, mapping: Mapping) -> tuple[RawTable, tuple[str, ...]]:
@@ -78,8 +78,11 @@ def joint_columns(
     columns = {}
     units = each_unit(group.unit, len(group.columns))
     for number, (name, slides, unit) in enumerate(zip(group.columns, prismatic, units), 1):
-        factor = LENGTHS[unit if unit in LENGTHS else length_unit] if slides else ANGLES[unit]
-        columns[f"q{number}_{'mm' if slides else 'deg'}"] = factor * table.numbers(name)
+        cells = table.numbers(name)
+        if slides:
+            columns[f"q{number}_mm"] = LENGTHS[unit if unit in LENGTHS else length_unit] * cells
+        else:
+            columns[f"q{number}_deg"] = degrees_of(cells, unit)
     return columns
 
 

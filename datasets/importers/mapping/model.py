@@ -23,6 +23,7 @@ convention = "intrinsic XYZ"
 "Temp" = "temperature_c"
 """
 
+from collections.abc import Collection
 from collections.abc import Mapping as Keys
 from dataclasses import dataclass, field, fields, replace
 from math import isfinite
@@ -34,7 +35,7 @@ from datasets.importers.mapping import spherical
 from datasets.importers.mapping.column_units import OPEN, ColumnUnits
 from datasets.importers.mapping.placements import Controller, Placements, placements_from_keys
 from datasets.importers.mapping.rotations import CONVENTIONS, SIZES
-from datasets.importers.units import ANGLES, LENGTHS
+from datasets.importers.units import ANGLE_NAMES, LENGTHS
 from workbench.core.robot_description import file_and_tip
 from workbench.core.sections import checked_section
 from workbench.core.text.structured_text import ContentError, read_toml
@@ -309,7 +310,7 @@ def _group(keys, name: str, called: str) -> Group:
         raise complaint(f"{where}, key {sorted(unknown)[0]}", said, "it", "remove it")
     counts = _counts(keys, len(columns), where)
     unit, convention = keys.get("unit"), keys.get("convention")
-    units = LENGTHS if name in ("point", "flange_point") else ANGLES
+    units = LENGTHS if name in ("point", "flange_point") else ANGLE_NAMES
     if name != "time" and unit is not None:
         unit = _unit(unit, units, name, len(columns), where)
     if name == "point":
@@ -354,14 +355,14 @@ def _counts(keys: Keys, count: int, where: str) -> tuple[float, ...] | None:
     return tuple(float(one) for one in numbers)
 
 
-def _unit(unit, known: Keys, name: str, count: int, where: str) -> ColumnUnits:
+def _unit(unit, known: Collection[str], name: str, count: int, where: str) -> ColumnUnits:
     """The value of a key `unit`: one word, or a list of one word for each column. Raises InputError for another."""
     where = f"{where}, key unit"
     if not isinstance(unit, list):
         if unit not in known:
             raise complaint(where, f"one of {', '.join(known)}", repr(unit), "correct it")
         return unit
-    allowed = {**known, **(LENGTHS if name == "joints" else {}), OPEN: 0.0}
+    allowed = {*known, *(LENGTHS if name == "joints" else ()), OPEN}
     if len(unit) != count:
         raise complaint(
             where, f"{count} units, one for each column", f"{len(unit)}", "correct the list"

@@ -10,7 +10,7 @@ from itertools import permutations, product
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from datasets.importers.units import ANGLES
+from datasets.importers.units import degrees_of
 
 TAIT_BRYAN = tuple("".join(p) for p in permutations("XYZ"))
 PROPER = tuple(a + b + a for a, b in product("XYZ", repeat=2) if a != b)
@@ -38,7 +38,7 @@ def rotation_matrices(
 ) -> np.ndarray:
     """(n, 3, 3) rotations of columns (n, k) in a convention.
 
-    unit: of angles (`datasets.importers.units.ANGLES`). inverse: the columns hold the transposed rotation.
+    unit: of angles (`datasets.importers.units.ANGLE_NAMES`). inverse: the columns hold the transposed rotation.
     Raises ValueError where quaternions have no length 1 or matrices are not orthogonal, with the first such row.
     """
     if convention in QUATERNIONS:
@@ -46,7 +46,7 @@ def rotation_matrices(
     elif convention == MATRIX:
         rotations = _of_matrices(values)
     else:
-        angles = values * np.deg2rad(ANGLES[unit or "deg"])
+        angles = np.deg2rad(degrees_of(values, unit or "deg"))
         if convention == VECTOR:
             rotations = Rotation.from_rotvec(angles)
         else:

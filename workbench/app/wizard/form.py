@@ -11,7 +11,7 @@ from datasets.importers.mapping.joining import time_columns
 from datasets.importers.mapping.model import QUANTITIES
 from datasets.importers.mapping.rotations import CONVENTIONS
 from datasets.importers.source import RawTable
-from datasets.importers.units import ANGLES, LENGTHS
+from datasets.importers.units import ANGLE_NAMES, LENGTHS
 from workbench.core.errors import InputError
 
 CALLED = "the mapping"
@@ -24,7 +24,7 @@ TITLES = {
     "flange_rotation": "Flange rotation",
     "time": "Time",
 }
-_UNITS = {name: tuple(ANGLES) for name in ("joints", "rotation", "flange_rotation")}
+_UNITS = dict.fromkeys(("joints", "rotation", "flange_rotation"), ANGLE_NAMES)
 _UNITS |= {name: tuple(LENGTHS) for name in ("point", "flange_point")}
 _ROTATIONS = ("rotation", "flange_rotation")
 _TESTED = {"title": "tested on the robot", "value": ""}

@@ -20,6 +20,7 @@ from workbench.fitting.plausibility.misfit import (
 )
 from workbench.fitting.plausibility.outliers import find_outliers, named_samples, outlier_reason
 from workbench.fitting.plausibility.rounding import explains, joint_rounding
+from workbench.fitting.plausibility.row_shifts import row_shift_suspicions
 from workbench.fitting.plausibility.sampling import even_rows
 from workbench.fitting.plausibility.small_mistakes import small_mistakes
 from workbench.fitting.plausibility.stated_values import stated_value_suspicions
@@ -35,7 +36,7 @@ _COMPUTED_MM = (
 )
 _LEAST_POSES = 4
 _EFFECT = 3.0
-_MAJORITY = 0.6
+_MAJORITY, _NEARLY_ALL = 0.6, 0.9
 
 
 def check_plausibility(robot, recording) -> tuple[Suspicion, ...]:
@@ -117,6 +118,10 @@ def _well_fitting(robot, recording, fit: Fit, good) -> Iterator[Suspicion]:
 def _badly_fitting(robot, recording, fit: Fit, good) -> Iterator[Suspicion]:
     """The mistake that explains a recording that does not fit, or a warning that nothing does."""
     named = f"samples.csv of recording '{recording.name}'"
+    nearly_all = _majority_fit(robot, recording, good, _NEARLY_ALL)
+    if nearly_all is not None:
+        yield from _well_fitting(robot, recording, nearly_all, good)
+        return
     change = find_change_point(robot, recording, fit)
     if change is None or change.scale > good:
         change = find_new_setup(robot, recording, good)
@@ -127,9 +132,13 @@ def _badly_fitting(robot, recording, fit: Fit, good) -> Iterator[Suspicion]:
     if rounded:
         yield from rounded
         return
-    majority = _majority_fit(robot, recording, good)
+    majority = _majority_fit(robot, recording, good, _MAJORITY)
     if majority is not None:
         yield from _well_fitting(robot, recording, majority, good)
+        return
+    shifted = row_shift_suspicions(robot, recording, good)
+    if shifted:
+        yield from shifted
         return
     yield from misfit_suspicions(robot, recording, fit, good)
 
@@ -141,8 +150,8 @@ def _moved_or_explained(robot, recording, fit, good, change) -> list[Suspicion]:
     return found or [Suspicion(sentence, False, "moved")]
 
 
-def _majority_fit(robot, recording, good) -> Fit | None:
-    """A fit of half of the rows that most rows agree with: the other rows had led the robust fit astray."""
+def _majority_fit(robot, recording, good, share: float) -> Fit | None:
+    """A fit of half of the rows that more than a share of all agree with: the others had led the robust fit astray."""
     order = time_order(recording)
     for rows in np.array_split(order, 2):
         try:
@@ -153,7 +162,7 @@ def _majority_fit(robot, recording, good) -> Fit | None:
         except (np.linalg.LinAlgError, InputError, ValueError):
             continue
         plausible = np.abs(fit.deviations).max(initial=0.0) < FAR
-        if plausible and np.isfinite(fit.scale) and (own < 3 * good).mean() > _MAJORITY:
+        if plausible and np.isfinite(fit.scale) and (own < 3 * good).mean() > share:
             return fit
     return None
 

@@ -1,6 +1,7 @@
 """Rows that differ from all others by far more than these scatter: blunders, wrong labels, interchanged rows."""
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -9,6 +10,10 @@ from datasets.importers.units import LENGTHS
 from workbench.fitting.plausibility.columns_at_rest import longest_run
 from workbench.fitting.plausibility.fitting import POSITION, row_mismatch, row_residual
 from workbench.fitting.plausibility.hypotheses.corrections import listed, observed_columns
+from workbench.fitting.plausibility.hypotheses.row_corrections import (
+    place_of_measurement,
+    shift_steps,
+)
 
 _FAR = 10.0
 """Times the median mismatch, which is about 15 standard deviations of one coordinate."""
@@ -24,6 +29,8 @@ _UNIT_DIGITS = 1e-3
 _NEARLY_ALL = 0.8
 _ALIKE = 1.05
 _NAMED = 12
+_LOST_DIGITS = (-3, -2, -1, 1, 2, 3, 4, 5, 6)
+"""Places by which a decimal point may be too far to the right."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +117,14 @@ class Reason:
 def outlier_reason(robot, recording, fit, outliers: Outliers) -> Reason:
     """The most specific reason that the outlying rows agree with."""
     near = _NEAR * outliers.median
-    for explain in (_stuck, _other_labels, _other_unit, _shifted, _interchanged):
+    for explain in (
+        _stuck,
+        _other_labels,
+        _other_unit,
+        _lost_decimal_points,
+        _shifted,
+        _interchanged,
+    ):
         reason = explain(robot, recording, fit, outliers, near)
         if reason is not None:
             return reason
@@ -213,24 +227,51 @@ def _other_unit(robot, recording, fit, outliers, near):
     return None
 
 
+def _lost_decimal_points(robot, recording, fit, outliers, near):
+    """Outlying rows that fit if the decimal point of one cell is at another place."""
+    wrong, cells = recording.select(outliers.rows), {}
+    names = [*joint_columns(recording.columns), *(c for c in POINT if c in recording.columns)]
+    for name, digits in product(names, _LOST_DIGITS):
+        values = wrong.columns[name] / 10.0**digits
+        moved = replace(wrong, columns={**wrong.columns, name: values})
+        fits = (row_mismatch(robot, moved, fit) < near) & (values != 0)
+        for k in np.flatnonzero(fits):
+            cells.setdefault(k, (name, values[k]))
+    if not cells:
+        return None
+    said = [
+        f"sample {wrong.sample_ids[k]} fits with {name} {value:.8g} in place of {wrong.columns[name][k]:.8g}"
+        for k, (name, value) in sorted(cells.items())
+    ]
+    more = [f"{len(said) - _NAMED} more"] if len(said) > _NAMED else []
+    rest = wrong.n - len(cells)
+    others = f"; for the other {rest}, {outliers.likely_cause}" if rest else ""
+    return Reason(
+        f"a decimal point is lost or misplaced: {listed([*said[:_NAMED], *more])}{others}",
+        "decimal-point",
+    )
+
+
 def _shifted(robot, recording, fit, outliers, near):
     """Outlying rows whose measurement fits the joint readings of a neighbouring row."""
     names = observed_columns(recording)
     if recording.measures == "distance" or not names:
         return None
-    for step, side in ((1, "after"), (-1, "before")):
-        rows = outliers.rows[(outliers.rows + step >= 0) & (outliers.rows + step < recording.n)]
+    for step in shift_steps(recording):
+        # the joint readings of these rows belong to the measurement `step` rows above
+        rows = outliers.rows[(outliers.rows - step >= 0) & (outliers.rows - step < recording.n)]
         if len(rows) < 3:
             continue
         source = np.arange(recording.n)
-        source[rows] += step
+        source[rows] -= step
         columns = {c: v if c in names else v[source] for c, v in recording.columns.items()}
         fitting = row_mismatch(robot, replace(recording, columns=columns), fit)[rows] < near
         if fitting.mean() > 0.7:
             first, last = recording.sample_ids[rows[fitting][[0, -1]]]
+            count = "a row is" if abs(step) == 1 else f"{abs(step)} rows are"
             return Reason(
-                f"from sample {first} to {last}, rows hold the measurement of the row {side}: a row is missing "
-                "or doubled there",
+                f"from sample {first} to {last}, rows hold the measurement of {place_of_measurement(step)}: {count} "
+                "missing or doubled there",
                 "rows-shifted",
             )
     return None

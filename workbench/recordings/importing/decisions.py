@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from datasets.columns import joint_columns
 from datasets.importers.mapping.candidates import (
     ANGLE_WORDS,
     LENGTH_WORDS,
@@ -13,6 +14,7 @@ from datasets.importers.mapping.candidates import (
 )
 from datasets.importers.mapping.column_units import unit_toml, unit_words
 from datasets.importers.mapping.model import Mapping
+from datasets.importers.units import DMS, may_be_dms
 from datasets.recording import Recording
 from robot_model.chain import forward
 from robot_model.robot import Robot
@@ -67,10 +69,11 @@ def decide_units(
     not decide and nobody can be asked, or where no unit fits.
     """
     readings = list(unit_readings(mapping, stated_only=True))
+    is_stated = len(readings) == 1
+    readings += _readings_with_minutes(readings, build)
     fits = compare(robot, readings, build)
     if not any(fit.is_good for _, fit in fits):
         refuse()
-    is_stated = len(readings) == 1
     case = _Case(robot, mapping, build, called, ask)
     if is_stated and not (fits and fits[0][1].is_good):
         return _contradicted_units(case, fits)
@@ -331,6 +334,23 @@ def unit_readings(mapping: Mapping, stated_only: bool = True):
             made = replace(mapping.updated("joints", unit=angle), point=point)
             title = f"joints in {unit_words(angle, mapping.joints.columns, _unit_word)}"
             yield title if words is None else f"{title}, point in {words}", made
+
+
+def _readings_with_minutes(readings, build: Build) -> list[tuple[str, Mapping]]:
+    """The readings in degrees with the decimals as minutes and seconds, where the digits of all joints allow it."""
+    made = []
+    for _, mapping in readings:
+        if mapping.joints.unit != "deg":
+            continue
+        try:
+            columns = build(mapping).columns
+        except InputError:
+            continue
+        cells = [columns[name] for name in joint_columns(columns) if name.endswith("_deg")]
+        if cells and may_be_dms(np.concatenate(cells)):
+            changed = mapping.updated("joints", unit=DMS)
+            made.append((_unit_title(changed), changed))
+    return made
 
 
 def _unit_lines(mapping: Mapping) -> str:

@@ -1,15 +1,19 @@
 """A correction: what one mistake did to a recording or its robot file, undone; and corrections joined."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import reduce
+from itertools import product
+
+import numpy as np
 
 from datasets.columns import AXES, MEASURED, POINT, QUATERNION, joint_columns
 from datasets.recording import OTHER
 from robot_model.measurements import second_ends
 
 LABELS = ("ball", "reflector")
+_MOST_DIGITS = 6
 
 
 @dataclass(frozen=True)
@@ -114,3 +118,33 @@ def revolute_columns(recording) -> list[str]:
 def has_orientation(recording) -> bool:
     """Whether quaternions are measured."""
     return set(QUATERNION) <= set(recording.columns) and recording.measures == "external-pose"
+
+
+def lost_decimal_points(recording, names, largest: float) -> Iterator[Correction]:
+    """Columns of whole numbers with a decimal point some digits from the right, as far as no value exceeds `largest`.
+
+    The columns together, where all hold large whole numbers, and each by itself.
+    """
+    whole = [name for name in names if _is_too_large(recording.columns[name], largest)]
+    groups = [(name,) for name in whole]
+    groups += [tuple(whole)] if len(whole) > 1 else []
+    for columns, digits in product(groups, range(1, _MOST_DIGITS + 1)):
+        size = max(np.abs(recording.columns[name]).max() for name in columns) / 10.0**digits
+        if size < largest:
+            yield _decimal_point(columns, digits)
+
+
+def _is_too_large(values: np.ndarray, largest: float) -> bool:
+    return bool((values == np.round(values)).all() and np.abs(values).max() > largest)
+
+
+def _decimal_point(names, digits: int) -> Correction:
+    one = len(names) == 1
+    return column_correction(
+        "decimal-point",
+        named_columns(names),
+        f"{'has' if one else 'have'} lost {'its' if one else 'their'} decimal point",
+        f"divide {'it' if one else 'them'} by {10**digits}",
+        lambda columns: {name: columns[name] / 10.0**digits for name in names},
+        names,
+    )

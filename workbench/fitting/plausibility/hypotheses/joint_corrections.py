@@ -10,6 +10,7 @@ from workbench.fitting.plausibility.hypotheses.corrections import (
     Correction,
     column_correction,
     listed,
+    lost_decimal_points,
     named_columns,
     revolute_columns,
 )
@@ -38,6 +39,7 @@ def joint_corrections(recording) -> Iterator[Correction]:
     if len(joints) > 2:
         yield sign_correction(tuple(joints), parts=1)  # one convention, of all of them
     yield from _units(recording, joints)
+    yield from lost_decimal_points(recording, revolute_columns(recording), _WIDEST_DEG)
     # an offset of the first joint is absorbed by the base, one of the last joint by the tool
     yield from _offsets([name for name in joints[1:-1] if name.endswith("_deg")])
     yield from _orders(joints)

@@ -12,6 +12,7 @@ from workbench.fitting.plausibility.hypotheses.corrections import (
     column_correction,
     has_orientation,
     listed,
+    lost_decimal_points,
     named_columns,
     point_columns,
 )
@@ -31,6 +32,7 @@ def point_corrections(recording) -> Iterator[Correction]:
     """Every single mistake of the measured columns."""
     lengths = point_columns(recording)
     yield from _units(recording, lengths)
+    yield from lost_decimal_points(recording, lengths, _FARTHEST_MM)
     if set(POINT) <= set(recording.columns):
         yield from _axes(recording)
     if has_orientation(recording):

@@ -22,9 +22,8 @@ def row_corrections(recording) -> Iterator[Correction]:
     labelled = [c for c in LABELS if c in recording.columns and np.ptp(recording.columns[c]) > 0]
     names = observed_columns(recording)
     bare = [c for c in names if c not in LABELS]
-    step = _rows_a_pose(recording)
-    shifts = (1, -1, step, -step, 2, -2, 2 * step, -2 * step)
-    for rows in dict.fromkeys(shifts):
+    step = _rows_per_pose(recording)
+    for rows in shift_steps(recording):
         yield _shifted(names, rows)
         if labelled:
             yield _shifted(bare, rows)
@@ -33,7 +32,19 @@ def row_corrections(recording) -> Iterator[Correction]:
         yield from (_column_late(name, rows) for rows in (step, -step))
 
 
-def _rows_a_pose(recording) -> int:
+def shift_steps(recording) -> tuple[int, ...]:
+    """Rows by which measurements may be displaced: one or two rows, or one or two poses of several rows."""
+    pose = _rows_per_pose(recording)
+    return tuple(dict.fromkeys((1, -1, pose, -pose, 2, -2, 2 * pose, -2 * pose)))
+
+
+def place_of_measurement(step: int) -> str:
+    """Whose measurement a row holds if its own one is `step` rows below: "the row before" for 1."""
+    count = {1: "the row", 2: "the second row"}.get(abs(step), f"the {abs(step)}th row")
+    return f"{count} {'before' if step > 0 else 'after'}"
+
+
+def _rows_per_pose(recording) -> int:
     """The usual number of consecutive rows with equal joint readings."""
     if recording.n < 2:
         return 1
@@ -50,11 +61,10 @@ def _shifted(names, step) -> Correction:
         columns = {c: v[mine + step if c in names else mine] for c, v in recording.columns.items()}
         return robot, replace(recording, columns=columns)
 
-    count = "the row" if abs(step) == 1 else f"the {abs(step)}th row"
     return Correction(
         "rows-shifted",
         "rows",
-        f"hold the measurement of {count} {'after' if step < 0 else 'before'}",
+        f"hold the measurement of {place_of_measurement(step)}",
         f"move the measured columns {'up' if step > 0 else 'down'} by {abs(step)} row{'s' * (abs(step) > 1)}",
         frozenset({ROWS}),
         apply,
