@@ -14,7 +14,7 @@ from export_scenes import CURVE, GEOMETRY, arm_with, covariates_of, exported, fl
 from robot_model import load_robot
 from scenes import ABB, CRAIG, SLIDING
 from workbench.core.errors import InputError
-from workbench.files.exports.check import check_python
+from workbench.files.exports.check import check_program, check_python
 from workbench.files.exports.mdh import calibrated_geometry
 from workbench.files.exports.mjcf import control_terms, left_out, mjcf
 from workbench.files.exports.programs import LANGUAGES, Program, program_text, read_program
@@ -257,16 +257,45 @@ def test_terms_that_are_no_springs_go_into_the_servo_targets():
 def test_a_program_holds_the_corrected_targets(language):
     robot = load_robot(ABB)
     readings = readings_of(robot, 5)
-    text = program_text(Program(readings, "weld", "ABB", 0.05), language, robot)
+    text = program_text(Program(readings, "weld", "ABB", 0.05), language)
     np.testing.assert_allclose(read_program(text, language), readings, atol=1e-9)
     assert "0.05 mm" in text and "weld" in text
     with pytest.raises(InputError, match="program name"):
-        program_text(Program(readings, "1 weld", "ABB", 0.05), language, robot)
+        program_text(Program(readings, "1 weld", "ABB", 0.05), language)
     with pytest.raises(InputError, match="without; correct the targets"):
-        program_text(Program(np.nan * readings, "weld", "ABB", 0.05), language, robot)
-    sliding = load_robot(SLIDING)
-    with pytest.raises(InputError, match="six joints that turn"):
-        program_text(Program(readings, "weld", "x", 0.05), language, sliding)
+        program_text(Program(np.nan * readings, "weld", "ABB", 0.05), language)
+    with pytest.raises(
+        InputError, match="six joints that turn, and at most six linear axes, found 5"
+    ):
+        program_text(Program(readings[:, :5], "weld", "x", 0.05), language)
+
+
+TRACK_FIRST, TRACK_LAST = (True, *(False,) * 6), (*(False,) * 6, True)
+
+
+@pytest.mark.parametrize("language", ["krl", "rapid"])
+@pytest.mark.parametrize("slides", [TRACK_FIRST, TRACK_LAST])
+def test_a_linear_axis_is_an_external_axis(language, slides):
+    turning, track = readings_of(load_robot(ABB), 4), np.array([-20.5, 0.0, 1234.56789, 7.0])
+    place = slides.index(True)
+    program = Program(np.insert(turning, place, track, axis=1), "weld", "x", 0.05, slides)
+    text = program_text(program, language)
+    check_program(program, text, language)
+    if language == "krl":
+        pattern = r"PTP \{E6AXIS: (.*)\}"
+        rows = [dict(word.split() for word in row.split(", ")) for row in re.findall(pattern, text)]
+        found = [[*(row[f"A{k}"] for k in range(1, 7)), row["E1"]] for row in rows]
+    else:
+        pattern = r":= \[\[(.*)\], \[(.*), 9E9, 9E9, 9E9, 9E9, 9E9\]\];"
+        found = [[*axes.split(", "), eax_a] for axes, eax_a in re.findall(pattern, text)]
+    wanted = np.column_stack([np.rad2deg(turning), track])
+    np.testing.assert_allclose(np.array(found, float), wanted, atol=1e-6)
+
+
+def test_urscript_moves_no_linear_axis():
+    program = Program(np.zeros((2, 7)), "weld", "x", 0.05, TRACK_LAST)
+    with pytest.raises(InputError, match="movej moves the six joints of the arm only"):
+        program_text(program, "urscript")
 
 
 def test_programs_say_the_same_without_the_own_reader():
@@ -275,17 +304,17 @@ def test_programs_say_the_same_without_the_own_reader():
     readings = readings_of(robot, 5)
     program = Program(readings, "weld", "ABB", 0.05)
     moves = []
-    script = program_text(program, "urscript", robot)
+    script = program_text(program, "urscript")
     lines = [line for line in script.splitlines() if line.strip() != "end"]
     called = [line for line in lines if line.strip() == "weld()"]
     scope = {"movej": lambda joints, a, v: moves.append(joints)}
     exec("\n".join(lines if called else [*lines, "weld()"]), scope)
     np.testing.assert_allclose(moves, readings, atol=1e-9)
-    axes = re.findall(r"\bA[1-6] (-?[0-9.]+)", program_text(program, "krl", robot))
+    axes = re.findall(r"\bA[1-6] (-?[0-9.]+)", program_text(program, "krl"))
     np.testing.assert_allclose(
         np.reshape(axes, (5, 6)).astype(float), np.rad2deg(readings), atol=1e-6
     )
-    targets = re.findall(r":= \[\[([^]]+)\]", program_text(program, "rapid", robot))
+    targets = re.findall(r":= \[\[([^]]+)\]", program_text(program, "rapid"))
     numbers = [[float(cell) for cell in row.split(",")] for row in targets]
     np.testing.assert_allclose(numbers, np.rad2deg(readings), atol=1e-6)
 

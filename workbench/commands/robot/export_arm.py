@@ -211,6 +211,7 @@ def _ros(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
 
 def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
     """A program whose targets are corrected; refused where `workbench compensate` would refuse one of them."""
+    from robot_model.state import sliding
     from workbench.files.exports.check import check_program
     from workbench.files.exports.programs import Program, program_text
     from workbench.files.targets import read_programme
@@ -244,10 +245,11 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
             "program whose positions are to be corrected"
         )
     name = file.stem.replace("-", "_")
-    program = Program(found.readings, name, arm.robot.name, arm.held_out_mm)
-    text = program_text(program, to, arm.robot)
+    slides = tuple(sliding(arm.robot).tolist())
+    program = Program(found.readings, name, arm.robot.name, arm.held_out_mm, slides)
+    text = program_text(program, to)
     back()
-    check_program(found.readings, text, to)
+    check_program(program, text, to)
     return ArmExport({file: text}, [], notes)
 
 

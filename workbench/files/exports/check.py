@@ -19,6 +19,7 @@ from workbench.core.text.structured_text import ContentError, read_toml
 from workbench.files.exports.camera import read_camera_text
 from workbench.files.exports.hand_eye import StaticTransform, read_launch_yaml, read_transform_yaml
 from workbench.files.exports.mdh import calibrated_geometry, read_mdh
+from workbench.files.exports.programs import Program, read_program
 from workbench.files.exports.urdf import is_coupled, joint_signs
 from workbench.files.solution_file import CalibratedArm
 
@@ -140,11 +141,10 @@ def check_patched_urdf(arm: CalibratedArm, content: bytes, spec: dict, exact: bo
         raise _Differs("the patched URDF read back puts the flange elsewhere")
 
 
-def check_program(readings: np.ndarray, text: str, language: str) -> None:
-    """RuntimeError where the program does not hold the readings (n, 6) rad."""
-    from workbench.files.exports.programs import read_program
-
-    again = read_program(text, language)
+def check_program(program: Program, text: str, language: str) -> None:
+    """RuntimeError where the text does not hold the readings of the program."""
+    readings = program.readings
+    again = read_program(text, language, program.slides)
     if again.shape != readings.shape or np.abs(again - readings).max(initial=0) > _SAME:
         raise _Differs(f"the {language} program read back has other targets")
 
