@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 
 from datasets.importers.mapping.headers import read_header
-from datasets.importers.mapping.model import read_mapping
+from datasets.importers.mapping.model import Group, Mapping, read_mapping
 from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, write_rows
+from robot_model import load_robot
+from scenes import SLIDING
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility import check_plausibility
 from workbench.recordings.importing import ImportOptions, import_recording
+from workbench.recordings.importing.builder import Builder
 
 POINT = ["X [mm]", "Y [mm]", "Z [mm]"]
 
@@ -131,3 +134,15 @@ def test_a_table_without_a_named_robot_names_robot_and_column(tmp_path, truth):
 def test_another_quantity_of_a_joint_is_no_reading(unit):
     assert read_header(f"J1 [{unit}]").kind != "joint"
     assert read_header("J1 [°]").kind == read_header("J1 [mm]").kind == "joint"
+
+
+@pytest.mark.parametrize("unit, point, expected", [("deg", "m", "m"), ("rad", None, "mm")])
+def test_the_mapping_states_the_unit_of_prismatic_joints(unit, point, expected):
+    robot = load_robot(SLIDING)
+    slides = robot.prismatic
+    names = tuple(f"J{k}" for k in range(1, len(slides) + 1))
+    mapping = Mapping(joints=Group(names, unit, None), point=Group(("X", "Y", "Z"), point, None))
+    made = Builder(None, {}, robot, None).with_lengths_of_slides(mapping)
+    assert slides.any()
+    assert made.joints.unit == tuple(expected if slide else unit for slide in slides)
+    assert Builder(None, {}, robot, None).with_lengths_of_slides(made) == made

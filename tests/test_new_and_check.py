@@ -1,17 +1,22 @@
 """`workbench new` writes templates that calibrate as they are; `workbench check` judges recordings before any fit."""
 
 import json
+import tomllib
 from dataclasses import replace
+from importlib import resources
 
 import numpy as np
 import pytest
+import tomli_w
 
 import datasets
 from datasets.columns import KINDS
 from workbench.commands.cli import run
+from workbench.jobs.robot.simulate import simulate
 from workbench.recordings.inspection import inspect_recording
 from workbench.recordings.inspection.repeats import repeats_of
 from workbench.recordings.templates import write_template
+from workbench.recordings.templates.images import write_reachable_scene
 
 TABLES = [kind for kind in KINDS if not KINDS[kind].images]
 
@@ -172,3 +177,15 @@ def test_the_page_states_a_failing_verdict_once(tmp_path):
     page = inspection.page(made)
     assert page.warning == made.sentence
     assert made.sentence not in page.lead
+
+
+@pytest.mark.parametrize("name", ["abb_irb120", "kuka_kr6_r900"])
+def test_the_balls_of_the_scanner_are_within_reach_of_the_named_robot(name, tmp_path):
+    keys = tomllib.loads(resources.files("robot_model").joinpath(f"robots/{name}.toml").read_text())
+    scene = resources.files("workbench").joinpath("files/demo_scenes/scanner-on-arm.arm.toml")
+    text = scene.read_text().replace('"abb_irb120"', '"robot.toml"')
+    (tmp_path / "robot.toml").write_text(tomli_w.dumps(keys))
+    write_reachable_scene(tmp_path / "scene.toml", text, keys)
+    written = (tmp_path / "scene.toml").read_text()
+    assert (written == text) == (name == "abb_irb120")  # the example's own arm stays where it is
+    assert simulate(tmp_path / "scene.toml").n == 30

@@ -24,6 +24,7 @@ from datasets.importers.sources import (
 )
 from datasets.importers.sources.pose_files import STRUCTURED, read_pose_files
 from datasets.importers.sources.reshaped import one_row_per_sample
+from datasets.importers.sources.summary_rows import without_summary_rows
 
 IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"}
 _TEXT = {".csv", ".tsv", ".txt", ".log", ".asc", ".dat", ".prn", ".tab", ".res", ".pos", ""}
@@ -91,7 +92,7 @@ def _read_file(path: Path, scratch: Path) -> Source:
     if suffix in IMAGES:
         return Source(images=(ImageFile(path, path.name),))
     if suffix in _EXCEL:
-        return Source(tables=tuple(excel.read_excel(path)))
+        return Source(tables=tuple(map(without_summary_rows, excel.read_excel(path))))
     if suffix == ".mat":
         return Source(tables=tuple(arrays.read_matlab(path)))
     if suffix in {".parquet", ".pq", ".feather"}:
@@ -111,7 +112,7 @@ def _read_file(path: Path, scratch: Path) -> Source:
             return Source(tables=tuple(robot_programs.read_robot_program(path)))
         if axis_reports.is_axis_report(path):
             return Source(tables=tuple(axis_reports.read_axis_report(path)))
-        return Source(tables=(text_tables.read_text_table(path),))
+        return Source(tables=(without_summary_rows(text_tables.read_text_table(path)),))
     return _read_unknown(path, suffix)
 
 
@@ -133,7 +134,7 @@ def _read_unknown(path: Path, suffix: str) -> Source:
     """The table of a file with an unusual extension, as far as it is text. Raises InputError for other files."""
     try:
         if suffix not in _UNREADABLE or suffix in _OFTEN_TEXT:
-            return Source(tables=(text_tables.read_text_table(path),))
+            return Source(tables=(without_summary_rows(text_tables.read_text_table(path)),))
     except InputError:
         pass  # the sentence on the kind of the file says more
     if suffix in _UNREADABLE:

@@ -16,6 +16,7 @@ from datasets.importers.sources.text_tables import (
 from datasets.importers.units import length_unit_in_text
 
 _TITLE_ROWS = 60
+_SHOWN_ROWS, _SHOWN_TEXT = 6, 40
 
 
 def read_excel(path: Path) -> list[RawTable]:
@@ -60,6 +61,13 @@ def _sheet_table(path: Path, sheet) -> RawTable | None:
         if number > first and any(map(_is_number, row))
     ]
     lines = [number for number, _ in data]
+    skipped = [
+        (number, row)
+        for number, row in enumerate(rows, 1)
+        if number > first
+        and not any(map(_is_number, row))
+        and any(cell is not None for cell in row)
+    ]
     called = f"{path.name}, sheet {sheet.title}"
     columns, stated = {}, {}
     for k, name in enumerate(names):
@@ -75,6 +83,23 @@ def _sheet_table(path: Path, sheet) -> RawTable | None:
         np.array(lines),
         units=stated,
         default_units={"length": unit} if unit else {},
+        warnings=_without_numbers(called, skipped),
+    )
+
+
+def _without_numbers(called: str, rows: Sequence[tuple[int, Sequence]]) -> tuple[str, ...]:
+    """A sentence on rows below the first sample that hold text only."""
+    if not rows:
+        return ()
+    shown = [
+        f"{number} ({_text(next(cell for cell in row if cell is not None))[:_SHOWN_TEXT]!r})"
+        for number, row in rows[:_SHOWN_ROWS]
+    ]
+    more = f" and {len(rows) - _SHOWN_ROWS} more" if len(rows) > _SHOWN_ROWS else ""
+    is_one = len(rows) == 1
+    return (
+        f"{called}: {'row' if is_one else 'rows'} {', '.join(shown)}{more} {'holds' if is_one else 'hold'} no number, "
+        f"and {'is' if is_one else 'are'} left out.",
     )
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from datasets.importers.mapping.column_units import each_unit, joined_units
 from datasets.importers.mapping.conversion import (
     axis_columns,
     joint_columns,
@@ -14,6 +15,7 @@ from datasets.importers.mapping.conversion import (
 )
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.source import RawTable
+from datasets.importers.units import LENGTHS
 from datasets.recording import Recording
 from robot_model.robot import Robot
 from robot_model.state import sliding
@@ -46,9 +48,21 @@ class Builder:
 
     def readings(self, mapping: Mapping) -> dict[str, np.ndarray]:
         """q1_deg ... (qK_mm of a prismatic joint)."""
-        stated = None if mapping.point is None else mapping.point.unit
-        length = (stated[0] if isinstance(stated, tuple) else stated) or "mm"
+        length = _length_of_slides(mapping)
         return joint_columns(self.table, mapping.joints, sliding(self.robot), length)
+
+    def with_lengths_of_slides(self, mapping: Mapping) -> Mapping:
+        """The mapping with the unit of the readings of prismatic joints, which one unit for all does not state."""
+        slides = sliding(self.robot)
+        group = mapping.joints
+        if not slides.any() or group.counts_per_deg is not None:
+            return mapping
+        length = _length_of_slides(mapping)
+        units = [
+            length if slide and unit not in LENGTHS else unit
+            for slide, unit in zip(slides, each_unit(group.unit, len(slides)))
+        ]
+        return mapping.updated("joints", unit=joined_units(units))
 
     def _other_columns(self, mapping: Mapping) -> dict[str, np.ndarray]:
         """Columns that depend neither on units nor on conventions; times take long to read, and are read once."""
@@ -80,6 +94,12 @@ class Builder:
             balls=balls,
             name=self.options.name,
         )
+
+
+def _length_of_slides(mapping: Mapping) -> str:
+    """The unit of prismatic joints whose column states none: that of the measured point."""
+    stated = None if mapping.point is None else mapping.point.unit
+    return (stated[0] if isinstance(stated, tuple) else stated) or "mm"
 
 
 def _named_groups(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

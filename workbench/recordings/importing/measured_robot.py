@@ -174,7 +174,8 @@ def _finished(decided: DecidedTable, found, options) -> Made:
     lines = builder.table.lines
     checked = check_fit(builder.robot, recording, decision.fits, options.trust_data, lines)
     said = (*decided.said, *checked)
-    return Made(recording, decision.mapping, decision.fits, said, clocks, checked)
+    mapping = builder.with_lengths_of_slides(decision.mapping)
+    return Made(recording, mapping, decision.fits, said, clocks, checked)
 
 
 def _decide_clocks(found, mapping, candidates, options, progress) -> ClockDecision | None:

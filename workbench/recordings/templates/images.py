@@ -3,17 +3,22 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib import resources
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import tomli_w
 from scipy.spatial.transform import Rotation
 
+from datasets.errors import complaint
 from datasets.formats.recording1 import read_recording
 from datasets.formats.recording1_writer import write_csv
 from datasets.recording import Recording
+from robot_model import load_robot
+from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_matrix, transform
 from workbench.core.text.csv_text import csv_text
+from workbench.jobs.robot.simulate import simulate
 from workbench.jobs.sensor.render import render
 
 _BOARDS = """
@@ -48,6 +53,10 @@ _BOARD = transform(
     np.array([550.0, 60.0, 20.0]),
 )
 _POSE_SIGMA_MM = 0.05
+_EXAMPLE_BASE, _EXAMPLE_REACH_MM = "xyz_mm = [-420.0, -30.0, -120.0]", 1004.0
+_AWAY_MM, _BELOW_MM = (420.0, 340.0, 500.0), (-120.0, 0.0, -250.0, 120.0)
+_SHARES = ("", "share_of_limits = 0.95\n")
+"""Of the base in the frame of the balls, for the arm of the example and any arm in proportion to its reach."""
 
 
 def board_images(folder: Path, progress) -> Recording:
@@ -91,8 +100,33 @@ def scan_images(folder: Path, robot: Mapping, progress) -> Recording:
     place = folder.parent
     (place / "robot.toml").write_text(tomli_w.dumps(dict(robot)), encoding="utf-8")
     arm = arm.replace('robot = "abb_irb120"', 'robot = "robot.toml"')
-    (place / "scanner-on-arm.arm.toml").write_text(arm, encoding="utf-8")
+    write_reachable_scene(place / "scanner-on-arm.arm.toml", arm, robot)
     path = place / "scanner-on-arm.toml"
     path.write_text(scene, encoding="utf-8")
     render(path, folder, progress)
     return read_recording(folder)
+
+
+def write_reachable_scene(path: Path, scene: str, keys: Mapping) -> None:
+    """Write the scene of the arm with the balls where this arm can look at them from above. Raises InputError.
+
+    Places are those of the example's arm in proportion to the reach, then nearer, farther, lower and higher ones.
+    """
+    robot = load_robot(keys, str(path))
+    ratio = float(np.abs(robot.geometry[:, 1:3]).sum()) / _EXAMPLE_REACH_MM
+    for share, away, below in product(_SHARES, _AWAY_MM, _BELOW_MM):
+        base = [-ratio * away, -30.0 * ratio, ratio * below]
+        numbers = ", ".join(f"{value:.1f}" for value in base)
+        placed = scene.replace(_EXAMPLE_BASE, f"xyz_mm = [{numbers}]")
+        path.write_text(f"{share}{placed}", encoding="utf-8")
+        try:
+            simulate(path)
+        except InputError:
+            continue
+        return
+    raise complaint(
+        f"workbench new scan-images --robot, robot '{robot.name}'",
+        "an arm that can look at balls from above at one of the places that are tried",
+        "that it reaches too few views, as with joint limits or zero positions that are not those of the arm",
+        "correct the robot file, or omit --robot and replace the example's robot afterwards",
+    )
