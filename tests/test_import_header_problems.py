@@ -71,10 +71,11 @@ def test_what_the_headers_say_stands_in_the_example(truth, tmp_path):
     assert keys["point"]["columns"] == ["a", "b", "c"]
 
 
-def test_the_proposal_holds_the_example_as_comments(table, tmp_path, capsys):
+def test_the_proposal_is_the_example_where_nothing_fits_the_robot(table, tmp_path, capsys):
     path = tmp_path / "map.toml"
     assert run(["import", str(table), "--robot", "ur10", "--propose", str(path)]) == 0
     capsys.readouterr()
     text = path.read_text(encoding="utf-8")
-    assert tomllib.loads(text) == {"format": "import/1"}
-    assert '# columns = ["f1", "f2", "f3", "f4", "f5", "f6"]' in text
+    keys = tomllib.loads(text)
+    assert keys["robot"] == "ur10" and "CHECK" in text
+    assert keys["joints"]["columns"] == ["f1", "f2", "f3", "f4", "f5", "f6"]

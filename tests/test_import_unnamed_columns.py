@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from datasets.importers.mapping.headers import read_header
+from datasets.importers.mapping.model import read_mapping
 from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, write_rows
 from robot_model import load_robot
 from workbench.commands.cli import run
@@ -126,3 +127,26 @@ def test_a_left_handed_frame_is_said(truth, tmp_path):
     path = write_rows(tmp_path / "t.csv", [*JOINTS, "Ost", "Nord", "Tiefe"], cells)
     made = import_recording([path], tmp_path / "out", UR10)
     assert "form a left-handed frame" in made.warnings[0]
+
+
+def test_two_tables_without_a_known_header_are_read_in_their_order(truth, tmp_path):
+    log = write_rows(tmp_path / "log.csv", JOINTS, degrees(truth))
+    header = ["Punkt-Nr.", "Ost [m]", "Nord [m]", "Quote [m]"]
+    numbers = 100.0 + np.arange(truth.n)
+    rows = np.column_stack([numbers, truth.points / 1000])
+    tracker = write_rows(tmp_path / "tracker.csv", header, rows)
+    made = import_recording([log, tracker], tmp_path / "out", UR10)
+    assert_same_rows(made.recording, truth)
+    with pytest.raises(InputError, match="add --robot"):
+        import_recording([log, tracker], tmp_path / "again", ImportOptions())
+
+
+def test_the_proposal_has_the_columns_that_fit_the_robot(truth, tmp_path, capsys):
+    path, file = table(tmp_path / "t.csv", truth), tmp_path / "map.toml"
+    assert run(["import", str(path), "--robot", "ur10", "--propose", str(file)]) == 0
+    assert "CHECK, a guess from the fit to the robot" in file.read_text("utf-8")
+    assert run(["import", str(path), "--map", str(file), "--out", str(tmp_path / "out")]) == 0
+    capsys.readouterr()
+    proposed = read_mapping(file)
+    assert proposed.joints.columns == tuple(JOINTS)
+    assert proposed.point.columns == ("Ost", "Nord", "Höhe")

@@ -69,6 +69,8 @@ TimeOffset = Annotated[
         "or SECONDS to add to the times of the shorter table. Default: what --map states, else auto.",
     ),
 ]
+_GUESS_S = 30.0
+"""Processor time of the test of unknown columns on the robot."""
 Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask whether the preview is right.")]
 
 
@@ -164,12 +166,19 @@ def _propose(sources: Sequence[Path], file: Path, options, json: str | None) -> 
                 raise
             _write_unjoined(*unjoined, problem, file, json)
             return
+    found, guess = _guessed(found, options)
     left = never_read(found, found.mapping, with_times=True)
     unused = ", ".join(f"'{name}'" for name in left) or "none"
     said = (*found.warnings, *found.left_out())
-    lines = ["Proposed from the headers. Columns that are not used: " + unused, *said]
+    lines = ["Proposed from the headers. Columns that are not used: " + unused, *said, *guess]
     comment = "".join(f"# {line}\n" for line in lines)
-    write_mapping(found.mapping, file, comment + _commented_example(found, options))
+    example = _example(found, options)
+    if example:
+        file.write_text(
+            f"{comment}# Correct the lines with CHECK and FILL IN.\n\n{example}", "utf-8"
+        )
+    else:
+        write_mapping(found.mapping, file, comment)
     result = {"command": "import", "mapping": found.mapping.as_keys(), "file": file}
     answer.deliver({**result, "unused_columns": list(left), "warnings": list(said)}, json)
     console = answer.console(json)
@@ -190,17 +199,44 @@ def _write_unjoined(mapping, comment: str, problem: InputError, file: Path, json
     console.print(str(file), markup=False, soft_wrap=True)
 
 
-def _commented_example(found, options) -> str:
-    """Comment lines with a complete mapping file where the headers leave quantities of a robot open."""
+def _guessed(found, options):
+    """What was found with the columns without a known header that fit the robot, and a comment on them.
+
+    Unchanged and () where no robot is named, or no set of columns fits it, or several do.
+    """
+    from dataclasses import replace
+
+    from workbench.core.deadline import OutOfTime, limited
+    from workbench.recordings.importing.measured_robot import with_unnamed_columns
+
+    if not _is_robot(found) or _is_complete(found.mapping):
+        return found, ()
+    try:
+        with answer.progress("testing columns on the robot") as say, limited(_GUESS_S, say):
+            mapping, said = with_unnamed_columns(found, replace(options, ask=None), say)
+    except (InputError, OutOfTime):
+        return found, ()
+    if not said:
+        return found, ()
+    guess = f"CHECK, a guess from the fit to the robot: {' '.join(said)}"
+    return replace(found, mapping=replace(mapping, robot=options.robot or mapping.robot)), (guess,)
+
+
+def _is_robot(found) -> bool:
+    return found.table is not None and not found.source.images and not found.source.clouds
+
+
+def _is_complete(mapping) -> bool:
+    return mapping.joints is not None and mapping.measures is not None
+
+
+def _example(found, options) -> str:
+    """A complete mapping file where the headers leave quantities of a robot open; "" where they leave none."""
     from workbench.recordings.importing.header_problems import table_example
 
-    mapping, source = found.mapping, found.source
-    is_robot = found.table is not None and not source.images and not source.clouds
-    if not is_robot or (mapping.joints is not None and mapping.measures is not None):
+    if not _is_robot(found) or _is_complete(found.mapping):
         return ""
-    text = table_example(found.table, mapping, options.robot or mapping.robot)
-    rows = "".join(f"# {line}".rstrip() + "\n" for line in text.splitlines())
-    return f"# A complete file; correct the lines with CHECK and FILL IN and remove the number signs:\n#\n{rows}"
+    return table_example(found.table, found.mapping, options.robot or found.mapping.robot)
 
 
 def _import(sources: Sequence[Path], out: Path, options, json: str | None, yes: bool) -> None:

@@ -76,7 +76,7 @@ def find_mapping(
         source, said = joined_image_sessions(source)
         warnings = (*warnings, *said)
     if is_plain and mapping.join.by in (None, APPEND):
-        useful, ignored = _useful(source, mapping)
+        useful, ignored = _useful(source, options)
         groups = session_groups(useful, mapping)
         if groups:
             return _found_sessions(source, groups, options, (*warnings, *_not_read(ignored)))
@@ -92,7 +92,7 @@ def _found_in(source: Source, tables: Sequence[RawTable], options) -> Found:
 
     Tables without a known header are read where the others do not hold all that a recording needs.
     """
-    useful, ignored = _useful(replace(source, tables=tuple(tables)), options.mapping)
+    useful, ignored = _useful(replace(source, tables=tuple(tables)), options)
     found = _joined(source, useful, options)
     is_table = not (source.images or source.clouds or options.ball_radius_mm)
     if ignored and is_table and not _is_complete(found.mapping):
@@ -199,8 +199,12 @@ def _not_alike(source: Source) -> InputError:
     )
 
 
-def _useful(source: Source, mapping: Mapping) -> tuple[list[RawTable], list[RawTable]]:
-    """Tables with at least one known set of columns, and the others."""
+def _useful(source: Source, options) -> tuple[list[RawTable], list[RawTable]]:
+    """Tables with at least one known set of columns, and the others.
+
+    Where no header is known, all are read for the test of unknown columns on the robot. Raises InputError without one.
+    """
+    mapping, robot = options.mapping, options.robot or options.mapping.robot
     named = set(mapping.columns)
     for quantity in QUANTITIES:
         group = getattr(mapping, quantity)
@@ -209,7 +213,7 @@ def _useful(source: Source, mapping: Mapping) -> tuple[list[RawTable], list[RawT
     if not useful:
         if len(source.tables) == 1 or source.images:
             return list(source.tables[:1]), []
-        if session_groups(source.tables, mapping):
+        if robot is not None or session_groups(source.tables, mapping):
             return list(source.tables), []
         raise _nothing_known(source.tables[0], mapping)
     return useful, [t for t in source.tables if not any(t is one for one in useful)]

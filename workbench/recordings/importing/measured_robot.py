@@ -117,7 +117,7 @@ def decide_table(found, options, progress) -> DecidedTable:
 
 def _with_robot(found, options, progress):
     """The mapping with columns and robot, every robot that the name may mean, and sentences on what was assumed."""
-    mapping, said = _with_unnamed(found, options, progress)
+    mapping, said = with_unnamed_columns(found, options, progress)
     table = found.table
     named = options.robot or mapping.robot
     missing = _missing(table, mapping)
@@ -131,7 +131,7 @@ def _with_robot(found, options, progress):
     return mapping, _candidates(named, table, mapping), said
 
 
-def _with_unnamed(found, options, progress) -> tuple[Mapping, tuple[str, ...]]:
+def with_unnamed_columns(found, options, progress) -> tuple[Mapping, tuple[str, ...]]:
     """The mapping with columns whose headers are unknown, where one set of them fits the robot, and a sentence."""
     named = options.robot or found.mapping.robot
     if named is None or found.timed is not None or options.mapping.measures is not None:
