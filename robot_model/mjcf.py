@@ -241,12 +241,10 @@ class MjcfTree(Tree):
         names = [name for name in self.joints if name in driven]
         return names or None
 
-    def farthest_leaf(self) -> str:
-        """The site `flange`, else the leaf beyond most joints that move; a site goes before bodies."""
-        for name in _TIPS:
-            if name in self.links:
-                return name
-        return super().farthest_leaf()
+    def flanges(self) -> list[str]:
+        """The site `flange`, else the last links of every arm; a site goes before bodies."""
+        stated = [name for name in _TIPS if name in self.links]
+        return stated[:1] or super().flanges()
 
     def _ends_of(self, leaves: list[str]) -> list[str]:
         sites = [name for name in leaves if name in self._sites]

@@ -154,10 +154,14 @@ class Tree:
             tip = joints[-1].parent
         return joints[::-1]
 
+    def flanges(self) -> list[str]:
+        """The last links that may be the flange of an arm, of every arm of the file."""
+        ends = [end for leaves in self._arms() for end in self._ends_of(leaves)]
+        return sorted(ends, key=lambda end: end.endswith(NAMELESS))
+
     def farthest_leaf(self) -> str:
         """The leaf beyond most joints that move. Raises InputError where there are several, or another arm."""
-        ends = [end for leaves in self._arms() for end in self._ends_of(leaves)]
-        ends.sort(key=lambda end: end.endswith(NAMELESS))
+        ends = self.flanges()
         if len(ends) > 1:
             choice = f'tip = "{ends[0]}" under [robot], or {self.file.name}#{ends[0]}'
             raise wrong(

@@ -10,11 +10,14 @@ import pytest
 from app_access import CONTRAST, missed_controls
 from app_browser import choose_option, opened_app, text_of, trace, wait_for_text
 from import_tables import nearly_one_orientation
+from robot_model import load_robot
+from test_mjcf_files import cell
 from workbench.app.wizard.draft import Draft, folder_of, positive
 from workbench.app.wizard.files import Dropped, safe_name
 from workbench.app.wizard.form import form_rows, other_rows, with_cell
 from workbench.app.wizard.trial import Trial
 from workbench.core.errors import InputError
+from workbench.recordings.importing.robots import robot_keys
 
 JOINTS = [f"Achse {k}" for k in range(1, 7)]
 POINTS = [f"Messpunkt {axis}" for axis in "XYZ"]
@@ -370,3 +373,16 @@ def test_the_imported_recording_can_be_calibrated(page, served):
 def test_no_script_error_occurred(page):
     assert page.problems == []
     assert "bug" not in (text_of(page, "job") if page.locator("[data-text=job]").count() else "")
+
+
+def test_each_arm_of_a_file_is_a_choice():
+    dropped = Dropped()
+    text = cell([("left", 6), ("right", 6)]).encode()
+    dropped.add(
+        [{"name": "cell.xml", "content": text}, {"name": "t.csv", "content": b"a,b\n1,2\n"}]
+    )
+    assert dropped.robots == ["cell.xml#left/tcp", "cell.xml#right/tcp"]
+    assert [path.name for path in dropped.sources([])] == ["t.csv"]
+    chosen = Draft(dropped=dropped, robot="cell.xml#right/tcp").options().robot
+    assert chosen == str(dropped.folder / "cell.xml#right/tcp")
+    assert load_robot(robot_keys(chosen, "robot")).joints == 6

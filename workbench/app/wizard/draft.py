@@ -21,8 +21,8 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,79}")
 class Draft:
     """What the wizard holds; `table` None where there is none, `trial` None while a mapping is not tested.
 
-    `robot` and `artefact`: a built-in name or a dropped file, "" for none. `board`, `sigma`, `ball_radius`: text
-    fields. The mapping holds what the headers state and what the user changed.
+    `robot` and `artefact`: a built-in name or a dropped file, FILE#LINK for one of several arms, "" for none.
+    `board`, `sigma`, `ball_radius`: text fields. The mapping holds what the headers state and what the user changed.
     """
 
     dropped: Dropped = field(default_factory=Dropped)
@@ -95,7 +95,7 @@ class Draft:
     def options(self) -> ImportOptions:
         """Options of the importer. Raises InputError for an incomplete mapping, and for what is no number or board."""
         folder = self.dropped.folder
-        is_file = self.robot in self.dropped.names
+        is_file = self.robot in self.dropped.robots
         robot = str(folder / self.robot) if is_file else self.robot or None
         return ImportOptions(
             robot=robot,

@@ -5,7 +5,9 @@ from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 
 from robot_model.mjcf import is_mjcf
+from robot_model.urdf import tree_of
 from workbench.core.errors import InputError
+from workbench.core.robot_description import is_description
 
 MOST_BYTES = 1 << 30
 _ROBOTS = (".toml", ".urdf", ".mjcf")
@@ -47,8 +49,21 @@ class Dropped:
 
     @property
     def robots(self) -> list[str]:
-        """Names of files that may describe a robot."""
+        """Names of files that may describe a robot, as FILE#LINK for each arm where one holds several."""
+        return [arm for name in self._robot_files for arm in self._arms_of(name)]
+
+    @property
+    def _robot_files(self) -> list[str]:
         return [name for name in self.names if self._is_robot(name)]
+
+    def _arms_of(self, name: str) -> list[str]:
+        if not is_description(name):
+            return [name]
+        try:
+            ends = tree_of({"urdf": str(self.folder / name)}, name).flanges()
+        except InputError:
+            return [name]  # the test of the mapping says what is wrong with the file
+        return [name] if len(ends) < 2 else [f"{name}#{end}" for end in ends]
 
     def _is_robot(self, name: str) -> bool:
         """Controllers write tables as XML, too: the root element tells an MJCF file from them."""
@@ -61,7 +76,7 @@ class Dropped:
 
     def sources(self, used: Iterable[str]) -> list[Path]:
         """Paths of the files to import. used: names of files that describe robot or artefact."""
-        left_out = {*used, *self.robots}
+        left_out = {*used, *self._robot_files}
         return [self.folder / name for name in self.names if name not in left_out]
 
 
