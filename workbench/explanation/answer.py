@@ -401,7 +401,7 @@ def _with_noise(last: FinalModel, terms, refused) -> tuple[Term, ...]:
     """The terms with findings on the data; the direction of noise only where no structure is left."""
     found, after = last.found, last.after
     terms = (*terms, *_of_noise(found, terms, refused, after))
-    if refused or _contains_structure(found, terms):
+    if refused or last.has_rounding or _contains_structure(found, terms):
         return terms
     return with_angular_noise(terms, last.bench, residuals_of(after), ~found.outliers)
 

@@ -46,9 +46,14 @@ class FinalModel:
         made, source = replicates.noise(pose, index, position, sigma, degrees)
         return made, source + WITH_ROUNDING * (source == AS_STATED)
 
+    @property
+    def has_rounding(self) -> bool:
+        """Whether rounded readings were found: their errors have directions of their own, as noise of angles has."""
+        return any(one.effect == ReadingLattice.effect for one in self.found.noise_findings)
+
     def _rounding(self) -> np.ndarray | None:
         """(m, n) mm, standard deviation of each coordinate by the rounding of readings; None where none was found."""
-        if not any(one.effect == ReadingLattice.effect for one in self.found.noise_findings):
+        if not self.has_rounding:
             return None
         squares = rounding_variance(self.before) * unwhitened(self.before) ** 2
         return np.sqrt(squares).reshape(-1, self.before.n)
