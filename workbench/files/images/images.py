@@ -14,10 +14,14 @@ from datasets.rows import Rows
 from sensors.images import read_grey
 from sensors.stripe.clipping import Counts
 from workbench.core.errors import InputError
+from workbench.files.images.sweep import with_sweep
+
+_GROUP = {"board-laser": "placement", "scan": "scan"}
+"""Column that says which images with the laser belong to one sweep, by role."""
 
 
 def by_role(recording, role: str) -> Rows:
-    """Rows of images.csv with that role, in the file's order.
+    """Rows of images.csv with that role, in the file's order; of images with the laser also the sweep's direction.
 
     Raises InputError where the recording has no images at all.
     """
@@ -26,7 +30,8 @@ def by_role(recording, role: str) -> Rows:
             f"{recording.name}: expected a recording with images, found one of {recording.measures} "
             "without images.csv; name a board-images or scan-images recording"
         )
-    return Rows.kept(recording.images, TEXT).where("role", role)
+    rows = Rows.kept(recording.images, TEXT).where("role", role)
+    return with_sweep(rows, _GROUP[role]) if role in _GROUP else rows
 
 
 def path_of(recording, row: Mapping) -> Path:
