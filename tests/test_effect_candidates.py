@@ -18,6 +18,7 @@ SCAN = Kind(
     balls=(1, 2),
     varying=frozenset({"time_s", "sweep", "mirror_speed_deg_s"}),
     light=(0.0, 50.0, 0.0),
+    light_axis=(0.0, 1.0, 0.0),
     mirror_angles=(0.1, 0.12, 0.14),
 )
 

@@ -323,9 +323,27 @@ def test_a_cone_is_what_the_bow_with_an_apex_makes_of_the_plane():
         observations(41), points=points, planes=np.tile(np.append(normal, 0.0)[:, None], 41)
     )
     (effect,) = make_effects(CATALOGUE, [("plane-bow", "laser", {"apex_mm": [0.0, 0.0, 0.0]})])
-    bend = effect.delta(np.array([-angle, 0, 0]), state)[0]
+    bend = effect.delta(np.array([-angle, 0, 0, 0]), state)[0]
     np.testing.assert_allclose(normal @ points + bend, 0, atol=2e-4)
     assert np.abs(normal @ points).max() > 0.01
+
+
+def test_the_apex_of_a_cone_stands_behind_the_mirror_and_beside_its_place_there():
+    """f = a (s - h)^2 / (2 (r + d)) about the mirror's axis, whose parameters are a, a d, a h and a h^2."""
+    angle, distance, shift = 0.03, 6.0, 8.0
+    axis = np.array([0.2, 0.9, -0.1]) / np.linalg.norm([0.2, 0.9, -0.1])
+    state = observations(40)
+    options = {"apex_mm": [60.0, 3.0, -20.0], "axis": axis.tolist()}
+    (effect,) = make_effects(CATALOGUE, [("plane-bow", "laser", options)])
+    place = state.points - np.array([[60.0], [3.0], [-20.0]])
+    along = axis @ place
+    across = np.linalg.norm(place - np.outer(axis, along), axis=0)
+    p = angle * np.array([1.0, distance, shift, shift**2])
+    made = effect.delta(p, state)[0]
+    np.testing.assert_allclose(
+        made + angle * distance * along**2 / (2 * across**2),
+        angle * (along - shift) ** 2 / (2 * across),
+    )
 
 
 def test_wobble_keeps_the_normal_a_unit_one_to_first_order():

@@ -322,7 +322,10 @@ def full_scanner():
     made, rng = mirror(2.0), np.random.default_rng(1)
     factor = rng.normal(size=(21, 21)) * 1e-4
     effects = (
-        (CATALOGUE["plane-bow"]("laser", apex_mm=[-69.0, 0.0, 0.0]), np.array([1e-3, 0.05, 0.01])),
+        (
+            CATALOGUE["plane-bow"]("laser", apex_mm=[-69.0, 0.0, 0.0]),
+            np.array([1e-3, 0.05, 0.01, 0.1]),
+        ),
         (CATALOGUE["lens-residual"]("camera"), rng.normal(size=10)),
         (CATALOGUE["mirror-encoder-harmonic"]("mirror", order=3), np.array([1e-4, np.pi * 1e-4])),
         (CATALOGUE["camera-thermal-drift"]("camera"), np.array([1e-5, 1e-3, 2e-3])),
@@ -400,7 +403,7 @@ BROKEN = [
     (
         r"angle = 0.001",
         "angel = 0.001",
-        "effect plane-bow, key parameters: expected angle, angle_distance, angle_shift, found angel",
+        "effect plane-bow, key parameters: expected angle, angle_distance, angle_shift, angle_shift_square, found angel",
     ),
     (r"\[light\]", "[light", "expected TOML, found a mistake"),
     (r"scan = \[\n    0.0", "scan = [\n    0.5", "key light.scan: expected a unit vector"),

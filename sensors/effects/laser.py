@@ -9,34 +9,39 @@ from sensors.state import stripe_direction
 from workbench.core.covariates import known
 from workbench.core.effect import Effect, Grid, Variant
 
+_Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 _LOW_ORDERS, _HIGHEST_ORDER = range(1, 9), 400
 
 
 class PlaneBow(Effect):
     """The light plane is not flat: it bends along the stripe.
 
-    Without `apex_mm` by one curvature everywhere. With it, a place on the mirror in the camera frame, the light fans
-    out in a shallow cone that misses the plane by an angle. The laser stands in front of the mirror, so that the apex
-    of the cone, its image, is farther away than the mirror and may be displaced along it. Both are parameters, to first
-    order and times the angle, since without a cone neither can be known.
+    Without `apex_mm` by one curvature everywhere. With it, a place on the mirror's axis in the camera frame, the light
+    fans out in a shallow cone that misses the plane by an angle. The laser stands in front of the mirror, so that the
+    apex of the cone, its image, is farther away than the axis and may be displaced along it. Both are parameters,
+    times the angle, since without a cone neither can be known; the distance to first order. `axis`: unit vector of the
+    mirror's axis in the camera frame, along which s is measured; without it, across the optical axis in each plane.
     """
 
     effect = "plane-bow"
     port = "plane"
     places = ("laser",)
     equation = (
-        "f = n.X + b + k s^2, or f = n.X + b + a s^2 / (2 r) - d s^2 / (2 r^2) - h s / r; "
+        "f = n.X + b + k s^2, or f = n.X + b + (a s^2 - 2 h s + q) / (2 r) - d s^2 / (2 r^2); "
         "s, r = distance from the apex along the stripe and across it"
     )
-    source = "second order of a cone about its tangent plane, first order in the place of its apex"
+    source = (
+        "second order of a cone about its tangent plane, first order in the distance of its apex"
+    )
 
     def __init__(
         self,
         where: str,
-        apex_mm: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None,
+        apex_mm: _Vector | None = None,
+        axis: _Vector | None = None,
     ):
         super().__init__(where)
-        self.apex_mm = apex_mm
+        self.apex_mm, self.axis = apex_mm, axis
         self.apex = None if apex_mm is None else np.array(apex_mm, float)[:, None]
         self.components = (4,) if apex_mm is None else (3,)
 
@@ -46,7 +51,8 @@ class PlaneBow(Effect):
         for where in chain.places("laser"):
             yield Variant(cls(where), "the same all along", 0.5)
             if chain.light is not None:
-                yield Variant(cls(where, list(chain.light)), "fanning out from the laser", 0.5)
+                made = cls(where, list(chain.light), list(chain.light_axis))
+                yield Variant(made, "fanning out from the laser", 0.5)
 
     def table(self, chain):
         if self.apex is None:
@@ -55,16 +61,23 @@ class PlaneBow(Effect):
             self.parameter("angle", "rad", 0.01, "the light cone's angle"),
             self.parameter("angle_distance", "rad mm", 0.5, "the angle times the apex' distance"),
             self.parameter("angle_shift", "rad mm", 0.2, "the angle times the apex' displacement"),
+            self.parameter(
+                "angle_shift_square", "rad mm^2", 5.0, "the angle times its displacement's square"
+            ),
         )
 
     def basis(self, state):
         if self.apex is None:
             return np.ones((1, 1, state.n))
         place = state.points - self.apex
-        along = (stripe_direction(state.planes) * place).sum(0)
+        direction = stripe_direction(state.planes)
+        if self.axis is not None:
+            direction = np.where(np.isnan(direction), np.nan, np.array(self.axis, float)[:, None])
+        along = (direction * place).sum(0)
         across = np.sqrt(np.maximum((place**2).sum(0) - along**2, 1.0))
         slope = along / across
-        return known(np.stack([along * slope / 2, -(slope**2) / 2, -slope]))[:, None]
+        seen = np.where(np.isnan(slope), np.nan, 0.5 / across)
+        return known(np.stack([along * slope / 2, -(slope**2) / 2, -slope, seen]))[:, None]
 
 
 class MirrorWobble(Effect):

@@ -304,6 +304,7 @@ def _kind(chains: Chains) -> Kind:
     varies = {c for c, parts in columns.items() if np.ptp(np.concatenate(parts)) > 0}
     mirror = chains.board_stripes is not None and chains.board_stripes.mirror is not None
     light = tuple(chains.board_stripes.mirror.point.tolist()) if mirror else None
+    axis = tuple(chains.board_stripes.mirror.axis.tolist()) if mirror else None
     balls = () if chains.balls is None else tuple(sorted(set(chains.balls.number.tolist())))
     has_stripes = chains.board_stripes is not None
     times = _laser_column(chains, "time_s") if has_stripes else _times(chains.corners)
@@ -314,6 +315,7 @@ def _kind(chains: Chains) -> Kind:
         balls,
         frozenset(varies),
         light,
+        axis,
         spreads=_spreads(chains, varies),
         times=tuple(np.unique(times).tolist()),
         board_lines=lines,

@@ -29,8 +29,8 @@ class Kind:
     `stripes`: whether it has any; `mirror`: whether the angles of a mirror are known, and `mirror_angles` (S,) rad
     those of the steps; `balls`: numbers of the balls, 0 for one without a number; `varying`: recorded columns that are
     not constant, and `spreads` their standard deviations in the images with the laser; `times` (s) of these images;
-    `board_lines`: x of the columns and y of the rows of the board's points (mm); `light` (3,) mm: origin of the light
-    in the camera frame, where a mirror says it.
+    `board_lines`: x of the columns and y of the rows of the board's points (mm); `light` (3,) mm: a place on the
+    mirror's axis, from which the light comes, and `light_axis` (3,) the axis' unit vector, camera frame.
     """
 
     stripes: bool
@@ -38,6 +38,7 @@ class Kind:
     balls: tuple[int, ...]
     varying: frozenset[str]
     light: tuple[float, float, float] | None = None
+    light_axis: tuple[float, float, float] | None = None
     mirror_angles: tuple[float, ...] = ()
     spreads: tuple[tuple[str, float], ...] = ()
     times: tuple[float, ...] = ()
