@@ -46,7 +46,7 @@ def test_candidates_of_a_robot_sit_at_its_places_and_have_parameters(robot):
         assert isinstance(variant, Variant) and effect.parameters(chain)
         assert effect.nonnegative <= len(effect.parameters(chain))
         assert effect.where in {w for place in effect.places for w in chain.places(place)}
-        assert isinstance(effect.reads, tuple) and variant.mass > 0
+        assert isinstance(effect.reads, tuple) and variant.prior_weight > 0
 
 
 def test_candidates_come_joint_by_joint_and_those_of_gravity_last():

@@ -328,7 +328,7 @@ def test_a_cone_is_what_the_bow_with_an_apex_makes_of_the_plane():
     assert np.abs(normal @ points).max() > 0.01
 
 
-def test_the_apex_of_a_cone_stands_behind_the_mirror_and_beside_its_place_there():
+def test_the_apex_of_a_cone_stands_behind_the_mirror_and_displaced_along_its_axis():
     """f = a (s - h)^2 / (2 (r + d)) about the mirror's axis, whose parameters are a, a d, a h and a h^2."""
     angle, distance, shift = 0.03, 6.0, 8.0
     axis = np.array([0.2, 0.9, -0.1]) / np.linalg.norm([0.2, 0.9, -0.1])
@@ -412,6 +412,6 @@ def test_a_warm_up_is_tested_with_time_constants_where_no_temperature_is_recorde
     constants = [one.effect.time_constant_s for one in found]
     assert constants[0] == 0 and min(constants[1:]) == 60 and max(constants) == 5400
     assert {one.effect.start_s for one in found[1:]} == {100.0}
-    assert sum(one.mass for one in found) == pytest.approx(1)
+    assert sum(one.prior_weight for one in found) == pytest.approx(1)
     warm = Chain(varying={"time_s", "temperature_c"}, times=timed.times)
     assert [one.effect.time_constant_s for one in effect.candidates(warm)] == [0]
