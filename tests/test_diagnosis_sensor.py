@@ -278,7 +278,7 @@ def test_large_law_that_is_likelier_is_an_alternative_to_a_function_at_its_place
         log_prior=-5.0,
     )
     bare = SimpleNamespace(conditional_on=lambda: None)
-    monkeypatch.setattr(sensor_review, "judged", lambda problem: [law, own])
+    monkeypatch.setattr(sensor_review, "ranked_hypotheses", lambda problem: [law, own])
     monkeypatch.setattr(sensor_review, "large", lambda *about: size)
     finding = Finding(
         "unknown", "mirror", label, ("a function",), 1e-9, 0.99, 1.0, 100.0, ("mirror", "along")

@@ -17,7 +17,7 @@ def curve(where, gain, terms=15):
 
 
 def named(function, *laws):
-    search = SimpleNamespace(accepted=(function,), own=lambda i, table: function)
+    search = SimpleNamespace(accepted=(function,), conditional_hypothesis=lambda i, table: function)
     return _law_of_function(search, 0, [function, *laws])
 
 

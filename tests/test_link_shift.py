@@ -32,7 +32,7 @@ def test_two_steps_at_one_place_never_come_to_begin_at_one_instant(monkeypatch):
     search = SimpleNamespace(
         accepted=accepted,
         accepted_indices=(0, 1),
-        others=lambda i: (1 - i,),
+        other_indices=lambda i: (1 - i,),
         solve_feasible=lambda: None,
     )
     monkeypatch.setattr(instants, "_refined", lambda search, i: step(15.0))
