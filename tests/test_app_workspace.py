@@ -65,6 +65,7 @@ def test_without_a_name_the_newest_run_is_opened(run, tmp_path, monkeypatch):
         ("{", "cannot be read"),
         ("[]", "JSON object"),
         ("{}", "key input"),
+        ('{"input": true}', "key input: .* found True"),
         ('{"input": "gone"}', "--recording"),
     ],
 )

@@ -72,3 +72,9 @@ def test_a_refusal_names_the_folder_and_not_import(truth, tmp_path):
     except InputError as problem:
         said = str(problem)
     assert "'import'" not in said
+
+
+def test_a_robot_that_is_no_text_is_refused(tmp_path):
+    (tmp_path / "import.toml").write_text('format = "import/1"\nrobot = []\n', encoding="utf-8")
+    with pytest.raises(InputError, match="import.toml, key robot"):
+        read_mapping(tmp_path / "import.toml")

@@ -233,7 +233,7 @@ def mapping_from_keys(keys: Keys, called: str) -> Mapping:
         )
     return Mapping(
         measures=measures,
-        robot=keys.get("robot"),
+        robot=_robot(keys, called),
         join=_join(keys.get("join", {}), called),
         reflectors=reflectors,
         columns=dict(columns),
@@ -242,6 +242,14 @@ def mapping_from_keys(keys: Keys, called: str) -> Mapping:
         **groups,
         **frames,
     )
+
+
+def _robot(keys: Keys, called: str) -> str | None:
+    robot = keys.get("robot")
+    if robot is not None and not isinstance(robot, str):
+        place = f"{called}, key robot"
+        raise complaint(place, "the name or the file of a robot", repr(robot)[:60], "correct it")
+    return robot
 
 
 def _with_first_reflector(keys: Keys, called: str) -> tuple[Keys, dict[str, tuple[str, ...]]]:

@@ -166,10 +166,11 @@ def _open_run(folder: Path, recording: str | None) -> Opened:
     answer = read_answer(folder / ANSWER)
     kept = folder / KEPT_RECORDING
     own = str(kept) if (kept / "recording.toml").is_file() else None
-    subject = recording or own or answer.get("input") or answer.get("recording")
-    if not subject:
+    subject = recording or own or answer.get("input") or answer.get("recording") or None
+    if not isinstance(subject, str):
+        found = "none" if subject is None else repr(subject)[:60]
         raise InputError(
-            f"{folder / ANSWER}, key input: expected the recording of this run, found none; name it with --recording"
+            f"{folder / ANSWER}, key input: expected the recording of this run, found {found}; name it with --recording"
         )
     try:
         found = datasets.read(subject)
