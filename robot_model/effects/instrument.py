@@ -149,8 +149,8 @@ class SightLineRefraction(Effect):
 class InstrumentRange(Effect):
     """The instrument's range is wrong by a share of the distance: its scale or the refractive index of the air.
 
-    About the robot's root, as the base pose takes up the rest. The same share of all lengths of the arm has the same
-    effect, so that a recording cannot distinguish them; a known scale in space decides.
+    About the robot's root, as the base pose takes up the rest. On an arm without slides the same share of all lengths
+    has the same effect, so that a recording does not distinguish them. The reading of a slide is a length standard.
     """
 
     effect = "range-scale"
@@ -161,8 +161,8 @@ class InstrumentRange(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """None: all lengths of the arm together have the same effect."""
-        return ()
+        """Where an external instrument measures. Without slides all lengths of the arm together have the same effect."""
+        return [Variant(cls(where)) for where in chain.places("instrument")]
 
     def slots(self, chain):
         return (0, 1, 2)
