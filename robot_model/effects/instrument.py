@@ -161,7 +161,7 @@ class InstrumentRange(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """Where an external instrument measures. Without slides all lengths of the arm together have the same effect."""
+        """Where an external instrument measures. Without slides all lengths of the arm have the same effect."""
         return [Variant(cls(where)) for where in chain.places("instrument")]
 
     def slots(self, chain):
