@@ -6,8 +6,8 @@ from workbench.diagnosis.levels import CRITICAL_T
 from workbench.diagnosis.robot.derived import DEFLECTION
 from workbench.explanation.words import length, measured
 
-_FAR = 2.0
-"""Standard deviations of its prior beyond which a value is not plausible."""
+_FAR = 10.0
+"""Standard deviations of its prior beyond which a value is not plausible: they are orders of magnitude."""
 
 
 def implausible_values(rows: Sequence[Mapping], size: float | None) -> tuple[str, ...]:
