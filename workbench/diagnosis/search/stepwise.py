@@ -12,7 +12,7 @@ from workbench.diagnosis.search.objective import LogPosterior, Members
 
 LAW = 0.95
 """Share of what smooth nonparametric functions explain that laws must explain: no law is exact."""
-_LARGEST, _MAX_SMOOTH = 12, 2
+_MAX_TERMS, _MAX_SMOOTH = 12, 2
 """Terms in a set, and smooth nonparametric functions among them, at most: recordings do not determine more."""
 _STEPS = 60
 """Moves of a climb: a set of the largest size is made and wholly exchanged in fewer."""
@@ -33,7 +33,7 @@ class Stepwise:
         ignored: the simpler of the two is taken.
         """
         objective = self.objective
-        lawful = self._lawful(present)
+        lawful = self._most_probable_laws(present)
         if not objective.is_smooth.any():
             return lawful
         starts = [present, lawful] if present else [lawful, *self._free_starts()]
@@ -43,7 +43,7 @@ class Stepwise:
             return max(lawful, free, key=lambda members: objective.value_at(members, explained))
         return free
 
-    def _lawful(self, present: Members) -> Members:
+    def _most_probable_laws(self, present: Members) -> Members:
         """The likeliest set of laws, searched without the many columns of functions."""
         laws = np.flatnonzero(~self.objective.is_smooth)
         alone = Stepwise(self.objective.among(laws))
@@ -60,17 +60,17 @@ class Stepwise:
         """The set after moves that each raise its log posterior most."""
         weight = self.objective.value(members)
         for _ in range(_STEPS):
-            reached, best = self._moved(members, allowed, weight)
+            reached, best = self._best_move(members, allowed, weight)
             if reached <= weight + 1e-6:
                 break
             members, weight = best, reached
         return members
 
-    def _moved(self, members: Members, allowed, weight: float) -> tuple[float, Members]:
+    def _best_move(self, members: Members, allowed, weight: float) -> tuple[float, Members]:
         """The likeliest set with one term more, and where that is no likelier, with one less or another."""
         objective = self.objective
         top = (-np.inf, members)
-        if len(members) < _LARGEST:
+        if len(members) < _MAX_TERMS:
             top = objective.most_probable_extension(members, self._open(members, allowed))
         if top[0] > weight + 1e-6:
             return top
@@ -123,7 +123,7 @@ class Stepwise:
             term = self.objective.terms[i]
             if term.smooth_covariates or not isinstance(term.source, tuple):
                 members = kinds.setdefault(_kind(term), [])
-                if len(members) < _LARGEST and self.objective.compatible_pairs[i, members].all():
+                if len(members) < _MAX_TERMS and self.objective.compatible_pairs[i, members].all():
                     members.append(int(i))
         many = [tuple(members) for members in kinds.values() if len(members) > 2]
         return sorted(many, key=self.objective.value, reverse=True)[:_KINDS]
