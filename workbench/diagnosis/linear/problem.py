@@ -428,7 +428,7 @@ class Finding:
 
     `effect` is "unknown" for a smooth nonparametric alternative; then `depends_on` names its covariates and
     `effects` is empty. `p_value`: valid under the whole search. `probability`: posterior that it is
-    this effect at this place, among all named and unnamed. `size`: RMS over all coordinates of what
+    this effect at this place, among all laws and smooth alternatives. `size`: RMS over all coordinates of what
     remains of it orthogonal to the baseline, in sigmas. `gain`: fall of the
     whitened sum of squares. `instant`: when it begins, where it begins within the recording. `option`: of its law
     where that is a real number (a frequency, a time constant).
