@@ -71,7 +71,7 @@ def test_an_exchange_of_elastic_terms_keeps_accepted_functions_without_a_law(mon
         exchanged.append(max(others, key=window.objective.value))
         return exchanged[0]
 
-    monkeypatch.setattr(Window, "likelier_than", another)
+    monkeypatch.setattr(Window, "more_probable_set", another)
     effects = [*law("joint-compliance", "joint-2", "joint-3"), Odd("joint-5", joint=4)]
     found = find(bench_of(recorded(7, effects, [4e-6, 6e-6, 1.5e-3])))
     assert exchanged and any(one.effect == "unknown" for one in found.findings)

@@ -9,7 +9,7 @@ from robot_model.effects.transmission import Backlash, TransmissionHarmonic
 from scenes import ABB, SLIDING, model_of, scene
 from sensors.effects import CATALOGUE as SCANNER
 from workbench.core.effect import Effect, Grid, Variant, option_types
-from workbench.diagnosis.linear.hypotheses import judged
+from workbench.diagnosis.linear.hypotheses import ranked_hypotheses
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.robot.library import compliances, grids, names, subsumed, variants
 from workbench.diagnosis.scanner.sensor_library import Kind
@@ -117,5 +117,9 @@ def test_the_scale_of_an_instrument_is_observable_on_arms_with_slides_alone(arm,
     """The reading of a slide is a length; all other lengths of an arm are estimated."""
     recording = scene("external-point", n=60, arm=arm, reflectors={1: (30, -40, 100)}).recording
     problem = bench_of(recording).problem()
-    found = [h for h in judged(problem) if h.where == "instrument" and h.effect == "range-scale"]
+    found = [
+        h
+        for h in ranked_hypotheses(problem)
+        if h.where == "instrument" and h.effect == "range-scale"
+    ]
     assert [h.rank for h in found] == [int(is_observable)]
