@@ -2,7 +2,11 @@
 
 import numpy as np
 
-from robot_model.effects.unknown_masses import about_axis
+from robot_model.effects.unknown_masses import (
+    about_axis,
+    bearing_like_root,
+    first_link_like_pedestal,
+)
 from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter
@@ -218,6 +222,10 @@ class LinkCompliance(Effect):
     mass_dependent = True
     compliance_prior = (0.15, 0.1)
 
+    @property
+    def confounded_with(self):
+        return first_link_like_pedestal(self, PedestalCompliance.effect)
+
     @classmethod
     def candidates(cls, chain):
         """At every link that has a length and whose bending moment varies."""
@@ -256,6 +264,10 @@ class BearingCompliance(Effect):
     mass_dependent = True
     compliance_prior = (0.05, 0.1)
     stage = "bending"
+
+    @property
+    def confounded_with(self):
+        return bearing_like_root(self, LinkCompliance.effect)
 
     @classmethod
     def candidates(cls, chain):

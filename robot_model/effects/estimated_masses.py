@@ -54,6 +54,7 @@ class ComplianceWithMasses(Effect):
         self.effect, self.port, self.components = inner.effect, inner.port, inner.components
         self.nonnegative, self.reads = inner.nonnegative, inner.reads
         self.subsumes, self.family = inner.subsumes, inner.family
+        self.compliance_prior, self.confounded_with = inner.compliance_prior, inner.confounded_with
         self.equation = f"{inner.equation}, first moments of the links estimated"
 
     @classmethod

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from robot_model.effects.elastic import JointCompliance
 from robot_model.state import sliding
 from workbench.core.covariates import (
     clock,
@@ -56,6 +57,12 @@ class TransmissionHarmonic(Effect):
     @property
     def reads(self):
         return (f"q{self.number}",)
+
+    @property
+    def confounded_with(self):
+        """A spring between two links pulls with a lever that is nearly a harmonic of the first order."""
+        is_first = self.order == 1
+        return (("joint-torque", self.where, "of a spring or a hose"),) if is_first else ()
 
     @classmethod
     def candidates(cls, chain):
@@ -183,6 +190,17 @@ class Backlash(Effect):
         if self.seat == "gravity":
             return (f"tau{self.number}",)
         return f"approach{self.number}", f"move{self.number}"
+
+    @property
+    def confounded_with(self):
+        """A gap that gravity closes softly, next to a compliance, is the curve of a gear that stiffens under load.
+
+        Tuttle & Seering, IEEE Trans. Robot. Autom. 12 (1996) 368; Kircanski & Goldenberg, Int. J. Robot. Res. 16
+        (1997) 214.
+        """
+        if self.seat != "gravity" or self.width <= _SHARP_NM:
+            return ()
+        return ((JointCompliance.effect, self.where, "of a gear that stiffens under load"),)
 
     @classmethod
     def candidates(cls, chain):

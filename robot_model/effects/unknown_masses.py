@@ -27,7 +27,6 @@ _NO_BAR_MM = 1e-6
 _UNDER_BARS = (
     0.05  # variation, of the greatest moment of the bars, below which no deflection is measurable
 )
-_OTHER_WEIGHT = 0.2  # prior weight of a bearing, a link or the foot, relative to a joint
 
 
 @lru_cache(maxsize=64)
@@ -93,7 +92,7 @@ def _unit_torque(frames, gravity, joint: int, body: int, axis: int) -> np.ndarra
     return (frames.z[joint] * moment).sum(0)
 
 
-def _of_bars(kind, chain, label: str = "", prior_weight: float = 1.0) -> list[Variant]:
+def _of_bars(kind, chain, label: str = "") -> list[Variant]:
     """A variant at each place where the moment of uniform bars varies; none where masses are stated."""
     if chain.robot.mass.any():
         return []
@@ -104,7 +103,7 @@ def _of_bars(kind, chain, label: str = "", prior_weight: float = 1.0) -> list[Va
             if numbered and (chain.slides(made.number) or made.first() >= chain.robot.joints):
                 continue
             if np.ptp(made.basis(chain.state)[0], axis=-1).max() > _UNDER_BARS:
-                found.append(Variant(made, label, prior_weight))
+                found.append(Variant(made, label))
     return found
 
 
@@ -128,7 +127,7 @@ class GravityCompliance(Effect):
     )
     stage = "compliance"
     nonnegative = 1
-    compliance_prior = (0.5, None)
+    compliance_prior = (0.5, 1.0)
 
     @property
     def reads(self):
@@ -171,19 +170,60 @@ class GravityCompliance(Effect):
         ]
         return np.stack([sag, *columns])[:, None]
 
+    def moments_of(self, other: "GravityCompliance", chain) -> np.ndarray:
+        """(P, P') parameters for those of another joint's law under the same first moments.
+
+        The first one is the deflection under uniform bars, of either. What the other law does not know is that of bars.
+        """
+        names = base_columns(chain.robot, self.number - 1)
+        directions = [(body, np.eye(3)[axis]) for body, axis in names]
+        return _same_moments(self, directions, other, chain)
+
+
+def _same_moments(law, directions, other: GravityCompliance, chain) -> np.ndarray:
+    """(P, P') as of `GravityCompliance.moments_of`.
+
+    directions: of each parameter but the first its body and a direction (3,) in the body's frame.
+    """
+    shares = bar_shares(chain.robot)
+    ratio = shares[other.number - 1 :].sum() / shares[law.first() :].sum()
+    known = base_columns(chain.robot, other.number - 1)
+    out = np.zeros((len(directions) + 1, len(known) + 1))
+    out[0, 0] = 1.0
+    for row, (body, direction) in enumerate(directions, 1):
+        for column, (other_body, axis) in enumerate(known, 1):
+            if body == other_body:
+                out[row, column] = ratio * direction[axis]
+    return out
+
 
 def _tilt_table(effect: Effect, chain, said: str) -> tuple[Parameter, ...]:
     """Parameters of what tilts: under uniform bars, and under each bar but the last by itself."""
     label, first = f"{said} {effect.where} under the links", effect.first()
     shares = bar_shares(chain.robot)
-    bodies = [i for i in range(first, chain.robot.joints) if shares[i] > _NO_BAR_MM]
     whole = max(shares[first:].sum(), _NO_BAR_MM)
     table = [effect.parameter("tilt", "rad", _TILT_RAD, label, 10 * _TILT_RAD)]
-    for body in bodies[:-1]:
+    for body in _bars_beyond(chain.robot, first)[:-1]:
         size = _TILT_RAD * max(_OFF_THE_BAR * shares[body] / whole, _LEAST_SHARE)
         about = f"{label}, first moment of link {body + 1}"
         table.append(effect.parameter(f"link{body + 1}", "rad", size, about, 10 * size))
     return tuple(table)
+
+
+def _bars_beyond(robot: Robot, first: int) -> list[int]:
+    """Numbers from 0 of the links from a first one on that have a length between their axes."""
+    shares = bar_shares(robot)
+    return [i for i in range(first, robot.joints) if shares[i] > _NO_BAR_MM]
+
+
+def _moments_of_tilt(law: Effect, other: GravityCompliance, chain) -> np.ndarray:
+    """(P, P') as of `GravityCompliance.moments_of`, for a law with the parameters of `_tilt_table`."""
+    frames = forward(chain.robot, np.zeros((chain.robot.joints, 1)), links=True)
+    directions = []
+    for body in _bars_beyond(chain.robot, law.first())[:-1]:
+        bar = _bars(frames)[body, :, 0]
+        directions.append((body, frames.link[body + 1][:, :, 0] @ bar / np.linalg.norm(bar)))
+    return _same_moments(law, directions, other, chain)
 
 
 def _tilt_moments(state, first: int) -> np.ndarray:
@@ -210,14 +250,19 @@ class GravityBearing(Effect):
     elastic = True
     source = GravityCompliance.source
     nonnegative = 1
+    compliance_prior = (0.05, 0.1)
     places = ("joint",)
     stage = "bending"
     equation = "w = sum_i t_i (b_i x g) across z"
 
+    @property
+    def confounded_with(self):
+        return bearing_like_root(self, GravityLink.effect)
+
     @classmethod
     def candidates(cls, chain):
         """At every revolute joint whose moment across the axis would vary if the links were uniform bars."""
-        return _of_bars(cls, chain, "of its bearing", _OTHER_WEIGHT)
+        return _of_bars(cls, chain, "of its bearing")
 
     @classmethod
     def planned(cls, chain):
@@ -228,6 +273,10 @@ class GravityBearing(Effect):
     def first(self) -> int:
         """Number from 0 of the first link whose weight acts."""
         return self.number - 1
+
+    def moments_of(self, other: GravityCompliance, chain) -> np.ndarray:
+        """(P, P') as of `GravityCompliance.moments_of`."""
+        return _moments_of_tilt(self, other, chain)
 
     def table(self, chain):
         return _tilt_table(self, chain, "the tilt of the bearing of")
@@ -251,18 +300,27 @@ class GravityLink(Effect):
     elastic = True
     source = GravityCompliance.source
     nonnegative = 1
+    compliance_prior = (0.15, 0.1)
     places = ("link",)
     components = (3, 4, 5)
     equation = "w = sum_i t_i (b_i x g) across the link"
 
+    @property
+    def confounded_with(self):
+        return first_link_like_pedestal(self, GravityPedestal.effect)
+
     @classmethod
     def candidates(cls, chain):
         """Where the moment of uniform bars varies; none where masses are stated."""
-        return _of_bars(cls, chain, prior_weight=_OTHER_WEIGHT)
+        return _of_bars(cls, chain)
 
     def first(self) -> int:
         """Number from 0 of the first link whose weight acts."""
         return self.number
+
+    def moments_of(self, other: GravityCompliance, chain) -> np.ndarray:
+        """(P, P') as of `GravityCompliance.moments_of`."""
+        return _moments_of_tilt(self, other, chain)
 
     def table(self, chain):
         return _tilt_table(self, chain, "the bending of")
@@ -284,6 +342,7 @@ class GravityPedestal(Effect):
     elastic = True
     source = GravityCompliance.source
     nonnegative = 1
+    compliance_prior = (0.15, 0.1)
     places = ("base",)
     components = (3, 4)
     equation = "w = sum_i t_i (b_i x g) across the vertical"
@@ -291,17 +350,31 @@ class GravityPedestal(Effect):
     @classmethod
     def candidates(cls, chain):
         """Where the moment of uniform bars varies; none where masses are stated."""
-        return _of_bars(cls, chain, prior_weight=_OTHER_WEIGHT)
+        return _of_bars(cls, chain)
 
     def first(self) -> int:
         """Number from 0 of the first link whose weight acts."""
         return 0
+
+    def moments_of(self, other: GravityCompliance, chain) -> np.ndarray:
+        """(P, P') as of `GravityCompliance.moments_of`."""
+        return _moments_of_tilt(self, other, chain)
 
     def table(self, chain):
         return _tilt_table(self, chain, "the tilt of")
 
     def basis(self, state):
         return _in_frame(state, 0, _tilt_moments(state, self.first()))[:, :2]
+
+
+def bearing_like_root(effect: Effect, link_effect: str) -> tuple[tuple[str, str, str], ...]:
+    """A link that bends at its root tilts about the axis of its joint's bearing, under the same moment."""
+    return ((link_effect, f"link-{effect.number}", "at its root"),)
+
+
+def first_link_like_pedestal(effect: Effect, other: str) -> tuple[tuple[str, str, str], ...]:
+    """A pedestal with one compliance in all directions tilts as the first link does."""
+    return ((other, "base", "the same about x and y"),) if effect.number == 1 else ()
 
 
 def about_axis(state, number: int, turns: np.ndarray) -> np.ndarray:
@@ -325,5 +398,7 @@ __all__ = [
     "about_axis",
     "bar_moments",
     "bar_shares",
+    "bearing_like_root",
     "base_columns",
+    "first_link_like_pedestal",
 ]

@@ -108,6 +108,8 @@ class Effect:
         family: Name of the family of variants that it belongs to; its own name where empty.
         coexists: Whether several variants may act at one place (orders of a harmonic).
         subsumes: Names of effects that are special cases of this one.
+        confounded_with: Laws that make nearly the same of any poses and are as likely before measuring: effect, place
+            and label of each. No recording distinguishes them, so that they are named and not searched.
         mass_dependent: Whether its signature depends on masses, which may be uncertain.
         compliance_prior: Of a compliance, the prior probability that it is of a size worth modelling, and its typical
             size relative to the compliance of a joint; None where it has none in rad/(N m).
@@ -146,6 +148,7 @@ class Effect:
     family = ""
     coexists = False
     subsumes: tuple[str, ...] = ()
+    confounded_with: tuple[tuple[str, str, str], ...] = ()
     mass_dependent = False
     compliance_prior: tuple[float, float | None] | None = None
     needs_compliance = False

@@ -10,7 +10,7 @@ import numpy as np
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.errors import InputError
 from workbench.diagnosis.levels import DATA_FAULT_LEVEL, RANDOM_EFFECT_LEVEL, UNMODELLED_LEVEL
-from workbench.diagnosis.linear.estimates import Options
+from workbench.diagnosis.linear.estimates import Options, with_variation
 from workbench.diagnosis.linear.problem import Alternative, Bench, Finding, Found
 from workbench.diagnosis.noise.random_effects import find_random_effect, unrecorded
 from workbench.diagnosis.noise.serial_correlation import SerialCorrelation
@@ -370,9 +370,8 @@ def _with_numbers(bench, term: Term, effects, rows) -> Term:
     if rows is None:
         rows = bench.parameters(list(effects), options=_estimated_options([term]))
     own = {(e.effect, e.where) for e in term.finding.effects}
-    mine = tuple(
-        row for row in rows if (row["effect"], row["where"]) in own and _of(row, term, bench)
-    )
+    mine = [r for r in rows if (r["effect"], r["where"]) in own and _of(r, term, bench)]
+    mine = with_variation(mine, term.finding.variation)
     varying = [row["size_mm"] for row in mine if row["name"] == DEFLECTION]
     size = varying[0] if len(varying) == 1 else _size(bench, effects, term)
     alarms = (*term.finding.alarms, *implausible_values(mine, size))

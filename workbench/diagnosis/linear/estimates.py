@@ -1,6 +1,7 @@
 """Estimates of a diagnosis with their standard deviations: parameters, instants, options that are real numbers."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from workbench.core.effect import Effect
@@ -66,4 +67,15 @@ def parameter_row(
     }
 
 
-__all__ = ["Instant", "Options", "RealOption", "parameter_row"]
+def with_variation(rows: Sequence[Mapping], variation: float) -> tuple:
+    """Rows of one finding, the first with the variance between the probable sets of terms added to that in one set.
+
+    variation: as of `Finding`. A compliance is smaller where another part deflects as well: the law of total variance.
+    """
+    if not rows or not variation:
+        return tuple(rows)
+    std = math.hypot(rows[0]["std"], variation * rows[0]["value"])
+    return ({**rows[0], "std": std}, *rows[1:])
+
+
+__all__ = ["Instant", "Options", "RealOption", "parameter_row", "with_variation"]

@@ -189,6 +189,9 @@ class Problem:
     rotation: np.ndarray | None = (
         None  # (N,) True for coordinates of an orientation, in rad; None: there are none
     )
+    moments_cost: float = (
+        0.0  # log evidence that a set of laws which share first moments pays for these
+    )
     serial_effect: float = 1.0  # design effect of noise that is correlated from pose to pose
 
     def conditional_on(self, kept: Sequence[int] | None = None) -> "Problem":
@@ -431,7 +434,8 @@ class Finding:
     this effect at this place, among all laws and smooth alternatives. `size`: RMS over all coordinates of what
     remains of it orthogonal to the baseline, in sigmas. `gain`: fall of the
     whitened sum of squares. `instant`: when it begins, where it begins within the recording. `option`: of its law
-    where that is a real number (a frequency, a time constant).
+    where that is a real number (a frequency, a time constant). `variation`: RMS relative difference of its first
+    parameter in the other probable sets of terms.
     """
 
     effect: str
@@ -447,6 +451,7 @@ class Finding:
     alarms: tuple[str, ...] = ()
     instant: Instant | None = None
     option: RealOption | None = None
+    variation: float = 0.0
 
 
 @dataclass(frozen=True)

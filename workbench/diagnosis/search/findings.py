@@ -17,7 +17,7 @@ from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.compatible import equivalent_places, same_place
 from workbench.diagnosis.search.instants import instant_of
 from workbench.diagnosis.search.options import option_of
-from workbench.diagnosis.search.posterior import EffectPosterior
+from workbench.diagnosis.search.posterior import EffectPosterior, is_law_of_function
 from workbench.diagnosis.search.prior import LAW_ERROR, SECOND
 from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.search.stepwise import LAW
@@ -25,6 +25,7 @@ from workbench.diagnosis.search.stepwise import LAW
 ELASTIC = frozenset(names(compliances(CATALOGUE)))
 _CLOSE_GAIN = 6.0  # variances of noise: a difference that chance makes once in seventy times
 SAME_FUNCTION = "a function of these covariates at one of the places is one at the other"
+CONFOUNDED = "it makes nearly the same of any poses"
 _MAX_DIRECTIONS = 6  # directions in which a smooth nonparametric alternative may displace a place
 
 
@@ -66,6 +67,7 @@ def finding(
         made = _with_set_posterior(made, shares, names)
     if search.bench.chain is not None:
         made = with_equivalent_places(made, search.bench.chain.robot.joints)
+    made = _with_confounded_laws(made)
     return made if mine.smooth_covariates else _with_unexplained_alternative(search, own, made)
 
 
@@ -81,6 +83,19 @@ def with_equivalent_places(made: Finding, joints: int) -> Finding:
     return replace(made, probability=probability, alternatives=(*others, *kept))
 
 
+def _with_confounded_laws(made: Finding) -> Finding:
+    """The finding with the laws that make the same of any poses; all share what it and these have, each as much."""
+    laws = [law for effect in made.effects for law in effect.confounded_with]
+    if not laws:
+        return made
+    keys = {(effect, where) for effect, where, _ in laws}
+    same = [a for a in made.alternatives if (a.effect, a.where) in keys]
+    others = tuple(a for a in made.alternatives if a not in same)
+    share = (made.probability + sum(a.probability for a in same)) / (1 + len(laws))
+    named = tuple(Alternative(*law, share, 1.0, CONFOUNDED) for law in laws)
+    return replace(made, probability=share, alternatives=(*named, *others))
+
+
 def bare_finding(h: Hypothesis) -> Finding:
     """An accepted term by its name and effects alone."""
     return Finding(*h.key, h.label, h.effects, h.p, 1.0, 0.0, h.gain, h.smooth_covariates)
@@ -91,8 +106,11 @@ def _explains_more(function: Hypothesis, law: Hypothesis, explained: float) -> b
 
     A function of the very covariates that the law reads, at its place, differs from the law only by its shape: of what
     the law explains itself, only the error of a law that is right is then left. What other laws explain may be wrong
-    by more, and so may all of it before a law's place is in doubt.
+    by more, and so may all of it before a law's place is in doubt. A function of a joint's own angle is the law that
+    makes all of it, see `is_law_of_function`.
     """
+    if is_law_of_function(function, law):
+        return False
     error = (1 - LAW) * explained
     if function.where in same_place(law) and law.reads & set(function.smooth_covariates):
         others = max(explained - law.gain, 0.0)
@@ -167,7 +185,10 @@ def _with_set_posterior(
         instead.append(Alternative(*key, label, probability, alike, why))
     ranked = sorted((*instead, *others), key=lambda a: -a.probability)
     return replace(
-        made, probability=elastic * own.probability, alternatives=tuple(ranked[:MOST_LISTED])
+        made,
+        probability=elastic * own.probability,
+        alternatives=tuple(ranked[:MOST_LISTED]),
+        variation=own.variation,
     )
 
 

@@ -194,6 +194,14 @@ class LogPosterior:
         z = -value / np.maximum(spread * np.sqrt(variance), 1e-300)
         return float((np.log(2) + log_ndtr(z)).sum())
 
+    def coefficient(self, members: Members, number: int) -> float:
+        """Likeliest value of the first coefficient of a member of a set, in its prior size."""
+        solved = self._solved(members)
+        best = int(np.argmax(log_evidence_by_size(solved.log_determinant, solved.gain, self)))
+        widths = np.diff(self.start)[list(members)]
+        place = np.array([widths[: members.index(number)].sum()], int)
+        return float(solved.coefficients(best, place)[0][0])
+
     def most_probable_extension(self, base: Members, allowed: np.ndarray) -> tuple[float, Members]:
         """The likeliest set with one more of the terms allowed (K,) bool; the set itself where none has room."""
         free = allowed & (self.compatible_pairs[list(base)].all(0) if base else True)

@@ -6,13 +6,19 @@ much alike that two of them are exchanged for two others.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
 
 from workbench.core.least_squares.linear_algebra import pseudo_inverse
-from workbench.diagnosis.levels import LEAST_LOG_ODDS, LISTED_PROBABILITY, MOST_LISTED, ROUNDING
+from workbench.diagnosis.levels import (
+    LEAST_LOG_ODDS,
+    LISTED_PROBABILITY,
+    MAJORITY,
+    MOST_LISTED,
+    ROUNDING,
+)
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.constant_load import accept_constant_loads
@@ -22,6 +28,7 @@ from workbench.diagnosis.search.objective import LogPosterior, Members
 from workbench.diagnosis.search.options import refine_options
 from workbench.diagnosis.search.prior import is_elastic
 from workbench.diagnosis.search.state import name_of
+from workbench.diagnosis.search.stepwise import Stepwise
 
 Key = tuple[str, str]
 _WINDOW = float(np.log(200.0))
@@ -39,10 +46,13 @@ class EffectPosterior:
 
     A set without the term counts for the alternatives, not accepted, that it holds instead, each by its share of the
     term's signature: term and alternatives exclude one another, and their probabilities add up to at most one.
+    variation: RMS difference of its first coefficient in the sets that hold it from that in the accepted set, over the
+    latter: what the law of total variance adds to a variance that holds for the accepted set alone.
     """
 
     probability: float
     instead: tuple[tuple[Key, float, float], ...] = ()
+    variation: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -57,7 +67,7 @@ class Window:
     def around(cls, objective: LogPosterior, best: Members, open_: Sequence[int]) -> "Window":
         """About a set, of which the terms `open_` are exchanged for one another."""
         done: set[frozenset] = set()
-        seen = {frozenset(best): objective.value(best)}
+        seen = {frozenset(s): objective.value(s) for s in _starts(objective, best)}
         for _ in range(_EXPANDED):
             top = max(seen.values())
             near = [s for s in seen if seen[s] > top - _WINDOW and s not in done]
@@ -79,6 +89,22 @@ class Window:
         own = self.objective.value(tuple(range(count)))
         gain = self.objective.value(self.sets[best]) - own
         return self.sets[best] if gain > LEAST_LOG_ODDS else None
+
+    def fewest(self, count: int, open_: Sequence[int]) -> Members:
+        """The set of the first `count` terms less those of the open ones that most sets lack and it hardly needs.
+
+        The median probability model: Barbieri & Berger, Ann. Stat. 32 (2004) 870.
+        """
+        members = tuple(range(count))
+        keys = [self.objective.terms[i].key for i in open_]
+        present = self._present(keys)
+        open_ = [i for i, key in zip(open_, keys) if self.weights @ present[key] < MAJORITY]
+        value = self.objective.value(members)
+        for i in open_:
+            fewer = tuple(j for j in members if j != i)
+            if self.objective.value(fewer) > value - LEAST_LOG_ODDS:
+                members = fewer
+        return members
 
     def more_probable_exchange(self, count: int) -> Members | None:
         """The set of the first `count` terms with the one exchanged whose best alternative is likelier by most.
@@ -111,6 +137,17 @@ class Window:
             out[key] = EffectPosterior(float(min(self.weights @ present[key], 1.0)), instead)
         return out
 
+    def variation(self, number: int, count: int) -> float:
+        """`variation` of the name of one of the first `count` terms; 0 where its coefficients may have any sign."""
+        own = tuple(range(count))
+        if not self.objective.priors.positive[number]:
+            return 0.0
+        holding = [k for k, members in enumerate(self.sets) if number in members]
+        value = self.objective.coefficient(own, number)
+        others = [self.objective.coefficient(self.sets[k], number) for k in holding]
+        weights = self.weights[holding] / max(self.weights[holding].sum(), ROUNDING)
+        return float(np.sqrt(weights @ (np.array(others) - value) ** 2) / max(abs(value), 1e-300))
+
     def _instead(self, key: Key, others: Sequence[Key], held: np.ndarray, absent: np.ndarray):
         """Of a key the `instead` of its name: others, in which sets these are, held (others, sets), weights absent."""
         likeness = np.array([explained_share(self.objective, key, other) for other in others])
@@ -123,6 +160,12 @@ class Window:
         """Key -> (sets,) bool."""
         held = [{self.objective.terms[i].key for i in members} for members in self.sets]
         return {key: np.array([key in own for own in held]) for key in keys}
+
+
+def _starts(objective: LogPosterior, best: Members) -> list[Members]:
+    """A set, and the one that the compliances of all joints in the place of its elastic terms lead to."""
+    search = Stepwise(objective)
+    return [best, search.climb(search.with_all_joints(best))]
 
 
 def _neighbours(objective: LogPosterior, members: Members, open_: Sequence[int]) -> list[Members]:
@@ -161,15 +204,19 @@ def effect_posteriors(search) -> dict[Key, EffectPosterior]:
     window = _elastic_window(search)
     if window is None:
         return {}
-    terms = window.objective.terms
-    held = {h.key for h in search.accepted}
-    return window.names(held, [h.key for h in terms if is_elastic(h)])
+    terms, count = window.objective.terms, len(search.accepted)
+    names = window.names({h.key for h in terms[:count]}, [h.key for h in terms if is_elastic(h)])
+    for number, h in enumerate(terms[:count]):
+        if h.key in names:
+            names[h.key] = replace(names[h.key], variation=window.variation(number, count))
+    return names
 
 
 def exchange_terms(search) -> None:
     """Exchange what is accepted for what is likelier once variants, and sets of elastic terms, are summed over."""
     _exchange_laws(search)
     _exchange_elastic(search)
+    _drop_unneeded(search)
     accept_constant_loads(search)
     refine_options(search)
     refine_instants(search)
@@ -225,20 +272,26 @@ def _more_probable_variant(search, i: int) -> Hypothesis | None:
 
 
 def _law_of_function(search, i: int, table: Sequence[Hypothesis]) -> Hypothesis | None:
-    """The likeliest law of the same angle that makes all that an accepted nonparametric alternative at its place makes.
-
-    A joint's error as any function of its own angle has a name; the two differ by their bases alone.
-    """
+    """The likeliest law that is an accepted nonparametric alternative, see `is_law_of_function`."""
     mine = search.accepted[i]
     if not mine.smooth_covariates:
         return None
-    gain = _SAME_GAIN * search.conditional_hypothesis(i, table).gain
-    laws = []
-    for h in table:
-        is_law = not h.smooth_covariates and not is_elastic(h) and h.where == mine.where
-        if is_law and h.reads == set(mine.smooth_covariates) and h.gain >= gain:
-            laws.append(h)
+    function = search.conditional_hypothesis(i, table)
+    laws = [h for h in table if not is_elastic(h) and is_law_of_function(function, h)]
     return max(laws, key=lambda h: h.log_weight, default=None)
+
+
+def is_law_of_function(function: Hypothesis, law: Hypothesis) -> bool:
+    """Whether a law of a joint's own angle makes all that a function of this angle there makes.
+
+    A joint's error as any function of its own angle has a name; the two differ by their bases alone.
+    """
+    is_there = not law.smooth_covariates and law.where == function.where
+    return (
+        is_there
+        and law.reads == set(function.smooth_covariates)
+        and law.gain >= _SAME_GAIN * function.gain
+    )
 
 
 def _raises_posterior(search, i: int, other: Hypothesis) -> bool:
@@ -270,6 +323,9 @@ def _exchange_elastic(search) -> None:
         count = len(search.accepted)
         members = window.more_probable_set(count) or window.more_probable_exchange(count)
         if members is None:
+            elastic = [i for i in search.accepted_indices if is_elastic(search.accepted[i])]
+            members = window.fewest(count, elastic)
+        if len(members) == count and set(members) == set(range(count)):
             break
         # an accepted function without a law is solved with its effect, which its row in a table does not have
         terms = (*search.accepted, *window.objective.terms[len(search.accepted) :])
@@ -283,6 +339,20 @@ def _exchange_elastic(search) -> None:
         search.solve_feasible()
     if len(tried) > 1:
         order_by_gain(search)
+
+
+def _drop_unneeded(search) -> None:
+    """Drop elastic terms that the solution does not need, in which every law has first moments of its own.
+
+    Next to moments that are estimated once for all, a term may explain no more than what these leave.
+    """
+    while search.problem.moments_cost:
+        mine = [i for i in search.accepted_indices if is_elastic(search.accepted[i])]
+        least = min(mine, key=lambda i: search.conditional_hypothesis(i).evidence, default=None)
+        if least is None or search.conditional_hypothesis(least).evidence >= 0:
+            return
+        search.accepted = tuple(h for i, h in enumerate(search.accepted) if i != least)
+        search.solve_feasible()
 
 
 def _elastic_window(search) -> Window | None:
@@ -304,4 +374,10 @@ def _elastic_window(search) -> Window | None:
     return Window.around(objective, tuple(range(len(accepted))), open_)
 
 
-__all__ = ["EffectPosterior", "Window", "exchange_terms", "effect_posteriors"]
+__all__ = [
+    "EffectPosterior",
+    "Window",
+    "effect_posteriors",
+    "exchange_terms",
+    "is_law_of_function",
+]

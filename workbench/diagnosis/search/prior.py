@@ -1,9 +1,10 @@
 """Prior of sets of terms, and what is known of elastic terms: their sizes, and the masses that deflect them.
 
 A robot whose parts deflect under gravity seldom deflects at one place alone: once one elastic term is in a set, each
-further one is likely (`_CHANCE`). Its size follows the robot's: joints of industrial arms have 5 to 50 times the
-compliance of the link behind them, and parts that carry more are stiffer (Dumas et al., Robot. Comput.-Integr. Manuf.
-27 (2011) 881; Abele et al., CIRP Ann. 56 (2007) 387; Klimchik et al., Mech. Mach. Theory 107 (2017)). The scale common
+further one is likely (`Effect.compliance_prior`). Its size follows the robot's: joints of industrial arms have 5 to 50
+times the compliance of the link behind them, and parts that carry more are stiffer (Dumas et al., Robot.
+Comput.-Integr. Manuf. 27 (2011) 881; Abele et al., CIRP Ann. 56 (2007) 387; Klimchik et al., Mech. Mach. Theory 107
+(2017)). The scale common
 to a robot is the one at which all its joints together have the highest marginal likelihood.
 """
 
@@ -17,21 +18,16 @@ from scipy.special import logsumexp
 from robot_model.effects import CATALOGUE
 from robot_model.effects.elastic import JointCompliance
 from robot_model.effects.transmission import TransmissionHarmonic
-from robot_model.effects.unknown_masses import GravityCompliance
+from robot_model.effects.unknown_masses import TYPICAL_RAD, GravityCompliance
 from workbench.core.least_squares.linear_algebra import pseudo_inverse, symmetric_eigen
 from workbench.diagnosis.levels import ROUNDING
 from workbench.diagnosis.linear.evidence import Projected, log_evidence_by_size
 from workbench.diagnosis.linear.hypotheses import Hypothesis
-from workbench.diagnosis.linear.problem import Candidate, Problem
+from workbench.diagnosis.linear.problem import Problem
 
 SECOND = float(np.log(0.2))
 """Log prior odds of one more term, in addition to its own prior."""
-_CHANCE = {
-    kind.effect: kind.compliance_prior for kind in CATALOGUE.values() if kind.compliance_prior
-}
-"""Effect -> prior probability that it is of a size worth modelling where something deflects, and its size relative to a
-joint's compliance under a like load."""
-DEFLECTS = tuple(_CHANCE)
+DEFLECTS = tuple({kind.effect for kind in CATALOGUE.values() if kind.compliance_prior})
 _SCALES = np.geomspace(1e-7, 1e-2, 31)
 """Compliances of a joint under 1 N m, rad/(N m), of which the likeliest is the robot's."""
 _SIZE_BY_LOAD = -0.5
@@ -68,6 +64,11 @@ class Priors:
     joints: np.ndarray | None = None
     residual: np.ndarray | None = None
 
+    @property
+    def is_usual(self) -> np.ndarray:
+        """(K,) bool: at least as likely as not where something deflects, as the compliance of a joint."""
+        return self.elastic & (self.log_odds >= 0)
+
     def of(self, members: Sequence[int]) -> float:
         """Log prior of a set; the set of no term has 0."""
         members = list(members)
@@ -100,21 +101,26 @@ def elastic_prior(
     others (N, P): columns of accepted laws that are not elastic. The robot's compliance is estimated conditional on
     these: what they make would else make it far too large, or with the opposite sign zero.
     """
-    elastic = np.array([h.effect in _CHANCE and not h.smooth_covariates for h in terms], bool)
+    known = [h.effects[0].compliance_prior if h.effects else None for h in terms]
+    elastic = np.array([one is not None for one in known])
     log_prior = np.array([h.log_prior for h in terms])
     positive = np.array([getattr(h.source, "positive", 0) for h in terms], int)
     robot = _ComplianceScale.of(problem, projected, others)
     log_odds, scale = log_prior.copy(), np.ones(len(terms))
     for i in np.flatnonzero(elastic):
-        chance, relative = _CHANCE[terms[i].effect]
-        log_odds[i] = np.log(chance / (1 - chance)) + np.log(terms[i].source.prior_weight)
-        if robot is not None and relative is not None:
-            scale[i] = robot.size(terms[i].source) / float(terms[i].source.typical[0])
+        chance, relative = known[i]
+        source = terms[i].source
+        log_odds[i] = np.log(chance / (1 - chance)) + np.log(source.prior_weight)
+        if terms[i].effects[0].estimates_moments and not source.load:
+            scale[i] = relative * TYPICAL_RAD / float(source.typical[0])
+        elif robot is not None:
+            scale[i] = relative * robot.size(source.load) / float(source.typical[0])
     deflects = (
         float(logsumexp(log_prior[elastic]) - logsumexp(log_odds[elastic]))
         if elastic.any()
         else 0.0
     )
+    deflects -= problem.moments_cost
     priors = Priors(log_prior, log_odds, elastic, scale, positive, deflects)
     if robot is None:
         return priors
@@ -165,10 +171,9 @@ class _ComplianceScale:
             reference.append((candidate.effect, candidate.where, float(value * size)))
         return cls(min(float(_SCALES[best]), most), tuple(reference), orthogonal, left.y)
 
-    def size(self, candidate: Candidate) -> float:
-        """Prior size of an elastic law's compliance, rad/(N m)."""
-        _, relative = _CHANCE[candidate.effect]
-        return self.common * relative * max(candidate.load, 1e-3) ** _SIZE_BY_LOAD
+    def size(self, load: float) -> float:
+        """Prior size of the compliance of a joint under a load (N m), rad/(N m)."""
+        return self.common * max(load, 1e-3) ** _SIZE_BY_LOAD
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from workbench.diagnosis.linear.problem import Bench, Problem
 from workbench.diagnosis.noise.data_findings import with_equal_noise
 from workbench.diagnosis.noise.random_effects import RandomEffect, whitened_by
 from workbench.diagnosis.robot.derived import negative_masses
+from workbench.diagnosis.robot.shared_moments import with_shared_moments
 from workbench.diagnosis.search.compatible import compatible
 
 
@@ -64,6 +65,8 @@ class Search:
             problem if self.random_effect is None else whitened_by(problem, self.random_effect)
         )
         self.problem = with_exact_options(self.problem, (*self.accepted, *self.always_listed))
+        if self.bench.chain is not None:
+            self.problem = with_shared_moments(self.problem, self.bench.chain)
         self.tables = {}
 
     def solve_feasible(self):

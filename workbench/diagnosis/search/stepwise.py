@@ -1,7 +1,8 @@
 """The stepwise search: terms are added, dropped and exchanged as long as the log posterior of the set rises.
 
-From several starts: what is accepted already, the best single term, the best pair, and each effect at all places where
-it is likely. Pairs are tried because neither of two terms that hide one another is likely alone.
+From several starts: what is accepted already, the best single term, the best pair, each effect at all places where it
+is likely, and the compliances of all joints. Pairs are tried because neither of two terms that hide one another is
+likely alone.
 """
 
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.diagnosis.search.objective import LogPosterior, Members
+from workbench.diagnosis.search.prior import is_elastic
 
 LAW = 0.95
 """Share of what smooth nonparametric functions explain that laws must explain: no law is exact."""
@@ -50,7 +52,26 @@ class Stepwise:
         every = np.ones(len(laws), bool)
         named = tuple(int(i) for i in np.flatnonzero(np.isin(laws, present)))
         starts = [named, alone._single(every)] if named else alone._starts(every)
+        starts.append(alone.with_all_joints(named))
         return tuple(int(laws[i]) for i in alone._best(starts, every))
+
+    def with_all_joints(self, members: Members) -> Members:
+        """A set with the compliances of all joints in the place of its elastic terms, as far as they are terms.
+
+        All joints of an arm deflect under the same links, so that a harmonic and a bent link together may make what
+        two joints do: exchanges of single terms do not lead from one pair to the other.
+        """
+        objective = self.objective
+        usual = objective.priors.is_usual
+        kept = [i for i in members if not is_elastic(objective.terms[i])]
+        for i in np.flatnonzero(usual):
+            if objective.compatible_pairs[i, kept].all():
+                kept.append(int(i))
+        return tuple(kept) if usual.any() else members
+
+    def climb(self, members: Members) -> Members:
+        """The set that single moves from a given one lead to."""
+        return self._climb(members, np.ones(len(self.objective.terms), bool))
 
     def _best(self, starts: list[Members], allowed: np.ndarray) -> Members:
         ends = [self._climb(start, allowed) for start in dict.fromkeys(starts)]

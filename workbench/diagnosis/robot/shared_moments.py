@@ -1,0 +1,111 @@
+"""First moments that the gravity compliances of an arm without stated masses share.
+
+Joints, bearings, links and pedestal deflect under the same links. Each law has the first moments of these as unknowns
+of its own, so that a set of two laws would pay for the same unknowns twice, and one with the fewest unknowns would seem
+the simplest. Once something is known to deflect, the moments are therefore estimated with all laws in the model, and
+each law has one unknown left, its compliance, as it has where masses are stated. A set with any of these laws pays once
+for the moments (Laplace's approximation: Kass & Raftery, J. Am. Stat. Assoc. 90 (1995) 773, sec. 4.1). The solution of
+an accepted set estimates all unknowns of its laws.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import nnls
+
+from robot_model.effects.unknown_masses import TYPICAL_RAD, GravityCompliance
+from workbench.core.effect import Effect
+from workbench.core.least_squares.linear_algebra import solve_positive
+from workbench.diagnosis.linear.problem import Candidate, Problem
+
+_WIDEST = 10.0
+"""Prior standard deviation of compliances and of first moments in their typical sizes, as in the fit."""
+_ROUNDS = 20  # of moments and compliances in turn
+
+
+def with_shared_moments(problem: Problem, chain) -> Problem:
+    """The problem with one column for each law of unknown first moments.
+
+    Unchanged where nothing deflects yet, and next to a law of stated loads that has moments of its own.
+    """
+    laws = [c for c in problem.candidates if c.effect == GravityCompliance.effect]
+    first = next((c for c in laws if type(c.effects[0]) is GravityCompliance), None)
+    own = [e for e in problem.effects if e.estimates_moments and not _is_like_gravity(e)]
+    if first is None or own or not any(map(_is_like_gravity, problem.effects)):
+        return problem
+    others = [i for i, e in enumerate(problem.effects) if not _is_like_gravity(e)]
+    left = problem.conditional_on(others)
+    y = left.orthogonalise(left.residual)
+    maps = [_map(law, first, chain) for law in laws]
+    parts = np.stack(
+        [left.orthogonalise(_typical(law) @ m) for law, m in zip(laws, maps)]
+    )  # (C, N, P)
+    moments, sizes = _estimated(parts, y)
+    cost = _cost(parts, y, moments, sizes, max(problem.degrees, 1))
+    known = {law.key: _directed(law, m @ moments) for law, m in zip(laws, maps)}
+    candidates = tuple(known.get(c.key, c) for c in problem.candidates)
+    return replace(problem, candidates=candidates, moments_cost=cost, cache={})
+
+
+def _is_like_gravity(effect: Effect) -> bool:
+    """Whether an effect deflects the arm under its links, or is the harmonic that is most like it."""
+    return effect.effect == GravityCompliance.effect or getattr(effect, "order", None) == 1.0
+
+
+def _typical(law: Candidate) -> np.ndarray:
+    """(N, P) columns of a law, each in its typical size, and all in that of what it is where a joint deflects."""
+    _, relative = law.effects[0].compliance_prior
+    return law.columns * law.typical * (relative * TYPICAL_RAD / law.typical[0])
+
+
+def _map(law: Candidate, first: Candidate, chain) -> np.ndarray:
+    """(P, P') coefficients of a law from those of another one under the same moments, both in typical sizes."""
+    sizes = first.typical / law.typical[:, None]
+    made = law.effects[0].moments_of(first.effects[0], chain) * sizes
+    return made / made[0, 0]
+
+
+def _estimated(parts: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Moments (P,), the first of which is 1, and compliances (C,) of laws with columns (C, N, P), in turn.
+
+    The residual is predicted minus measured: what is missing has the opposite sign, and no compliance is negative.
+    """
+    moments = np.eye(parts.shape[2])[0]
+    for _ in range(_ROUNDS):
+        sizes = _nonpositive((parts @ moments).T, y)
+        whole = np.tensordot(sizes, parts, 1)  # (N, P)
+        moments[1:] = _solved(whole[:, 1:], y - whole[:, 0])
+    return moments, _nonpositive((parts @ moments).T, y)
+
+
+def _cost(parts: np.ndarray, y: np.ndarray, moments, sizes, degrees: int) -> float:
+    """Minus the log of the share of the moments' prior that the data leave, next to all compliances."""
+    columns = (parts @ moments).T
+    residual = y - columns @ sizes
+    variance = float(residual @ residual) / degrees
+    changes = np.tensordot(sizes, parts[:, :, 1:], 1)
+    changes = changes - columns @ _solved(columns, changes)
+    spent = np.eye(len(moments) - 1) + _WIDEST**2 / variance * changes.T @ changes
+    unlikely = ((moments[1:] / _WIDEST) ** 2).sum()
+    return float(0.5 * np.linalg.slogdet(spent)[1] + 0.5 * unlikely)
+
+
+def _nonpositive(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Coefficients (T,) with their priors, none of them above 0."""
+    rows = np.vstack([columns, np.eye(columns.shape[1]) / _WIDEST])
+    return -nnls(rows, np.concatenate([-y, np.zeros(columns.shape[1])]))[0]
+
+
+def _solved(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Coefficients (T,) or (T, K) with their priors."""
+    gram = columns.T @ columns + np.eye(columns.shape[1]) / _WIDEST**2
+    return solve_positive(gram, columns.T @ y)
+
+
+def _directed(law: Candidate, direction: np.ndarray) -> Candidate:
+    """A law with one unknown, its first, which the others follow in proportion; direction in typical sizes."""
+    columns = (law.columns * law.typical) @ direction / law.typical[0]
+    return replace(law, columns=columns[:, None], typical=law.typical[:1])
+
+
+__all__ = ["with_shared_moments"]
