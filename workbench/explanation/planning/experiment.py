@@ -31,6 +31,7 @@ from workbench.explanation.words import covariate, listed, place
 
 POSES, _ASKED = 30, 3
 _MOST_EXTRA = 30  # times as many samples as were planned
+_LEAST_GAINED = 0.1  # sigma that a recording has to add to a distance, to be worth measuring
 _LIKELY, _ALIKE = (
     0.05,
     0.9,
@@ -375,7 +376,8 @@ def describe_comparison(
             "Both remain likely all the same: neither alone describes the effect. "
             f"{_capital(plan.words.format(poses=len(best['poses'])))}."
         )
-    if best["samples_needed"] > _MOST_EXTRA * best["samples"]:
+    gained = best["apart_then_sigma"] - best["apart_now_sigma"]
+    if best["samples_needed"] > _MOST_EXTRA * best["samples"] or gained < _LEAST_GAINED:
         return (
             f"No recording of the kinds that were compared distinguishes {pair.name} from {pair.other}: they move "
             f"the measured point alike, {best['apart_now_sigma']:.1f} σ apart now and {best['apart_then_sigma']:.1f} σ "

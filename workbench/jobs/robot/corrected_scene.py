@@ -76,7 +76,9 @@ def write_scene(scene: CorrectedScene, folder: Path) -> str:
         truth_from(Scene(**(dict(scene.keys) | {"samples": _TRIAL_SAMPLES})), path)
     except InputError as problem:
         (path.parent / ROBOT).unlink(missing_ok=True)
-        return str(problem)
+        return str(problem).replace(
+            f"scene {path}, ", ""
+        )  # the run folder has another name in the end
     path.write_text(tomli_w.dumps(dict(scene.keys)), encoding="utf-8")
     return ""
 
