@@ -67,8 +67,9 @@ def finding(
         made = _with_set_posterior(made, shares, names)
     if search.bench.chain is not None:
         made = with_equivalent_places(made, search.bench.chain.robot.joints)
-    made = _with_confounded_laws(made)
-    return made if mine.smooth_covariates else _with_unexplained_alternative(search, own, made)
+    if not mine.smooth_covariates:
+        made = _with_unexplained_alternative(search, own, made)
+    return _with_confounded_laws(made)
 
 
 def with_equivalent_places(made: Finding, joints: int) -> Finding:
