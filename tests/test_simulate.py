@@ -83,6 +83,8 @@ CAUSES = (
     ("gravity-link-compliance", "link-2", {}, {"link-2.gravity-compliance.tilt": 1e-3}),
     ("gravity-pedestal-compliance", "base", {}, {"base.gravity-compliance.tilt": 1e-3}),
     ("sight-line-refraction", "instrument", {}, {"gradient_x": 0.3, "gradient_z": 0.3}),
+    ("azimuth-harmonic", "instrument", {"order": 5}, {"cos5": 3e-4, "sin5": 2e-4}),
+    ("elevation-harmonic", "instrument", {"order": 7}, {"cos7": 3e-4, "sin7": 2e-4}),
     ("instrument-range-scale", "instrument", {}, {"instrument.range-scale.scale": 3e-4}),
     ("reflector-incidence", "tool", {}, {"x_by_x": 0.2}),
     ("payload", "tool", {}, {"mass": 3.0}),
