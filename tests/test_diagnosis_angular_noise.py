@@ -59,6 +59,6 @@ def test_the_direction_of_noise_is_not_judged_where_a_function_without_a_law_is_
         noise_findings=(), p_first=1e-9, p_remainder=0.5, outliers=np.zeros(3, bool)
     )
     term = Term(Finding(effect, "time", "", (), 1e-9, 1.0, 0.0, 0.0))
-    last = SimpleNamespace(found=found, after=None, bench=None)
+    last = SimpleNamespace(found=found, after=None, bench=None, has_rounding=False)
     answer._with_noise(last, (term,), ())
     assert bool(calls) is judged

@@ -23,6 +23,7 @@ _LEAST_SPARE_DEGREES = 30.0
 _FEW_VALUES, _RARE = 8, 0.25
 _SEVERAL, _CHANCE = 3, 0.01
 _NUMBERS = ("sample", "pose", "repeat")
+_TARGETS = {"ball", "reflector"}
 _NEAR = 4.0
 _UNIT_DIGITS = 1e-3
 """Of a unit: half a step of a coordinate with three digits, and more for three coordinates."""
@@ -229,12 +230,19 @@ def _other_unit(robot, recording, fit, outliers, near):
 
 def _lost_decimal_points(robot, recording, fit, outliers, near):
     """Outlying rows that fit if the decimal point of one cell is at another place."""
-    wrong, cells = recording.select(outliers.rows), {}
+    # a fit has the parameters of every target, so that one row of each is needed
+    targets = [
+        np.unique(recording.columns[c], return_index=True)[1]
+        for c in _TARGETS & set(recording.columns)
+    ]
+    rows = np.union1d(outliers.rows, np.concatenate([np.zeros(0, int), *targets]))
+    wrong, cells = recording.select(rows), {}
+    is_outlying = np.isin(rows, outliers.rows)
     names = [*joint_columns(recording.columns), *(c for c in POINT if c in recording.columns)]
     for name, digits in product(names, _LOST_DIGITS):
         values = wrong.columns[name] / 10.0**digits
         moved = replace(wrong, columns={**wrong.columns, name: values})
-        fits = (row_mismatch(robot, moved, fit) < near) & (values != 0)
+        fits = is_outlying & (row_mismatch(robot, moved, fit) < near) & (values != 0)
         for k in np.flatnonzero(fits):
             cells.setdefault(k, (name, values[k]))
     if not cells:
@@ -244,7 +252,7 @@ def _lost_decimal_points(robot, recording, fit, outliers, near):
         for k, (name, value) in sorted(cells.items())
     ]
     more = [f"{len(said) - _NAMED} more"] if len(said) > _NAMED else []
-    rest = wrong.n - len(cells)
+    rest = len(outliers.rows) - len(cells)
     others = f"; for the other {rest}, {outliers.likely_cause}" if rest else ""
     return Reason(
         f"a decimal point is lost or misplaced: {listed([*said[:_NAMED], *more])}{others}",
