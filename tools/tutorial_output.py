@@ -17,7 +17,7 @@ from terminal_image import COLUMNS, ROOT, link_tools
 
 TUTORIALS = ROOT / "docs" / "tutorials"
 BLOCK = re.compile(r"```(sh|python)\n(.*?)```\n(?:\n```text\n(.*?)```\n)?", re.DOTALL)
-LONGEST, KEPT, GAP = 36, 24, "..."
+LONGEST, KEPT, GAP = 42, 24, "..."
 # What another machine may print: 5 % or two units of the last printed digit more or less; 1 % of a count above 100;
 # any number that is zero but for rounding errors.
 RELATIVE, LAST_DIGITS, COUNTED, ZERO = 0.05, 2, 0.01, 1e-6

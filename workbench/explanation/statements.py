@@ -32,6 +32,7 @@ UNCONFIRMED = "found in the first search, not confirmed by cross-validation"
 _OF_DATA = ("outliers", NoiseLaw.effect, "encoder-quantisation", ReadingLattice.effect)
 _EITHER = "with temperature, or with time where none was recorded"
 _INSTANT = re.compile(r"after (?:row )?(?P<value>\d+(?:\.\d+)?(?:e[+-]?\d+)?)(?P<unit> s)?\b")
+_IN_BRACKETS = re.compile(rf" \({_INSTANT.pattern}\)")
 _MOST = 3  # alternatives that are listed
 _CLEAR = 0.95  # probability from which on no alternative is listed
 
@@ -125,6 +126,7 @@ def _of_law(term: Term, size: str) -> str:
     kind = type(found.effects[0]) if found.effects else None
     said = law(found.effect, found.where, label_of(found), kind)
     numbers = figures(term.parameters) if term.parameters else ""
+    numbers = _IN_BRACKETS.sub("", numbers)  # the law states the instant once
     warms_up = any(getattr(one, "time_constant_s", 0) for one in found.effects)
     by_time = warms_up or any(row["unit"].endswith("/h") for row in term.parameters)
     said = said.replace(
