@@ -196,3 +196,19 @@ def test_a_curve_takes_in_the_harmonic_of_its_joint():
         ("transmission-harmonic", "joint-6"),
     ]
     assert kept[0].effects == (curve, near) and kept[0].gain == 12.0
+
+
+def test_a_load_has_no_probability_without_a_compliance_that_it_deflects(elastic_arm):
+    terms = list(elastic_arm.terms)
+    load = CATALOGUE["payload"]("tool", after=2000.0)
+    assert load.needs_compliance and not any(h.needs_compliance for h in terms)
+    terms[0] = replace(terms[0], effects=(load,), effect=load.effect, where="tool")
+    carrier = next(i for i, h in enumerate(terms) if i and h.carries_load)
+    rigid = replace(elastic_arm, terms=tuple(terms), is_rigid=True, seen={}, joined={})
+    assert rigid.value((0,)) == rigid.value((0, 0)) == -np.inf
+    assert np.isfinite(rigid.value((0, carrier))) and np.isfinite(rigid.value((carrier, 0)))
+    allowed = np.arange(len(terms)) == 0
+    assert rigid.most_probable_extension((), allowed)[0] == -np.inf
+    assert np.isfinite(rigid.most_probable_extension((carrier,), allowed)[0])
+    elastic = replace(rigid, is_rigid=False, seen={}, joined={})
+    assert np.isfinite(elastic.value((0,))), "the baseline may hold the compliance"

@@ -50,6 +50,7 @@ class LogPosterior:
     """Log posterior of sets of K terms with T columns: `gram` (T, T), `score` (T,), `start` (K + 1,) of each term.
 
     `yy`, `degrees`: squared length of y and the coordinates that it is worth; `seen`: sets that were weighed.
+    `is_rigid`: whether the baseline holds no compliance, so that loads act through those of a set alone.
     """
 
     terms: tuple[Hypothesis, ...]
@@ -59,6 +60,7 @@ class LogPosterior:
     yy: float
     degrees: float
     priors: Priors
+    is_rigid: bool = False
     seen: dict[frozenset, float] = field(default_factory=dict)
     joined: dict[frozenset, np.ndarray] = field(default_factory=dict)
 
@@ -99,6 +101,7 @@ class LogPosterior:
             yy,
             projected.degrees,
             priors,
+            not problem.given_values,
         )
 
     def among(self, rows: np.ndarray) -> "LogPosterior":
@@ -114,6 +117,7 @@ class LogPosterior:
             self.yy,
             self.degrees,
             self.priors.among(rows),
+            self.is_rigid,
         )
 
     @cached_property
@@ -175,7 +179,13 @@ class LogPosterior:
         return self.seen[key]
 
     def value_at(self, members: Members, gain: float) -> float:
-        """Log posterior of a set where a larger fall of the sum of squares than `gain` counts for nothing."""
+        """Log posterior of a set where a larger fall of the sum of squares than `gain` counts for nothing.
+
+        Of loads without a compliance that they deflect it is -inf: their columns are those of compliances that the set
+        does not hold.
+        """
+        if members and not self._carries_loads(members[:-1])[members[-1]]:
+            return -np.inf
         solved = self._solved(members)
         logs = float(log_evidence(solved.log_determinant, np.minimum(solved.gain, gain), self))
         return logs + self.priors.of(members) + self._signs(members, solved)
@@ -205,6 +215,7 @@ class LogPosterior:
     def most_probable_extension(self, base: Members, allowed: np.ndarray) -> tuple[float, Members]:
         """The likeliest set with one more of the terms allowed (K,) bool; the set itself where none has room."""
         free = allowed & (self.compatible_pairs[list(base)].all(0) if base else True)
+        free &= self._carries_loads(base)
         weights = np.where(free, self._with_each(base), -np.inf)
         held = int(self.priors.positive[list(base)].sum())
         most = np.log(2) * (held + self.priors.positive)  # that signs add
@@ -215,6 +226,19 @@ class LogPosterior:
             members = (*base, int(k))
             top = max(top, (self.value(members) if most[k] else float(weights[k]), members))
         return top
+
+    def _carries_loads(self, base: Members) -> np.ndarray:
+        """(K,) whether a set with each other term holds a compliance for its loads, or has no load."""
+        is_load, is_carrier = self._loads_and_carriers
+        if not self.is_rigid or is_carrier[list(base)].any():
+            return np.ones(len(self.terms), bool)
+        return is_carrier if is_load[list(base)].any() else ~is_load
+
+    @cached_property
+    def _loads_and_carriers(self) -> np.ndarray:
+        """(2, K) which terms act through compliances alone, and which are such compliances."""
+        kinds = [(h.needs_compliance, h.carries_load) for h in self.terms]
+        return np.array(kinds, bool).reshape(-1, 2).T
 
     def _with_each(self, base: Members) -> np.ndarray:
         """(K,) log posterior, but for signs, of a set with each other term, by Schur complements."""
