@@ -40,13 +40,13 @@ def rms(errors: np.ndarray, inliers: np.ndarray, sigma: np.ndarray | None = None
 def rms_pair(
     before: np.ndarray, after: np.ndarray, inliers: np.ndarray, sigma: np.ndarray | None = None
 ) -> tuple[float, float]:
-    """RMS of the errors (n,) without and with some terms, as of `rms`.
+    """RMS of the errors (n,) without and with some terms, as of `rms`, of the samples that both predict.
 
     Where the squares rise and Huber's loss falls, a few samples far off decide on the squares: errors then count by
     the loss, which decides on a term in every other place (`paired_t`).
     """
-    plain = rms(before, inliers, sigma), rms(after, inliers, sigma)
     kept = inliers & np.isfinite(before) & np.isfinite(after)
+    plain = rms(before, kept, sigma), rms(after, kept, sigma)
     if plain[1] < plain[0] or not kept.any():
         return plain
     unit = np.ones(int(kept.sum())) if sigma is None else sigma[kept]
