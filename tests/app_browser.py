@@ -377,6 +377,7 @@ def brush_chart(page) -> None:
 def cancel_run(page, command: str) -> None:
     """Start a run of the tab Edit and rerun, and cancel it."""
     show_tab(page, "Edit and rerun")
+    wait_until_drawn(page)  # a page that is busy painting may miss a short run
     page.get_by_role("button", name=command).click()
     page.get_by_role("progressbar", name="Run in progress").wait_for()
     page.get_by_role("button", name="Cancel").press("Enter")

@@ -22,6 +22,7 @@ from app_browser import (
     plot,
     scrub_by_key,
     serve,
+    settled_place,
     show_tab,
     stop,
     text_of,
@@ -213,6 +214,12 @@ _RING_AND_NEEDLE = """() => {
 }"""
 
 
+_RING_IS_NEAR = f"""(needle) => {{
+    const ring = ({_RING_AND_NEEDLE})();
+    return ring && Math.hypot(ring[1] - needle[0], ring[2] - needle[1]) < 12;  // the needle has a width
+}}"""
+
+
 _CAMERA = """() => JSON.stringify(document.querySelector('[data-figure=arrows] .js-plotly-plot')
     ._fullLayout.scene._scene.getCamera().eye)"""
 
@@ -221,8 +228,9 @@ def test_a_ring_marks_the_selected_sample_in_space_and_follows_the_camera(page):
     click_row(page, 120, 300)
     page.wait_for_function(f"() => ({_RING_AND_NEEDLE})()?.[0] === 'sample 121'")
     for _ in range(2):
+        needle = settled_place(page, lambda: place_of_needle(page, 120))
+        page.wait_for_function(_RING_IS_NEAR, arg=needle)
         _, *ring = page.evaluate(_RING_AND_NEEDLE)
-        assert ring == pytest.approx(place_of_needle(page, 120), abs=12)  # the needle has a width
         rotate = page.get_by_role("button", name="Rotate left: Residuals as arrows in space")
         for _ in range(3):
             camera = page.evaluate(_CAMERA)
