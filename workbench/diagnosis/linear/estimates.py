@@ -76,6 +76,3 @@ def with_variation(rows: Sequence[Mapping], variation: float) -> tuple:
         return tuple(rows)
     std = math.hypot(rows[0]["std"], variation * rows[0]["value"])
     return ({**rows[0], "std": std}, *rows[1:])
-
-
-__all__ = ["Instant", "Options", "RealOption", "parameter_row", "with_variation"]

@@ -129,6 +129,3 @@ def _exact(scan: Scan, value: float) -> Scan:
 def _base_of(scan: Scan, problem: Problem) -> Scan | None:
     """The scan over the whole grid; None where the problem does not hold it."""
     return problem.sources.get(scan.key[:-1] if scan.is_exact else scan.key)
-
-
-__all__ = ["RealFamily", "with_exact_options"]

@@ -290,6 +290,3 @@ def family_wise(hypotheses: Sequence[Hypothesis], least: float = 0.0) -> float:
         h for h in hypotheses if h.gain >= least and (h.evidence > 0 or not h.smooth_covariates)
     ]
     return float(min([1.0, *(h.p / h.weight for h in counted)]))
-
-
-__all__ = ["Hypothesis", "Moments", "columns_of", "family_wise", "ranked_hypotheses", "waves_at"]

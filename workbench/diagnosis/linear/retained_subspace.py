@@ -115,6 +115,3 @@ class RetainedSubspace:
     def score(self) -> np.ndarray:
         """(R,) inner products of the basis with the residual."""
         return self.mixing.T @ self.added.score
-
-
-__all__ = ["AddedEffects", "RetainedSubspace"]

@@ -121,6 +121,3 @@ def _thinned(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     outer = np.setdiff1d(np.arange(x.shape[1]), inner)
     counts = np.full(len(chosen), len(inner) / max(len(chosen), 1))
     return np.concatenate([chosen, outer]), np.concatenate([counts, np.ones(len(outer))])
-
-
-__all__ = ["contaminated"]

@@ -105,12 +105,3 @@ def _spread(problem: Problem) -> tuple[Finding, ...]:
         return ()
     name, p = found
     return (Finding(NoiseLaw.effect, "noise", f"with {name}", (), p, 1.0 - p, 0.0, 0.0, (name,)),)
-
-
-__all__ = [
-    "DATA_FAULT_LEVEL",
-    "find_data_faults",
-    "relative_noise",
-    "unweighted_squares",
-    "with_equal_noise",
-]

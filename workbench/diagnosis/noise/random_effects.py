@@ -433,17 +433,3 @@ def place_of(random_effect: RandomEffect) -> Located:
     """The place as the answer lists it: nothing goes with its movement, its size is the spread."""
     site, p = random_effect.site, random_effect.p_value
     return Located(site.where, site.port, (), 0.0, p, random_effect.spread)
-
-
-__all__ = [
-    "RandomEffect",
-    "residual_random_effect",
-    "whitened_by",
-    "unrecorded_causes",
-    "is_rounding",
-    "movement",
-    "place_of",
-    "find_random_effect",
-    "random_effect_finding",
-    "unrecorded",
-]

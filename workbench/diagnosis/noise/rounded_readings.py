@@ -68,6 +68,3 @@ def _lattices(problem: Problem) -> list[tuple[Site, float, str]]:
         if step is not None:
             found.append((site, step * factor, f"in steps of {step:.4g} {unit}"))
     return found
-
-
-__all__ = ["PLACE", "rounded_readings", "rounding_site", "rounding_variance"]

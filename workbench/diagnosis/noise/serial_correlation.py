@@ -114,6 +114,3 @@ def _by_pose(problem: Problem, columns: np.ndarray) -> np.ndarray:
     np.add.at(sums, label, rows.transpose(1, 0, 2))
     means = sums / np.sqrt(count)[:, None, None]
     return means[np.argsort(problem.order[first], kind="stable")]
-
-
-__all__ = ["SerialCorrelation", "serial_correlation"]

@@ -187,17 +187,3 @@ def spectrum(effect: JointCurve, coefficients: np.ndarray, chain) -> dict:
     cycles = [(c.order, c.amplitude, c.per_motor_revolution) for c in found]
     share = periodic_share(effect, coefficients, found)
     return {"curve_rms": float(error.std()), "cycles": cycles, "periodic_share": share}
-
-
-__all__ = [
-    "DEFLECTION",
-    "MOVE",
-    "deflection_row",
-    "linear_values",
-    "mass_rows",
-    "negative_masses",
-    "reflector_rows",
-    "spectrum",
-    "variation_mm",
-    "with_estimated_options",
-]

@@ -118,6 +118,3 @@ def compliances(catalogue: Catalogue) -> list[type[Effect]]:
 def names(kinds: Iterable[type[Effect]]) -> set[str]:
     """Words of the vocabulary of some effects."""
     return {kind.effect for kind in kinds}
-
-
-__all__ = ["compliances", "grids", "names", "scan_of", "subsumed", "variants"]

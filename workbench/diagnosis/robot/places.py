@@ -153,6 +153,3 @@ def _floor(chain, rows, turns) -> list[Scan]:
 
 def _flat(rows):
     return rows.reshape(len(rows), -1)
-
-
-__all__ = ["lengths", "scans", "sites"]

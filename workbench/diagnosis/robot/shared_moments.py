@@ -106,6 +106,3 @@ def _directed(law: Candidate, direction: np.ndarray) -> Candidate:
     """A law with one unknown, its first, which the others follow in proportion; direction in typical sizes."""
     columns = (law.columns * law.typical) @ direction / law.typical[0]
     return replace(law, columns=columns[:, None], typical=law.typical[:1])
-
-
-__all__ = ["with_shared_moments"]

@@ -38,6 +38,3 @@ class SlicedBases(dict):
 def describe(effect: Effect) -> tuple:
     """Class, place and options of an effect: equal for effects that do the same."""
     return type(effect), effect.where, *map(repr, effect.options.values())
-
-
-__all__ = ["SlicedBases", "describe"]

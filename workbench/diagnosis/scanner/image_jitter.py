@@ -275,6 +275,3 @@ def _paired_t(gains: np.ndarray) -> float:
     """t of the mean of gains (G,) of board poses."""
     spread = gains.std(ddof=1) / np.sqrt(len(gains))
     return float(gains.mean() / spread) if spread > 0 else 0.0
-
-
-__all__ = ["EFFECT", "ImageJitter", "find_image_jitter", "jitter_before_proof"]

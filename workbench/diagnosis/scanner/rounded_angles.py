@@ -44,6 +44,3 @@ def rounding_steps(
         return []
     label = np.unique(angles, return_inverse=True)[1]
     return [random_effect(spread, label, decorrelated(before, by_angle), sigma**-2.0)]
-
-
-__all__ = ["rounding_std", "rounding_steps"]

@@ -79,6 +79,3 @@ def _is_too_fast(law: Hypothesis) -> bool:
         return False
     scan, order = law.source
     return order * np.ptp(scan.x) / 2 > SHARP_DEGREE
-
-
-__all__ = ["compatible", "equivalent_places", "is_neighbour", "same_place"]

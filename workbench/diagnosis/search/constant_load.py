@@ -255,6 +255,3 @@ def _is_elastic(h: Hypothesis) -> bool:
 def _deflects(h: Hypothesis) -> bool:
     """Whether a term is a law of the catalogue by which something deflects under gravity, its masses as stated."""
     return isinstance(h.source, Candidate) and any(effect.mass_dependent for effect in h.effects)
-
-
-__all__ = ["accept_constant_loads"]

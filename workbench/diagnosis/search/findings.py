@@ -298,14 +298,3 @@ def _port(function: Hypothesis) -> str:
     """The port of a smooth nonparametric alternative; "" where its row does not say."""
     site = function.source[0] if isinstance(function.source, tuple) else None
     return getattr(site, "port", "")
-
-
-__all__ = [
-    "ELASTIC",
-    "SAME_FUNCTION",
-    "bare_finding",
-    "finding",
-    "explains_movement",
-    "with_equivalent_places",
-    "with_unrecorded_covariates",
-]

@@ -102,6 +102,3 @@ def _posterior(search, i: int, scan: Scan) -> tuple[Scan, np.ndarray]:
 def _gap(scan: Scan, value: float) -> float:
     """Distance between the samples before and after an instant."""
     return float(scan.x[scan.x > value].min() - scan.x[scan.x <= value].max())
-
-
-__all__ = ["instant_of", "refine_instants"]

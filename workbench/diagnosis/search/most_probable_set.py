@@ -166,6 +166,3 @@ def _allowed_next(search: Search, left: list[int]) -> list[int]:
     if not any(accepted[i].carries_load for i in left):
         return left
     return [i for i in left if not accepted[i].needs_compliance]
-
-
-__all__ = ["accept_most_probable_set", "as_solved", "order_by_gain", "record_terms"]

@@ -308,6 +308,3 @@ def _condition_on_compliances(
     if carried.any() and base.shape[1]:
         orthonormal = np.linalg.qr(base)[0]
         orthogonal[:, carried] -= orthonormal @ (orthonormal.T @ orthogonal[:, carried])
-
-
-__all__ = ["Accepted", "LogPosterior", "Members"]

@@ -143,6 +143,3 @@ class _Profile:
         """Columns (N, P) at a value, the baseline projected out, and their coefficients (P,)."""
         columns = self.projected.problem.orthogonalise(self.family.columns(value))
         return columns, least_squares(columns, self.projected.y, ROUNDING)
-
-
-__all__ = ["option_of", "refine_options", "with_estimated_options"]

@@ -372,12 +372,3 @@ def _elastic_window(search) -> Window | None:
     objective = LogPosterior.of(search.problem.conditional_on(()), terms, accepted=solved)
     open_ = [i for i, h in enumerate(terms) if is_elastic(h)]
     return Window.around(objective, tuple(range(len(accepted))), open_)
-
-
-__all__ = [
-    "EffectPosterior",
-    "Window",
-    "effect_posteriors",
-    "exchange_terms",
-    "is_law_of_function",
-]

@@ -284,14 +284,3 @@ def is_elastic(h: Hypothesis) -> bool:
     order = getattr(h.effects[0], "order", None) if h.effects else None
     deflects = h.effect in (*DEFLECTS, GravityCompliance.effect)
     return deflects or (h.effect == TransmissionHarmonic.effect and order == 1.0)
-
-
-__all__ = [
-    "DEFLECTS",
-    "LAW_ERROR",
-    "SECOND",
-    "MassUncertainty",
-    "Priors",
-    "elastic_prior",
-    "is_elastic",
-]

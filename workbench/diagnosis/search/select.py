@@ -280,6 +280,3 @@ def _search_on_subset(search: Search, samples) -> Found:
         outliers=outliers,
         noise_findings=spread,
     )
-
-
-__all__ = ["UNMODELLED_LEVEL", "find", "found_terms"]

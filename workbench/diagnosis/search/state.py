@@ -211,6 +211,3 @@ def _conditional_scores(problem: Problem, i: int, others: tuple[int, ...]) -> tu
 def name_of(h: Hypothesis) -> tuple:
     """What tells a hypothesis from all others."""
     return (*h.key, h.label)
-
-
-__all__ = ["Search", "name_of"]

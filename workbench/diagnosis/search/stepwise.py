@@ -158,6 +158,3 @@ def _kind(term) -> tuple:
     if all(name.endswith(number) for name in term.smooth_covariates):
         return tuple(name.removesuffix(number) for name in term.smooth_covariates)
     return (*term.key, term.label)
-
-
-__all__ = ["LAW", "Stepwise"]

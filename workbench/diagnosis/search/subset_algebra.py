@@ -84,6 +84,3 @@ class ConditionalSolution:
             return np.broadcast_to(own, (len(self._inverse_eigenvalues), *own.shape))
         made = self._projected_gram.T[columns]  # (C, w, h)
         return own - (made * self._inverse_eigenvalues[:, None, None]) @ made.swapaxes(1, 2)
-
-
-__all__ = ["ConditionalSolution", "Table"]

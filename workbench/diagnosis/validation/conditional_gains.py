@@ -70,6 +70,3 @@ class ConditionalGains:
             return left_out_components(problem, scheme.fold, scored=scored)
 
         return cached(self._errors, (scheme.name, *sorted(kept)), make)
-
-
-__all__ = ["ConditionalGains"]

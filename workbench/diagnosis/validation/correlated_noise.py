@@ -60,6 +60,3 @@ def with_correlated_noise(
 def _chance(problem: Problem, noise: SerialCorrelation) -> float:
     """Family-wise p-value that a problem lacks anything, under correlated noise."""
     return family_wise(ranked_hypotheses(replace(problem, serial_effect=noise.design_effect)))
-
-
-__all__ = ["reject_explained_by_correlated_noise", "with_correlated_noise"]

@@ -117,15 +117,3 @@ def tested_samples(bench) -> np.ndarray | None:
     if bench.chain is None or len(bench.pose) <= MAX_TESTED_SAMPLES:
         return None
     return thinned(bench.pose, np.ones(len(bench.pose), bool), MAX_TESTED_SAMPLES)
-
-
-__all__ = [
-    "ROUND_ROBIN",
-    "MAX_TESTED_SAMPLES",
-    "SPACE",
-    "TIME",
-    "Scheme",
-    "tested_samples",
-    "schemes",
-    "thinned",
-]

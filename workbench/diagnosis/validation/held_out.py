@@ -348,20 +348,3 @@ def _lengths_of(problem: Problem, out: np.ndarray) -> np.ndarray:
     kinds = [np.where(part, out, 0.0) for part in (~problem.rotation, problem.rotation)]
     lengths = [np.sqrt(np.bincount(problem.sample, kind**2, minlength=problem.n)) for kind in kinds]
     return np.stack([lengths[0], np.rad2deg(lengths[1])])
-
-
-__all__ = [
-    "DOUBLED",
-    "Errors",
-    "clark_west_t",
-    "critical_t",
-    "left_out",
-    "left_out_components",
-    "name_of",
-    "paired_t",
-    "rises_significantly",
-    "rms",
-    "rms_pair",
-    "sigma_of",
-    "significance",
-]

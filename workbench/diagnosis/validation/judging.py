@@ -134,15 +134,3 @@ def refused_term(term: Term, rows: Sequence[SchemeErrors], unit: str) -> Term:
         f"{unit} before, {worst.rms_after:.3g} {unit} with them), and of these this one has the least support"
     )
     return replace(term, kept=False, reason=reason)
-
-
-__all__ = [
-    "SchemeErrors",
-    "combined_t",
-    "extrapolated_share",
-    "reported_scheme",
-    "is_supported",
-    "judging_schemes",
-    "refused_term",
-    "require_compliances",
-]

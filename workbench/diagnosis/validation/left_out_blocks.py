@@ -133,6 +133,3 @@ def _scored_block(inner: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, flo
     left = np.clip(1 - values, NEGLIGIBLE_SHARE, 1.0)
     growth = (1 / np.sqrt(left) - 1) / np.maximum(values, NEGLIGIBLE_SHARE)
     return vectors @ (growth * (vectors.T @ score)), float(-np.log(left).sum())
-
-
-__all__ = ["block_shares", "fitted_residual", "left_out_rows", "variance_factor"]

@@ -36,6 +36,3 @@ def _begin(bench, search) -> None:
 
 def _search(part: np.ndarray) -> list:
     return _held["search"](_held["bench"], part)
-
-
-__all__ = ["parallel_searches"]

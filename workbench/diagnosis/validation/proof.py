@@ -300,6 +300,3 @@ def _controlled(bench, terms: list[Term], say) -> tuple[list[Term], list[Term]]:
         else:
             kept.append(made)
     return kept, failed
-
-
-__all__ = ["retained_in_fold", "prove"]

@@ -216,6 +216,3 @@ def effect_indices(findings) -> list[list[int]]:
 def effects_of(findings: Sequence[Finding]) -> tuple[Effect, ...]:
     """The effects of some findings, in order."""
     return tuple(e for finding in findings for e in finding.effects)
-
-
-__all__ = ["Nested", "effects_of", "judges_of_all", "effect_indices", "stable_terms"]
