@@ -129,7 +129,7 @@ class Model:
 
     def residual(self, parameters: Parameters) -> np.ndarray:
         """(m, n) predicted minus measured, in the units of the measurement (mm, rad)."""
-        return self._joined(self.evaluate(parameters).residual)
+        return self.joined(self.evaluate(parameters).residual)
 
     def sigma(self, parameters: Parameters) -> np.ndarray:
         """(m, n) 1 sigma of each component, with the effects that act on the noise."""
@@ -151,13 +151,13 @@ class Model:
         def rows() -> np.ndarray:
             own = np.flatnonzero(parameters.mask[: len(self.chain.parameters)])
             if len(own) == parameters.mask.sum():  # no effect is free: the rows need not be copied
-                return self._joined(evaluation.own_rows(own))
+                return self.joined(evaluation.own_rows(own))
             made = np.empty((parameters.mask.sum(), *evaluation.residual.shape))
-            return self._joined(self.fill_rows(evaluation, parameters, made))
+            return self.joined(self.fill_rows(evaluation, parameters, made))
 
-        return self._joined(evaluation.residual), rows
+        return self.joined(evaluation.residual), rows
 
-    def _joined(self, columns: np.ndarray) -> np.ndarray:
+    def joined(self, columns: np.ndarray) -> np.ndarray:
         """(..., n) sums of (..., poses n): where several arm poses make one sample, their contributions add up."""
         poses = getattr(self.chain, "poses_per_sample", 1)
         if poses == 1:

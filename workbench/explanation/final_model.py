@@ -175,7 +175,7 @@ class FinalModel:
 def _plain(problem) -> dict:
     """Covariates that vary, each listed once."""
     out = {}
-    for name, x in problem.covariates.items():
+    for name, x in problem.sample_covariates.items():
         if np.ptp(x) > 0 and not any(np.array_equal(x, other) for other in out.values()):
             out[name] = x
     return out

@@ -89,8 +89,9 @@ class Projected:
         self.yy = float(self.y @ self.y) / self.design_effect
         self.degrees = max(problem.degrees, 1) / self.design_effect
         self.cache = problem.cache
-        n, size = problem.n, len(problem.sample)
-        self._sum = csr_array((np.ones(size), (problem.sample, np.arange(size))), shape=(n, size))
+        number = problem.ends.numbers(problem.sample)
+        n, size = problem.ends.count * problem.n, len(number)
+        self._sum = csr_array((np.ones(size), (number, np.arange(size))), shape=(n, size))
 
     def column_moments(self, columns: np.ndarray, name: tuple | None = None) -> Moments:
         """columns (C, N, P), already in typical sizes; `name`: of columns that are the problem's own."""
@@ -132,7 +133,7 @@ class Projected:
         return SampleSums(rows, self, name)
 
     def sums(self, values: np.ndarray) -> np.ndarray:
-        """(n, R) sums over each sample's coordinates of values (N, R)."""
+        """(E n, R) sums over each arm pose's coordinates of values (E N, R)."""
         return self._sum @ values
 
     def score_hypotheses(self, moments: Moments) -> Scores:
@@ -192,10 +193,11 @@ def _without_projections(gram: np.ndarray, made: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class SampleSums:
-    """What is left of k slots with `rows` (k, N) once each sample's coordinates are summed, made where it is asked for.
+    """What is left of k slots with `rows` (k, E N) once the coordinates of a sample are summed, made on demand.
 
-    `score` (n, k) with the residual, `added` (k, n, A) with the columns of added effects, `basis` (k, n, R) with the
-    baseline's basis, `squares` (k, n, k) with one another. `name`: under which what depends on these alone is kept.
+    `score` (E n, k) with the residual, `added` (k, E n, A) with the columns of added effects, `basis` (k, E n, R) with
+    the baseline's basis, `squares` (k, E n, k) with one another. `name`: under which what depends on these alone is
+    kept. A column is a function of the arm pose times a row, summed over the E poses of a sample.
     """
 
     rows: np.ndarray
@@ -204,22 +206,24 @@ class SampleSums:
 
     @cached_property
     def score(self) -> np.ndarray:
-        return self.projected.sums((self.rows * self.projected._y()).T)
+        y = self.projected.problem.ends.repeated(self.projected._y())
+        return self.projected.sums((self.rows * y).T)
 
     @cached_property
     def added(self) -> np.ndarray:
-        return self._with(self.projected._columns())
+        return self._with(self.projected.problem.ends.repeated(self.projected._columns()))
 
     @cached_property
     def basis(self) -> np.ndarray:
-        return self._with(self.projected.problem.basis)
+        problem = self.projected.problem
+        return self._with(problem.ends.repeated(problem.basis))
 
     @cached_property
     def squares(self) -> np.ndarray:
         return self._with(self.rows.T)
 
     def _with(self, columns: np.ndarray) -> np.ndarray:
-        """(k, n, R) sums of the rows times columns (N, R)."""
+        """(k, E n, R) sums of the rows times columns (E N, R)."""
         return np.stack([self.projected.sums(columns * row[:, None]) for row in self.rows])
 
     def _moments(self, option: tuple, linear: Linear, raw, typical: np.ndarray) -> Moments:
@@ -248,7 +252,7 @@ class SampleSums:
         return self.projected._complement(gram, largest, *more)
 
     def function_moments(self, name: tuple, waves: np.ndarray, typical: np.ndarray) -> Moments:
-        """Moments of V functions (V, n) on every slot, as one hypothesis a group; waves (C, V, n).
+        """Moments of V functions (V, E n) on every slot, as one hypothesis a group; waves (C, V, E n).
 
         name: of the functions. typical (C, k V): prior size of each coefficient, slot after slot.
         """
@@ -259,6 +263,8 @@ class SampleSums:
             return (flat @ values).reshape(groups, count, -1)
 
         def raw():
+            if self.projected.problem.ends.count > 1:
+                return np.stack([self._products_of_ends(functions) for functions in waves])
             k = len(self.rows)
             out = np.empty((groups, k, count, k, count))
             for i in range(k):
@@ -268,6 +274,14 @@ class SampleSums:
             return out.reshape(groups, k * count, k * count)
 
         return self._moments(name, linear, raw, typical)
+
+    def _products_of_ends(self, waves: np.ndarray) -> np.ndarray:
+        """(k V, k V) inner products of the columns of functions (V, E n), where the ends of a sample are not apart."""
+        problem = self.projected.problem
+        waves = waves[:, problem.ends.numbers(problem.sample)]
+        columns = problem.ends.joined(self.rows[:, None] * waves)
+        columns = columns.reshape(-1, columns.shape[-1])
+        return columns @ columns.T
 
     def step_moments(self, x: np.ndarray, options: np.ndarray, typical: np.ndarray, centred: bool):
         """Moments of rows * (x > option), one hypothesis an option (V,); typical (k,).
@@ -286,10 +300,23 @@ class SampleSums:
             return summed(values, -mean, np.ones(len(mean)))[:, None]
 
         def raw():
+            if self.projected.problem.ends.count > 1:
+                return np.stack(
+                    [
+                        self._products_of_ends(step_function(x, option, centred))
+                        for option in options
+                    ]
+                )
             return np.stack([summed(r, mean**2, 1 - 2 * mean) for r in self.squares], 1)
 
         sizes = np.broadcast_to(typical, (len(options), len(typical)))
         return self._moments(("step",), linear, raw, sizes)
+
+
+def step_function(x: np.ndarray, option: float, centred: bool) -> np.ndarray:
+    """(1, n) a step of x (n,) after an option."""
+    step = (x > option).astype(float)
+    return (step - centred * step.mean())[None]
 
 
 def log_evidence(volume: np.ndarray, gain: np.ndarray, projected: "Projected") -> np.ndarray:

@@ -16,6 +16,7 @@ from workbench.diagnosis.linear.evidence import (
     Scores,
     cached,
     scan_moments,
+    step_function,
 )
 from workbench.diagnosis.linear.problem import Candidate, Problem, Scan, Site
 
@@ -100,26 +101,25 @@ def columns_of(source, problem: Problem) -> np.ndarray:
     if isinstance(source, Candidate):
         return source.columns * source.typical
     place, option = source
-    waves = _functions(place, option, problem)[:, problem.sample]
-    columns = place.typical[:, None, None] * place.rows[:, None] * waves
+    waves = _functions(place, option, problem)[:, problem.ends.numbers(problem.sample)]
+    columns = problem.ends.joined(place.typical[:, None, None] * place.rows[:, None] * waves)
     return columns.reshape(-1, len(problem.sample)).T
 
 
 def _functions(place: Scan | Site, option, problem: Problem) -> np.ndarray:
-    """(V, n) functions, in their prior sizes, of one option of a scan or of the covariates named at a site."""
+    """(V, E n) functions, in their prior sizes, of one option of a scan or of the covariates named at a site."""
     if isinstance(place, Site):
         waves, sizes = waves_at(problem, option, place.resolution)
         return waves * sizes[:, None]
     if place.kind == "step":
-        step = (place.x > option).astype(float)
-        return (step - place.centred * step.mean())[None]
+        return step_function(place.x, option, place.centred)
     return np.stack([np.cos(option * place.x), np.sin(option * place.x)])
 
 
 def waves_at(
     problem: Problem, names: tuple[str, ...], fine: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(V, n) functions of some covariates on all samples of a problem, and their prior sizes (V,); made once."""
+    """(V, E n) functions of some covariates on all samples of a problem, and their prior sizes (V,); made once."""
 
     def make():
         values = [problem.covariates[name] for name in names]

@@ -21,6 +21,7 @@ from scipy.linalg import block_diag
 from workbench.core.effect import Effect, Variant
 from workbench.core.least_squares.linear_algebra import thin_svd
 from workbench.diagnosis.levels import OBSERVABLE_SIGMAS, ROUNDING
+from workbench.diagnosis.linear.ends import Ends
 from workbench.diagnosis.linear.estimates import Instant, Options, RealOption
 from workbench.diagnosis.linear.retained_subspace import AddedEffects, RetainedSubspace
 
@@ -141,7 +142,8 @@ class Problem:
     `residual` (N,): whitened, predicted minus measured. `basis` (N, R): orthonormal basis of the
     baseline's Jacobian; `retained`: of the effects that are kept, see `conditional_on`.
     `sample` (N,): which sample each coordinate
-    is of. `weights` (n,): robust weight of each sample, already in all columns; 0 is a sample left
+    is of. `ends`: the E arm poses that make one sample; rows of places and scans have E N columns, covariates E n
+    numbers. `weights` (n,): robust weight of each sample, already in all columns; 0 is a sample left
     out as an outlier. `sigma` (N,): what one whitened unit is, in the coordinate's own unit (mm, rad,
     px); `widened`: by how much it exceeds the stated sigma. `pose` (n,): labels; repeats share one.
     `order` (n,): time or row. `covariates` name -> (n,). `effects`: those in the model in addition to the
@@ -193,6 +195,7 @@ class Problem:
         0.0  # log evidence that a set of laws which share first moments pays for these
     )
     serial_effect: float = 1.0  # design effect of noise that is correlated from pose to pose
+    ends: Ends = Ends()
 
     def conditional_on(self, kept: Sequence[int] | None = None) -> "Problem":
         """The problem with some of the effects (None: all) in the basis and the others back in the residual.
@@ -272,7 +275,7 @@ class Problem:
             return tuple(replace(c, columns=columns(c.columns)) for c in held)
 
         def places(held):
-            return tuple(replace(s, rows=white(s.rows)) for s in held)
+            return tuple(replace(s, rows=self.ends.mapped(white, s.rows)) for s in held)
 
         def columns_of(effect, cause=None):
             if cause is None:  # a sensor has no causes
@@ -295,6 +298,11 @@ class Problem:
             mass_responses=candidates(self.mass_responses),
             columns_of=columns_of,
         )
+
+    @property
+    def sample_covariates(self) -> dict[str, np.ndarray]:
+        """Covariates name -> (n,), one number a sample: the mean over its arm poses where it has several."""
+        return {name: self.ends.mean(x) for name, x in self.covariates.items()}
 
     def orthogonal_basis(self, columns: np.ndarray) -> np.ndarray:
         """(N, R) orthonormal basis of the component of columns (N, P) that is orthogonal to the baseline.

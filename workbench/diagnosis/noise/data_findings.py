@@ -62,7 +62,8 @@ def relative_noise(problem: Problem) -> np.ndarray | None:
     if not found:
         return None
     return spread_along(
-        _unweighted(problem).reshape(-1, problem.n), problem.covariates[found[0].depends_on[0]]
+        _unweighted(problem).reshape(-1, problem.n),
+        problem.sample_covariates[found[0].depends_on[0]],
     )
 
 
@@ -90,7 +91,7 @@ def _outlying(problem: Problem, name: str) -> tuple[float, np.ndarray]:
         mine = order[count[problem.sample[order]] == m].reshape(-1, m)
         at, left = problem.sample[mine[:, 0]], white[mine].T
         if name:
-            left = left / spread_along(left, problem.covariates[name][at])
+            left = left / spread_along(left, problem.sample_covariates[name][at])
         factor, each[at] = contaminated(left)
         factors.append(factor)
     return float(logsumexp(factors) - np.log(len(factors))), each
@@ -100,7 +101,7 @@ def _spread(problem: Problem) -> tuple[Finding, ...]:
     """Noise that is not the same everywhere, where that is beyond chance; samples of several kinds are not compared."""
     if len(problem.residual) % problem.n:
         return ()
-    found = spread_with(_unweighted(problem).reshape(-1, problem.n), problem.covariates)
+    found = spread_with(_unweighted(problem).reshape(-1, problem.n), problem.sample_covariates)
     if found is None or found[1] > DATA_FAULT_LEVEL:
         return ()
     name, p = found

@@ -35,7 +35,7 @@ def rounding_variance(problem: Problem) -> np.ndarray:
     site = rounding_site(problem)
     if site is None:
         return np.zeros(len(problem.residual))
-    return ((site.rows * site.typical[:, None]) ** 2).sum(0)
+    return problem.ends.joined(((site.rows * site.typical[:, None]) ** 2).sum(0))
 
 
 def rounded_readings(problem: Problem, p_value: float) -> tuple[Finding, ...]:

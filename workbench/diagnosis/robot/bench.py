@@ -93,12 +93,7 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
 
 
 def _check_enough(moving) -> None:
-    """InputError where the kind or the number of poses of a recording's samples leaves nothing to diagnose."""
-    if moving.measures == "distance":
-        raise InputError(
-            f"recording '{moving.name}', key measures: a diagnosis needs one pose of the arm a sample, "
-            "found lengths between two; use `workbench calibrate`, `compare` or `identifiability`"
-        )
+    """InputError where the number of poses of a recording's samples leaves nothing to diagnose."""
     poses = len(np.unique(moving.poses))
     if poses < _LEAST_POSES:
         raise InputError(
@@ -124,8 +119,10 @@ def with_derived(chain: RobotChain, pose: np.ndarray) -> State:
     """
     recorded = dict(chain.state.covariates)
     made = {f"q{k}": q for k, q in enumerate(chain.variables, 1)}
-    moves, history = moved(chain.robot, chain.variables, clock(chain.state), pose)
-    made |= moves
+    history = None
+    if chain.poses_per_sample == 1:  # the two ends of a length have no order
+        moves, history = moved(chain.robot, chain.variables, clock(chain.state), pose)
+        made |= moves
     made |= {f"tau{k}": torque for k, torque in enumerate(chain.state.torque, 1)}
     made["time"] = clock(chain.state)
     attitude = np.einsum("cin,i->cn", chain.state.frames.link[-1], chain.state.gravity)
@@ -209,7 +206,7 @@ class RobotBench:
     ) -> Problem:
         """Baseline and effects solved on `samples` (n,) bool (None: all), linearised there; see `Bench`."""
         model, fit, weights = self.solve(effects, samples, is_complete=False)
-        every = np.ones(self.chain.n, bool) if samples is None else samples
+        every = np.ones(len(self.pose), bool) if samples is None else samples
         part = self._part(samples)
         made = solution(model, fit, weights, self.pose[every], tuple(effects))
         made = with_places(made, model, fit)
@@ -232,7 +229,7 @@ class RobotBench:
         made = self._parts.pop(key, None)
         if made is None:
             made = _Part(self.chain if samples is None else self.chain.at(samples), self.baseline)
-            if samples is not None and self.chain.n <= min(_LARGE, 2 * samples.sum()):
+            if samples is not None and len(self.pose) <= min(_LARGE, 2 * samples.sum()):
                 whole = self._part(None)
                 made.bases = SlicedBases(whole.model(()), samples, whole.names)
         self._parts[key] = made
@@ -250,8 +247,8 @@ class RobotBench:
             if one.effect.effect in wanted and not _held(one, self.baseline)
         ]
         # a law's few combinations of masses are those of any thousands of poses
-        step = int(np.ceil(self.chain.n / _LARGE))
-        state = self.chain.at(np.arange(0, self.chain.n, step)).state
+        step = int(np.ceil(len(self.pose) / _LARGE))
+        state = self.chain.at(np.arange(0, len(self.pose), step)).state
         laws = [(o, mass_responses.with_estimated_masses(o.effect, state)) for o in known]
         return tuple(
             replace(o, effect=law, label=mass_responses.LABEL, prior_weight=_PRIOR_WITH_MASSES)

@@ -154,7 +154,7 @@ def variation_mm(model, fit, effect: Effect, values: np.ndarray) -> float:
     changes = effect.delta(values, model.chain.state)
     changes = changes - changes.mean(-1, keepdims=True)
     rows = model.evaluate(fit.parameters).rows(effect.port, np.asarray(effect.slots(model.chain)))
-    moved = np.einsum("kn,kmn->mn", changes, rows)[:_POSITION]
+    moved = model.joined(np.einsum("kn,kmn->mn", changes, rows))[:_POSITION]
     return float(np.sqrt((moved**2).sum(0).mean()))
 
 
@@ -174,7 +174,8 @@ def linear_values(
     """(P,) coefficients with which an effect's columns (N, P) make what it makes: its parameters where it is linear."""
     if effect.linear or effect.port in (*STATE_PORTS, NOISE):
         return p
-    made = np.einsum("kn,kmn->mn", effect.delta(p, state), rows(effect.port, effect.slots(chain)))
+    slots = rows(effect.port, effect.slots(chain))
+    made = rows.joined(np.einsum("kn,kmn->mn", effect.delta(p, state), slots))
     return least_squares(columns, made.ravel())
 
 

@@ -11,6 +11,7 @@ from workbench.core.least_squares.linear_algebra import least_squares, thin_svd
 from workbench.core.least_squares.solver import Fit
 from workbench.core.model import NOISE, STATE_PORTS, Model
 from workbench.diagnosis.levels import ROUNDING
+from workbench.diagnosis.linear.ends import Ends
 from workbench.diagnosis.linear.problem import Candidate, Problem, observable_basis
 from workbench.diagnosis.robot.derived import linear_values
 from workbench.diagnosis.robot.library import candidate_of
@@ -23,7 +24,7 @@ _PLAUSIBLE = {"mm": 1.0, "rad": 0.01}
 def solution(model: Model, fit: Fit, weights, pose, effects) -> Problem:
     """The problem at a fit, without anything to compare with it."""
     evaluation = model.evaluate(fit.parameters)
-    residual = evaluation.residual
+    residual = model.joined(evaluation.residual)
     sigma = np.broadcast_to(model.sigma(fit.parameters), fit.residual.shape)
     white = np.sqrt(weights) / sigma
     rows = _Rows(model, evaluation, white)
@@ -37,14 +38,15 @@ def solution(model: Model, fit: Fit, weights, pose, effects) -> Problem:
         for effect, span, columns in zip(model.effects[first:], spans, added)
     )
     added, values = _beyond_carriers(model, fit, white, effects, added, values, basis)
+    ends = Ends(model.chain.poses_per_sample, residual.shape[1])
     return Problem(
         residual=(residual * white).ravel(),
         basis=basis,
-        sample=np.tile(np.arange(model.chain.n), len(sigma)),
+        sample=np.tile(np.arange(residual.shape[1]), len(sigma)),
         weights=weights,
         sigma=sigma.ravel().copy(),
         pose=pose,
-        order=clock(state),
+        order=ends.mean(clock(state)),
         covariates={k: v for k, v in state.covariates.items() if k != "row"},
         sites=(),
         candidates=(),
@@ -53,6 +55,7 @@ def solution(model: Model, fit: Fit, weights, pose, effects) -> Problem:
         added=added,
         values=values,
         precisions=tuple(fit.parameters.precision[span] for span in spans),
+        ends=ends,
     )
 
 
@@ -214,12 +217,14 @@ class _Rows:
             "sensor": 3,
         }
         self._made, self._sizes, self._evaluation, self.white = {}, sizes, evaluation, white
+        self.white_by_end = np.tile(white, model.chain.poses_per_sample)
+        self.joined = model.joined
 
     def __call__(self, port, slots):
-        """(k, m, n)."""
+        """(k, m, E n): of each of the E arm poses that make a sample."""
         if port not in self._made:
             made = self._evaluation.rows(port, np.arange(self._sizes[port]))
-            self._made[port] = made * self.white
+            self._made[port] = made * self.white_by_end
         return self._made[port][np.asarray(slots)]
 
 
@@ -239,25 +244,33 @@ def _load(model: Model, effect: Effect) -> float:
     return float(np.sqrt((model.basis(effect)[0] ** 2).sum(0).mean()))
 
 
-def _columns(model, fit, rows, effect, cause=None):
+def _columns(model, fit, rows, effect, cause=None, by_end=False):
     """(N, P) whitened derivative of the residual by an effect's parameters at its null.
 
-    cause: an effect on gravity or masses with C parameters; then (C, N, P), their change per unit of each.
+    cause: an effect on gravity or masses with C parameters; then (C, N, P), their change per unit of each. by_end: of
+    each arm pose of a sample, (E N, P).
     """
+    joined = (lambda columns: columns) if by_end else rows.joined
     if cause is not None:
         basis = model.basis(effect, cause)
         slots = rows(effect.port, effect.slots(model.chain))
-        change = np.einsum("cpkn,kmn->cpmn", basis, slots)
+        change = joined(np.einsum("cpkn,kmn->cpmn", basis, slots))
         return change.reshape(*change.shape[:2], -1).transpose(0, 2, 1)
     if effect.port in STATE_PORTS:
-        present = tuple(
-            e for e in model.effects if (type(e), e.where) != (type(effect), effect.where)
-        )
-        wider = replace(model, effects=(*present, effect))
-        start = wider.parameters.take_over(fit.parameters)
-        own = np.arange(len(start)) >= wider.spans[-1].start
-        derivative = wider.linearise(start.only(own))[1] * rows.white
+        derivative = joined(_by_load(model, fit, rows, effect))
     else:
-        basis = model.basis(effect)
-        derivative = np.einsum("pkn,kmn->pmn", basis, rows(effect.port, effect.slots(model.chain)))
+        slots = rows(effect.port, effect.slots(model.chain))
+        derivative = joined(np.einsum("pkn,kmn->pmn", model.basis(effect), slots))
     return derivative.reshape(len(derivative), -1).T
+
+
+def _by_load(model: Model, fit: Fit, rows: _Rows, effect: Effect) -> np.ndarray:
+    """(P, m, E n) whitened derivative of the residual of each arm pose by an effect on gravity or masses, through all
+    that carries load."""
+    present = tuple(e for e in model.effects if (type(e), e.where) != (type(effect), effect.where))
+    wider = replace(model, effects=(*present, effect))
+    start = wider.parameters.take_over(fit.parameters)
+    start = start.only(np.arange(len(start)) >= wider.spans[-1].start)
+    evaluation = wider.evaluate(start)
+    made = np.empty((start.mask.sum(), *evaluation.residual.shape))
+    return wider.fill_rows(evaluation, start, made) * rows.white_by_end

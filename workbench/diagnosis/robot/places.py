@@ -41,7 +41,8 @@ def _scan(grid: Grid, chain, rows, columns) -> Scan:
     """The grid with the derivatives of its slot and its covariate."""
     effect, covariate = grid.make(grid.values[0]), chain.state.covariates[grid.covariate]
     if effect.port in STATE_PORTS:  # its derivative is that of what deflects under the load
-        return scan_of(grid, columns(grid.effect(grid.where)).T.copy(), covariate)
+        rows_by_load = columns(grid.effect(grid.where), by_end=True)
+        return scan_of(grid, rows_by_load.T.copy(), covariate)
     own = rows(effect.port, grid.slots or effect.slots(chain))
     if grid.factor is not None and grid.factor.ndim == 3:
         own = np.einsum("rkn,kmn->rmn", grid.factor, own)

@@ -19,12 +19,13 @@ class SlicedBases(dict):
 
     def __init__(self, whole: Model, samples: np.ndarray, names: dict[tuple, Effect]):
         super().__init__()
-        self._whole, self._samples, self._names = whole, np.flatnonzero(samples), names
+        self._columns = whole.chain.columns_of(np.flatnonzero(samples))
+        self._whole, self._names = whole, names
 
     def __missing__(self, key: tuple[Effect, Effect | None]) -> np.ndarray:
         made = self._whole.basis(*map(self._known, key))
         if made.shape[-1] > 1:
-            made = np.take(made, self._samples, axis=-1)
+            made = np.take(made, self._columns, axis=-1)
         self[key] = made
         return made
 

@@ -58,7 +58,8 @@ def _refined(search, i: int) -> Hypothesis:
     here, weights = _posterior(search, i, scan)
     plausible = here.options[(weights > LISTED_PROBABILITY) | (here.options == value)]
     between = (here.x > plausible.min()) & (here.x <= plausible.max())
-    if not (problem.weights[between] < MAJORITY).any():
+    weights = np.tile(problem.weights, problem.ends.count)
+    if not (weights[between] < MAJORITY).any():
         return own  # all of these samples count, in the evidence too
     conditional = problem.conditional_on(search.other_indices(i))
     losses = [_loss(conditional, here, option) for option in plausible]

@@ -113,7 +113,7 @@ def _shifted_state(chain, part: float):
     order = np.argsort(clock(chain.state), kind="stable")
     for name in set(_CLOCKS) & set(covariates):
         turned = covariates[name].copy()
-        turned[order] = np.roll(turned[order], int(round(part * chain.n)))
+        turned[order] = np.roll(turned[order], int(round(part * len(order))))
         covariates[name] = turned
     return replace(chain.state, covariates=covariates)
 
@@ -179,17 +179,17 @@ class _Trial:
 
     def shifted_residuals(self, left: np.ndarray, parts: np.ndarray) -> np.ndarray:
         """(N, S) residuals (N,) circularly shifted in time by parts (S,) of the recording."""
-        order = np.argsort(clock(self.chain.state), kind="stable")
-        left = left.reshape(-1, self.chain.n)
+        order = np.argsort(self.problem.order, kind="stable")
+        left = left.reshape(-1, self.problem.n)
         out = np.empty((*left.shape, len(parts)))
         for i, part in enumerate(parts):
-            out[:, order, i] = np.roll(left[:, order], round(part * self.chain.n), axis=1)
+            out[:, order, i] = np.roll(left[:, order], round(part * self.problem.n), axis=1)
         return self._left(out.reshape(-1, len(parts)))
 
     def permuted_residuals(self, left: np.ndarray, rng) -> np.ndarray:
         """(N, S) residuals (N,) exchanged between samples at random, `_SHIFTS` times."""
-        left = left.reshape(-1, self.chain.n)
-        made = [left[:, rng.permutation(self.chain.n)].ravel() for _ in range(_SHIFTS)]
+        left = left.reshape(-1, self.problem.n)
+        made = [left[:, rng.permutation(self.problem.n)].ravel() for _ in range(_SHIFTS)]
         return self._left(np.stack(made, axis=1))
 
     def best_gains(self, every, state, y: np.ndarray) -> np.ndarray:
@@ -203,7 +203,7 @@ class _Trial:
             [here.rows(e.port, np.asarray(e.slots(model.chain))) for e in self.effects]
         )
         root = np.sqrt(self.problem.weights)[self.problem.sample] / self.problem.sigma
-        return rows * root.reshape(rows.shape[1:])
+        return rows * np.tile(root.reshape(rows.shape[1], -1), self.problem.ends.count)
 
     def _precision_of(self, bench, others, part) -> np.ndarray:
         """(P,) precisions of the priors of the effects' parameters next to `others`; 0 where there are none."""
@@ -220,7 +220,8 @@ class _Trial:
     def columns(self, small):
         """(N, P) whitened columns."""
         if self.rows is not None:
-            small = np.einsum("pkn,kmn->pmn", small, self.rows, optimize=True)
+            made = np.einsum("pkn,kmn->pmn", small, self.rows, optimize=True)
+            small = self.problem.ends.joined(made.reshape(len(made), -1))
         return small.reshape(len(small), -1).T
 
     def gain(self, small) -> float:
@@ -274,7 +275,7 @@ class _Trial:
         """What the effects would do if every pose were another."""
         if self.chain is None:
             return self.small[:, :, rng.permutation(self.small.shape[2])]
-        return self.small[:, :, self.poses.permuted(rng)]
+        return self.small[:, :, self.chain.columns_of(self.poses.permuted(rng))]
 
 
 def _variants(effect: Effect, chain, most: int) -> list[Effect]:

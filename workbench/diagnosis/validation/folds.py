@@ -67,14 +67,15 @@ def _round_robin_folds(pose: np.ndarray, problem: Problem) -> np.ndarray:
 
 def _workspace_folds(pose: np.ndarray, problem: Problem) -> np.ndarray | None:
     """(n,) block of each sample: poses halved at the median of what spreads most, and each half again."""
-    names = [c for c in ("q1", "q2", "q3") if np.ptp(problem.covariates.get(c, np.zeros(1))) > 0]
+    known = problem.sample_covariates
+    names = [c for c in ("q1", "q2", "q3") if np.ptp(known.get(c, np.zeros(1))) > 0]
     if not names:
         return None
     poses, group = np.unique(pose, return_inverse=True)
     if len(poses) < 2 ** (_HALVINGS + 1):
         return None
     count = np.bincount(group)
-    place = np.stack([np.bincount(group, problem.covariates[c]) / count for c in names])
+    place = np.stack([np.bincount(group, known[c]) / count for c in names])
     times = _HALVINGS + (len(poses) < _FEW)
     return _halves(
         place / np.maximum(place.std(1, keepdims=True), 1e-12), np.arange(len(poses)), times

@@ -290,11 +290,12 @@ class Errors:
         """
         covariates = self.bench.chain.state.covariates
         rows[:, ~(np.ones(len(block), bool) & is_move_known(covariates, effects))] = np.nan
-        times = clock(self.bench.chain.state)
+        # of each arm pose of a sample
+        times = clock(self.bench.chain.state).reshape(-1, len(block))
         for after in {getattr(effect, "after", None) for effect in effects} - {None}:
             before = times[~block & (times <= after)].max(initial=-np.inf)
             next_one = times[~block & (times > after)].min(initial=np.inf)
-            rows[:, block & (times > before) & (times < next_one)] = np.nan
+            rows[:, (block & (times > before) & (times < next_one)).any(0)] = np.nan
         return rows
 
     def _is_undetermined_without(self, effects, block: np.ndarray) -> bool:

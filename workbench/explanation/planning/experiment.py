@@ -101,7 +101,9 @@ def next_experiment(
     asked = sorted(doubtful, key=lambda one: (not one.finding.effects, one.finding.probability))[
         :_ASKED
     ]
-    kinds = list_candidates(bench) if bench.chain is not None else []
+    # what recordings of lengths between two poses would tell is not computed
+    is_planned = bench.chain is not None and bench.chain.poses_per_sample == 1
+    kinds = list_candidates(bench) if is_planned else []
     tried = [_asked(bench, terms, term, problem, kinds) for term in asked]
     open_yet = [
         k for k, (_, _, rows) in enumerate(tried) if rows and rows[0][0]["samples_needed"] > 0
