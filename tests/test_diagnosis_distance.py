@@ -7,9 +7,9 @@ from datasets.recording import Recording
 from plain_frames import frames_of
 from robot_model import load_robot
 from scenes import ABB
+from workbench.diagnosis.linear.candidates import Scan
 from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.hypotheses import ranked_hypotheses
-from workbench.diagnosis.linear.problem import Scan
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.explanation.answer import diagnose
 
@@ -43,14 +43,14 @@ def test_sums_over_both_ends_are_the_products_of_the_columns_of_lengths():
     assert problem.ends.count == 2 and problem.n == 50 and len(problem.covariates["q1"]) == 100
     projected, seen = Projected(problem), set()
     for h in ranked_hypotheses(problem):
-        kind = getattr(h.source[0], "kind", "site") if isinstance(h.source, tuple) else "candidate"
+        kind = getattr(h.source, "kind", type(h.source).__name__)
         if (kind, len(h.columns(problem).T)) in seen:
             continue
         seen.add((kind, len(h.columns(problem).T)))
         scores = projected.score_hypotheses(projected.column_moments(h.columns(problem)[None]))
         assert scores.gain[0] == pytest.approx(h.gain, rel=1e-6, abs=1e-9)
         assert scores.rank[0] == h.rank
-    assert {kind for kind, _ in seen} >= {"site", "step", "wave", "candidate"}
+    assert {kind for kind, _ in seen} >= {"Site", "step", "wave", "Candidate"}
 
 
 def test_a_column_of_a_scan_is_the_derivative_of_the_lengths():

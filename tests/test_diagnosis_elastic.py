@@ -157,7 +157,7 @@ def test_a_function_gives_way_to_the_law_that_is_likelier(elastic_arm):
     place = [h.key for h in search.accepted].index(("joint-compliance", "joint-2"))
     others = search.table(search.other_indices(place))
     function = next(h for h in others if h.smooth_covariates == ("tau2",) and h.where == "joint-2")
-    effect = search.bench.smooth(*function.source)
+    effect = search.bench.smooth(function.source, function.value)
     accepted = list(search.accepted)
     accepted[place] = replace(function, effects=(effect,))
     search.accepted = tuple(accepted)

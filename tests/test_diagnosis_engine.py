@@ -117,13 +117,12 @@ def test_projecting_takes_out_what_the_baseline_makes():
 
 def test_steps_and_waves_agree_with_their_columns():
     from workbench.diagnosis.linear.evidence import scan_moments
-    from workbench.diagnosis.linear.hypotheses import columns_of
 
     problem = bench_of(recorded(4)).problem()
     projected = Projected(problem)
     for scan in problem.scans:
         moments, i = scan_moments(projected, scan), len(scan.options) // 3
-        columns = problem.orthogonalise(columns_of((scan, scan.options[i]), problem))
+        columns = problem.orthogonalise(scan.columns_at(problem, scan.options[i]))
         assert moments.gram[i] == pytest.approx(
             columns.T @ columns, rel=1e-6, abs=1e-6 * moments.raw[i]
         )

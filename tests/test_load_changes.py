@@ -10,7 +10,7 @@ from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import found, recorded
 from test_real_arm_effects import without_masses
 from workbench.diagnosis.linear.evidence import Projected, scan_moments
-from workbench.diagnosis.linear.hypotheses import Hypothesis, columns_of
+from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.state import Search
@@ -77,7 +77,7 @@ def test_the_evidence_of_a_change_without_masses_is_that_of_what_changes():
     middle, projected = len(scan.options) // 2, Projected(problem)
     moments = scan_moments(projected, scan)
     for i in (0, middle):
-        columns = problem.orthogonalise(columns_of((scan, scan.options[i]), problem))
+        columns = problem.orthogonalise(scan.columns_at(problem, scan.options[i]))
         scale = 1e-6 * moments.raw[i]
         assert moments.gram[i] == pytest.approx(columns.T @ columns, rel=1e-6, abs=scale)
         assert moments.score[i] == pytest.approx(columns.T @ projected.y, rel=1e-6, abs=1e-5)

@@ -3,16 +3,8 @@
 `workbench.explanation` asks for it and makes an answer of what it finds.
 """
 
-from workbench.diagnosis.linear.problem import (
-    Bench,
-    Candidate,
-    Finding,
-    Found,
-    Located,
-    Problem,
-    Scan,
-    Site,
-)
+from workbench.diagnosis.linear.candidates import Candidate, Scan, Site
+from workbench.diagnosis.linear.problem import Bench, Finding, Found, Located, Problem
 
 __all__ = [
     "Bench",

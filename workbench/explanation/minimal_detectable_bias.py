@@ -17,7 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
-from workbench.diagnosis.linear.problem import Candidate, Problem
+from workbench.diagnosis.linear.candidates import Candidate
+from workbench.diagnosis.linear.problem import Problem
 
 POWER, FAMILY = 0.95, 0.01
 _DRAWS = 24

@@ -52,6 +52,3 @@ class Ends:
     def _parted(self, columns: np.ndarray) -> np.ndarray:
         """(..., m, E, n) of columns (..., E N)."""
         return columns.reshape(*columns.shape[:-1], -1, self.count, self.n)
-
-
-__all__ = ["Ends"]

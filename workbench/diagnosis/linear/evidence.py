@@ -22,7 +22,8 @@ from scipy.special import betainc, logsumexp
 
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.diagnosis.levels import CHUNK_SIZE, ROUNDING
-from workbench.diagnosis.linear.problem import Problem, Scan
+from workbench.diagnosis.linear.candidates import Scan, step_function
+from workbench.diagnosis.linear.problem import Problem
 
 Linear = Callable[[np.ndarray], np.ndarray]
 SIZES = np.geomspace(0.1, 100.0, 7)
@@ -311,12 +312,6 @@ class SampleSums:
 
         sizes = np.broadcast_to(typical, (len(options), len(typical)))
         return self._moments(("step",), linear, raw, sizes)
-
-
-def step_function(x: np.ndarray, option: float, centred: bool) -> np.ndarray:
-    """(1, n) a step of x (n,) after an option."""
-    step = (x > option).astype(float)
-    return (step - centred * step.mean())[None]
 
 
 def log_evidence(volume: np.ndarray, gain: np.ndarray, projected: "Projected") -> np.ndarray:

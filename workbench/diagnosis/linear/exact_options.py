@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from workbench.diagnosis.linear.hypotheses import Hypothesis, columns_of
-from workbench.diagnosis.linear.problem import Candidate, Problem, Scan
+from workbench.diagnosis.linear.candidates import Candidate, Scan
+from workbench.diagnosis.linear.hypotheses import Hypothesis
+from workbench.diagnosis.linear.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -25,8 +26,8 @@ class RealFamily:
     @classmethod
     def of(cls, problem: Problem, own: Hypothesis) -> "RealFamily | None":
         """None where its option is no real number, or has a single value."""
-        source = own.source if isinstance(own.source, Candidate) else own.source[0]
-        name = getattr(source, "option", "")
+        source = own.source
+        name = source.option
         if not name:
             return None
         if isinstance(source, Scan):
@@ -60,50 +61,42 @@ class RealFamily:
         low = lower.max() if len(lower) else beyond[0]
         return float(low), float(upper.min() if len(upper) else beyond[1])
 
-    @property
-    def word(self) -> str:
-        """Format string of the labels of its variants."""
-        source = self.own.source
-        return (source if isinstance(source, Candidate) else source[0]).word
-
     def columns(self, value: float) -> np.ndarray:
         """(N, P) whitened columns in typical sizes at a value."""
-        if isinstance(self.own.source, Candidate):
-            return self.problem.columns_of(self._effects(value)[0]) * self.own.typical
-        return columns_of((self.own.source[0], value), self.problem)
+        source = self.own.source
+        if isinstance(source, Candidate):
+            return self.problem.columns_of(self._effects(value)[0]) * source.typical
+        return source.columns_at(self.problem, value)
 
     def at(self, value: float) -> Hypothesis:
         """The hypothesis with another value."""
-        effects, source = self._effects(value), self.own.source
+        source, effects = self.own.source, self._effects(value)
+        label = source.word.format(value)
         if isinstance(source, Candidate):
-            label = source.word.format(value)
-            made = replace(
-                source, label=label, effects=effects, columns=self.columns(value) / self.own.typical
-            )
-            return replace(self.own, label=label, effects=effects, source=made)
-        scan = _exact(_base_of(source[0], self.problem), value)
-        return replace(
-            self.own, label=scan.word.format(value), effects=effects, source=(scan, value)
-        )
+            columns = self.problem.columns_of(effects[0])
+            source, value = replace(source, label=label, effects=effects, columns=columns), None
+        else:
+            source = _base_of(source, self.problem).with_exact_option(value)
+        return replace(self.own, label=label, effects=effects, source=source, value=value)
 
     def _effects(self, value: float) -> tuple:
         if not isinstance(self.own.source, Candidate):
-            return self.own.source[0].make(value)
+            return self.own.source.make(value)
         effect = self.own.effects[0]
         return (type(effect)(effect.where, **effect.options | {self.name: value}),)
 
 
-def with_exact_options(problem: Problem, held: Sequence[Hypothesis]) -> Problem:
+def with_exact_options(problem: Problem, hypotheses: Sequence[Hypothesis]) -> Problem:
     """The problem with a variant more for each hypothesis whose option is off the grid."""
     scans, candidates = [], []
-    for h in held:
-        source = h.source[0] if isinstance(h.source, tuple) else h.source
+    for h in hypotheses:
+        source = h.source
         if source is None or source.key in problem.sources:
             continue
         if isinstance(source, Candidate) and source.option:
             candidates.append(replace(source, columns=problem.columns_of(source.effects[0])))
         elif isinstance(source, Scan) and (base := _base_of(source, problem)) is not None:
-            scans.append(_exact(base, h.source[1]))
+            scans.append(base.with_exact_option(h.value))
     if not scans and not candidates:
         return problem
     # what is known of the candidates is known by their number
@@ -112,17 +105,6 @@ def with_exact_options(problem: Problem, held: Sequence[Hypothesis]) -> Problem:
         candidates=(*problem.candidates, *candidates),
         scans=(*problem.scans, *scans),
         cache={},
-    )
-
-
-def _exact(scan: Scan, value: float) -> Scan:
-    """A scan with one option, which has the mass of the nearest one."""
-    nearest = int(np.argmin(np.abs(scan.options - value)))
-    return replace(
-        scan,
-        options=np.array([value]),
-        prior_weight=scan.prior_weight[nearest : nearest + 1],
-        is_exact=True,
     )
 
 

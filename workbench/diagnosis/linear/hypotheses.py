@@ -7,18 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
-from robot_model.effects.nonparametric import functions
 from workbench.core.effect import Effect
 from workbench.diagnosis.levels import CHUNK_SIZE, MOST_LISTED, RARE_PRIOR
+from workbench.diagnosis.linear.candidates import Candidate, Scan, Site, Source
 from workbench.diagnosis.linear.evidence import (
     Moments,
     Projected,
     Scores,
-    cached,
     scan_moments,
-    step_function,
 )
-from workbench.diagnosis.linear.problem import Candidate, Problem, Scan, Site
+from workbench.diagnosis.linear.problem import Problem
 
 SMOOTH_LEVEL = 0.3
 """Share of the error level that the smooth nonparametric alternatives receive."""
@@ -31,7 +29,7 @@ class Hypothesis:
     `evidence`: log Bayes factor against nothing; `p`: of its F test by itself; `gain`, `rank` as in `Scores`. `mass`:
     of this variant's prior, relative to others of its `family`; `log_prior`: of this variant; `weight`: its share of
     the error level of the whole search. `smooth_covariates`: covariates of a smooth nonparametric alternative, () for
-    a named effect. `source`: what it came from, a Candidate, (Scan, option) or (Site, names).
+    a named effect. `source`: a Candidate, or a Scan or Site of which the `value` is an option or names of covariates.
     """
 
     effect: str
@@ -39,7 +37,8 @@ class Hypothesis:
     label: str
     family: str = ""
     effects: tuple[Effect, ...] = ()
-    source: object = None
+    source: Source | None = None
+    value: float | tuple[str, ...] | None = None
     prior_weight: float = 1.0
     evidence: float = 0.0
     p: float = 1.0
@@ -77,55 +76,14 @@ class Hypothesis:
         """Whether others act through it, see `Effect`."""
         return any(effect.carries_load for effect in self.effects)
 
-    @property
-    def typical(self) -> np.ndarray:
-        """(P,) typical sizes of the parameters of a named effect."""
-        source = self.source if isinstance(self.source, Candidate) else self.source[0]
-        return source.typical
-
     def columns(self, problem: Problem) -> np.ndarray:
         """(N, P) whitened columns in typical sizes."""
-        return columns_of(self.source, problem)
+        return self.source.columns_at(problem, self.value)
 
     def at(self, problem: Problem) -> "Hypothesis | None":
         """The same with its columns at another solution; its evidence stays. None where that does not compare it."""
-        first, *option = self.source if isinstance(self.source, tuple) else (self.source,)
-        found = problem.sources.get(first.key)
-        if found is None:
-            return None
-        return replace(self, source=(found, *option) if option else found)
-
-
-def columns_of(source, problem: Problem) -> np.ndarray:
-    """(N, P) columns in typical sizes of what a hypothesis came from."""
-    if isinstance(source, Candidate):
-        return source.columns * source.typical
-    place, option = source
-    waves = _functions(place, option, problem)[:, problem.ends.numbers(problem.sample)]
-    columns = problem.ends.joined(place.typical[:, None, None] * place.rows[:, None] * waves)
-    return columns.reshape(-1, len(problem.sample)).T
-
-
-def _functions(place: Scan | Site, option, problem: Problem) -> np.ndarray:
-    """(V, E n) functions, in their prior sizes, of one option of a scan or of the covariates named at a site."""
-    if isinstance(place, Site):
-        waves, sizes = waves_at(problem, option, place.resolution)
-        return waves * sizes[:, None]
-    if place.kind == "step":
-        return step_function(place.x, option, place.centred)
-    return np.stack([np.cos(option * place.x), np.sin(option * place.x)])
-
-
-def waves_at(
-    problem: Problem, names: tuple[str, ...], fine: int = 0
-) -> tuple[np.ndarray, np.ndarray]:
-    """(V, E n) functions of some covariates on all samples of a problem, and their prior sizes (V,); made once."""
-
-    def make():
-        values = [problem.covariates[name] for name in names]
-        return functions(names, values, [(float(v.min()), float(v.max())) for v in values], fine)
-
-    return cached(problem.function_cache, (names, fine), make)
+        source = problem.sources.get(self.source.key)
+        return None if source is None else replace(self, source=source)
 
 
 def ranked_hypotheses(
@@ -175,6 +133,7 @@ def _of_candidates(candidates: Sequence[Candidate], projected: Projected) -> Ite
                 c.family,
                 c.effects,
                 c,
+                None,
                 c.prior_weight,
                 *scores.row(i),
                 missing_covariate=c.missing_covariate,
@@ -218,8 +177,9 @@ def _of_scan(scan: Scan, scores: Scores, required: set) -> Iterator[Hypothesis]:
             scan.where,
             scan.word.format(value),
             scan.family,
-            scan.make(value) if scan.make else (),
-            (scan, value),
+            scan.make(value),
+            scan,
+            value,
             scan.prior_weight[i],
             *scores.row(i),
             smooth_covariates=scan.smooth_covariates,
@@ -238,8 +198,8 @@ def _of_sites(problem: Problem, projected: Projected) -> Iterator[Hypothesis]:
     for (site, chosen, _), scores in zip(groups, judged_groups):
         for i, names in enumerate(chosen):
             label = f"a smooth function of {' and '.join(names)}"
-            about = ("unknown", site.where, label, "", (), (site, names), 1.0)
-            yield Hypothesis(*about, *scores.row(i), smooth_covariates=names)
+            about = ("unknown", site.where, label, "", (), site, names)
+            yield Hypothesis(*about, 1.0, *scores.row(i), smooth_covariates=names)
 
 
 def _site_moments(site: Site, problem: Problem, projected: Projected):
@@ -247,9 +207,9 @@ def _site_moments(site: Site, problem: Problem, projected: Projected):
     sample_sums = projected.sample_sums(site.rows, ("site", site.where, site.port))
     groups: dict[int, list[tuple[str, ...]]] = {}
     for names in (*((c,) for c in site.covariates), *site.pairs):
-        groups.setdefault(len(waves_at(problem, names, site.resolution)[0]), []).append(names)
+        groups.setdefault(len(problem.functions_of(names, site.resolution)[0]), []).append(names)
     for chosen in groups.values():
-        known = [waves_at(problem, names, site.resolution) for names in chosen]
+        known = [problem.functions_of(names, site.resolution) for names in chosen]
         waves = np.stack([functions for functions, _ in known])
         typical = np.stack([np.outer(site.typical, sizes).ravel() for _, sizes in known])
         yield chosen, sample_sums.function_moments((site.resolution, *chosen), waves, typical)

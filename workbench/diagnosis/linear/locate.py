@@ -36,4 +36,4 @@ def located(problem: Problem, table: Sequence[Hypothesis] | None = None) -> tupl
 
 def _port(h: Hypothesis) -> str:
     """The port of a smooth nonparametric alternative; one of which only the period is known moves a frame."""
-    return getattr(h.source[0], "port", "frame")
+    return getattr(h.source, "port", "frame")

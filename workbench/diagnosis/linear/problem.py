@@ -13,126 +13,21 @@ the square root of the sample's robust weight.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from scipy.linalg import block_diag
 
+from robot_model.effects.nonparametric import SmoothFunction, functions
 from workbench.core.effect import Effect, Variant
 from workbench.core.least_squares.linear_algebra import thin_svd
 from workbench.diagnosis.levels import OBSERVABLE_SIGMAS, ROUNDING
+from workbench.diagnosis.linear.candidates import Candidate, Scan, Site, Source
 from workbench.diagnosis.linear.ends import Ends
 from workbench.diagnosis.linear.estimates import Instant, Options, RealOption
 from workbench.diagnosis.linear.retained_subspace import AddedEffects, RetainedSubspace
 
 _SINGULAR = 1e-11
 """Relative singular value below which a direction of a Jacobian is rounding: 1e-16 times 1e5 of its columns' scales."""
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One library effect at one place, as columns in addition to the baseline's.
-
-    `effect`, `where`: words of the vocabulary. `label`: distinguishes variants ("order 2", "seated by
-    gravity", "from joint 5", ""). `effects`: what would join the model. `columns` (N, P): whitened
-    derivative of the residual at the null. `typical` (P,): what size each parameter would have
-    before measuring, in its own unit; the prior's scale. `family`: candidates that differ only in
-    an option that is searched (order, instant, the other joint) share one, and share its prior.
-    `mass`: this variant's share of its family's prior, relative to the family's others.
-    `missing`: a covariate that the law needs and the recording does not hold ("temperature"), for
-    which another stands in (time); "" where nothing is missing. `together`: whether another of the
-    family may act together with it (a second order), or they exclude one another (a gap has one law).
-    `positive`: how many of its first parameters cannot be negative (a compliance deflects along its load).
-    `load`: RMS torque or moment (N m) under which an elastic law deflects; 0 of all others. `option`, `word`: as of
-    `Variant`.
-    """
-
-    effect: str
-    where: str
-    label: str
-    effects: tuple[Effect, ...]
-    columns: np.ndarray
-    typical: np.ndarray
-    family: str
-    prior_weight: float = 1.0
-    missing_covariate: str = ""
-    coexists: bool = False
-    positive: int = 0
-    load: float = 0.0
-    option: str = ""
-    word: str = ""
-
-    @property
-    def key(self) -> tuple:
-        """What it is called at every solution."""
-        return "candidate", self.effect, self.where, self.label
-
-
-@dataclass(frozen=True)
-class Scan:
-    """A family of candidates with one option on a fine grid, never held as columns all at once.
-
-    `kind` "step": columns rows * (x > option); "wave": rows * cos(option x), rows * sin(option x).
-    `rows` (k, N) whitened derivatives of the slots that move together (k = 1 at a joint); `x` (n,)
-    covariate; `options` (V,) ascending; `make` gives the effects for an option, or None where the
-    family has no name (a periodic movement of the floor). `typical`: prior size of an amplitude in
-    the port's unit, one a row. `mass` (V,): prior of each option, relative to the others.
-    `smooth_covariates`: the covariates it would depend on, for a smooth nonparametric family. `centred`: as of `Grid`.
-    `option`: name of the option where it is a real number and no integer, else "". `is_exact`: whether it was
-    made for the single value that the data determine.
-    """
-
-    effect: str
-    where: str
-    kind: str
-    rows: np.ndarray
-    x: np.ndarray
-    options: np.ndarray
-    prior_weight: np.ndarray
-    typical: np.ndarray
-    family: str
-    make: object = None
-    word: str = ""  # of the label: "order {:g}", "after {:g}"
-    smooth_covariates: tuple[str, ...] = ()
-    coexists: bool = False
-    centred: bool = False
-    option: str = ""
-    is_exact: bool = False
-
-    @property
-    def key(self) -> tuple:
-        """What it is called at every solution."""
-        about = ("scan", self.effect, self.where, self.kind, self.family, self.word)
-        return (*about, float(self.options[0])) if self.is_exact else about
-
-
-@dataclass(frozen=True)
-class Site:
-    """A place where something unnamed may act.
-
-    `where`: a word of the vocabulary; `port`: the port there; `rows` (k, N): whitened derivatives of
-    its k slots; `unit`: of the slots, one a slot or one for all; `typical` (k,): the size that a
-    disturbance of each slot would have before measuring. `covariates`: names of those that an
-    smooth function here may depend on, one at a time; `pairs`: two at a time.
-    """
-
-    where: str
-    port: str
-    rows: np.ndarray
-    unit: str
-    typical: np.ndarray
-    covariates: tuple[str, ...]
-    pairs: tuple[tuple[str, str], ...] = ()
-
-    @property
-    def resolution(self) -> int:
-        """How finely a function may change here, see `robot_model.effects.nonparametric.functions`."""
-        return int(len(self.rows) == 1)
-
-    @property
-    def key(self) -> tuple:
-        """What it is called at every solution."""
-        return "site", self.where, self.port
 
 
 @dataclass(frozen=True)
@@ -235,13 +130,24 @@ class Problem:
         )
 
     @cached_property
-    def sources(self) -> dict[tuple, "Candidate | Scan | Site"]:
+    def sources(self) -> dict[tuple, Source]:
         """All that is compared with the residual, by `key`."""
         return {
             one.key: one
             for held in (self.candidates, self.with_masses, self.scans, self.sites)
             for one in held
         }
+
+    def functions_of(
+        self, names: tuple[str, ...], resolution: int = 0
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(V, E n) smooth functions of some covariates at all samples, and their prior sizes (V,); computed once."""
+        key = names, resolution
+        if key not in self.function_cache:
+            values = [self.covariates[name] for name in names]
+            spans = [(float(v.min()), float(v.max())) for v in values]
+            self.function_cache[key] = functions(names, values, spans, resolution)
+        return self.function_cache[key]
 
     @property
     def fit_columns(self) -> tuple[np.ndarray, ...]:
@@ -362,27 +268,29 @@ def observable_basis(columns: np.ndarray) -> np.ndarray:
     return q @ u[:, s > max(OBSERVABLE_SIGMAS, _SINGULAR * s[:1].max(initial=0.0))]
 
 
-class Bench(Protocol):
-    """What makes problems out of data: a robot with samples, or a sensor chain.
+class Bench:
+    """What makes problems out of data, a robot with samples or a sensor chain, with what all benches share.
 
-    `baseline`: effects that the baseline already holds; `unit` of a measured point, mm or px; `whole`: whether a search
-    needs all samples, however many; `pose` (n,) labels of repeats; `sigma` (n,) noise of each sample, None where all
-    are of one kind; `warnings` on the recording; `chain`: that of the arm, None where no arm is measured.
-    `constant_loads`: variants of effects that act all the time, and only through what deflects.
+    `baseline`: effects that the baseline already holds; `unit` of a measured point, mm or px; `needs_all_samples`:
+    whether a search needs all samples, however many; `pose` (n,) labels of repeats; `sigma` (n,) noise of each sample,
+    None where all are of one kind; `covariates` name -> (n,); `warnings` on the recording; `chain`: that of the arm,
+    None where no arm is measured. `constant_loads`: variants of effects that act all the time, and only through what
+    deflects.
     """
 
-    baseline: tuple[Effect, ...]
-    unit: str
-    needs_all_samples: bool
+    baseline: tuple[Effect, ...] = ()
+    unit = "mm"
+    needs_all_samples = False
     pose: np.ndarray
-    sigma: np.ndarray | None
-    warnings: tuple[str, ...]
-    chain: object | None
-    constant_loads: tuple[Variant, ...]
+    sigma: np.ndarray | None = None
+    covariates: Mapping[str, np.ndarray]
+    warnings: tuple[str, ...] = ()
+    chain = None
+    constant_loads: tuple[Variant, ...] = ()
 
     def problem(
         self,
-        effects: Sequence[Effect],
+        effects: Sequence[Effect] = (),
         samples: np.ndarray | None = None,
         hypotheses: bool = True,
     ) -> Problem:
@@ -390,9 +298,11 @@ class Bench(Protocol):
 
         hypotheses: with the columns of all candidates; a proof does without.
         """
+        raise NotImplementedError
 
     def solve(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None) -> tuple:
         """The fit of baseline and effects until it converges; a problem made after it is linear about it."""
+        raise NotImplementedError
 
     def parameters(
         self,
@@ -404,15 +314,22 @@ class Bench(Protocol):
 
         options: of these effects, whose standard deviations those of the parameters contain.
         """
+        raise NotImplementedError
 
     def units(self, effects: Sequence[Effect]) -> list[str]:
         """Units of the parameters of some effects."""
+        return [p.unit for effect in effects for p in effect.parameters(self.chain)]
 
     def reviewed(self, found: "Found", samples: np.ndarray | None) -> "Found":
         """What a search found, with what only this bench can say of it."""
+        return found
 
-    def smooth(self, site: "Site", names: tuple[str, ...]) -> Effect:
-        """An effect that is a smooth function of the covariates `names` at a site: an unknown, fitted."""
+    def smooth(self, site: Site, names: tuple[str, ...]) -> SmoothFunction:
+        """A smooth function of the covariates `names` at a site, as an effect that can join the model."""
+        columns = [self.covariates[name] for name in names]
+        spans = tuple((float(x.min()), float(x.max())) for x in columns)
+        sizes = tuple(site.typical.tolist())
+        return SmoothFunction(site.where, site.port, names, spans, site.unit, sizes)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from robot_model.effects.transmission import Backlash, TimeOffset
 from workbench.core.distributions import chi2, norm, student
 from workbench.core.least_squares.linear_algebra import inverse_positive, symmetric_eigen
 from workbench.diagnosis.levels import MAJORITY, NEGLIGIBLE_SHARE, RANDOM_EFFECT_LEVEL, ROUNDING
-from workbench.diagnosis.linear.problem import Alternative, Finding, Located, Problem, Site
+from workbench.diagnosis.linear.candidates import Site
+from workbench.diagnosis.linear.problem import Alternative, Finding, Located, Problem
 from workbench.diagnosis.noise.rounded_readings import PLACE as ROUNDING_PLACE
 from workbench.diagnosis.noise.rounded_readings import rounding_site
 

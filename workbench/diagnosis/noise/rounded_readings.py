@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from robot_model.effects.friction import ReadingLattice, lattice_step
-from workbench.diagnosis.linear.problem import Finding, Problem, Site
+from workbench.diagnosis.linear.candidates import Site
+from workbench.diagnosis.linear.problem import Finding, Problem
 
 PLACE = "samples"
 """Where the rounding errors of all joints together act."""

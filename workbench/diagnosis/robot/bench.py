@@ -10,7 +10,6 @@ from robot_model.effects import CATALOGUE
 from robot_model.effects.curve import JointCurve
 from robot_model.effects.elastic import JointCompliance
 from robot_model.effects.instrument import sight_covariates
-from robot_model.effects.nonparametric import SmoothFunction
 from robot_model.state import State, moved
 from robot_model.system import RobotChain, bind
 from workbench.core.covariates import clock
@@ -22,7 +21,7 @@ from workbench.core.model import STATE_PORTS, Model
 from workbench.core.parameters import Parameters
 from workbench.diagnosis.levels import OBSERVABLE_SIGMAS
 from workbench.diagnosis.linear.estimates import Options, parameter_row
-from workbench.diagnosis.linear.problem import Problem, Site
+from workbench.diagnosis.linear.problem import Bench, Problem
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot import mass_responses
 from workbench.diagnosis.robot.derived import (
@@ -171,15 +170,8 @@ class _Part:
         return Model(self.chain, tuple(effects), self.bases)
 
 
-class RobotBench:
-    """Implements `workbench.diagnosis.linear.problem.Bench` for a chain bound to n samples.
-
-    `pose` (n,) labels of repeats; `baseline` the effects that the baseline holds; `warnings` on the recording.
-    """
-
-    unit = "mm"
-    needs_all_samples = False  # a part of many poses finds the same terms
-    sigma = None
+class RobotBench(Bench):
+    """The bench of a chain bound to n samples; `pose` (n,) labels of repeats."""
 
     def __init__(
         self,
@@ -190,7 +182,7 @@ class RobotBench:
         warnings: tuple[str, ...] = (),
     ):
         self.chain, self.pose, self.baseline, self.recording = chain, pose, baseline, recording
-        self.warnings = warnings
+        self.warnings, self.covariates = warnings, chain.state.covariates
         self._parts: dict = {}
         self._start = None
 
@@ -375,27 +367,6 @@ class RobotBench:
                 size = variation_mm(model, fit, effect, values[span])
                 rows.append(deflected | {"size_mm": size})
         return tuple(rows)
-
-    def units(self, effects: Sequence[Effect]) -> list[str]:
-        """Units of the parameters of some effects."""
-        return [p.unit for effect in effects for p in effect.parameters(self.chain)]
-
-    def reviewed(self, found, samples: np.ndarray | None):
-        """What a search found, as it is."""
-        return found
-
-    def smooth(self, site: Site, names: tuple[str, ...]) -> Effect:
-        """A smooth function of the covariates at a site, as an effect that can join the model."""
-        held = [self.chain.state.covariates[name] for name in names]
-        spans = [(float(x.min()), float(x.max())) for x in held]
-        return SmoothFunction(
-            site.where,
-            site.port,
-            names,
-            tuple(spans),
-            site.unit,
-            tuple(site.typical.tolist()),
-        )
 
 
 def _held(option: Variant, baseline) -> bool:

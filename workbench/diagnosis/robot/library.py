@@ -10,7 +10,7 @@ import numpy as np
 
 from workbench.core.effect import Effect, Grid, Recorded, Variant
 from workbench.core.vocabulary import Place
-from workbench.diagnosis.linear.problem import Candidate, Scan
+from workbench.diagnosis.linear.candidates import Candidate, Scan
 
 Catalogue = Mapping[str, type[Effect]]
 _JOINTED = ("joint", "link")

@@ -11,8 +11,9 @@ from workbench.core.least_squares.linear_algebra import least_squares, thin_svd
 from workbench.core.least_squares.solver import Fit
 from workbench.core.model import NOISE, STATE_PORTS, Model
 from workbench.diagnosis.levels import ROUNDING
+from workbench.diagnosis.linear.candidates import Candidate
 from workbench.diagnosis.linear.ends import Ends
-from workbench.diagnosis.linear.problem import Candidate, Problem, observable_basis
+from workbench.diagnosis.linear.problem import Problem, observable_basis
 from workbench.diagnosis.robot.derived import linear_values
 from workbench.diagnosis.robot.library import candidate_of
 from workbench.diagnosis.robot.places import lengths, scans, sites

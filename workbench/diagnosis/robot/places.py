@@ -12,7 +12,7 @@ from workbench.core.covariates import clock
 from workbench.core.effect import Grid
 from workbench.core.model import STATE_PORTS
 from workbench.core.vocabulary import Covariate
-from workbench.diagnosis.linear.problem import Scan, Site
+from workbench.diagnosis.linear.candidates import Scan, Site
 from workbench.diagnosis.robot.library import grids, scan_of
 
 _TYPICAL = {"rad": 3e-4, "mm": 0.05}

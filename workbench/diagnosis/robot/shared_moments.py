@@ -16,7 +16,8 @@ from scipy.optimize import nnls
 from robot_model.effects.unknown_masses import TYPICAL_RAD, GravityCompliance
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import solve_positive
-from workbench.diagnosis.linear.problem import Candidate, Problem
+from workbench.diagnosis.linear.candidates import Candidate
+from workbench.diagnosis.linear.problem import Problem
 
 _WIDEST = 10.0
 """Prior standard deviation of compliances and of first moments in their typical sizes, as in the fit."""

@@ -13,14 +13,14 @@ from dataclasses import replace
 import numpy as np
 
 from datasets.recording import Recording
-from robot_model.effects.nonparametric import SmoothFunction
 from sensors.light.mirror import NAMES
 from workbench.core.effect import Effect
 from workbench.core.least_squares.bundle import BundleFit, solve_bundle
 from workbench.core.model import Model
 from workbench.core.parameters import Parameter, Parameters
+from workbench.diagnosis.linear.candidates import Site
 from workbench.diagnosis.linear.estimates import Options, parameter_row
-from workbench.diagnosis.linear.problem import Found, Problem, Site
+from workbench.diagnosis.linear.problem import Bench, Found, Problem
 from workbench.diagnosis.scanner.predictions import Predicted, scored_errors
 from workbench.diagnosis.scanner.sensor_library import Kind, described, places
 from workbench.diagnosis.scanner.sensor_linear import (
@@ -48,8 +48,8 @@ def bench_of(recording: Recording, progress: Progress = lambda text: None) -> "S
     return SensorBench(measured_chains.read(recording, progress))
 
 
-class SensorBench:
-    """Implements `workbench.diagnosis.linear.problem.Bench` for corners, stripes on boards and stripes on balls.
+class SensorBench(Bench):
+    """The bench of corners, stripes on boards and stripes on balls.
 
     A sample is a corner or a block of a stripe; `pose` (n,): the board pose, or the scan's ball after them; `sigma`
     (n,) px its noise. `jitter_px`: 1 sigma by which whole stripes are displaced at random from image to image; the
@@ -57,13 +57,8 @@ class SensorBench:
     """
 
     unit = "px"
-    baseline: tuple[Effect, ...] = ()
-    chain = None
-    warnings: tuple[str, ...] = ()
-    needs_all_samples = (
-        True  # a third of the board poses would show a third as much, and other balls
-    )
-    constant_loads = ()
+    # a third of the board poses would show a third as much, and other balls
+    needs_all_samples = True
 
     def __init__(self, chains: Chains):
         self.jitter_px = 0.0
@@ -280,13 +275,7 @@ class SensorBench:
         return np.array([p.typical for p in effect.parameters(chain)])
 
     def smooth(self, site: Site, names: tuple[str, ...]) -> Effect:
-        """A smooth function of the covariates at a site, as an effect that can join the model."""
-        spans = tuple(
-            (float(self.covariates[c].min()), float(self.covariates[c].max())) for c in names
-        )
-        made = SmoothFunction(
-            site.where, site.port, names, spans, site.unit, tuple(site.typical.tolist())
-        )
+        made = super().smooth(site, names)
         made.components = next(
             p.slots for p in places(self.kind) if (p.where, p.port) == (site.where, site.port)
         )

@@ -17,7 +17,8 @@ from workbench.core.least_squares.bundle import BundleFit, Family
 from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues
 from workbench.core.model import Evaluation, Model
 from workbench.core.parameters import Parameters
-from workbench.diagnosis.linear.problem import Candidate, Problem, Scan, Site, observable_basis
+from workbench.diagnosis.linear.candidates import Candidate, Scan, Site
+from workbench.diagnosis.linear.problem import Problem, observable_basis
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot.library import candidate_of, grids, scan_of, variants
 from workbench.diagnosis.scanner.rounded_angles import rounding_steps

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from workbench.diagnosis.linear.candidates import Candidate
 from workbench.diagnosis.linear.hypotheses import Hypothesis, ranked_hypotheses
 from workbench.diagnosis.linear.problem import Alternative, Bench, Finding, Found, Problem
 
@@ -79,14 +80,14 @@ def _laws(bench, bare: Problem, named: Sequence[Hypothesis], own: Hypothesis) ->
 
 def large(bench, bare: Problem, h: Hypothesis) -> bool:
     """Whether the least values that make what is there exceed what is typical by far."""
+    if not isinstance(h.source, Candidate):
+        return False
     columns = h.columns(bare)
     values = np.linalg.lstsq(
         bare.orthogonalise(columns), bare.orthogonalise(bare.residual), rcond=1e-3
     )[0]
-    widened = getattr(h.source, "typical", None)
-    if widened is None:
-        return False
-    return bool((np.abs(values * widened / bench.typical(h.effects[0])) > _LARGE).any())
+    sizes = values * h.source.typical / bench.typical(h.effects[0])
+    return bool((np.abs(sizes) > _LARGE).any())
 
 
 def _finding_among(finding: Finding, own: Hypothesis, alternatives, shares) -> Finding:

@@ -10,6 +10,7 @@ import numpy as np
 
 from robot_model.effects.nonparametric import SHARP_DEGREE
 from robot_model.effects.transmission import JointCoupling, TransmissionHarmonic
+from workbench.diagnosis.linear.candidates import Scan
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 
 _WAVE = TransmissionHarmonic.effect
@@ -75,7 +76,5 @@ def _represents_law(function: Hypothesis, law: Hypothesis) -> bool:
 
 def _is_too_fast(law: Hypothesis) -> bool:
     """Whether a wave has more turns in these poses than a function can follow that may change sharply."""
-    if law.effect != _WAVE or not isinstance(law.source, tuple):
-        return False
-    scan, order = law.source
-    return order * np.ptp(scan.x) / 2 > SHARP_DEGREE
+    is_wave = law.effect == _WAVE and isinstance(law.source, Scan)
+    return is_wave and law.value * np.ptp(law.source.x) / 2 > SHARP_DEGREE

@@ -16,9 +16,10 @@ from workbench.core.distributions import chi2
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.diagnosis.levels import LEAST_LOG_ODDS, ROUNDING, UNMODELLED_LEVEL
+from workbench.diagnosis.linear.candidates import Candidate
 from workbench.diagnosis.linear.evidence import Projected, log_null
 from workbench.diagnosis.linear.hypotheses import Hypothesis
-from workbench.diagnosis.linear.problem import Candidate, Problem
+from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.search.compatible import compatible
 from workbench.diagnosis.search.most_probable_set import as_solved, order_by_gain, record_terms
 from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members
@@ -235,7 +236,7 @@ class _Laws:
         terms = []
         for h, first, end in zip(self.terms, self.start, self.start[1:]):
             if _deflects(h):
-                own = columns[:, first:end] / h.typical
+                own = columns[:, first:end] / h.source.typical
                 h = replace(h, source=replace(h.source, columns=own))
             terms.append(h)
         return LogPosterior.of(self.problem, terms, self.remainder, Accepted(self.accepted))
@@ -245,7 +246,7 @@ def _change(problem: Problem, h: Hypothesis, load: Effect, sizes: np.ndarray, sh
     """(C, N, P) change of a term's columns by each parameter of a load, in typical sizes."""
     if not _deflects(h):
         return np.zeros((len(sizes), *shape))
-    return problem.columns_of(h.effects[0], load) * h.typical * sizes[:, None, None]
+    return problem.columns_of(h.effects[0], load) * h.source.typical * sizes[:, None, None]
 
 
 def _is_elastic(h: Hypothesis) -> bool:

@@ -296,5 +296,4 @@ def _unexplained_at_place(search: Search, own: Hypothesis) -> tuple[float, bool,
 
 def _port(function: Hypothesis) -> str:
     """The port of a smooth nonparametric alternative; "" where its row does not say."""
-    site = function.source[0] if isinstance(function.source, tuple) else None
-    return getattr(site, "port", "")
+    return getattr(function.source, "port", "")

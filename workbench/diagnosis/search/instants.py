@@ -7,10 +7,11 @@ from scipy.special import logsumexp
 
 from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.diagnosis.levels import LEAST_LOG_ODDS, LISTED_PROBABILITY, MAJORITY, ROUNDING
+from workbench.diagnosis.linear.candidates import Scan
 from workbench.diagnosis.linear.estimates import Instant
 from workbench.diagnosis.linear.evidence import Projected, scan_moments
-from workbench.diagnosis.linear.hypotheses import Hypothesis, columns_of
-from workbench.diagnosis.linear.problem import Problem, Scan
+from workbench.diagnosis.linear.hypotheses import Hypothesis
+from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.noise.outliers import robust_loss
 
 
@@ -22,7 +23,7 @@ def instant_of(search, i: int, own: Hypothesis) -> Instant | None:
     """
     if not _is_step(own):
         return None
-    scan, value = own.source
+    scan, value = own.source, own.value
     here, weights = _posterior(search, i, scan)
     spread = float(weights @ (here.options - value) ** 2)
     std = float(np.sqrt(spread + _gap(here, value) ** 2 / 12))
@@ -54,7 +55,7 @@ def _refined(search, i: int) -> Hypothesis:
     own, problem = search.accepted[i], search.problem
     if not _is_step(own) or len(problem.residual) % problem.n:
         return own
-    scan, value = own.source
+    scan, value = own.source, own.value
     here, weights = _posterior(search, i, scan)
     plausible = here.options[(weights > LISTED_PROBABILITY) | (here.options == value)]
     between = (here.x > plausible.min()) & (here.x <= plausible.max())
@@ -67,12 +68,12 @@ def _refined(search, i: int) -> Hypothesis:
         return own
     best = float(plausible[int(np.argmin(losses))])
     label, effects = here.word.format(best), here.make(best)
-    return replace(own, label=label, effects=effects, source=(here, best))
+    return replace(own, label=label, effects=effects, source=here, value=best)
 
 
 def _loss(problem: Problem, scan: Scan, option: float) -> float:
     """Robust loss of the residual with a step at an option, without the weights that the solution gave the samples."""
-    columns = problem.orthogonalise(columns_of((scan, option), problem))
+    columns = problem.orthogonalise(scan.columns_at(problem, option))
     left = problem.orthogonalise(problem.residual)
     left = left - columns @ least_squares(columns, left, ROUNDING)
     return robust_loss((left / problem.root_weights).reshape(-1, problem.n))

@@ -8,10 +8,10 @@ import numpy as np
 
 from workbench.core.model import STATE_PORTS
 from workbench.diagnosis.levels import LEAST_LOG_ODDS
+from workbench.diagnosis.linear.candidates import Candidate
 from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.exact_options import with_exact_options
 from workbench.diagnosis.linear.hypotheses import Hypothesis
-from workbench.diagnosis.linear.problem import Candidate
 from workbench.diagnosis.search.instants import refine_instants
 from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members
 from workbench.diagnosis.search.options import refine_options, with_estimated_options
@@ -71,7 +71,7 @@ def as_solved(search: Search, terms: Sequence[Hypothesis]) -> Accepted:
     for place, h in enumerate(terms):
         own, is_load = numbers.get(name_of(h)), any(e.port in STATE_PORTS for e in h.effects)
         if own is not None and is_load and not isinstance(h.source, Candidate):
-            loads[place] = search.problem.added[own] * h.typical
+            loads[place] = search.problem.added[own] * h.source.typical
     return Accepted(len(terms), loads)
 
 
@@ -140,7 +140,7 @@ def _limit_variants(terms: list[Hypothesis], count: int) -> list[Hypothesis]:
 def _with_effect(bench, h: Hypothesis) -> Hypothesis:
     """A smooth nonparametric alternative gets an effect, too: itself, fitted."""
     return (
-        replace(h, effects=(bench.smooth(*h.source),))
+        replace(h, effects=(bench.smooth(h.source, h.value),))
         if h.smooth_covariates and not h.effects
         else h
     )

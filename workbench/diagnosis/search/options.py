@@ -82,7 +82,9 @@ def option_of(search, i: int) -> RealOption | None:
         return None
     family = likelihood.family
     unit = family.own.effects[0].option_unit(search.bench.chain, family.name)
-    return RealOption(family.name, family.value, likelihood.std(family.value), unit, family.word)
+    return RealOption(
+        family.name, family.value, likelihood.std(family.value), unit, family.own.source.word
+    )
 
 
 def _refined(likelihood: "_Profile | None", own: Hypothesis) -> Hypothesis:

@@ -104,7 +104,7 @@ def elastic_prior(
     known = [h.effects[0].compliance_prior if h.effects else None for h in terms]
     elastic = np.array([one is not None for one in known])
     log_prior = np.array([h.log_prior for h in terms])
-    positive = np.array([getattr(h.source, "positive", 0) for h in terms], int)
+    positive = np.array([h.source.positive for h in terms], int)
     robot = _ComplianceScale.of(problem, projected, others)
     log_odds, scale = log_prior.copy(), np.ones(len(terms))
     for i in np.flatnonzero(elastic):

@@ -230,7 +230,7 @@ def _search_with_residual_random_effect(search: Search) -> bool:
     if not unknown:
         return False
     largest = max(unknown, key=lambda i: search.conditional_gain(i)[0])
-    site = search.accepted[largest].source[0]
+    site = search.accepted[largest].source
     port = getattr(site, "port", "frame")
     left = search.problem.conditional_on()
     search.random_effect = residual_random_effect(left, site.where, port, RANDOM_EFFECT_LEVEL)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.diagnosis.linear.candidates import Scan
 from workbench.diagnosis.search.objective import LogPosterior, Members
 from workbench.diagnosis.search.prior import is_elastic
 
@@ -142,7 +143,7 @@ class Stepwise:
         kinds: dict[tuple, list[int]] = {}
         for i in np.flatnonzero(allowed):
             term = self.objective.terms[i]
-            if term.smooth_covariates or not isinstance(term.source, tuple):
+            if term.smooth_covariates or not isinstance(term.source, Scan):
                 members = kinds.setdefault(_kind(term), [])
                 if len(members) < _MAX_TERMS and self.objective.compatible_pairs[i, members].all():
                     members.append(int(i))
