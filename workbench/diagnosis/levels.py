@@ -27,8 +27,11 @@ CRITICAL_T = 2.0
 CRITICAL_CLARK_WEST_T = 2.5
 """t of a change of the predictions in held-out errors above which it counts as significant: about one in fifty by
 chance, for up to six coefficients and errors of poses that are independent. It is about twice the t of the fall."""
+SIGNIFICANT_SIGMAS = 3.0
+"""Standard deviations by which a number that was chosen among a few differs significantly from another."""
 UNDETERMINED_STD = 10.0
-"""Typical sizes of a parameter: one whose standard deviation is larger is as good as unknown by itself."""
+"""Typical sizes of a parameter: one whose standard deviation is larger is as good as unknown by itself. A prior as wide
+leaves it to the data."""
 OUTLIER_WEIGHT = 0.05
 """Robust weight below which a sample is another process's and judges nothing."""
 MOST_LISTED = 12
@@ -39,6 +42,14 @@ RARE_PRIOR = 0.1
 """Prior chance of what is rare: that what is missing is in no row of the library, that a recording has outliers."""
 NEGLIGIBLE_SHARE = 1e-3
 """Share of a whole below which a difference is none, after rounding and refitting."""
+NOTABLE_SHARE = 0.03
+"""Share of a sum of squares below which a contribution does not matter."""
+LEAST_NUMBER = 30
+"""Samples, or poses, from which on a spread or a correlation can be estimated: to a sixth."""
+ANGLE_DECIMALS = 6
+"""Decimals of a degree or a millimetre that conversions between units leave right."""
+MAX_ROUNDS = 20
+"""Rounds of an iteration that ends where nothing changes any more; few take as many."""
 ROUNDING = 1e-9
 """Share of a column below which what is left of it after a projection is only rounding: 1e-16 times a condition."""
 OBSERVABLE_SIGMAS = 1e-2

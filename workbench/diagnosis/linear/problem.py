@@ -26,9 +26,6 @@ from workbench.diagnosis.linear.ends import Ends
 from workbench.diagnosis.linear.estimates import Instant, Options, RealOption
 from workbench.diagnosis.linear.retained_subspace import AddedEffects, RetainedSubspace
 
-_SINGULAR = 1e-11
-"""Relative singular value below which a direction of a Jacobian is rounding: 1e-16 times 1e5 of its columns' scales."""
-
 
 @dataclass(frozen=True)
 class Problem:
@@ -265,7 +262,7 @@ def observable_basis(columns: np.ndarray) -> np.ndarray:
     """(N, R) orthonormal basis of columns (N, F) in sigmas for a typical size, without unobservable directions."""
     q, r = np.linalg.qr(columns)
     u, s, _ = thin_svd(r)
-    return q @ u[:, s > max(OBSERVABLE_SIGMAS, _SINGULAR * s[:1].max(initial=0.0))]
+    return q @ u[:, s > max(OBSERVABLE_SIGMAS, ROUNDING * s[:1].max(initial=0.0))]
 
 
 class Bench:

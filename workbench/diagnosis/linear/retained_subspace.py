@@ -10,8 +10,6 @@ from scipy.linalg.lapack import dpstrf, dtrtri
 from workbench.core.least_squares.linear_algebra import check_finite
 from workbench.diagnosis.levels import ROUNDING
 
-_FIXED = 1e12  # precision of a prior beyond which a coefficient is 0
-
 
 @dataclass(frozen=True)
 class AddedEffects:
@@ -95,8 +93,8 @@ class RetainedSubspace:
     @cached_property
     def hat_mixing(self) -> np.ndarray:
         """(A, P) with H H' the inverse of X'X + L: X the columns of these effects, L the precisions of their priors."""
-        # a column that is zero has a precision beyond 1e200, next to which eigenvectors of all others are rounding
-        precision = np.minimum(self.added.precision[self.column_numbers], _FIXED)
+        # a coefficient is fixed by a prior of this precision; next to one of 1e200 all others are rounding
+        precision = np.minimum(self.added.precision[self.column_numbers], 1 / ROUNDING)
         scale = 1 / np.sqrt(1 + precision)
         gram = self.added.gram[np.ix_(self.column_numbers, self.column_numbers)] * np.outer(
             scale, scale

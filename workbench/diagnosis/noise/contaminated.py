@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import gammaln, logsumexp
 
 from workbench.core.distributions import chi2, fisher
+from workbench.diagnosis.noise.outliers import FULL_WEIGHT
 
 _DEGREES = np.array([1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 11, 16, 25, 50])
 """Of freedom of Student's noises, from Cauchy's to one that no sample tells from a Gaussian."""
@@ -20,8 +21,8 @@ _SHARES, _MOST = 5, 0.1
 """Shares of outliers that are tried, from half a sample to a tenth of all: more of them are a noise of their own."""
 _NEAREST, _FARTHEST = 5.0, 60.0
 """Sigmas: nearer ones do no harm, farther ones are as certain."""
-_MANY, _INNER = 2000, 3.5
-"""Samples beyond which those within so many sigmas stand for one another: none of them is an outlier."""
+_MANY = 2000
+"""Samples beyond which those within `FULL_WEIGHT` sigmas stand for one another: none of them is an outlier."""
 
 
 def contaminated(white: np.ndarray) -> tuple[float, np.ndarray]:
@@ -115,7 +116,7 @@ def _norm(nu, m):
 
 def _thinned(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of the samples that are looked at, and how many each stands for: of many inner ones, every so many."""
-    inner = np.flatnonzero((x**2).sum(0) < _INNER**2)
+    inner = np.flatnonzero((x**2).sum(0) < FULL_WEIGHT**2)
     step = max(1, len(inner) // _MANY)
     chosen = inner[::step]
     outer = np.setdiff1d(np.arange(x.shape[1]), inner)

@@ -13,9 +13,6 @@ from workbench.diagnosis.linear.problem import Finding, Problem
 from workbench.diagnosis.noise.contaminated import contaminated
 from workbench.diagnosis.noise.outliers import spread_along, spread_with
 
-_CLEAR = 1 / (1 - CONFIDENCE)
-"""Bayes factor from which on outliers are claimed: by chance less than once in as many times."""
-
 
 def find_data_faults(
     problem: Problem, effects: Sequence[Effect]
@@ -27,7 +24,8 @@ def find_data_faults(
     spread = _spread(problem)
     factor, each = _outlying(problem, spread[0].depends_on[0] if spread else "")
     found = (each > 0.5) & is_move_known(problem.covariates, effects)
-    if factor < np.log(_CLEAR) or not found.any():
+    # by Markov's inequality chance makes such a factor less than once in twenty times
+    if factor < -np.log(1 - CONFIDENCE) or not found.any():
         return np.zeros(problem.n, bool), spread
     p, label = max(float(np.exp(-factor)), 1e-300), f"{found.sum()} of {problem.n}"
     probability = RARE_PRIOR / (RARE_PRIOR + (1 - RARE_PRIOR) * p)

@@ -6,13 +6,13 @@ import numpy as np
 from scipy.ndimage import median
 
 from workbench.core.distributions import chi2
-from workbench.diagnosis.levels import OUTLIER_WEIGHT
+from workbench.diagnosis.levels import LEAST_NUMBER, OUTLIER_WEIGHT
 
-_FULL, _LITTLE = 3.4, 6.0
+FULL_WEIGHT, _LITTLE = 3.4, 6.0
 """Lengths of whitened residuals up to which a sample counts in full, exceeded by one in a hundred Gaussian samples of
 three coordinates, and from which on it hardly counts."""
-_LEVELS, _EACH = 8, 30
-"""Parts of a covariate at most, and samples in each at least: a median of thirty is known to a sixth."""
+_LEVELS = 8
+"""Parts of a covariate at most, with `LEAST_NUMBER` samples in each."""
 
 
 def robust_weights(white: np.ndarray) -> np.ndarray:
@@ -22,15 +22,15 @@ def robust_weights(white: np.ndarray) -> np.ndarray:
     outliers. Huber, Ann. Math. Stat. 35 (1964); the tail after Hampel et al., Robust Statistics (1986).
     """
     length = lengths(white)
-    weights = np.minimum(1.0, _FULL / np.maximum(length, 1e-300))
+    weights = np.minimum(1.0, FULL_WEIGHT / np.maximum(length, 1e-300))
     return weights * np.minimum(1.0, _LITTLE / np.maximum(length, 1e-300)) ** 3
 
 
 def robust_loss(white: np.ndarray) -> float:
     """Huber's loss of whitened residuals (m, n): half the squared lengths of samples, and linear in those far off."""
     length = lengths(white)
-    far = length > _FULL
-    return float(np.where(far, _FULL * length - _FULL**2 / 2, length**2 / 2).sum())
+    far = length > FULL_WEIGHT
+    return float(np.where(far, FULL_WEIGHT * length - FULL_WEIGHT**2 / 2, length**2 / 2).sum())
 
 
 def lengths(white: np.ndarray) -> np.ndarray:
@@ -47,7 +47,7 @@ def lengths(white: np.ndarray) -> np.ndarray:
 
 def spread_along(white: np.ndarray, x: np.ndarray) -> np.ndarray:
     """(n,) spread of residuals (m, n) with a like covariate x (n,), 1 on average: from medians of eighths, or fewer."""
-    inner, most = np.unique(x), int(np.clip(white.shape[1] // _EACH, 2, _LEVELS))
+    inner, most = np.unique(x), int(np.clip(white.shape[1] // LEAST_NUMBER, 2, _LEVELS))
     inner = inner if len(inner) <= most else np.quantile(x, np.arange(1, most) / most)
     part = np.searchsorted(inner, x)
     square = (white**2).sum(0)

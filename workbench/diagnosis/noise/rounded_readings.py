@@ -5,15 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from robot_model.effects.friction import ReadingLattice, lattice_step
+from workbench.diagnosis.levels import ANGLE_DECIMALS, NOTABLE_SHARE
 from workbench.diagnosis.linear.candidates import Site
 from workbench.diagnosis.linear.problem import Finding, Problem
 
 PLACE = "samples"
 """Where the rounding errors of all joints together act."""
-_LEAST_SHARE = 0.03
-"""Share of what is left that the rounding of one joint makes: less does not matter."""
-_DECIMALS = 6
-"""Of a degree or mm: what conversions between units leave of a lattice."""
 
 
 def rounding_site(problem: Problem) -> Site | None:
@@ -47,7 +44,7 @@ def rounded_readings(problem: Problem, p_value: float) -> tuple[Finding, ...]:
     left = float((problem.orthogonalise(problem.residual) ** 2).sum())
     found, lattices = [], _lattices(problem)
     made = [float((site.rows**2).sum()) * step**2 / 12 for site, step, _ in lattices]
-    matter = {words for (*_, words), own in zip(lattices, made) if own > _LEAST_SHARE * left}
+    matter = {words for (*_, words), own in zip(lattices, made) if own > NOTABLE_SHARE * left}
     for (site, _, words), squares in zip(lattices, made):
         if words not in matter:
             continue
@@ -65,7 +62,7 @@ def _lattices(problem: Problem) -> list[tuple[Site, float, str]]:
             continue
         angle = problem.covariates.get(f"q{site.where.rpartition('-')[2]}")
         unit, factor = ("mm", 1.0) if site.unit == "mm" else ("deg", np.pi / 180)
-        step = None if angle is None else lattice_step(np.round(angle / factor, _DECIMALS))
+        step = None if angle is None else lattice_step(np.round(angle / factor, ANGLE_DECIMALS))
         if step is not None:
             found.append((site, step * factor, f"in steps of {step:.4g} {unit}"))
     return found

@@ -11,11 +11,11 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from workbench.core.distributions import norm
-from workbench.diagnosis.levels import DATA_FAULT_LEVEL, NEGLIGIBLE_SHARE
+from workbench.diagnosis.levels import DATA_FAULT_LEVEL, LEAST_NUMBER, NEGLIGIBLE_SHARE
 from workbench.diagnosis.linear.problem import Problem
 
 _DEGREE = 4  # of polynomials in time, in every coordinate, that are no noise
-_LEAST_POSES, _MOST_POSES = 30, 600  # of more, as many one after another
+_MOST_POSES = 600  # of more, as many one after another
 _LARGEST = (
     0.9  # beyond which correlated noise is a random walk and not distinguishable from a drift
 )
@@ -47,7 +47,7 @@ def serial_correlation(problem: Problem) -> SerialCorrelation | None:
         return None
     y, basis = _by_pose(problem, left[:, None]), _by_pose(problem, problem.full_basis)
     likelihood = _Restricted.of(y[:_MOST_POSES], basis[:_MOST_POSES])
-    if len(y) < _LEAST_POSES or likelihood.degrees < _LEAST_POSES:
+    if len(y) < LEAST_NUMBER or likelihood.degrees < LEAST_NUMBER:
         return None
     best = minimize_scalar(
         lambda value: -likelihood.log(value),

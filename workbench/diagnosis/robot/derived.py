@@ -20,8 +20,7 @@ from workbench.diagnosis.linear.estimates import Options
 
 DEFLECTION, MOVE = "deflection", "reflector"
 _STEP = 0.01  # standard deviations of an option, half-step of a derivative
-_POSITION = 3  # components of a residual that are a position
-_ROTATION = 3  # first rotation among the components of a frame
+_AXES = 3  # components of a position, and the first rotation among those of a frame
 
 
 def mass_rows(model, values: np.ndarray, covariance: np.ndarray) -> dict[int, dict]:
@@ -58,8 +57,8 @@ def deflection_row(
         return None
     made = effect.basis(chain.state)
     if effect.port == "frame":
-        components = effect.components or range(_ROTATION + 3)
-        made = made[:, [c >= _ROTATION for c in components]]
+        components = effect.components or range(2 * _AXES)
+        made = made[:, [c >= _AXES for c in components]]
     made = made - made.mean(-1, keepdims=True)
     quadratic = np.einsum("pmn,qmn->pq", made, made) / made.shape[-1]
     whole = float(values @ quadratic @ values)
@@ -154,7 +153,7 @@ def variation_mm(model, fit, effect: Effect, values: np.ndarray) -> float:
     changes = effect.delta(values, model.chain.state)
     changes = changes - changes.mean(-1, keepdims=True)
     rows = model.evaluate(fit.parameters).rows(effect.port, np.asarray(effect.slots(model.chain)))
-    moved = model.joined(np.einsum("kn,kmn->mn", changes, rows))[:_POSITION]
+    moved = model.joined(np.einsum("kn,kmn->mn", changes, rows))[:_AXES]
     return float(np.sqrt((moved**2).sum(0).mean()))
 
 

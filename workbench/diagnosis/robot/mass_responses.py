@@ -18,11 +18,12 @@ from robot_model.effects.estimated_masses import (
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import thin_svd
 from workbench.core.parameters import Parameter
+from workbench.diagnosis.levels import NOTABLE_SHARE
 
 _SHARE, _CENTRE_MM = 0.2, 20.0
 """A data sheet's mass is good to a fifth, a centre to 20 mm."""
-_MOST, _LEAST = 4, 0.03
-"""Mixtures of first moments, and the share of the law below which one says nothing."""
+_MOST = 4
+"""Mixtures of first moments, each of which makes `NOTABLE_SHARE` of the law."""
 LABEL = "with first mass moments estimated jointly"
 MASS_SHARE, CENTRE_MM = 0.05, 5.0
 """1 sigma of a stated first moment as a share of it, and of a centre of mass (mm per axis): prior of the names."""
@@ -72,7 +73,7 @@ def with_estimated_masses(law: Effect, state) -> ComplianceWithMasses | None:
     shares = (made * own).sum((2, 3)) / length
     left = (made - shares[:, :, None, None] * own) / np.sqrt(length)[:, None, None]
     u, s, _ = thin_svd(left.reshape(len(left), -1))
-    kept = np.flatnonzero(s[:_MOST] > _LEAST)
+    kept = np.flatnonzero(s[:_MOST] > NOTABLE_SHARE)
     if not len(kept):
         return None
     weights = u[:, kept].T  # (R, 3 J + 3) in units of what is likely

@@ -16,12 +16,9 @@ from scipy.optimize import nnls
 from robot_model.effects.unknown_masses import TYPICAL_RAD, GravityCompliance
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import solve_positive
+from workbench.diagnosis.levels import MAX_ROUNDS, UNDETERMINED_STD
 from workbench.diagnosis.linear.candidates import Candidate
 from workbench.diagnosis.linear.problem import Problem
-
-_WIDEST = 10.0
-"""Prior standard deviation of compliances and of first moments in their typical sizes, as in the fit."""
-_ROUNDS = 20  # of moments and compliances in turn
 
 
 def with_shared_moments(problem: Problem, chain) -> Problem:
@@ -72,7 +69,7 @@ def _estimated(parts: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray
     The residual is predicted minus measured: what is missing has the opposite sign, and no compliance is negative.
     """
     moments = np.eye(parts.shape[2])[0]
-    for _ in range(_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         sizes = _nonpositive((parts @ moments).T, y)
         whole = np.tensordot(sizes, parts, 1)  # (N, P)
         moments[1:] = _solved(whole[:, 1:], y - whole[:, 0])
@@ -86,20 +83,20 @@ def _cost(parts: np.ndarray, y: np.ndarray, moments, sizes, degrees: int) -> flo
     variance = float(residual @ residual) / degrees
     changes = np.tensordot(sizes, parts[:, :, 1:], 1)
     changes = changes - columns @ _solved(columns, changes)
-    spent = np.eye(len(moments) - 1) + _WIDEST**2 / variance * changes.T @ changes
-    unlikely = ((moments[1:] / _WIDEST) ** 2).sum()
+    spent = np.eye(len(moments) - 1) + UNDETERMINED_STD**2 / variance * changes.T @ changes
+    unlikely = ((moments[1:] / UNDETERMINED_STD) ** 2).sum()
     return float(0.5 * np.linalg.slogdet(spent)[1] + 0.5 * unlikely)
 
 
 def _nonpositive(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Coefficients (T,) with their priors, none of them above 0."""
-    rows = np.vstack([columns, np.eye(columns.shape[1]) / _WIDEST])
+    rows = np.vstack([columns, np.eye(columns.shape[1]) / UNDETERMINED_STD])
     return -nnls(rows, np.concatenate([-y, np.zeros(columns.shape[1])]))[0]
 
 
 def _solved(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Coefficients (T,) or (T, K) with their priors."""
-    gram = columns.T @ columns + np.eye(columns.shape[1]) / _WIDEST**2
+    gram = columns.T @ columns + np.eye(columns.shape[1]) / UNDETERMINED_STD**2
     return solve_positive(gram, columns.T @ y)
 
 

@@ -25,21 +25,24 @@ from sensors.light.grouping import groups
 from workbench.core.effect import Effect
 from workbench.core.least_squares.adjustment_tests import neighbour_test
 from workbench.core.model import Model
-from workbench.diagnosis.levels import CRITICAL_T, DATA_FAULT_LEVEL, UNMODELLED_LEVEL
+from workbench.diagnosis.levels import (
+    CRITICAL_T,
+    DATA_FAULT_LEVEL,
+    LEAST_NUMBER,
+    MAJORITY,
+    NEGLIGIBLE_SHARE,
+    UNMODELLED_LEVEL,
+)
 from workbench.diagnosis.linear.problem import Finding, Problem
 from workbench.diagnosis.scanner.sensor_linear import acts
 from workbench.diagnosis.validation.folds import schemes
 from workbench.jobs.sensor.chains import at_solution
 
 EFFECT, WHERE = "mirror-jitter", "mirror"
-_FEWEST_STRIPES, _FEWEST_POSES = 20, 3
-"""Stripes from which a spread is known to a sixth, and board poses of which two predict the third."""
+_FEWEST_POSES = 3
+"""Board poses of which two predict the third."""
 _DEGREE = 2
 """Of the polynomial in the mirror's angle that the error of a board pose makes."""
-_BENT = (
-    0.5  # of the displacements of whole stripes: variation along stripes that jitter does not make
-)
-_SMALLEST, _LARGEST = 1e-3, 1e3  # of the noise of a stripe's mean: spreads that are tried
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,7 @@ class _Stripes:
     @property
     def is_systematic(self) -> bool:
         """Whether it is no chance: stripes are bent, or those of one step or one after another displaced alike."""
-        if self.bent_px > _BENT * self.sigma or self._by_step() < DATA_FAULT_LEVEL:
+        if self.bent_px > MAJORITY * self.sigma or self._by_step() < DATA_FAULT_LEVEL:
             return True
         ordered = np.argsort(self.order, kind="stable")
         previous = np.empty(len(ordered), int)
@@ -156,7 +159,7 @@ def _judged(bench, found: _Stripes) -> ImageJitter | None:
     sigma, count = found.sigma, len(found.displaced)
     # a displacement matters from the noise of one averaged point of a stripe on
     noise = float(np.median(bench.chains.board_stripes.sigma))
-    if count < _FEWEST_STRIPES or not sigma > noise:
+    if count < LEAST_NUMBER or not sigma > noise:
         return None
     p_value = float(chdtrc(len(found.z), (found.z**2 / found.variance).sum()))
     gains = found.scores(True) - found.scores(False)
@@ -262,9 +265,10 @@ def _deviance(variance: float, z: np.ndarray, noise: np.ndarray) -> float:
 def _likeliest(z: np.ndarray, noise: np.ndarray) -> float:
     """px, the spread with the largest likelihood of contrasts (k,), 0 where noise alone is likelier."""
     scale = np.log(float(np.sqrt(np.median(noise))))
+    reach = -np.log(NEGLIGIBLE_SHARE)
     best = minimize_scalar(
         lambda x: _deviance(np.exp(2 * x), z, noise),
-        bounds=(scale + np.log(_SMALLEST), scale + np.log(_LARGEST)),
+        bounds=(scale - reach, scale + reach),
         method="bounded",
     )
     sigma = float(np.exp(best.x))

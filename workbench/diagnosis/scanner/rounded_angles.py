@@ -8,9 +8,8 @@ u^2 / 12 (Widrow & Kollar, Quantization Noise, 2008, ch. 3).
 import numpy as np
 
 from sensors.light.together import Step, decorrelated, random_effect
+from workbench.diagnosis.levels import ANGLE_DECIMALS, NEGLIGIBLE_SHARE
 
-_MOST_DIGITS = 6
-_ON = 1e-3  # of a last digit: what conversions between units leave
 _COARSEST = 0.05
 """Last digit over the usual distance of two angles, above which the angles are as commanded and not rounded."""
 
@@ -23,9 +22,9 @@ def rounding_std(angles: np.ndarray) -> float:
     degrees = np.rad2deg(np.unique(angles[np.isfinite(angles)]))
     if len(degrees) < 3:
         return 0.0
-    for digits in range(_MOST_DIGITS + 1):
+    for digits in range(ANGLE_DECIMALS + 1):
         whole = degrees * 10.0**digits
-        if (np.abs(whole - np.rint(whole)) < _ON).all():
+        if (np.abs(whole - np.rint(whole)) < NEGLIGIBLE_SHARE).all():
             gaps = np.diff(np.rint(whole))
             is_exact = np.ptp(gaps) == 0 or 1 > _COARSEST * np.median(gaps)
             return 0.0 if is_exact else float(np.deg2rad(10.0**-digits) / np.sqrt(12))

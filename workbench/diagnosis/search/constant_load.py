@@ -15,7 +15,14 @@ import numpy as np
 from workbench.core.distributions import chi2
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
-from workbench.diagnosis.levels import LEAST_LOG_ODDS, ROUNDING, UNMODELLED_LEVEL
+from workbench.diagnosis.levels import (
+    LEAST_LOG_ODDS,
+    MAX_ROUNDS,
+    NEGLIGIBLE_SHARE,
+    ROUNDING,
+    UNDETERMINED_STD,
+    UNMODELLED_LEVEL,
+)
 from workbench.diagnosis.linear.candidates import Candidate
 from workbench.diagnosis.linear.evidence import Projected, log_null
 from workbench.diagnosis.linear.hypotheses import Hypothesis
@@ -26,11 +33,6 @@ from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members
 from workbench.diagnosis.search.prior import DEFLECTS
 from workbench.diagnosis.search.state import Search, name_of
 from workbench.diagnosis.search.stepwise import Stepwise
-
-_ROUNDS = 6  # of laws and load in turn, from each start
-_STEPS = 20  # of the load of one set of laws
-_PRIOR = 10.0  # standard deviation of a load in its typical sizes, which leaves it to the data
-_CLOSE = 1e-3  # typical sizes of a load that are worth no other step
 
 
 def accept_constant_loads(search: Search) -> None:
@@ -201,7 +203,7 @@ class _Laws:
     def _climb(self, members: Members) -> tuple[float, Members]:
         """The log posterior and members of the set that laws and load in turn lead to from a given one."""
         load, best = np.zeros(len(self.changes)), (-np.inf, members)
-        for _ in range(_ROUNDS):
+        for _ in range(MAX_ROUNDS):
             load = self._load(members, load)
             objective = self._objective(load)
             members = tuple(sorted(Stepwise(objective).most_probable_set(members)))
@@ -215,9 +217,9 @@ class _Laws:
         """(C,) the load that a set of laws has under its likeliest coefficients, from a given one."""
         held = self._index(members)
         columns, changes = self.columns[:, held], self.changes[:, :, held]
-        y, prior = self.y, np.sqrt(self.variance) / _PRIOR
+        y, prior = self.y, np.sqrt(self.variance) / UNDETERMINED_STD
         count = len(load)
-        for _ in range(_STEPS):
+        for _ in range(MAX_ROUNDS):
             present = columns + np.tensordot(load, changes, 1)
             made = least_squares(present, y, ROUNDING)
             by_load = np.einsum("cnt,t->nc", changes, made)
@@ -226,7 +228,7 @@ class _Laws:
             right = np.concatenate([y, -prior * load])
             step = least_squares(np.vstack([own, priors]), right, ROUNDING)[len(held) :]
             load = load + step
-            if np.abs(step).max(initial=0.0) < _CLOSE:
+            if np.abs(step).max(initial=0.0) < NEGLIGIBLE_SHARE:
                 break
         return load
 

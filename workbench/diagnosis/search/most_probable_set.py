@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from workbench.core.model import STATE_PORTS
-from workbench.diagnosis.levels import LEAST_LOG_ODDS
+from workbench.diagnosis.levels import LEAST_LOG_ODDS, MAX_ROUNDS
 from workbench.diagnosis.linear.candidates import Candidate
 from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.exact_options import with_exact_options
@@ -18,14 +18,10 @@ from workbench.diagnosis.search.options import refine_options, with_estimated_op
 from workbench.diagnosis.search.state import Search, name_of
 from workbench.diagnosis.search.stepwise import Stepwise
 
-_ROUNDS = 5
-"""Searches of the set, each about a new solution or more thorough: the second nearly always confirms the first."""
-_FIRST, _CONDITIONAL, _MAX_SMOOTH = 48, 24, 6
-"""Terms taken into the search: the likeliest alone, the likeliest in addition, and functions of each table."""
-_REPLACEMENTS, _MAX_REPLACED = 4, 6
-"""Terms in the place of each accepted one, where no more than so many are accepted: more are exchanged in pairs."""
-_VARIANTS = 4
-"""Variants of one effect at one place among these, of the same covariates."""
+_FIRST, _MAX_SMOOTH, _VARIANTS = 48, 6, 4
+"""Terms taken into the search: the likeliest alone, half as many in addition, functions of each table, variants of one
+effect at one place that read the same covariates. As many as of these are tried in the place of each accepted term,
+where no more than `_MAX_SMOOTH` are accepted: more are exchanged in pairs."""
 
 
 def accept_most_probable_set(search: Search, thorough: bool = True) -> None:
@@ -35,7 +31,7 @@ def accept_most_probable_set(search: Search, thorough: bool = True) -> None:
     so that it is left for the noise as it is finally known.
     """
     tried: list[set] = []
-    for _ in range(_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         terms, present = _candidate_terms(search, thorough)
         remainder = Projected(search.problem.conditional_on()).y
         solved = as_solved(search, terms[: len(present)])
@@ -92,11 +88,11 @@ def _candidate_terms(search: Search, thorough: bool) -> tuple[list[Hypothesis], 
         search.screened = with_estimated_options(search, first, ())
     pools = [search.screened]
     if search.accepted:
-        more = _most_probable(search.table(search.accepted_indices), _CONDITIONAL, _MAX_SMOOTH)
+        more = _most_probable(search.table(search.accepted_indices), _FIRST // 2, _MAX_SMOOTH)
         pools.append(with_estimated_options(search, more, search.accepted_indices))
-    if thorough and len(search.accepted) <= _MAX_REPLACED:
+    if thorough and len(search.accepted) <= _MAX_SMOOTH:
         for kept in map(search.other_indices, search.accepted_indices):
-            instead = _most_probable(search.table(kept), _REPLACEMENTS, 0)
+            instead = _most_probable(search.table(kept), _VARIANTS, 0)
             pools.append(with_estimated_options(search, instead, kept))
     chosen = {name_of(h): h for h in _at_current_solution(search, search.accepted)}
     present = tuple(range(len(chosen)))

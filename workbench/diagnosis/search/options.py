@@ -11,15 +11,13 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from workbench.core.least_squares.linear_algebra import least_squares
-from workbench.diagnosis.levels import ROUNDING
+from workbench.diagnosis.levels import MAX_ROUNDS, ROUNDING, SIGNIFICANT_SIGMAS
 from workbench.diagnosis.linear.estimates import RealOption
 from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.exact_options import RealFamily
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 
-_ROUNDS = 3  # of estimates, each about a new solution
 _CLOSE = 0.1  # standard deviations of an option that are worth no other solution
-_WHOLE = 3.0  # standard deviations within which an order of the grid that is a whole number is kept
 _CLEAR = 100.0
 """Fall of the sum of squares over the variance that is left: a grid leaves a hundredth of it, which is then a sigma."""
 _RESOLUTION = 1e-5  # of the distance between neighbours of a grid
@@ -32,7 +30,7 @@ def refine_options(search, is_first: bool = False) -> None:
     Conditional on all others. is_first: on those before it alone, in the order in which they explain most. What
     explains less may be what an option that is not known yet leaves, and would keep it from its value.
     """
-    for _ in range(1 if is_first else _ROUNDS):
+    for _ in range(1 if is_first else MAX_ROUNDS):
         refined = []
         for i, h in enumerate(search.accepted):
             others = tuple(range(i)) if is_first else search.other_indices(i)
@@ -104,7 +102,7 @@ def _refined(likelihood: "_Profile | None", own: Hypothesis) -> Hypothesis:
     if not std < upper - lower:  # the grid is as fine as the data are
         return own
     whole = float(np.round(value))
-    if abs(value - whole) < _WHOLE * std and whole in family.grid:
+    if abs(value - whole) < SIGNIFICANT_SIGMAS * std and whole in family.grid:
         value = whole
     value = round(value, 1 - int(np.floor(np.log10(max(std, resolution)))))
     return own if abs(value - family.value) < _CLOSE * std else family.at(value)

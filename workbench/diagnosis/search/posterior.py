@@ -16,6 +16,7 @@ from workbench.diagnosis.levels import (
     LEAST_LOG_ODDS,
     LISTED_PROBABILITY,
     MAJORITY,
+    MAX_ROUNDS,
     MOST_LISTED,
     ROUNDING,
 )
@@ -26,16 +27,13 @@ from workbench.diagnosis.search.instants import refine_instants
 from workbench.diagnosis.search.most_probable_set import as_solved, order_by_gain, record_terms
 from workbench.diagnosis.search.objective import LogPosterior, Members
 from workbench.diagnosis.search.options import refine_options
-from workbench.diagnosis.search.prior import is_elastic
+from workbench.diagnosis.search.prior import LAW_ERROR, is_elastic
 from workbench.diagnosis.search.state import name_of
 from workbench.diagnosis.search.stepwise import Stepwise
 
 Key = tuple[str, str]
-_WINDOW = float(np.log(200.0))
-"""Log posterior odds against the best set beyond which a set is left out: all of these together are half a percent."""
-_ROUNDS = 12
-"""Of exchanges, each about a new solution, at most; they end where no name changes, or one set comes again."""
-_SAME_GAIN = 0.99  # of a function's, which the law of the same angle makes
+_WINDOW = -float(np.log(LISTED_PROBABILITY))
+"""Log posterior odds against the best set beyond which a set is left out."""
 _EXPANDED, _SWAPS = 8, 6
 """Sets of the window whose neighbours are weighed, and terms that are tried in place of each, the most alike first."""
 
@@ -231,7 +229,7 @@ def _exchange_laws(search) -> None:
     place of the others, which are then compared again.
     """
     tried = [{name_of(h) for h in search.accepted}]
-    for _ in range(_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         for i in search.accepted_indices:
             other = _more_probable_variant(search, i)
             if other is not None:
@@ -290,7 +288,7 @@ def is_law_of_function(function: Hypothesis, law: Hypothesis) -> bool:
     return (
         is_there
         and law.reads == set(function.smooth_covariates)
-        and law.gain >= _SAME_GAIN * function.gain
+        and law.gain >= (1 - LAW_ERROR) * function.gain
     )
 
 
@@ -316,7 +314,7 @@ def _exchange_elastic(search) -> None:
     then agree.
     """
     tried = [{name_of(h) for h in search.accepted}]
-    for _ in range(_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         window = _elastic_window(search)
         if window is None:
             break

@@ -20,7 +20,7 @@ from robot_model.effects.elastic import JointCompliance
 from robot_model.effects.transmission import TransmissionHarmonic
 from robot_model.effects.unknown_masses import TYPICAL_RAD, GravityCompliance
 from workbench.core.least_squares.linear_algebra import pseudo_inverse, symmetric_eigen
-from workbench.diagnosis.levels import ROUNDING
+from workbench.diagnosis.levels import ROUNDING, SIGNIFICANT_SIGMAS
 from workbench.diagnosis.linear.evidence import Projected, log_evidence_by_size
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Problem
@@ -38,7 +38,6 @@ _MOST_OF_USUAL = 3.0
 Any first harmonic of a joint that carries next to nothing looks like a large compliance. The joints with load say what
 is usual.
 """
-_SIGNIFICANT = 3.0  # standard deviations from which on a joint counts as compliant
 LAW_ERROR = 0.01
 """Relative error of every law that is computed: joint angles are off by tenths of a degree, lengths by a millimetre."""
 
@@ -209,7 +208,7 @@ def _median_compliance(found: np.ndarray, std: np.ndarray, load: np.ndarray) -> 
     A compliance that is not significant counts as zero. Where that makes the median zero, the weighted mean takes its
     place: a joint with next to no load has next to no share in it.
     """
-    deflecting = np.where(found > _SIGNIFICANT * std, found, 0.0)
+    deflecting = np.where(found > SIGNIFICANT_SIGMAS * std, found, 0.0)
     median = _weighted_median(deflecting, load)
     return median if median > 0 else float(deflecting @ load / load.sum())
 

@@ -17,8 +17,6 @@ LAW = 0.95
 """Share of what smooth nonparametric functions explain that laws must explain: no law is exact."""
 _MAX_TERMS, _MAX_SMOOTH = 12, 2
 """Terms in a set, and smooth nonparametric functions among them, at most: recordings do not determine more."""
-_STEPS = 60
-"""Moves of a climb: a set of the largest size is made and wholly exchanged in fewer."""
 _PAIRED, _KINDS = 40, 3
 """Terms of which the best partner is sought for a start, and kinds of effects that start at all places."""
 
@@ -81,12 +79,11 @@ class Stepwise:
     def _climb(self, members: Members, allowed: np.ndarray) -> Members:
         """The set after moves that each raise its log posterior most."""
         weight = self.objective.value(members)
-        for _ in range(_STEPS):
+        while True:
             reached, best = self._best_move(members, allowed, weight)
             if reached <= weight + 1e-6:
-                break
+                return members
             members, weight = best, reached
-        return members
 
     def _best_move(self, members: Members, allowed, weight: float) -> tuple[float, Members]:
         """The likeliest set with one term more, and where that is no likelier, with one less or another."""

@@ -21,21 +21,19 @@ from workbench.core.covariates import clock
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import solve_positive, symmetric_eigen
 from workbench.core.model import NOISE, STATE_PORTS
-from workbench.diagnosis.levels import MAJORITY, NEGLIGIBLE_SHARE
+from workbench.diagnosis.levels import MAJORITY, NEGLIGIBLE_SHARE, ROUNDING
 from workbench.diagnosis.linear.problem import Bench
 from workbench.diagnosis.validation.folds import tested_samples
 from workbench.diagnosis.validation.held_out import name_of
 from workbench.diagnosis.validation.left_out_blocks import fitted_residual
 from workbench.diagnosis.validation.terms import Control
 
-_TRIALS, _SHIFTS = 199, 39
-"""Permutations, which distinguish a p-value of one in a hundred from one of one in two hundred, and circular shifts."""
 _LEVEL, _LEFT, _MOST = 0.01, 0.2, 0.75
 """A control is passed up to this p-value, where less than this share of the gain is left in this share of shifts."""
+_TRIALS, _SHIFTS = round(2 / _LEVEL) - 1, 39
+"""Permutations, which distinguish a p-value of this level from half of it, and circular shifts."""
 _INSTANTS, _FEW_INSTANTS = 60, 12
 """Instants (or time constants) of an effect that are compared at most, evenly taken from all; fewer with each clock."""
-_ABSORBED = 1e-6
-"""Share of a column's length below which what the baseline leaves of it is rounding of inner products."""
 PERMUTED, ROTATED = "permuted", "circular shift"
 _CLOCKS = ("time_s", "time", "row", "order")
 
@@ -239,10 +237,10 @@ class _Trial:
         raw = columns.T @ columns
         gram = raw - made.T @ made + np.diag(self._precision)
         length = np.sqrt(np.maximum(np.diagonal(gram), 0.0))
-        seen = length > _ABSORBED * np.sqrt(np.diagonal(raw))
+        seen = length**2 > ROUNDING * np.diagonal(raw)
         unit = 1 / length[seen]
         values, vectors = symmetric_eigen(gram[np.ix_(seen, seen)] * np.outer(unit, unit))
-        kept = values > 1e-9
+        kept = values > ROUNDING
         score = ((columns.T @ y)[seen].T * unit).T
         return (((vectors[:, kept].T @ score) ** 2).T / values[kept]).sum(-1)
 

@@ -18,8 +18,8 @@ TIME, SPACE, ROUND_ROBIN = (
 )
 LEAST_FOLDS = 5
 """Folds in which a validation repeats the search at least: the blocks of time."""
-_FOLDS, _HALVINGS = LEAST_FOLDS, 2
-"""Blocks of time, and halvings of the workspace: four fifths and three quarters of the poses determine the geometry."""
+_HALVINGS = 2
+"""Of the workspace: three quarters of the poses determine the geometry, as four fifths do without a block of time."""
 _FEW = 50  # poses below which a fold leaves out half as many: a fifth of them would leave the geometry open
 _SEARCHED = 900  # samples that a search inside a fold sees at most; what it finds is fitted on all of the fold
 MAX_TESTED_SAMPLES = 3000
@@ -51,7 +51,7 @@ def schemes(pose: np.ndarray, problem: Problem) -> list[Scheme]:
     by_order = np.argsort(problem.order, kind="stable")
     time = np.empty(problem.n, int)
     few = len(np.unique(pose)) < _FEW
-    time[by_order] = blocks(pose[by_order], _FOLDS * (1 + few))
+    time[by_order] = blocks(pose[by_order], LEAST_FOLDS * (1 + few))
     space = _workspace_folds(pose, problem)
     return [Scheme(TIME, time)] + ([] if space is None else [Scheme(SPACE, space)])
 
@@ -62,7 +62,7 @@ def _round_robin_folds(pose: np.ndarray, problem: Problem) -> np.ndarray:
     board = np.zeros(len(poses), bool)  # a corner has two coordinates, a stripe one
     board[group[np.bincount(problem.sample, minlength=problem.n) > 1]] = True
     rank = np.where(board, np.cumsum(board) - 1, np.cumsum(~board) - 1)
-    return (rank % min(_FOLDS, max(int(board.sum()), 2)))[group]
+    return (rank % min(LEAST_FOLDS, max(int(board.sum()), 2)))[group]
 
 
 def _workspace_folds(pose: np.ndarray, problem: Problem) -> np.ndarray | None:

@@ -7,7 +7,12 @@ import numpy as np
 from workbench.core.covariates import clock
 from workbench.core.distributions import chi2, norm, student
 from workbench.core.effect import Effect
-from workbench.diagnosis.levels import CRITICAL_CLARK_WEST_T, CRITICAL_T, NEGLIGIBLE_SHARE
+from workbench.diagnosis.levels import (
+    CRITICAL_CLARK_WEST_T,
+    CRITICAL_T,
+    LEAST_NUMBER,
+    NEGLIGIBLE_SHARE,
+)
 from workbench.diagnosis.linear.evidence import cached
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.noise.data_findings import is_move_known
@@ -22,7 +27,6 @@ the fit (5 % of clean samples are beyond it), and the median of a squared length
 
 DOUBLED = 2.0
 """t of Clark and West over that of the fall of the error, about, for an effect that is there."""
-_LEAST_SERIES = 20  # poses from which on a correlation of neighbours can be estimated
 _ROWS = 5
 """Rows of the errors of an arm's samples: distance, rotation angle, and three components of the position."""
 
@@ -188,7 +192,7 @@ def _serial_factor(series: np.ndarray) -> float:
     (1991), eq. 6.4, for an autoregressive process.
     """
     count, variance = len(series), float(series @ series)
-    if count < _LEAST_SERIES or not variance > 0:
+    if count < LEAST_NUMBER or not variance > 0:
         return 1.0
     rho = float(series[1:] @ series[:-1]) / variance
     if rho * np.sqrt(count) < CRITICAL_T:

@@ -15,16 +15,17 @@ import numpy as np
 
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
+from workbench.diagnosis.levels import CONFOUNDED_SHARE
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.validation.controls import of_order
 from workbench.diagnosis.validation.folds import TIME, Scheme
 from workbench.diagnosis.validation.held_out import rises_significantly
 from workbench.diagnosis.validation.terms import Term
 
-_ONE_BLOCK = 0.9
-"""Share of the information on a direction in one block from which on the others do not determine it."""
 _EXTRAPOLATED = 0.25
-"""Share of what a term makes along such directions from which on a split cannot judge it."""
+"""Share of what a term makes along directions that one block alone determines, from which on a split cannot judge it.
+
+It does where it holds `CONFOUNDED_SHARE` of the information on a direction."""
 _WORSE = 0.01
 """Relative rise of the held-out RMS that a split which judges the terms may show by chance."""
 
@@ -88,7 +89,7 @@ def extrapolated_share(problem: Problem, numbers: Sequence[int], fold: np.ndarra
     for k in np.unique(blocks):
         rows = basis[blocks == k]
         information, directions = symmetric_eigen(rows.T @ rows)
-        alone = directions[:, information > _ONE_BLOCK]
+        alone = directions[:, information > CONFOUNDED_SHARE]
         lost += float(((alone.T @ along) ** 2).sum())
     return lost / total
 
