@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from conftest import mostly_slow
-from workbench.diagnosis.noise.contaminated import contaminated
+from workbench.diagnosis.noise.outliers import contaminated
 
 CLEAR = np.log(20)
 

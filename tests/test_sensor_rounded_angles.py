@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sensors.light.together import decorrelated
-from workbench.diagnosis.scanner.rounded_angles import rounding_std, rounding_steps
+from workbench.diagnosis.scanner.sensor_linear import rounding_std, rounding_steps
 
 SWEEP = np.linspace(-1.55, 1.65, 20)
 

@@ -1,7 +1,7 @@
 """The linearised problem: residual and candidates of a fitted baseline as columns, their evidence, and where it sits.
 
-`problem` holds the arrays; `hypotheses` lists all that might be missing, laws of the library and smooth
-nonparametric alternatives (functions of one or two covariates at a place: what no row of the library makes must not
-get the name of the row that is least bad); `evidence` weighs each from inner products; `locate` says at which place of
-the chain a mismatch sits.
+`candidates` are the columns to be compared with the residual, `problem` holds all arrays; `hypotheses` ranks laws
+of the library and smooth nonparametric alternatives, and says at which place of the chain a mismatch sits; `evidence`
+weighs each from inner products. An alternative is a function of one or two covariates at a place: an effect that is not
+in the library must not get the name of the least bad law.
 """

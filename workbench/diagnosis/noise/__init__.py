@@ -1,5 +1,5 @@
 """What the residual says of the noise: outliers, variance that depends on a covariate, and random effects.
 
-`data` asks for outliers and heteroscedastic noise (`outliers`, `contaminated`); `random_effects` for a place that
+`data_findings` tests for outliers and heteroscedastic noise (`outliers`); `random_effects` for a place that
 varies at random from sample to sample; `rounded_readings` for a lattice of joint readings.
 """

@@ -10,8 +10,7 @@ from workbench.core.effect import Effect
 from workbench.core.vocabulary import Covariate
 from workbench.diagnosis.levels import CONFIDENCE, DATA_FAULT_LEVEL, RARE_PRIOR
 from workbench.diagnosis.linear.problem import Finding, Problem
-from workbench.diagnosis.noise.contaminated import contaminated
-from workbench.diagnosis.noise.outliers import spread_along, spread_with
+from workbench.diagnosis.noise.outliers import contaminated, spread_along, spread_with
 
 
 def find_data_faults(

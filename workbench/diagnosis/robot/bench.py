@@ -34,7 +34,6 @@ from workbench.diagnosis.robot.derived import (
 )
 from workbench.diagnosis.robot.library import compliances, names, variants
 from workbench.diagnosis.robot.linearised import solution, with_candidates, with_places
-from workbench.diagnosis.robot.sliced_bases import SlicedBases, describe
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.noise_scale import NOISE_ROUNDS, is_settled, noise_scaled
 from workbench.fitting.plans import geometry, stage_mask
@@ -135,6 +134,37 @@ def with_derived(chain: RobotChain, pose: np.ndarray) -> State:
     if chain.has_sight_lines:
         made |= sight_covariates(chain.state.measured)
     return replace(chain.state, covariates=recorded | made, history=history)
+
+
+class SlicedBases(dict):
+    """What `Model.basis` keeps of a model on `samples` (n,) bool: (effect, cause) -> basis there.
+
+    whole: a model of all samples. names: description of an effect -> the effect by which `whole` knows it; shared by
+    all parts, whose libraries make equal effects of their own.
+    """
+
+    def __init__(self, whole: Model, samples: np.ndarray, names: dict[tuple, Effect]):
+        super().__init__()
+        self._columns = whole.chain.columns_of(np.flatnonzero(samples))
+        self._whole, self._names = whole, names
+
+    def __missing__(self, key: tuple[Effect, Effect | None]) -> np.ndarray:
+        made = self._whole.basis(*map(self._known, key))
+        if made.shape[-1] > 1:
+            made = np.take(made, self._columns, axis=-1)
+        self[key] = made
+        return made
+
+    def _known(self, effect: Effect | None) -> Effect | None:
+        """The effect of the whole model that is equal to one of a part."""
+        if effect is None:
+            return None
+        return self._names.setdefault(describe(effect), effect)
+
+
+def describe(effect: Effect) -> tuple:
+    """Class, place and options of an effect: equal for effects that do the same."""
+    return type(effect), effect.where, *map(repr, effect.options.values())
 
 
 @dataclass(frozen=True)

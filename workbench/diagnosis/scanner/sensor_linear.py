@@ -10,18 +10,18 @@ from sensors.camera.corners import placements
 from sensors.effects import CATALOGUE
 from sensors.light.ball_stripes import centres_family
 from sensors.light.planes import steps_family
-from sensors.light.together import Step, Together, decorrelated
+from sensors.light.together import Step, Together, decorrelated, random_effect
 from sensors.scanner.adjustment import ON_BOTH
 from workbench.core.effect import Effect
 from workbench.core.least_squares.bundle import BundleFit, Family
 from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues
 from workbench.core.model import Evaluation, Model
 from workbench.core.parameters import Parameters
+from workbench.diagnosis.levels import ANGLE_DECIMALS, NEGLIGIBLE_SHARE
 from workbench.diagnosis.linear.candidates import Candidate, Scan, Site
 from workbench.diagnosis.linear.problem import Problem, observable_basis
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot.library import candidate_of, grids, scan_of, variants
-from workbench.diagnosis.scanner.rounded_angles import rounding_steps
 from workbench.diagnosis.scanner.sensor_library import places
 from workbench.jobs.sensor import chains as measured_chains
 from workbench.jobs.sensor.chains import Chains
@@ -316,3 +316,38 @@ class _At:
 
     where: str
     port: str
+
+
+_COARSEST = 0.05
+"""Last digit over the usual distance of two angles, above which the angles are as commanded and not rounded."""
+
+
+def rounding_std(angles: np.ndarray) -> float:
+    """rad, 1 sigma by which commanded angles (n,) rad are rounded; 0 where they are not.
+
+    Angles in equal steps are taken as exact.
+    """
+    degrees = np.rad2deg(np.unique(angles[np.isfinite(angles)]))
+    if len(degrees) < 3:
+        return 0.0
+    for digits in range(ANGLE_DECIMALS + 1):
+        whole = degrees * 10.0**digits
+        if (np.abs(whole - np.rint(whole)) < NEGLIGIBLE_SHARE).all():
+            gaps = np.diff(np.rint(whole))
+            is_exact = np.ptp(gaps) == 0 or 1 > _COARSEST * np.median(gaps)
+            return 0.0 if is_exact else float(np.deg2rad(10.0**-digits) / np.sqrt(12))
+    return 0.0
+
+
+def rounding_steps(
+    angles: np.ndarray, by_angle: np.ndarray, sigma: np.ndarray, before: list[Step]
+) -> list[Step]:
+    """Factors that make points independent which one rounded angle displaces together, after those `before`.
+
+    angles (n,) rad as commanded, by_angle (n,) px/rad by which the mirror moves a point, sigma (n,) px.
+    """
+    spread = rounding_std(angles)
+    if not spread:
+        return []
+    label = np.unique(angles, return_inverse=True)[1]
+    return [random_effect(spread, label, decorrelated(before, by_angle), sigma**-2.0)]

@@ -10,11 +10,14 @@ from workbench.core.model import STATE_PORTS
 from workbench.diagnosis.levels import LEAST_LOG_ODDS, MAX_ROUNDS
 from workbench.diagnosis.linear.candidates import Candidate
 from workbench.diagnosis.linear.evidence import Projected
-from workbench.diagnosis.linear.exact_options import with_exact_options
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.search.instants import refine_instants
 from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members
-from workbench.diagnosis.search.options import refine_options, with_estimated_options
+from workbench.diagnosis.search.options import (
+    refine_options,
+    with_estimated_options,
+    with_exact_options,
+)
 from workbench.diagnosis.search.state import Search, name_of
 from workbench.diagnosis.search.stepwise import Stepwise
 

@@ -11,8 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from workbench.diagnosis.levels import RANDOM_EFFECT_LEVEL, UNMODELLED_LEVEL
-from workbench.diagnosis.linear.hypotheses import family_wise, ranked_hypotheses
-from workbench.diagnosis.linear.locate import located
+from workbench.diagnosis.linear.hypotheses import family_wise, located, ranked_hypotheses
 from workbench.diagnosis.linear.problem import Bench, Finding, Found, Problem
 from workbench.diagnosis.noise.data_findings import (
     find_data_faults,

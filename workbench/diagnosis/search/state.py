@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from workbench.diagnosis.linear.evidence import Projected
-from workbench.diagnosis.linear.exact_options import with_exact_options
 from workbench.diagnosis.linear.hypotheses import Hypothesis, family_wise, ranked_hypotheses
 from workbench.diagnosis.linear.problem import Bench, Problem
 from workbench.diagnosis.noise.data_findings import with_equal_noise
@@ -14,6 +13,7 @@ from workbench.diagnosis.noise.random_effects import RandomEffect, whitened_by
 from workbench.diagnosis.robot.derived import negative_masses
 from workbench.diagnosis.robot.shared_moments import with_shared_moments
 from workbench.diagnosis.search.compatible import compatible
+from workbench.diagnosis.search.options import with_exact_options
 
 
 @dataclass

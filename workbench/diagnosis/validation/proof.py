@@ -10,14 +10,15 @@ workspace, a curve by splits that leave no range of its angle out. The terms tha
 """
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
+from workbench.core.memory import release_freed_memory
 from workbench.diagnosis.linear.problem import Bench, Finding, Found
-from workbench.diagnosis.validation.conditional_gains import ConditionalGains
 from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.correlated_noise import reject_explained_by_correlated_noise
 from workbench.diagnosis.validation.folds import (
@@ -37,13 +38,13 @@ from workbench.diagnosis.validation.held_out import (
     significance,
 )
 from workbench.diagnosis.validation.judging import (
+    ConditionalGains,
     SchemeErrors,
     is_supported,
     refused_term,
     reported_scheme,
     require_compliances,
 )
-from workbench.diagnosis.validation.parallel import parallel_searches
 from workbench.diagnosis.validation.stability import (
     Nested,
     effect_indices,
@@ -52,6 +53,7 @@ from workbench.diagnosis.validation.stability import (
     stable_terms,
 )
 from workbench.diagnosis.validation.terms import Proof, Term
+from workbench.machine.processes import local, one_thread
 from workbench.machine.progress import duration
 
 Find = Callable[[Bench, np.ndarray], list[Finding]]
@@ -300,3 +302,32 @@ def _controlled(bench, terms: list[Term], say) -> tuple[list[Term], list[Term]]:
         else:
             kept.append(made)
     return kept, failed
+
+
+Search = Callable[[Bench, np.ndarray], list]
+_held: dict = {}  # of a process that searches: the bench and the search, sent once
+
+
+@contextmanager
+def parallel_searches(
+    bench: Bench, search: Search, jobs: int
+) -> Iterator[Callable[[Iterable[np.ndarray]], Iterator[list]]]:
+    """A function of parts of the samples, each (n,) bool: what `search(bench, part)` gives of each, in their order.
+
+    jobs: processes; with one all is done here.
+    """
+    if jobs == 1:
+        yield lambda parts: (search(bench, part) for part in parts)
+        return
+    release_freed_memory()
+    with local(jobs, "workbench.diagnosis.search.select", _begin, bench, search) as pool:
+        yield lambda parts: pool.map(_search, parts)
+
+
+def _begin(bench, search) -> None:
+    one_thread()
+    _held.update(bench=bench, search=search)
+
+
+def _search(part: np.ndarray) -> list:
+    return _held["search"](_held["bench"], part)
