@@ -45,9 +45,12 @@ class Ends:
         if self.count == 1:
             return white(rows)
         parted = np.moveaxis(self._parted(rows), -2, 0)
-        made = [white(np.ascontiguousarray(one.reshape(len(rows), -1))) for one in parted]
-        made = np.stack([one.reshape(parted.shape[1:]) for one in made])
-        return np.moveaxis(made, 0, -2).reshape(rows.shape)
+        mapped = [
+            white(np.ascontiguousarray(rows_of_end.reshape(len(rows), -1)))
+            for rows_of_end in parted
+        ]
+        mapped = np.stack([rows_of_end.reshape(parted.shape[1:]) for rows_of_end in mapped])
+        return np.moveaxis(mapped, 0, -2).reshape(rows.shape)
 
     def _parted(self, columns: np.ndarray) -> np.ndarray:
         """(..., m, E, n) of columns (..., E N)."""

@@ -47,8 +47,8 @@ class Moments:
     @classmethod
     def joined(cls, parts: "list[Moments]") -> "Moments":
         """Of several groups of hypotheses with equally many columns, as one."""
-        held = zip(*((part.gram, part.score, part.raw) for part in parts))
-        return cls(*map(np.concatenate, held))
+        columns = zip(*((part.gram, part.score, part.raw) for part in parts))
+        return cls(*map(np.concatenate, columns))
 
 
 @dataclass(frozen=True)
@@ -116,9 +116,11 @@ class Projected:
         """Moments conditional on the kept effects; gram (C, P, P), score (C, P), cross (C, P, A) on the baseline."""
         if self.retained is None:
             return Moments(gram, score, largest)
-        made = cross @ self.retained.mixing
+        projections = cross @ self.retained.mixing
         return Moments(
-            _without_projections(gram, made), score - made @ self.retained.score, largest
+            _without_projections(gram, projections),
+            score - projections @ self.retained.score,
+            largest,
         )
 
     def _y(self) -> np.ndarray:
@@ -175,11 +177,11 @@ def design_effect(y: np.ndarray, problem: Problem) -> float:
     return serial * float(np.clip((sums**2).sum() / max(y @ y, 1e-300), 1.0, largest))
 
 
-def cached(kept: dict, key, make):
+def cached(cache: dict, key, make):
     """What `make()` gives, made once."""
-    if key not in kept:
-        kept[key] = make()
-    return kept[key]
+    if key not in cache:
+        cache[key] = make()
+    return cache[key]
 
 
 def _projections(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -187,9 +189,9 @@ def _projections(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return np.einsum("nr,cnp->cpr", basis, columns, optimize=True)
 
 
-def _without_projections(gram: np.ndarray, made: np.ndarray) -> np.ndarray:
-    """(C, P, P) inner products without what is made, (C, P, R), of them."""
-    return gram - made @ made.swapaxes(1, 2) if made.shape[2] else gram
+def _without_projections(gram: np.ndarray, projections: np.ndarray) -> np.ndarray:
+    """(C, P, P) inner products less those of projections (C, P, R)."""
+    return gram - projections @ projections.swapaxes(1, 2) if projections.shape[2] else gram
 
 
 @dataclass(frozen=True)
@@ -236,12 +238,14 @@ class SampleSums:
         count = len(typical)
 
         def made(basis):
-            each = np.stack([linear(values) for values in basis], 1)  # (C, k, V, R)
-            return each.reshape(*typical.shape, -1) * typical[:, :, None]
+            sums = np.stack([linear(values) for values in basis], 1)  # (C, k, V, R)
+            return sums.reshape(*typical.shape, -1) * typical[:, :, None]
 
         def first():
-            own = raw() * typical[:, :, None] * typical[:, None, :]
-            return _without_projections(own, made(self.basis)), np.einsum("cpp->cp", own).max(1)
+            products = raw() * typical[:, :, None] * typical[:, None, :]
+            return _without_projections(products, made(self.basis)), np.einsum(
+                "cpp->cp", products
+            ).max(1)
 
         def coupling():
             score = linear(self.score).swapaxes(1, 2).reshape(count, -1)
@@ -347,12 +351,17 @@ def score_hypotheses(moments: Moments, yy: float, degrees: float) -> Scores:
     gain, rank = np.minimum(gain, (1 - 1e-12) * yy), seen.sum(1)
     spread = SIZES[:, None, None] ** 2
     share = (along**2 * spread / (1 + spread * values)).sum(-1) / (yy + _ANCHOR)
-    volume, left = np.log1p(spread * values).sum(-1), np.log1p(-np.minimum(share, 1 - 1e-12))
-    logs = -0.5 * volume - 0.5 * (degrees + _ANCHOR) * left
+    volume, log_remainder = (
+        np.log1p(spread * values).sum(-1),
+        np.log1p(-np.minimum(share, 1 - 1e-12)),
+    )
+    logs = -0.5 * volume - 0.5 * (degrees + _ANCHOR) * log_remainder
     evidence = _marginalise_sizes(logs)
-    left = np.maximum(degrees - rank, 1)
+    log_remainder = np.maximum(degrees - rank, 1)
     p = np.where(
-        rank > 0, betainc(left / 2, np.maximum(rank, 1) / 2, 1 - gain / max(yy, 1e-300)), 1.0
+        rank > 0,
+        betainc(log_remainder / 2, np.maximum(rank, 1) / 2, 1 - gain / max(yy, 1e-300)),
+        1.0,
     )
     return Scores(np.where(rank > 0, evidence, 0.0), gain, rank, np.maximum(p, 1e-300))
 
@@ -379,5 +388,5 @@ def _waves(problem: Problem, scan: Scan, chunk: slice) -> np.ndarray:
         return np.stack([np.cos(phase), np.sin(phase)], 1)
 
     is_small = scan.options.size * problem.n <= CHUNK_SIZE and not scan.is_exact
-    kept = problem.function_cache if is_small else {}
-    return cached(kept, ("wave", scan.where, scan.effect, chunk.start), make)
+    cache = problem.function_cache if is_small else {}
+    return cached(cache, ("wave", scan.where, scan.effect, chunk.start), make)

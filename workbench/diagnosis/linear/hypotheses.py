@@ -228,11 +228,11 @@ def _named_priors(rows: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
 def _smooth_priors(smooth: Sequence[Hypothesis], periods: Sequence[Hypothesis]):
     """Functions of one covariate, of two, and periods: each kind shares the prior equally, as do its members."""
     kinds = [[h for h in smooth if len(h.smooth_covariates) == k] for k in (1, 2)] + [periods]
-    held = [members for members in kinds if members]
-    for members in held:
+    nonempty = [members for members in kinds if members]
+    for members in nonempty:
         total = sum(h.prior_weight for h in members)
         for h in members:
-            yield _with_prior(h, RARE_PRIOR, SMOOTH_LEVEL, h.prior_weight / total / len(held))
+            yield _with_prior(h, RARE_PRIOR, SMOOTH_LEVEL, h.prior_weight / total / len(nonempty))
 
 
 def _with_prior(h: Hypothesis, share: float, level: float, part: float) -> Hypothesis:

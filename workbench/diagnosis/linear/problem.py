@@ -119,8 +119,8 @@ class Problem:
         """The problem with its effects in another order; cached inner products of other columns remain valid."""
         cache = {key: value for key, value in self.cache.items() if key[-1] == "gram"}
         effects, added, values, precisions = (
-            tuple(held[i] for i in order) if held else ()
-            for held in (self.effects, self.added, self.values, self.precisions)
+            tuple(values_of_effects[i] for i in order) if values_of_effects else ()
+            for values_of_effects in (self.effects, self.added, self.values, self.precisions)
         )
         return replace(
             self, effects=effects, added=added, values=values, precisions=precisions, cache=cache
@@ -130,9 +130,9 @@ class Problem:
     def sources(self) -> dict[tuple, Source]:
         """All that is compared with the residual, by `key`."""
         return {
-            one.key: one
-            for held in (self.candidates, self.with_masses, self.scans, self.sites)
-            for one in held
+            source.key: source
+            for group in (self.candidates, self.with_masses, self.scans, self.sites)
+            for source in group
         }
 
     def functions_of(
@@ -183,7 +183,7 @@ class Problem:
         def columns_of(effect, cause=None):
             if cause is None:  # a sensor has no causes
                 return columns(self.columns_of(effect))
-            return np.stack([columns(one) for one in self.columns_of(effect, cause)])
+            return np.stack([columns(change) for change in self.columns_of(effect, cause)])
 
         return replace(
             self,
@@ -213,18 +213,18 @@ class Problem:
         Directions below `ROUNDING` are omitted: a column inside the baseline leaves 1e-13 of its length as rounding.
         """
         length = np.sqrt((columns**2).sum(0))
-        own = columns / np.maximum(length, 1e-300)
-        u, s, _ = thin_svd(self.orthogonalise(own))
-        kept = u[:, s > ROUNDING]
-        return np.linalg.qr(self.orthogonalise(kept))[0]
+        unit = columns / np.maximum(length, 1e-300)
+        u, s, _ = thin_svd(self.orthogonalise(unit))
+        directions = u[:, s > ROUNDING]
+        return np.linalg.qr(self.orthogonalise(directions))[0]
 
     def orthogonalise(self, columns: np.ndarray) -> np.ndarray:
         """(N,) or (N, P) component orthogonal to the baseline and to the retained effects: x - Q Q' x."""
-        made = self.basis @ (self.basis.T @ columns)
+        projection = self.basis @ (self.basis.T @ columns)
         if self.retained is not None:
             added, mixing = self.retained.added.columns, self.retained.mixing
-            made += added @ (mixing @ (mixing.T @ (added.T @ columns)))
-        return np.subtract(columns, made, out=made)
+            projection += added @ (mixing @ (mixing.T @ (added.T @ columns)))
+        return np.subtract(columns, projection, out=projection)
 
     @property
     def full_basis(self) -> np.ndarray:
@@ -234,8 +234,8 @@ class Problem:
     @property
     def rank(self) -> int:
         """Dimension of the column space of baseline and retained effects."""
-        kept = 0 if self.retained is None else self.retained.mixing.shape[1]
-        return self.basis.shape[1] + kept
+        added = 0 if self.retained is None else self.retained.mixing.shape[1]
+        return self.basis.shape[1] + added
 
     @property
     def root_weights(self) -> np.ndarray:

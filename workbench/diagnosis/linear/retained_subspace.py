@@ -33,8 +33,8 @@ class AddedEffects:
         columns = np.concatenate(problem.added, 1)
         fitted = columns @ np.concatenate(problem.values)
         y = problem.orthogonalise(problem.residual - fitted)
-        whole = np.sqrt(np.einsum("np,np->p", columns, columns))
-        columns /= np.maximum(whole, 1e-300)
+        raw_length = np.sqrt(np.einsum("np,np->p", columns, columns))
+        columns /= np.maximum(raw_length, 1e-300)
         orthogonal = problem.orthogonalise(columns)
         del columns
         orthogonal = problem.orthogonalise(
@@ -44,7 +44,7 @@ class AddedEffects:
         orthogonal *= np.where(length > ROUNDING, 1 / np.maximum(length, 1e-300), 0.0)
         start = np.concatenate([[0], np.cumsum([part.shape[1] for part in problem.added])])
         precisions = problem.precisions or tuple(np.zeros(part.shape[1]) for part in problem.added)
-        precision = np.concatenate(precisions) / np.maximum((whole * length) ** 2, 1e-200)
+        precision = np.concatenate(precisions) / np.maximum((raw_length * length) ** 2, 1e-200)
         return cls(orthogonal, start, orthogonal.T @ orthogonal, y, orthogonal.T @ y, precision)
 
     def subspace(self, effects: Sequence[int]) -> "RetainedSubspace":

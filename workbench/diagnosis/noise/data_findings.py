@@ -21,8 +21,8 @@ def find_data_faults(
     effects: of the model. Samples that they cannot predict, see `is_move_known`, are no outliers.
     """
     spread = _spread(problem)
-    factor, each = _outlying(problem, spread[0].depends_on[0] if spread else "")
-    found = (each > 0.5) & is_move_known(problem.covariates, effects)
+    factor, outlier_probability = _outlying(problem, spread[0].depends_on[0] if spread else "")
+    found = (outlier_probability > 0.5) & is_move_known(problem.covariates, effects)
     # by Markov's inequality chance makes such a factor less than once in twenty times
     if factor < -np.log(1 - CONFIDENCE) or not found.any():
         return np.zeros(problem.n, bool), spread
@@ -83,15 +83,19 @@ def _outlying(problem: Problem, name: str) -> tuple[float, np.ndarray]:
     """
     white = _unweighted(problem)
     order = np.argsort(problem.sample, kind="stable")
-    count, each, factors = np.bincount(problem.sample, minlength=problem.n), np.zeros(problem.n), []
+    count, probability, factors = (
+        np.bincount(problem.sample, minlength=problem.n),
+        np.zeros(problem.n),
+        [],
+    )
     for m in np.unique(count[count > 0]):  # a corner has two coordinates, a stripe one
-        mine = order[count[problem.sample[order]] == m].reshape(-1, m)
-        at, left = problem.sample[mine[:, 0]], white[mine].T
+        rows = order[count[problem.sample[order]] == m].reshape(-1, m)
+        at, white_rows = problem.sample[rows[:, 0]], white[rows].T
         if name:
-            left = left / spread_along(left, problem.sample_covariates[name][at])
-        factor, each[at] = contaminated(left)
+            white_rows = white_rows / spread_along(white_rows, problem.sample_covariates[name][at])
+        factor, probability[at] = contaminated(white_rows)
         factors.append(factor)
-    return float(logsumexp(factors) - np.log(len(factors))), each
+    return float(logsumexp(factors) - np.log(len(factors))), probability
 
 
 def _spread(problem: Problem) -> tuple[Finding, ...]:

@@ -63,8 +63,8 @@ def spread_along(white: np.ndarray, x: np.ndarray) -> np.ndarray:
     spread = np.nan_to_num(middle, nan=1.0)
     if not spread.max() > 0:
         return np.ones(len(part))
-    each = np.sqrt(np.maximum(spread, 1e-12 * spread.max()))[part]
-    return each / np.sqrt((each**2).mean())
+    spread_of_sample = np.sqrt(np.maximum(spread, 1e-12 * spread.max()))[part]
+    return spread_of_sample / np.sqrt((spread_of_sample**2).mean())
 
 
 def spread_with(
@@ -75,13 +75,13 @@ def spread_with(
     The score test of Breusch & Pagan (1979) as Koenker (J. Econometrics 17, 1981) made it independent
     of the noise's kurtosis; outliers left out. None where no covariate varies.
     """
-    kept = robust_weights(white) > OUTLIER_WEIGHT
-    squares = (white[:, kept] ** 2).sum(0)
+    inliers = robust_weights(white) > OUTLIER_WEIGHT
+    squares = (white[:, inliers] ** 2).sum(0)
     if not np.ptp(squares) > 0:
         return None
     scores = {}
     for name, x in covariates.items():
-        x = x[kept]
+        x = x[inliers]
         if np.ptp(x) > 0 and np.isfinite(x).all():
             scores[name] = len(x) * np.corrcoef(squares, x)[0, 1] ** 2
     if not scores:
@@ -123,12 +123,12 @@ def contaminated(white: np.ndarray) -> tuple[float, np.ndarray]:
     total = logsumexp(some)
     likely = []
     for weights, (_, density) in zip(np.exp(np.array(some) - total), noises):
-        kept = np.flatnonzero(weights > 1e-4)
-        likely += [(weights[i], shares[i], density) for i in kept]
-    each = np.zeros(x.shape[1])
+        relevant = np.flatnonzero(weights > 1e-4)
+        likely += [(weights[i], shares[i], density) for i in relevant]
+    probability = np.zeros(x.shape[1])
     for weight, share, density in likely:
-        each += weight * np.exp(far + np.log(share) - _mixed(density(x), far, share))
-    return float(total - logsumexp(none)), each / sum(weight for weight, *_ in likely)
+        probability += weight * np.exp(far + np.log(share) - _mixed(density(x), far, share))
+    return float(total - logsumexp(none)), probability / sum(weight for weight, *_ in likely)
 
 
 def _mixed(near, far, share):

@@ -78,10 +78,10 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
     if m < 2 or len(problem.residual) != m * problem.n or not problem.sites:
         return None
     root = problem.root_weights
-    whole = (problem.orthogonalise(problem.residual) / root).reshape(m, problem.n)
+    residual = (problem.orthogonalise(problem.residual) / root).reshape(m, problem.n)
     sites = [replace(site, rows=site.rows / root) for site in places(problem)]
-    length = np.sqrt((whole**2).sum(0))
-    z = whole * np.minimum(1.0, _FAR * np.median(length) / np.maximum(length, 1e-300))
+    length = np.sqrt((residual**2).sum(0))
+    z = residual * np.minimum(1.0, _FAR * np.median(length) / np.maximum(length, 1e-300))
     _, pose = np.unique(problem.pose, return_inverse=True)
     # repeats of a pose err together: by Hoelder's inequality they count as one
     share = 1.0 / np.bincount(pose)[pose]
@@ -95,18 +95,20 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
     # likelihoods decide between places that are about as clear
     is_near = (scores > MAJORITY * scores.max()) | (turns > max(MAJORITY * turns.max(), 0.0))
     near = [sites[i] for i in np.flatnonzero(is_near)]
-    near += [site for site in sites if is_rounding(site) and not any(site is one for one in near)]
+    near += [
+        site for site in sites if is_rounding(site) and not any(site is other for other in near)
+    ]
     likely = [(_of_rounding if is_rounding(site) else _likelihood)(site, z) for site in near]
     best = int(np.argmax([row[0] for row in likely]))
-    own, (log, ratio, noise) = near[best], likely[best]
+    likeliest, (log, ratio, noise) = near[best], likely[best]
     spread = ratio * noise
     return RandomEffect(
-        own,
+        likeliest,
         float(np.clip(p, 1e-300, 1.0)),
         spread,
         ratio,
-        *_shape(own, whole),
-        _rounds(own, whole, spread, problem.covariates),
+        *_shape(likeliest, residual),
+        _rounds(likeliest, residual, spread, problem.covariates),
         log - _of_noise(z),
     )
 
@@ -115,8 +117,8 @@ def places(problem: Problem) -> tuple[Site, ...]:
     """Every place that may have a random effect; all joints at once, too, as when readings are of another instant."""
     joints = [site for site in problem.sites if site.port == "joint"]
     # what an instrument does by chance is its noise, see `angular_noise`
-    every = (*problem.sites, *problem.growing)
-    some = [site for site in every if site.where != "instrument"]
+    candidates = (*problem.sites, *problem.growing)
+    some = [site for site in candidates if site.where != "instrument"]
     rounding = rounding_site(problem)
     if rounding is not None:
         some.append(rounding)
@@ -135,12 +137,12 @@ def _of_clock(site: Site, rows: np.ndarray, typical: np.ndarray) -> Site:
 
 def _last_moves(problem: Problem, joints) -> list[Site]:
     """All joints back along their last move, as when readings are taken at any moment before the arm rests."""
-    held = [problem.covariates.get(site.where.replace("joint-", "move")) for site in joints]
-    if any(x is None for x in held):
+    columns = [problem.covariates.get(site.where.replace("joint-", "move")) for site in joints]
+    if any(x is None for x in columns):
         return []
     # a slide's metre counts as a radian
     metres = np.array([[1e-3 if site.unit == "mm" else 1.0] for site in joints])
-    moves = np.stack(held) / np.maximum(np.abs(held * metres).max(0), 1e-300)
+    moves = np.stack(columns) / np.maximum(np.abs(columns * metres).max(0), 1e-300)
     row = sum(site.rows * move[problem.sample] for site, move in zip(joints, moves))
     return [_of_clock(joints[0], row, joints[0].typical)]
 
@@ -153,9 +155,11 @@ def _directions(site: Site, m: int) -> np.ndarray:
 def _tensor(site, m):
     d = _directions(site, m)
     tensor = np.einsum("kan,kbn->abn", d, d)
-    made = tensor - np.eye(m)[:, :, None] * np.einsum("aan->n", tensor) / m
-    is_round = (made**2).sum() <= NEGLIGIBLE_SHARE * (tensor**2).sum()  # every direction alike
-    return np.zeros_like(made) if is_round else made
+    anisotropy = tensor - np.eye(m)[:, :, None] * np.einsum("aan->n", tensor) / m
+    is_round = (anisotropy**2).sum() <= NEGLIGIBLE_SHARE * (
+        tensor**2
+    ).sum()  # every direction alike
+    return np.zeros_like(anisotropy) if is_round else anisotropy
 
 
 def _likelihood(site, z) -> tuple[float, float, float]:
@@ -242,41 +246,44 @@ def _of_noise(z) -> float:
 
 
 def _score(tensor, z, pose):
-    whole, unit = (tensor**2).sum(), _unit(z)
+    total, unit = (tensor**2).sum(), _unit(z)
     tensor = tensor - tensor.mean(-1, keepdims=True)
     # the same for all samples, as of a frame that the instrument moves with
-    if (tensor**2).sum() <= NEGLIGIBLE_SHARE * whole:
+    if (tensor**2).sum() <= NEGLIGIBLE_SHARE * total:
         return 0.0
-    each = np.bincount(pose, np.einsum("an,abn,bn->n", unit, tensor, unit))
-    score = float(each.sum() / max(np.sqrt((each**2).sum()), 1e-300))
+    by_pose = np.bincount(pose, np.einsum("an,abn,bn->n", unit, tensor, unit))
+    score = float(by_pose.sum() / max(np.sqrt((by_pose**2).sum()), 1e-300))
     # of so many samples the sum is as good as made
-    number = (each**2).sum() ** 2 / max((each**4).sum(), 1e-300)
+    number = (by_pose**2).sum() ** 2 / max((by_pose**4).sum(), 1e-300)
     return float(norm.isf(max(student.sf(score, number), 1e-300)))
 
 
 def _moved(site, z):
     """(n,) what one slot did at each sample in typical sizes, (n,) the variance of that, (n,) how far it is seen."""
     way = _directions(site, len(z))[0]
-    own = (way**2).sum(0)
-    divisor = np.maximum(own, 1e-300)
+    squared_length = (way**2).sum(0)
+    divisor = np.maximum(squared_length, 1e-300)
     along = (way * z).sum(0)
     across = (z**2).sum(0) - along**2 / divisor
     noise = max(float(across.mean() / (len(z) - 1)), 1e-300)
-    return along / divisor, noise / divisor, own
+    return along / divisor, noise / divisor, squared_length
 
 
 def _shape(site, z):
     """Kurtosis (excess) of one slot's movement and its standard error, noise taken off; nan of several slots."""
     if len(site.rows) > 1:
         return np.nan, np.nan
-    made, error, own = _moved(site, z)
-    clear = own > np.median(own)
-    made, error = made[clear] - made[clear].mean(), error[clear]
-    second = float((made**2 - error).mean())
+    movement_of_sample, error, squared_length = _moved(site, z)
+    clear = squared_length > np.median(squared_length)
+    movement_of_sample, error = (
+        movement_of_sample[clear] - movement_of_sample[clear].mean(),
+        error[clear],
+    )
+    second = float((movement_of_sample**2 - error).mean())
     if second <= 0:
         return np.nan, np.nan
-    fourth = float((made**4 - 6 * error * second - 3 * error**2).mean())
-    ratio = float((made**2).mean()) / second
+    fourth = float((movement_of_sample**4 - 6 * error * second - 3 * error**2).mean())
+    ratio = float((movement_of_sample**2).mean()) / second
     return fourth / second**2 - 3, float(np.sqrt(24 / clear.sum()) * ratio**2)
 
 
@@ -289,8 +296,8 @@ def _rounds(site, z, spread, covariates) -> float:
     is_joint = len(site.rows) == 1 and site.where.startswith("joint")
     if not is_joint or reading is None or not np.ptp(reading):
         return 1.0
-    made, error, _ = _moved(site, z)
-    weight = made / (error + spread**2)
+    movement_of_sample, error, _ = _moved(site, z)
+    weight = movement_of_sample / (error + spread**2)
     count = spread * float(site.typical[0]) * np.sqrt(12)
     reading, same = np.unique(reading, return_inverse=True)  # samples of one pose move together
     weight = np.bincount(same, weight)
@@ -316,8 +323,8 @@ def _waves(reading, weight, count) -> tuple[float, int]:
 def whitened_by(problem: Problem, random_effect: RandomEffect) -> Problem:
     """The problem with residuals, and all that is compared with them, also whitened by a site's random effect."""
     m = len(problem.residual) // problem.n
-    mine = _which(random_effect.site)
-    site = next(s for s in places(problem) if _which(s) == mine)
+    identity = _which(random_effect.site)
+    site = next(s for s in places(problem) if _which(s) == identity)
     d = _directions(site, m)
     covariance = np.eye(m)[:, :, None] + random_effect.ratio**2 * np.einsum("kan,kbn->abn", d, d)
     values, vectors = symmetric_eigen(covariance.transpose(2, 0, 1))
@@ -376,7 +383,7 @@ def random_effect_finding(random_effect: RandomEffect, problem: Problem) -> Find
 
 def unrecorded_causes(random_effect: RandomEffect, problem: Problem) -> tuple[Alternative, ...]:
     """What could do it through a covariate that the recording does not hold, the likelier first."""
-    site, held = random_effect.site, problem.covariates
+    site, covariates = random_effect.site, problem.covariates
     kurtosis, error = random_effect.kurtosis, random_effect.error
     has_two_values = abs(kurtosis + 2) < min(2 * error, abs(kurtosis))  # -2 is a coin's
     warm = _warm(site)
@@ -388,7 +395,7 @@ def unrecorded_causes(random_effect: RandomEffect, problem: Problem) -> tuple[Al
         rows = warm
     if site.port != "geometry":
         rows.append((TimeOffset.effect, "time", "", "speed"))
-    return _lacking(rows, held)
+    return _lacking(rows, covariates)
 
 
 def unrecorded(problem: Problem, place: Located) -> tuple[Alternative, ...]:
@@ -417,17 +424,17 @@ def _loaded(place) -> tuple:
     return JointCompliance.effect, place.where, "", "payload"
 
 
-def _lacking(rows, held) -> tuple[Alternative, ...]:
-    """Rows (effect, where, variant, kind of covariate) whose covariate is not among those `held`, as alternatives."""
-    varying = [name for name, x in held.items() if np.ptp(x) > 0]
-    made, share = [], 1.0
+def _lacking(rows, covariates) -> tuple[Alternative, ...]:
+    """Rows (effect, where, variant, kind of covariate) whose covariate does not vary here, as alternatives."""
+    varying = [name for name, x in covariates.items() if np.ptp(x) > 0]
+    alternatives, share = [], 1.0
     for effect, where, variant, kind in rows:
         if any(_COLUMNS[kind] in name for name in varying):
             continue
         share /= 2
         why = "it needs what was not recorded"
-        made.append(Alternative(effect, where, variant, share, 1.0, why, kind))
-    return tuple(made)
+        alternatives.append(Alternative(effect, where, variant, share, 1.0, why, kind))
+    return tuple(alternatives)
 
 
 def place_of(random_effect: RandomEffect) -> Located:

@@ -41,11 +41,13 @@ def rounded_readings(problem: Problem, p_value: float) -> tuple[Finding, ...]:
 
     problem: with all effects that were found. p_value: of the rounding errors of all joints together.
     """
-    left = float((problem.orthogonalise(problem.residual) ** 2).sum())
+    remaining = float((problem.orthogonalise(problem.residual) ** 2).sum())
     found, lattices = [], _lattices(problem)
-    made = [float((site.rows**2).sum()) * step**2 / 12 for site, step, _ in lattices]
-    matter = {words for (*_, words), own in zip(lattices, made) if own > NOTABLE_SHARE * left}
-    for (site, _, words), squares in zip(lattices, made):
+    totals = [float((site.rows**2).sum()) * step**2 / 12 for site, step, _ in lattices]
+    matter = {
+        words for (*_, words), total in zip(lattices, totals) if total > NOTABLE_SHARE * remaining
+    }
+    for (site, _, words), squares in zip(lattices, totals):
         if words not in matter:
             continue
         size = float(np.sqrt(squares / len(problem.residual)))

@@ -42,10 +42,10 @@ def serial_correlation(problem: Problem) -> SerialCorrelation | None:
     baseline and the polynomials, which take slow noise out of the residual (Patterson & Thompson, Biometrika 58 (1971)
     545); the p-value is that of the likelihood ratio.
     """
-    left = problem.orthogonalise(problem.residual)
-    if len(left) % problem.n:
+    residual = problem.orthogonalise(problem.residual)
+    if len(residual) % problem.n:
         return None
-    y, basis = _by_pose(problem, left[:, None]), _by_pose(problem, problem.full_basis)
+    y, basis = _by_pose(problem, residual[:, None]), _by_pose(problem, problem.full_basis)
     likelihood = _Restricted.of(y[:_MOST_POSES], basis[:_MOST_POSES])
     if len(y) < LEAST_NUMBER or likelihood.degrees < LEAST_NUMBER:
         return None
@@ -89,19 +89,19 @@ class _Restricted:
 
     def log(self, value: float) -> float:
         """Restricted log likelihood, the variance at its best; first-order autoregression, stationary at the start."""
-        y, columns = (self._innovations(one, value) for one in (self.y, self.columns))
+        y, columns = (self._innovations(rows, value) for rows in (self.y, self.columns))
         orthonormal, triangle = np.linalg.qr(columns.reshape(y.size, -1))
-        left = y.ravel() - orthonormal @ (orthonormal.T @ y.ravel())
-        spread = self.degrees * np.log(float(left @ left))
+        residual = y.ravel() - orthonormal @ (orthonormal.T @ y.ravel())
+        spread = self.degrees * np.log(float(residual @ residual))
         mixing = 2 * np.log(np.abs(np.diag(triangle))).sum()
         return -0.5 * (spread + mixing - self.y.shape[1] * np.log(1 - value**2))
 
     @staticmethod
     def _innovations(rows: np.ndarray, value: float) -> np.ndarray:
-        made = rows.copy()
-        made[0] *= np.sqrt(1 - value**2)
-        made[1:] -= value * rows[:-1]
-        return made
+        innovations = rows.copy()
+        innovations[0] *= np.sqrt(1 - value**2)
+        innovations[1:] -= value * rows[:-1]
+        return innovations
 
 
 def _by_pose(problem: Problem, columns: np.ndarray) -> np.ndarray:

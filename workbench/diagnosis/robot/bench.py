@@ -83,7 +83,7 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
     chain = replace(chain, state=with_derived(chain, moving.poses))
     effects = ()
     if baseline == JointCompliance.effect:
-        effects = tuple(one.effect for one in JointCompliance.candidates(chain))
+        effects = tuple(variant.effect for variant in JointCompliance.candidates(chain))
     warnings = checked.warnings or moving.warnings
     if chain.places("instrument") and not chain.has_sight_lines:
         warnings = (*warnings, _NO_SIGHT_LINES)
@@ -116,24 +116,24 @@ def with_derived(chain: RobotChain, pose: np.ndarray) -> State:
     Angles rad, slides mm, torques N m. `move<k>` needs the rows in the order in which they were measured.
     """
     recorded = dict(chain.state.covariates)
-    made = {f"q{k}": q for k, q in enumerate(chain.variables, 1)}
+    derived = {f"q{k}": q for k, q in enumerate(chain.variables, 1)}
     history = None
     if chain.poses_per_sample == 1:  # the two ends of a length have no order
         moves, history = moved(chain.robot, chain.variables, clock(chain.state), pose)
-        made |= moves
-    made |= {f"tau{k}": torque for k, torque in enumerate(chain.state.torque, 1)}
-    made["time"] = clock(chain.state)
+        derived |= moves
+    derived |= {f"tau{k}": torque for k, torque in enumerate(chain.state.torque, 1)}
+    derived["time"] = clock(chain.state)
     attitude = np.einsum("cin,i->cn", chain.state.frames.link[-1], chain.state.gravity)
-    made |= dict(zip(("down_x", "down_y", "down_z"), attitude))
-    made |= dict(zip(("moment_x", "moment_y"), chain.state.moment[0]))
+    derived |= dict(zip(("down_x", "down_y", "down_z"), attitude))
+    derived |= dict(zip(("moment_x", "moment_y"), chain.state.moment[0]))
     for k, moment in enumerate(chain.state.moment[1:-1], 1):
-        made |= {f"moment{k}_{c}": row for c, row in zip("xyz", moment)}
-    made["payload"] = chain.state.payload
+        derived |= {f"moment{k}_{c}": row for c, row in zip("xyz", moment)}
+    derived["payload"] = chain.state.payload
     if chain.measurement.place == "sensor":
-        made |= dict(zip(("seen_x", "seen_y", "seen_z"), chain.state.measured))
+        derived |= dict(zip(("seen_x", "seen_y", "seen_z"), chain.state.measured))
     if chain.has_sight_lines:
-        made |= sight_covariates(chain.state.measured)
-    return replace(chain.state, covariates=recorded | made, history=history)
+        derived |= sight_covariates(chain.state.measured)
+    return replace(chain.state, covariates=recorded | derived, history=history)
 
 
 class SlicedBases(dict):
@@ -149,11 +149,11 @@ class SlicedBases(dict):
         self._whole, self._names = whole, names
 
     def __missing__(self, key: tuple[Effect, Effect | None]) -> np.ndarray:
-        made = self._whole.basis(*map(self._known, key))
-        if made.shape[-1] > 1:
-            made = np.take(made, self._columns, axis=-1)
-        self[key] = made
-        return made
+        basis = self._whole.basis(*map(self._known, key))
+        if basis.shape[-1] > 1:
+            basis = np.take(basis, self._columns, axis=-1)
+        self[key] = basis
+        return basis
 
     def _known(self, effect: Effect | None) -> Effect | None:
         """The effect of the whole model that is equal to one of a part."""
@@ -192,8 +192,10 @@ class _Part:
 
     def library(self, elastic: bool) -> list[Variant]:
         if elastic not in self.known:
-            every = variants(CATALOGUE, self.chain, elastic)
-            self.known[elastic] = [one for one in every if not _held(one, self.baseline)]
+            known = variants(CATALOGUE, self.chain, elastic)
+            self.known[elastic] = [
+                variant for variant in known if not _held(variant, self.baseline)
+            ]
         return self.known[elastic]
 
     def model(self, effects) -> Model:
@@ -228,45 +230,47 @@ class RobotBench(Bench):
     ) -> Problem:
         """Baseline and effects solved on `samples` (n,) bool (None: all), linearised there; see `Bench`."""
         model, fit, weights = self.solve(effects, samples, is_complete=False)
-        every = np.ones(len(self.pose), bool) if samples is None else samples
+        used = np.ones(len(self.pose), bool) if samples is None else samples
         part = self._part(samples)
-        made = solution(model, fit, weights, self.pose[every], tuple(effects))
-        made = with_places(made, model, fit)
+        problem = solution(model, fit, weights, self.pose[used], tuple(effects))
+        problem = with_places(problem, model, fit)
         if hypotheses:
-            made = with_candidates(
-                made, model, fit, part.library, (self.with_masses, self.mass_laws)
+            problem = with_candidates(
+                problem, model, fit, part.library, (self.with_masses, self.mass_laws)
             )
-            if made.n > _LARGE:
+            if problem.n > _LARGE:
                 part.bases.clear()
         if samples is None and not effects:
-            _check_redundancy(made, self.recording)
+            _check_redundancy(problem, self.recording)
         rotation = (
-            np.repeat(np.arange(len(fit.residual)) >= 3, made.n) if len(fit.residual) > 3 else None
+            np.repeat(np.arange(len(fit.residual)) >= 3, problem.n)
+            if len(fit.residual) > 3
+            else None
         )
-        return replace(made, function_cache=part.function_cache, rotation=rotation)
+        return replace(problem, function_cache=part.function_cache, rotation=rotation)
 
     def _part(self, samples) -> _Part:
         """What is kept of some samples, of the last few that were asked for."""
         key = _key(samples)
-        made = self._parts.pop(key, None)
-        if made is None:
-            made = _Part(self.chain if samples is None else self.chain.at(samples), self.baseline)
+        part = self._parts.pop(key, None)
+        if part is None:
+            part = _Part(self.chain if samples is None else self.chain.at(samples), self.baseline)
             if samples is not None and len(self.pose) <= min(_LARGE, 2 * samples.sum()):
-                whole = self._part(None)
-                made.bases = SlicedBases(whole.model(()), samples, whole.names)
-        self._parts[key] = made
+                all_samples = self._part(None)
+                part.bases = SlicedBases(all_samples.model(()), samples, all_samples.names)
+        self._parts[key] = part
         if len(self._parts) > _KEPT:
             del self._parts[next(key for key in self._parts if key is not None)]
-        return made
+        return part
 
     @cached_property
     def with_masses(self) -> tuple[Variant, ...]:
         """Elastic laws that the baseline does not hold, with the masses of links as further unknowns."""
         wanted = names(compliances(CATALOGUE))
         known = [
-            one
-            for one in variants(CATALOGUE, self.chain)
-            if one.effect.effect in wanted and not _held(one, self.baseline)
+            variant
+            for variant in variants(CATALOGUE, self.chain)
+            if variant.effect.effect in wanted and not _held(variant, self.baseline)
         ]
         # a law's few combinations of masses are those of any thousands of poses
         step = int(np.ceil(len(self.pose) / _LARGE))
@@ -281,7 +285,9 @@ class RobotBench(Bench):
     @cached_property
     def mass_laws(self) -> tuple[Variant, ...]:
         """What first moments that are only nearly known change in each elastic law; none without masses."""
-        known = [one for one in variants(CATALOGUE, self.chain) if one.effect.mass_dependent]
+        known = [
+            variant for variant in variants(CATALOGUE, self.chain) if variant.effect.mass_dependent
+        ]
         return tuple(
             replace(o, effect=mass_responses.MassResponse(o.effect.where, o.effect)) for o in known
         )
@@ -370,18 +376,20 @@ class RobotBench(Bench):
         for span in model.spans:
             prior[span] = _FAINT
         covariance = covariance_of(fit.normal * units, prior[free])
-        whole = np.zeros((len(values), len(values)))
-        whole[np.ix_(free, free)] = covariance * units * fit.sigma_scale**2
-        conditional_std = np.sqrt(np.maximum(np.diag(whole), 0))
-        whole = with_estimated_options(model, fit, weights, whole, options or {})
-        std = np.sqrt(np.maximum(np.diag(whole), 0))
-        masses = mass_rows(model, values, whole)
+        full_covariance = np.zeros((len(values), len(values)))
+        full_covariance[np.ix_(free, free)] = covariance * units * fit.sigma_scale**2
+        conditional_std = np.sqrt(np.maximum(np.diag(full_covariance), 0))
+        full_covariance = with_estimated_options(
+            model, fit, weights, full_covariance, options or {}
+        )
+        std = np.sqrt(np.maximum(np.diag(full_covariance), 0))
+        masses = mass_rows(model, values, full_covariance)
         rows = []
         first = len(self.baseline)
         for effect, span in zip(model.effects[first:], model.spans[first:]):
             numbers = np.arange(span.start, span.stop)
-            own = fit.parameters.only(np.isin(np.arange(len(values)), numbers))
-            for column, k in zip(model.linearise(own)[1], numbers):
+            free_here = fit.parameters.only(np.isin(np.arange(len(values)), numbers))
+            for column, k in zip(model.linearise(free_here)[1], numbers):
                 size = float(np.sqrt(((column[:3] * values[k]) ** 2).mean()))
                 p = fit.parameters.table[k]
                 row = parameter_row(p, effect, values[k], std[k], conditional_std[k])
@@ -391,8 +399,10 @@ class RobotBench(Bench):
                 rows.append(masses[span.start])
             if isinstance(effect, JointCurve):
                 rows[-effect.terms] |= spectrum(effect, values[span], self.chain)
-            rows += reflector_rows(effect, values[span], whole[span, span], self.chain)
-            deflected = deflection_row(effect, values[span], whole[span, span], self.chain)
+            rows += reflector_rows(effect, values[span], full_covariance[span, span], self.chain)
+            deflected = deflection_row(
+                effect, values[span], full_covariance[span, span], self.chain
+            )
             if deflected:
                 size = variation_mm(model, fit, effect, values[span])
                 rows.append(deflected | {"size_mm": size})

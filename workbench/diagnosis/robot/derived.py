@@ -55,14 +55,14 @@ def deflection_row(
     """
     if not effect.estimates_moments:
         return None
-    made = effect.basis(chain.state)
+    basis = effect.basis(chain.state)
     if effect.port == "frame":
         components = effect.components or range(2 * _AXES)
-        made = made[:, [c >= _AXES for c in components]]
-    made = made - made.mean(-1, keepdims=True)
-    quadratic = np.einsum("pmn,qmn->pq", made, made) / made.shape[-1]
-    whole = float(values @ quadratic @ values)
-    if not whole > 0:
+        basis = basis[:, [c >= _AXES for c in components]]
+    basis = basis - basis.mean(-1, keepdims=True)
+    quadratic = np.einsum("pmn,qmn->pq", basis, basis) / basis.shape[-1]
+    squared = float(values @ quadratic @ values)
+    if not squared > 0:
         return None
     noise = quadratic @ covariance
     variance = 4 * values @ noise @ quadratic @ values + 2 * np.einsum("pq,qp->", noise, noise)
@@ -74,8 +74,8 @@ def deflection_row(
         "where": effect.where,
         "label": "deflection (standard deviation over these poses)",
         "effect": effect.effect,
-        "value": float(np.sqrt(max(whole - np.trace(noise), 0.0))),
-        "std": float(np.sqrt(max(variance, 0.0) / whole) / 2),
+        "value": float(np.sqrt(max(squared - np.trace(noise), 0.0))),
+        "std": float(np.sqrt(max(variance, 0.0) / squared) / 2),
         "unit": "rad",
         "typical": TYPICAL_RAD,
         "size_mm": 0.0,
@@ -128,12 +128,14 @@ def with_estimated_options(
     scale = fit.sigma_scale**2
     white = np.sqrt(weights) / model.sigma(fit.parameters)
     columns = (model.linearise(fit.parameters)[1] * white).reshape(fit.parameters.mask.sum(), -1)
-    slopes = np.stack([_slope(model, fit, *one) * white for one in options.items()])
+    slopes = np.stack(
+        [_slope(model, fit, *option_of_effect) * white for option_of_effect in options.items()]
+    )
     slopes = slopes.reshape(len(options), -1)
     free = np.flatnonzero(fit.parameters.mask)
     shared = covariance[:, free] @ (columns @ slopes.T) / scale
-    left = slopes @ slopes.T - (columns @ slopes.T).T @ shared[free]
-    return covariance + scale * shared @ np.linalg.pinv(left, hermitian=True) @ shared.T
+    information = slopes @ slopes.T - (columns @ slopes.T).T @ shared[free]
+    return covariance + scale * shared @ np.linalg.pinv(information, hermitian=True) @ shared.T
 
 
 def _slope(model, fit, effect: Effect, option) -> np.ndarray:
@@ -174,8 +176,8 @@ def linear_values(
     if effect.linear or effect.port in (*STATE_PORTS, NOISE):
         return p
     slots = rows(effect.port, effect.slots(chain))
-    made = rows.joined(np.einsum("kn,kmn->mn", effect.delta(p, state), slots))
-    return least_squares(columns, made.ravel())
+    contribution = rows.joined(np.einsum("kn,kmn->mn", effect.delta(p, state), slots))
+    return least_squares(columns, contribution.ravel())
 
 
 def spectrum(effect: JointCurve, coefficients: np.ndarray, chain) -> dict:

@@ -139,13 +139,13 @@ def _baseline(model: Model, fit: Fit, white) -> np.ndarray:
     the arm could only move by centimetres to hide a micrometre, which no prior allows.
     """
     start = model.parameters.take_over(fit.parameters)
-    own = start.only(start.mask & ~_noise(model))
-    table = [p for p, is_free in zip(own.table, own.mask) if is_free]
+    free = start.only(start.mask & ~_noise(model))
+    table = [p for p, is_free in zip(free.table, free.mask) if is_free]
     sizes = np.array([min(p.typical, _PLAUSIBLE.get(p.unit, np.inf)) for p in table])
-    residual, derivative = model.linearise(own)
+    residual, derivative = model.linearise(free)
     columns = (derivative * white).reshape(len(sizes), -1).T * sizes
     is_length = np.array([p.unit == "mm" for p in table])
-    lengths = np.where(is_length, own.values[own.mask], 0.0) / sizes
+    lengths = np.where(is_length, free.values[free.mask], 0.0) / sizes
     return observable_basis(_at_fixed_scale(columns, (residual * white).ravel(), lengths))
 
 
@@ -170,19 +170,19 @@ def _at_fixed_scale(columns: np.ndarray, residual: np.ndarray, lengths: np.ndarr
 
 def _given(bare: Model, fit: Fit, white) -> float:
     """Whitened sum of squares of what the baseline's elastic laws make and its geometry does not."""
-    own = [
+    elastic = [
         span
         for effect, span in zip(bare.effects, bare.spans)
         if effect.elastic and effect.port not in STATE_PORTS
     ]
-    if not own:
+    if not elastic:
         return 0.0
-    made = sum(
+    contribution = sum(
         columns @ fit.parameters.values[span]
-        for columns, span in zip(_derivatives(bare, fit, white, own), own)
+        for columns, span in zip(_derivatives(bare, fit, white, elastic), elastic)
     )
     plain = _baseline(replace(bare, effects=()), fit, white)
-    return float(((made - plain @ (plain.T @ made)) ** 2).sum())
+    return float(((contribution - plain @ (plain.T @ contribution)) ** 2).sum())
 
 
 def _derivatives(model, fit, white, spans) -> tuple[np.ndarray, ...]:
@@ -224,20 +224,20 @@ class _Rows:
     def __call__(self, port, slots):
         """(k, m, E n): of each of the E arm poses that make a sample."""
         if port not in self._made:
-            made = self._evaluation.rows(port, np.arange(self._sizes[port]))
-            self._made[port] = made * self.white_by_end
+            derivative = self._evaluation.rows(port, np.arange(self._sizes[port]))
+            self._made[port] = derivative * self.white_by_end
         return self._made[port][np.asarray(slots)]
 
 
 def _candidates(model: Model, fit: Fit, rows: _Rows, library) -> tuple[Candidate, ...]:
-    made = []
+    candidates = []
     for option in library:
         effect = option.effect
         columns = _columns(model, fit, rows, effect)
         typical = np.array([p.typical for p in effect.parameters(model.chain)])
         load = _load(model, effect) if effect.elastic and effect.nonnegative else 0.0
-        made.append(candidate_of(option, columns, typical, load))
-    return tuple(made)
+        candidates.append(candidate_of(option, columns, typical, load))
+    return tuple(candidates)
 
 
 def _load(model: Model, effect: Effect) -> float:
@@ -273,5 +273,5 @@ def _by_load(model: Model, fit: Fit, rows: _Rows, effect: Effect) -> np.ndarray:
     start = wider.parameters.take_over(fit.parameters)
     start = start.only(np.arange(len(start)) >= wider.spans[-1].start)
     evaluation = wider.evaluate(start)
-    made = np.empty((start.mask.sum(), *evaluation.residual.shape))
-    return wider.fill_rows(evaluation, start, made) * rows.white_by_end
+    derivative = np.empty((start.mask.sum(), *evaluation.residual.shape))
+    return wider.fill_rows(evaluation, start, derivative) * rows.white_by_end

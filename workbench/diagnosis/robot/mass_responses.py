@@ -62,22 +62,25 @@ class MassResponse(Effect):
         )
 
     def basis(self, state):
-        made = responses(self.inner, state) * nearly_known(state)[:, None, None, None]
-        return made.transpose(1, 0, 2, 3).reshape(-1, *made.shape[2:])
+        response = responses(self.inner, state) * nearly_known(state)[:, None, None, None]
+        return response.transpose(1, 0, 2, 3).reshape(-1, *response.shape[2:])
 
 
 def with_estimated_masses(law: Effect, state) -> ComplianceWithMasses | None:
     """The law with the mixtures of first moments that move it most in these poses; None where none does."""
-    own, made = law.basis(state), responses(law, state) * _sizes(state)[:, None, None, None]
-    length = np.maximum((own**2).sum((1, 2)), 1e-300)
-    shares = (made * own).sum((2, 3)) / length
-    left = (made - shares[:, :, None, None] * own) / np.sqrt(length)[:, None, None]
-    u, s, _ = thin_svd(left.reshape(len(left), -1))
-    kept = np.flatnonzero(s[:_MOST] > NOTABLE_SHARE)
-    if not len(kept):
+    law_basis, response = (
+        law.basis(state),
+        responses(law, state) * _sizes(state)[:, None, None, None],
+    )
+    length = np.maximum((law_basis**2).sum((1, 2)), 1e-300)
+    shares = (response * law_basis).sum((2, 3)) / length
+    remaining = (response - shares[:, :, None, None] * law_basis) / np.sqrt(length)[:, None, None]
+    u, s, _ = thin_svd(remaining.reshape(len(remaining), -1))
+    relevant = np.flatnonzero(s[:_MOST] > NOTABLE_SHARE)
+    if not len(relevant):
         return None
-    weights = u[:, kept].T  # (R, 3 J + 3) in units of what is likely
-    mixtures = (weights * _sizes(state)).reshape(len(kept), -1, 3)
+    weights = u[:, relevant].T  # (R, 3 J + 3) in units of what is likely
+    mixtures = (weights * _sizes(state)).reshape(len(relevant), -1, 3)
     return ComplianceWithMasses(
         law.where, law.effect, mixtures.tolist(), (weights @ shares).tolist()
     )
@@ -87,8 +90,8 @@ def nearly_known(state) -> np.ndarray:
     """(3 J + 3,) kg mm: standard deviation of each first moment where masses are stated but not measured."""
     masses, centres = _bodies(state)
     distance = np.linalg.norm(centres, axis=1)
-    each = masses * np.hypot(MASS_SHARE * distance, CENTRE_MM)
-    return np.repeat(each, 3)
+    sigma = masses * np.hypot(MASS_SHARE * distance, CENTRE_MM)
+    return np.repeat(sigma, 3)
 
 
 def _sizes(state) -> np.ndarray:

@@ -33,8 +33,8 @@ def scans(chain, rows, columns, elastic: bool) -> tuple[Scan, ...]:
     rows: (port, slots) -> (k, m, n) whitened derivatives of the residual; columns: effect -> (N, P) those by its
     parameters; elastic: whether the model holds a compliance.
     """
-    made = [_scan(grid, chain, rows, columns) for grid in grids(CATALOGUE, chain, elastic)]
-    return (*made, *_floor(chain, rows, _FRAME))
+    found = [_scan(grid, chain, rows, columns) for grid in grids(CATALOGUE, chain, elastic)]
+    return (*found, *_floor(chain, rows, _FRAME))
 
 
 def _scan(grid: Grid, chain, rows, columns) -> Scan:
@@ -43,43 +43,45 @@ def _scan(grid: Grid, chain, rows, columns) -> Scan:
     if effect.port in STATE_PORTS:  # its derivative is that of what deflects under the load
         rows_by_load = columns(grid.effect(grid.where), by_end=True)
         return scan_of(grid, rows_by_load.T.copy(), covariate)
-    own = rows(effect.port, grid.slots or effect.slots(chain))
+    derivatives = rows(effect.port, grid.slots or effect.slots(chain))
     if grid.factor is not None and grid.factor.ndim == 3:
-        own = np.einsum("rkn,kmn->rmn", grid.factor, own)
+        derivatives = np.einsum("rkn,kmn->rmn", grid.factor, derivatives)
     elif grid.factor is not None:
-        own = own * grid.factor[:, None]
-    return scan_of(grid, _flat(own), covariate)
+        derivatives = derivatives * grid.factor[:, None]
+    return scan_of(grid, _flat(derivatives), covariate)
 
 
 def sites(chain, rows) -> tuple[Site, ...]:
     """Every place that may move, with the covariates that it may move with; rows as in `scans`."""
-    own = chain.state.covariates
-    general = tuple(c for c in own if np.ptp(own[c]) > 0 and _is_general(c))
-    angles = tuple(f"q{k}" for k in range(1, chain.robot.joints + 1) if np.ptp(own[f"q{k}"]) > 0)
-    made = _joint_sites(chain, rows, angles, general)
+    covariates = chain.state.covariates
+    general = tuple(c for c in covariates if np.ptp(covariates[c]) > 0 and _is_general(c))
+    angles = tuple(
+        f"q{k}" for k in range(1, chain.robot.joints + 1) if np.ptp(covariates[f"q{k}"]) > 0
+    )
+    found = _joint_sites(chain, rows, angles, general)
     for place, loads in _loads(chain.robot.joints).items():
         frame = _flat(rows("frame", chain.slots("frame", place)))
-        names = tuple(dict.fromkeys((*angles, *_varying(own, loads), *general)))
-        made.append(Site(place, "frame", frame, "mm and rad", _FRAME, names))
-    if all(name in own for name in _SIGHT):
+        names = tuple(dict.fromkeys((*angles, *_varying(covariates, loads), *general)))
+        found.append(Site(place, "frame", frame, "mm and rad", _FRAME, names))
+    if all(name in covariates for name in _SIGHT):
         towards = sight_directions(chain.state.measured)
         seen = np.einsum("kcn,cmn->kmn", towards, rows("sensor", [0, 1, 2]))
         about = (_flat(seen), "rad and mm", _SIGHT_SIZES, (*_SIGHT, *general), (_SIGHT[:2],))
-        made.append(Site("instrument", "sensor", *about))
+        found.append(Site("instrument", "sensor", *about))
     if chain.measurement.place == "sensor":
         point = _flat(rows("sensor", [0, 1, 2]))
         names = ("seen_x", "seen_y", "seen_z", *general)
-        made.append(Site("sensor", "sensor", point, "mm", _FRAME[:3], names))
-    return tuple(made)
+        found.append(Site("sensor", "sensor", point, "mm", _FRAME[:3], names))
+    return tuple(found)
 
 
 def _loads(joints: int) -> dict[str, tuple[str, ...]]:
     """Frame -> covariates of the load that it carries."""
-    made = {"base": ("moment_x", "moment_y"), "tool": ("down_x", "down_y", "down_z")}
+    loads = {"base": ("moment_x", "moment_y"), "tool": ("down_x", "down_y", "down_z")}
     for k in range(1, joints + 1):
         moments = tuple(f"moment{k}_{axis}" for axis in "xyz")
-        made[f"link-{k}"] = (f"tau{k}", f"tau{min(k + 1, joints)}", *moments)
-    return made
+        loads[f"link-{k}"] = (f"tau{k}", f"tau{min(k + 1, joints)}", *moments)
+    return loads
 
 
 def _is_general(name: str) -> bool:
@@ -89,30 +91,30 @@ def _is_general(name: str) -> bool:
 
 def _joint_sites(chain, rows, angles, general) -> list[Site]:
     """The joints, each with the covariates that its angle may be wrong with."""
-    own = chain.state.covariates
-    made = []
+    covariates = chain.state.covariates
+    found = []
     for k in range(1, chain.robot.joints + 1):
         named = (f"tau{k}", f"move{k}", f"approach{k}")
-        mine = tuple(c for c in named if c in own and np.ptp(own[c]) > 0)
-        sides = [c for c in mine if Covariate.of(c).kind != "tau"]
-        with_side = [c for c in (f"q{k}", f"tau{k}") if c in (*angles, *mine)]
+        of_joint = tuple(c for c in named if c in covariates and np.ptp(covariates[c]) > 0)
+        sides = [c for c in of_joint if Covariate.of(c).kind != "tau"]
+        with_side = [c for c in (f"q{k}", f"tau{k}") if c in (*angles, *of_joint)]
         pairs = (*combinations(angles, 2), *product(with_side, sides))
         unit = "mm" if chain.slides(k) else "rad"
         row, typical = _flat(rows("joint", [k - 1])), np.array([_TYPICAL[unit]])
-        names = (*angles, *mine, *general)
-        made.append(Site(f"joint-{k}", "joint", row, unit, typical, names, pairs))
-    return made
+        names = (*angles, *of_joint, *general)
+        found.append(Site(f"joint-{k}", "joint", row, unit, typical, names, pairs))
+    return found
 
 
 def lengths(chain, rows) -> tuple[Site, ...]:
     """The growth of each link, as a share of its lengths."""
-    made = []
+    found = []
     for k in range(1, chain.robot.joints + 1):
-        slots, own = link_lengths(chain.robot, k)
-        if own.any():
-            row = np.einsum("k,kmn->mn", own, rows("geometry", slots))[None]
-            made.append(Site(f"link-{k}", "geometry", _flat(row), "1", np.array([_GROWTH]), ()))
-    return tuple(made)
+        slots, length = link_lengths(chain.robot, k)
+        if length.any():
+            row = np.einsum("k,kmn->mn", length, rows("geometry", slots))[None]
+            found.append(Site(f"link-{k}", "geometry", _flat(row), "1", np.array([_GROWTH]), ()))
+    return tuple(found)
 
 
 def _varying(covariates, names):

@@ -28,15 +28,15 @@ def with_shared_moments(problem: Problem, chain) -> Problem:
     """
     laws = [c for c in problem.candidates if c.effect == GravityCompliance.effect]
     first = next((c for c in laws if type(c.effects[0]) is GravityCompliance), None)
-    own = [e for e in problem.effects if e.estimates_moments and not _is_like_gravity(e)]
-    if first is None or own or not any(map(_is_like_gravity, problem.effects)):
+    own_moments = [e for e in problem.effects if e.estimates_moments and not _is_like_gravity(e)]
+    if first is None or own_moments or not any(map(_is_like_gravity, problem.effects)):
         return problem
     others = [i for i, e in enumerate(problem.effects) if not _is_like_gravity(e)]
-    left = problem.conditional_on(others)
-    y = left.orthogonalise(left.residual)
+    without_gravity = problem.conditional_on(others)
+    y = without_gravity.orthogonalise(without_gravity.residual)
     maps = [_map(law, first, chain) for law in laws]
     parts = np.stack(
-        [left.orthogonalise(_typical(law) @ m) for law, m in zip(laws, maps)]
+        [without_gravity.orthogonalise(_typical(law) @ m) for law, m in zip(laws, maps)]
     )  # (C, N, P)
     moments, sizes = _estimated(parts, y)
     cost = _cost(parts, y, moments, sizes, max(problem.degrees, 1))
@@ -59,8 +59,8 @@ def _typical(law: Candidate) -> np.ndarray:
 def _map(law: Candidate, first: Candidate, chain) -> np.ndarray:
     """(P, P') coefficients of a law from those of another one under the same moments, both in typical sizes."""
     sizes = first.typical / law.typical[:, None]
-    made = law.effects[0].moments_of(first.effects[0], chain) * sizes
-    return made / made[0, 0]
+    moments = law.effects[0].moments_of(first.effects[0], chain) * sizes
+    return moments / moments[0, 0]
 
 
 def _estimated(parts: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -71,8 +71,8 @@ def _estimated(parts: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray
     moments = np.eye(parts.shape[2])[0]
     for _ in range(MAX_ROUNDS):
         sizes = _nonpositive((parts @ moments).T, y)
-        whole = np.tensordot(sizes, parts, 1)  # (N, P)
-        moments[1:] = _solved(whole[:, 1:], y - whole[:, 0])
+        columns = np.tensordot(sizes, parts, 1)  # (N, P)
+        moments[1:] = _solved(columns[:, 1:], y - columns[:, 0])
     return moments, _nonpositive((parts @ moments).T, y)
 
 

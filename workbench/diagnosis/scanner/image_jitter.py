@@ -125,12 +125,12 @@ class _Stripes:
     def scores(self, random: bool) -> np.ndarray:
         """(G,) log density of each board pose's contrasts, with the spread of all others, or with noise alone."""
         poses, group = np.unique(self.pose, return_inverse=True)
-        made = np.empty(len(poses))
+        scores = np.empty(len(poses))
         for k in range(len(poses)):
-            mine, others = group == k, group != k
+            of_pose, others = group == k, group != k
             sigma = _likeliest(self.z[others], self.variance[others]) if random else 0.0
-            made[k] = -_deviance(sigma**2, self.z[mine], self.variance[mine])
-        return made
+            scores[k] = -_deviance(sigma**2, self.z[of_pose], self.variance[of_pose])
+        return scores
 
 
 def find_image_jitter(bench, effects: Sequence[Effect], problem: Problem) -> ImageJitter | None:
@@ -212,8 +212,8 @@ def _fitted(bench, effects) -> np.ndarray:
     Held-out stripes of one step all miss by what a mirror from few displaced stripes is off; these do not.
     """
     chains, fit = bench.solve(effects)
-    whole = replace(at_solution(chains, fit).board_stripes, together=None)
-    model = Model(whole, tuple(effect for effect in effects if acts(effect, "board_stripes")))
+    stripes = replace(at_solution(chains, fit).board_stripes, together=None)
+    model = Model(stripes, tuple(effect for effect in effects if acts(effect, "board_stripes")))
     keys = set(model.parameters.keys)
     found = {p.key: fit.parameters[p.key] for p in fit.parameters.table if p.key.count(".") > 1}
     values = {key: value for key, value in found.items() if key in keys}
@@ -229,28 +229,28 @@ def _contrasts(means, variance, pose, step, angle, order) -> _Stripes | None:
     """Of means (2, s) px, held out and fitted, with variances (s,) px^2, within each board pose."""
     z, spread, of, displaced = [], [], [], np.full(means.shape[1], np.nan)
     for k in np.unique(pose):
-        mine = np.flatnonzero((pose == k) & np.isfinite(means).all(0))
-        size = min(_DEGREE, len(mine) - 2) + 1
+        of_pose = np.flatnonzero((pose == k) & np.isfinite(means).all(0))
+        size = min(_DEGREE, len(of_pose) - 2) + 1
         if size < 1:
             continue
-        place = angle[mine] - angle[mine].mean()
+        place = angle[of_pose] - angle[of_pose].mean()
         place = place / max(np.abs(place).max(), 1e-300)
-        whole = np.linalg.qr(np.vander(place, size, increasing=True), mode="complete")[0]
-        apart = whole[:, size:]
-        z.append(apart.T @ means[0, mine])
-        spread.append((apart**2).T @ variance[mine])
+        orthonormal = np.linalg.qr(np.vander(place, size, increasing=True), mode="complete")[0]
+        apart = orthonormal[:, size:]
+        z.append(apart.T @ means[0, of_pose])
+        spread.append((apart**2).T @ variance[of_pose])
         of.append(np.full(apart.shape[1], k))
-        displaced[mine] = apart @ (apart.T @ means[1, mine])
+        displaced[of_pose] = apart @ (apart.T @ means[1, of_pose])
     if len(z) < _FEWEST_POSES:
         return None
-    kept = np.isfinite(displaced)
+    used = np.isfinite(displaced)
     return _Stripes(
         np.concatenate(z),
         np.concatenate(spread),
         np.concatenate(of),
-        displaced[kept],
-        step[kept],
-        order[kept],
+        displaced[used],
+        step[used],
+        order[used],
         0.0,
     )
 
@@ -258,8 +258,8 @@ def _contrasts(means, variance, pose, step, angle, order) -> _Stripes | None:
 def _deviance(variance: float, z: np.ndarray, noise: np.ndarray) -> float:
     """Minus the log density of contrasts (k,) with noise of variance (k,) and a further `variance`, but for a
     constant."""
-    whole = noise + variance
-    return 0.5 * float((np.log(whole) + z**2 / whole).sum())
+    total = noise + variance
+    return 0.5 * float((np.log(total) + z**2 / total).sum())
 
 
 def _likeliest(z: np.ndarray, noise: np.ndarray) -> float:

@@ -35,12 +35,13 @@ class Predicted:
 
     def whitened(self, group: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residual (k,), and its derivatives (k, D), (k, L) of one group in units of the noise."""
-        mine = self.group == group
-        sigma = self.sigma[:, mine].ravel()
+        of_group = self.group == group
+        sigma = self.sigma[:, of_group].ravel()
         by_shared, by_own = (
-            rows[..., mine].reshape(len(rows), -1) / sigma for rows in (self.by_shared, self.by_own)
+            rows[..., of_group].reshape(len(rows), -1) / sigma
+            for rows in (self.by_shared, self.by_own)
         )
-        return self.residual[:, mine].ravel() / sigma, by_shared.T, by_own.T
+        return self.residual[:, of_group].ravel() / sigma, by_shared.T, by_own.T
 
 
 def scored_errors(kinds: Sequence[Predicted], covariance: np.ndarray) -> list[np.ndarray]:
@@ -49,17 +50,17 @@ def scored_errors(kinds: Sequence[Predicted], covariance: np.ndarray) -> list[np
     The first kind determines each group's own unknowns; covariance (D, D) of the shared ones.
     """
     root = _root(covariance)
-    made = [np.zeros_like(kind.residual) for kind in kinds]
+    scored = [np.zeros_like(kind.residual) for kind in kinds]
     for group in np.unique(kinds[0].group):
-        here = [kind.whitened(group) for kind in kinds]
-        white, log_determinant = independent_errors(*_errors_and_factor(here, root))
+        whitened = [kind.whitened(group) for kind in kinds]
+        white, log_determinant = independent_errors(*_errors_and_factor(whitened, root))
         # in equal parts, so that a sum over samples is the score of their group
         size = np.sqrt(white**2 + log_determinant / max(len(white), 1))
-        edges = np.cumsum([len(residual) for residual, _, _ in here])[:-1]
-        for kind, errors, part in zip(kinds, made, np.split(size, edges)):
-            mine = kind.group == group
-            errors[:, mine] = part.reshape(len(errors), -1) * kind.sigma[:, mine]
-    return made
+        edges = np.cumsum([len(residual) for residual, _, _ in whitened])[:-1]
+        for kind, errors, part in zip(kinds, scored, np.split(size, edges)):
+            of_group = kind.group == group
+            errors[:, of_group] = part.reshape(len(errors), -1) * kind.sigma[:, of_group]
+    return scored
 
 
 def independent_errors(white: np.ndarray, factor: np.ndarray) -> tuple[np.ndarray, float]:
@@ -69,13 +70,13 @@ def independent_errors(white: np.ndarray, factor: np.ndarray) -> tuple[np.ndarra
     return white - sides @ (lost * (sides.T @ white)), float(np.log1p(spread**2).sum())
 
 
-def _errors_and_factor(here, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _errors_and_factor(kinds, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Errors (k,) of one group's samples in units of the noise, and the factor (k, q) of what they share.
 
     The pose's covariance is scaled by the variance factor of the samples that determine it where that is above 1: their
     errors are not only noise of the image.
     """
-    residual, by_shared, by_own = here[0]
+    residual, by_shared, by_own = kinds[0]
     inverse = inverse_positive(by_own.T @ by_own)
     response = inverse @ by_own.T @ by_shared  # of the pose to the shared unknowns
     scale = float(residual @ residual) / max(len(residual) - by_own.shape[1], 1)
@@ -83,9 +84,9 @@ def _errors_and_factor(here, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     factors = [
         np.hstack([(by_shared - by_own @ response) @ root, np.zeros((len(residual), len(pose)))])
     ]
-    for _, shared, own in here[1:]:
-        factors.append(np.hstack([(shared - own @ response) @ root, own @ pose]))
-    return np.concatenate([one for one, _, _ in here]), np.concatenate(factors)
+    for _, shared, of_pose in kinds[1:]:
+        factors.append(np.hstack([(shared - of_pose @ response) @ root, of_pose @ pose]))
+    return np.concatenate([errors for errors, _, _ in kinds]), np.concatenate(factors)
 
 
 def _root(covariance: np.ndarray) -> np.ndarray:

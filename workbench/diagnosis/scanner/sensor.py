@@ -65,11 +65,11 @@ class SensorBench(Bench):
         self.kind = _kind(chains)
         middle = 0.0 if not self.kind.mirror else float(np.mean(chains.board_stripes.angles))
         parts = chains.parts
-        own = {
+        covariates_of_parts = {
             name: described(measured_chains.noiseless(chain), name, middle)
             for name, chain in parts.items()
         }
-        self.covariates = _joined(own, chains.counts)
+        self.covariates = _joined(covariates_of_parts, chains.counts)
         filled = _split(self.covariates, chains.counts, parts)
         filled = {name: replace(chain, covariates=filled[name]) for name, chain in parts.items()}
         self.chains = replace(chains, **filled)
@@ -86,9 +86,9 @@ class SensorBench(Bench):
 
         Solutions are the same: there, stripes on boards have the shared errors that the calibration found.
         """
-        made = copy(self)
-        made.jitter_px = float(sigma_px)
-        return made
+        bench = copy(self)
+        bench.jitter_px = float(sigma_px)
+        return bench
 
     @property
     def of_board_stripes(self) -> slice:
@@ -99,9 +99,9 @@ class SensorBench(Bench):
     @property
     def shared_px(self) -> np.ndarray:
         """(n,) px, 1 sigma of what each sample shares with all others of its image; 0 of corners."""
-        made = np.full(self.n, self.jitter_px)
-        made[: self.chains.counts[0]] = 0.0
-        return made
+        shared = np.full(self.n, self.jitter_px)
+        shared[: self.chains.counts[0]] = 0.0
+        return shared
 
     def problem(
         self,
@@ -128,17 +128,20 @@ class SensorBench(Bench):
         A baseline that an effect contradicts may be so far from the truth that a solve does not find back. Once that
         was so, solves with effects start from the calibration.
         """
-        every, first = models(chains, effects), (self._table(chains, effects), families_of(chains))
+        part_models, first = (
+            models(chains, effects),
+            (self._table(chains, effects), families_of(chains)),
+        )
         if self._start is None or (self._is_far and effects):
-            fit = solve_bundle(every, *first, loss="huber")
+            fit = solve_bundle(part_models, *first, loss="huber")
             if not effects:
                 self._start = fit.parameters, fit.values
             return fit
         families = {n: replace(f, values=self._start[1][n]) for n, f in first[1].items()}
-        fit = solve_bundle(every, first[0].take_over(self._start[0]), families, loss="huber")
+        fit = solve_bundle(part_models, first[0].take_over(self._start[0]), families, loss="huber")
         if fit.converged:
             return fit
-        again = solve_bundle(every, *first, loss="huber")
+        again = solve_bundle(part_models, *first, loss="huber")
         self._is_far = again.converged and bool(effects)
         return again if again.converged or again.history[-1] < fit.history[-1] else fit
 
@@ -191,12 +194,12 @@ class SensorBench(Bench):
     ) -> list[np.ndarray]:
         """(m, n) px of each part, with everything `known` but board poses, from corners, and centres of balls."""
         without = replace(chains, board_stripes=None)
-        own = self._posed(without, effects, known.parameters).values
-        held = {name: chain.with_families(own) for name, chain in chains.parts.items()}
-        every = dict(zip(held, models(replace(chains, **held), effects)))
+        poses = self._posed(without, effects, known.parameters).values
+        posed = {name: chain.with_families(poses) for name, chain in chains.parts.items()}
+        part_models = dict(zip(posed, models(replace(chains, **posed), effects)))
         if not independent:
-            return [model.residual(_at_fit(model, known)) for model in every.values()]
-        found = {name: _predicted(name, model, known) for name, model in every.items()}
+            return [model.residual(_at_fit(model, known)) for model in part_models.values()]
+        found = {name: _predicted(name, model, known) for name, model in part_models.items()}
         balls = [found.pop(name) for name in ("balls",) if name in found]
         scored = [
             scored_errors(kinds, known.covariance)
@@ -230,14 +233,14 @@ class SensorBench(Bench):
         """Every effect's parameters with value and std; `size_px` RMS of what one does to a coordinate, `size_mm` of
         the same at the middle range."""
         chains, fit = self.solve(effects, samples)
-        every = models(chains, tuple(effects))
+        part_models = models(chains, tuple(effects))
         scale = float(np.median(self.covariates["range"])) / chains.corners.camera.fx
         shifts = self._shifts(effects, samples, fit.parameters, options or {})
         rows = []
         for effect in effects:
-            for p in effect.parameters(host(every, effect).chain):
+            for p in effect.parameters(host(part_models, effect).chain):
                 value = fit.parameters[p.key]
-                size = _rms_of(every, fit, p.key) * abs(value)
+                size = _rms_of(part_models, fit, p.key) * abs(value)
                 known = fit.std.get(p.key, float("nan"))
                 std = np.hypot(known, shifts.get(p.key, 0.0))
                 row = parameter_row(p, effect, value, std, known)
@@ -252,9 +255,9 @@ class SensorBench(Bench):
                 continue
             changed = [option.changed(e, 1.0) if e is effect else e for e in effects]
             chains, fit = self.solve(changed, samples)
-            every = models(chains, tuple(changed))
+            part_models = models(chains, tuple(changed))
             for before, after in zip(effects, changed):
-                chain = host(every, after).chain
+                chain = host(part_models, after).chain
                 for p, other in zip(before.parameters(chain), after.parameters(chain)):
                     move = fit.parameters[other.key] - known[p.key]
                     squares[p.key] = squares.get(p.key, 0.0) + move**2
@@ -275,11 +278,11 @@ class SensorBench(Bench):
         return np.array([p.typical for p in effect.parameters(chain)])
 
     def smooth(self, site: Site, names: tuple[str, ...]) -> Effect:
-        made = super().smooth(site, names)
-        made.components = next(
+        effect = super().smooth(site, names)
+        effect.components = next(
             p.slots for p in places(self.kind) if (p.where, p.port) == (site.where, site.port)
         )
-        return made
+        return effect
 
 
 def _kind(chains: Chains) -> Kind:
@@ -332,18 +335,18 @@ def _spreads(chains: Chains, varies) -> tuple[tuple[str, float], ...]:
     return tuple((name, float(v.std())) for name, v in spreads.items() if v.size and v.std() > 0)
 
 
-def _joined(own: Mapping[str, Mapping], counts) -> dict[str, np.ndarray]:
+def _joined(parts: Mapping[str, Mapping], counts) -> dict[str, np.ndarray]:
     """(n,) every covariate of any part; in a part that does not have it the mean of the others."""
-    names = sorted({name for part in own.values() for name in part if name not in _IDENTIFIERS})
-    made = {}
+    names = sorted({name for part in parts.values() for name in part if name not in _IDENTIFIERS})
+    joined = {}
     for name in names:
-        held = np.concatenate([part[name] for part in own.values() if name in part])
-        middle = float(np.nan_to_num(held).mean())
+        known = np.concatenate([part[name] for part in parts.values() if name in part])
+        middle = float(np.nan_to_num(known).mean())
         columns = []
-        for part, count in zip(own.values(), counts):
+        for part, count in zip(parts.values(), counts):
             columns.append(part.get(name, np.full(count, middle)))
-        made[name] = np.nan_to_num(np.concatenate(columns).astype(float))
-    return made
+        joined[name] = np.nan_to_num(np.concatenate(columns).astype(float))
+    return joined
 
 
 def _split(covariates, counts, parts) -> dict[str, dict]:
@@ -363,21 +366,21 @@ def _poses(chains: Chains) -> np.ndarray:
 
 def _sigma(chains: Chains) -> np.ndarray:
     """(n,) px, noise of a coordinate of each sample."""
-    made = []
+    sigmas = []
     for chain, count in zip(chains.parts.values(), chains.counts):
-        each = np.broadcast_to(chain.sigma, (len(chain.sigma), count))
-        made.append(np.sqrt((each**2).mean(0)))
-    return np.concatenate(made)
+        sigma = np.broadcast_to(chain.sigma, (len(chain.sigma), count))
+        sigmas.append(np.sqrt((sigma**2).mean(0)))
+    return np.concatenate(sigmas)
 
 
 def _at(chains: Chains, samples: np.ndarray) -> Chains:
     """The chains on some of all samples (n,) bool; a part of which nothing is left stays out."""
     edges = np.cumsum((0, *chains.counts))
-    kept = {}
+    parts = {}
     for (name, chain), a, b in zip(chains.parts.items(), edges, edges[1:]):
-        mine = samples[a:b]
-        kept[name] = chain.at(mine) if mine.any() or name == "corners" else None
-    return replace(chains, **kept)
+        used = samples[a:b]
+        parts[name] = chain.at(used) if used.any() or name == "corners" else None
+    return replace(chains, **parts)
 
 
 def _with_planes(chains: Chains, fit: BundleFit) -> Chains:
@@ -392,17 +395,17 @@ def _with_planes(chains: Chains, fit: BundleFit) -> Chains:
     return replace(chains, **changed)
 
 
-def shared(every: Sequence[Model], gain_free: bool) -> Parameters:
+def shared(part_models: Sequence[Model], gain_free: bool) -> Parameters:
     """One table for all parts; free but for what a mirror does not show."""
     table = Parameters.of(
-        {p.key: _wide(p) for model in every for p in model.parameters.table}.values()
+        {p.key: _wide(p) for model in part_models for p in model.parameters.table}.values()
     )
-    for model in every:
+    for model in part_models:
         table = table.take_over(model.parameters)
     table = table.free("*")
-    held = [n for n in NAMES if n not in FREE_MIRROR and not (gain_free and n == "gain")]
+    fixed = [n for n in NAMES if n not in FREE_MIRROR and not (gain_free and n == "gain")]
     return (
-        table.fix(*(f"mirror.{name}" for name in held)) if "mirror.gain" in table.index else table
+        table.fix(*(f"mirror.{name}" for name in fixed)) if "mirror.gain" in table.index else table
     )
 
 
@@ -422,20 +425,22 @@ def _predicted(name: str, model: Model, fit: BundleFit) -> Predicted:
     """The samples of a part as predicted by a fit of others."""
     table = _at_fit(model, fit)
     keys = fit.table.keys
-    own = table.only(np.isin(table.keys, keys))
-    residual, rows = model.linearise(own)
+    free_table = table.only(np.isin(table.keys, keys))
+    residual, rows = model.linearise(free_table)
     by_shared = np.zeros((len(keys), *residual.shape))
-    by_shared[[keys.index(key) for key, free in zip(own.keys, own.mask) if free]] = rows
-    here = model.evaluate(table)
+    by_shared[[keys.index(key) for key, free in zip(free_table.keys, free_table.mask) if free]] = (
+        rows
+    )
+    evaluation = model.evaluate(table)
     if "step" in fit.values and name != "corners":  # free light planes are shared, too
         first = keys.index(next(key for key in keys if key.startswith("step-")))
-        for slot, row in enumerate(by_step := here.family_rows("step")):
+        for slot, row in enumerate(by_step := evaluation.family_rows("step")):
             place = first + model.chain.labels["step"] * len(by_step) + slot
             by_shared[place, :, np.arange(residual.shape[1])] = row.T
     family = "ball" if name == "balls" else "placement"
     sigma = np.broadcast_to(model.chain.sigma, residual.shape)
     return Predicted(
-        residual, sigma, by_shared, here.family_rows(family), model.chain.labels[family]
+        residual, sigma, by_shared, evaluation.family_rows(family), model.chain.labels[family]
     )
 
 
@@ -447,14 +452,14 @@ def _first_component(residual: np.ndarray) -> np.ndarray:
     return residual[0]
 
 
-def _rms_of(every, fit, key) -> float:
+def _rms_of(part_models, fit, key) -> float:
     """RMS over all coordinates (px) of a parameter's column."""
     squares = count = 0.0
-    for model in every:
+    for model in part_models:
         count += model.chain.pixels.shape[1] * len(model.chain.sigma)
         if key in model.parameters.index:
-            own = _own(model, fit)
-            rows = model.linearise(own.only(np.array([k == key for k in own.keys])))[1]
+            table = _own(model, fit)
+            rows = model.linearise(table.only(np.array([k == key for k in table.keys])))[1]
             squares += float((rows**2).sum())
     return float(np.sqrt(squares / max(count, 1)))
 

@@ -48,13 +48,13 @@ class Kind:
         """What `where` of an effect may be here; () where there is no such place."""
         if kind == "ball":
             return tuple(f"ball-{number}" for number in self.balls if number)
-        there = {
+        present = {
             "laser": self.stripes,
             "sensor": self.stripes,
             "mirror": self.mirror,
             "time": self.mirror,
         }
-        return (kind,) if there.get(kind, True) else ()
+        return (kind,) if present.get(kind, True) else ()
 
     def varies(self, covariate: str) -> bool:
         """Whether a column is recorded and is not constant."""
@@ -69,7 +69,7 @@ def places(kind: Kind) -> list[Place]:
     """Where something unnamed may act; a column nobody modelled may matter anywhere."""
     more = tuple(sorted(kind.varying - {"sweep", "mirror_speed_deg_s"}))
     turning = tuple(sorted(kind.varying & {"sweep", "mirror_speed_deg_s"}))
-    made = [
+    found = [
         Place("camera", "pixel", (0, 1), "px", 0.05, ("u", "v", *more), (("u", "v"),)),
         Place(
             "artefact",
@@ -82,12 +82,12 @@ def places(kind: Kind) -> list[Place]:
         ),
     ]
     if kind.stripes:
-        made.append(
+        found.append(
             Place(
                 "laser", "plane", (3,), "mm", 0.02, ("along", "range", *more), (("along", "range"),)
             )
         )
-        made.append(
+        found.append(
             Place(
                 "sensor",
                 "point",
@@ -99,9 +99,11 @@ def places(kind: Kind) -> list[Place]:
             )
         )
     if kind.mirror:
-        made.append(Place("mirror", "mirror", (0,), "rad", 1e-4, ("mirror", *turning, *more)))
-        made.append(Place("mirror", "plane", (3,), "mm", 0.02, ("mirror",), (("mirror", "along"),)))
-    return made
+        found.append(Place("mirror", "mirror", (0,), "rad", 1e-4, ("mirror", *turning, *more)))
+        found.append(
+            Place("mirror", "plane", (3,), "mm", 0.02, ("mirror",), (("mirror", "along"),))
+        )
+    return found
 
 
 def described(chain, kind_of: str, mirror: float) -> Mapping[str, np.ndarray]:

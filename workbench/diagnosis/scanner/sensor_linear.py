@@ -53,19 +53,19 @@ def acts(effect: Effect, part: str) -> bool:
     return part != "corners" or effect.port in ON_BOTH
 
 
-def host(every: Sequence[Model], effect: Effect) -> Model:
+def host(part_models: Sequence[Model], effect: Effect) -> Model:
     """The first model that holds an effect."""
-    return next(model for model in every if effect in model.effects)
+    return next(model for model in part_models if effect in model.effects)
 
 
 def families_of(chains: Chains) -> dict[str, Family]:
     """Unknowns that groups of samples have of their own: poses, balls, free light planes."""
-    made = {"placement": placements(chains.corners.poses)}
+    families = {"placement": placements(chains.corners.poses)}
     if chains.balls is not None:
-        made["ball"] = centres_family(chains.balls.centres)
+        families["ball"] = centres_family(chains.balls.centres)
     if chains.board_stripes is not None and chains.board_stripes.mirror is None:
-        made["step"] = steps_family(chains.board_stripes.planes)
-    return made
+        families["step"] = steps_family(chains.board_stripes.planes)
+    return families
 
 
 @dataclass(frozen=True)
@@ -100,20 +100,20 @@ class _Part:
 
 def _evaluated(chains: Chains, effects, values: Mapping[str, float]):
     """(model, its parameters, evaluation) of each part with effects at `values` (by key)."""
-    made = []
+    evaluated = []
     for model in models(chains, effects):
         table = model.parameters
         table = table.update({key: value for key, value in values.items() if key in table.index})
-        made.append((model, table, model.evaluate(table)))
-    return made
+        evaluated.append((model, table, model.evaluate(table)))
+    return evaluated
 
 
 def _without_noise(chains: Chains, effects, values: Mapping[str, float]) -> Chains:
     """The chains as measured without noise, effects at `values`."""
     still = {}
     for name, chain in chains.parts.items():
-        mine = tuple(effect for effect in effects if acts(effect, name))
-        still[name] = measured_chains.measured(chain, mine, values, 0.0)
+        acting = tuple(effect for effect in effects if acts(effect, name))
+        still[name] = measured_chains.measured(chain, acting, values, 0.0)
     return replace(chains, **still)
 
 
@@ -123,32 +123,32 @@ class Linear:
     def __init__(self, bench, effects, chains: Chains, fit: BundleFit, samples):
         self.bench, self.effects, self.fit = bench, effects, fit
         self.every = slice(None) if samples is None else samples
-        there = measured_chains.at_solution(chains, fit)
+        solved = measured_chains.at_solution(chains, fit)
         table = fit.parameters.table
         values = {p.key: fit.parameters[p.key] for p in table if p.key.count(".") > 1}
         # derivatives where nothing is noise: else the noise of a place would fit itself
-        self.chains = _without_noise(there, effects, values)
-        seen = _evaluated(there, effects, values)
+        self.chains = _without_noise(solved, effects, values)
+        seen = _evaluated(solved, effects, values)
         still = _evaluated(self.chains, effects, values)
         self.parts = []
-        for name, (model, _, noisy), own in zip(there.parts, seen, still):
+        for name, (model, _, noisy), noiseless in zip(solved.parts, seen, still):
             steps = _shared_errors(name, model.chain, bench.jitter_px)
-            steps += _rounding(name, own[0].chain, own[2], steps)
+            steps += _rounding(name, noiseless[0].chain, noiseless[2], steps)
             white = decorrelated(steps, noisy.residual) / model.chain.sigma
-            self.parts.append(_Part(name, *own, white, robust_weights(white), steps))
+            self.parts.append(_Part(name, *noiseless, white, robust_weights(white), steps))
         self._ports: dict = {}
 
     def flat(self, rows_of_parts: Sequence[np.ndarray | None]) -> np.ndarray:
         """(k, N) whitened, of rows (k, m, n) of each part, None where they are zero."""
         count = next(len(rows) for rows in rows_of_parts if rows is not None)
-        made = []
+        whitened = []
         for part, rows in zip(self.parts, rows_of_parts):
-            made.append(np.zeros((count, part.root.size)) if rows is None else part.white(rows))
-        return np.concatenate(made, axis=1)
+            whitened.append(np.zeros((count, part.root.size)) if rows is None else part.white(rows))
+        return np.concatenate(whitened, axis=1)
 
     def problem(self) -> Problem:
         """What the engine looks at."""
-        every, parts = self.every, self.parts
+        used, parts = self.every, self.parts
         added, values = self.added()
         sample, first = [], 0
         for part in parts:
@@ -162,9 +162,9 @@ class Linear:
             sample=np.concatenate(sample),
             weights=np.concatenate([part.weights for part in parts]),
             sigma=np.concatenate([part.sigma.ravel() for part in parts]),
-            pose=self.bench.pose[every],
-            order=self.bench.order[every],
-            covariates={name: column[every] for name, column in self.bench.covariates.items()},
+            pose=self.bench.pose[used],
+            order=self.bench.order[used],
+            covariates={name: column[used] for name, column in self.bench.covariates.items()},
             sites=self.sites(),
             candidates=self.candidates(),
             scans=self.scans(),
@@ -181,50 +181,50 @@ class Linear:
         keys = [key for key, free in zip(table.keys, table.mask) if free and key.count(".") == 1]
         shared = []
         for part in self.parts:
-            own = part.table.only(np.isin(part.table.keys, keys))
-            rows = part.white(part.model.linearise(own)[1])
-            place = [keys.index(key) for key, free in zip(own.keys, own.mask) if free]
-            made = np.zeros((len(keys), part.root.size))
-            made[place] = rows * own.typical[own.mask][:, None]
-            shared.append(made)
+            free_table = part.table.only(np.isin(part.table.keys, keys))
+            rows = part.white(part.model.linearise(free_table)[1])
+            place = [keys.index(key) for key, free in zip(free_table.keys, free_table.mask) if free]
+            columns_of_part = np.zeros((len(keys), part.root.size))
+            columns_of_part[place] = rows * free_table.typical[free_table.mask][:, None]
+            shared.append(columns_of_part)
         columns = [self.family(name, family) for name, family in families_of(self.chains).items()]
         return observable_basis(np.concatenate([np.concatenate(shared, axis=1), *columns]).T)
 
     def family(self, name: str, family: Family) -> np.ndarray:
         """(G L, N) whitened columns of a family's groups that have samples."""
-        made, groups = [], len(family.values)
+        parts, groups = [], len(family.values)
         for part in self.parts:
-            whole = np.zeros((groups, family.length, part.root.size))
+            columns_of_groups = np.zeros((groups, family.length, part.root.size))
             if name in _FAMILIES[part.name]:
                 rows = part.white(part.here.family_rows(name))
                 rows = rows * np.asarray(family.typical)[:, None]
                 label = np.tile(part.model.chain.labels[name], len(part.root))
-                whole[label, :, np.arange(part.root.size)] = rows.T
-            made.append(whole.reshape(groups * family.length, -1))
-        columns = np.concatenate(made, axis=1)
+                columns_of_groups[label, :, np.arange(part.root.size)] = rows.T
+            parts.append(columns_of_groups.reshape(groups * family.length, -1))
+        columns = np.concatenate(parts, axis=1)
         return columns[np.any(columns != 0, axis=1)]
 
     def port(self, port: str, slots: tuple[int, ...], where: str) -> list:
         """Rows (k, m, n) of each part by the slots of a port, None where the place is no part of it."""
         probe = _At(where, port)
-        made = []
+        found = []
         for part in self.parts:
             key = part.name, port, slots
             if acts(probe, part.name) and key not in self._ports:
                 self._ports[key] = part.here.rows(port, np.asarray(slots))
-            made.append(self._ports[key] if acts(probe, part.name) else None)
-        return made
+            found.append(self._ports[key] if acts(probe, part.name) else None)
+        return found
 
     def candidates(self) -> tuple[Candidate, ...]:
-        made = []
+        found = []
         for option in variants(CATALOGUE, self.bench.kind):
             effect = option.effect
             if not self.present(effect):
                 continue
             columns, typical = self.columns(effect)
             typical = typical * self.widened(columns * typical)
-            made.append(candidate_of(option, columns, typical))
-        return tuple(made)
+            found.append(candidate_of(option, columns, typical))
+        return tuple(found)
 
     def added(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
         """Columns (N, P) and fitted values (P,) of each effect in the model."""
@@ -241,8 +241,8 @@ class Linear:
 
         A mirror that turns a few degrees hides nearly all of a wobble: whatever of it can be seen at all is large.
         """
-        left = self.cleared(columns)
-        best = np.sqrt(max(symmetric_eigenvalues(left.T @ left)[-1], 0.0))
+        orthogonal = self.cleared(columns)
+        best = np.sqrt(max(symmetric_eigenvalues(orthogonal.T @ orthogonal)[-1], 0.0))
         return float(np.clip(_VISIBLE / max(best, 1e-300), 1.0, WIDEST))
 
     def cleared(self, columns: np.ndarray) -> np.ndarray:
@@ -255,39 +255,39 @@ class Linear:
 
     def columns(self, effect: Effect) -> tuple[np.ndarray, np.ndarray]:
         """(N, P) whitened derivative by an effect's parameters at its null, and (P,) typical sizes."""
-        made, chain = [], None
+        parts, chain = [], None
         for part in self.parts:
             if not acts(effect, part.name):
-                made.append(None)
+                parts.append(None)
                 continue
             chain = part.model.chain
             rows = part.here.rows(effect.port, np.asarray(effect.slots(chain)))
-            made.append(np.einsum("pkn,kmn->pmn", effect.basis(chain.state), rows))
-        return self.flat(made).T, np.array([p.typical for p in effect.parameters(chain)])
+            parts.append(np.einsum("pkn,kmn->pmn", effect.basis(chain.state), rows))
+        return self.flat(parts).T, np.array([p.typical for p in effect.parameters(chain)])
 
     def scans(self) -> tuple[Scan, ...]:
         """Effects with one option on a fine grid, as far as the steps of the mirror can show it."""
         if not self.bench.kind.mirror or self.chains.board_stripes is None:
             return ()
         angles = tuple(np.unique(self.chains.board_stripes.angles).tolist())
-        made = []
+        found = []
         for grid in grids(CATALOGUE, replace(self.bench.kind, mirror_angles=angles)):
             effect = grid.make(grid.values[0])
             slots = effect.slots(self.chains.board_stripes)
             rows = self.flat(self.port(effect.port, slots, effect.where))
-            made.append(scan_of(grid, rows, self.bench.covariates[grid.covariate][self.every]))
-        return tuple(made)
+            found.append(scan_of(grid, rows, self.bench.covariates[grid.covariate][self.every]))
+        return tuple(found)
 
     def sites(self) -> tuple[Site, ...]:
-        made = []
+        found = []
         for place in places(self.bench.kind):
             rows = self.port(place.port, place.slots, place.where)
-            if all(one is None for one in rows):
+            if all(part_rows is None for part_rows in rows):
                 continue
             typical = np.full(len(place.slots), place.typical)
             what = (place.unit, typical, place.covariates, place.pairs)
-            made.append(Site(place.where, place.port, self.flat(rows), *what))
-        return tuple(made)
+            found.append(Site(place.where, place.port, self.flat(rows), *what))
+        return tuple(found)
 
 
 def _shared_errors(name: str, chain, sigma_px: float) -> list[Step]:
@@ -301,11 +301,11 @@ def _shared_errors(name: str, chain, sigma_px: float) -> list[Step]:
     return together.steps(np.broadcast_to(chain.sigma, (1, chain.n))[0])
 
 
-def _rounding(name: str, chain, here: Evaluation, before: list[Step]) -> list[Step]:
+def _rounding(name: str, chain, evaluation: Evaluation, before: list[Step]) -> list[Step]:
     """Factors that make points independent which the rounding of a commanded mirror angle displaces together."""
     if name == "corners" or chain.mirror is None or chain.angles is None:
         return []
-    by_angle = here.rows("mirror", np.array([0]))[0, 0]
+    by_angle = evaluation.rows("mirror", np.array([0]))[0, 0]
     sigma = np.broadcast_to(chain.sigma, (1, chain.n))[0]
     return rounding_steps(chain.commanded_angles, by_angle, sigma, before)
 
@@ -331,9 +331,9 @@ def rounding_std(angles: np.ndarray) -> float:
     if len(degrees) < 3:
         return 0.0
     for digits in range(ANGLE_DECIMALS + 1):
-        whole = degrees * 10.0**digits
-        if (np.abs(whole - np.rint(whole)) < NEGLIGIBLE_SHARE).all():
-            gaps = np.diff(np.rint(whole))
+        scaled = degrees * 10.0**digits
+        if (np.abs(scaled - np.rint(scaled)) < NEGLIGIBLE_SHARE).all():
+            gaps = np.diff(np.rint(scaled))
             is_exact = np.ptp(gaps) == 0 or 1 > _COARSEST * np.median(gaps)
             return 0.0 if is_exact else float(np.deg2rad(10.0**-digits) / np.sqrt(12))
     return 0.0

@@ -34,46 +34,50 @@ def reviewed(bench: Bench, found: Found, samples: np.ndarray | None = None) -> F
 
 def _with_alternatives(bench, bare: Problem, finding: Finding) -> Finding:
     table = ranked_hypotheses(bare)
-    own = next(
+    judged = next(
         (h for h in table if (*h.key, h.label) == (finding.effect, finding.where, finding.label)),
         None,
     )
     named = [h for h in table if not h.smooth_covariates]
     alternatives = (
         []
-        if own is None
-        else (_laws if own.smooth_covariates else _confounded_effects)(bench, bare, named, own)
+        if judged is None
+        else (_laws if judged.smooth_covariates else _confounded_effects)(
+            bench, bare, named, judged
+        )
     )
     if not alternatives:
         return finding
     weights = np.array(
         [
-            np.logaddexp.reduce([h.log_prior for h in table if h.key == one.key])
-            for one in (own, *alternatives)
+            np.logaddexp.reduce([h.log_prior for h in table if h.key == other.key])
+            for other in (judged, *alternatives)
         ]
     )
     shares = np.exp(weights - np.logaddexp.reduce(weights))
-    return _finding_among(finding, own, alternatives, shares)
+    return _finding_among(finding, judged, alternatives, shares)
 
 
 def _confounded_effects(
-    bench, bare: Problem, table: Sequence[Hypothesis], own: Hypothesis
+    bench, bare: Problem, table: Sequence[Hypothesis], judged: Hypothesis
 ) -> list[Hypothesis]:
     """The likeliest variant of every other effect whose gain is within reach, where that or the finding is large."""
     best: dict[tuple, Hypothesis] = {}
     for h in table:
-        if h.key != own.key and abs(h.gain - own.gain) < _REACH * max(h.gain, own.gain):
+        if h.key != judged.key and abs(h.gain - judged.gain) < _REACH * max(h.gain, judged.gain):
             best.setdefault(h.key, h)
-    if not best or large(bench, bare, own):
+    if not best or large(bench, bare, judged):
         return list(best.values())
     return [h for h in best.values() if large(bench, bare, h)]
 
 
-def _laws(bench, bare: Problem, named: Sequence[Hypothesis], own: Hypothesis) -> list[Hypothesis]:
+def _laws(
+    bench, bare: Problem, named: Sequence[Hypothesis], judged: Hypothesis
+) -> list[Hypothesis]:
     """Laws that would be large at the place of a smooth alternative, and are likelier than it about nothing."""
     best: dict[tuple, Hypothesis] = {}
     for h in named:
-        if h.where == own.where and h.log_weight > own.log_weight and large(bench, bare, h):
+        if h.where == judged.where and h.log_weight > judged.log_weight and large(bench, bare, h):
             best.setdefault(h.key, h)
     return list(best.values())
 
@@ -90,20 +94,22 @@ def large(bench, bare: Problem, h: Hypothesis) -> bool:
     return bool((np.abs(sizes) > _LARGE).any())
 
 
-def _finding_among(finding: Finding, own: Hypothesis, alternatives, shares) -> Finding:
+def _finding_among(finding: Finding, judged: Hypothesis, alternatives, shares) -> Finding:
     """The finding with its confounded effects as alternatives; probabilities are the prior ones."""
-    names = {h.key for h in (own, *alternatives)}
+    names = {h.key for h in (judged, *alternatives)}
     rest = tuple(a for a in finding.alternatives if (a.effect, a.where) not in names)
-    left = 1 - sum(a.probability for a in rest)
-    made = [
+    shared = 1 - sum(a.probability for a in rest)
+    confounded = [
         Alternative(
             *h.key,
             h.label,
-            float(left * share),
-            float(min(1.0, h.gain / max(own.gain, 1e-300))),
+            float(shared * share),
+            float(min(1.0, h.gain / max(judged.gain, 1e-300))),
             "one of the two would be so large that to first order they are confounded",
             h.missing_covariate,
         )
         for h, share in zip(alternatives, shares[1:])
     ]
-    return replace(finding, probability=float(left * shares[0]), alternatives=(*made, *rest))
+    return replace(
+        finding, probability=float(shared * shares[0]), alternatives=(*confounded, *rest)
+    )

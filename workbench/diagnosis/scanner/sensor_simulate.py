@@ -24,9 +24,9 @@ def simulated(
     The chains are taken for true. Pixels are moved until the chain's residual, effects included, is the noise.
     """
     rng = np.random.default_rng(seed)
-    made = {}
+    parts = {}
     for name, chain in chains.parts.items():
-        mine = tuple(effect for effect in effects if acts(effect, name))
+        acting = tuple(effect for effect in effects if acts(effect, name))
         noise = rng.standard_normal((len(chain.sigma), chain.pixels.shape[1])) * chain.sigma
-        made[name] = measured(chain, mine, values, noise)
-    return replace(chains, **made)
+        parts[name] = measured(chain, acting, values, noise)
+    return replace(chains, **parts)

@@ -102,15 +102,15 @@ def diagnose_surface(recording: Recording, progress: Callable[[str], None]) -> d
     progress("testing effects of the sensor")
     retained, refused = _search(data, _candidates(recording, data, run))
     before = _rms(_held_out(data, data.baseline))
-    after = _rms(_held_out(data, _with(data, [one.candidate for one in retained])))
+    after = _rms(_held_out(data, _with(data, [found.candidate for found in retained])))
     return {
         "command": "diagnose",
         "recording": recording.name,
         "unit": "mm",
         "verdict": _verdict(retained),
         "warnings": list(recording.warnings),
-        "effects": [one.as_json() for one in retained],
-        "refused": [one.as_json() for one in refused],
+        "effects": [found.as_json() for found in retained],
+        "refused": [found.as_json() for found in refused],
         "held_out": {
             "before_mm": before,
             "after_mm": after,
@@ -156,13 +156,13 @@ class Data:
 
     def whitened(self, values: np.ndarray) -> np.ndarray:
         """V^-1/2 values (n, k), V = noise^2 I + pose_error^2 N N^T in each pose; N (m, 3) its normals."""
-        made = np.array(values, float)
+        white = np.array(values, float)
         for k in np.unique(self.pose):
             on = self.pose == k
             basis, size, _ = np.linalg.svd(self.normal[on], full_matrices=False)
             shrink = 1 - 1 / np.sqrt(1 + (self.pose_error * size / self.noise) ** 2)
-            made[on] -= basis @ (shrink[:, None] * (basis.T @ made[on]))
-        return made / self.noise
+            white[on] -= basis @ (shrink[:, None] * (basis.T @ white[on]))
+        return white / self.noise
 
 
 def _linearised(recording: Recording, run) -> Data:
@@ -197,9 +197,9 @@ def _at(local, pose, flange, solution, error) -> Data:
     baseline = np.concatenate([in_flange, by_turn, -normal], axis=1)
     noise = _noise(residual, normal, pose)
     spread = max(noise, _spread(residual))
-    kept = np.abs(residual - np.median(residual)) < 6 * spread
-    rows = (residual[kept], normal[kept], pose[kept], baseline[kept])
-    return Data(*rows, noise, error, local[:, kept], turn)
+    inliers = np.abs(residual - np.median(residual)) < 6 * spread
+    rows = (residual[inliers], normal[inliers], pose[inliers], baseline[inliers])
+    return Data(*rows, noise, error, local[:, inliers], turn)
 
 
 def _spread(values) -> float:
@@ -230,7 +230,7 @@ def _candidates(recording: Recording, data: Data, run) -> list[Candidate]:
     sight = np.einsum("nij,jn->ni", data.turn[data.pose], sight / np.linalg.norm(sight, axis=0))
     cosine = np.clip(-np.einsum("ni,ni->n", data.normal, sight), np.cos(_STEEPEST), 1)
     tangent = np.tan(np.arccos(cosine)) * -cosine
-    made = [
+    candidates = [
         Candidate(surface.RangeScale.effect, "scale of z", ("mm/mm",), (along * depth)[:, None]),
         Candidate(
             surface.FieldBias.effect,
@@ -246,26 +246,26 @@ def _candidates(recording: Recording, data: Data, run) -> list[Candidate]:
         ),
         Candidate(artefact.BallRadius.effect, "radius of the ball", ("mm",), -np.ones((len(x), 1))),
     ]
-    return made + _of_columns(recording, data, along)
+    return candidates + _of_columns(recording, data, along)
 
 
 def _of_columns(recording: Recording, data: Data, along) -> list[Candidate]:
     """One candidate for every recorded column that varies: z errs in proportion to it."""
     pose = np.unique(recording.poses, return_inverse=True)[1]
-    made = []
+    candidates = []
     for name, cells in recording.covariates.items():
         mean = np.bincount(pose, cells) / np.bincount(pose)
         if np.ptp(mean) > 0:
             scaled = (mean - mean.mean()) / mean.std()
             column = (along * scaled[data.pose])[:, None]
-            made.append(
+            candidates.append(
                 Candidate(recorded.RecordedColumn.effect, f"z errs with {name}", ("mm",), column)
             )
-    return made
+    return candidates
 
 
 def _with(data: Data, candidates) -> np.ndarray:
-    return np.concatenate([data.baseline, *(one.columns for one in candidates)], axis=1)
+    return np.concatenate([data.baseline, *(candidate.columns for candidate in candidates)], axis=1)
 
 
 def _search(data: Data, candidates) -> tuple[list[Found], list[Found]]:
@@ -273,13 +273,13 @@ def _search(data: Data, candidates) -> tuple[list[Found], list[Found]]:
     chosen: list[Found] = []
     tests = len(candidates)
     while candidates:
-        base = [one.candidate for one in chosen]
-        trials = [_tested(data, base, one, tests) for one in candidates]
-        best = min(trials, key=lambda one: one.p_value)
+        base = [found.candidate for found in chosen]
+        trials = [_tested(data, base, found, tests) for found in candidates]
+        best = min(trials, key=lambda found: found.p_value)
         if not best.retained:
-            return chosen, [one for one in trials if one.p_value < UNMODELLED_LEVEL]
+            return chosen, [found for found in trials if found.p_value < UNMODELLED_LEVEL]
         chosen.append(best)
-        candidates = [one for one in candidates if one is not best.candidate]
+        candidates = [found for found in candidates if found is not best.candidate]
     return chosen, []
 
 
@@ -308,8 +308,8 @@ def _tested(data: Data, base, candidate: Candidate, tests: int) -> Found:
 def _solved(rows, target) -> tuple[float, np.ndarray]:
     """Sum of squares, and the solution x of rows x = -target."""
     solution = np.linalg.lstsq(rows, -target, rcond=1e-10)[0]
-    left = target + rows @ solution
-    return float(left @ left), solution
+    remaining = target + rows @ solution
+    return float(remaining @ remaining), solution
 
 
 def _rms(errors: np.ndarray) -> float:
@@ -320,9 +320,9 @@ def _held_out(data: Data, rows: np.ndarray) -> np.ndarray:
     """(n,) mm, distances of the points of held-out poses from the ball."""
     white, target = data.whitened(rows), data.whitened(data.residual[:, None])[:, 0]
     fold = data.pose % LEAST_FOLDS
-    left = np.empty_like(data.residual)
+    errors = np.empty_like(data.residual)
     for k in range(LEAST_FOLDS):
         train, test = fold != k, fold == k
         solution = np.linalg.lstsq(white[train], -target[train], rcond=1e-10)[0]
-        left[test] = data.residual[test] + rows[test] @ solution
-    return np.abs(left)
+        errors[test] = data.residual[test] + rows[test] @ solution
+    return np.abs(errors)

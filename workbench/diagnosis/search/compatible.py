@@ -51,7 +51,7 @@ def equivalent_places(where: str, names: Sequence[str], joints: int) -> tuple[st
         first -= 1
     while last < joints + 1 and between[last]:
         last += 1
-    return tuple(one for one in frames[first : last + 1] if one != where)
+    return tuple(frame for frame in frames[first : last + 1] if frame != where)
 
 
 def is_neighbour(place: str, other: str) -> bool:

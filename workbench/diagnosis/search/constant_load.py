@@ -45,8 +45,8 @@ def accept_constant_loads(search: Search) -> None:
         return
     for load in search.bench.constant_loads:
         name = (load.effect.effect, load.effect.where)
-        held = {h.key for h in search.accepted if h.needs_compliance}
-        if not search.accepted or name in held:
+        accepted_loads = {h.key for h in search.accepted if h.needs_compliance}
+        if not search.accepted or name in accepted_loads:
             continue
         laws = _Laws.of(search, load.effect)
         likeliest = laws.most_probable_set() if laws is not None else None
@@ -68,16 +68,16 @@ def _solved_with(search: Search, laws: Sequence[Hypothesis], load) -> Search | N
     """
     # an accepted function without a law is solved with its effect, which its row in a table does not have
     accepted = {name_of(h): h for h in search.accepted}
-    held = tuple(accepted.get(name_of(h), h) for h in laws)
+    terms = tuple(accepted.get(name_of(h), h) for h in laws)
     name = (load.effect.effect, load.effect.where, load.label)
-    trial = Search(search.bench, search.samples, search.level, lambda line: None, held)
+    trial = Search(search.bench, search.samples, search.level, lambda line: None, terms)
     trial.noise_factors, trial.infeasible = search.noise_factors, search.infeasible - {name}
     trial.solve()
-    own = [h for h in trial.full_table(trial.accepted_indices) if name_of(h) == name]
-    if not own:
+    judged_loads = [h for h in trial.full_table(trial.accepted_indices) if name_of(h) == name]
+    if not judged_loads:
         return None
-    loads = [h for h in search.accepted if h.needs_compliance and compatible(h, own[0])]
-    trial.accepted = (*trial.accepted, *loads, own[0])
+    loads = [h for h in search.accepted if h.needs_compliance and compatible(h, judged_loads[0])]
+    trial.accepted = (*trial.accepted, *loads, judged_loads[0])
     trial.solve_feasible()
     return trial if any(name_of(h) == name for h in trial.accepted) else None
 
@@ -88,8 +88,11 @@ def _gain(search: Search, trial: Search) -> float:
     Repeats of a pose count for as many independent numbers as the remainder says; the same for both solutions, once by
     the remainder of each, of which the smaller gain counts.
     """
-    remainders = [Projected(one.problem.conditional_on()).y for one in (search, trial)]
-    gains = [_log_posterior(trial, one) - _log_posterior(search, one) for one in remainders]
+    remainders = [Projected(solution.problem.conditional_on()).y for solution in (search, trial)]
+    gains = [
+        _log_posterior(trial, solution) - _log_posterior(search, solution)
+        for solution in remainders
+    ]
     return min(gains)
 
 
@@ -146,9 +149,9 @@ class _Laws:
         start = np.concatenate([[0], np.cumsum([part.shape[1] for part in parts])]).astype(int)
         sizes = np.array([p.typical for p in load.table(search.bench.chain)])
         changes = [_change(problem, h, load, sizes, part.shape) for h, part in zip(terms, parts)]
-        every = np.concatenate(changes, 2)
-        held = tuple(range(len(terms) - len(table)))
-        numbers = range(len(held), len(terms))
+        changes_of_all = np.concatenate(changes, 2)
+        first_terms = tuple(range(len(terms) - len(table)))
+        numbers = range(len(first_terms), len(terms))
         found = {h.key for h in search.accepted}
         joints = tuple(k for k in numbers if terms[k].where.startswith("joint-"))
         present = tuple(k for k in numbers if terms[k].key in found)
@@ -156,13 +159,13 @@ class _Laws:
             problem,
             terms,
             problem.orthogonalise(np.concatenate(parts, 1)),
-            np.stack([problem.orthogonalise(one) for one in every]),
+            np.stack([problem.orthogonalise(change) for change in changes_of_all]),
             start,
             Projected(problem).y,
             Projected(search.problem.conditional_on()).y,
             search.variance(),
-            (held + joints, held + present),
-            len(held),
+            (first_terms + joints, first_terms + present),
+            len(first_terms),
         )
 
     def most_probable_set(self) -> list[Hypothesis] | None:
@@ -172,7 +175,7 @@ class _Laws:
             return None
         none = self._objective(np.zeros(len(self.changes)))
         without = max(none.value(Stepwise(none).most_probable_set(members)) for members in starts)
-        value, members = max(map(self._climb, starts), key=lambda one: one[0])
+        value, members = max(map(self._climb, starts), key=lambda reached: reached[0])
         if value <= without + LEAST_LOG_ODDS:
             return None
         return [self.terms[i] for i in members]
@@ -215,18 +218,18 @@ class _Laws:
 
     def _load(self, members: Members, load: np.ndarray) -> np.ndarray:
         """(C,) the load that a set of laws has under its likeliest coefficients, from a given one."""
-        held = self._index(members)
-        columns, changes = self.columns[:, held], self.changes[:, :, held]
+        index = self._index(members)
+        columns, changes = self.columns[:, index], self.changes[:, :, index]
         y, prior = self.y, np.sqrt(self.variance) / UNDETERMINED_STD
         count = len(load)
         for _ in range(MAX_ROUNDS):
             present = columns + np.tensordot(load, changes, 1)
-            made = least_squares(present, y, ROUNDING)
-            by_load = np.einsum("cnt,t->nc", changes, made)
-            own = np.hstack([present, by_load])
-            priors = np.hstack([np.zeros((count, len(held))), prior * np.eye(count)])
+            coefficients = least_squares(present, y, ROUNDING)
+            by_load = np.einsum("cnt,t->nc", changes, coefficients)
+            jacobian = np.hstack([present, by_load])
+            priors = np.hstack([np.zeros((count, len(index))), prior * np.eye(count)])
             right = np.concatenate([y, -prior * load])
-            step = least_squares(np.vstack([own, priors]), right, ROUNDING)[len(held) :]
+            step = least_squares(np.vstack([jacobian, priors]), right, ROUNDING)[len(index) :]
             load = load + step
             if np.abs(step).max(initial=0.0) < NEGLIGIBLE_SHARE:
                 break
@@ -238,8 +241,8 @@ class _Laws:
         terms = []
         for h, first, end in zip(self.terms, self.start, self.start[1:]):
             if _deflects(h):
-                own = columns[:, first:end] / h.source.typical
-                h = replace(h, source=replace(h.source, columns=own))
+                loaded = columns[:, first:end] / h.source.typical
+                h = replace(h, source=replace(h.source, columns=loaded))
             terms.append(h)
         return LogPosterior.of(self.problem, terms, self.remainder, Accepted(self.accepted))
 

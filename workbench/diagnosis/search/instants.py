@@ -15,18 +15,18 @@ from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.noise.outliers import robust_loss
 
 
-def instant_of(search, i: int, own: Hypothesis) -> Instant | None:
-    """Instant of an accepted hypothesis, `own` as it is judged next to the others; None where it begins at none.
+def instant_of(search, i: int, judged: Hypothesis) -> Instant | None:
+    """Instant of an accepted hypothesis, `judged` as it is next to the others; None where it begins at none.
 
     The uncertainty is the RMS distance of all instants, by their posterior, and the gap between the two samples about
     the one that is stated, anywhere in which the step may be.
     """
-    if not _is_step(own):
+    if not _is_step(judged):
         return None
-    scan, value = own.source, own.value
-    here, weights = _posterior(search, i, scan)
-    spread = float(weights @ (here.options - value) ** 2)
-    std = float(np.sqrt(spread + _gap(here, value) ** 2 / 12))
+    scan, value = judged.source, judged.value
+    present, weights = _posterior(search, i, scan)
+    spread = float(weights @ (present.options - value) ** 2)
+    std = float(np.sqrt(spread + _gap(present, value) ** 2 / 12))
     is_timed = "time_s" in search.bench.chain.state.covariates
     # samples are counted from 1, rows from 0
     return Instant(value, std, "s") if is_timed else Instant(value + 1, std, "sample")
@@ -40,43 +40,43 @@ def refine_instants(search) -> None:
     """
     refined = list(search.accepted)
     for i in search.accepted_indices:
-        one = _refined(search, i)
+        term = _refined(search, i)
         # two steps of one effect never come to begin at one instant: they would be the same step
         others = {step for k in search.other_indices(i) for step in _steps(refined[k])}
-        if others.isdisjoint(_steps(one)):
-            refined[i] = one
-    if any(one is not held for one, held in zip(refined, search.accepted)):
+        if others.isdisjoint(_steps(term)):
+            refined[i] = term
+    if any(term is not accepted for term, accepted in zip(refined, search.accepted)):
         search.accepted = tuple(refined)
         search.solve_feasible()
 
 
 def _refined(search, i: int) -> Hypothesis:
     """An accepted hypothesis, with another instant where that has a clearly smaller loss."""
-    own, problem = search.accepted[i], search.problem
-    if not _is_step(own) or len(problem.residual) % problem.n:
-        return own
-    scan, value = own.source, own.value
-    here, weights = _posterior(search, i, scan)
-    plausible = here.options[(weights > LISTED_PROBABILITY) | (here.options == value)]
-    between = (here.x > plausible.min()) & (here.x <= plausible.max())
+    accepted, problem = search.accepted[i], search.problem
+    if not _is_step(accepted) or len(problem.residual) % problem.n:
+        return accepted
+    scan, value = accepted.source, accepted.value
+    present, weights = _posterior(search, i, scan)
+    plausible = present.options[(weights > LISTED_PROBABILITY) | (present.options == value)]
+    between = (present.x > plausible.min()) & (present.x <= plausible.max())
     weights = np.tile(problem.weights, problem.ends.count)
     if not (weights[between] < MAJORITY).any():
-        return own  # all of these samples count, in the evidence too
+        return accepted  # all of these samples count, in the evidence too
     conditional = problem.conditional_on(search.other_indices(i))
-    losses = [_loss(conditional, here, option) for option in plausible]
-    if min(losses) > _loss(conditional, here, value) - LEAST_LOG_ODDS:
-        return own
+    losses = [_loss(conditional, present, option) for option in plausible]
+    if min(losses) > _loss(conditional, present, value) - LEAST_LOG_ODDS:
+        return accepted
     best = float(plausible[int(np.argmin(losses))])
-    label, effects = here.word.format(best), here.make(best)
-    return replace(own, label=label, effects=effects, source=here, value=best)
+    label, effects = present.word.format(best), present.make(best)
+    return replace(accepted, label=label, effects=effects, source=present, value=best)
 
 
 def _loss(problem: Problem, scan: Scan, option: float) -> float:
     """Robust loss of the residual with a step at an option, without the weights that the solution gave the samples."""
     columns = problem.orthogonalise(scan.columns_at(problem, option))
-    left = problem.orthogonalise(problem.residual)
-    left = left - columns @ least_squares(columns, left, ROUNDING)
-    return robust_loss((left / problem.root_weights).reshape(-1, problem.n))
+    residual = problem.orthogonalise(problem.residual)
+    residual = residual - columns @ least_squares(columns, residual, ROUNDING)
+    return robust_loss((residual / problem.root_weights).reshape(-1, problem.n))
 
 
 def _steps(h: Hypothesis) -> set[tuple]:
@@ -94,11 +94,11 @@ def _is_step(h: Hypothesis) -> bool:
 
 def _posterior(search, i: int, scan: Scan) -> tuple[Scan, np.ndarray]:
     """The scan at the present solution, and the posterior (V,) of its options conditional on all others accepted."""
-    here = search.problem.sources.get(scan.key, scan)
+    present = search.problem.sources.get(scan.key, scan)
     projected = Projected(search.problem.conditional_on(search.other_indices(i)))
-    evidence = projected.score_hypotheses(scan_moments(projected, here)).evidence
-    logs = evidence + np.log(np.maximum(here.prior_weight, 1e-300))
-    return here, np.exp(logs - logsumexp(logs))
+    evidence = projected.score_hypotheses(scan_moments(projected, present)).evidence
+    logs = evidence + np.log(np.maximum(present.prior_weight, 1e-300))
+    return present, np.exp(logs - logsumexp(logs))
 
 
 def _gap(scan: Scan, value: float) -> float:

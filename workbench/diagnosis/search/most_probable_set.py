@@ -68,9 +68,9 @@ def as_solved(search: Search, terms: Sequence[Hypothesis]) -> Accepted:
     numbers = {name_of(h): i for i, h in enumerate(search.accepted)}
     loads = {}
     for place, h in enumerate(terms):
-        own, is_load = numbers.get(name_of(h)), any(e.port in STATE_PORTS for e in h.effects)
-        if own is not None and is_load and not isinstance(h.source, Candidate):
-            loads[place] = search.problem.added[own] * h.source.typical
+        number, is_load = numbers.get(name_of(h)), any(e.port in STATE_PORTS for e in h.effects)
+        if number is not None and is_load and not isinstance(h.source, Candidate):
+            loads[place] = search.problem.added[number] * h.source.typical
     return Accepted(len(terms), loads)
 
 
@@ -94,9 +94,9 @@ def _candidate_terms(search: Search, thorough: bool) -> tuple[list[Hypothesis], 
         more = _most_probable(search.table(search.accepted_indices), _FIRST // 2, _MAX_SMOOTH)
         pools.append(with_estimated_options(search, more, search.accepted_indices))
     if thorough and len(search.accepted) <= _MAX_SMOOTH:
-        for kept in map(search.other_indices, search.accepted_indices):
-            instead = _most_probable(search.table(kept), _VARIANTS, 0)
-            pools.append(with_estimated_options(search, instead, kept))
+        for others in map(search.other_indices, search.accepted_indices):
+            instead = _most_probable(search.table(others), _VARIANTS, 0)
+            pools.append(with_estimated_options(search, instead, others))
     chosen = {name_of(h): h for h in _at_current_solution(search, search.accepted)}
     present = tuple(range(len(chosen)))
     for pool in pools:
@@ -109,7 +109,7 @@ def _at_current_solution(search: Search, terms: Iterable[Hypothesis]) -> list[Hy
     """The terms with their columns at the present solution."""
     terms = list(terms)
     problem = with_exact_options(search.problem, terms)
-    return [h for h in (one.at(problem) for one in terms) if h is not None]
+    return [h for h in (term.at(problem) for term in terms) if h is not None]
 
 
 def _most_probable(table: list[Hypothesis], law_count: int, smooth_count: int) -> list[Hypothesis]:
@@ -147,21 +147,21 @@ def _with_effect(bench, h: Hypothesis) -> Hypothesis:
 
 def order_by_gain(search: Search) -> None:
     """What explains most first, then what explains most conditional on it, and so on."""
-    left, kept = list(search.accepted_indices), []
-    if len(left) < 2:
+    remaining, ordered = list(search.accepted_indices), []
+    if len(remaining) < 2:
         return
     added = search.problem.added_effects
-    while left:
-        able = _allowed_next(search, left)
-        falls = [float((added.subspace((*kept, i)).score ** 2).sum()) for i in able]
-        kept.append(able[int(np.argmax(falls))])
-        left.remove(kept[-1])
-    search.reorder(kept)
+    while remaining:
+        able = _allowed_next(search, remaining)
+        falls = [float((added.subspace((*ordered, i)).score ** 2).sum()) for i in able]
+        ordered.append(able[int(np.argmax(falls))])
+        remaining.remove(ordered[-1])
+    search.reorder(ordered)
 
 
-def _allowed_next(search: Search, left: list[int]) -> list[int]:
+def _allowed_next(search: Search, remaining: list[int]) -> list[int]:
     """Those left that may come next: what needs a compliance follows all compliances."""
     accepted = search.accepted
-    if not any(accepted[i].carries_load for i in left):
-        return left
-    return [i for i in left if not accepted[i].needs_compliance]
+    if not any(accepted[i].carries_load for i in remaining):
+        return remaining
+    return [i for i in remaining if not accepted[i].needs_compliance]

@@ -114,12 +114,12 @@ class ConditionalSolution:
         within, vectors = self._inverse_eigenvalues[size], self._vectors[rows]
         return vectors @ self._solution[size], np.sqrt((vectors**2 * within).sum(1))
 
-    def _complement(self, columns, own) -> np.ndarray:
+    def _complement(self, columns, blocks) -> np.ndarray:
         """(S, C, w, w)."""
         if not len(self._score):
-            return np.broadcast_to(own, (len(self._inverse_eigenvalues), *own.shape))
-        made = self._projected_gram.T[columns]  # (C, w, h)
-        return own - (made * self._inverse_eigenvalues[:, None, None]) @ made.swapaxes(1, 2)
+            return np.broadcast_to(blocks, (len(self._inverse_eigenvalues), *blocks.shape))
+        cross = self._projected_gram.T[columns]  # (C, w, h)
+        return blocks - (cross * self._inverse_eigenvalues[:, None, None]) @ cross.swapaxes(1, 2)
 
 
 @dataclass(frozen=True)
@@ -185,11 +185,11 @@ class LogPosterior:
         """The objective of sets of some of the terms, by their numbers (k,); those that are not looked at cost most."""
         if len(rows) == len(self.terms):
             return self
-        held = self.index(rows)
+        index = self.index(rows)
         return LogPosterior(
             tuple(self.terms[i] for i in rows),
-            self.gram[np.ix_(held, held)],
-            self.score[held],
+            self.gram[np.ix_(index, index)],
+            self.score[index],
             np.concatenate([[0], np.cumsum(np.diff(self.start)[rows])]),
             self.yy,
             self.degrees,
@@ -244,9 +244,9 @@ class LogPosterior:
 
     def gain(self, members: Members) -> float:
         """Fall of the sum of squares by a set, its coefficients hardly held back."""
-        held = self.index(members)
-        gram = self.gram[np.ix_(held, held)] + np.eye(len(held)) / SIZES[-1] ** 2
-        return float(self.score[held] @ solve_positive(gram, self.score[held]))
+        index = self.index(members)
+        gram = self.gram[np.ix_(index, index)] + np.eye(len(index)) / SIZES[-1] ** 2
+        return float(self.score[index] @ solve_positive(gram, self.score[index]))
 
     def value(self, members: Members) -> float:
         """Log posterior of a set."""
@@ -294,8 +294,8 @@ class LogPosterior:
         free = allowed & (self.compatible_pairs[list(base)].all(0) if base else True)
         free &= self._carries_loads(base)
         weights = np.where(free, self._with_each(base), -np.inf)
-        held = int(self.priors.positive[list(base)].sum())
-        most = np.log(2) * (held + self.priors.positive)  # that signs add
+        signs = int(self.priors.positive[list(base)].sum())
+        most = np.log(2) * (signs + self.priors.positive)  # that signs add
         top = (-np.inf, base)
         for k in np.argsort(-(weights + most)):
             if not weights[k] + most[k] > top[0]:
@@ -363,14 +363,14 @@ def _other_laws(
     columns: np.ndarray, start: np.ndarray, terms: Sequence[Hypothesis], accepted: Accepted
 ) -> np.ndarray:
     """(N, P) columns of the accepted laws that are not elastic; smooth functions may represent elastic ones."""
-    kept = [
+    is_other_law = [
         i < accepted.count
         and not h.smooth_covariates
         and not is_elastic(h)
         and not h.needs_compliance
         for i, h in enumerate(terms)
     ]
-    return columns[:, np.repeat(kept, np.diff(start)).astype(bool)]
+    return columns[:, np.repeat(is_other_law, np.diff(start)).astype(bool)]
 
 
 def _condition_on_compliances(

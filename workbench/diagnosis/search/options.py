@@ -32,14 +32,14 @@ class RealFamily:
     """The variants of an accepted hypothesis in a problem: `name` of their option and its `grid` (V,), ascending."""
 
     problem: Problem
-    own: Hypothesis
+    hypothesis: Hypothesis
     name: str
     grid: np.ndarray
 
     @classmethod
-    def of(cls, problem: Problem, own: Hypothesis) -> "RealFamily | None":
+    def of(cls, problem: Problem, hypothesis: Hypothesis) -> "RealFamily | None":
         """None where its option is no real number, or has a single value."""
-        source = own.source
+        source = hypothesis.source
         name = source.option
         if not name:
             return None
@@ -48,14 +48,16 @@ class RealFamily:
             values = [] if base is None else base.options.tolist()
         else:
             variants = [c for c in problem.candidates if c.word == source.word != ""]
-            alike = [c for c in variants if (c.effect, c.where) == own.key and c.key != source.key]
+            alike = [
+                c for c in variants if (c.effect, c.where) == hypothesis.key and c.key != source.key
+            ]
             values = [getattr(c.effects[0], name) for c in alike]
-        return cls(problem, own, name, np.unique(values)) if len(values) > 1 else None
+        return cls(problem, hypothesis, name, np.unique(values)) if len(values) > 1 else None
 
     @property
     def value(self) -> float:
         """The present value."""
-        return float(getattr(self.own.effects[0], self.name))
+        return float(getattr(self.hypothesis.effects[0], self.name))
 
     @property
     def bracket(self) -> tuple[float, float]:
@@ -65,7 +67,7 @@ class RealFamily:
         grid of orders or frequencies ends anywhere, so that its step counts from the present value.
         """
         grid, value = self.grid, self.value
-        if isinstance(self.own.source, Candidate):
+        if isinstance(self.hypothesis.source, Candidate):
             beyond = grid[0] ** 2 / grid[1], grid[-1] ** 2 / grid[-2]
         else:
             first, last = np.diff(grid)[[0, -1]]
@@ -76,26 +78,26 @@ class RealFamily:
 
     def columns(self, value: float) -> np.ndarray:
         """(N, P) whitened columns in typical sizes at a value."""
-        source = self.own.source
+        source = self.hypothesis.source
         if isinstance(source, Candidate):
             return self.problem.columns_of(self._effects(value)[0]) * source.typical
         return source.columns_at(self.problem, value)
 
     def at(self, value: float) -> Hypothesis:
         """The hypothesis with another value."""
-        source, effects = self.own.source, self._effects(value)
+        source, effects = self.hypothesis.source, self._effects(value)
         label = source.word.format(value)
         if isinstance(source, Candidate):
             columns = self.problem.columns_of(effects[0])
             source, value = replace(source, label=label, effects=effects, columns=columns), None
         else:
             source = _base_of(source, self.problem).with_exact_option(value)
-        return replace(self.own, label=label, effects=effects, source=source, value=value)
+        return replace(self.hypothesis, label=label, effects=effects, source=source, value=value)
 
     def _effects(self, value: float) -> tuple:
-        if not isinstance(self.own.source, Candidate):
-            return self.own.source.make(value)
-        effect = self.own.effects[0]
+        if not isinstance(self.hypothesis.source, Candidate):
+            return self.hypothesis.source.make(value)
+        effect = self.hypothesis.effects[0]
         return (type(effect)(effect.where, **effect.options | {self.name: value}),)
 
 
@@ -142,33 +144,33 @@ def refine_options(search, is_first: bool = False) -> None:
 
 
 def with_estimated_options(
-    search, pool: Sequence[Hypothesis], kept: tuple[int, ...]
+    search, pool: Sequence[Hypothesis], conditions: tuple[int, ...]
 ) -> list[Hypothesis]:
     """Terms for a search with a variant more of each effect that is clearly there: that of the likeliest option.
 
-    Conditional on the accepted ones that are kept. Two neighbours of a grid make a wave between them, and a function
-    without a law what a warm-up on a grid leaves: a search without that variant prefers them.
+    Conditional on the accepted terms whose numbers are `conditions`. Two neighbours of a grid make a wave between them,
+    and a function without a law what a warm-up on a grid leaves: a search without that variant prefers them.
     """
     seen, more = set(), []
-    projected = Projected(search.problem.conditional_on(kept))
-    whole = float(projected.y @ projected.y)
+    projected = Projected(search.problem.conditional_on(conditions))
+    total = float(projected.y @ projected.y)
     for h in pool:
         if (
             h.smooth_covariates
             or h.key in seen
-            or not h.gain > _CLEAR * (whole - h.gain) / projected.degrees
+            or not h.gain > _CLEAR * (total - h.gain) / projected.degrees
         ):
             continue
         seen.add(h.key)
         family = RealFamily.of(search.problem, h)
-        own = h if family is None else _refined(_Profile(family, projected), h)
-        more += [own] if own is not h else []
+        refined = h if family is None else _refined(_Profile(family, projected), h)
+        more += [refined] if refined is not h else []
     return [*pool, *more]
 
 
 def _accept(search, refined: list[Hypothesis]) -> bool:
     """Accept other values of options, and whether there are any."""
-    if all(one is held for one, held in zip(refined, search.accepted)):
+    if all(term is accepted for term, accepted in zip(refined, search.accepted)):
         return False
     search.accepted = tuple(refined)
     search.solve_feasible()
@@ -181,16 +183,16 @@ def option_of(search, i: int) -> RealOption | None:
     if likelihood is None:
         return None
     family = likelihood.family
-    unit = family.own.effects[0].option_unit(search.bench.chain, family.name)
+    unit = family.hypothesis.effects[0].option_unit(search.bench.chain, family.name)
     return RealOption(
-        family.name, family.value, likelihood.std(family.value), unit, family.own.source.word
+        family.name, family.value, likelihood.std(family.value), unit, family.hypothesis.source.word
     )
 
 
-def _refined(likelihood: "_Profile | None", own: Hypothesis) -> Hypothesis:
+def _refined(likelihood: "_Profile | None", hypothesis: Hypothesis) -> Hypothesis:
     """An accepted hypothesis, with another value of its option where that is likelier."""
     if likelihood is None:
-        return own
+        return hypothesis
     family = likelihood.family
     lower, upper = family.bracket
     resolution = _RESOLUTION * (upper - lower)
@@ -202,12 +204,12 @@ def _refined(likelihood: "_Profile | None", own: Hypothesis) -> Hypothesis:
     )
     value, std = float(best.x), likelihood.std(float(best.x))
     if not std < upper - lower:  # the grid is as fine as the data are
-        return own
-    whole = float(np.round(value))
-    if abs(value - whole) < SIGNIFICANT_SIGMAS * std and whole in family.grid:
-        value = whole
+        return hypothesis
+    integer = float(np.round(value))
+    if abs(value - integer) < SIGNIFICANT_SIGMAS * std and integer in family.grid:
+        value = integer
     value = round(value, 1 - int(np.floor(np.log10(max(std, resolution)))))
-    return own if abs(value - family.value) < _CLOSE * std else family.at(value)
+    return hypothesis if abs(value - family.value) < _CLOSE * std else family.at(value)
 
 
 class _Profile:
@@ -236,8 +238,8 @@ class _Profile:
         either = [self.family.columns(value + h) @ coefficients for h in (step, -step)]
         slope = self.projected.problem.orthogonalise((either[0] - either[1]) / (2 * step))
         slope = slope - columns @ least_squares(columns, slope, ROUNDING)
-        left = self.projected.y - columns @ coefficients
-        variance = float(left @ left) / max(self.projected.problem.degrees, 1)
+        residual = self.projected.y - columns @ coefficients
+        variance = float(residual @ residual) / max(self.projected.problem.degrees, 1)
         squares = float(slope @ slope) / self.projected.design_effect
         return float(np.sqrt(variance / max(squares, 1e-300)))
 

@@ -84,8 +84,8 @@ class Window:
     def more_probable_set(self, count: int) -> Members | None:
         """The likeliest set, where it is worth more than the set of the first `count` terms; None where it is not."""
         best = int(np.argmax(self.weights))
-        own = self.objective.value(tuple(range(count)))
-        gain = self.objective.value(self.sets[best]) - own
+        accepted = self.objective.value(tuple(range(count)))
+        gain = self.objective.value(self.sets[best]) - accepted
         return self.sets[best] if gain > LEAST_LOG_ODDS else None
 
     def fewest(self, count: int, open_: Sequence[int]) -> Members:
@@ -127,37 +127,37 @@ class Window:
         """Of each key its probability, and of those accepted what is present instead in the sets without it."""
         present = self._present(keys)
         others = [key for key in keys if key not in accepted]
-        held = np.array([present[key] for key in others]).reshape(len(others), len(self.sets))
+        occurrence = np.array([present[key] for key in others]).reshape(len(others), len(self.sets))
         out = {}
         for key in keys:
             absent = self.weights * ~present[key]
-            instead = self._instead(key, others, held, absent) if key in accepted else ()
+            instead = self._instead(key, others, occurrence, absent) if key in accepted else ()
             out[key] = EffectPosterior(float(min(self.weights @ present[key], 1.0)), instead)
         return out
 
     def variation(self, number: int, count: int) -> float:
         """`variation` of the name of one of the first `count` terms; 0 where its coefficients may have any sign."""
-        own = tuple(range(count))
+        accepted = tuple(range(count))
         if not self.objective.priors.positive[number]:
             return 0.0
         holding = [k for k, members in enumerate(self.sets) if number in members]
-        value = self.objective.coefficient(own, number)
+        value = self.objective.coefficient(accepted, number)
         others = [self.objective.coefficient(self.sets[k], number) for k in holding]
         weights = self.weights[holding] / max(self.weights[holding].sum(), ROUNDING)
         return float(np.sqrt(weights @ (np.array(others) - value) ** 2) / max(abs(value), 1e-300))
 
-    def _instead(self, key: Key, others: Sequence[Key], held: np.ndarray, absent: np.ndarray):
-        """Of a key the `instead` of its name: others, in which sets these are, held (others, sets), weights absent."""
+    def _instead(self, key: Key, others: Sequence[Key], occurrence: np.ndarray, absent: np.ndarray):
+        """`EffectPosterior.instead` of a key: occurrence (others, sets) of others, absent (sets,) weights without."""
         likeness = np.array([explained_share(self.objective, key, other) for other in others])
-        parts = held * np.maximum(likeness, ROUNDING)[:, None]
+        parts = occurrence * np.maximum(likeness, ROUNDING)[:, None]
         shares = parts / np.maximum(parts.sum(0), ROUNDING) @ absent
         ranked = [k for k in np.argsort(-shares)[:MOST_LISTED] if shares[k] >= LISTED_PROBABILITY]
         return tuple((others[k], float(shares[k]), float(likeness[k])) for k in ranked)
 
     def _present(self, keys: Sequence[Key]) -> dict[Key, np.ndarray]:
         """Key -> (sets,) bool."""
-        held = [{self.objective.terms[i].key for i in members} for members in self.sets]
-        return {key: np.array([key in own for own in held]) for key in keys}
+        keys_of_sets = [{self.objective.terms[i].key for i in members} for members in self.sets]
+        return {key: np.array([key in names for names in keys_of_sets]) for key in keys}
 
 
 def _starts(objective: LogPosterior, best: Members) -> list[Members]:
@@ -249,20 +249,22 @@ def _more_probable_variant(search, i: int) -> Hypothesis | None:
     A law may take the place of a smooth nonparametric alternative, but no alternative that of a law: laws are not
     exact, and it makes the error of a law as well.
     """
-    mine = search.accepted[i]
-    if is_elastic(mine):
+    accepted = search.accepted[i]
+    if is_elastic(accepted):
         return None
     table = search.alternatives(i)
     if law := _law_of_function(search, i, table):
         return law
     families: dict[Key, list[Hypothesis]] = {}
     for h in table:
-        is_law = not h.smooth_covariates and (mine.smooth_covariates or not is_elastic(h))
-        if is_law or (mine.smooth_covariates and h.key == mine.key):
+        is_law = not h.smooth_covariates and (accepted.smooth_covariates or not is_elastic(h))
+        if is_law or (accepted.smooth_covariates and h.key == accepted.key):
             families.setdefault(h.key, []).append(h)
-    marginal = {key: logsumexp([h.log_weight for h in own]) for key, own in families.items()}
+    marginal = {
+        key: logsumexp([h.log_weight for h in variants]) for key, variants in families.items()
+    }
     best = max(marginal, key=marginal.get, default=None)
-    if mine.key not in marginal or marginal[best] - marginal[mine.key] < LEAST_LOG_ODDS:
+    if accepted.key not in marginal or marginal[best] - marginal[accepted.key] < LEAST_LOG_ODDS:
         return None
     other = max(families[best], key=lambda h: h.log_weight)
     # signs and prior sizes of elastic terms are known to sets alone
@@ -271,8 +273,8 @@ def _more_probable_variant(search, i: int) -> Hypothesis | None:
 
 def _law_of_function(search, i: int, table: Sequence[Hypothesis]) -> Hypothesis | None:
     """The likeliest law that is an accepted nonparametric alternative, see `is_law_of_function`."""
-    mine = search.accepted[i]
-    if not mine.smooth_covariates:
+    accepted = search.accepted[i]
+    if not accepted.smooth_covariates:
         return None
     function = search.conditional_hypothesis(i, table)
     laws = [h for h in table if not is_elastic(h) and is_law_of_function(function, h)]
@@ -300,9 +302,9 @@ def _raises_posterior(search, i: int, other: Hypothesis) -> bool:
         [*accepted, other],
         accepted=as_solved(search, accepted),
     )
-    own, count = search.accepted_indices, len(accepted)
-    exchanged = tuple(count if k == i else k for k in own)
-    return objective.value(exchanged) - objective.value(own) > LEAST_LOG_ODDS
+    present, count = search.accepted_indices, len(accepted)
+    exchanged = tuple(count if k == i else k for k in present)
+    return objective.value(exchanged) - objective.value(present) > LEAST_LOG_ODDS
 
 
 def _exchange_elastic(search) -> None:
@@ -345,8 +347,8 @@ def _drop_unneeded(search) -> None:
     Next to moments that are estimated once for all, a term may explain no more than what these leave.
     """
     while search.problem.moments_cost:
-        mine = [i for i in search.accepted_indices if is_elastic(search.accepted[i])]
-        least = min(mine, key=lambda i: search.conditional_hypothesis(i).evidence, default=None)
+        elastic = [i for i in search.accepted_indices if is_elastic(search.accepted[i])]
+        least = min(elastic, key=lambda i: search.conditional_hypothesis(i).evidence, default=None)
         if least is None or search.conditional_hypothesis(least).evidence >= 0:
             return
         search.accepted = tuple(h for i, h in enumerate(search.accepted) if i != least)
@@ -355,17 +357,17 @@ def _drop_unneeded(search) -> None:
 
 def _elastic_window(search) -> Window | None:
     """The sets about the accepted one, whose terms come first; None where no elastic term is accepted."""
-    mine = [i for i in search.accepted_indices if is_elastic(search.accepted[i])]
-    if not mine:
+    elastic = [i for i in search.accepted_indices if is_elastic(search.accepted[i])]
+    if not elastic:
         return None
     accepted = [search.conditional_hypothesis(i) for i in search.accepted_indices]
-    others = tuple(i for i in search.accepted_indices if i not in mine)
+    others = tuple(i for i in search.accepted_indices if i not in elastic)
     plain: dict[Key, object] = {}
     for h in search.table(others):
         if is_elastic(h) and not h.label.startswith(LABEL):
             plain.setdefault(h.key, h)
-    held = {h.key for h in accepted}
-    terms = [*accepted, *(h for key, h in plain.items() if key not in held)]
+    known = {h.key for h in accepted}
+    terms = [*accepted, *(h for key, h in plain.items() if key not in known)]
     solved = as_solved(search, accepted)
     objective = LogPosterior.of(search.problem.conditional_on(()), terms, accepted=solved)
     open_ = [i for i, h in enumerate(terms) if is_elastic(h)]

@@ -73,14 +73,14 @@ class Priors:
         members = list(members)
         if not members:
             return 0.0
-        own = np.where(self.elastic, self.log_odds, self.log_prior)[members]
+        of_terms = np.where(self.elastic, self.log_odds, self.log_prior)[members]
         first = self.deflects if self.elastic[members].any() else 0.0
-        return float(own.sum()) + first + (len(members) - 1) * SECOND
+        return float(of_terms.sum()) + first + (len(members) - 1) * SECOND
 
     def among(self, rows: np.ndarray) -> "Priors":
         """Of some of the terms, by their numbers (k,)."""
-        kept = ("log_prior", "log_odds", "elastic", "scale", "positive")
-        return replace(self, **{name: getattr(self, name)[rows] for name in kept})
+        names = ("log_prior", "log_odds", "elastic", "scale", "positive")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def conditional(self, members: Sequence[int]) -> np.ndarray:
         """(K,) log prior odds of each term conditional on a set."""
@@ -101,7 +101,7 @@ def elastic_prior(
     these: what they make would else make it far too large, or with the opposite sign zero.
     """
     known = [h.effects[0].compliance_prior if h.effects else None for h in terms]
-    elastic = np.array([one is not None for one in known])
+    elastic = np.array([prior is not None for prior in known])
     log_prior = np.array([h.log_prior for h in terms])
     positive = np.array([h.source.positive for h in terms], int)
     robot = _ComplianceScale.of(problem, projected, others)
@@ -123,8 +123,8 @@ def elastic_prior(
     priors = Priors(log_prior, log_odds, elastic, scale, positive, deflects)
     if robot is None:
         return priors
-    kept = {name: getattr(robot, name) for name in ("reference", "joints", "residual")}
-    return replace(priors, **kept)
+    of_joints = {name: getattr(robot, name) for name in ("reference", "joints", "residual")}
+    return replace(priors, **of_joints)
 
 
 @dataclass(frozen=True)
@@ -150,25 +150,25 @@ class _ComplianceScale:
         orthogonal = problem.orthogonalise(
             np.concatenate([c.columns[:, :1] for c in joints], 1) * sizes
         )
-        left = _Residual.of(problem, projected, others)
-        own = left.orthogonalise(orthogonal)
-        values, vectors = symmetric_eigen(own.T @ own / projected.design_effect)
+        residual = _Residual.of(problem, projected, others)
+        cleared = residual.orthogonalise(orthogonal)
+        values, vectors = symmetric_eigen(cleared.T @ cleared / projected.design_effect)
         values = np.maximum(values, 0.0)
-        along = vectors.T @ (own.T @ left.y) / projected.design_effect
+        along = vectors.T @ (cleared.T @ residual.y) / projected.design_effect
         spread = _SCALES[:, None] ** 2
         log_determinant = np.log1p(spread * values).sum(1)
         gain = (along**2 * spread / (1 + spread * values)).sum(1)
-        best = int(np.argmax(log_evidence_by_size(log_determinant, gain, left)))
+        best = int(np.argmax(log_evidence_by_size(log_determinant, gain, residual)))
         inverse = 1 / (values + _SCALES[best] ** -2)
         found = np.maximum(-vectors @ (along * inverse), 0.0)
-        variance = max(left.yy - gain[best], 0.0) / left.degrees
+        variance = max(residual.yy - gain[best], 0.0) / residual.degrees
         std = np.sqrt(variance * (vectors**2 @ inverse))
         inliers = _median_compliance(found, std, np.array([c.load for c in joints]))
         most = _MOST_OF_USUAL * inliers if inliers > 0 else float(_SCALES[best])
         reference = []
         for candidate, value, size in zip(joints, np.minimum(found, most), sizes):
             reference.append((candidate.effect, candidate.where, float(value * size)))
-        return cls(min(float(_SCALES[best]), most), tuple(reference), orthogonal, left.y)
+        return cls(min(float(_SCALES[best]), most), tuple(reference), orthogonal, residual.y)
 
     def size(self, load: float) -> float:
         """Prior size of the compliance of a joint under a load (N m), rad/(N m)."""
@@ -241,9 +241,9 @@ class MassUncertainty:
         for key, values in known:
             if key not in responses or responses[key].shape[1] % len(values):
                 continue
-            made = responses[key].reshape(len(total), len(values), -1)
-            own = np.einsum("npm,p->nm", made, values)
-            total = own if total.shape[1] != own.shape[1] else total + own
+            response = responses[key].reshape(len(total), len(values), -1)
+            change = np.einsum("npm,p->nm", response, values)
+            total = change if total.shape[1] != change.shape[1] else total + change
         return cls(problem.orthogonalise(total), problem.full_basis, projected.design_effect)
 
     def marginalised(
@@ -254,11 +254,11 @@ class MassUncertainty:
         The baseline is projected out: of the columns by way of what it makes of them, as y (N,) is free of it.
         """
         by_masses, by_baseline = self._half.T @ columns, self.basis.T @ columns
-        own = self._half.T @ y
-        made = np.concatenate([by_masses, by_baseline])
-        gram = columns.T @ columns - made.T @ made
-        score = columns.T @ y - by_masses.T @ own
-        return gram, score, float(y @ y - own @ own)
+        y_by_masses = self._half.T @ y
+        projections = np.concatenate([by_masses, by_baseline])
+        gram = columns.T @ columns - projections.T @ projections
+        score = columns.T @ y - by_masses.T @ y_by_masses
+        return gram, score, float(y @ y - y_by_masses @ y_by_masses)
 
     def law_error(self, priors: Priors) -> float:
         """Sum of squares that errors of the elastic laws leave: a share of what all joints explain."""

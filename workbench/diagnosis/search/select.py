@@ -86,11 +86,11 @@ def _accept_terms(search: Search) -> tuple[float, bool]:
         accept_most_probable_set(search)
     moving = _prefer_random_effect(search) or _search_with_residual_random_effect(search)
     if not moving:
-        search.random_effect, own = (
+        search.random_effect, previous = (
             _significant_random_effect(search) or search.random_effect,
             search.random_effect,
         )
-        moving = search.random_effect is not own
+        moving = search.random_effect is not previous
     if moving and is_rounding(search.random_effect.site):
         search.log_step("the readings are rounded")
         first = _repeat_search(search)
@@ -108,11 +108,11 @@ def _found(search: Search) -> Found:
     first, moving = _accept_terms(search)
     exchange_terms(search)
     names = effect_posteriors(search)
-    each = [
+    findings_of_terms = [
         with_unrecorded_covariates(search, finding(search, i, names))
         for i in search.accepted_indices
     ]
-    findings = tuple(with_special_cases(each))
+    findings = tuple(with_special_cases(findings_of_terms))
     remainder = family_wise(search.table(search.accepted_indices))
     after = search.converged().conditional_on()
     outliers, data = find_data_faults(after, [e for h in search.accepted for e in h.effects])
@@ -126,7 +126,9 @@ def _found(search: Search) -> Found:
         data, places = _with_random_effect(search, before, data, places)
         first = min(first, search.random_effect.p_value)
     data = (*_rounded(search, after), *data)
-    left = located(search.problem.conditional_on(), search.table(search.accepted_indices))
+    remainder_places = located(
+        search.problem.conditional_on(), search.table(search.accepted_indices)
+    )
     return Found(
         findings,
         before,
@@ -134,7 +136,7 @@ def _found(search: Search) -> Found:
         first,
         remainder,
         places,
-        left,
+        remainder_places,
         outliers,
         data,
         tuple(search.history),
@@ -155,7 +157,7 @@ def _data_findings_with_functions(search: Search, after: Problem, outliers, data
     What such a function leaves is not the same everywhere, and lies far off where it bends sharply: only outliers that
     hold more than what it may miss are outliers.
     """
-    own = sum(
+    gain_of_functions = sum(
         search.conditional_gain(i)[0]
         for i in search.accepted_indices
         if search.accepted[i].smooth_covariates
@@ -163,7 +165,8 @@ def _data_findings_with_functions(search: Search, after: Problem, outliers, data
     data = tuple(
         f
         for f in data
-        if f.effect == "outliers" and unweighted_squares(after, outliers) > (1 - LAW) * own
+        if f.effect == "outliers"
+        and unweighted_squares(after, outliers) > (1 - LAW) * gain_of_functions
     )
     return outliers & bool(data), data
 
@@ -209,12 +212,12 @@ def _prefer_random_effect(search: Search) -> bool:
     """Whether a random effect, at a place without a smooth alternative, is likelier than all of these."""
     unknown = [h.where for h in search.accepted if h.smooth_covariates]
     laws = tuple(i for i in search.accepted_indices if not search.accepted[i].smooth_covariates)
-    bare, kept = search.problem.conditional_on(laws), search.problem.conditional_on()
+    bare, full = search.problem.conditional_on(laws), search.problem.conditional_on()
     found = find_random_effect(bare, RANDOM_EFFECT_LEVEL) if unknown else None
     if found is None or any(is_neighbour(found.site.where, where) for where in unknown):
         return False
-    before, after = (float((p.orthogonalise(p.residual) ** 2).sum()) for p in (bare, kept))
-    if found.gain < 0.5 * kept.degrees * np.log(before / after):
+    before, after = (float((p.orthogonalise(p.residual) ** 2).sum()) for p in (bare, full))
+    if found.gain < 0.5 * full.degrees * np.log(before / after):
         return False
     search.random_effect = found
     return True
@@ -231,8 +234,8 @@ def _search_with_residual_random_effect(search: Search) -> bool:
     largest = max(unknown, key=lambda i: search.conditional_gain(i)[0])
     site = search.accepted[largest].source
     port = getattr(site, "port", "frame")
-    left = search.problem.conditional_on()
-    search.random_effect = residual_random_effect(left, site.where, port, RANDOM_EFFECT_LEVEL)
+    remainder = search.problem.conditional_on()
+    search.random_effect = residual_random_effect(remainder, site.where, port, RANDOM_EFFECT_LEVEL)
     if search.random_effect is None:
         return False
     search.log_step(f"what is left at {site.where} is taken for the unknown's own")
@@ -249,30 +252,32 @@ def _search_with_residual_random_effect(search: Search) -> bool:
 def _search_on_subset(search: Search, samples) -> Found:
     """The search on every so many poses, which is as valid and quicker; what is left is judged on more of them."""
     bench = search.bench
-    whole = bench.problem((), samples, hypotheses=False)
-    every = np.ones(len(bench.pose), bool) if samples is None else samples
-    _, label = np.unique(whole.pose, return_inverse=True)
-    search.samples = every.copy()
-    search.samples[every] = label % -(-whole.n // _MANY) == 0
+    before = bench.problem((), samples, hypotheses=False)
+    used = np.ones(len(bench.pose), bool) if samples is None else samples
+    _, label = np.unique(before.pose, return_inverse=True)
+    search.samples = used.copy()
+    search.samples[used] = label % -(-before.n // _MANY) == 0
     search.solve()
     found = _found(search)
     effects = [e for f in found.findings for e in f.effects]
     bench.solve(effects, samples)
     after = bench.problem(effects, samples, hypotheses=False).conditional_on()
     remainder = bench.problem(
-        effects, thinned(bench.pose, every, MAX_TESTED_SAMPLES)
+        effects, thinned(bench.pose, used, MAX_TESTED_SAMPLES)
     ).conditional_on()
     table = ranked_hypotheses(remainder)
     outliers, spread = find_data_faults(after, effects)
     # where functions are accepted, as the part has it, on which laws and functions were judged
     if any(f.effect == "unknown" for f in found.findings):
         spread = tuple(
-            f for f in spread if f.effect in {own.effect for own in found.noise_findings}
+            f
+            for f in spread
+            if f.effect in {noise_finding.effect for noise_finding in found.noise_findings}
         )
         outliers = outliers & any(f.effect == "outliers" for f in spread)
     return replace(
         found,
-        before=whole,
+        before=before,
         after=after,
         p_remainder=family_wise(table),
         remainder=located(remainder, table),

@@ -56,7 +56,7 @@ class Search:
             self.stated_noise_problem = self.bench.problem(effects, self.samples)
         # a compliance brings all that acts through it into the library
         under = (self.noise_factors, self.random_effect, any(h.carries_load for h in self.accepted))
-        if not all(one is held for one, held in zip(under, self.screening_conditions)):
+        if not all(now is before for now, before in zip(under, self.screening_conditions)):
             self.screening_conditions, self.screened = under, []
         problem = self.stated_noise_problem
         if self.noise_factors is not None:
@@ -96,7 +96,9 @@ class Search:
             self.stated_noise_problem.effects
         ):
             return False
-        return all(one is held for one, held in zip(effects, self.stated_noise_problem.effects))
+        return all(
+            effect is solved for effect, solved in zip(effects, self.stated_noise_problem.effects)
+        )
 
     def reorder(self, order: list[int]) -> None:
         """The accepted hypotheses in another order; the solution and the tables stay what they are."""
@@ -109,7 +111,8 @@ class Search:
         )
         new = {old: place for place, old in enumerate(order)}
         self.tables = {
-            tuple(sorted(new[i] for i in kept)): table for kept, table in self.tables.items()
+            tuple(sorted(new[i] for i in conditions)): table
+            for conditions, table in self.tables.items()
         }
 
     def table(self, kept: tuple[int, ...]) -> list[Hypothesis]:
@@ -125,12 +128,12 @@ class Search:
         """As `table`, with all that acts through compliances."""
         if kept not in self.tables:
             required = [(h.family, h.label) for h in (*self.accepted, *self.always_listed)]
-            held = [self.accepted[i] for i in kept]
+            conditions = [self.accepted[i] for i in kept]
             self.tables[kept] = [
                 h
                 for h in ranked_hypotheses(self.problem.conditional_on(kept), required=required)
                 if name_of(h) not in self.infeasible
-                and (h.smooth_covariates or all(compatible(h, other) for other in held))
+                and (h.smooth_covariates or all(compatible(h, other) for other in conditions))
             ]
         return self.tables[kept]
 
@@ -145,8 +148,8 @@ class Search:
 
     def conditional_hypothesis(self, i: int, table: list[Hypothesis] | None = None) -> Hypothesis:
         """An accepted hypothesis as a table judges it; by default the one conditional on the others."""
-        table, mine = table or self.table(self.other_indices(i)), name_of(self.accepted[i])
-        return next((h for h in table if name_of(h) == mine), table[0])
+        table, name = table or self.table(self.other_indices(i)), name_of(self.accepted[i])
+        return next((h for h in table if name_of(h) == name), table[0])
 
     def alternatives(self, i: int) -> list[Hypothesis]:
         """All that may stand in the place of an accepted one, itself included, judged at one solution.
@@ -154,13 +157,13 @@ class Search:
         What acts through compliances is a product with them. About the solution with it, these have the values that
         need it, and all others seem to gain what it makes: the solution without it compares like with like.
         """
-        mine = self.accepted[i]
-        if not mine.needs_compliance:
+        accepted = self.accepted[i]
+        if not accepted.needs_compliance:
             return self.table(self.other_indices(i))
-        held = tuple(self.accepted[j] for j in self.other_indices(i))
-        without = Search(self.bench, self.samples, self.level, lambda line: None, held)
+        others = tuple(self.accepted[j] for j in self.other_indices(i))
+        without = Search(self.bench, self.samples, self.level, lambda line: None, others)
         without.random_effect, without.noise_factors = self.random_effect, self.noise_factors
-        without.infeasible, without.always_listed = self.infeasible, (mine,)
+        without.infeasible, without.always_listed = self.infeasible, (accepted,)
         without.solve()
         return without.table(without.accepted_indices)
 
@@ -189,16 +192,16 @@ class Search:
 
     def explained(self) -> float:
         """Fall of the sum of squares by all that is accepted."""
-        kept, bare = self.problem.conditional_on(), self.problem.conditional_on(())
+        full, bare = self.problem.conditional_on(), self.problem.conditional_on(())
         return float(
             (bare.orthogonalise(bare.residual) ** 2).sum()
-            - (kept.orthogonalise(kept.residual) ** 2).sum()
+            - (full.orthogonalise(full.residual) ** 2).sum()
         )
 
     def variance(self) -> float:
         """Variance of a whitened coordinate that is left."""
-        kept = self.problem.conditional_on()
-        return float((kept.orthogonalise(kept.residual) ** 2).sum()) / max(kept.degrees, 1)
+        full = self.problem.conditional_on()
+        return float((full.orthogonalise(full.residual) ** 2).sum()) / max(full.degrees, 1)
 
 
 def _conditional_scores(problem: Problem, i: int, others: tuple[int, ...]) -> tuple[float, float]:

@@ -48,11 +48,11 @@ class Stepwise:
         """The likeliest set of laws, searched without the many columns of functions."""
         laws = np.flatnonzero(~self.objective.is_smooth)
         alone = Stepwise(self.objective.among(laws))
-        every = np.ones(len(laws), bool)
+        allowed = np.ones(len(laws), bool)
         named = tuple(int(i) for i in np.flatnonzero(np.isin(laws, present)))
-        starts = [named, alone._single(every)] if named else alone._starts(every)
+        starts = [named, alone._single(allowed)] if named else alone._starts(allowed)
         starts.append(alone.with_all_joints(named))
-        return tuple(int(laws[i]) for i in alone._best(starts, every))
+        return tuple(int(laws[i]) for i in alone._best(starts, allowed))
 
     def with_all_joints(self, members: Members) -> Members:
         """A set with the compliances of all joints in the place of its elastic terms, as far as they are terms.
@@ -62,11 +62,11 @@ class Stepwise:
         """
         objective = self.objective
         usual = objective.priors.is_usual
-        kept = [i for i in members if not is_elastic(objective.terms[i])]
+        exchanged = [i for i in members if not is_elastic(objective.terms[i])]
         for i in np.flatnonzero(usual):
-            if objective.compatible_pairs[i, kept].all():
-                kept.append(int(i))
-        return tuple(kept) if usual.any() else members
+            if objective.compatible_pairs[i, exchanged].all():
+                exchanged.append(int(i))
+        return tuple(exchanged) if usual.any() else members
 
     def climb(self, members: Members) -> Members:
         """The set that single moves from a given one lead to."""

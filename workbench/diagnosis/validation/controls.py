@@ -63,8 +63,8 @@ def controls(
     p = float((1 + (gains >= trial.own).sum()) / (1 + _TRIALS))
     chance = trial.chance_share(rng)
     share = max(trial.share_beyond_chance(float(np.median(gains))) - chance, 0.0) / (1 - chance)
-    made = [Control(PERMUTED, share, p, p <= _LEVEL and share < _LEFT, _TRIALS)]
-    return (*made, *_of_time(trial, rng))
+    permutation = [Control(PERMUTED, share, p, p <= _LEVEL and share < _LEFT, _TRIALS)]
+    return (*permutation, *_of_time(trial, rng))
 
 
 def _of_time(trial: "_Trial", rng) -> tuple[Control, ...]:
@@ -72,12 +72,12 @@ def _of_time(trial: "_Trial", rng) -> tuple[Control, ...]:
     chain, parts = trial.chain, np.linspace(0.05, 0.95, _SHIFTS)
     if chain is None or not any(_changes_with_clock(e, chain) for e in trial.effects):
         return ()
-    left = trial.y - trial.fitted
+    residual = trial.y - trial.fitted
     few, many = trial.other_instants(_FEW_INSTANTS), trial.other_instants(_INSTANTS)
-    of_clock = [trial.best_gains(few, _shifted_state(chain, part), left) for part in parts]
-    of_space = trial.best_gains(many, chain.state, trial.shifted_residuals(left, parts))
+    of_clock = [trial.best_gains(few, _shifted_state(chain, part), residual) for part in parts]
+    of_space = trial.best_gains(many, chain.state, trial.shifted_residuals(residual, parts))
     chance = float(
-        np.median(trial.best_gains(many, chain.state, trial.permuted_residuals(left, rng)))
+        np.median(trial.best_gains(many, chain.state, trial.permuted_residuals(residual, rng)))
     )
     beyond = max(float(np.quantile(gains, _MOST)) for gains in (of_clock, of_space)) - chance
     share = float(np.clip(beyond / max(trial.own - chance, 1e-300), 0.0, 1.0))
@@ -101,8 +101,8 @@ def _changes_with_clock(effect: Effect, chain) -> bool:
     # a law that is not linear has no columns where all its parameters are 0
     typical = np.array([p.typical for p in effect.parameters(chain)])
     states = chain.state, _shifted_state(chain, 0.5)
-    here, there = (effect.derivative(typical, state) for state in states)
-    return not np.allclose(here, there, rtol=0, atol=NEGLIGIBLE_SHARE * np.abs(here).max())
+    basis, shifted = (effect.derivative(typical, state) for state in states)
+    return not np.allclose(basis, shifted, rtol=0, atol=NEGLIGIBLE_SHARE * np.abs(basis).max())
 
 
 def _shifted_state(chain, part: float):
@@ -157,9 +157,9 @@ class _Trial:
 
         effects: others of the same kinds at the same places; the own ones where not given.
         """
-        made = [e.derivative(p, state) for e, p in zip(effects or self.effects, self._values)]
-        slots, rows, first = sum(b.shape[1] for b in made), [], 0
-        for b in made:
+        bases = [e.derivative(p, state) for e, p in zip(effects or self.effects, self._values)]
+        slots, rows, first = sum(b.shape[1] for b in bases), [], 0
+        for b in bases:
             after = slots - first - b.shape[1]
             rows.append(np.pad(b, ((0, 0), (first, after), (0, 0))))
             first += b.shape[1]
@@ -167,38 +167,38 @@ class _Trial:
 
     def other_instants(self, most: int) -> list[tuple[Effect, ...]]:
         """The effects, and these with another instant or time constant of one of them that reads the clock, `most`."""
-        every = [self.effects]
+        variants = [self.effects]
         for i, effect in enumerate(self.effects):
             if _changes_with_clock(effect, self.chain):
                 before, after = self.effects[:i], self.effects[i + 1 :]
                 others = _variants(effect, self.chain, most)
-                every += [(*before, other, *after) for other in others]
-        return every
+                variants += [(*before, other, *after) for other in others]
+        return variants
 
-    def shifted_residuals(self, left: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    def shifted_residuals(self, residual: np.ndarray, parts: np.ndarray) -> np.ndarray:
         """(N, S) residuals (N,) circularly shifted in time by parts (S,) of the recording."""
         order = np.argsort(self.problem.order, kind="stable")
-        left = left.reshape(-1, self.problem.n)
-        out = np.empty((*left.shape, len(parts)))
+        residual = residual.reshape(-1, self.problem.n)
+        out = np.empty((*residual.shape, len(parts)))
         for i, part in enumerate(parts):
-            out[:, order, i] = np.roll(left[:, order], round(part * self.problem.n), axis=1)
+            out[:, order, i] = np.roll(residual[:, order], round(part * self.problem.n), axis=1)
         return self._left(out.reshape(-1, len(parts)))
 
-    def permuted_residuals(self, left: np.ndarray, rng) -> np.ndarray:
+    def permuted_residuals(self, residual: np.ndarray, rng) -> np.ndarray:
         """(N, S) residuals (N,) exchanged between samples at random, `_SHIFTS` times."""
-        left = left.reshape(-1, self.problem.n)
-        made = [left[:, rng.permutation(self.problem.n)].ravel() for _ in range(_SHIFTS)]
-        return self._left(np.stack(made, axis=1))
+        residual = residual.reshape(-1, self.problem.n)
+        permuted = [residual[:, rng.permutation(self.problem.n)].ravel() for _ in range(_SHIFTS)]
+        return self._left(np.stack(permuted, axis=1))
 
-    def best_gains(self, every, state, y: np.ndarray) -> np.ndarray:
+    def best_gains(self, variants, state, y: np.ndarray) -> np.ndarray:
         """() or (S,) largest gain of any of some tuples of effects in a state, for y (N,) or (N, S)."""
-        return np.max([self._explained(self.basis(state, e), y) for e in every], axis=0)
+        return np.max([self._explained(self.basis(state, e), y) for e in variants], axis=0)
 
     def _rows(self, bench, others, part):
         model, fit, _ = bench.solve(others, part, is_complete=False)
-        here = model.evaluate(fit.parameters)
+        evaluation = model.evaluate(fit.parameters)
         rows = np.concatenate(
-            [here.rows(e.port, np.asarray(e.slots(model.chain))) for e in self.effects]
+            [evaluation.rows(e.port, np.asarray(e.slots(model.chain))) for e in self.effects]
         )
         root = np.sqrt(self.problem.weights)[self.problem.sample] / self.problem.sigma
         return rows * np.tile(root.reshape(rows.shape[1], -1), self.problem.ends.count)
@@ -208,18 +208,18 @@ class _Trial:
         none = np.zeros(len(self.small))
         if self.chain is None:
             return none
-        whole = bench.problem((*others, *self.effects), samples=part, hypotheses=False)
-        return np.concatenate(whole.precisions[len(others) :] or [none])
+        problem = bench.problem((*others, *self.effects), samples=part, hypotheses=False)
+        return np.concatenate(problem.precisions[len(others) :] or [none])
 
-    def _left(self, made: np.ndarray) -> np.ndarray:
+    def _left(self, columns: np.ndarray) -> np.ndarray:
         """(N,) or (N, P) what the baseline and the other effects, with their priors, do not fit of it."""
-        return made - self._basis @ (self._basis.T @ made)
+        return columns - self._basis @ (self._basis.T @ columns)
 
     def columns(self, small):
         """(N, P) whitened columns."""
         if self.rows is not None:
-            made = np.einsum("pkn,kmn->pmn", small, self.rows, optimize=True)
-            small = self.problem.ends.joined(made.reshape(len(made), -1))
+            moved = np.einsum("pkn,kmn->pmn", small, self.rows, optimize=True)
+            small = self.problem.ends.joined(moved.reshape(len(moved), -1))
         return small.reshape(len(small), -1).T
 
     def gain(self, small) -> float:
@@ -233,16 +233,16 @@ class _Trial:
         y'X (X'(I - B B')X + L)^-1 X'y.
         """
         columns = self.columns(small)
-        made = self._basis.T @ columns
+        projections = self._basis.T @ columns
         raw = columns.T @ columns
-        gram = raw - made.T @ made + np.diag(self._precision)
+        gram = raw - projections.T @ projections + np.diag(self._precision)
         length = np.sqrt(np.maximum(np.diagonal(gram), 0.0))
         seen = length**2 > ROUNDING * np.diagonal(raw)
         unit = 1 / length[seen]
         values, vectors = symmetric_eigen(gram[np.ix_(seen, seen)] * np.outer(unit, unit))
-        kept = values > ROUNDING
+        significant = values > ROUNDING
         score = ((columns.T @ y)[seen].T * unit).T
-        return (((vectors[:, kept].T @ score) ** 2).T / values[kept]).sum(-1)
+        return (((vectors[:, significant].T @ score) ** 2).T / values[significant]).sum(-1)
 
     def share_beyond_chance(self, gain: float) -> float:
         """A gain as a share of the effects' own, both beyond what as many columns gain by chance."""
@@ -256,9 +256,9 @@ class _Trial:
         """
         shares = []
         for _ in range(_SHIFTS):
-            made = self._left(self.columns(self.permuted(rng)) @ self.coefficients)
-            length = float(made @ made)
-            shares.append(self._explained(self.permuted(rng), made) / max(length, 1e-300))
+            contribution = self._left(self.columns(self.permuted(rng)) @ self.coefficients)
+            length = float(contribution @ contribution)
+            shares.append(self._explained(self.permuted(rng), contribution) / max(length, 1e-300))
         return min(float(np.median(shares)), MAJORITY)
 
     def permuted_change(self, rng) -> float:
@@ -286,8 +286,8 @@ def _variants(effect: Effect, chain, most: int) -> list[Effect]:
     like = [
         e for e in found if len(e.parameters(chain)) == numbers and _changes_with_clock(e, chain)
     ]
-    kept = np.linspace(0, len(like) - 1, min(len(like), most)).astype(int)
-    return [like[i] for i in kept]
+    chosen = np.linspace(0, len(like) - 1, min(len(like), most)).astype(int)
+    return [like[i] for i in chosen]
 
 
 def _columns(bench, problem, others, own):

@@ -21,22 +21,22 @@ def reject_explained_by_correlated_noise(
     Whether anything is missing without such a term, with the correlation of what is left there next to slow
     polynomials: a drift is none, and what varies with the poses is not judged here.
     """
-    kept, refused = list(terms), []
+    retained, refused = list(terms), []
     if bench.chain is None:
-        return kept, refused
+        return retained, refused
     for term in terms:
         if not term.finding.effects or not of_order(bench, term.finding.effects):
             continue
-        effects = [e for one in kept for e in one.finding.effects]
-        own = {id(e) for e in term.finding.effects}
-        others = [i for i, e in enumerate(effects) if id(e) not in own]
+        effects = [e for other in retained for e in other.finding.effects]
+        effects_of_term = {id(e) for e in term.finding.effects}
+        others = [i for i, e in enumerate(effects) if id(e) not in effects_of_term]
         problem = bench.problem(effects, tested_samples(bench)).conditional_on(others)
         noise = serial_correlation(problem)
         if noise is not None and _chance(problem, noise) >= UNMODELLED_LEVEL:
             reason = f"noise that is correlated from pose to pose ({noise.value:.2f}) explains it as well"
             refused.append(replace(term, kept=False, reason=reason))
-            kept = [one for one in kept if one is not term]
-    return kept, refused
+            retained = [other for other in retained if other is not term]
+    return retained, refused
 
 
 def with_correlated_noise(

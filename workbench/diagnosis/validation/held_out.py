@@ -34,11 +34,11 @@ _ROWS = 5
 def rms(errors: np.ndarray, inliers: np.ndarray, sigma: np.ndarray | None = None) -> float:
     """Root mean square of the errors (n,) that there are, of the inliers; with sigma (n,) in the errors' unit
     each weighs as in a fit."""
-    kept = inliers & np.isfinite(errors)
-    if not kept.any():
+    used = inliers & np.isfinite(errors)
+    if not used.any():
         return float("nan")
-    weights = None if sigma is None else sigma[kept] ** -2.0
-    return float(np.sqrt(np.average(errors[kept] ** 2, weights=weights)))
+    weights = None if sigma is None else sigma[used] ** -2.0
+    return float(np.sqrt(np.average(errors[used] ** 2, weights=weights)))
 
 
 def rms_pair(
@@ -49,12 +49,12 @@ def rms_pair(
     Where the squares rise and Huber's loss falls, a few samples far off decide on the squares: errors then count by
     the loss, which decides on a term in every other place (`paired_t`).
     """
-    kept = inliers & np.isfinite(before) & np.isfinite(after)
-    plain = rms(before, kept, sigma), rms(after, kept, sigma)
-    if plain[1] < plain[0] or not kept.any():
+    used = inliers & np.isfinite(before) & np.isfinite(after)
+    plain = rms(before, used, sigma), rms(after, used, sigma)
+    if plain[1] < plain[0] or not used.any():
         return plain
-    unit = np.ones(int(kept.sum())) if sigma is None else sigma[kept]
-    errors = before[kept] / unit, after[kept] / unit
+    unit = np.ones(int(used.sum())) if sigma is None else sigma[used]
+    errors = before[used] / unit, after[used] / unit
     squares = _loss(_scaled(*errors)) * _scale(*errors)
     without, with_it = np.sqrt(squares.sum(1) / (unit**-2.0).sum())
     return (float(without), float(with_it)) if with_it < without else plain
@@ -76,12 +76,12 @@ def paired_t(
     sigma (n,): noise of each sample where they are not all of one kind, as corners, stripes on boards and stripes on
     balls are not. Errors then count in it and a pose by all of its samples, see `_jackknife_t`.
     """
-    kept = inliers & np.isfinite(before) & np.isfinite(after)
-    _, group = np.unique(pose[kept], return_inverse=True)
-    if not kept.any() or group.max() < 2:
+    used = inliers & np.isfinite(before) & np.isfinite(after)
+    _, group = np.unique(pose[used], return_inverse=True)
+    if not used.any() or group.max() < 2:
         return 0.0
-    unit = 1.0 if sigma is None else sigma[kept]
-    without, with_it = _loss(_scaled(before[kept] / unit, after[kept] / unit))
+    unit = 1.0 if sigma is None else sigma[used]
+    without, with_it = _loss(_scaled(before[used] / unit, after[used] / unit))
     falls = np.bincount(group, without - with_it)
     if sigma is not None:
         moved = (np.sqrt(without) - np.sqrt(with_it)) ** 2
@@ -104,7 +104,9 @@ def significance(
     """
     if sigma is None:
         return clark_west_t(pose, before, after, inliers)
-    return paired_t(pose, *(np.sqrt((one**2).sum(0)) for one in (before, after)), inliers, sigma)
+    return paired_t(
+        pose, *(np.sqrt((errors**2).sum(0)) for errors in (before, after)), inliers, sigma
+    )
 
 
 def critical_t(sigma: np.ndarray | None) -> float:
@@ -129,18 +131,18 @@ def clark_west_t(
     by `_jackknife_t` are an extension. Where the loss does not fall, it is the t of `paired_t` on the same scale.
     Poses in the order of their rows may err alike; the standard error then allows for it, see `_serial_factor`.
     """
-    lengths = [np.sqrt((one**2).sum(0)) for one in (before, after)]
+    lengths = [np.sqrt((errors**2).sum(0)) for errors in (before, after)]
     fall = paired_t(pose, *lengths, inliers)
-    kept = inliers & np.isfinite(before).all(0) & np.isfinite(after).all(0)
+    used = inliers & np.isfinite(before).all(0) & np.isfinite(after).all(0)
     if not fall > 0:
         return DOUBLED * fall
     _, first, group, count = np.unique(
-        pose[kept], return_index=True, return_inverse=True, return_counts=True
+        pose[used], return_index=True, return_inverse=True, return_counts=True
     )
-    change = before[:, kept] - after[:, kept]
-    size = np.sqrt(_scaled(lengths[0][kept], lengths[1][kept])[0])
+    change = before[:, used] - after[:, used]
+    size = np.sqrt(_scaled(lengths[0][used], lengths[1][used])[0])
     weight = np.minimum(1.0, _LIMIT / np.maximum(size, _LIMIT))
-    score = np.bincount(group, weight * (before[:, kept] * change).sum(0)) / count
+    score = np.bincount(group, weight * (before[:, used] * change).sum(0)) / count
     moved = np.bincount(group, weight * (change**2).sum(0)) / count
     order = np.argsort(first)
     return _jackknife_t(score[order], moved[order], in_order=True)
@@ -169,9 +171,12 @@ def _jackknife_t(falls: np.ndarray, moved: np.ndarray, in_order: bool = False) -
     the jackknife), so that one that shows nearly all of it by itself proves little.
     """
     total, shown = falls.sum(), moved.sum()
-    left = shown - moved  # by all others
+    shown_by_others = shown - moved  # by all others
     others = np.divide(
-        total - falls, left, out=np.zeros_like(falls), where=left > NEGLIGIBLE_SHARE * shown
+        total - falls,
+        shown_by_others,
+        out=np.zeros_like(falls),
+        where=shown_by_others > NEGLIGIBLE_SHARE * shown,
     )
     remaining = falls - others * moved
     spread = np.sqrt((remaining**2).sum() * (len(falls) - 1) / len(falls))

@@ -87,11 +87,11 @@ def extrapolated_share(problem: Problem, numbers: Sequence[int], fold: np.ndarra
     bare = problem.conditional_on(())
     columns = np.concatenate([problem.added[i] for i in numbers], axis=1)
     basis = bare.orthogonal_basis(columns)
-    made = bare.orthogonalise(sum(problem.added[i] @ problem.values[i] for i in numbers))
-    total = float(made @ made)
+    contribution = bare.orthogonalise(sum(problem.added[i] @ problem.values[i] for i in numbers))
+    total = float(contribution @ contribution)
     if not basis.shape[1] or not total > 0:
         return 0.0
-    along = basis.T @ made
+    along = basis.T @ contribution
     blocks = fold[problem.sample]
     lost = 0.0
     for k in np.unique(blocks):
@@ -109,8 +109,8 @@ def require_compliances(bench, terms: Sequence[Term]) -> tuple[list[Term], list[
         return list(terms), []
     reason = "it acts only through a compliance, and none is retained"
     orphans = [t for t in terms if any(effect.needs_compliance for effect in t.finding.effects)]
-    kept = [t for t in terms if not any(t is orphan for orphan in orphans)]
-    return kept, [replace(t, kept=False, reason=reason) for t in orphans]
+    retained = [t for t in terms if not any(t is orphan for orphan in orphans)]
+    return retained, [replace(t, kept=False, reason=reason) for t in orphans]
 
 
 def combined_t(values: Sequence[float], sigma: np.ndarray | None) -> float:
@@ -154,19 +154,19 @@ class ConditionalGains:
         self._judges: dict[tuple, list[Scheme]] = {}
         self._errors: dict[tuple, np.ndarray] = {}
 
-    def judged(self, term: Term, own: Sequence[int], kept: Sequence[int]) -> Term:
-        """The term, with the effects `own`, with t, t_fall and gain of its presence next to the effects `kept`."""
+    def judged(self, term: Term, indices: Sequence[int], present: Sequence[int]) -> Term:
+        """The term, of the effects `indices`, with t, t_fall and gain of its presence among the effects `present`."""
         inliers, sigma, pose = (
             self._problem.weights > OUTLIER_WEIGHT,
             self._sigma,
             self._problem.pose,
         )
-        rest = [i for i in kept if i not in own]
+        rest = [i for i in present if i not in indices]
         t, falls, gain = [], [], []
-        for scheme in self._judges_of(term, tuple(own)):
-            with_it, without = self._left_out(scheme, kept), self._left_out(scheme, rest)
+        for scheme in self._judges_of(term, tuple(indices)):
+            with_it, without = self._left_out(scheme, present), self._left_out(scheme, rest)
             t.append(significance(pose, without, with_it, inliers, sigma))
-            lengths = [np.sqrt((one**2).sum(0)) for one in (without, with_it)]
+            lengths = [np.sqrt((errors**2).sum(0)) for errors in (without, with_it)]
             falls.append(paired_t(pose, *lengths, inliers, sigma))
             gain.append(rms(lengths[0], inliers, sigma) - rms(lengths[1], inliers, sigma))
         worst = int(np.argmin(t))
@@ -178,20 +178,20 @@ class ConditionalGains:
             gain=gain[0] if known > critical_t(sigma) else gain[worst],
         )
 
-    def _judges_of(self, term: Term, own: tuple[int, ...]) -> list[Scheme]:
+    def _judges_of(self, term: Term, indices: tuple[int, ...]) -> list[Scheme]:
         def make():
             return judging_schemes(
-                self._bench, term.finding.effects, self._schemes, self._problem, own
+                self._bench, term.finding.effects, self._schemes, self._problem, indices
             )
 
-        return cached(self._judges, own, make)
+        return cached(self._judges, indices, make)
 
-    def _left_out(self, scheme: Scheme, kept: Sequence[int]) -> np.ndarray:
+    def _left_out(self, scheme: Scheme, present: Sequence[int]) -> np.ndarray:
         """(m, n) components of the errors next to some effects; those of a sensor scored."""
 
         def make():
             scored = self._sigma is not None
-            problem = self._problem.conditional_on(kept)
+            problem = self._problem.conditional_on(present)
             return left_out_components(problem, scheme.fold, scored=scored)
 
-        return cached(self._errors, (scheme.name, *sorted(kept)), make)
+        return cached(self._errors, (scheme.name, *sorted(present)), make)

@@ -75,10 +75,10 @@ def left_out_rows(
     logarithmic score, e' V^-1 e + log det V, is made of V^-1/2 e = (I - B_b B_b')^-1/2 r and equal parts of log det V.
     """
     mixing, fitted = problem.hat_mixing, _coefficients(problem)
-    out, mine = np.full(len(problem.residual), np.nan), fold[problem.sample]
+    out, block_of_row = np.full(len(problem.residual), np.nan), fold[problem.sample]
     without = _scored_block if scored else _without_block
     for k in np.unique(fold) if only is None else (only,):
-        block = _block(problem, mine == k)
+        block = _block(problem, block_of_row == k)
         inner = mixing.T @ block.gram @ mixing
         score = mixing.T @ (block.moments - block.gram @ fitted)
         change, log_determinant = without(inner, score)
@@ -96,7 +96,7 @@ def variance_factor(problem: Problem, fold: np.ndarray, inliers: np.ndarray) -> 
     of parameters that the other blocks determine (Cook & Weisberg, sec. 3.6, as in `left_out_rows`). Mean over whitened
     rows of the inliers (n,) bool; fold (n,) int.
     """
-    mixing, mine = problem.hat_mixing, fold[problem.sample]
+    mixing, block_of_row = problem.hat_mixing, fold[problem.sample]
     counted = inliers[problem.sample]
     if problem.rotation is not None:
         counted = counted & ~problem.rotation
@@ -104,7 +104,7 @@ def variance_factor(problem: Problem, fold: np.ndarray, inliers: np.ndarray) -> 
         return 1.0
     added = 0.0
     for k in np.unique(fold[inliers]):
-        block = _block(problem, mine == k)
+        block = _block(problem, block_of_row == k)
         values, vectors = symmetric_eigen(mixing.T @ block.gram @ mixing)
         columns = block.columns[counted[block.rows]] @ mixing
         gram = columns.T @ columns
@@ -130,6 +130,6 @@ def _without_block(inner: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, fl
 def _scored_block(inner: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, float]:
     """(P,) what V^-1/2 e has more than the residual, by directions, and log det V; see `left_out_rows`."""
     values, vectors = symmetric_eigen(inner)
-    left = np.clip(1 - values, NEGLIGIBLE_SHARE, 1.0)
-    growth = (1 / np.sqrt(left) - 1) / np.maximum(values, NEGLIGIBLE_SHARE)
-    return vectors @ (growth * (vectors.T @ score)), float(-np.log(left).sum())
+    complement = np.clip(1 - values, NEGLIGIBLE_SHARE, 1.0)
+    growth = (1 / np.sqrt(complement) - 1) / np.maximum(values, NEGLIGIBLE_SHARE)
+    return vectors @ (growth * (vectors.T @ score)), float(-np.log(complement).sum())

@@ -78,22 +78,25 @@ def prove(
     inliers = ~found.outliers
     errors = Errors(bench)
     terms, refused = _retained_terms(bench, list(found.findings), tested_samples(bench), say)
-    whole = _nested_search(bench, found, find if terms else None, errors, say, jobs)
-    terms, lost = stable_terms(bench, terms, whole, inliers)
+    nested = _nested_search(bench, found, find if terms else None, errors, say, jobs)
+    terms, lost = stable_terms(bench, terms, nested, inliers)
     terms, more = _controlled(bench, terms, say)
     terms, orphans = require_compliances(bench, terms)
     terms, chance = reject_explained_by_correlated_noise(bench, terms)
     gone = [*refused, *lost, *more, *orphans, *chance]
-    terms, worse, rows = _supported(errors, terms, gone, whole, inliers)
+    terms, worse, rows = _supported(errors, terms, gone, nested, inliers)
     effects = effects_of([term.finding for term in terms])
-    fixed = [errors(effects, one.scheme.fold) if effects else one.baseline_errors for one in whole]
-    made = _with_angles(_proof(bench, rows, fixed, noise, inliers), errors, inliers)
-    return made, tuple(terms), (*gone, *worse)
+    fixed = [
+        errors(effects, result.scheme.fold) if effects else result.baseline_errors
+        for result in nested
+    ]
+    proof = _with_angles(_proof(bench, rows, fixed, noise, inliers), errors, inliers)
+    return proof, tuple(terms), (*gone, *worse)
 
 
 def _with_angles(proof: Proof, errors: Errors, inliers: np.ndarray) -> Proof:
     """The proof with the rotation angles that belong to its errors, where orientation is measured."""
-    angles = np.stack([errors.angles_of(one) for one in proof.errors])
+    angles = np.stack([errors.angles_of(errors_of_model) for errors_of_model in proof.errors])
     if not np.isfinite(angles).any():
         return proof
     return replace(
@@ -101,52 +104,56 @@ def _with_angles(proof: Proof, errors: Errors, inliers: np.ndarray) -> Proof:
     )
 
 
-def _supported(errors: Errors, terms: list[Term], gone: list[Term], whole: list[Nested], inliers):
+def _supported(errors: Errors, terms: list[Term], gone: list[Term], results: list[Nested], inliers):
     """Terms that together reduce the held-out error, terms that do not, and the errors by scheme.
 
     Judged by what the folds found by themselves; where that fails, by that without what was refused. As long as the
     error does not fall, the term with the least support goes.
     """
-    parts, sigma = [one.scheme for one in whole], sigma_of(errors.bench)
-    nested = predicted = [one.errors for one in whole]
+    parts, sigma = [result.scheme for result in results], sigma_of(errors.bench)
+    nested = predicted = [result.errors for result in results]
     refused: list[Term] = []
     while terms:
         judges = judges_of_all(errors.bench, terms, parts)
-        rows = _judged_rows(whole, predicted, judges, inliers, sigma)
+        rows = _judged_rows(results, predicted, judges, inliers, sigma)
         if is_supported(rows):
             return terms, refused, rows
         if predicted is nested and gone:
-            predicted = _without(errors, whole, gone)
+            predicted = _without(errors, results, gone)
             continue
         weakest = min(terms, key=lambda term: term.t_nested)
         refused.append(refused_term(weakest, rows, errors.bench.unit))
-        left = [term for term in terms if term is not weakest]
-        terms, orphans = require_compliances(errors.bench, left)
+        remaining = [term for term in terms if term is not weakest]
+        terms, orphans = require_compliances(errors.bench, remaining)
         refused += orphans
-        predicted = _without(errors, whole, [*gone, *refused])
-    plain = [one.baseline_errors for one in whole]
-    return [], refused, _judged_rows(whole, plain, parts, inliers, sigma)
+        predicted = _without(errors, results, [*gone, *refused])
+    plain = [result.baseline_errors for result in results]
+    return [], refused, _judged_rows(results, plain, parts, inliers, sigma)
 
 
-def _without(errors: Errors, whole: list[Nested], refused: Sequence[Term]) -> list[np.ndarray]:
+def _without(errors: Errors, results: list[Nested], refused: Sequence[Term]) -> list[np.ndarray]:
     """Errors (n,) by scheme of what the folds found by themselves, except what is one of the refused terms."""
     gone = {(term.finding.effect, term.finding.where) for term in refused}
     out = []
-    for one in whole:
-        kept = {}
-        for k, findings in one.found.items():
-            kept[k] = effects_of([f for f in findings if (f.effect, f.where) not in gone])
-        out.append(errors.predicted(one.scheme.fold, kept))
+    for result in results:
+        effects_of_folds = {}
+        for k, findings in result.found.items():
+            effects_of_folds[k] = effects_of(
+                [f for f in findings if (f.effect, f.where) not in gone]
+            )
+        out.append(errors.predicted(result.scheme.fold, effects_of_folds))
     return out
 
 
-def _judged_rows(whole: list[Nested], predicted, judges, inliers, sigma) -> list[SchemeErrors]:
+def _judged_rows(results: list[Nested], predicted, judges, inliers, sigma) -> list[SchemeErrors]:
     """Errors by scheme; those of several kinds of samples (corners, stripes) are weighted by their noise `sigma`."""
     rows = []
-    for one, after in zip(whole, predicted):
-        figures = rms_pair(one.baseline_errors, after, inliers, sigma)
+    for result, after in zip(results, predicted):
+        figures = rms_pair(result.baseline_errors, after, inliers, sigma)
         rows.append(
-            SchemeErrors(one.scheme, one.baseline_errors, after, *figures, one.scheme in judges)
+            SchemeErrors(
+                result.scheme, result.baseline_errors, after, *figures, result.scheme in judges
+            )
         )
     return rows
 
@@ -158,16 +165,19 @@ def _nested_search(
     parts = schemes(bench.pose, found.before)
     if find is None:
         plain = [errors((), scheme.fold) for scheme in parts]
-        return [Nested(scheme, one, one, {}, 0.0) for scheme, one in zip(parts, plain)]
+        return [
+            Nested(scheme, plain_errors, plain_errors, {}, 0.0)
+            for scheme, plain_errors in zip(parts, plain)
+        ]
     compared = errors if bench.chain is not None else Errors(bench, independent=True)
-    made = []
+    results = []
     for scheme, nested in zip(parts, _search_nested(bench, find, parts, say, jobs)):
         fold, chosen = scheme.fold, {k: effects_of(terms) for k, terms in nested.items()}
         before, after = compared((), fold), compared.predicted(fold, chosen)
         t = _t_of(compared, before, after, ~found.outliers)
         plain, predicted = errors((), fold), errors.predicted(fold, chosen)
-        made.append(Nested(scheme, plain, predicted, nested, t))
-    return made
+        results.append(Nested(scheme, plain, predicted, nested, t))
+    return results
 
 
 def _t_of(errors: Errors, before: np.ndarray, after: np.ndarray, inliers: np.ndarray) -> float:
@@ -175,7 +185,7 @@ def _t_of(errors: Errors, before: np.ndarray, after: np.ndarray, inliers: np.nda
     bench = errors.bench
     if bench.sigma is not None:
         return paired_t(bench.pose, before, after, inliers, bench.sigma)
-    components = [errors.components_of(one) for one in (before, after)]
+    components = [errors.components_of(errors_of_model) for errors_of_model in (before, after)]
     return significance(bench.pose, *components, inliers)
 
 
@@ -222,10 +232,10 @@ def _search_nested(
         results = searched([s.fold != k for _, s, k in work])
         for done, ((i, s, k), terms) in enumerate(zip(work, results), 1):
             found[i][k] = terms
-            left = (time.perf_counter() - start) / done * (len(work) - done)
+            seconds_left = (time.perf_counter() - start) / done * (len(work) - done)
             say(
                 f"{s.name}: the whole search was made without block {k + 1} of {len(s.folds)}; "
-                f"about {duration(left)} left"
+                f"about {duration(seconds_left)} left"
             )
     return found
 
@@ -259,9 +269,9 @@ def _retained_terms(
     trial = ConditionalGains(bench, problem, sigma_of(bench, samples))
     least = critical_t(bench.sigma)
 
-    def judged(left: Sequence[Term]) -> list[Term]:
-        kept = [i for term in left for i in numbers[id(term.finding)]]
-        return [trial.judged(term, numbers[id(term.finding)], kept) for term in left]
+    def judged(terms: Sequence[Term]) -> list[Term]:
+        present = [i for term in terms for i in numbers[id(term.finding)]]
+        return [trial.judged(term, numbers[id(term.finding)], present) for term in terms]
 
     return _without_insignificant(judged, [Term(f) for f in findings], least)
 
@@ -273,15 +283,15 @@ def _without_insignificant(
     judged: Judge, terms: Sequence[Term], least: float
 ) -> tuple[list[Term], list[Term]]:
     """Terms whose gain conditional on one another has a t above `least`, and the others; the weakest goes first."""
-    left, gone = list(terms), []
-    while left:
-        left = judged(left)
-        worst = min(left, key=lambda term: (term.gain > 0, term.t))
+    remaining, refused = list(terms), []
+    while remaining:
+        remaining = judged(remaining)
+        worst = min(remaining, key=lambda term: (term.gain > 0, term.t))
         if worst.t > least and worst.gain > 0:
             break
-        gone.append(replace(worst, kept=False, reason=_insignificant(worst.t, least)))
-        left.remove(worst)
-    return left, gone
+        refused.append(replace(worst, kept=False, reason=_insignificant(worst.t, least)))
+        remaining.remove(worst)
+    return remaining, refused
 
 
 def _insignificant(t: float, least: float) -> str:
@@ -290,18 +300,18 @@ def _insignificant(t: float, least: float) -> str:
 
 def _controlled(bench, terms: list[Term], say) -> tuple[list[Term], list[Term]]:
     """The terms with their controls, and those that failed them."""
-    kept, failed = [], []
+    passed, failed = [], []
     for term in terms:
         say(f"controls of {term.title}")
         others = effects_of([other.finding for other in terms if other is not term])
-        made = replace(term, controls=controls(bench, others, term.finding.effects))
-        broken = [one.kind for one in made.controls if one.passed is False]
+        controlled = replace(term, controls=controls(bench, others, term.finding.effects))
+        broken = [control.kind for control in controlled.controls if control.passed is False]
         if broken:
             reason = f"it has a gain without its cause, too (control: {' and '.join(broken)})"
-            failed.append(replace(made, kept=False, reason=reason))
+            failed.append(replace(controlled, kept=False, reason=reason))
         else:
-            kept.append(made)
-    return kept, failed
+            passed.append(controlled)
+    return passed, failed
 
 
 Search = Callable[[Bench, np.ndarray], list]

@@ -40,7 +40,7 @@ class Nested:
 
 
 def stable_terms(
-    bench, terms: Sequence[Term], whole: Sequence[Nested], inliers: np.ndarray
+    bench, terms: Sequence[Term], nested: Sequence[Nested], inliers: np.ndarray
 ) -> tuple[list[Term], list[Term]]:
     """The terms whose gain is significant, too, where each fold knows only what was found without it; and the others.
 
@@ -49,14 +49,16 @@ def stable_terms(
     """
     if not terms:
         return [], []
-    judges = judges_of_all(bench, terms, [one.scheme for one in whole])
-    t = combined_t([one.t for one in whole if one.scheme in judges], bench.sigma)
+    judges = judges_of_all(bench, terms, [result.scheme for result in nested])
+    t = combined_t([result.t for result in nested if result.scheme in judges], bench.sigma)
     if not t > critical_t(bench.sigma):
         reason = f"the nested search does not reduce the held-out error significantly (t = {t:.1f})"
         return [], [replace(term, kept=False, t_nested=t, reason=reason) for term in terms]
-    folds = _Folds(bench, terms, whole, inliers)
+    folds = _Folds(bench, terms, nested, inliers)
     judged = [folds.judged(number, term) for number, term in enumerate(terms)]
-    return [one for one in judged if one.kept], [one for one in judged if not one.kept]
+    return [result for result in judged if result.kept], [
+        result for result in judged if not result.kept
+    ]
 
 
 def judges_of_all(bench, terms: Sequence[Term], schemes: Sequence[Scheme]) -> list[Scheme]:
@@ -66,26 +68,30 @@ def judges_of_all(bench, terms: Sequence[Term], schemes: Sequence[Scheme]) -> li
     problem = bench.problem(effects_of(findings), part, hypotheses=False)
     originals = {scheme.at(part): scheme for scheme in schemes}
     able = []
-    for finding, own in zip(findings, effect_indices(findings)):
-        judges = judging_schemes(bench, finding.effects, list(originals), problem, own)
-        able.append([originals[one] for one in judges])
-    common = [scheme for scheme in schemes if all(scheme in mine for mine in able)]
+    for finding, indices in zip(findings, effect_indices(findings)):
+        judges = judging_schemes(bench, finding.effects, list(originals), problem, indices)
+        able.append([originals[judge] for judge in judges])
+    common = [
+        scheme for scheme in schemes if all(scheme in judges_of_term for judges_of_term in able)
+    ]
     return common or able[int(np.argmax([finding.gain for finding in findings]))]
 
 
 class _Folds:
     """The judged samples solved with what each fold found, and with all terms; as linear problems."""
 
-    def __init__(self, bench, terms: Sequence[Term], whole: Sequence[Nested], inliers: np.ndarray):
+    def __init__(self, bench, terms: Sequence[Term], nested: Sequence[Nested], inliers: np.ndarray):
         part = tested_samples(bench)
-        here = np.ones(len(bench.pose), bool) if part is None else part
+        used = np.ones(len(bench.pose), bool) if part is None else part
         findings = [term.finding for term in terms]
-        self._bench, self._pose, self._usual = bench, bench.pose[here], inliers[here]
+        self._bench, self._pose, self._usual = bench, bench.pose[used], inliers[used]
         self._sigma = sigma_of(bench, part)
         self._problem = bench.problem(effects_of(findings), part, hypotheses=False)
         self._numbers = effect_indices(findings)
         self._moved = _displacements(self._problem, findings)
-        self._solved = {one.scheme.at(part): _solved(bench, one.found, part) for one in whole}
+        self._solved = {
+            result.scheme.at(part): _solved(bench, result.found, part) for result in nested
+        }
         self._errors = {scheme: self._linear(scheme) for scheme in self._solved}
 
     def judged(self, number: int, term: Term) -> Term:
@@ -93,11 +99,13 @@ class _Folds:
         moved = self._moved[number]
         t = self._t(term.finding, self._numbers[number], moved)
         nested = min(t) if rises_significantly(min(t), self._sigma) else max(t)
-        made = [fold.made for rows in self._solved.values() for fold in rows.values()]
+        displacements = [
+            fold.displacements for rows in self._solved.values() for fold in rows.values()
+        ]
         judged = replace(
             term,
-            reselected_folds=sum(_is_reselected(moved, others) for others in made),
-            searched_folds=len(made),
+            reselected_folds=sum(_is_reselected(moved, others) for others in displacements),
+            searched_folds=len(displacements),
             t_nested=nested,
         )
         if nested > critical_t(self._sigma):
@@ -105,11 +113,13 @@ class _Folds:
         reason = f"what the nested search finds in its place does not reduce the held-out error (t = {nested:.1f})"
         return replace(judged, kept=False, reason=reason)
 
-    def _t(self, finding: Finding, own: Sequence[int], moved: np.ndarray) -> list[float]:
+    def _t(self, finding: Finding, indices: Sequence[int], moved: np.ndarray) -> list[float]:
         """t of the gain of a finding in each scheme that can judge it."""
         out = []
         schemes = list(self._solved)
-        for scheme in judging_schemes(self._bench, finding.effects, schemes, self._problem, own):
+        for scheme in judging_schemes(
+            self._bench, finding.effects, schemes, self._problem, indices
+        ):
             without = self._linear(scheme, (finding, moved))
             with_all = self._errors[scheme]
             out.append(significance(self._pose, without, with_all, self._usual, self._sigma))
@@ -125,7 +135,7 @@ class _SolvedFold:
 
     findings: list[Finding]
     problem: Problem
-    made: list[np.ndarray]
+    displacements: list[np.ndarray]
 
 
 def _solved(bench, nested: dict[int, list[Finding]], part) -> dict[int, _SolvedFold]:
@@ -141,8 +151,9 @@ def _displacements(problem: Problem, findings: Sequence[Finding]) -> list[np.nda
     """(N,) mm, px: what each finding makes, orthogonal to the baseline."""
     bare = problem.conditional_on(())
     return [
-        problem.units * bare.orthogonalise(sum(problem.added[i] @ problem.values[i] for i in own))
-        for own in effect_indices(findings)
+        problem.units
+        * bare.orthogonalise(sum(problem.added[i] @ problem.values[i] for i in indices))
+        for indices in effect_indices(findings)
     ]
 
 
@@ -153,9 +164,9 @@ def _is_reselected(moved: np.ndarray, others: list[np.ndarray]) -> bool:
     """
     if not others:
         return False
-    made = np.stack(others, 1)
-    share = least_squares(made, moved)
-    like = np.maximum(share, 0.0) @ made.T
+    columns = np.stack(others, 1)
+    share = least_squares(columns, moved)
+    like = np.maximum(share, 0.0) @ columns.T
     return bool(((moved - like) ** 2).sum() < (1 - MAJORITY) * (moved**2).sum())
 
 
@@ -169,27 +180,30 @@ def _linear(
     parts = {}
     for k, solved in folds.items():
         numbers = effect_indices(solved.findings)
-        kept = [i for own in numbers for i in own]
+        indices = [i for of_finding in numbers for i in of_finding]
         if without is not None:
-            same = [_same(f, m, *without) for f, m in zip(solved.findings, solved.made)]
-            kept = [i for own, is_same in zip(numbers, same) if not is_same for i in own]
-        mine = scheme.fold == k
-        problem = solved.problem.conditional_on(kept)
-        parts[k] = left_out_components(problem, np.where(mine, 0, -1), 0, scored)
+            same = [_same(f, m, *without) for f, m in zip(solved.findings, solved.displacements)]
+            indices = [
+                i for of_finding, is_same in zip(numbers, same) if not is_same for i in of_finding
+            ]
+        of_fold = scheme.fold == k
+        problem = solved.problem.conditional_on(indices)
+        parts[k] = left_out_components(problem, np.where(of_fold, 0, -1), 0, scored)
     out = np.full_like(next(iter(parts.values())), np.nan)
     for k, part in parts.items():
         out[:, scheme.fold == k] = part[:, scheme.fold == k]
     return out
 
 
-def _same(finding: Finding, made: np.ndarray, other: Finding, moved: np.ndarray) -> bool:
+def _same(finding: Finding, displacement: np.ndarray, other: Finding, moved: np.ndarray) -> bool:
     """Whether two findings are one: the same effect at one place, or effects that are confounded in these poses.
 
-    made, moved (N,): what the two make.
+    displacement, moved (N,): what the two make.
     """
-    both = float((made**2).sum() * (moved**2).sum())
+    both = float((displacement**2).sum() * (moved**2).sum())
     return (
-        _name(finding) in _names(other) or float(made @ moved) ** 2 >= CONFOUNDED_SHARE * both > 0
+        _name(finding) in _names(other)
+        or float(displacement @ moved) ** 2 >= CONFOUNDED_SHARE * both > 0
     )
 
 
@@ -200,11 +214,11 @@ def _names(finding: Finding) -> set[tuple[str, str]]:
         for a in finding.alternatives
         if a.probability >= 1 - CONFOUNDED_SHARE or a.squared_correlation >= CONFOUNDED_SHARE
     )
-    return {_name(one) for one in (finding, *finding.effects, *alternatives)}
+    return {_name(named) for named in (finding, *finding.effects, *alternatives)}
 
 
-def _name(one) -> tuple[str, str]:
-    return one.effect, one.where
+def _name(named) -> tuple[str, str]:
+    return named.effect, named.where
 
 
 def effect_indices(findings) -> list[list[int]]:
