@@ -11,7 +11,8 @@ from conftest import mostly_slow
 from sensors.effects import CATALOGUE
 from workbench.diagnosis.scanner import sensor
 from workbench.diagnosis.scanner.sensor_simulate import simulated
-from workbench.diagnosis.search.select import find
+from workbench.diagnosis.search.select import find, found_terms
+from workbench.diagnosis.validation.proof import retained_in_fold
 
 CASES = {
     "recorded-column": ("mirror", {"column": "exposure_ms"}, {"slope": 1e-4}),
@@ -65,6 +66,28 @@ def test_an_effect_of_a_recorded_column_is_named(name):
     named = [(one.effect, one.where) for one in found.findings]
     assert named == [(name, where)], found
     assert found.findings[0].probability > 0.4
+
+
+def test_a_laser_that_turns_about_a_place_of_its_own_drifts_in_parallel_too():
+    start = sensor.SensorBench(true()).kind
+    options = {"apex_mm": list(start.light), "axis": list(start.light_axis)}
+    effect = CATALOGUE["laser-drift"]("laser", time_constant_s=120.0, **options)
+    values = {"laser.laser-drift.amplitude": 5e-4, "laser.laser-drift.shift_amplitude": 0.1}
+    bench = sensor.SensorBench(simulated(true(), (effect,), values, 5))
+    found = find(bench)
+    assert [(one.effect, one.where) for one in found.findings] == [("laser-drift", "laser")]
+    estimated = {row["key"]: row for row in bench.parameters(found.findings[0].effects)}
+    for key, value in values.items():
+        assert abs(estimated[key]["value"] - value) < 0.1 * abs(value) + 4 * estimated[key]["std"]
+
+
+def test_a_ball_of_a_wrong_radius_that_was_scanned_twice_is_found_from_either_scan():
+    effect = CATALOGUE["ball-radius"]("ball-2")
+    values = {"ball-2.ball-radius.growth": 0.1}
+    bench = sensor.SensorBench(simulated(sensor_virtual.chains(scans=2), (effect,), values, 6))
+    second_ball = np.unique(bench.pose)[-2]
+    found = retained_in_fold(bench, bench.pose != second_ball, found_terms)
+    assert [(one.effect, one.where) for one in found] == [("ball-radius", "ball-2")]
 
 
 def test_clean_measurements_with_many_columns_are_silent():

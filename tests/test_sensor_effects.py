@@ -36,6 +36,7 @@ CASES = (
     ("rolling-shutter", "time", {}),
     ("laser-drift", "laser", {}),
     ("laser-drift", "laser", {"time_constant_s": 120.0}),
+    ("laser-drift", "laser", {"apex_mm": [70.0, 0.0, -20.0], "axis": [0.0, 0.6, 0.8]}),
     ("mirror-vibration", "mirror", {"angular_frequency": 0.3}),
     ("recorded-column", "mirror", {"column": "exposure_ms", "spread": 0.5}),
     ("recorded-column", "laser", {"column": "exposure_ms"}),

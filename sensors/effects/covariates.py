@@ -9,6 +9,7 @@ from workbench.core.covariates import warmth, warmth_sizes
 from workbench.core.effect import Variant
 from workbench.core.vocabulary import Covariate
 
+Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 CLOCKS = ("temperature_c", "time_s")
 _TIME_CONSTANTS = (30.0, 60.0, 120.0, 300.0, 600.0, 1800.0)  # s, where the times are not known
 # Of the duration: a shorter warm-up is over within the first images, a longer one is linear. Neighbours differ by a

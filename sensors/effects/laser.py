@@ -5,11 +5,11 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from sensors.effects.covariates import Vector
 from sensors.state import stripe_direction
 from workbench.core.covariates import known
 from workbench.core.effect import Effect, Grid, Variant
 
-_Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 _LOW_ORDERS, _HIGHEST_ORDER = range(1, 9), 400
 
 
@@ -37,8 +37,8 @@ class PlaneBow(Effect):
     def __init__(
         self,
         where: str,
-        apex_mm: _Vector | None = None,
-        axis: _Vector | None = None,
+        apex_mm: Vector | None = None,
+        axis: Vector | None = None,
     ):
         super().__init__(where)
         self.apex_mm, self.axis = apex_mm, axis

@@ -1,11 +1,12 @@
 """Effects that read what images.csv records of each image: time, mirror speed, exposure, or any other column."""
 
+from functools import partial
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
-from sensors.effects.covariates import WarmUpLaw, warm_ups
+from sensors.effects.covariates import Vector, WarmUpLaw, warm_ups
 from workbench.core.covariates import known
 from workbench.core.effect import Effect, Grid, Variant
 from workbench.core.vocabulary import Covariate
@@ -18,37 +19,72 @@ _KNOWN = ("time_s", "sweep", "mirror_speed_deg_s")
 
 
 class LaserDrift(WarmUpLaw, Effect):
-    """The laser's direction drifts while it warms up: linearly with time, or exponentially with a time constant.
+    """The laser drifts while it warms up: linearly with time, or exponentially with a time constant.
 
-    The light plane turns before the mirror, which moves every light plane as a turn of the mirror does.
+    Its direction turns every light plane as a turn of the mirror does. A laser whose mount bends turns about a place of
+    its own, which displaces the light in parallel as well. With `apex_mm`, a place on the mirror's axis in the camera
+    frame, and `axis`, its unit vector, both are parameters: the rotation of the light about the mirror's axis, and its
+    displacement along the normal of the light plane.
     """
 
     effect = "laser-drift"
     port = "mirror"
     places = ("laser",)
     needs = ("time_s",)
-    equation = "dphi = A t (in hours), or A (1 - exp(-(t - t0) / tau))"
-    source = "first-order lag of a warm-up; pointing stability of lasers: ISO 11670"
+    equation = (
+        "dphi = A g, or dn = A (a x n) g, db = (B - A (a x n).p) g; g = t (in hours) or 1 - exp(-(t - t0) / tau); "
+        "a, p = direction of and place on the mirror's axis"
+    )
+    source = "first-order lag of a warm-up; pointing and positional stability of lasers: ISO 11670"
     reads = needs
+
+    def __init__(
+        self,
+        where: str,
+        time_constant_s: Annotated[float, Field(ge=0)] = 0.0,
+        start_s: float = 0.0,
+        apex_mm: Vector | None = None,
+        axis: Vector | None = None,
+    ):
+        super().__init__(where, time_constant_s, start_s)
+        self.apex_mm, self.axis = apex_mm, axis
+        self.is_displaced = apex_mm is not None and axis is not None
+        self.port = "plane" if self.is_displaced else "mirror"
+        self.components = (0, 1, 2, 3) if self.is_displaced else (0,)
 
     @classmethod
     def candidates(cls, chain):
-        """Linear drift, and warm-up with time constants in proportion to the recording, with a mirror's angles."""
+        """Linear drift, and warm-up with time constants, of the direction alone and with a displacement."""
         if not chain.places("mirror") or not chain.varies("time_s"):
             return
+        times = getattr(chain, "times", ())
         for where in chain.places("laser"):
-            yield Variant(cls(where), "linear with time", 0.5)
-            yield from warm_ups(cls, where, getattr(chain, "times", ()), 0.5)
+            yield Variant(cls(where), "linear with time", 0.25)
+            yield from warm_ups(cls, where, times, 0.25)
+            displaced = partial(cls, apex_mm=list(chain.light), axis=list(chain.light_axis))
+            yield Variant(displaced(where), "linear with time, with a displacement", 0.25)
+            yield from warm_ups(displaced, where, times, 0.25)
 
     def table(self, chain):
-        if self.time_constant_s:
-            return (self.parameter("amplitude", "rad", 1e-4, "the laser's warm-up"),)
-        return (self.parameter("rate", "rad/h", 1e-4, "the laser's drift"),)
+        is_warm_up = self.time_constant_s > 0
+        name, per, word = ("amplitude", "", "warm-up") if is_warm_up else ("rate", "/h", "drift")
+        turned = self.parameter(name, f"rad{per}", 1e-4, f"the laser's {word}")
+        if not self.is_displaced:
+            return (turned,)
+        moved = self.parameter(f"shift_{name}", f"mm{per}", 0.02, f"the laser's {word} in parallel")
+        return turned, moved
 
     def basis(self, state):
-        if self.time_constant_s:
-            return self.progress(state)[None, None]
-        return (state.covariate("time_s") / 3600.0)[None, None]
+        """(1, 1, n) of a mirror's turn, or (2, 4, n) of a light plane's turn and displacement."""
+        is_warm_up = self.time_constant_s > 0
+        progress = self.progress(state) if is_warm_up else state.covariate("time_s") / 3600.0
+        if not self.is_displaced:
+            return progress[None, None]
+        turn = np.cross(np.array(self.axis, float), state.planes[:3], axisb=0, axisc=0)
+        about_axis = np.concatenate([turn, -(np.array(self.apex_mm, float) @ turn)[None]])
+        displaced = np.zeros_like(about_axis)
+        displaced[3] = np.where(np.isnan(state.planes[3]), 0.0, 1.0)
+        return known(np.stack([about_axis, displaced])) * progress
 
 
 class MirrorVibration(Effect):

@@ -84,8 +84,7 @@ def paired_t(
     without, with_it = _loss(_scaled(before[used] / unit, after[used] / unit))
     falls = np.bincount(group, without - with_it)
     if sigma is not None:
-        moved = (np.sqrt(without) - np.sqrt(with_it)) ** 2
-        return _jackknife_t(falls, np.bincount(group, moved))
+        return _jackknife_t(falls, np.bincount(group, _moved(without, with_it)))
     falls = falls / np.bincount(group)
     spread = falls.std(ddof=1) / np.sqrt(len(falls))
     return float(falls.mean() / spread) if spread > 0 else 0.0
@@ -183,10 +182,31 @@ def _jackknife_t(falls: np.ndarray, moved: np.ndarray, in_order: bool = False) -
     spread *= np.sqrt(_serial_factor(remaining)) if in_order else 1.0
     if not spread > 0:
         return 0.0
-    # of so many poses the sum is as good as made: t as a normal would have it
-    worth = max(shown**2 / (moved**2).sum(), 1.0)
-    p = np.clip(student.sf(total / spread, worth), 1e-300, 1 - 1e-16)
+    # t as a normal would have it
+    p = np.clip(student.sf(total / spread, _effective_number(moved)), 1e-300, 1 - 1e-16)
     return float(norm.isf(p))
+
+
+def _effective_number(moved: np.ndarray) -> float:
+    """Number of poses that would show an effect equally and determine it as well, `moved` (p,) what each shows."""
+    return float(max(moved.sum() ** 2 / max((moved**2).sum(), 1e-300), 1.0))
+
+
+def showing_poses(
+    pose: np.ndarray, before: np.ndarray, after: np.ndarray, inliers: np.ndarray, sigma: np.ndarray
+) -> float:
+    """Effective number of poses that show an effect: before, after (n,) errors without and with it, sigma (n,)."""
+    used = inliers & np.isfinite(before) & np.isfinite(after)
+    if not used.any():
+        return 1.0
+    _, group = np.unique(pose[used], return_inverse=True)
+    losses = _loss(_scaled(before[used] / sigma[used], after[used] / sigma[used]))
+    return _effective_number(np.bincount(group, _moved(*losses)))
+
+
+def _moved(without: np.ndarray, with_it: np.ndarray) -> np.ndarray:
+    """(n,) squared change of the errors between two losses (n,)."""
+    return (np.sqrt(without) - np.sqrt(with_it)) ** 2
 
 
 def _serial_factor(series: np.ndarray) -> float:

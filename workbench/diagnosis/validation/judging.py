@@ -26,6 +26,7 @@ from workbench.diagnosis.validation.held_out import (
     paired_t,
     rises_significantly,
     rms,
+    showing_poses,
     significance,
 )
 from workbench.diagnosis.validation.terms import Term
@@ -162,13 +163,15 @@ class ConditionalGains:
             self._problem.pose,
         )
         rest = [i for i in present if i not in indices]
-        t, falls, gain = [], [], []
+        t, falls, gain, showing = [], [], [], []
         for scheme in self._judges_of(term, tuple(indices)):
             with_it, without = self._left_out(scheme, present), self._left_out(scheme, rest)
             t.append(significance(pose, without, with_it, inliers, sigma))
             lengths = [np.sqrt((errors**2).sum(0)) for errors in (without, with_it)]
             falls.append(paired_t(pose, *lengths, inliers, sigma))
             gain.append(rms(lengths[0], inliers, sigma) - rms(lengths[1], inliers, sigma))
+            if sigma is not None:
+                showing.append(showing_poses(pose, *lengths, inliers, sigma))
         worst = int(np.argmin(t))
         known = combined_t(t, sigma)
         return replace(
@@ -176,6 +179,7 @@ class ConditionalGains:
             t=known,
             t_fall=float(np.mean(falls)),
             gain=gain[0] if known > critical_t(sigma) else gain[worst],
+            showing_poses=min(showing, default=None),
         )
 
     def _judges_of(self, term: Term, indices: tuple[int, ...]) -> list[Scheme]:

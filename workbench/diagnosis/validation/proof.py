@@ -56,6 +56,7 @@ from workbench.diagnosis.validation.terms import Proof, Term
 from workbench.machine.processes import local, one_thread
 from workbench.machine.progress import duration
 
+_SINGLE = 1.5  # effective number of poses below which one shows nearly all of an effect
 Find = Callable[[Bench, np.ndarray], list[Finding]]
 Say = Callable[[str], None]
 
@@ -251,7 +252,18 @@ def retained_in_fold(bench: Bench, samples: np.ndarray, find: Find) -> list[Find
             thinned(bench.pose, samples),
             thinned(bench.pose, samples, MAX_TESTED_SAMPLES),
         )
-    return [term.finding for term in _retained_terms(bench, find(bench, searched), judged)[0]]
+    retained, refused = _retained_terms(bench, find(bench, searched), judged)
+    return [term.finding for term in (*retained, *filter(_shown_once, refused))]
+
+
+def _shown_once(term: Term) -> bool:
+    """Whether a refused term has a gain that a single board pose or ball shows, whose spread no t can estimate.
+
+    A ball that was scanned twice is in the samples of a fold once. What it shows is then tested by the fold itself,
+    which predicts the other scan.
+    """
+    showing = term.showing_poses
+    return showing is not None and showing < _SINGLE and term.gain > 0
 
 
 def _retained_terms(

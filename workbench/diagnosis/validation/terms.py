@@ -53,6 +53,7 @@ class Term:
     share: float | None = None
     remainder: bool = False
     t_fall: float | None = None
+    showing_poses: float | None = None
 
     @property
     def is_certain(self) -> bool:
