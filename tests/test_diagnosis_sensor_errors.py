@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import sensor_virtual
+from sensors.camera.displaced_lines import DisplacedLine
+from sensors.camera.shared_effects import BoardLine
 from sensors.effects import CATALOGUE
 from sensors.light.together import Together
 from workbench.diagnosis.linear.problem import Located
@@ -24,8 +26,9 @@ from workbench.explanation.answer import (
 from workbench.explanation.result import verdict_of
 from workbench.explanation.sensor_errors import (
     ball_centres,
+    displaced_line_terms,
     errors_by_kind,
-    jitter_term,
+    image_terms,
     with_jitter,
 )
 from workbench.explanation.statements import statement
@@ -226,7 +229,7 @@ def test_with_jitter_in_the_noise_a_search_finds_no_law_for_it():
     assert searched == [wider.jitter_px]
     assert wider.jitter_px == pytest.approx(0.1, rel=0.2)
     assert not found.findings and found.p_first > 0.005
-    term = jitter_term(wider, (), found.before)[0]
+    term = image_terms(wider, (), found.before)[0]
     assert term.finding.effect == "mirror-jitter"
     assert "at random from image to image" in statement(term, "the image", "px")
 
@@ -299,3 +302,18 @@ def test_scores_of_predictions_are_those_of_their_density():
     expected = white @ np.linalg.solve(covariance, white) + np.linalg.slogdet(covariance)[1]
     expected -= np.linalg.slogdet(np.eye(40) + first @ first.T)[1]
     assert score == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_displaced_row_that_only_the_calibration_of_the_camera_sees_is_a_term(bench):
+    row = BoardLine(1, 3, 16.0, np.zeros((2, 0), int))
+    found = DisplacedLine(row, np.array([0.0, -0.12]), np.array([1e-3, 1e-3]))
+    wider = sensor.SensorBench(replace(bench.chains, lines=(found,)))
+    (term,) = displaced_line_terms(wider, ())
+    assert (term.finding.effect, term.finding.where) == ("board-point-errors", "artefact")
+    values = {row["name"]: row["value"] for row in term.parameters}
+    assert values == {"row16_x": 0.0, "row16_y": -0.12}
+    assert "row at 16 mm" in statement(term, "the image", "px")
+    same = CATALOGUE["board-point-errors"]("artefact", line="row", at_mm=16.0)
+    other = CATALOGUE["board-point-errors"]("artefact", line="row", at_mm=24.0)
+    assert not displaced_line_terms(wider, (same,))
+    assert len(displaced_line_terms(wider, (other,))) == 1

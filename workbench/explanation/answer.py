@@ -44,7 +44,7 @@ from workbench.explanation.sensor_errors import (
     ball_centres,
     displaced_lines,
     errors_by_kind,
-    jitter_term,
+    image_terms,
     random_focal_error,
     with_jitter,
     without_jitter,
@@ -155,7 +155,7 @@ def _whole(
     last, correlation = _final_model(bench, found, terms)
     found, proved = last.found, last.with_variance_factors(proved)
     terms = _with_noise(last, terms, refused)
-    terms = (*terms, *jitter_term(bench, terms, found.before))
+    terms = (*terms, *image_terms(bench, terms, found.before))
     proved, terms = _with_stated_noise(last, proved, terms, refused)
     verdict = _verdict(last, terms, refused, proved)
     if verdict == UNEXPLAINED:

@@ -3,12 +3,16 @@
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from scipy.special import chdtrc
 
 from datasets.recording import Recording
+from sensors.camera.displaced_lines import DisplacedLine
 from sensors.camera.focal_scatter import focal_scatter
 from sensors.effects.optics import LensResidual
 from sensors.effects.recorded import BoardPointErrors
-from workbench.diagnosis.linear.problem import Found, Problem
+from workbench.core.effect import Effect
+from workbench.diagnosis.linear.estimates import parameter_row
+from workbench.diagnosis.linear.problem import Finding, Found, Problem
 from workbench.diagnosis.scanner.image_jitter import find_image_jitter, jitter_before_proof
 from workbench.diagnosis.scanner.sensor_linear import acts
 from workbench.diagnosis.validation.held_out import rms
@@ -101,15 +105,45 @@ def without_jitter(bench):
     return bench if bench.chain is not None else bench.with_jitter(0.0)
 
 
-def jitter_term(bench, terms: Sequence[Term], problem: Problem) -> tuple[Term, ...]:
-    """The random displacement of whole stripes next to the terms that were kept, as a term; () where there is none."""
+def image_terms(bench, terms: Sequence[Term], problem: Problem) -> tuple[Term, ...]:
+    """What images show beyond the terms that were kept: displaced lines of the board, and jitter; of an arm nothing."""
     if bench.chain is not None:
         return ()
     effects = [effect for term in terms for effect in term.finding.effects]
+    lines = displaced_line_terms(bench, effects)
     jitter = find_image_jitter(bench, effects, problem)
     if jitter is None:
-        return ()
-    return (Term(jitter.finding, jitter.parameters, jitter.sigma_px),)
+        return lines
+    return (*lines, Term(jitter.finding, jitter.parameters, jitter.sigma_px))
+
+
+def displaced_line_terms(bench, effects: Sequence[Effect]) -> tuple[Term, ...]:
+    """Rows or columns of the board that the calibration of the camera found displaced, but for those of `effects`.
+
+    Their points contradict all others of a board pose, so that they are not among the corners of the bench, and nothing
+    is left of them for a search.
+    """
+    known = {(e.line, round(e.at_mm, 3)) for e in effects if isinstance(e, BoardPointErrors)}
+    scale = bench.chains.corners.camera.fx / float(np.median(bench.covariates["range"]))
+    found = [_of_line(line, scale) for line in bench.chains.lines]
+    return tuple(term for key, term in found if key not in known)
+
+
+def _of_line(found: DisplacedLine, px_per_mm: float) -> tuple[tuple[str, float], Term]:
+    """What a displaced line is named by, and its term."""
+    kind = "column" if found.line.axis == 0 else "row"
+    effect = BoardPointErrors("artefact", kind, float(found.line.at_mm))
+    values = zip(effect.table(None), found.shift.tolist(), found.std.tolist())
+    rows = tuple(
+        parameter_row(p, effect, value, std, std) | {"size_px": abs(value) * px_per_mm}
+        for p, value, std in values
+    )
+    label = f"{kind} at {effect.at_mm:g} mm"
+    squares = float(((found.shift / found.std) ** 2).sum())
+    p_value = max(float(chdtrc(2, squares)), 1e-300)
+    finding = Finding(effect.effect, effect.where, label, (), p_value, 1.0, 0.0, squares)
+    size = float(np.linalg.norm(found.shift)) * px_per_mm
+    return (kind, round(effect.at_mm, 3)), Term(finding, rows, size)
 
 
 def displaced_lines(bench) -> tuple[str, ...]:
