@@ -11,6 +11,7 @@ from sensors.camera.displaced_lines import DisplacedLine
 from sensors.camera.shared_effects import BoardLine
 from sensors.effects import CATALOGUE
 from sensors.light.together import Together
+from sensors.scanner.line_dependence import LineDependence
 from workbench.diagnosis.linear.problem import Located
 from workbench.diagnosis.scanner import sensor
 from workbench.diagnosis.scanner.image_jitter import find_image_jitter
@@ -29,6 +30,7 @@ from workbench.explanation.sensor_errors import (
     displaced_line_terms,
     errors_by_kind,
     image_terms,
+    image_warnings,
     with_jitter,
 )
 from workbench.explanation.statements import statement
@@ -317,3 +319,14 @@ def test_a_displaced_row_that_only_the_calibration_of_the_camera_sees_is_a_term(
     other = CATALOGUE["board-point-errors"]("artefact", line="row", at_mm=24.0)
     assert not displaced_line_terms(wider, (same,))
     assert len(displaced_line_terms(wider, (other,))) == 1
+
+
+def test_a_line_whose_centres_depend_on_its_brightness_is_in_doubt_and_no_jitter(bench):
+    table = 0.1 * np.random.default_rng(3).normal(size=(20, 40))
+    jittered = moved_by(lambda placement, step: table[placement, step])
+    assert jitter_of(jittered) is not None
+    assert image_warnings(bench, ()) == ()
+    dependence = LineDependence(0.05, 1e-9, 0.04)
+    bright = sensor.SensorBench(replace(jittered.chains, dependence=dependence))
+    assert jitter_of(bright) is None
+    assert "brightness" in image_warnings(bright, ())[0]

@@ -42,10 +42,9 @@ from workbench.explanation.result import (
 )
 from workbench.explanation.sensor_errors import (
     ball_centres,
-    displaced_lines,
     errors_by_kind,
     image_terms,
-    random_focal_error,
+    image_warnings,
     with_jitter,
     without_jitter,
 )
@@ -325,8 +324,7 @@ def _warnings(bench, recording, terms=(), correlation=None) -> tuple[str, ...]:
     if correlation is not None:
         on_data = (*on_data, correlated_noise(correlation))
     if chain is None:
-        random = random_focal_error(bench, terms)
-        return (*on_data, *displaced_lines(bench), *([random] if random else []))
+        return (*on_data, *image_warnings(bench, terms))
     if chain.robot.mass.any() or chain.state.payload.any():
         return on_data
     return (*on_data, NO_MASSES.format(robot=chain.robot.name))

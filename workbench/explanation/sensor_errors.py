@@ -146,16 +146,23 @@ def _of_line(found: DisplacedLine, px_per_mm: float) -> tuple[tuple[str, float],
     return (kind, round(effect.at_mm, 3)), Term(finding, rows, size)
 
 
-def displaced_lines(bench) -> tuple[str, ...]:
-    """A sentence where the calibration of the camera found rows or columns of the board displaced; () else."""
-    chains = getattr(bench, "chains", None)  # only a bench of images has them
-    if chains is None or not chains.lines:
-        return ()
-    lines = ", ".join(line.sentence for line in chains.lines)
-    return (
-        f"The board errs ({BoardPointErrors.effect}): the calibration of the camera finds {lines}; measure or replace "
-        "the board. Corners that contradict all others are left out of this diagnosis.",
-    )
+def image_warnings(bench, terms: Sequence[Term]) -> tuple[str, ...]:
+    """What is in doubt about images: displaced lines of the board, a line whose centres depend on its brightness, and a
+    focal length that differs from board pose to board pose."""
+    chains, said = bench.chains, []
+    if chains.lines:
+        lines = ", ".join(line.sentence for line in chains.lines)
+        said.append(
+            f"The board errs ({BoardPointErrors.effect}): the calibration of the camera finds {lines}; measure or "
+            "replace the board. Corners that contradict all others are left out of this diagnosis."
+        )
+    if chains.dependence is not None and chains.dependence.is_relevant:
+        said.append(
+            f"Before anything else is corrected: {chains.dependence.sentence}. No effect that was tested describes it, "
+            "and it may pass for others."
+        )
+    focal = random_focal_error(bench, terms)
+    return (*said, focal) if focal else tuple(said)
 
 
 def random_focal_error(bench, terms: Sequence[Term]) -> str:

@@ -11,7 +11,8 @@ of the stripes of one board pose count that are orthogonal to a parabola in that
 the restricted one (Patterson & Thompson, Biometrika 58 (1971) 545), so that t has no bias from what they leave out.
 
 Jitter displaces a stripe as a whole. What a model of the lens, the board or the light plane leaves varies along stripes
-as much as between them: such stripes are displaced, but not at random.
+as much as between them: such stripes are displaced, but not at random. Neither are stripes whose centres depend on the
+brightness of the line, as by blooming: brightness differs from image to image, too.
 """
 
 from collections.abc import Sequence
@@ -165,6 +166,9 @@ def _judged(bench, found: _Stripes) -> ImageJitter | None:
     gains = found.scores(True) - found.scores(False)
     t = _paired_t(gains)
     if p_value > UNMODELLED_LEVEL or not t > CRITICAL_T or found.is_systematic:
+        return None
+    dependence = bench.chains.dependence
+    if dependence is not None and dependence.is_relevant:
         return None
     information = (sigma**2 / (found.variance + sigma**2)) ** 2
     std = sigma / np.sqrt(2 * information.sum())

@@ -115,33 +115,33 @@ class SensorBench(Bench):
 
     def solve(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None):
         """Chains on the samples, and the bundle's fit of baseline and effects there."""
-        named = tuple((e.effect, e.where, str(e.options)) for e in effects)
-        key = named, None if samples is None else samples.tobytes()
-        if key not in self._solved:
+        named = frozenset((e.effect, e.where, str(e.options)) for e in effects)
+        part = None if samples is None else samples.tobytes()
+        solved = self._solved.setdefault(part, {})
+        if named not in solved:
             chains = self.chains if samples is None else _at(self.chains, samples)
-            self._solved[key] = chains, self._fit(chains, tuple(effects))
-        return self._solved[key]
+            solved[named] = chains, self._fit(chains, tuple(effects), _nearest(solved, named))
+        return solved[named]
 
-    def _fit(self, chains: Chains, effects) -> BundleFit:
-        """Solved from the last solution of the baseline; where that does not converge, also from the calibration.
+    def _fit(self, chains: Chains, effects, nearest: BundleFit | None) -> BundleFit:
+        """Solved from the nearest set of effects on these samples (None: from the last solution of the baseline).
 
-        A baseline that an effect contradicts may be so far from the truth that a solve does not find back. Once that
-        was so, solves with effects start from the calibration.
+        Where that does not converge, also from the calibration. A baseline that an effect contradicts may be so far
+        from the truth that a solve does not find back. Once that was so, solves with effects start from the
+        calibration.
         """
-        part_models, first = (
-            models(chains, effects),
-            (self._table(chains, effects), families_of(chains)),
-        )
-        if self._start is None or (self._is_far and effects):
-            fit = solve_bundle(part_models, *first, loss="huber")
+        every, first = models(chains, effects), (self._table(chains, effects), families_of(chains))
+        start = (nearest.parameters, nearest.values) if nearest else self._start
+        if start is None or (self._is_far and effects and nearest is None):
+            fit = solve_bundle(every, *first, loss="huber")
             if not effects:
                 self._start = fit.parameters, fit.values
             return fit
-        families = {n: replace(f, values=self._start[1][n]) for n, f in first[1].items()}
-        fit = solve_bundle(part_models, first[0].take_over(self._start[0]), families, loss="huber")
+        families = {n: replace(f, values=start[1][n]) for n, f in first[1].items()}
+        fit = solve_bundle(every, first[0].take_over(start[0]), families, loss="huber")
         if fit.converged:
             return fit
-        again = solve_bundle(part_models, *first, loss="huber")
+        again = solve_bundle(every, *first, loss="huber")
         self._is_far = again.converged and bool(effects)
         return again if again.converged or again.history[-1] < fit.history[-1] else fit
 
@@ -283,6 +283,16 @@ class SensorBench(Bench):
             p.slots for p in places(self.kind) if (p.where, p.port) == (site.where, site.port)
         )
         return effect
+
+
+def _nearest(solved: Mapping, named: frozenset) -> BundleFit | None:
+    """The converged fit of the set of effects nearest to `named`; None where no set has any of them."""
+    best = max(
+        (others for others, (_, fit) in solved.items() if fit.converged and others & named),
+        key=lambda others: (len(others & named), -len(others - named)),
+        default=None,
+    )
+    return None if best is None else solved[best][1]
 
 
 def _kind(chains: Chains) -> Kind:

@@ -24,6 +24,7 @@ from sensors.light.mirror import NAMES, MovedMirror, on_one_branch, start_mirror
 from sensors.light.mirror_choice import FEWEST
 from sensors.light.planes import moved
 from sensors.scanner.calibration import calibrate_scanner
+from sensors.scanner.line_dependence import LineDependence
 from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.model import Model
 from workbench.files.images.images import by_role
@@ -47,7 +48,8 @@ class Chains:
 
     With a mirror where the angles were commanded, else with free planes; `gain_free`: what was
     commanded is no angle of the mirror, whose turn a command is then unknown. `placements`, `scans` names; `lines` of
-    the board that the calibration of the camera found displaced.
+    the board that the calibration of the camera found displaced; `dependence` of stripe centres on the width and
+    brightness of the line, None where these are unknown.
     """
 
     corners: Corners
@@ -57,6 +59,7 @@ class Chains:
     scans: tuple[str, ...] = ()
     gain_free: bool = False
     lines: tuple[DisplacedLine, ...] = ()
+    dependence: LineDependence | None = None
 
     @property
     def parts(self) -> dict[str, Corners | BoardStripeChain | Balls]:
@@ -100,7 +103,7 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
     board_stripes, gain_free = with_mirror(board_stripes, _commanded(stripes, made.scanner.steps))
     balls, scans = balls_of(recording, made, board_stripes, size, progress)
     whole = Chains(made.free.corners, board_stripes, balls, made.placements, scans, gain_free)
-    return noisy(replace(whole, lines=_displaced(camera)))
+    return noisy(replace(whole, lines=_displaced(camera), dependence=made.dependence))
 
 
 def _displaced(camera) -> tuple[DisplacedLine, ...]:
