@@ -147,8 +147,8 @@ def _of_line(found: DisplacedLine, px_per_mm: float) -> tuple[tuple[str, float],
 
 
 def image_warnings(bench, terms: Sequence[Term]) -> tuple[str, ...]:
-    """What is in doubt about images: displaced lines of the board, a line whose centres depend on its brightness, and a
-    focal length that differs from board pose to board pose."""
+    """What is in doubt about images: displaced lines of the board, the laser line itself, and a focal length that
+    differs from board pose to board pose."""
     chains, said = bench.chains, []
     if chains.lines:
         lines = ", ".join(line.sentence for line in chains.lines)
@@ -156,11 +156,7 @@ def image_warnings(bench, terms: Sequence[Term]) -> tuple[str, ...]:
             f"The board errs ({BoardPointErrors.effect}): the calibration of the camera finds {lines}; measure or "
             "replace the board. Corners that contradict all others are left out of this diagnosis."
         )
-    if chains.dependence is not None and chains.dependence.is_relevant:
-        said.append(
-            f"Before anything else is corrected: {chains.dependence.sentence}. No effect that was tested describes it, "
-            "and it may pass for others."
-        )
+    said += chains.line_doubts
     focal = random_focal_error(bench, terms)
     return (*said, focal) if focal else tuple(said)
 

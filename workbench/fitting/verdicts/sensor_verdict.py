@@ -153,15 +153,21 @@ def scanner_warnings(
             f"{_POOR_WORDS}: {100 * wrong:.0f} % of the points of the laser line were left out as wrong; take the "
             "images with less light, without reflections, and with the line on the board"
         )
-    elif calibration.wrong.mean() > _MANY_WRONG:
-        said.append(
-            f"{_DOUBT_WORDS}: {100 * calibration.wrong.mean():.0f} % of the points of the laser line were left out as "
-            "wrong: something displaces the line at places of the image or of the board, as a scratch or dirt on the "
-            "optics, a reflection, or a print that is glossy"
-        )
     is_refused = any(one.startswith(_POOR_WORDS) for one in said)
     if misfit is not None and misfit.is_relevant and not is_refused:
         said.append(f"{_DOUBT_WORDS}: {misfit.sentence}: {_DIAGNOSE}")
+    return [*said, *line_warnings(calibration, asymmetry)]
+
+
+def line_warnings(calibration, asymmetry: Asymmetry | None = None) -> list[str]:
+    """What is in doubt about the laser line itself of a `ScannerCalibration`, which no residual need show."""
+    said, wrong = [], float(calibration.wrong.mean())
+    if wrong > _MANY_WRONG and not _mostly_wrong(calibration):
+        said.append(
+            f"{_DOUBT_WORDS}: {100 * wrong:.0f} % of the points of the laser line were left out as "
+            "wrong: something displaces the line at places of the image or of the board, as a scratch or dirt on the "
+            "optics, a reflection, or a print that is glossy"
+        )
     if asymmetry is not None and asymmetry.is_relevant(calibration.scanner.sigma_px):
         said.append(_of_asymmetry(asymmetry))
     if calibration.dependence is not None and calibration.dependence.is_relevant:

@@ -25,9 +25,11 @@ from sensors.light.mirror_choice import FEWEST
 from sensors.light.planes import moved
 from sensors.scanner.calibration import calibrate_scanner
 from sensors.scanner.line_dependence import LineDependence
+from sensors.stripe.asymmetry import Profiles, asymmetry
 from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.model import Model
 from workbench.files.images.images import by_role
+from workbench.fitting.verdicts.sensor_verdict import line_warnings
 from workbench.jobs.sensor import scanner as scanners
 
 MOST_STRIPES = 6_000
@@ -49,7 +51,7 @@ class Chains:
     With a mirror where the angles were commanded, else with free planes; `gain_free`: what was
     commanded is no angle of the mirror, whose turn a command is then unknown. `placements`, `scans` names; `lines` of
     the board that the calibration of the camera found displaced; `dependence` of stripe centres on the width and
-    brightness of the line, None where these are unknown.
+    brightness of the line, None where these are unknown; `line_doubts`: sentences on what is in doubt about that line.
     """
 
     corners: Corners
@@ -60,6 +62,7 @@ class Chains:
     gain_free: bool = False
     lines: tuple[DisplacedLine, ...] = ()
     dependence: LineDependence | None = None
+    line_doubts: tuple[str, ...] = ()
 
     @property
     def parts(self) -> dict[str, Corners | BoardStripeChain | Balls]:
@@ -84,7 +87,8 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
     camera = calibrate_camera(
         found.views, found.board, found.size, "brown", folds=0, progress=progress
     )
-    stripes = _stripes(recording, camera, progress)
+    profiles: list[Profiles] = []
+    stripes = _stripes(recording, camera, progress, profiles)
     if stripes is None:
         names = tuple(camera.placements)
         return noisy(Chains(camera.chain, placements=names, lines=_displaced(camera)))
@@ -103,7 +107,11 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
     board_stripes, gain_free = with_mirror(board_stripes, _commanded(stripes, made.scanner.steps))
     balls, scans = balls_of(recording, made, board_stripes, size, progress)
     whole = Chains(made.free.corners, board_stripes, balls, made.placements, scans, gain_free)
-    return noisy(replace(whole, lines=_displaced(camera), dependence=made.dependence))
+    shape = asymmetry(Profiles.joined(profiles)) if profiles else None
+    doubts = tuple(line_warnings(made, shape))
+    return noisy(
+        replace(whole, lines=_displaced(camera), dependence=made.dependence, line_doubts=doubts)
+    )
 
 
 def _displaced(camera) -> tuple[DisplacedLine, ...]:
@@ -112,8 +120,11 @@ def _displaced(camera) -> tuple[DisplacedLine, ...]:
     return camera.shared.errors.lines if is_shared else ()
 
 
-def _stripes(recording, camera, progress):
-    """Stripes on the boards that were seen, None where no image was taken under the laser."""
+def _stripes(recording, camera, progress, profiles: list[Profiles]):
+    """Stripes on the boards that were seen, None where no image was taken under the laser.
+
+    profiles: given the profiles of the line.
+    """
     seen = {view.placement: view for view in camera.views}
     rows: dict[str, list[Mapping]] = {}
     for row in by_role(recording, "board-laser"):
@@ -122,7 +133,7 @@ def _stripes(recording, camera, progress):
     if not rows:
         return None
     usable = [(seen[name], taken) for name, taken in rows.items()]
-    return scanners.board_stripes(recording, usable, camera.board, progress)
+    return scanners.board_stripes(recording, usable, camera.board, progress, None, profiles)
 
 
 def _commanded(stripes, steps) -> np.ndarray | None:
