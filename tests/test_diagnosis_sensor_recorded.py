@@ -9,6 +9,7 @@ import pytest
 import sensor_virtual
 from conftest import mostly_slow
 from sensors.effects import CATALOGUE
+from sensors.light.together import Together
 from workbench.diagnosis.scanner import sensor
 from workbench.diagnosis.scanner.sensor_simulate import simulated
 from workbench.diagnosis.search.select import find, found_terms
@@ -88,6 +89,22 @@ def test_a_ball_of_a_wrong_radius_that_was_scanned_twice_is_found_from_either_sc
     second_ball = np.unique(bench.pose)[-2]
     found = retained_in_fold(bench, bench.pose != second_ball, found_terms)
     assert [(one.effect, one.where) for one in found] == [("ball-radius", "ball-2")]
+
+
+def test_what_stripes_share_without_an_effect_does_not_weaken_the_fit_with_it():
+    """A calibration that knows no vibration takes it for a random displacement of whole stripes."""
+    effect = CATALOGUE["mirror-vibration"]("mirror", angular_frequency=0.31)
+    keys = [f"mirror.mirror-vibration.{wave}" for wave in ("cos", "sin")]
+    values = dict(zip(keys, (4e-4, 2e-4)))
+    chains = simulated(true(), (effect,), values, 7)
+    stripes = chains.board_stripes
+    alike = Together.of(stripes.labels, stripes.along)
+    alike = replace(alike, sigma=np.array([0.5, 0.0, 0.2]))
+    chains = replace(chains, board_stripes=replace(stripes, together=alike))
+    rows = {row["key"]: row for row in sensor.SensorBench(chains).parameters((effect,))}
+    for key, value in values.items():
+        assert rows[key]["std"] < 0.02 * abs(value)
+        assert abs(rows[key]["value"] - value) < 4 * rows[key]["std"]
 
 
 def test_clean_measurements_with_many_columns_are_silent():

@@ -25,7 +25,6 @@ from scipy.special import chdtrc, fdtrc
 from sensors.light.grouping import groups
 from workbench.core.effect import Effect
 from workbench.core.least_squares.adjustment_tests import neighbour_test
-from workbench.core.model import Model
 from workbench.diagnosis.levels import (
     CRITICAL_T,
     DATA_FAULT_LEVEL,
@@ -35,9 +34,8 @@ from workbench.diagnosis.levels import (
     UNMODELLED_LEVEL,
 )
 from workbench.diagnosis.linear.problem import Finding, Problem
-from workbench.diagnosis.scanner.sensor_linear import acts
+from workbench.diagnosis.scanner.sensor_linear import residual_of_stripes
 from workbench.diagnosis.validation.folds import schemes
-from workbench.jobs.sensor.chains import at_solution
 
 EFFECT, WHERE = "mirror-jitter", "mirror"
 _FEWEST_POSES = 3
@@ -216,12 +214,7 @@ def _fitted(bench, effects) -> np.ndarray:
     Held-out stripes of one step all miss by what a mirror from few displaced stripes is off; these do not.
     """
     chains, fit = bench.solve(effects)
-    stripes = replace(at_solution(chains, fit).board_stripes, together=None)
-    model = Model(stripes, tuple(effect for effect in effects if acts(effect, "board_stripes")))
-    keys = set(model.parameters.keys)
-    found = {p.key: fit.parameters[p.key] for p in fit.parameters.table if p.key.count(".") > 1}
-    values = {key: value for key, value in found.items() if key in keys}
-    return model.evaluate(model.parameters.update(values)).residual[0]
+    return residual_of_stripes(chains, effects, fit)
 
 
 def _angles(chain, step: np.ndarray) -> np.ndarray:

@@ -30,6 +30,7 @@ from workbench.diagnosis.scanner.sensor_linear import (
     families_of,
     host,
     models,
+    with_remaining_shared_errors,
 )
 from workbench.diagnosis.scanner.sensor_review import reviewed
 from workbench.jobs.sensor import chains as measured_chains
@@ -120,7 +121,11 @@ class SensorBench(Bench):
         solved = self._solved.setdefault(part, {})
         if named not in solved:
             chains = self.chains if samples is None else _at(self.chains, samples)
-            solved[named] = chains, self._fit(chains, tuple(effects), _nearest(solved, named))
+            fit = self._fit(chains, tuple(effects), _nearest(solved, named))
+            still_shared = with_remaining_shared_errors(chains, tuple(effects), fit)
+            if still_shared is not None:
+                chains, fit = still_shared, self._fit(still_shared, tuple(effects), fit)
+            solved[named] = chains, fit
         return solved[named]
 
     def _fit(self, chains: Chains, effects, nearest: BundleFit | None) -> BundleFit:

@@ -17,7 +17,7 @@ from workbench.core.least_squares.bundle import BundleFit, Family
 from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues
 from workbench.core.model import Evaluation, Model
 from workbench.core.parameters import Parameters
-from workbench.diagnosis.levels import ANGLE_DECIMALS, NEGLIGIBLE_SHARE
+from workbench.diagnosis.levels import ANGLE_DECIMALS, MAJORITY, NEGLIGIBLE_SHARE
 from workbench.diagnosis.linear.candidates import Candidate, Scan, Site
 from workbench.diagnosis.linear.problem import Problem, observable_basis
 from workbench.diagnosis.noise.outliers import robust_weights
@@ -51,6 +51,42 @@ def acts(effect: Effect, part: str) -> bool:
     if effect.where == _BOARD_ONLY and part == "balls":
         return False
     return part != "corners" or effect.port in ON_BOTH
+
+
+def residual_of_stripes(chains: Chains, effects: Sequence[Effect], fit: BundleFit) -> np.ndarray:
+    """(n,) px, residuals of stripes on boards in a fit, with the errors that points of a stripe share."""
+    stripes = replace(measured_chains.at_solution(chains, fit).board_stripes, together=None)
+    model = Model(stripes, tuple(effect for effect in effects if acts(effect, "board_stripes")))
+    keys = set(model.parameters.keys)
+    found = {p.key: fit.parameters[p.key] for p in fit.parameters.table if p.key.count(".") > 1}
+    values = {key: value for key, value in found.items() if key in keys}
+    return model.evaluate(model.parameters.update(values)).residual[0]
+
+
+def with_remaining_shared_errors(
+    chains: Chains, effects: Sequence[Effect], fit: BundleFit
+) -> Chains | None:
+    """The chains with what points of stripes err together next to some effects; None where that is as before.
+
+    The calibration estimates these errors without effects, so that they hold what an effect makes: a vibration
+    displaces whole stripes. Weighted by them, a fit with the effect would leave a part of it.
+    """
+    stripes = chains.board_stripes
+    if not effects or stripes is None or stripes.together is None:
+        return None
+    together = stripes.together
+    left = residual_of_stripes(chains, effects, fit)
+    sigma = np.zeros(len(together.sigma))
+    for kind in (2, 0, 1):  # board poses, stripes, tilts of stripes
+        shape, label = together.shapes[kind], together.labels[kind]
+        squares = np.bincount(label, shape**2)
+        size = np.bincount(label, shape * left) / np.maximum(squares, 1e-12)
+        left = left - shape * size[label]
+        sigma[kind] = np.sqrt((size[squares > 0] ** 2).mean())
+    if sigma.max() > MAJORITY * together.sigma.max():
+        return None
+    remaining = replace(together, sigma=np.minimum(together.sigma, sigma))
+    return replace(chains, board_stripes=replace(stripes, together=remaining))
 
 
 def host(part_models: Sequence[Model], effect: Effect) -> Model:
