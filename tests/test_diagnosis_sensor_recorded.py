@@ -91,6 +91,13 @@ def test_a_ball_of_a_wrong_radius_that_was_scanned_twice_is_found_from_either_sc
     assert [(one.effect, one.where) for one in found] == [("ball-radius", "ball-2")]
 
 
+def test_variants_of_one_effect_have_labels_of_their_own():
+    kind = sensor.SensorBench(true()).kind
+    for effect in CATALOGUE.values():
+        labels = [(one.effect.where, one.label) for one in effect.candidates(kind)]
+        assert len(set(labels)) == len(labels), effect.effect
+
+
 def test_what_stripes_share_without_an_effect_does_not_weaken_the_fit_with_it():
     """A calibration that knows no vibration takes it for a random displacement of whole stripes."""
     effect = CATALOGUE["mirror-vibration"]("mirror", angular_frequency=0.31)

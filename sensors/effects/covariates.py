@@ -57,10 +57,13 @@ class WarmUpLaw:
         return "1", 5 * kelvin, 30 * kelvin
 
 
-def warm_ups(kind, where: str, times, prior: float = 1.0, missing: str = ""):
-    """Variants of a `WarmUpLaw` with time constants that images at `times` (n,) s can distinguish."""
+def warm_ups(kind, where: str, times, prior: float = 1.0, missing: str = "", suffix: str = ""):
+    """Variants of a `WarmUpLaw` with time constants that images at `times` (n,) s can distinguish.
+
+    suffix: of their labels, which variants of several laws of one effect are distinguished by.
+    """
     constants, start = time_constants(times)
-    word = "warming up with time constant {:g} s"
+    word = "warming up with time constant {:g} s" + suffix
     for constant in constants:
         about = (word.format(constant), prior / len(constants), missing)
         yield Variant(kind(where, constant, start), *about, "time_constant_s", word)

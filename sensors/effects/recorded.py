@@ -62,8 +62,9 @@ class LaserDrift(WarmUpLaw, Effect):
             yield Variant(cls(where), "linear with time", 0.25)
             yield from warm_ups(cls, where, times, 0.25)
             displaced = partial(cls, apex_mm=list(chain.light), axis=list(chain.light_axis))
-            yield Variant(displaced(where), "linear with time, with a displacement", 0.25)
-            yield from warm_ups(displaced, where, times, 0.25)
+            suffix = ", with a displacement"
+            yield Variant(displaced(where), f"linear with time{suffix}", 0.25)
+            yield from warm_ups(displaced, where, times, 0.25, suffix=suffix)
 
     def table(self, chain):
         is_warm_up = self.time_constant_s > 0
