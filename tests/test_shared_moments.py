@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from robot_model.effects import CATALOGUE
+from robot_model.effects import CATALOGUE, unknown_masses
 from scenes import ABB, CRAIG, model_of, scene
 from test_diagnosis_engine import recorded
 from test_real_arm_effects import without_masses
@@ -108,3 +108,29 @@ def test_a_size_has_the_variance_between_the_probable_sets():
     assert first == {"std": pytest.approx(0.5), "value": 2.0}
     assert second == rows[1]
     assert with_variation(rows, 0.0) == rows
+
+
+@pytest.mark.parametrize(
+    ("kind", "stated", "where"),
+    [
+        ("GravityLink", "link-compliance", "link-2"),
+        ("GravityLink", "link-compliance", "link-3"),
+        ("GravityBearing", "bearing-compliance", "joint-2"),
+    ],
+)
+def test_unknown_first_moments_make_the_moments_of_any_masses(kind, stated, where):
+    """Wherever the centres of mass are: off the line between two axes, and the weight at the end of a link, too."""
+    state = bench_of(recorded(7, n=60)).chain.state
+    true = law(stated, where).basis(state).ravel()
+    made = getattr(unknown_masses, kind)(where).basis(state)
+    columns = made.reshape(len(made), -1).T
+    left = true - columns @ np.linalg.lstsq(columns, true, rcond=1e-10)[0]
+    assert np.abs(left).max() < 1e-8 * np.abs(true).max()
+
+
+def test_a_bent_link_of_an_arm_without_masses_is_no_compliance_of_its_joints():
+    """Masses off the line between the axes had been explained by a second law, of a joint that is stiff."""
+    recording = without_masses(recorded(7, [law("link-compliance", "link-2")], [8e-6]))
+    found = find(bench_of(recording)).findings
+    assert [(f.effect, f.where) for f in found] == [("gravity-compliance", "link-2")]
+    assert found[0].probability > 0.5

@@ -35,10 +35,23 @@ def bar_shares(robot: Robot) -> np.ndarray:
 
     Slides count with their nominal position. The sum over the links from K on normalises what joint K carries.
     """
-    frames = forward(robot, np.zeros((robot.joints, 1)), links=True)
-    length = np.linalg.norm(_bars(frames), axis=1)[:, 0]
+    length = bar_lengths(robot)
     beyond = np.cumsum(length[::-1])[::-1] - length
     return length * (length / 2 + beyond)
+
+
+def _shares_from(robot: Robot, first: int) -> np.ndarray:
+    """(J,) those of links `first` ... J - 1, from 0; 0 of the others."""
+    shares = bar_shares(robot).copy()
+    shares[:first] = 0.0
+    return shares
+
+
+@lru_cache(maxsize=64)
+def bar_lengths(robot: Robot) -> np.ndarray:
+    """(J,) mm, lengths of the bars between the joint axes, the last one to the flange."""
+    frames = forward(robot, np.zeros((robot.joints, 1)), links=True)
+    return np.linalg.norm(_bars(frames), axis=1)[:, 0]
 
 
 def _bars(frames) -> np.ndarray:
@@ -52,8 +65,12 @@ def bar_moments(state, first: int) -> tuple[np.ndarray, np.ndarray]:
 
     Links without a length between their axes are left out. The shares add up to 1.
     """
-    shares = bar_shares(state.robot)[first:]
-    bars = _bars(state.frames)[first:]
+    return _moments_of_bars(state, _shares_from(state.robot, first))
+
+
+def _moments_of_bars(state, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As `bar_moments`, of bars with shares (J,) in first moment."""
+    bars = _bars(state.frames)
     used = shares > _NO_BAR_MM
     if not used.any():
         return np.zeros((0, 3, state.n)), np.zeros(0)
@@ -63,18 +80,22 @@ def bar_moments(state, first: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @lru_cache(maxsize=256)
-def base_columns(robot: Robot, joint: int) -> tuple[tuple[int, int], ...]:
-    """(body, axis) of a minimal set of first moments in the torque of a joint, all from 0: bodies `joint` ... J - 1.
+def base_columns(robot: Robot, first: int, whole: bool = False) -> tuple[tuple[int, int], ...]:
+    """(body, axis) of a minimal set of first moments in a torque, all from 0: bodies `first` ... J - 1.
 
-    Numerically, by QR of the regressor at random configurations: Gautier, J. Robotic Systems 8 (1991) 485. Bodies
-    closer to the joint come first, so that the others are grouped with them.
+    Of the torque about joint `first`, or of the `whole` moment vector there. Numerically, by QR of the regressor at
+    random configurations: Gautier, J. Robotic Systems 8 (1991) 485. Bodies closer to the joint come first, so that the
+    others are grouped with them.
     """
     rng = np.random.default_rng(0)
     variables = rng.uniform(-np.pi, np.pi, (robot.joints, _CONFIGURATIONS))
     frames = forward(robot, variables, links=True)
-    names = [(body, axis) for body in range(joint, robot.joints) for axis in range(3)]
-    columns = [_unit_torque(frames, robot.gravity, joint, *name) for name in names]
-    kept, basis = [], np.zeros((_CONFIGURATIONS, 0))
+    names = [(body, axis) for body in range(first, robot.joints) for axis in range(3)]
+    if whole:
+        columns = [_unit_moment(frames, robot.gravity, *name).ravel() for name in names]
+    else:
+        columns = [_unit_torque(frames, robot.gravity, first, *name) for name in names]
+    kept, basis = [], np.zeros((len(columns[0]) if columns else 0, 0))
     for name, column in zip(names, columns):
         left = column - basis @ (basis.T @ column)
         size = float(np.linalg.norm(left))
@@ -86,10 +107,13 @@ def base_columns(robot: Robot, joint: int) -> tuple[tuple[int, int], ...]:
 
 def _unit_torque(frames, gravity, joint: int, body: int, axis: int) -> np.ndarray:
     """(n,) torque about a joint of a unit first moment along an axis of a body, per unit of gravity."""
-    moment = cross(
-        frames.link[body + 1][axis], np.broadcast_to(gravity[:, None], frames.z[0].shape)
-    )
-    return (frames.z[joint] * moment).sum(0)
+    return (frames.z[joint] * _unit_moment(frames, gravity, body, axis)).sum(0)
+
+
+def _unit_moment(frames, gravity, body: int, axis: int) -> np.ndarray:
+    """(3, n) moment of a unit first moment along an axis of a body, per unit of gravity, root frame."""
+    direction = frames.link[body + 1][axis]
+    return cross(direction, np.broadcast_to(gravity[:, None], direction.shape))
 
 
 def _of_bars(kind, chain, label: str = "") -> list[Variant]:
@@ -176,61 +200,48 @@ class GravityCompliance(Effect):
         The first one is the deflection under uniform bars, of either. What the other law does not know is that of bars.
         """
         names = base_columns(chain.robot, self.number - 1)
-        directions = [(body, np.eye(3)[axis]) for body, axis in names]
-        return _same_moments(self, directions, other, chain)
+        shares = bar_shares(chain.robot)[self.number - 1 :].sum()
+        return _same_moments(names, shares, other, chain)
 
 
-def _same_moments(law, directions, other: GravityCompliance, chain) -> np.ndarray:
-    """(P, P') as of `GravityCompliance.moments_of`.
-
-    directions: of each parameter but the first its body and a direction (3,) in the body's frame.
-    """
-    shares = bar_shares(chain.robot)
-    ratio = shares[other.number - 1 :].sum() / shares[law.first() :].sum()
+def _same_moments(names, shares: float, other: GravityCompliance, chain) -> np.ndarray:
+    """(P, P') as of `GravityCompliance.moments_of`, for a law with first moments of (body, axis) `names` after its
+    first parameter, whose bars have `shares` together."""
+    ratio = bar_shares(chain.robot)[other.number - 1 :].sum() / shares
     known = base_columns(chain.robot, other.number - 1)
-    out = np.zeros((len(directions) + 1, len(known) + 1))
+    out = np.zeros((len(names) + 1, len(known) + 1))
     out[0, 0] = 1.0
-    for row, (body, direction) in enumerate(directions, 1):
-        for column, (other_body, axis) in enumerate(known, 1):
-            if body == other_body:
-                out[row, column] = ratio * direction[axis]
+    for row, name in enumerate(names, 1):
+        if name in known:
+            out[row, 1 + known.index(name)] = ratio
     return out
 
 
 def _tilt_table(effect: Effect, chain, said: str) -> tuple[Parameter, ...]:
-    """Parameters of what tilts: under uniform bars, and under each bar but the last by itself."""
-    label, first = f"{said} {effect.where} under the links", effect.first()
-    shares = bar_shares(chain.robot)
-    whole = max(shares[first:].sum(), _NO_BAR_MM)
+    """Parameters of what tilts: under uniform bars, and under the first moments of the base set."""
+    label, shares = f"{said} {effect.where} under the links", effect.shares(chain.robot)
+    whole = max(shares.sum(), _NO_BAR_MM)
     table = [effect.parameter("tilt", "rad", _TILT_RAD, label, 10 * _TILT_RAD)]
-    for body in _bars_beyond(chain.robot, first)[:-1]:
+    for body, axis in base_columns(chain.robot, effect.first(), whole=True):
         size = _TILT_RAD * max(_OFF_THE_BAR * shares[body] / whole, _LEAST_SHARE)
-        about = f"{label}, first moment of link {body + 1}"
-        table.append(effect.parameter(f"link{body + 1}", "rad", size, about, 10 * size))
+        about = f"{label}, first moment of link {body + 1} along {'xyz'[axis]}"
+        name = f"tilt_link{body + 1}_{'xyz'[axis]}"
+        table.append(effect.parameter(name, "rad", size, about, 10 * size))
     return tuple(table)
-
-
-def _bars_beyond(robot: Robot, first: int) -> list[int]:
-    """Numbers from 0 of the links from a first one on that have a length between their axes."""
-    shares = bar_shares(robot)
-    return [i for i in range(first, robot.joints) if shares[i] > _NO_BAR_MM]
 
 
 def _moments_of_tilt(law: Effect, other: GravityCompliance, chain) -> np.ndarray:
     """(P, P') as of `GravityCompliance.moments_of`, for a law with the parameters of `_tilt_table`."""
-    frames = forward(chain.robot, np.zeros((chain.robot.joints, 1)), links=True)
-    directions = []
-    for body in _bars_beyond(chain.robot, law.first())[:-1]:
-        bar = _bars(frames)[body, :, 0]
-        directions.append((body, frames.link[body + 1][:, :, 0] @ bar / np.linalg.norm(bar)))
-    return _same_moments(law, directions, other, chain)
+    names = base_columns(chain.robot, law.first(), whole=True)
+    return _same_moments(names, law.shares(chain.robot).sum(), other, chain)
 
 
-def _tilt_moments(state, first: int) -> np.ndarray:
-    """(P, 3, n) unit moments, root frame: of all bars with their shares, then of each but the last."""
-    each, shares = bar_moments(state, first)
+def _tilt_moments(state, law: Effect) -> np.ndarray:
+    """(P, 3, n) unit moments, root frame: of all bars with their shares, then of each first moment of the base set."""
+    each, shares = _moments_of_bars(state, law.shares(state.robot))
     whole = np.einsum("b,bin->in", shares, each)
-    return np.concatenate([whole[None], each[:-1]])
+    names = base_columns(state.robot, law.first(), whole=True)
+    return np.stack([whole, *(_unit_moment(state.frames, state.gravity, *name) for name in names)])
 
 
 def _in_frame(state, place: int, world: np.ndarray) -> np.ndarray:
@@ -274,6 +285,10 @@ class GravityBearing(Effect):
         """Number from 0 of the first link whose weight acts."""
         return self.number - 1
 
+    def shares(self, robot: Robot) -> np.ndarray:
+        """(J,) expected first moments of the uniform bars that act."""
+        return _shares_from(robot, self.first())
+
     def moments_of(self, other: GravityCompliance, chain) -> np.ndarray:
         """(P, P') as of `GravityCompliance.moments_of`."""
         return _moments_of_tilt(self, other, chain)
@@ -285,14 +300,14 @@ class GravityBearing(Effect):
         return chain.slots("frame", f"link-{self.number}")
 
     def basis(self, state):
-        world, z = _tilt_moments(state, self.first()), state.frames.z[self.number - 1]
+        world, z = _tilt_moments(state, self), state.frames.z[self.number - 1]
         across = world - z * (world * z).sum(1, keepdims=True)
         turns = _in_frame(state, self.number, across)
         return about_axis(state, self.number, turns)
 
 
 class GravityLink(Effect):
-    """Link K bends under the weight of the links beyond it, whose masses are not stated."""
+    """Link K bends about its middle under the weight of the links beyond it, whose masses are not stated."""
 
     effect = "gravity-compliance"
     estimates_moments = True
@@ -315,8 +330,16 @@ class GravityLink(Effect):
         return _of_bars(cls, chain)
 
     def first(self) -> int:
-        """Number from 0 of the first link whose weight acts."""
-        return self.number
+        """Number from 0 of the first link whose first moment acts: its own, by the weight at its end."""
+        return self.number - 1
+
+    def shares(self, robot: Robot) -> np.ndarray:
+        """(J,) expected first moments about mid-link of the uniform bars beyond it: half its length times their weight,
+        and their own."""
+        shares = _shares_from(robot, self.number)
+        length = bar_lengths(robot)
+        shares[self.number - 1] = length[self.number - 1] / 2 * length[self.number :].sum()
+        return shares
 
     def moments_of(self, other: GravityCompliance, chain) -> np.ndarray:
         """(P, P') as of `GravityCompliance.moments_of`."""
@@ -326,7 +349,7 @@ class GravityLink(Effect):
         return _tilt_table(self, chain, "the bending of")
 
     def basis(self, state):
-        world = _tilt_moments(state, self.first())
+        world = _tilt_moments(state, self)
         along = _bars(state.frames)[self.number - 1]
         along = along / np.maximum(np.linalg.norm(along, axis=0), _NO_BAR_MM)
         across = world - along * (world * along).sum(1, keepdims=True)
@@ -356,6 +379,10 @@ class GravityPedestal(Effect):
         """Number from 0 of the first link whose weight acts."""
         return 0
 
+    def shares(self, robot: Robot) -> np.ndarray:
+        """(J,) expected first moments of the uniform bars that act."""
+        return bar_shares(robot)
+
     def moments_of(self, other: GravityCompliance, chain) -> np.ndarray:
         """(P, P') as of `GravityCompliance.moments_of`."""
         return _moments_of_tilt(self, other, chain)
@@ -364,7 +391,7 @@ class GravityPedestal(Effect):
         return _tilt_table(self, chain, "the tilt of")
 
     def basis(self, state):
-        return _in_frame(state, 0, _tilt_moments(state, self.first()))[:, :2]
+        return _in_frame(state, 0, _tilt_moments(state, self))[:, :2]
 
 
 def bearing_like_root(effect: Effect, link_effect: str) -> tuple[tuple[str, str, str], ...]:
