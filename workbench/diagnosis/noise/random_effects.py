@@ -12,7 +12,7 @@ import numpy as np
 from robot_model.effects.drift import JointThermalDrift, LinkThermalGrowth
 from robot_model.effects.elastic import JointCompliance
 from robot_model.effects.transmission import Backlash, TimeOffset
-from workbench.core.distributions import chi2, norm, student
+from workbench.core.distributions import norm, student
 from workbench.core.least_squares.linear_algebra import inverse_positive, symmetric_eigen
 from workbench.diagnosis.levels import MAJORITY, NEGLIGIBLE_SHARE, RANDOM_EFFECT_LEVEL, ROUNDING
 from workbench.diagnosis.linear.candidates import Site
@@ -340,28 +340,6 @@ def whitened_by(problem: Problem, random_effect: RandomEffect) -> Problem:
 def _which(site: Site) -> tuple:
     """What tells a place from all others: all joints, and all along their last moves, are both of the clock."""
     return site.where, site.port, len(site.rows)
-
-
-def residual_random_effect(
-    problem: Problem, where: str, port: str, level: float
-) -> RandomEffect | None:
-    """The random effect that a smooth nonparametric alternative leaves at its own place; None if there is none.
-
-    By the likelihood ratio of the spread, on the border of what it can be (Self & Liang, JASA 82, 1987).
-    """
-    m = len(problem.residual) // problem.n
-    site = next((s for s in places(problem) if (s.where, s.port) == (where, port)), None)
-    if site is None or m < 2 or len(problem.residual) != m * problem.n:
-        return None
-    root = problem.root_weights
-    site = replace(site, rows=site.rows / root)
-    z = (problem.orthogonalise(problem.residual) / root).reshape(m, problem.n)
-    best, ratio, noise = _likelihood(site, z)
-    gain = best - _of_noise(z)
-    p = 0.5 * float(chi2.sf(max(2 * gain, 0.0), 1))
-    if p >= level:
-        return None
-    return RandomEffect(site, max(p, 1e-300), ratio * noise, ratio, np.nan, np.nan, 1.0, gain)
 
 
 def movement(random_effect: RandomEffect) -> float:

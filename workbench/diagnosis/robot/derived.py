@@ -66,20 +66,29 @@ def deflection_row(
         return None
     noise = quadratic @ covariance
     variance = 4 * values @ noise @ quadratic @ values + 2 * np.einsum("pq,qp->", noise, noise)
-    first = effect.parameters(chain)[0].key
-    return {
-        "key": f"{first}.{DEFLECTION}",
-        "first_parameter": first,
-        "name": DEFLECTION,
-        "where": effect.where,
-        "label": "deflection (standard deviation over these poses)",
-        "effect": effect.effect,
+    numbers = {
         "value": float(np.sqrt(max(squared - np.trace(noise), 0.0))),
         "std": float(np.sqrt(max(variance, 0.0) / squared) / 2),
         "unit": "rad",
         "typical": TYPICAL_RAD,
+    }
+    label = "deflection (standard deviation over these poses)"
+    return _derived_row(effect, chain, DEFLECTION, label, numbers)
+
+
+def _derived_row(effect: Effect, chain, name: str, label: str, numbers: dict) -> dict:
+    """A row of `Bench.parameters` for a number that follows from the parameters of an effect."""
+    first = effect.parameters(chain)[0].key
+    return {
+        "key": f"{first}.{name}",
+        "first_parameter": first,
+        "name": name,
+        "where": effect.where,
+        "label": label,
+        "effect": effect.effect,
         "size_mm": 0.0,
         "derived": True,
+        **numbers,
     }
 
 
@@ -99,18 +108,11 @@ def reflector_rows(effect: Effect, values: np.ndarray, covariance: np.ndarray, c
     jacobian = np.hstack([np.eye(3), lever])
     moved = jacobian @ values
     std = np.sqrt(np.maximum(np.diag(jacobian @ covariance @ jacobian.T), 0))
-    first = effect.parameters(chain)[0].key
     rows = []
     for axis, value, error in zip("xyz", moved, std):
-        about = {"key": f"{first}.{MOVE}_{axis}", "first_parameter": first, "where": effect.where}
-        named = {
-            "name": f"{MOVE}_{axis}",
-            "label": f"move of the reflector along {axis} of the flange",
-        }
-        sizes = {"value": float(value), "std": float(error), "unit": "mm", "typical": 0.1}
-        rows.append(
-            about | named | sizes | {"effect": effect.effect, "size_mm": 0.0, "derived": True}
-        )
+        label = f"move of the reflector along {axis} of the flange"
+        numbers = {"value": float(value), "std": float(error), "unit": "mm", "typical": 0.1}
+        rows.append(_derived_row(effect, chain, f"{MOVE}_{axis}", label, numbers))
     return rows
 
 

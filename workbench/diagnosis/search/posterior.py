@@ -214,7 +214,6 @@ def exchange_terms(search) -> None:
     """Exchange what is accepted for what is likelier once variants, and sets of elastic terms, are summed over."""
     _exchange_laws(search)
     _exchange_elastic(search)
-    _drop_unneeded(search)
     accept_constant_loads(search)
     refine_options(search)
     refine_instants(search)
@@ -339,20 +338,6 @@ def _exchange_elastic(search) -> None:
         search.solve_feasible()
     if len(tried) > 1:
         order_by_gain(search)
-
-
-def _drop_unneeded(search) -> None:
-    """Drop elastic terms that the solution does not need, in which every law has first moments of its own.
-
-    Next to moments that are estimated once for all, a term may explain no more than what these leave.
-    """
-    while search.problem.moments_cost:
-        elastic = [i for i in search.accepted_indices if is_elastic(search.accepted[i])]
-        least = min(elastic, key=lambda i: search.conditional_hypothesis(i).evidence, default=None)
-        if least is None or search.conditional_hypothesis(least).evidence >= 0:
-            return
-        search.accepted = tuple(h for i, h in enumerate(search.accepted) if i != least)
-        search.solve_feasible()
 
 
 def _elastic_window(search) -> Window | None:

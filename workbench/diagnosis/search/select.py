@@ -24,7 +24,6 @@ from workbench.diagnosis.noise.random_effects import (
     is_rounding,
     place_of,
     random_effect_finding,
-    residual_random_effect,
 )
 from workbench.diagnosis.noise.rounded_readings import rounded_readings
 from workbench.diagnosis.search.compatible import is_neighbour
@@ -77,20 +76,16 @@ def _accept_terms(search: Search) -> tuple[float, bool]:
     """Accept the likeliest set with the noise of the samples; the p-value of no term, and whether a place moves."""
     first = _test_and_search(search, thorough=False)
     search.noise_factors = relative_noise(search.problem.conditional_on())
-    if (
-        search.noise_factors is not None
-    ):  # noise that grows with a covariate passes for a function of it
+    if search.noise_factors is not None:
+        # noise that grows with a covariate passes for a function of it
         search.log_step("the noise is not the same everywhere")
         first = _repeat_search(search)
     elif search.accepted:
         accept_most_probable_set(search)
-    moving = _prefer_random_effect(search) or _search_with_residual_random_effect(search)
+    moving = _prefer_random_effect(search)
     if not moving:
-        search.random_effect, previous = (
-            _significant_random_effect(search) or search.random_effect,
-            search.random_effect,
-        )
-        moving = search.random_effect is not previous
+        search.random_effect = _significant_random_effect(search)
+        moving = search.random_effect is not None
     if moving and is_rounding(search.random_effect.site):
         search.log_step("the readings are rounded")
         first = _repeat_search(search)
@@ -221,32 +216,6 @@ def _prefer_random_effect(search: Search) -> bool:
         return False
     search.random_effect = found
     return True
-
-
-def _search_with_residual_random_effect(search: Search) -> bool:
-    """Search again next to the random effect that an approximate smooth alternative leaves at its own place.
-
-    Whether the function itself is not needed there: then there is no more than movement by chance.
-    """
-    unknown = [i for i in search.accepted_indices if search.accepted[i].smooth_covariates]
-    if not unknown:
-        return False
-    largest = max(unknown, key=lambda i: search.conditional_gain(i)[0])
-    site = search.accepted[largest].source
-    port = getattr(site, "port", "frame")
-    remainder = search.problem.conditional_on()
-    search.random_effect = residual_random_effect(remainder, site.where, port, RANDOM_EFFECT_LEVEL)
-    if search.random_effect is None:
-        return False
-    search.log_step(f"what is left at {site.where} is taken for the unknown's own")
-    search.solve()
-    accept_most_probable_set(search)
-    if any(h.smooth_covariates and h.where == site.where for h in search.accepted):
-        return False
-    search.random_effect = None
-    search.solve()
-    search.random_effect = find_random_effect(search.problem.conditional_on(), RANDOM_EFFECT_LEVEL)
-    return search.random_effect is not None
 
 
 def _search_on_subset(search: Search, samples) -> Found:

@@ -13,7 +13,7 @@ shifted, what changes slowly in space.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -132,7 +132,6 @@ class _Trial:
         self.noise = float(self.y @ self.y) / max(self.problem.degrees, 1)
         self.chain = bench.chain if part is None else bench.chain.at(part)
         self.effects = tuple(own)
-        self.poses = _Poses.of(self.problem.pose)
         if self.chain is None:
             self.small, self.rows = _columns(bench, self.problem, others, own), None
         else:
@@ -273,7 +272,7 @@ class _Trial:
         """What the effects would do if every pose were another."""
         if self.chain is None:
             return self.small[:, :, rng.permutation(self.small.shape[2])]
-        return self.small[:, :, self.chain.columns_of(self.poses.permuted(rng))]
+        return self.small[:, :, self.chain.columns_of(_permuted_rows(self.problem.pose, rng))]
 
 
 def _variants(effect: Effect, chain, most: int) -> list[Effect]:
@@ -298,30 +297,11 @@ def _columns(bench, problem, others, own):
     return np.concatenate(found, axis=1).T[:, None]
 
 
-@dataclass(frozen=True)
-class _Poses:
-    """Rows sorted by pose, `order` (n,), where each pose has its first place and its count, `start`, `count` (p,).
-
-    `group` (n,) the pose of each row, `rank` (n,) its place among the rows of its pose.
-    """
-
-    order: np.ndarray
-    start: np.ndarray
-    count: np.ndarray
-    group: np.ndarray
-    rank: np.ndarray
-
-    @classmethod
-    def of(cls, pose: np.ndarray) -> "_Poses":
-        """Of labels (n,)."""
-        order = np.argsort(pose, kind="stable")
-        _, group, count = np.unique(pose, return_inverse=True, return_counts=True)
-        start = np.cumsum(count) - count
-        rank = np.empty(len(pose), int)
-        rank[order] = np.arange(len(pose)) - start[group[order]]
-        return cls(order, start, count, group, rank)
-
-    def permuted(self, rng) -> np.ndarray:
-        """(n,) row that each row reads: rows of one pose read those of one other, repeatedly if these are fewer."""
-        other = rng.permutation(len(self.count))[self.group]
-        return self.order[self.start[other] + self.rank % self.count[other]]
+def _permuted_rows(pose: np.ndarray, rng) -> np.ndarray:
+    """(n,) row that each row reads: rows of one pose (n,) read those of one other, repeatedly if these are fewer."""
+    _, group, count = np.unique(pose, return_inverse=True, return_counts=True)
+    order, start = np.argsort(group, kind="stable"), np.cumsum(count) - count
+    rank = np.empty(len(pose), int)
+    rank[order] = np.arange(len(pose)) - start[group[order]]
+    other = rng.permutation(len(count))[group]
+    return order[start[other] + rank % count[other]]
