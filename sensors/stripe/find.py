@@ -218,7 +218,9 @@ def _gathered(parts, noise: Noise, task: Task, mode: str, resolution: float) -> 
     frame = np.concatenate([first + part.row // task.height for first, part, *_ in parts])
     flag, count = (np.concatenate([part[k] for part in parts]) for k in (2, 3))
     sound = ~((flag & WEAK > 0) & (flag & ALONE > 0))
-    dropped = {name: int((flag[sound] & bit > 0).sum()) for bit, name in NAMES.items()}
+    often = np.bincount(flag[sound], minlength=256)
+    sums = np.arange(256)
+    dropped = {name: int(often[sums & bit > 0].sum()) for bit, name in NAMES.items()}
     made = Stripes(
         frame,
         fits.row % task.height,

@@ -73,13 +73,12 @@ def _suspicious(found: Brightest, fits: Fits, limit, setting):
     length, width = found.piece, found.image.shape[1]
     half = int(3 * np.minimum(fits.width, 2 * setting.width).max(initial=0)) + 3
     middle = np.rint(fits.centre).astype(np.intp)
-    pieces, every = found.pieces.take(fits.row, 0), np.arange(len(fits.row)) * found.pieces.shape[1]
+    pieces, every, count = found.pieces.take(fits.row, 1), np.arange(len(fits.row)), len(fits.row)
     first, last = ((middle + side) // length for side in (-half, half))
     for own in range(int((last - first).max(initial=0)) + 1):
-        pieces.reshape(-1)[
-            every + np.clip(np.minimum(first + own, last), 0, pieces.shape[1] - 1)
-        ] = floor(pieces)
-    made = row_max(pieces) > limit
+        touched = np.clip(np.minimum(first + own, last), 0, len(pieces) - 1)
+        pieces.reshape(-1)[touched * count + every] = floor(pieces)
+    made = pieces.max(0) > limit
     start, size = middle - half - length, 2 * (half + length) + 1
     inner = (start >= 0) & (start + size <= width)
     made |= ~inner
@@ -150,9 +149,10 @@ def supported(fits: Fits, height: int, sound: np.ndarray) -> np.ndarray:
         return made & False
     if len(kept) < len(made):
         linked = _linked(fits.row[kept], fits.centre[kept], loose[kept], height)
-    chain = np.zeros(len(linked) + 1, np.intp)
-    np.cumsum(~linked, out=chain[1:])
-    made[kept] = np.bincount(chain, sound[kept])[chain] >= min(SHORTEST, height // 8)
+    starts = np.append(0, np.flatnonzero(~linked) + 1)
+    count = np.add.reduceat(sound[kept], starts, dtype=np.intp)
+    length = np.diff(starts, append=len(kept))
+    made[kept] = np.repeat(count >= min(SHORTEST, height // 8), length)
     return made
 
 
@@ -160,7 +160,8 @@ def _linked(row, centre, loose, height) -> np.ndarray:
     """(n - 1,) whether a peak continues the line of the one before it, over a gap of at most three rows."""
     step = np.diff(row)
     linked = np.abs(np.diff(centre)) < loose[1:] + loose[:-1] + STEEPEST * step
-    return linked & (step <= 4) & (row[1:] % height >= step)
+    image = row // height
+    return linked & (step <= 4) & (image[1:] == image[:-1])
 
 
 def flags(
@@ -175,7 +176,7 @@ def flags(
 ) -> np.ndarray:
     """(n,) uint8, sums of `NAMES`. `double` (n,); `misfit` as of `usual_misfit`, `pull` as of `background_bias`."""
     around = smooth_log_width(fits, rows, setting.width, 65)
-    change = np.abs(np.log(fits.width) - around) / np.hypot(_WIDTH_CHANGE, 4.5 * fits.wide)
+    change = (np.log(fits.width) - around) ** 2 / (_WIDTH_CHANGE**2 + (4.5 * fits.wide) ** 2)
     allowed = 1 + 6 * np.sqrt(2 / _freedom(setting)) + 8 * misfit * fits.strength**2
     odd = (
         (change > 1)

@@ -26,8 +26,10 @@ def pixel_noise(image: np.ndarray, region: np.ndarray | None = None) -> float:
     rough = rough.ravel() if region is None or not region[:, 1:-1].any() else rough[region[:, 1:-1]]
     sigma = max(1.4826 * float(_median(rough)), 0.3)
     for _ in range(10):
-        kept = rough[rough < _CLIP * sigma]
+        kept, before = rough[rough < _CLIP * sigma], sigma
         sigma = max(float(np.sqrt((kept**2).mean() / _KEPT)), 1e-6) if len(kept) else sigma
+        if sigma == before:
+            break
     floor = image.min()
     if (
         image == floor

@@ -102,7 +102,7 @@ def _cut(pixels, first, size):
 
 @dataclass(frozen=True)
 class Brightest:
-    """Largest pixel of each row of `image` (n, w): `column` (n,), `value` (n,); and of each of its `pieces` (n, p)."""
+    """Largest pixel of each row of `image` (n, w): `column` (n,), `value` (n,); and of each of its `pieces` (p, n)."""
 
     image: np.ndarray
     pieces: np.ndarray
@@ -112,7 +112,7 @@ class Brightest:
     @property
     def piece(self) -> int:
         """px, how long a piece is."""
-        return self.image.shape[1] // self.pieces.shape[1]
+        return self.image.shape[1] // len(self.pieces)
 
 
 def brightest(image: np.ndarray) -> Brightest:
@@ -120,9 +120,11 @@ def brightest(image: np.ndarray) -> Brightest:
     image = _divisible(image)
     width = image.shape[1]
     length = _piece(width)
-    pieces = cv2.reduce(image.reshape(-1, length), 1, cv2.REDUCE_MAX).reshape(-1, width // length)
-    piece, value = _argmax(pieces)
-    rows = np.arange(0, pieces.size, pieces.shape[1]) + piece
+    largest = cv2.reduce(image.reshape(-1, length), 1, cv2.REDUCE_MAX)
+    # whole columns are compared ten times as fast as the few numbers of each row
+    pieces = cv2.transpose(largest.reshape(-1, width // length))
+    piece, value = _argmax(pieces.T)
+    rows = np.arange(0, pieces.size, len(pieces)) + piece
     column = _place(image.reshape(-1, length).take(rows, 0), value) + piece * length
     return Brightest(image, pieces, column, value)
 
@@ -135,7 +137,7 @@ def _argmax(table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     packed = table.astype(np.uint16)
     packed <<= 8
     packed |= np.arange(table.shape[1] - 1, -1, -1, dtype=np.uint16)
-    largest = row_max(packed)
+    largest = packed.max(1)
     return table.shape[1] - 1 - (largest & 255).astype(np.intp), (largest >> 8).astype(np.uint8)
 
 
