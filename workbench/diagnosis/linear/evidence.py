@@ -116,7 +116,7 @@ class Projected:
         """Moments conditional on the kept effects; gram (C, P, P), score (C, P), cross (C, P, A) on the baseline."""
         if self.retained is None:
             return Moments(gram, score, largest)
-        projections = cross @ self.retained.mixing
+        projections = _product(cross, self.retained.mixing)
         return Moments(
             _without_projections(gram, projections),
             score - projections @ self.retained.score,
@@ -187,6 +187,11 @@ def cached(cache: dict, key, make):
 def _projections(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """(C, P, R) what a basis (N, R) makes of columns (C, N, P)."""
     return np.einsum("nr,cnp->cpr", basis, columns, optimize=True)
+
+
+def _product(parts: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """(C, P, R) parts (C, P, A) times a matrix (A, R), as one product: many small ones take far longer."""
+    return (parts.reshape(-1, len(matrix)) @ matrix).reshape(*parts.shape[:2], matrix.shape[1])
 
 
 def _without_projections(gram: np.ndarray, projections: np.ndarray) -> np.ndarray:
