@@ -222,7 +222,7 @@ class _Walk:
 
 
 def link_lengths(robot: Robot, number: int) -> tuple[tuple[int, ...], np.ndarray]:
-    """Slots of the geometry port that are lengths of link K (from 1), and their nominal values (mm).
+    """Components of the geometry port that are lengths of link K (from 1), and their nominal values (mm).
 
     d and a of its row; with "craig" the length up to the next axis is the a of the next row. The d of a slide is no
     length of the link, but the zero of its reading.
@@ -252,11 +252,13 @@ def rotate(vector: np.ndarray, points: np.ndarray) -> np.ndarray:
     return points + np.sinc(angle / np.pi) * once + half**2 / 2 * cross(vector, once)
 
 
-def geometry_rows(robot: Robot, frames: Frames, point: np.ndarray, slots: np.ndarray) -> np.ndarray:
-    """(len(slots), 3, n) motion of `point` per unit of geometry; slot 5 k + THETA..BETA of joint k."""
-    rows = np.empty((len(slots), 3, point.shape[1]))
-    for row, slot in zip(rows, slots.tolist()):
-        joint, kind = divmod(slot, 5)
+def geometry_rows(
+    robot: Robot, frames: Frames, point: np.ndarray, port_indices: np.ndarray
+) -> np.ndarray:
+    """(len(port_indices), 3, n) motion of `point` per unit of geometry; component 5 k + THETA..BETA of joint k."""
+    rows = np.empty((len(port_indices), 3, point.shape[1]))
+    for row, port_index in zip(rows, port_indices.tolist()):
+        joint, kind = divmod(port_index, 5)
         axis = frames.axes[_AXIS[kind]][joint]
         if kind in (D, A):
             row[:] = axis
@@ -270,21 +272,24 @@ _AXIS = (0, 0, 1, 1, 2)
 _ORIGIN = (0, 0, 1, 1, 1)
 
 
-def geometry_turns(frames: Frames, slots: np.ndarray) -> np.ndarray:
-    """(len(slots), 3, n) rotation of the flange, world frame, per unit of geometry (0 for d, a)."""
+def geometry_turns(frames: Frames, port_indices: np.ndarray) -> np.ndarray:
+    """(len(port_indices), 3, n) rotation of the flange, world frame, per unit of geometry (0 for d, a)."""
     axes = {THETA: frames.z, ALPHA: frames.x, BETA: frames.y}
     still = np.zeros_like(frames.end_origin)
     return np.stack(
-        [axes[kind][joint] if kind in axes else still for joint, kind in zip(*np.divmod(slots, 5))]
+        [
+            axes[kind][joint] if kind in axes else still
+            for joint, kind in zip(*np.divmod(port_indices, 5))
+        ]
     )
 
 
 def frame_rows(
-    frames: Frames, point: np.ndarray, slots: np.ndarray, twists: dict[int, np.ndarray]
+    frames: Frames, point: np.ndarray, port_indices: np.ndarray, twists: dict[int, np.ndarray]
 ) -> np.ndarray:
-    """(len(slots), 3, n) motion of `point` per unit of twist; slot 6 place + 0..2 shift, 3..5 turn."""
-    place, kind = np.divmod(slots, 6)
-    rows = np.empty((len(slots), 3, point.shape[1]))
+    """(len(port_indices), 3, n) motion of `point` per unit of twist; component 6 place + 0..2 shift, 3..5 turn."""
+    place, kind = np.divmod(port_indices, 6)
+    rows = np.empty((len(port_indices), 3, point.shape[1]))
     for p in np.unique(place):
         mine = place == p
         shifts, turns = mine & (kind < 3), mine & (kind >= 3)
@@ -295,10 +300,12 @@ def frame_rows(
     return rows
 
 
-def frame_turns(frames: Frames, slots: np.ndarray, twists: dict[int, np.ndarray]) -> np.ndarray:
-    """(len(slots), 3, n) rotation of the flange, world frame, per unit of twist (0 for shifts)."""
-    place, kind = np.divmod(slots, 6)
-    rows = np.zeros((len(slots), *frames.end_origin.shape))
+def frame_turns(
+    frames: Frames, port_indices: np.ndarray, twists: dict[int, np.ndarray]
+) -> np.ndarray:
+    """(len(port_indices), 3, n) rotation of the flange, world frame, per unit of twist (0 for shifts)."""
+    place, kind = np.divmod(port_indices, 6)
+    rows = np.zeros((len(port_indices), *frames.end_origin.shape))
     for p in np.unique(place[kind >= 3]):
         mine = (place == p) & (kind >= 3)
         rows[mine] = _place_turns(frames, p, twists)[kind[mine] - 3]

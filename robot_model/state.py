@@ -135,19 +135,19 @@ class State:
         return np.einsum("kin,i->kn", levers, self.gravity)
 
     def altered(self, changes) -> "State":
-        """The same under changed gravity or masses; changes: (port, slots, delta (k, n)) each.
+        """The same under changed gravity or masses; changes: (port, components, delta (k, n)) each.
 
-        Port `gravity`: slots 0-2, change of the direction (a small tilt keeps its length). Port `mass`: slot
+        Port `gravity`: components 0-2, change of the direction (a small tilt keeps its length). Port `mass`: component
         3 k + c, change of the first moment (kg mm) of body k along axis c of its own frame; body J
-        is the load, in the flange frame. Slot 3 J + 3: change of the load's mass (kg), at the origin of the flange.
+        is the load, in the flange frame. Component 3 J + 3: change of the load's mass (kg), at the flange's origin.
         """
         gravity, moments = self.gravity.copy(), np.zeros((3 * self.robot.joints + 4, self.n))
-        for port, slots, delta in changes:
-            for slot, change in zip(slots, delta):
+        for port, port_indices, delta in changes:
+            for port_index, change in zip(port_indices, delta):
                 if port == "gravity":
-                    gravity[slot] += change[0]
+                    gravity[port_index] += change[0]
                 else:
-                    moments[slot] += change
+                    moments[port_index] += change
         mass, moments = moments[-1], moments[:-1].reshape(-1, 3, self.n)
         of_link = (np.arange(self.robot.joints + 1) < self.robot.joints)[:, None, None]
         of_links = self._more(self.link_levers, np.where(of_link, moments, 0))

@@ -147,7 +147,9 @@ class RobotChain:
         values = self.state.covariates.get(covariate)
         return values is not None and bool(np.ptp(values) > 0)
 
-    def slots(self, port: str, where: str, components: tuple[int, ...] = ()) -> tuple[int, ...]:
+    def port_indices(
+        self, port: str, where: str, components: tuple[int, ...] = ()
+    ) -> tuple[int, ...]:
         """Row numbers of a port at a place of the vocabulary; all components where none are named."""
         place = Place.of(where)
         width = {"joint": 1, "geometry": 5, "frame": 6, "mass": 3}.get(port)
@@ -189,9 +191,9 @@ class RobotChain:
             turns, variables = None, variables.copy()
             variables[deltas["joint"][0]] += deltas["joint"][1]
         if "geometry" in deltas:
-            slots, change = deltas["geometry"]
+            port_indices, change = deltas["geometry"]
             geometry = np.repeat(geometry.reshape(-1, 1), self.n, 1)
-            geometry[slots] += change
+            geometry[port_indices] += change
             geometry = geometry.reshape(self.robot.joints, 5, self.n)
         base = rotation_matrix(pose[3:]), pose[:3]
         return forward(self.robot, variables, geometry, base, twists, bool(twists), turns), twists
@@ -222,23 +224,25 @@ class Evaluation:
             rows[last:] = self.closure.tool_rows[indices[is_tool] - end]
         return rows
 
-    def rows(self, port: str, slots: np.ndarray) -> np.ndarray:
-        """(k, m, n) derivative of the residual with respect to slots of a port."""
-        slots = np.asarray(slots)
+    def rows(self, port: str, port_indices: np.ndarray) -> np.ndarray:
+        """(k, m, n) derivative of the residual with respect to components of a port."""
+        port_indices = np.asarray(port_indices)
         if port in self.closure.port_rows:
-            return self.closure.port_rows[port][slots]
+            return self.closure.port_rows[port][port_indices]
         robot, frames, point = self.chain.robot, self.frames, self.closure.point
         if port == "joint":
-            slots = 5 * slots + np.where(robot.prismatic[slots], D, 0)
+            port_indices = 5 * port_indices + np.where(robot.prismatic[port_indices], D, 0)
         if port in ("joint", "geometry"):
             moved, turned = (
-                kinematics.geometry_rows(robot, frames, point, slots),
+                kinematics.geometry_rows(robot, frames, point, port_indices),
                 kinematics.geometry_turns,
             )
-            return self._mapped(moved, lambda: turned(frames, slots))
+            return self._mapped(moved, lambda: turned(frames, port_indices))
         frames = self._with_links()
-        moved = kinematics.frame_rows(frames, point, slots, self.twists)
-        return self._mapped(moved, lambda: kinematics.frame_turns(frames, slots, self.twists))
+        moved = kinematics.frame_rows(frames, point, port_indices, self.twists)
+        return self._mapped(
+            moved, lambda: kinematics.frame_turns(frames, port_indices, self.twists)
+        )
 
     def _with_links(self):
         """Frames that also keep the links; made again only when no twist needed them before."""
@@ -268,13 +272,13 @@ class Evaluation:
 
 
 def _twists(deltas) -> dict[int, np.ndarray]:
-    """place -> (6, n) from the frame port's slots."""
+    """place -> (6, n) from the frame port's components."""
     if "frame" not in deltas:
         return {}
-    slots, change = deltas["frame"]
+    port_indices, change = deltas["frame"]
     twists: dict[int, np.ndarray] = {}
-    for slot, row in zip(slots, change):
-        twists.setdefault(slot // 6, np.zeros((6, change.shape[1])))[slot % 6] = row
+    for port_index, row in zip(port_indices, change):
+        twists.setdefault(port_index // 6, np.zeros((6, change.shape[1])))[port_index % 6] = row
     return twists
 
 

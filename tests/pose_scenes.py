@@ -127,15 +127,17 @@ def _inverse(robot, centre, offset, turn):
     at = Rotation.from_matrix(np.stack(start.end, -1)[:, 0].T[None].transpose(0, 2, 1)[0])
     wanted = Rotation.from_rotvec(turn.T) * at
     joints = np.repeat(centre, offset.shape[1], 1)
-    slots = 5 * np.arange(robot.joints) + THETA
+    port_indices = 5 * np.arange(robot.joints) + THETA
     for _ in range(60):
         frames = forward(robot, joints)
         present = Rotation.from_matrix(np.stack(frames.end, -1).transpose(1, 0, 2))
         gap = np.concatenate(
             [goal - frames.end_origin, 500 * (wanted * present.inv()).as_rotvec().T]
         )
-        rows = geometry_rows(robot, frames, frames.end_origin, slots)
-        rows = np.concatenate([rows, 500 * geometry_turns(frames, slots)], 1).transpose(2, 1, 0)
+        rows = geometry_rows(robot, frames, frames.end_origin, port_indices)
+        rows = np.concatenate([rows, 500 * geometry_turns(frames, port_indices)], 1).transpose(
+            2, 1, 0
+        )
         normal = rows.transpose(0, 2, 1) @ rows + 10.0 * np.eye(robot.joints)
         step = np.linalg.solve(normal, np.einsum("nmj,mn->nj", rows, gap)[:, :, None])[:, :, 0].T
         joints = joints + np.clip(step, -0.2, 0.2)

@@ -38,7 +38,8 @@ class PosesInside:
         self.parameters = replace(
             joined, values=np.r_[chain.parameters.values, chain.poses.ravel()]
         )
-        self.slots, self.numbers, self.slides = chain.slots, chain.numbers, chain.slides
+        self.port_indices = chain.port_indices
+        self.numbers, self.slides = chain.numbers, chain.slides
 
     def evaluate(self, values, deltas):
         own = len(self.chain.parameters)
@@ -73,10 +74,10 @@ def test_rows_are_the_derivatives_for_every_port_family_and_camera_value(radius,
             deltas[port] = deltas[port][0], rng.normal(0, size, deltas[port][1].shape)
     evaluation = chain.evaluate(camera.values, deltas)
     for port, step in (("pixel", 1e-3), ("ray", 1e-6), ("target", 1e-3)):
-        for slot, row in enumerate(evaluation.rows(port, np.arange(PORTS[port]))):
+        for port_index, row in enumerate(evaluation.rows(port, np.arange(PORTS[port]))):
 
-            def moved(h, port=port, slot=slot):
-                change = deltas[port][1] + h * unit(slot, PORTS[port], n)
+            def moved(h, port=port, port_index=port_index):
+                change = deltas[port][1] + h * unit(port_index, PORTS[port], n)
                 return chain.evaluate(
                     camera.values, {**deltas, port: (deltas[port][0], change)}
                 ).residual
@@ -106,8 +107,8 @@ def assert_derivative(row, moved, step):
     np.testing.assert_allclose(row, (moved(step) - moved(-step)) / (2 * step), rtol=0, atol=allowed)
 
 
-def unit(slot, count, n):
-    return np.repeat(np.eye(count)[slot][:, None], n, 1)
+def unit(port_index, count, n):
+    return np.repeat(np.eye(count)[port_index][:, None], n, 1)
 
 
 def test_what_happens_to_laser_light_does_not_reach_a_corner():
@@ -116,7 +117,7 @@ def test_what_happens_to_laser_light_does_not_reach_a_corner():
     for port in ("plane", "mirror", "point"):
         assert not evaluation.rows(port, np.arange(PORTS[port])).any()
     with pytest.raises(InputError, match="expected a port of the scanner .* found joint; "):
-        chain.slots("joint", "joint-1", ())
+        chain.port_indices("joint", "joint-1", ())
 
 
 def test_the_schur_complement_gives_what_the_dense_solve_gives():

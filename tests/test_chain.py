@@ -117,10 +117,11 @@ def port_model(measures, arm, rng, twists):
         "geometry": (np.arange(5 * joints), rng.normal(0, 0.01, (5 * joints, n))),
     }
     if twists:
-        slots = np.arange(6 * joints + 12)
+        port_indices = np.arange(6 * joints + 12)
         deltas["frame"] = (
-            slots,
-            rng.normal(0, 1, (len(slots), n)) * np.where(slots % 6 < 3, 0.5, 0.01)[:, None],
+            port_indices,
+            rng.normal(0, 1, (len(port_indices), n))
+            * np.where(port_indices % 6 < 3, 0.5, 0.01)[:, None],
         )
     for port in ("target", "sensor"):
         deltas[port] = np.arange(3), rng.normal(0, 1, (3, n))
@@ -128,17 +129,17 @@ def port_model(measures, arm, rng, twists):
 
 
 def changed(deltas, port, row, step):
-    slots, delta = deltas.get(port, (np.zeros(0, int), np.zeros((0, 12))))
-    if row not in slots:
-        slots, delta = np.append(slots, row), np.vstack([delta, np.zeros((1, 12))])
+    port_indices, delta = deltas.get(port, (np.zeros(0, int), np.zeros((0, 12))))
+    if row not in port_indices:
+        port_indices, delta = np.append(port_indices, row), np.vstack([delta, np.zeros((1, 12))])
     delta = delta.copy()
-    delta[list(slots).index(row)] += step
-    return deltas | {port: (slots, delta)}
+    delta[list(port_indices).index(row)] += step
+    return deltas | {port: (port_indices, delta)}
 
 
-def slot_differences(chain, values, deltas, port, slots, step=1e-4):
+def index_differences(chain, values, deltas, port, port_indices, step=1e-4):
     ends = (
-        [chain.evaluate(values, changed(deltas, port, s, h)).residual for s in slots]
+        [chain.evaluate(values, changed(deltas, port, s, h)).residual for s in port_indices]
         for h in (step, -step)
     )
     return (np.array(next(ends)) - np.array(next(ends))) / (2 * step)
@@ -150,12 +151,14 @@ def slot_differences(chain, values, deltas, port, slots, step=1e-4):
 def test_port_derivatives_are_those_of_the_residual(measures, arm, port, rng):
     chain, values, deltas = port_model(measures, arm, rng, twists=port == "frame")
     count = {"joint": 1, "geometry": 5, "frame": 6}.get(port, 0)
-    slots = np.arange(count * chain.robot.joints + (12 if port == "frame" else 0) if count else 3)
-    found = np.array(chain.evaluate(values, deltas).rows(port, slots))
+    port_indices = np.arange(
+        count * chain.robot.joints + (12 if port == "frame" else 0) if count else 3
+    )
+    found = np.array(chain.evaluate(values, deltas).rows(port, port_indices))
     # the derivative of a rotation vector at a finite twist w is a series that stops before w^3 / 24
     assert_rows(
         found,
-        slot_differences(chain, values, deltas, port, slots),
+        index_differences(chain, values, deltas, port, port_indices),
         1e-5 if port == "frame" else 1e-7,
     )
 
@@ -164,9 +167,9 @@ def test_port_derivatives_are_those_of_the_residual(measures, arm, port, rng):
 @EVERY_ARM
 def test_twists_are_differentiated_where_none_acts_yet(measures, arm, rng):
     chain, values, deltas = port_model(measures, arm, rng, twists=False)
-    slots = np.arange(6 * chain.robot.joints + 12)
-    found = chain.evaluate(values, deltas).rows("frame", slots)
-    assert_rows(found, slot_differences(chain, values, deltas, "frame", slots), 1e-7)
+    port_indices = np.arange(6 * chain.robot.joints + 12)
+    found = chain.evaluate(values, deltas).rows("frame", port_indices)
+    assert_rows(found, index_differences(chain, values, deltas, "frame", port_indices), 1e-7)
 
 
 @EVERY_KIND
@@ -185,9 +188,9 @@ def test_own_derivatives_are_those_of_the_residual(measures, arm, rng):
 def test_geometry_derivatives_under_small_twists_are_off_by_half_the_twist_at_most(measures, rng):
     """The pivot at mid-link moves with the link, which the derivative leaves out: 0.01 rad give half a per cent."""
     chain, values, deltas = port_model(measures, ARMS["abb"], rng, twists=True)
-    slots = np.arange(30)
-    found = chain.evaluate(values, deltas).rows("geometry", slots)
-    assert_rows(found, slot_differences(chain, values, deltas, "geometry", slots), 0.03)
+    port_indices = np.arange(30)
+    found = chain.evaluate(values, deltas).rows("geometry", port_indices)
+    assert_rows(found, index_differences(chain, values, deltas, "geometry", port_indices), 0.03)
 
 
 @EVERY_KIND

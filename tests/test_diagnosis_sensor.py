@@ -52,7 +52,7 @@ def clean():
 
 
 @pytest.mark.parametrize(
-    "port, slot",
+    "port, port_index",
     [
         ("pixel", 0),
         ("pixel", 1),
@@ -66,7 +66,7 @@ def clean():
         ("target", 1),
     ],
 )
-def test_derivatives_of_the_ball_chain_by_its_ports_are_those_of_its_values(port, slot):
+def test_derivatives_of_the_ball_chain_by_its_ports_are_those_of_its_values(port, port_index):
     balls = true().balls
     step = {
         "pixel": 1e-3,
@@ -76,16 +76,16 @@ def test_derivatives_of_the_ball_chain_by_its_ports_are_those_of_its_values(port
         "point": 1e-3,
         "target": 1e-3,
     }[port]
-    step = 1e-8 if (port, slot) == ("plane", 4) else step
+    step = 1e-8 if (port, port_index) == ("plane", 4) else step
     values = balls.parameters.values
 
     def residual(by):
         return balls.evaluate(
-            values, {port: (np.array([slot]), np.full((1, balls.n), by))}
+            values, {port: (np.array([port_index]), np.full((1, balls.n), by))}
         ).residual[0]
 
     numeric = (residual(step) - residual(-step)) / (2 * step)
-    rows = balls.evaluate(values, {}).rows(port, np.array([slot]))[0, 0]
+    rows = balls.evaluate(values, {}).rows(port, np.array([port_index]))[0, 0]
     assert np.abs(numeric - rows).max() < 1e-4 * np.abs(rows).max()
 
 

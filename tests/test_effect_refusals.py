@@ -63,7 +63,7 @@ def test_a_number_where_none_belongs_is_a_sentence(where):
 def test_a_joint_that_the_arm_has_not_is_a_sentence(name, where):
     model = model_of(scene("external-point", n=20), (name, where, {}))
     with pytest.raises(InputError, match=where):
-        model.effects[0].slots(model.chain)
+        model.effects[0].port_indices(model.chain)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Every effect of the catalogue keeps the contract: exact null, right derivative, slots, names, sentences."""
+"""Every effect of the catalogue keeps the contract: exact null, right derivative, components, names, sentences."""
 
 from dataclasses import replace
 
@@ -74,15 +74,15 @@ def test_parameters_carry_key_unit_null_size_and_label(case):
 
 
 @EVERY
-def test_slots_lie_in_the_port_and_match_the_shapes(case):
+def test_port_indices_lie_in_the_port_and_match_the_shapes(case):
     model = with_effect(case)
     effect, state = model.effects[0], state_of(model)
-    slots = effect.slots(model.chain)
+    port_indices = effect.port_indices(model.chain)
     count = len(effect.parameters(model.chain))
-    assert len(set(slots)) == len(slots) > 0
-    assert all(0 <= slot < PORT_SIZES[effect.port] for slot in slots)
-    assert effect.delta(np.ones(count), state).shape == (len(slots), state.n)
-    assert effect.derivative(np.ones(count), state).shape == (count, len(slots), state.n)
+    assert len(set(port_indices)) == len(port_indices) > 0
+    assert all(0 <= port_index < PORT_SIZES[effect.port] for port_index in port_indices)
+    assert effect.delta(np.ones(count), state).shape == (len(port_indices), state.n)
+    assert effect.derivative(np.ones(count), state).shape == (count, len(port_indices), state.n)
     assert effect.title
 
 

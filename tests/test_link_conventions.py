@@ -105,7 +105,7 @@ def displacements(chain, effect) -> np.ndarray:
     """(P, N) motion of the measured points per unit of each parameter."""
     model = Model(chain, (effect,))
     evaluation = model.evaluate(model.parameters)
-    rows = evaluation.rows(effect.port, np.asarray(effect.slots(chain)))
+    rows = evaluation.rows(effect.port, np.asarray(effect.port_indices(chain)))
     basis = effect.basis(chain.state)
     return np.einsum("pkn,kmn->pmn", basis, rows).reshape(len(basis), -1)
 

@@ -1,4 +1,4 @@
-"""A model: effects add up at one slot, load effects act through compliances, the Jacobian is the derivative."""
+"""A model: effects add up at one component, load effects act through compliances, the Jacobian is the derivative."""
 
 from dataclasses import replace
 
@@ -59,7 +59,7 @@ def test_the_jacobian_of_some_is_part_of_that_of_all():
     assert model.jacobian(parameters).shape == (45, 0)
 
 
-def test_effects_on_one_slot_add_up():
+def test_effects_on_one_component_of_a_port_add_up():
     made = scene("external-point", n=15)
     names = MIXED[:4]
     model = model_of(made, *names)

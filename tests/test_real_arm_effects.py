@@ -96,7 +96,7 @@ def test_a_payload_adds_its_own_torque():
     mass, centre = 2.0, np.array([10.0, -20.0, 50.0])
     p = np.append(mass, mass * centre)
     model = model_of(scene("external-point", n=60, seed=4))
-    changed = state.altered([("mass", effect.slots(model.chain), effect.delta(p, state))])
+    changed = state.altered([("mass", effect.port_indices(model.chain), effect.delta(p, state))])
     heavier = replace(state, payload=np.full(state.n, mass), load_centre=centre)
     expected = heavier.torque - replace(state, payload=np.zeros(state.n)).torque
     np.testing.assert_allclose(changed.torque - state.torque, expected, atol=1e-9)

@@ -1,4 +1,4 @@
-"""Every effect of the scanner keeps the contract: exact null, right derivative, slots, names, sentences."""
+"""Every effect of the scanner keeps the contract: exact null, right derivative, components, names, sentences."""
 
 import subprocess
 import sys
@@ -80,7 +80,7 @@ class Bench:
 
     state: SensorState
 
-    def slots(self, port, where, components):
+    def port_indices(self, port, where, components):
         return components or tuple(range(PORT_SIZES[port]))
 
     def numbers(self, place):
@@ -157,14 +157,15 @@ def test_parameters_carry_key_unit_null_size_and_label(case):
 
 
 @EVERY
-def test_slots_lie_in_the_port_and_match_the_shapes(case):
+def test_port_indices_lie_in_the_port_and_match_the_shapes(case):
     effect, bench, count = made(case)
-    slots = effect.slots(bench)
-    assert len(set(slots)) == len(slots) > 0 and set(slots) <= set(range(PORT_SIZES[effect.port]))
-    assert effect.delta(np.ones(count), bench.state).shape == (len(slots), bench.state.n)
+    port_indices = effect.port_indices(bench)
+    assert len(set(port_indices)) == len(port_indices) > 0
+    assert set(port_indices) <= set(range(PORT_SIZES[effect.port]))
+    assert effect.delta(np.ones(count), bench.state).shape == (len(port_indices), bench.state.n)
     assert effect.derivative(np.ones(count), bench.state).shape == (
         count,
-        len(slots),
+        len(port_indices),
         bench.state.n,
     )
 

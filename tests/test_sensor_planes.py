@@ -57,17 +57,20 @@ def test_rows_are_the_derivatives_for_every_port(small, bent, with_mirror):
         moved_ports(np.random.default_rng(2), chain.n, bent, with_mirror),
     )
     here = chain.evaluate(values, deltas)
-    for port, (slots, change) in deltas.items():
-        for slot in slots:
+    for port, (port_indices, change) in deltas.items():
+        for port_index in port_indices:
             step = 1e-4 * PORTS[port][1]
             sides = []
             for sign in (1, -1):
                 other = change.copy()
-                other[slot] += sign * step
-                sides.append(chain.evaluate(values, {**deltas, port: (slots, other)}).residual)
+                other[port_index] += sign * step
+                sides.append(
+                    chain.evaluate(values, {**deltas, port: (port_indices, other)}).residual
+                )
             expected = (sides[0] - sides[1]) / (2 * step)
-            found = here.rows(port, np.array([slot]))[0]
-            assert abs(found - expected).max() <= 1e-5 * abs(expected).max() + 1e-7, (port, slot)
+            found = here.rows(port, np.array([port_index]))[0]
+            limit = 1e-5 * abs(expected).max() + 1e-7
+            assert abs(found - expected).max() <= limit, (port, port_index)
 
 
 @pytest.mark.parametrize("bent", [0, 1])

@@ -150,7 +150,7 @@ def changes(effects, chain, state):
         whole = made.setdefault(
             effect.port, (np.arange(WIDTH[effect.port]), np.zeros((WIDTH[effect.port], chain.n)))
         )[1]
-        whole[list(effect.slots(chain))] += effect.delta(values, state)
+        whole[list(effect.port_indices(chain))] += effect.delta(values, state)
     return made
 
 

@@ -199,20 +199,20 @@ def moved(place, size_mm, size_deg):
         model = Model(bind(load_robot(recording.robot), recording))
         values = model.parameters.values.copy()
         rng = np.random.default_rng(5)
-        slots = (
+        indices = (
             np.arange(6)
             if place == "base"
             else np.arange(6 + 5 * model.chain.robot.joints, len(values))
         )
         shift = size_mm * unit(rng)
-        values[slots[:3]] += shift
-        if len(slots) == 6:
-            before = Rotation.from_rotvec(values[slots[3:]])
-            values[slots[3:]] = (
+        values[indices[:3]] += shift
+        if len(indices) == 6:
+            before = Rotation.from_rotvec(values[indices[3:]])
+            values[indices[3:]] = (
                 Rotation.from_rotvec(np.deg2rad(size_deg) * unit(rng)) * before
             ).as_rotvec()
         elif place == "tool":
-            values[slots] += np.tile(shift, len(slots) // 3) * (np.arange(len(slots)) > 2)
+            values[indices] += np.tile(shift, len(indices) // 3) * (np.arange(len(indices)) > 2)
         moved, still = model.parameters.unpack(model.parameters.pack()), model.parameters
         change = model.residual(replace(moved, values=values)) - model.residual(still)
         change[:, : int(0.6 * recording.n)] = 0

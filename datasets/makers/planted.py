@@ -84,7 +84,7 @@ def make(seed: int, parameters: int, physics: int, noise: bool, samples: int = 1
     found = [_effect(rng, name, joints, samples) for name in names]
     arm = _built(nominal, wrong, found)
     drives = {
-        key: tuple(d for _, _, slot, d in found if slot == key)
+        key: tuple(d for _, _, kind, d in found if kind == key)
         for key in ("gaps", "harmonics", "slips")
     }
     factor = (
@@ -145,8 +145,8 @@ def _built(nominal: Arm, wrong: Mapping[str, float], found) -> Arm:
     for key, change in wrong.items():
         geometry[int(key[6]) - 1, _COLUMNS[key[8:-1]]] += change
     joint = np.zeros(nominal.joints)
-    for _, size, slot, number in found:
-        if not slot:
+    for _, size, kind, number in found:
+        if not kind:
             joint[number - 1] = size
     return replace(nominal, geometry=geometry, joint_compliance=joint)
 

@@ -34,7 +34,7 @@ class LinkThermalGrowth(Effect):
             if link_lengths(chain.robot, made.number)[1].any():
                 yield Variant(made, missing_covariate=missing_temperature(chain.state, made.column))
 
-    def slots(self, chain):
+    def port_indices(self, chain):
         return link_lengths(chain.robot, self.number)[0]
 
     def table(self, chain):
@@ -152,8 +152,8 @@ class BaseDrift(Effect):
         duration = max(self.end - self.start, 1e-12)
         time = 2 * (clock(state) - self.start) / duration - 1
         waves = np.polynomial.legendre.legvander(np.clip(time, -1.0, 1.0), self.order)
-        slots = np.eye(6)[:, :, None]
-        return np.concatenate([slots * wave for wave in waves.T[1:]])
+        components = np.eye(6)[:, :, None]
+        return np.concatenate([components * wave for wave in waves.T[1:]])
 
 
 class AxisRunOut(Effect):
@@ -176,10 +176,10 @@ class AxisRunOut(Effect):
         """At every joint that turns far enough."""
         return [Variant(cls(where)) for where in turning_joints(chain, _MOVES_RAD)]
 
-    def slots(self, chain):
+    def port_indices(self, chain):
         """x and y of a frame whose z is joint K's axis: distal, the one before it; Craig, the one after it."""
         last = self.number if chain.robot.convention == "craig" else self.number - 1
-        return chain.slots(self.port, f"link-{last}" if last else "base", self.components)
+        return chain.port_indices(self.port, f"link-{last}" if last else "base", self.components)
 
     def table(self, chain):
         return tuple(
@@ -196,7 +196,7 @@ class AxisRunOut(Effect):
         return np.einsum("ijn,wn->iwjn", self._axes(state), waves).reshape(4, 2, state.n)
 
     def _axes(self, state):
-        """(2, 2, n) the fixed x and y across the axis, in the frame of the slots; Craig's turns with the joint."""
+        """(2, 2, n) the fixed x and y across the axis, in the frame of the components; Craig's turns with the joint."""
         turned = state.robot.convention == "craig"
         angle = turned * (
             state.variables[self.number - 1] + state.robot.geometry[self.number - 1, THETA]

@@ -179,7 +179,7 @@ class YeCompliance(Effect):
         ]
         return (*loads, *weights)
 
-    def slots(self, chain):
+    def port_indices(self, chain):
         return tuple(range(6))
 
     def delta(self, p, state):
@@ -286,8 +286,8 @@ class BearingCompliance(Effect):
         """(3, n) N m, the gravity moment across the axis."""
         return state.bearing_moment[self.number - 1]
 
-    def slots(self, chain):
-        return chain.slots("frame", f"link-{self.number}")
+    def port_indices(self, chain):
+        return chain.port_indices("frame", f"link-{self.number}")
 
     def table(self, chain):
         label = f"the tilting compliance of joint {self.number}'s bearing"
@@ -397,8 +397,8 @@ class MountTorsion(Effect):
         if np.ptp(chain.state.torque[0]) <= _LOADED_NM and chain.state.has_masses:
             yield Variant(cls("base"), "where an upright joint 1 deflects under it")
 
-    def slots(self, chain):
-        return chain.slots("joint", "joint-1")
+    def port_indices(self, chain):
+        return chain.port_indices("joint", "joint-1")
 
     def table(self, chain):
         label = "joint 1's compliance times the tilt of gravity"

@@ -99,7 +99,7 @@ class ComplianceWithMasses(Effect):
         return (*own, *more)
 
     def basis(self, state):
-        """(P (1 + R), slots, n)."""
+        """(P (1 + R), components, n)."""
         own = self.inner.basis(state)
         parts = [own]
         for mixture, share in zip(self.mixtures, self.shares):

@@ -157,7 +157,7 @@ class ReadingLattice(Effect):
         """None: the readings themselves show it, see `lattice_step`."""
         return ()
 
-    def slots(self, chain):
+    def port_indices(self, chain):
         return (0,)
 
     def table(self, chain):

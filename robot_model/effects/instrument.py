@@ -80,7 +80,7 @@ class _AngleHarmonic:
     def _row(cls) -> int:
         return ("azimuth", "elevation").index(cls.angle)
 
-    def slots(self, chain):
+    def port_indices(self, chain):
         return (0, 1, 2)
 
     def table(self, chain):
@@ -131,7 +131,7 @@ class SightLineRefraction(Effect):
         "curvature of a ray in a linear index gradient: Born & Wolf, Principles of Optics, sec. 3.2"
     )
 
-    def slots(self, chain):
+    def port_indices(self, chain):
         return (0, 1, 2)
 
     def table(self, chain):
@@ -164,7 +164,7 @@ class InstrumentRange(Effect):
         """Where an external instrument measures. Without slides all lengths of the arm have the same effect."""
         return [Variant(cls(where)) for where in chain.places("instrument")]
 
-    def slots(self, chain):
+    def port_indices(self, chain):
         return (0, 1, 2)
 
     def table(self, chain):
@@ -204,7 +204,7 @@ class ReflectorIncidence(Effect):
             label = f"of reflector {number}" if number else ""
             yield Variant(cls("tool", int(number)), label, 1 / len(numbers))
 
-    def slots(self, chain):
+    def port_indices(self, chain):
         return (0, 1, 2)
 
     def table(self, chain):
@@ -253,7 +253,7 @@ class AngularNoise(Effect):
         """None: noise that depends on a covariate is judged on what all laws leave."""
         return ()
 
-    def slots(self, chain):
+    def port_indices(self, chain):
         return (0,)
 
     def table(self, chain):

@@ -59,7 +59,7 @@ class Payload(Effect):
         label = f"after {instant_format(chain.state)}"
         yield Grid(cls, "tool", "after", "step", "time", between, even, sizes, label)
 
-    def slots(self, chain):
+    def port_indices(self, chain):
         first = 3 * chain.robot.joints
         return (first + 3, first, first + 1, first + 2)
 
@@ -138,12 +138,12 @@ class LoadDeflection(Effect):
         if len(between) and len(parts):
             even, label = np.ones(len(between)), f"after {instant_format(chain.state)}"
             sizes = _DEFLECTION * np.array([1.0, *3 * [_OFF_CENTRE_M]])
-            slots, factor = tuple(joints.tolist()), torques[parts, joints]
+            port_indices, factor = tuple(joints.tolist()), torques[parts, joints]
             typical = tuple(sizes[parts].tolist())
-            scanned = ("step", "time", between, even, typical, label, factor, slots)
+            scanned = ("step", "time", between, even, typical, label, factor, port_indices)
             yield Grid(cls, "tool", "after", *scanned, centred=True)
 
-    def slots(self, chain):
+    def port_indices(self, chain):
         return tuple(range(chain.robot.joints))
 
     def table(self, chain):

@@ -93,13 +93,14 @@ class SmoothFunction(Effect):
     """A part of the machine errs by a smooth function of one or two covariates, without a physical law.
 
     `names` of the covariates, recorded or derived from the readings; `spans` their lowest and highest value; `unit` of
-    the port's slots; `sizes` expected size of each slot before measuring; `sharp`: the function may change sharply.
+    the port's components; `sizes` expected size of each component before measuring; `sharp`: the function may change
+    sharply.
     """
 
     effect = "unknown"
     port = "joint"  # that of a term is its own option
     places = PLACES
-    equation = "slot = sum_k c_k L_k(x), Legendre polynomials on the span of the covariate"
+    equation = "component = sum_k c_k L_k(x), Legendre polynomials on the span of the covariate"
     source = "regression on an orthogonal basis"
 
     def __init__(
@@ -148,36 +149,36 @@ class SmoothFunction(Effect):
         return 2 if self.sharp else int(len(self.sizes) == 1)
 
     def table(self, chain):
-        """One coefficient a slot and function; its prior falls with the degree of the function."""
+        """One coefficient a component and function; its prior falls with the degree of the function."""
         still = [np.zeros(1)] * len(self.names)
         _, shrink = functions(self.names, still, self.spans, self._fine)
         about = "_".join(self.names)
         return tuple(
             Parameter(
-                f"{self.where}.unknown.{about}_{slot}_{term}",
+                f"{self.where}.unknown.{about}_{component}_{term}",
                 self.unit,
                 0.0,
                 size * share,
                 f"the smooth function at {self.where}, term {term + 1}",
                 30 * size * share,
             )
-            for slot, size in enumerate(self.sizes)
+            for component, size in enumerate(self.sizes)
             for term, share in enumerate(shrink)
         )
 
-    def slots(self, chain):
-        """All slots of the place, or the first ones where it has more slots than sizes."""
-        return super().slots(chain)[: len(self.sizes)]
+    def port_indices(self, chain):
+        """All components of the place, or the first ones where it has more components than sizes."""
+        return super().port_indices(chain)[: len(self.sizes)]
 
     def basis(self, state):
-        """(slots x functions, slots, n); of the instrument the slots of a function are azimuth, elevation and range."""
+        """(components x functions, components, n); the components of an instrument are azimuth, elevation and range."""
         made = self._waves([covariate(state, name) for name in self.names])
         if self.where != "instrument":
             return made
         return np.einsum("pkn,kcn->pcn", made, sight_directions(state.measured))
 
     def extrapolation(self, p, state, recorded=None):
-        """(slots, n) from the structure functions along each covariate, whose spans are what was recorded."""
+        """(components, n) from the structure functions along each covariate, whose spans are what was recorded."""
         squares = np.zeros((len(self.sizes), state.n))
         for axis, ((low, high), name) in enumerate(zip(self.spans, self.names)):
             distance = distance_beyond(covariate(state, name), low, high)
@@ -187,7 +188,7 @@ class SmoothFunction(Effect):
         return np.sqrt(squares)
 
     def _on_grid(self, p, axis: int) -> np.ndarray:
-        """(slots, G) on a grid over the span; (slots, F, G) for two covariates, the last one along `axis`."""
+        """(components, G) on a grid over the span; (components, F, G) for two covariates, the last one along `axis`."""
         grids = [np.linspace(low, high, _COARSE) for low, high in self.spans]
         grids[axis] = np.linspace(*self.spans[axis], grid_points(SHARP_DEGREE))
         values = np.meshgrid(*grids, indexing="ij")
@@ -196,11 +197,11 @@ class SmoothFunction(Effect):
         return np.moveaxis(shaped, 1 + axis, -1)
 
     def _waves(self, values) -> np.ndarray:
-        """(slots x functions, slots, n) of covariates (n,) each."""
+        """(components x functions, components, n) of covariates (n,) each."""
         waves, _ = functions(self.names, values, self.spans, self._fine)
-        slots = len(self.sizes)
-        each = np.einsum("st,vn->svtn", np.eye(slots), waves)
-        return each.reshape(slots * len(waves), slots, waves.shape[1])
+        count = len(self.sizes)
+        each = np.einsum("st,vn->svtn", np.eye(count), waves)
+        return each.reshape(count * len(waves), count, waves.shape[1])
 
 
 class PeriodicMotion(Effect):
@@ -209,7 +210,7 @@ class PeriodicMotion(Effect):
     effect = "unknown"
     port = "frame"
     places = ("base",)
-    equation = "slot = a cos(rate t) + b sin(rate t)"
+    equation = "component = a cos(rate t) + b sin(rate t)"
     source = "regression on one period"
     names = ("time",)
 
@@ -232,28 +233,28 @@ class PeriodicMotion(Effect):
         return {"rate": self.rate, "units": list(self.units), "sizes": list(self.sizes)}
 
     def table(self, chain):
-        """A cosine and a sine amplitude a slot."""
+        """A cosine and a sine amplitude a component."""
         rate = f"{self.rate:g}".replace(".", "_")  # a point would end the name in the key
         return tuple(
             Parameter(
-                f"{self.where}.unknown.{wave}_{rate}_{slot}",
+                f"{self.where}.unknown.{wave}_{rate}_{component}",
                 unit,
                 0.0,
                 size,
-                f"the {wave} of {self.where}'s movement, slot {slot + 1}",
+                f"the {wave} of {self.where}'s movement, component {component + 1}",
                 30 * size,
             )
-            for slot, (unit, size) in enumerate(zip(self.units, self.sizes))
+            for component, (unit, size) in enumerate(zip(self.units, self.sizes))
             for wave in ("cos", "sin")
         )
 
     def basis(self, state):
-        """(2 x slots, slots, n)."""
+        """(2 x components, components, n)."""
         phase = self.rate * covariate(state, "time")
-        slots = len(self.sizes)
+        count = len(self.sizes)
         waves = np.stack([np.cos(phase), np.sin(phase)])
-        each = np.einsum("st,vn->svtn", np.eye(slots), waves)
-        return each.reshape(2 * slots, slots, state.n)
+        each = np.einsum("st,vn->svtn", np.eye(count), waves)
+        return each.reshape(2 * count, count, state.n)
 
 
 __all__ = ["SHARP_DEGREE", "PeriodicMotion", "SmoothFunction", "functions"]

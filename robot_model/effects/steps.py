@@ -181,7 +181,7 @@ class LinkWarmUp(WarmUpLaw, Effect):
     places = ("link",)
     equation = "the lengths d, a of the link grow by c (1 - exp(-(t - start) / T)) of them"
 
-    def slots(self, chain):
+    def port_indices(self, chain):
         return link_lengths(chain.robot, self.number)[0]
 
     def table(self, chain):

@@ -58,7 +58,7 @@ class MeasuredTilt(Effect):
 
     def table(self, chain):
         # ground that gives way sinks as it tilts: as if about a point many metres off
-        slots = [(f"d{c}", "mm/rad", 1000.0) for c in "xyz"] + [
+        components = [(f"d{c}", "mm/rad", 1000.0) for c in "xyz"] + [
             (f"r{c}", "rad/rad", 1.0) for c in "xyz"
         ]
         return tuple(
@@ -70,7 +70,7 @@ class MeasuredTilt(Effect):
                 20 * size,
             )
             for axis in self.axes
-            for name, unit, size in slots
+            for name, unit, size in components
         )
 
     def basis(self, state):

@@ -296,8 +296,8 @@ class GravityBearing(Effect):
     def table(self, chain):
         return _tilt_table(self, chain, "the tilt of the bearing of")
 
-    def slots(self, chain):
-        return chain.slots("frame", f"link-{self.number}")
+    def port_indices(self, chain):
+        return chain.port_indices("frame", f"link-{self.number}")
 
     def basis(self, state):
         world, z = _tilt_moments(state, self), state.frames.z[self.number - 1]

@@ -126,10 +126,10 @@ class BallSurface:
 
 
 def _moved(points, delta, sign):
-    """(3, n) points with sign times the (slots, change) of a port."""
-    slots, change = delta
+    """(3, n) points with sign times the (components, change) of a port."""
+    port_indices, change = delta
     points = points.copy()
-    points[slots] += sign * change
+    points[port_indices] += sign * change
     return points
 
 

@@ -45,12 +45,12 @@ def rigid_fit(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def add_delta(points: np.ndarray, delta: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """(3, n) points moved by the (slots, change (k, n)) of a port, in the frame of the points."""
-    slots, change = delta
+    """(3, n) points moved by the (components, change (k, n)) of a port, in the frame of the points."""
+    port_indices, change = delta
     moved = np.array(
         np.broadcast_to(points, np.broadcast_shapes(points.shape, (3, change.shape[1])))
     )
-    moved[slots] += change
+    moved[port_indices] += change
     return moved
 
 

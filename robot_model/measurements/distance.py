@@ -105,12 +105,12 @@ class Distance:
         """(1, 2 N): half of predicted minus measured length at either end, mm, which add up to the whole."""
         axes, point = np.stack(frames.end), frames.point(self.targets(values))
         if "target" in deltas:
-            slots, change = deltas["target"]
-            point = point + sum(axes[s] * c for s, c in zip(slots, change))
+            port_indices, change = deltas["target"]
+            point = point + sum(axes[s] * c for s, c in zip(port_indices, change))
         if "sensor" in deltas:
-            slots, change = deltas["sensor"]
+            port_indices, change = deltas["sensor"]
             point = point.copy()
-            point[slots] += change
+            point[port_indices] += change
         between = np.diff(point.reshape(3, 2, -1), axis=1)[:, 0]
         far = np.sqrt((between**2).sum(0))
         along = between / np.maximum(far, 1e-12)

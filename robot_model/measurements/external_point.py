@@ -72,8 +72,8 @@ class ExternalPoint:
         """Predicted minus measured (3, n) in the external frame."""
         point = frames.point(self.tip(values))
         if "target" in deltas:
-            slots, change = deltas["target"]
-            point = point + sum(frames.end[s] * c for s, c in zip(slots, change))
+            port_indices, change = deltas["target"]
+            point = point + sum(frames.end[s] * c for s, c in zip(port_indices, change))
         axes = np.stack(frames.end)
         tool_rows = np.concatenate([axes * (self.index == r) for r in range(len(self.ids))])
         predicted = add_delta(point, deltas["sensor"]) if "sensor" in deltas else point

@@ -66,8 +66,8 @@ class ExternalPose:
             np.stack(frames.end),
         )
         if "target" in deltas:
-            slots, change = deltas["target"]
-            point = point + sum(axes[s] * c for s, c in zip(slots, change))
+            port_indices, change = deltas["target"]
+            point = point + sum(axes[s] * c for s, c in zip(port_indices, change))
         predicted = add_delta(point, deltas["sensor"]) if "sensor" in deltas else point
         off = (
             Rotation.from_matrix(flange_matrices(frames) @ tool @ self.turns.transpose(0, 2, 1))

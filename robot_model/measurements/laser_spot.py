@@ -243,8 +243,8 @@ def _tilt(ray):
 
 
 def _two(delta, shape):
-    """(2, n) of the (slots, change) of a port, its part along the beam left out."""
-    slots, change = delta
+    """(2, n) of the (components, change) of a port, its part along the beam left out."""
+    port_indices, change = delta
     made = np.zeros((3, shape[1]))
-    made[slots] = change
+    made[port_indices] = change
     return made[:2]

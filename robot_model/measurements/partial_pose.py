@@ -87,8 +87,8 @@ class PartialPose:
             np.stack(frames.end),
         )
         if "target" in deltas:
-            slots, change = deltas["target"]
-            point = point + sum(axes[s] * c for s, c in zip(slots, change))
+            port_indices, change = deltas["target"]
+            point = point + sum(axes[s] * c for s, c in zip(port_indices, change))
         predicted = add_delta(point, deltas["sensor"]) if "sensor" in deltas else point
         axis, across = np.einsum("fcn,f->cn", axes, tool[:, self.which]), self.across
 

@@ -69,8 +69,8 @@ class PlaneTouch:
             np.stack(frames.end),
         )
         if "target" in deltas:
-            slots, change = deltas["target"]
-            tip = tip + sum(axes[s] * c for s, c in zip(slots, change))
+            port_indices, change = deltas["target"]
+            tip = tip + sum(axes[s] * c for s, c in zip(port_indices, change))
         tilt = np.column_stack([planes[:, :2], np.zeros(len(planes))])
         normals = rotation_matrix(tilt)[:, :, 2]
         turned = np.cross(

@@ -71,8 +71,8 @@ class TouchPoint:
         tip, points = frames.point(values[:3]), values[3:].reshape(-1, 3)[self.index].T
         axes = np.stack(frames.end)
         if "target" in deltas:
-            slots, change = deltas["target"]
-            tip = tip + sum(axes[s] * c for s, c in zip(slots, change))
+            port_indices, change = deltas["target"]
+            tip = tip + sum(axes[s] * c for s, c in zip(port_indices, change))
         mine = np.stack([self.index == k for k in range(len(self.ids))]).astype(float)
         point_rows = -np.einsum("pn,ij->pijn", mine, np.eye(3)).reshape(-1, 3, len(self.index))
         gap = np.broadcast_to(np.eye(3)[:, :, None], axes.shape)
@@ -102,8 +102,8 @@ class TouchPoint:
 
 
 def _spread(delta, shape):
-    """(3, n) of the (slots, change) of a port."""
-    slots, change = delta
+    """(3, n) of the (components, change) of a port."""
+    port_indices, change = delta
     made = np.zeros(shape)
-    made[slots] = change
+    made[port_indices] = change
     return made

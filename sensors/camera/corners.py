@@ -60,7 +60,7 @@ def placements(poses: np.ndarray) -> Family:
     return Family("placement", np.asarray(poses, float), _MOVED_POSE, None, POSE, POSE_UNITS)
 
 
-def slots(port: str, where: str, components: tuple[int, ...]) -> tuple[int, ...]:
+def port_indices(port: str, where: str, components: tuple[int, ...]) -> tuple[int, ...]:
     """The rows of a port of the scanner's chains that `components` name, () for all; InputError for no such port."""
     if port not in PORTS:
         raise InputError(
@@ -150,8 +150,8 @@ class Corners:
         poses = values.get("placement", self.poses)
         return replace(self, poses=poses, _kept_state=self.state, _kept_lens=lens)
 
-    def slots(self, port: str, where: str, components: tuple[int, ...]) -> tuple[int, ...]:
-        return slots(port, where, components)
+    def port_indices(self, port: str, where: str, components: tuple[int, ...]) -> tuple[int, ...]:
+        return port_indices(port, where, components)
 
     def numbers(self, place: str) -> tuple[int, ...]:
         return ()
@@ -252,16 +252,17 @@ class Evaluation:
         """(k, 2, n) by the camera's values."""
         return self._by_value[indices]
 
-    def rows(self, port: str, slots: np.ndarray) -> np.ndarray:
-        """(k, 2, n) by slots of a port."""
+    def rows(self, port: str, port_indices: np.ndarray) -> np.ndarray:
+        """(k, 2, n) by components of a port."""
         n = self.residual.shape[1]
         if port == "pixel":
-            return np.broadcast_to(np.eye(2)[slots][:, :, None], (len(slots), 2, n))
+            return np.broadcast_to(np.eye(2)[port_indices][:, :, None], (len(port_indices), 2, n))
         if port == "ray":
-            return -self._range * self._by_aim[slots]
+            return -self._range * self._by_aim[port_indices]
         if port == "target":
-            return np.stack([_dot(self._by_point, self._board.turn[:, slot]) for slot in slots])
-        return np.zeros((len(slots), 2, n))
+            turns = self._board.turn
+            return np.stack([_dot(self._by_point, turns[:, index]) for index in port_indices])
+        return np.zeros((len(port_indices), 2, n))
 
     def family_rows(self, name: str) -> np.ndarray:
         """(6, 2, n) by the numbers of each sample's own board pose."""
@@ -277,12 +278,12 @@ class Evaluation:
 
 
 def _moved(values, change):
-    """values (k, n) with the slots of a port's (slots, delta) moved."""
+    """values (k, n) with the components of a port's (components, delta) moved."""
     if change is None:
         return values
-    slots, delta = change
+    port_indices, delta = change
     moved = np.array(np.broadcast_to(values, (len(values), delta.shape[1])))
-    moved[slots] += delta
+    moved[port_indices] += delta
     return moved
 
 

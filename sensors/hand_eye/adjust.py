@@ -115,7 +115,9 @@ def adjust(chain, parameters: Parameters, variances: Variances, equal: bool = Fa
 
 
 def _solved(chain, parameters, variances, equal):
-    size = np.concatenate([np.full(g.slots.stop - g.slots.start, g.typical) for g in chain.groups])
+    size = np.concatenate(
+        [np.full(g.components.stop - g.components.start, g.typical) for g in chain.groups]
+    )
     if equal:  # noise as large as what one sample is wrong by, so that priors are not drowned
         whole = float(np.hypot(variances.noise, np.sqrt((variances.spread**2).sum())))
         return solve_bundle([Model(replace(chain, noise=whole))], parameters, eliminate=None)
@@ -133,7 +135,7 @@ def _linear(chain, made, parameters, variances, equal):
 def _each(chain, spread):
     """(L,) sigma of each number of a pose's error."""
     return np.concatenate(
-        [np.full(g.slots.stop - g.slots.start, s) for g, s in zip(chain.groups, spread)]
+        [np.full(g.components.stop - g.components.start, s) for g, s in zip(chain.groups, spread)]
     )
 
 
@@ -173,9 +175,9 @@ def _component(linear, group, sigma):
     Of errors that the data say nothing of, both sums are rounding: then the plain step of
     expectation and maximisation (Dempster et al. 1977), which keeps the sigma.
     """
-    square = (linear.errors[:, group.slots] ** 2).sum()
-    own = np.trace(linear.blocks[:, group.slots, group.slots], axis1=1, axis2=2).sum()
-    count = linear.errors[:, group.slots].size
+    square = (linear.errors[:, group.components] ** 2).sum()
+    own = np.trace(linear.blocks[:, group.components, group.components], axis1=1, axis2=2).sum()
+    count = linear.errors[:, group.components].size
     known = count - own / sigma**2
     after = square / known if known > 1e-3 * count else (square + own) / count
     return float(

@@ -37,11 +37,11 @@ SCALE = 1e-3
 
 @dataclass(frozen=True)
 class Group:
-    """One variance component of the pose error: `slots` of the family, unit, and the least sigma."""
+    """One variance component of the pose error: `components` of the family, unit, and the least sigma."""
 
     name: str
     unit: str
-    slots: slice
+    components: slice
     typical: float
     least: float
 

@@ -113,9 +113,9 @@ class StripeChain:
             _start=None,
         )
 
-    def slots(self, port: str, where: str, components: tuple[int, ...]) -> tuple[int, ...]:
+    def port_indices(self, port: str, where: str, components: tuple[int, ...]) -> tuple[int, ...]:
         """Rows of a port that `components` name, all for (); InputError where there is no such port."""
-        return corners.slots(port, where, components)
+        return corners.port_indices(port, where, components)
 
     def numbers(self, place: str) -> tuple[int, ...]:
         """Numbers of the bodies of a kind that an effect may name; none but on balls."""
@@ -245,9 +245,9 @@ class Sight:
         """(..., n) of each point, of rows by its step (..., S) or by itself where effects turn the mirror."""
         return rows if "mirror" in self.deltas else rows[..., self.chain.labels["step"]]
 
-    def rows(self, port: str, slots: np.ndarray) -> np.ndarray:
-        """(k, 1, n) for slots of a port."""
-        return (self.ports[port](self)[slots] / self.gain)[:, None]
+    def rows(self, port: str, port_indices: np.ndarray) -> np.ndarray:
+        """(k, 1, n) for components of a port."""
+        return (self.ports[port](self)[port_indices] / self.gain)[:, None]
 
 
 def _some_columns(columns: Mapping[str, np.ndarray], samples: np.ndarray) -> dict[str, np.ndarray]:
@@ -260,8 +260,8 @@ def _some_or_common(values: np.ndarray, samples: np.ndarray) -> np.ndarray:
     return values if values.shape[1] == 1 else values[:, samples]
 
 
-def _whole(port, slots, change, n):
-    """(width, n) change of all slots of a port."""
+def _whole(port, port_indices, change, n):
+    """(width, n) change of all components of a port."""
     made = np.zeros((corners.PORTS[port], n))
-    made[np.asarray(slots)] = change
+    made[np.asarray(port_indices)] = change
     return made

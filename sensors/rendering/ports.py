@@ -13,7 +13,7 @@ from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter
 
 PORTS = {"pixel": 2, "ray": 3, "mirror": 1, "plane": 5, "point": 3, "target": 3, "noise": 1}
-"""Slots a sample of each port."""
+"""Components a sample of each port."""
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,11 @@ class Causes:
         return any(effect.port == port for effect, _ in self.pairs)
 
     def delta(self, port: str, state: SensorState) -> np.ndarray:
-        """(slots, n) change of the port's slots at the samples of `state`; 0 where nothing acts."""
+        """(components, n) change of the port's components at the samples of `state`; 0 where nothing acts."""
         total = np.zeros((PORTS[port], state.n))
         for effect, values in self.pairs:
             if effect.port == port:
-                total[list(effect.slots(_Numbering(state)))] += effect.delta(values, state)
+                total[list(effect.port_indices(_Numbering(state)))] += effect.delta(values, state)
         return total
 
 
@@ -42,7 +42,7 @@ class _Numbering:
     state: SensorState
     balls: int = 0
 
-    def slots(self, port, where, components):
+    def port_indices(self, port, where, components):
         return components or tuple(range(PORTS[port]))
 
     def numbers(self, place):

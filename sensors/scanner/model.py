@@ -181,7 +181,7 @@ class Scanner:
         for effect, values in self.effects:
             if effect.port == port:
                 whole = np.zeros((corners.PORTS[port], state.n))
-                whole[list(effect.slots(self))] = effect.delta(values, state)
+                whole[list(effect.port_indices(self))] = effect.delta(values, state)
                 yield whole
 
     def _turned(self, place, extra):
@@ -206,9 +206,9 @@ class Scanner:
         """Whether joint K is prismatic: a scanner has none."""
         return False
 
-    def slots(self, port: str, where: str, components: tuple[int, ...]) -> tuple[int, ...]:
+    def port_indices(self, port: str, where: str, components: tuple[int, ...]) -> tuple[int, ...]:
         """Rows of a port, as the scanner's chains number them."""
-        return corners.slots(port, where, components)
+        return corners.port_indices(port, where, components)
 
     @property
     def plane_covariance(self) -> np.ndarray:

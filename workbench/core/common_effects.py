@@ -140,8 +140,8 @@ class NoiseLaw:
         label = f"the growth of the noise with {self.covariate}"
         return (self.parameter(self.covariate, "1", 0.3, label),)
 
-    def slots(self, chain):
-        """The noise has one slot."""
+    def port_indices(self, chain):
+        """The noise has one component."""
         return (0,)
 
     def basis(self, state):

@@ -51,12 +51,12 @@ class Grid:
     """Variants of an effect at one place that differ in one `option`, over a fine grid of its values.
 
     `shape` "step": 0 up to `value` of the `covariate` and 1 beyond it; "wave": cosine and sine of
-    `value` times the covariate. Each of the k slots of the effect has its own amplitude. `values`
+    `value` times the covariate. Each of the k components of the effect has its own amplitude. `values`
     (V,) ascending; `prior_weights` (V,) prior weight of each, relative to the others; `typical`: prior
-    size of the amplitudes, one or (k,), in the units of the slots; `label`: format string of a
-    variant's label ("order {:g}"); `factor` (k, n): what the amplitude of a slot is multiplied by
+    size of the amplitudes, one or (k,), in the units of the components; `label`: format string of a
+    variant's label ("order {:g}"); `factor` (k, n): what the amplitude of a component is multiplied by
     at each sample, where it is not 1 (a lever arm), or (r, k, n): r amplitudes with shares in all
-    slots; `slots` (k): the slot of each amplitude, where several act on one slot with factors of
+    components; `port_indices` (k): the component of each amplitude, where several act on one component with factors of
     their own. `centred`: the evidence is that of a step less its mean. Another law has the
     factor all the time (deflection under gravity), and a step near the start must not stand in for it.
     """
@@ -71,7 +71,7 @@ class Grid:
     typical: float | tuple[float, ...]
     label: str
     factor: np.ndarray | None = None
-    slots: tuple[int, ...] = ()
+    port_indices: tuple[int, ...] = ()
     centred: bool = False
 
     def make(self, value: float) -> "Effect":
@@ -82,11 +82,11 @@ class Grid:
 class Effect:
     """A cause of error at one place (`where`) that acts through one `port` of a chain.
 
-    An effect says which `slots` of its port it perturbs (m of them), which parameters it has (P)
+    An effect says which `port_indices` of its port it perturbs (m of them), which parameters it has (P)
     and, for n samples, by how much. Nearly every effect is linear in its parameters and gives
     `basis`; one that is not overrides `delta`, and its derivative is then taken numerically from
-    `delta` alone. `delta` is exactly 0 at the null of all its parameters. Which slots those are,
-    the chain says: it alone knows how its ports are numbered.
+    `delta` alone. `delta` is exactly 0 at the null of all its parameters. The chain
+    numbers the components of its ports.
 
     The attributes below `source` describe the effect to the diagnosis and to the blind benchmark, which hold no list of
     effects of their own.
@@ -230,16 +230,20 @@ class Effect:
                 f"{self.title}: expected a revolute joint, found a prismatic one; remove the effect or change its place"
             )
 
+    def port_indices(self, chain) -> tuple[int, ...]:
+        """The components of its port that this effect perturbs, m row numbers."""
+        return chain.port_indices(self.port, self.where, self.components)
+
     def slots(self, chain) -> tuple[int, ...]:
-        """The m places of the port that this effect perturbs, as row numbers of the port."""
-        return chain.slots(self.port, self.where, self.components)
+        """Earlier name of `port_indices`."""
+        return self.port_indices(chain)
 
     def basis(self, state) -> np.ndarray:
-        """(P, m, n) change of each slot per unit of each parameter."""
+        """(P, m, n) change of each component per unit of each parameter."""
         raise NotImplementedError
 
     def delta(self, p: np.ndarray, state) -> np.ndarray:
-        """(m, n) change of the slots, in the port's unit, for parameters p (P,)."""
+        """(m, n) change of the components, in the port's unit, for parameters p (P,)."""
         return np.tensordot(p, self.basis(state), 1)
 
     def derivative(self, p: np.ndarray, state) -> np.ndarray:
@@ -251,7 +255,7 @@ class Effect:
     def extrapolation(
         self, p: np.ndarray, state, recorded: Mapping[str, tuple[float, float]] | None = None
     ) -> np.ndarray | None:
-        """(m, n) 1 sigma of what an empirical function leaves open beyond its recorded range, in its slots.
+        """(m, n) 1 sigma of what an empirical function leaves open beyond its recorded range, in its components.
 
         It is the size of the function's changes over such a distance within the range; 0 within it. None for a law.
         recorded: covariate, `q2` for joint 2, -> lowest and highest value (rad, mm), as far as they are known.

@@ -1,7 +1,7 @@
 """A measuring chain with effects: prediction, linearisation, simulation.
 
 The chain provides the derivative of its residual with respect to each of its ports; an effect provides
-the change of its slots of one port. The derivative with respect to an effect's parameters is the
+the change of its components of one port. The derivative with respect to an effect's parameters is the
 product of the two, for robots and scanners alike.
 """
 
@@ -19,7 +19,7 @@ NOISE = "noise"
 STATE_PORTS = ("gravity", "mass")
 """Ports that reach the measurement only through the effects that carry load (`elastic`)."""
 Deltas = Mapping[str, tuple[np.ndarray, np.ndarray]]
-"""port -> (slots (k,), change of those slots (k, n))"""
+"""port -> (components (k,), change of those components (k, n))"""
 
 
 class Evaluation(Protocol):
@@ -30,7 +30,7 @@ class Evaluation(Protocol):
     def own_rows(
         self, indices: np.ndarray
     ) -> np.ndarray: ...  # (k, m, n) for the chain's parameters
-    def rows(self, port: str, slots: np.ndarray) -> np.ndarray: ...  # (k, m, n) for slots of a port
+    def rows(self, port: str, port_indices: np.ndarray) -> np.ndarray: ...  # (k, m, n)
 
 
 class Chain(Protocol):
@@ -42,7 +42,9 @@ class Chain(Protocol):
 
     def evaluate(self, values: np.ndarray, deltas: Deltas) -> Evaluation: ...
     def at(self, samples: np.ndarray) -> "Chain": ...
-    def slots(self, port: str, where: str, components: tuple[int, ...]) -> tuple[int, ...]: ...
+    def port_indices(
+        self, port: str, where: str, components: tuple[int, ...]
+    ) -> tuple[int, ...]: ...
     def numbers(
         self, place: str
     ) -> tuple[int, ...]: ...  # what K may be in `joint-K`, `ball-K`, ...
@@ -123,7 +125,7 @@ class Model:
 
     def _same_effects(self, other: "Model") -> "Model":
         """Another model of the same effects with what does not depend on the samples."""
-        kept = ("parameters", "spans", "_slots", "_slots_by_port")
+        kept = ("parameters", "spans", "_port_indices", "_indices_by_port")
         other.__dict__.update({name: getattr(self, name) for name in kept})
         return other
 
@@ -171,7 +173,7 @@ class Model:
         own, values = len(self.chain.parameters), parameters.values
         filled = parameters.mask[:own].sum()
         rows[:filled] = evaluation.own_rows(np.flatnonzero(parameters.mask[:own]))
-        evaluation = _Once(evaluation, self._slots_by_port)
+        evaluation = _Once(evaluation, self._indices_by_port)
         loads = self._load_rows(parameters, evaluation)
         for effect, span in zip(self.effects, self.spans):
             free = parameters.mask[span]
@@ -186,18 +188,18 @@ class Model:
         return rows
 
     @cached_property
-    def _slots(self) -> dict[Effect, np.ndarray]:
-        """Slots of each effect."""
-        return {effect: np.asarray(effect.slots(self.chain)) for effect in self.effects}
+    def _port_indices(self) -> dict[Effect, np.ndarray]:
+        """Components of each effect."""
+        return {effect: np.asarray(effect.port_indices(self.chain)) for effect in self.effects}
 
     @cached_property
-    def _slots_by_port(self) -> dict[str, np.ndarray]:
-        """Sorted slots that any effect changes, for each port that acts on the residual directly."""
+    def _indices_by_port(self) -> dict[str, np.ndarray]:
+        """Sorted components that any effect changes, for each port that acts on the residual directly."""
         every: dict[str, set] = {}
         for effect in self.effects:
             if effect.port not in (NOISE, *STATE_PORTS):
-                every.setdefault(effect.port, set()).update(self._slots[effect].tolist())
-        return {port: np.array(sorted(slots)) for port, slots in every.items()}
+                every.setdefault(effect.port, set()).update(self._port_indices[effect].tolist())
+        return {port: np.array(sorted(port_indices)) for port, port_indices in every.items()}
 
     def jacobian(self, parameters: Parameters) -> np.ndarray:
         """(m n, F) derivative of the stacked residual with respect to the free parameters."""
@@ -216,7 +218,7 @@ class Model:
             )
 
     def _port_rows(self, effect, evaluation):
-        return evaluation.rows(effect.port, self._slots[effect])
+        return evaluation.rows(effect.port, self._port_indices[effect])
 
     def _load_rows(self, parameters, evaluation) -> dict[Effect, np.ndarray]:
         """Effect -> (P, m, n) of each effect on a state port that is free, by way of every effect that carries load."""
@@ -254,7 +256,7 @@ class Model:
         return self.chain.evaluate(values[: len(self.chain.parameters)], self._deltas(values))
 
     def deltas(self, parameters: Parameters) -> Deltas:
-        """Changes of every port's slots that the effects make at these parameters."""
+        """Changes of every port's components that the effects make at these parameters."""
         return self._deltas(parameters.values)
 
     def _loads(self, values):
@@ -270,12 +272,13 @@ class Model:
         """The state under what the effects on gravity and masses make of it."""
         state = self.chain.state
         changes = [
-            (e.port, self._slots[e], e.delta(values[s], state)) for e, s in self._loads(values)
+            (e.port, self._port_indices[e], e.delta(values[s], state))
+            for e, s in self._loads(values)
         ]
         return state.altered(changes) if changes else state
 
     def _deltas(self, values) -> Deltas:
-        """Changes of every port's slots; effects on the same slot add up."""
+        """Changes of every port's components; effects on the same component add up."""
         return self._deltas_of(zip(self.effects, self.spans), values)
 
     def _deltas_of(self, effects: Iterable[tuple[Effect, slice]], values) -> Deltas:
@@ -287,7 +290,7 @@ class Model:
                 and (values[span] != self.parameters.nulls[span]).any()
             ):
                 parts.setdefault(effect.port, []).append(
-                    (self._slots[effect], self._delta(effect, span, values))
+                    (self._port_indices[effect], self._delta(effect, span, values))
                 )
         return {port: _add_up(pieces) for port, pieces in parts.items()}
 
@@ -349,11 +352,11 @@ class Model:
 
     def _keep_changes(self, cause: Effect, effects: list[Effect]) -> None:
         """Keep the changes of the factors of elastic effects per unit of a cause: one altered state serves them all."""
-        state, slots = self.chain.state, cause.slots(self.chain)
+        state, port_indices = self.chain.state, cause.port_indices(self.chain)
         sizes = [p.typical for p in cause.parameters(self.chain)]
         changes = {effect: [] for effect in effects}
         for move in np.diag(sizes):
-            altered = state.altered([(cause.port, slots, cause.delta(move, state))])
+            altered = state.altered([(cause.port, port_indices, cause.delta(move, state))])
             for effect in effects:
                 change = effect.basis(altered) - self.basis(effect)
                 changes[effect].append(change / move.sum())
@@ -387,18 +390,18 @@ class _BasesOfPart(dict):
 class _Once:
     """An evaluation that makes the rows of a port once, for all the effects on it together."""
 
-    def __init__(self, evaluation, slots_by_port):
-        self.residual, self._evaluation, self._slots, self._rows = (
+    def __init__(self, evaluation, indices_by_port):
+        self.residual, self._evaluation, self._port_indices, self._rows = (
             evaluation.residual,
             evaluation,
-            slots_by_port,
+            indices_by_port,
             {},
         )
 
-    def rows(self, port, slots):
+    def rows(self, port, port_indices):
         if port not in self._rows:
-            self._rows[port] = self._evaluation.rows(port, self._slots[port])
-        made, first = self._rows[port], np.searchsorted(self._slots[port], slots)
+            self._rows[port] = self._evaluation.rows(port, self._port_indices[port])
+        made, first = self._rows[port], np.searchsorted(self._port_indices[port], port_indices)
         return made[first[0], None] if len(first) == 1 else made[first]
 
 
@@ -408,16 +411,17 @@ def _combined(sizes: np.ndarray, parts: np.ndarray) -> np.ndarray:
 
 
 def _contract(small: np.ndarray, rows: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-    """(P, k, n) times (k, m, n), summed over the k slots."""
+    """(P, k, n) times (k, m, n), summed over the k components."""
     out = np.multiply(small[:, 0, None, :], rows[0], out=out)
-    for slot in range(1, len(rows)):
-        out += small[:, slot, None, :] * rows[slot]
+    for port_index in range(1, len(rows)):
+        out += small[:, port_index, None, :] * rows[port_index]
     return out
 
 
 def _add_up(pieces) -> tuple[np.ndarray, np.ndarray]:
-    slots = np.unique(np.concatenate([np.asarray(s) for s, _ in pieces]))
-    total = np.zeros((len(slots), max(d.shape[-1] for _, d in pieces)))
+    port_indices = np.unique(np.concatenate([np.asarray(s) for s, _ in pieces]))
+    total = np.zeros((len(port_indices), max(d.shape[-1] for _, d in pieces)))
     for own, delta in pieces:
-        total[np.searchsorted(slots, own)] += delta  # an effect names each of its slots once
-    return slots, total
+        # An effect names each of its components once.
+        total[np.searchsorted(port_indices, own)] += delta
+    return port_indices, total

@@ -73,7 +73,7 @@ def _linearised(model: Model, parameters: Parameters, curves) -> _Linear:
     names: dict[str, int] = {}
     for curve in curves:
         typical = np.array([p.typical for p in curve.parameters(part.chain)])
-        joint = evaluation.rows("joint", np.asarray(curve.slots(part.chain)))[0]
+        joint = evaluation.rows("joint", np.asarray(curve.port_indices(part.chain)))[0]
         waves = curve.basis(part.chain.state) * typical[:, None, None]
         columns.append(waves * joint[None])
         group.append(np.array([names.setdefault(g, len(names)) for g in curve.shrinkage_groups()]))

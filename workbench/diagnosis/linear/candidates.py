@@ -59,7 +59,7 @@ class Scan:
     """A family of candidates with one option on a fine grid, never held as columns all at once.
 
     `kind` "step": columns rows * (x > option); "wave": rows * cos(option x), rows * sin(option x).
-    `rows` (k, N): whitened derivatives of the slots that move together (k = 1 at a joint). `x` (n,): covariate.
+    `rows` (k, N): whitened derivatives of the components that move together (k = 1 at a joint). `x` (n,): covariate.
     `options` (V,): ascending; `prior_weight` (V,) of each, relative to the others. `typical` (k,): prior size of an
     amplitude in the port's unit. `make` gives the effects for an option. `word`: format string of the labels
     ("order {:g}", "after {:g}").
@@ -113,8 +113,8 @@ class Site:
     """A place where something unnamed may act.
 
     `where`: a word of the vocabulary; `port`: the port there; `rows` (k, N): whitened derivatives of
-    its k slots; `unit`: of the slots, one a slot or one for all; `typical` (k,): the size that a
-    disturbance of each slot would have before measuring. `covariates`: names of those that a
+    its k components; `unit`: of the components, one a component or one for all; `typical` (k,): the size that a
+    disturbance of each component would have before measuring. `covariates`: names of those that a
     smooth function here may depend on, one at a time; `pairs`: two at a time.
     """
 
@@ -154,7 +154,7 @@ def step_function(x: np.ndarray, option: float, centred: bool) -> np.ndarray:
 
 
 def _function_columns(place: Scan | Site, functions: np.ndarray, problem) -> np.ndarray:
-    """(N, k V) columns of functions (V, E n) of the arm poses on every slot of a place."""
+    """(N, k V) columns of functions (V, E n) of the arm poses on every component of a place."""
     functions = functions[:, problem.ends.numbers(problem.sample)]
     columns = problem.ends.joined(place.typical[:, None, None] * place.rows[:, None] * functions)
     return columns.reshape(-1, len(problem.sample)).T

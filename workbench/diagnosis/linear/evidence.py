@@ -201,7 +201,7 @@ def _without_projections(gram: np.ndarray, projections: np.ndarray) -> np.ndarra
 
 @dataclass(frozen=True)
 class SampleSums:
-    """What is left of k slots with `rows` (k, E N) once the coordinates of a sample are summed, made on demand.
+    """What is left of k components with `rows` (k, E N) once the coordinates of a sample are summed, made on demand.
 
     `score` (E n, k) with the residual, `added` (k, E n, A) with the columns of added effects, `basis` (k, E n, R) with
     the baseline's basis, `squares` (k, E n, k) with one another. `name`: under which what depends on these alone is
@@ -235,7 +235,7 @@ class SampleSums:
         return np.stack([self.projected.sums(columns * row[:, None]) for row in self.rows])
 
     def _moments(self, option: tuple, linear: Linear, raw, typical: np.ndarray) -> Moments:
-        """Of C hypotheses, each V functions on every slot; typical (C, k V) prior sizes, slot after slot.
+        """Of C hypotheses, each V functions on every component; typical (C, k V) prior sizes, ordered by component.
 
         linear: maps values (n, R) of the samples to their sums with the functions, (C, V, R). raw(): inner products
         (C, k V, k V) of the columns.
@@ -262,9 +262,9 @@ class SampleSums:
         return self.projected._complement(gram, largest, *more)
 
     def function_moments(self, name: tuple, waves: np.ndarray, typical: np.ndarray) -> Moments:
-        """Moments of V functions (V, E n) on every slot, as one hypothesis a group; waves (C, V, E n).
+        """Moments of V functions (V, E n) on every component, as one hypothesis a group; waves (C, V, E n).
 
-        name: of the functions. typical (C, k V): prior size of each coefficient, slot after slot.
+        name: of the functions. typical (C, k V): prior size of each coefficient, component after component.
         """
         groups, count, n = waves.shape
         flat = waves.reshape(groups * count, n)

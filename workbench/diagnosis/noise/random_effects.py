@@ -48,8 +48,8 @@ _COLUMNS = {
 class RandomEffect:
     """A random effect at a place: it varies from sample to sample.
 
-    `site`: the place, with `p_value` over all sites. `spread`: of its slots, in typical sizes; `ratio`: of it to the
-    noise that is left. `kurtosis`: excess kurtosis of its movement, with standard error `error` (joints alone, else
+    `site`: the place, with `p_value` over all sites. `spread`: of its components, in typical sizes; `ratio`: of it to
+    the residual noise. `kurtosis`: excess kurtosis of its movement, with standard error `error` (joints alone, else
     nan). `rounds`: p-value of a sawtooth of its reading, 1 where there is none. `gain`: log likelihood ratio to noise
     alone.
     """
@@ -148,7 +148,7 @@ def _last_moves(problem: Problem, joints) -> list[Site]:
 
 
 def _directions(site: Site, m: int) -> np.ndarray:
-    """(k, m, n) what each slot does, in typical sizes."""
+    """(k, m, n) what each component does, in typical sizes."""
     return (site.rows * site.typical[:, None]).reshape(len(site.rows), m, -1)
 
 
@@ -259,7 +259,7 @@ def _score(tensor, z, pose):
 
 
 def _moved(site, z):
-    """(n,) what one slot did at each sample in typical sizes, (n,) the variance of that, (n,) how far it is seen."""
+    """(n,) movement of one component at each sample in typical sizes, (n,) its variance, (n,) its observability."""
     way = _directions(site, len(z))[0]
     squared_length = (way**2).sum(0)
     divisor = np.maximum(squared_length, 1e-300)
@@ -270,7 +270,7 @@ def _moved(site, z):
 
 
 def _shape(site, z):
-    """Kurtosis (excess) of one slot's movement and its standard error, noise taken off; nan of several slots."""
+    """Excess kurtosis of one component's movement less noise, and its standard error; nan of several components."""
     if len(site.rows) > 1:
         return np.nan, np.nan
     movement_of_sample, error, squared_length = _moved(site, z)

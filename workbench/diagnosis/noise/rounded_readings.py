@@ -57,7 +57,7 @@ def rounded_readings(problem: Problem, p_value: float) -> tuple[Finding, ...]:
 
 
 def _lattices(problem: Problem) -> list[tuple[Site, float, str]]:
-    """Joints with readings on a lattice: the place, the step in the unit of its slot, and the step in words."""
+    """Joints with readings on a lattice: the place, the step in the unit of its component, and the step in words."""
     found = []
     for site in problem.sites:
         if site.port != "joint" or not site.where.startswith("joint-"):

@@ -156,7 +156,9 @@ def variation_mm(model, fit, effect: Effect, values: np.ndarray) -> float:
     """
     changes = effect.delta(values, model.chain.state)
     changes = changes - changes.mean(-1, keepdims=True)
-    rows = model.evaluate(fit.parameters).rows(effect.port, np.asarray(effect.slots(model.chain)))
+    rows = model.evaluate(fit.parameters).rows(
+        effect.port, np.asarray(effect.port_indices(model.chain))
+    )
     moved = model.joined(np.einsum("kn,kmn->mn", changes, rows))[:_AXES]
     return float(np.sqrt((moved**2).sum(0).mean()))
 
@@ -177,8 +179,8 @@ def linear_values(
     """(P,) coefficients with which an effect's columns (N, P) make what it makes: its parameters where it is linear."""
     if effect.linear or effect.port in (*STATE_PORTS, NOISE):
         return p
-    slots = rows(effect.port, effect.slots(chain))
-    contribution = rows.joined(np.einsum("kn,kmn->mn", effect.delta(p, state), slots))
+    of_port = rows(effect.port, effect.port_indices(chain))
+    contribution = rows.joined(np.einsum("kn,kmn->mn", effect.delta(p, state), of_port))
     return least_squares(columns, contribution.ravel())
 
 

@@ -75,7 +75,7 @@ def candidate_of(
 def scan_of(grid: Grid, rows: np.ndarray, covariate: np.ndarray) -> Scan:
     """A grid with the data that it is compared with.
 
-    rows (k, N): whitened derivatives of the residual by the effect's slots; covariate (n,).
+    rows (k, N): whitened derivatives of the residual by the effect's components; covariate (n,).
     """
 
     def make(value: float) -> tuple[Effect, ...]:

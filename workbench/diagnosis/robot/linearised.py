@@ -206,7 +206,7 @@ def _noise(model):
 
 
 class _Rows:
-    """Whitened derivatives of the residual by the slots of a port, made once a port."""
+    """Whitened derivatives of the residual by the components of a port, made once a port."""
 
     def __init__(self, model, evaluation, white):
         joints = model.chain.robot.joints
@@ -221,12 +221,12 @@ class _Rows:
         self.white_by_end = np.tile(white, model.chain.poses_per_sample)
         self.joined = model.joined
 
-    def __call__(self, port, slots):
+    def __call__(self, port, port_indices):
         """(k, m, E n): of each of the E arm poses that make a sample."""
         if port not in self._made:
             derivative = self._evaluation.rows(port, np.arange(self._sizes[port]))
             self._made[port] = derivative * self.white_by_end
-        return self._made[port][np.asarray(slots)]
+        return self._made[port][np.asarray(port_indices)]
 
 
 def _candidates(model: Model, fit: Fit, rows: _Rows, library) -> tuple[Candidate, ...]:
@@ -254,14 +254,14 @@ def _columns(model, fit, rows, effect, cause=None, by_end=False):
     joined = (lambda columns: columns) if by_end else rows.joined
     if cause is not None:
         basis = model.basis(effect, cause)
-        slots = rows(effect.port, effect.slots(model.chain))
-        change = joined(np.einsum("cpkn,kmn->cpmn", basis, slots))
+        of_port = rows(effect.port, effect.port_indices(model.chain))
+        change = joined(np.einsum("cpkn,kmn->cpmn", basis, of_port))
         return change.reshape(*change.shape[:2], -1).transpose(0, 2, 1)
     if effect.port in STATE_PORTS:
         derivative = joined(_by_load(model, fit, rows, effect))
     else:
-        slots = rows(effect.port, effect.slots(model.chain))
-        derivative = joined(np.einsum("pkn,kmn->pmn", model.basis(effect), slots))
+        of_port = rows(effect.port, effect.port_indices(model.chain))
+        derivative = joined(np.einsum("pkn,kmn->pmn", model.basis(effect), of_port))
     return derivative.reshape(len(derivative), -1).T
 
 

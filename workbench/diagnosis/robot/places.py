@@ -30,7 +30,7 @@ _ALSO_AS = ("row", "time_s", "payload_kg")
 def scans(chain, rows, columns, elastic: bool) -> tuple[Scan, ...]:
     """Effects with one option on a fine grid (any instant, any order), and the floor going to and fro.
 
-    rows: (port, slots) -> (k, m, n) whitened derivatives of the residual; columns: effect -> (N, P) those by its
+    rows: (port, components) -> (k, m, n) whitened derivatives of the residual; columns: effect -> (N, P) those by its
     parameters; elastic: whether the model holds a compliance.
     """
     found = [_scan(grid, chain, rows, columns) for grid in grids(CATALOGUE, chain, elastic)]
@@ -38,12 +38,12 @@ def scans(chain, rows, columns, elastic: bool) -> tuple[Scan, ...]:
 
 
 def _scan(grid: Grid, chain, rows, columns) -> Scan:
-    """The grid with the derivatives of its slot and its covariate."""
+    """The grid with the derivatives of its component and its covariate."""
     effect, covariate = grid.make(grid.values[0]), chain.state.covariates[grid.covariate]
     if effect.port in STATE_PORTS:  # its derivative is that of what deflects under the load
         rows_by_load = columns(grid.effect(grid.where), by_end=True)
         return scan_of(grid, rows_by_load.T.copy(), covariate)
-    derivatives = rows(effect.port, grid.slots or effect.slots(chain))
+    derivatives = rows(effect.port, grid.port_indices or effect.port_indices(chain))
     if grid.factor is not None and grid.factor.ndim == 3:
         derivatives = np.einsum("rkn,kmn->rmn", grid.factor, derivatives)
     elif grid.factor is not None:
@@ -60,7 +60,7 @@ def sites(chain, rows) -> tuple[Site, ...]:
     )
     found = _joint_sites(chain, rows, angles, general)
     for place, loads in _loads(chain.robot.joints).items():
-        frame = _flat(rows("frame", chain.slots("frame", place)))
+        frame = _flat(rows("frame", chain.port_indices("frame", place)))
         names = tuple(dict.fromkeys((*angles, *_varying(covariates, loads), *general)))
         found.append(Site(place, "frame", frame, "mm and rad", _FRAME, names))
     if all(name in covariates for name in _SIGHT):
@@ -110,9 +110,9 @@ def lengths(chain, rows) -> tuple[Site, ...]:
     """The growth of each link, as a share of its lengths."""
     found = []
     for k in range(1, chain.robot.joints + 1):
-        slots, length = link_lengths(chain.robot, k)
+        port_indices, length = link_lengths(chain.robot, k)
         if length.any():
-            row = np.einsum("k,kmn->mn", length, rows("geometry", slots))[None]
+            row = np.einsum("k,kmn->mn", length, rows("geometry", port_indices))[None]
             found.append(Site(f"link-{k}", "geometry", _flat(row), "1", np.array([_GROWTH]), ()))
     return tuple(found)
 
@@ -134,7 +134,7 @@ def _floor(chain, rows, turns) -> list[Scan]:
     def make(rate):
         return (PeriodicMotion("base", rate, units, tuple(turns.tolist())),)
 
-    flat = _flat(rows("frame", chain.slots("frame", "base")))
+    flat = _flat(rows("frame", chain.port_indices("frame", "base")))
     return [
         Scan(
             "unknown",

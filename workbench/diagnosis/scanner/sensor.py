@@ -285,7 +285,9 @@ class SensorBench(Bench):
     def smooth(self, site: Site, names: tuple[str, ...]) -> Effect:
         effect = super().smooth(site, names)
         effect.components = next(
-            p.slots for p in places(self.kind) if (p.where, p.port) == (site.where, site.port)
+            p.port_indices
+            for p in places(self.kind)
+            if (p.where, p.port) == (site.where, site.port)
         )
         return effect
 
@@ -449,8 +451,8 @@ def _predicted(name: str, model: Model, fit: BundleFit) -> Predicted:
     evaluation = model.evaluate(table)
     if "step" in fit.values and name != "corners":  # free light planes are shared, too
         first = keys.index(next(key for key in keys if key.startswith("step-")))
-        for slot, row in enumerate(by_step := evaluation.family_rows("step")):
-            place = first + model.chain.labels["step"] * len(by_step) + slot
+        for port_index, row in enumerate(by_step := evaluation.family_rows("step")):
+            place = first + model.chain.labels["step"] * len(by_step) + port_index
             by_shared[place, :, np.arange(residual.shape[1])] = row.T
     family = "ball" if name == "balls" else "placement"
     sigma = np.broadcast_to(model.chain.sigma, residual.shape)

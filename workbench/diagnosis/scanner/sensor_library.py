@@ -11,11 +11,11 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Place:
-    """Some slots of a port at a place, which a smooth function of `covariates` (one, or two of `pairs`) moves."""
+    """Some components of a port at a place, which a smooth function of `covariates` (one, or two of `pairs`) moves."""
 
     where: str
     port: str
-    slots: tuple[int, ...]
+    port_indices: tuple[int, ...]
     unit: str
     typical: float
     covariates: tuple[str, ...]

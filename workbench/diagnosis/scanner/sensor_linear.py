@@ -240,14 +240,14 @@ class Linear:
         columns = np.concatenate(parts, axis=1)
         return columns[np.any(columns != 0, axis=1)]
 
-    def port(self, port: str, slots: tuple[int, ...], where: str) -> list:
-        """Rows (k, m, n) of each part by the slots of a port, None where the place is no part of it."""
+    def port(self, port: str, port_indices: tuple[int, ...], where: str) -> list:
+        """Rows (k, m, n) of each part by the components of a port, None where the place is no part of it."""
         probe = _At(where, port)
         found = []
         for part in self.parts:
-            key = part.name, port, slots
+            key = part.name, port, port_indices
             if acts(probe, part.name) and key not in self._ports:
-                self._ports[key] = part.here.rows(port, np.asarray(slots))
+                self._ports[key] = part.here.rows(port, np.asarray(port_indices))
             found.append(self._ports[key] if acts(probe, part.name) else None)
         return found
 
@@ -297,7 +297,7 @@ class Linear:
                 parts.append(None)
                 continue
             chain = part.model.chain
-            rows = part.here.rows(effect.port, np.asarray(effect.slots(chain)))
+            rows = part.here.rows(effect.port, np.asarray(effect.port_indices(chain)))
             parts.append(np.einsum("pkn,kmn->pmn", effect.basis(chain.state), rows))
         return self.flat(parts).T, np.array([p.typical for p in effect.parameters(chain)])
 
@@ -309,18 +309,18 @@ class Linear:
         found = []
         for grid in grids(CATALOGUE, replace(self.bench.kind, mirror_angles=angles)):
             effect = grid.make(grid.values[0])
-            slots = effect.slots(self.chains.board_stripes)
-            rows = self.flat(self.port(effect.port, slots, effect.where))
+            port_indices = effect.port_indices(self.chains.board_stripes)
+            rows = self.flat(self.port(effect.port, port_indices, effect.where))
             found.append(scan_of(grid, rows, self.bench.covariates[grid.covariate][self.every]))
         return tuple(found)
 
     def sites(self) -> tuple[Site, ...]:
         found = []
         for place in places(self.bench.kind):
-            rows = self.port(place.port, place.slots, place.where)
+            rows = self.port(place.port, place.port_indices, place.where)
             if all(part_rows is None for part_rows in rows):
                 continue
-            typical = np.full(len(place.slots), place.typical)
+            typical = np.full(len(place.port_indices), place.typical)
             what = (place.unit, typical, place.covariates, place.pairs)
             found.append(Site(place.where, place.port, self.flat(rows), *what))
         return tuple(found)

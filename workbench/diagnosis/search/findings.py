@@ -289,7 +289,7 @@ def _has_one_axis(search: Search, judged: Hypothesis) -> bool:
     """Whether a law turns one joint."""
     chain = search.bench.chain
     is_of_joints = {effect.port for effect in judged.effects} == {"joint"}
-    return is_of_joints and all(len(effect.slots(chain)) == 1 for effect in judged.effects)
+    return is_of_joints and all(len(effect.port_indices(chain)) == 1 for effect in judged.effects)
 
 
 def _unexplained_at_place(search: Search, judged: Hypothesis) -> tuple[float, bool, str]:

@@ -119,7 +119,7 @@ def _shifted_state(chain, part: float):
 class _Trial:
     """Whitened residual conditional on `others`, and what the effects' columns gain when they read other samples.
 
-    `small` (P, k, n): what the effects do to their slots; `rows` (k, m, n) whitened derivatives by the slots. A bench
+    `small` (P, k, n): change of the components by the effects; `rows` (k, m, n) whitened derivatives by them. A bench
     that knows no robot gives the columns themselves, (P, 1, N), whose coordinates are then exchanged. `count`:
     effective number of coefficients, those that the data and not their priors determine.
     """
@@ -152,14 +152,14 @@ class _Trial:
         return [fit.parameters.values[span] for span in model.spans[-len(self.effects) :]]
 
     def basis(self, state, effects: Sequence[Effect] = ()):
-        """(P, K, n) the effects side by side, each on slots of its own: one row a parameter, as the fit has them.
+        """(P, K, n) the effects side by side, each on components of its own: one row a parameter, as the fit has them.
 
         effects: others of the same kinds at the same places; the own ones where not given.
         """
         bases = [e.derivative(p, state) for e, p in zip(effects or self.effects, self._values)]
-        slots, rows, first = sum(b.shape[1] for b in bases), [], 0
+        width, rows, first = sum(b.shape[1] for b in bases), [], 0
         for b in bases:
-            after = slots - first - b.shape[1]
+            after = width - first - b.shape[1]
             rows.append(np.pad(b, ((0, 0), (first, after), (0, 0))))
             first += b.shape[1]
         return np.concatenate(rows)
@@ -197,7 +197,7 @@ class _Trial:
         model, fit, _ = bench.solve(others, part, is_complete=False)
         evaluation = model.evaluate(fit.parameters)
         rows = np.concatenate(
-            [evaluation.rows(e.port, np.asarray(e.slots(model.chain))) for e in self.effects]
+            [evaluation.rows(e.port, np.asarray(e.port_indices(model.chain))) for e in self.effects]
         )
         root = np.sqrt(self.problem.weights)[self.problem.sample] / self.problem.sigma
         return rows * np.tile(root.reshape(rows.shape[1], -1), self.problem.ends.count)

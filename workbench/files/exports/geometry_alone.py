@@ -91,19 +91,21 @@ class _Problem:
 
     def fitted(self, start: np.ndarray, held: np.ndarray) -> np.ndarray:
         """(J, 5) by damped Gauss-Newton from `start`; only entries of `held` change."""
-        slots = np.flatnonzero(held.ravel())
-        scale = np.where(np.isin(slots % 5, (D, A)), _TYPICAL_MM, _TYPICAL_RAD)
-        penalty = _PRICE_MM**2 * len(self.readings) * np.eye(len(slots))
-        change = np.zeros(len(slots))
+        port_indices = np.flatnonzero(held.ravel())
+        scale = np.where(np.isin(port_indices % 5, (D, A)), _TYPICAL_MM, _TYPICAL_RAD)
+        penalty = _PRICE_MM**2 * len(self.readings) * np.eye(len(port_indices))
+        change = np.zeros(len(port_indices))
         for _ in range(_STEPS):
-            rows, error = self._linearised(_moved(start, slots, change * scale), slots)
+            rows, error = self._linearised(
+                _moved(start, port_indices, change * scale), port_indices
+            )
             rows = rows * scale
             normal = rows.T @ rows + penalty
             step = np.linalg.solve(normal, -rows.T @ error - penalty @ change)
             change += step
             if np.abs(step).max() < _SMALL_STEP:
                 break
-        return _moved(start, slots, change * scale)
+        return _moved(start, port_indices, change * scale)
 
     def distances(self, geometry: np.ndarray) -> np.ndarray:
         """(n,) mm between the tool of this geometry and that of the complete model."""
@@ -117,19 +119,19 @@ class _Problem:
     def _frames(self, geometry):
         return forward(self.arm.robot, self.arm.robot.mixing @ self.readings.T, geometry)
 
-    def _linearised(self, geometry, slots):
+    def _linearised(self, geometry, port_indices):
         """(6 n, K) derivatives and (6 n,) errors: position (mm), then rotation at the lever (mm)."""
         frames = self._frames(geometry)
-        shifts = geometry_rows(self.arm.robot, frames, frames.point(self._point), slots)
-        rotations = LEVER_MM * geometry_turns(frames, slots)
-        rows = np.concatenate([shifts, rotations], 1).reshape(len(slots), -1)
+        shifts = geometry_rows(self.arm.robot, frames, frames.point(self._point), port_indices)
+        rotations = LEVER_MM * geometry_turns(frames, port_indices)
+        rows = np.concatenate([shifts, rotations], 1).reshape(len(port_indices), -1)
         error = pose_difference(_poses(frames), self.wanted, self._point)
         return rows.T, np.concatenate([error[:3], LEVER_MM * error[3:]]).ravel()
 
 
-def _moved(geometry: np.ndarray, slots: np.ndarray, change: np.ndarray) -> np.ndarray:
+def _moved(geometry: np.ndarray, port_indices: np.ndarray, change: np.ndarray) -> np.ndarray:
     moved = geometry.ravel().copy()
-    moved[slots] += change
+    moved[port_indices] += change
     return moved.reshape(geometry.shape)
 
 

@@ -59,7 +59,7 @@ class Stream:
 
     @property
     def chain(self):
-        """Of one sample of every target: the same parameters, places and slots as that of all samples."""
+        """Of one sample of every target: the same parameters, places and components as that of all samples."""
         return self._small.chain
 
     @cached_property

@@ -13,7 +13,7 @@ def extrapolation_mm(model: Model, parameters: Parameters, arm: CalibratedArm) -
 
     An error curve of a joint or a smooth function is known where samples support it. Beyond the last recorded sample
     it may differ by as much as it changes over such a distance within the range (`Effect.extrapolation`). Functions of
-    different places, and the slots of one, are independent.
+    different places, and the components of one, are independent.
     """
     evaluation = model.evaluate(parameters)
     recorded = recorded_variables(arm)
@@ -22,8 +22,8 @@ def extrapolation_mm(model: Model, parameters: Parameters, arm: CalibratedArm) -
         sigma = effect.extrapolation(parameters.values[span], model.chain.state, recorded)
         if sigma is None or not sigma.any():
             continue
-        slots = np.asarray(effect.slots(model.chain))
-        moved = evaluation.rows(effect.port, slots)[:, :3] * sigma[:, None]
+        port_indices = np.asarray(effect.port_indices(model.chain))
+        moved = evaluation.rows(effect.port, port_indices)[:, :3] * sigma[:, None]
         squares += (moved**2).sum((0, 1))
     return np.sqrt(squares)
 

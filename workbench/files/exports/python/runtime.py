@@ -121,8 +121,8 @@ class CorrectedArm:
         """
         chain, model, parameters = self._model(self._radians(readings), covariates, self.control)
         targets = chain.variables.copy()
-        for slots, change in model.deltas(parameters).values():
-            targets[slots] += change
+        for port_indices, change in model.deltas(parameters).values():
+            targets[port_indices] += change
         own = (
             np.diag(self.robot.mixing)
             if len(self.robot.mixing) == self.robot.mixing.shape[1]
