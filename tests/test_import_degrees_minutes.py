@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from datasets.importers.mapping.model import Group, Mapping
 from datasets.importers.units import degrees_of, may_be_dms
+from datasets.importers.user_tables import read_targets
 from import_scenes import (
     SCENE,
     UR10,
@@ -80,3 +82,15 @@ def test_text_with_signs_of_minutes_and_seconds(tmp_path, truth):
     ]
     made = import_recording([write_rows(tmp_path / "t.csv", HEADER, rows)], tmp_path / "out", UR10)
     assert_same_rows(made.recording, truth, joints=0.51 / 3600)
+
+
+def test_targets_with_minutes_are_read_with_the_mapping_of_the_recording(tmp_path):
+    """Corrected readings are decimal degrees, and their headers state it."""
+    angles = np.array([[12.3045, -0.003, 10.0], [-120.30, 89.5959, 0.0]])
+    path = write_rows(tmp_path / "t.csv", ["A1", "A2", "A3 [deg]"], angles)
+    group = Group(("A1", "A2", "A3 [deg]"), ("dms", "dms", "deg"), None)
+    (table,) = read_targets(path, [False] * 3, Mapping(joints=group))
+    assert np.allclose(table.columns["q1_deg"], [12.5125, -120.5])
+    assert np.allclose(table.columns["q2_deg"], [-30 / 3600, 89 + 59 / 60 + 59 / 3600])
+    assert table.columns["q3_deg"].tolist() == [10.0, 0.0]
+    assert [name for name, _ in table.origin.joints] == ["A1 [deg]", "A2 [deg]", "A3 [deg]"]

@@ -160,3 +160,13 @@ def test_ball_centres_in_another_unit_are_refused(factor, word):
     scaled = columns | {name: factor * columns[name] for name in ("x_mm", "y_mm", "z_mm")}
     with pytest.raises(InputError, match=word):
         hand_eye.calibrate(replace(right, columns=scaled), None, None, lambda text: None)
+
+
+@pytest.mark.parametrize("first", [0, 60, 2000])
+def test_a_profile_of_which_few_points_are_valid(first, tmp_path):
+    """A narrow ball in the field of a profiler: most depths are empty cells."""
+    x = np.linspace(-50, 50, 2100)
+    lines = [f"{v:.3f},{180 + k % 7 if first <= k < first + 90 else ''}" for k, v in enumerate(x)]
+    (tmp_path / "p.csv").write_text("\n".join(["x,z", *lines]))
+    assert is_profile(tmp_path / "p.csv")
+    assert len(read_cloud(tmp_path / "p.csv", 5000)) == 90

@@ -39,7 +39,7 @@ from datasets.importers.source import RawTable
 from datasets.importers.sources.choice import read_sources
 from datasets.importers.sources.program_frames import NOTHING_STATED, StatedFrames
 from datasets.importers.sources.robot_programs import NAME_OF_POSITION, read_robot_program
-from datasets.importers.units import ANGLES, LENGTHS
+from datasets.importers.units import ANGLES, DMS, LENGTHS, degrees_of
 
 _PARQUET = (".parquet", ".pq")
 _DECIMAL_COMMA = re.compile(r"\"[+-]?\d+,\d+\"")
@@ -66,7 +66,7 @@ def read_targets(
 def _converted(raw: RawTable, sliding: Sequence[bool], mapping: Mapping | None) -> Table:
     """A table of targets in the columns and units of the recording format."""
     _check_cells(raw)
-    found = _mapping(raw, mapping)
+    raw, found = _in_degrees(raw, _mapping(raw, mapping))
     columns: dict[str, np.ndarray] = {}
     joints = () if found.joints is None else _joint_sizes(raw, found, sliding)
     if found.joints is not None:
@@ -82,12 +82,30 @@ def _converted(raw: RawTable, sliding: Sequence[bool], mapping: Mapping | None) 
     return replace(_table(raw, columns, found), origin=origin)
 
 
+def _in_degrees(raw: RawTable, found: Mapping) -> tuple[RawTable, Mapping]:
+    """A table whose joint readings have minutes and seconds in their digits, in decimal degrees.
+
+    Their headers then state the unit, since a corrected table has it too.
+    """
+    group = found.joints
+    units = () if group is None else each_unit(group.unit, len(group.columns))
+    if DMS not in units:
+        return raw, found
+    named = [name for name, unit in zip(group.columns, units) if unit == DMS]
+    columns = {name: degrees_of(raw.numbers(name), DMS) for name in named}
+    stated = joined_units(["deg" if unit == DMS else unit or None for unit in units])
+    raw = replace(
+        raw, columns={**raw.columns, **columns}, units={**raw.units, **dict.fromkeys(named, "deg")}
+    )
+    return raw, found.updated("joints", unit=stated)
+
+
 def _joint_sizes(raw: RawTable, found: Mapping, sliding: Sequence[bool]):
     """Column and size of its unit, deg or mm, of each joint reading."""
     group = found.joints
+    units = _joint_units(raw, group, sliding)
     if group.counts_per_deg is not None:
         return tuple((name, 1 / count) for name, count in zip(group.columns, group.counts_per_deg))
-    units = _joint_units(raw, group, sliding)
     return tuple((name, {**LENGTHS, **ANGLES}[unit]) for name, unit in zip(group.columns, units))
 
 
@@ -239,13 +257,6 @@ def _check_stated(raw: RawTable, stated: Mapping) -> None:
 
 def _joints(raw: RawTable, found: Mapping, sliding: Sequence[bool]) -> dict[str, np.ndarray]:
     group = found.joints
-    if len(group.columns) != len(sliding):
-        raise complaint(
-            raw.file,
-            f"{len(sliding)} columns of joint readings, one for each joint of the robot",
-            f"{len(group.columns)} ({', '.join(group.columns)})",
-            "add or remove columns",
-        )
     made = replace(group, unit=_joint_units(raw, group, sliding))
     return conversion.joint_columns(raw, made, sliding, "mm")
 
@@ -253,8 +264,16 @@ def _joints(raw: RawTable, found: Mapping, sliding: Sequence[bool]) -> dict[str,
 def _joint_units(raw: RawTable, group: Group, sliding: Sequence[bool]) -> tuple[str, ...]:
     """The unit of every joint reading: an angle of a joint that rotates, a length of one that slides.
 
-    Raises InputError for a unit of the other kind, and for joints whose unit nothing states.
+    Raises InputError for a unit of the other kind, for joints whose unit nothing states, and for another number of
+    columns than joints.
     """
+    if len(group.columns) != len(sliding):
+        raise complaint(
+            raw.file,
+            f"{len(sliding)} columns of joint readings, one for each joint of the robot",
+            f"{len(group.columns)} ({', '.join(group.columns)})",
+            "name the columns of all joints in their order under [joints] in a mapping file for --map",
+        )
     words = list(each_unit(group.unit, len(group.columns)))
     for k, (name, slides) in enumerate(zip(group.columns, sliding)):
         if words[k] in (LENGTHS if slides else ANGLES):

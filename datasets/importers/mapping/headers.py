@@ -75,7 +75,7 @@ _PATTERNS = (
         r"(?:p|pos|position|punkt|point|coord|coordinate|koordinate|trans|translation|t|loc|location|center|centre|"
         r"mittelpunkt)?([xyz])",
     ),
-    ("euler", r"(?:euler|eulerangle|eulerwinkel|e|rpy|eulerparameter)([0123])"),
+    ("euler", r"(?:euler|eulerangle|eulerwinkel|e|rpy|eulerparameter)([0-6])"),
     ("posecomponent", r"(?:pose|frame|vec|vector)([0-6])"),
     ("axis", r"([noa])([xyz])"),
 )

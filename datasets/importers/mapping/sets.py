@@ -205,7 +205,8 @@ def _rotations(kinds: Mapping[str, Mapping[str, Header]]) -> list[ColumnSet]:
     euler = kinds.get("euler", {})
     if all(number in euler for number in "0123"):
         sets.append(_set("quaternion", [euler[number] for number in "0123"], "numbered"))
-    elif all(number in euler for number in "123"):
+    elif all(number in euler for number in "123") and "4" not in euler:
+        # E1 to E6 are the external axes of KUKA
         sets.append(_set("angles", [euler[number] for number in "123"], "euler"))
     matrix = kinds.get("matrix", {})
     for names in (_MATRIX_NAMES, _MATRIX_FROM_0):

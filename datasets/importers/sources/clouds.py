@@ -3,6 +3,7 @@
 PLY and PCD are read through Open3D; XYZ, PTS and ASC are text, and NPY arrays (n, 3) or (rows, columns, 3).
 """
 
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
@@ -22,14 +23,15 @@ _REPEATED, _REPEATED_SHARE, _TIMES_AS_OFTEN = 5, 0.02, 5.0
 def is_profile(path: Path) -> bool:
     """Whether a text file holds one profile of a laser profiler: lines of two numbers, x and z, after some titles."""
     with path.open(encoding="utf-8", errors="replace") as file:
-        head = [line for _, line in zip(range(_HEAD_LINES), file)]
-    numbers = [_numbers(line) for line in head]
-    rows = [row for row in numbers if row]
-    titles = len(head) - len(rows)
-    pairs = sum(len(row) == 2 for row in rows)
-    # the depth of an invalid point may be an empty cell
-    is_pair = all(len(row) <= 2 for row in rows) and 2 * pairs > len(rows)
-    return is_pair and pairs >= _FEWEST_IN_PROFILE and titles < len(rows) / 2
+        head = [_numbers(line) for line in islice(file, _HEAD_LINES)]
+        rows = [row for row in head if row]
+        titles = len(head) - len(rows)
+        # the depth of an invalid point may be an empty cell, of most points where the object is narrow
+        if titles >= len(head) / 3 or any(len(row) > 2 for row in rows):
+            return False
+        every = chain(rows, filter(None, map(_numbers, file)))
+        pairs = (row for row in every if len(row) == 2)
+        return len(list(islice(pairs, _FEWEST_IN_PROFILE))) == _FEWEST_IN_PROFILE
 
 
 def _numbers(line: str) -> list[float] | None:

@@ -15,7 +15,7 @@ to poses of the flange where the file states both (`program_frames`), else the t
 import re
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -55,19 +55,25 @@ _POSITION = ("X [mm]", "Y [mm]", "Z [mm]")
 _QUATERNION = ("qw", "qx", "qy", "qz")
 NAME_OF_POSITION = "position name"
 """Column of the table of a program, which no other table has."""
+_ABB_NO_AXIS = 8.9e9
+"""RAPID states 9E9 for an external axis that does not exist."""
 CONFIGURATION = "configuration"
 """Column with the configuration data of a pose as the program states them: S and T, cf1 to cfx, or CONFIG."""
 
 
 @dataclass(frozen=True)
 class _Position:
-    """A position of a program: `values` in deg, or mm and the rotation of the maker; its configuration data as text."""
+    """A position of a program: `values` in deg, or mm and the rotation of the maker; its configuration data as text.
+
+    `external`: readings of external axes, in deg or mm, by name.
+    """
 
     is_joint: bool
     name: str
     line: int
     values: list[float]
     configuration: str = ""
+    external: Mapping[str, float] = field(default_factory=dict)
 
 
 def is_robot_program(path: Path) -> bool:
@@ -96,7 +102,8 @@ def read_robot_program(path: Path, stated: StatedFrames = NOTHING_STATED) -> lis
         size = min(len(position.values) for position in joints)
         values = np.array([position.values[:size] for position in joints])
         names = [f"J{k + 1} [deg]" for k in range(size)]
-        tables.append(_table(path, joints, dict(zip(names, values.T))))
+        columns = dict(zip(names, values.T)) | _external_axes(joints)
+        tables.append(_table(path, joints, columns))
     if poses:
         tables.append(_pose_table(path, maker, poses, stated))
     return tables
@@ -108,6 +115,13 @@ def program_text(path: Path) -> str:
     other = path.with_suffix(others.get(path.suffix.lower(), path.suffix))
     has_other = other != path and other.is_file()
     return "\n".join(_text(file, -1) for file in ((path, other) if has_other else (path,)))
+
+
+def _external_axes(rows: Sequence[_Position]) -> dict[str, np.ndarray]:
+    """Columns of the external axes that move, as of a track; a program states neither kind nor unit of an axis."""
+    names = [name for name in rows[0].external if all(name in row.external for row in rows)]
+    columns = {name: np.array([row.external[name] for row in rows]) for name in names}
+    return {name: cells for name, cells in columns.items() if np.ptp(cells) > 0}
 
 
 def _remedy(maker: str, found: UnstatedFrame) -> str:
@@ -200,7 +214,9 @@ def _kuka(text: str, path: Path) -> Iterator[_Position]:
         if missing:
             raise _incomplete(path, line, name, missing[0])
         stated = [f"{key} {keys[key]:g}" for key in "ST" if key in keys and not is_axis]
-        yield _Position(is_axis, name, line, [keys[key] for key in wanted], ", ".join(stated))
+        values, external = [keys[key] for key in wanted], [f"E{k}" for k in range(1, 7)]
+        moved = {key: keys[key] for key in external if key in keys}
+        yield _Position(is_axis, name, line, values, ", ".join(stated), moved)
 
 
 def _abb(text: str, path: Path) -> Iterator[_Position]:
@@ -213,7 +229,9 @@ def _abb(text: str, path: Path) -> Iterator[_Position]:
         if len(values) < size:
             raise _incomplete(path, line, match[2], f"number {len(values) + 1}")
         stated = "" if is_joint else ", ".join(f"{value:g}" for value in values[7:11])
-        yield _Position(is_joint, match[2], line, values[:size], stated)
+        last = values[6:12] if is_joint else []
+        moved = {f"E{k}": value for k, value in enumerate(last, 1) if value < _ABB_NO_AXIS}
+        yield _Position(is_joint, match[2], line, values[:size], stated, moved)
 
 
 def _fanuc(text: str, path: Path) -> Iterator[_Position]:

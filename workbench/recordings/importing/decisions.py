@@ -12,12 +12,18 @@ from datasets.importers.mapping.candidates import (
     angle_units,
     point_readings,
 )
-from datasets.importers.mapping.column_units import unit_toml, unit_words
+from datasets.importers.mapping.column_units import (
+    each_unit,
+    joined_units,
+    unit_toml,
+    unit_words,
+)
 from datasets.importers.mapping.model import Mapping
-from datasets.importers.units import DMS, may_be_dms
+from datasets.importers.units import DMS, LENGTHS, may_be_dms
 from datasets.recording import Recording
 from robot_model.chain import forward
 from robot_model.robot import Robot
+from robot_model.state import sliding
 from workbench.core.deadline import OutOfTime
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility import check_plausibility
@@ -32,6 +38,8 @@ from workbench.recordings.importing.mixed_units import (
 from workbench.recordings.importing.questions import Ask, Question, choose
 
 _SHOWN, _REFINED = 5, 8
+UNITS_OF_SLIDES = ("mm", "m")
+"""Units in which the reading of a prismatic joint is tested where nothing states one."""
 _ABOUT_AS_BAD = 1.5
 _SEARCHED_UNITS = 2
 _ABOUT_ONE_TURN = 7.0  # rad
@@ -73,6 +81,11 @@ def decide_units(
     readings += _readings_with_minutes(readings, build)
     fits = compare(robot, readings, build)
     if not any(fit.is_good for _, fit in fits):
+        others = _readings_of_slides(robot, readings)
+        other_fits = compare(robot, others, build, is_good_only=True) if others else []
+        if any(fit.is_good for _, fit in other_fits):
+            where = f"{called}, units of the prismatic joints"
+            return decided(others, other_fits, where, ask, _unit_lines)
         refuse()
     case = _Case(robot, mapping, build, called, ask)
     if is_stated and not (fits and fits[0][1].is_good):
@@ -334,6 +347,24 @@ def unit_readings(mapping: Mapping, stated_only: bool = True):
             made = replace(mapping.updated("joints", unit=angle), point=point)
             title = f"joints in {unit_words(angle, mapping.joints.columns, _unit_word)}"
             yield title if words is None else f"{title}, point in {words}", made
+
+
+def _readings_of_slides(robot: Robot, readings) -> list[tuple[str, Mapping]]:
+    """The readings with the unstated unit of prismatic joints in another unit than that of the measured point."""
+    slides = sliding(robot)
+    made = []
+    for _, mapping in readings:
+        units = each_unit(mapping.joints.unit, len(slides))
+        own = mapping.point.unit if mapping.point is not None else "mm"
+        for length in UNITS_OF_SLIDES:
+            changed = [
+                length if slide and unit not in LENGTHS else unit
+                for slide, unit in zip(slides, units)
+            ]
+            if length != own and changed != list(units) and mapping.joints.counts_per_deg is None:
+                other = mapping.updated("joints", unit=joined_units(changed))
+                made.append((_unit_title(other), other))
+    return made
 
 
 def _readings_with_minutes(readings, build: Build) -> list[tuple[str, Mapping]]:

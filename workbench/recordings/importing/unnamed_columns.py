@@ -11,8 +11,9 @@ from itertools import combinations, product
 
 import numpy as np
 
-from datasets.importers.mapping.column_units import joined_units
+from datasets.importers.mapping.column_units import each_unit, joined_units
 from datasets.importers.mapping.conversion import complete_rows
+from datasets.importers.mapping.headers import Header
 from datasets.importers.mapping.left_out import unused_columns
 from datasets.importers.mapping.model import Group, Mapping
 from datasets.importers.mapping.proposal import measures_of
@@ -20,6 +21,7 @@ from datasets.importers.mapping.sets import headers_of
 from datasets.importers.source import RawTable
 from datasets.importers.units import ANGLES, LENGTHS
 from robot_model.robot import Robot
+from robot_model.state import sliding
 from workbench.core.errors import InputError
 from workbench.recordings.importing import decisions
 from workbench.recordings.importing.fits import CandidateFit
@@ -58,7 +60,7 @@ def find_unnamed(
     robots: those that may be meant. positions: makes the recording of the positions under a mapping. ask: as of
     `ImportOptions`. Raises InputError where several sets fit and nobody can be asked.
     """
-    is_open = mapping.joints is None or mapping.point is None
+    is_open = mapping.joints is None or mapping.point is None or _lacks_slides(mapping, robots)
     is_other = mapping.measures not in (None, "external-point", "external-pose")
     if not is_open or is_other or mapping.flange_point is not None:
         return mapping, ()
@@ -83,7 +85,8 @@ def find_unnamed(
         )
         chosen = choose(question, ask, best)
     made = chosen.mapping
-    which = [("joint readings", made.joints)] if mapping.joints is None else []
+    all_joints = "joint readings" if mapping.joints is None else "the readings of all joints"
+    which = [(all_joints, made.joints)] if mapping.joints != made.joints else []
     which += [("the measured point", made.point)] if mapping.point is None else []
     named = " and ".join(f"{', '.join(group.columns)} as {what}" for what, group in which)
     return made, (
@@ -131,9 +134,8 @@ def _best_of_each(found: Sequence[_Found]) -> list[_Found]:
 
 def _fitting(table, mapping: Mapping, robot: Robot, positions) -> Iterator[_Found]:
     """Mappings that fit a robot, with their units undecided."""
-    count = robot.mixing.shape[1]
     tried = 0
-    for joints, point in product(_joint_groups(table, mapping, count), _points(table, mapping)):
+    for joints, point in product(_joint_groups(table, mapping, robot), _points(table, mapping)):
         if set(joints.columns) & set(point.columns) or tried >= _MOST_TESTED:
             continue
         tried += 1
@@ -152,10 +154,51 @@ def _fitted(table, mapping: Mapping, robot: Robot, positions) -> _Found | None:
     return _Found(made, fits[0][1], robot) if fits and fits[0][1].is_good else None
 
 
-def _joint_groups(table: RawTable, mapping: Mapping, count: int) -> list[Group]:
-    if mapping.joints is not None:
-        return [mapping.joints] if len(mapping.joints.columns) == count else []
-    return [_group(table, names) for names in _neighbours(table, mapping, count, ANGLES)]
+def _lacks_slides(mapping: Mapping, robots: Sequence[Robot]) -> bool:
+    """Whether headers name the readings of all rotating joints of a robot, and not those of its slides."""
+    known = len(mapping.joints.columns)
+    return any(0 < known == int((~sliding(robot)).sum()) < len(sliding(robot)) for robot in robots)
+
+
+def _joint_groups(table: RawTable, mapping: Mapping, robot: Robot) -> list[Group]:
+    """Columns that may be the readings of all joints; headers may name them all, or those of the rotating ones."""
+    slides = sliding(robot)
+    if mapping.joints is None:
+        units = [LENGTHS if slide else ANGLES for slide in slides]
+        orders = _neighbours(table, mapping, units)
+    elif len(mapping.joints.columns) == len(slides):
+        orders = [mapping.joints.columns]
+    elif len(mapping.joints.columns) + sum(slides) == len(slides):
+        orders = _orders_with_slides(table, mapping, slides)
+    else:
+        orders = []
+    stated = mapping.joints or Group((), None, None)
+    return [group for names in orders for group in _groups_of(table, names, stated, slides)]
+
+
+def _orders_with_slides(table: RawTable, mapping: Mapping, slides) -> list[tuple[str, ...]]:
+    """Columns of the rotating joints, which headers name, with columns of lengths in the places of the slides."""
+    lengths = [name for (name,) in _neighbours(table, mapping, [LENGTHS])]
+    found = []
+    for chosen in combinations(lengths, sum(slides)):
+        known, others = iter(mapping.joints.columns), iter(chosen)
+        found.append(tuple(next(others if slide else known) for slide in slides))
+    return found
+
+
+def _groups_of(table: RawTable, names, stated: Group, slides) -> list[Group]:
+    """Joint columns with the units that mapping or headers state; slides without one in each of the usual units."""
+    headers = headers_of(table)
+    known = dict(zip(stated.columns, each_unit(stated.unit, len(stated.columns))))
+    units = [known.get(name) or headers[name].unit for name in names]
+    made = {}
+    for length in decisions.UNITS_OF_SLIDES:
+        words = [
+            length if slide and unit not in (*LENGTHS, *ANGLES) else unit
+            for slide, unit in zip(slides, units)
+        ]
+        made[tuple(words)] = replace(stated, columns=tuple(names), unit=joined_units(words))
+    return list(made.values())
 
 
 def _points(table: RawTable, mapping: Mapping) -> list[Group]:
@@ -163,7 +206,7 @@ def _points(table: RawTable, mapping: Mapping) -> list[Group]:
     if mapping.point is not None:
         return [mapping.point]
     found = []
-    for first, second, third in _neighbours(table, mapping, 3, LENGTHS):
+    for first, second, third in _neighbours(table, mapping, 3 * [LENGTHS]):
         found.append(_group(table, (first, second, third)))
         found.append(_group(table, (second, first, third)))
     return found
@@ -174,28 +217,48 @@ def _group(table: RawTable, names: Sequence[str]) -> Group:
     return Group(tuple(names), joined_units([headers[name].unit for name in names]), None)
 
 
-def _neighbours(table: RawTable, mapping: Mapping, count: int, units) -> list[tuple[str, ...]]:
-    """Neighbouring columns of numbers that change, hold no commanded value and state no unit but `units`."""
+def _neighbours(table: RawTable, mapping: Mapping, units) -> list[tuple[str, ...]]:
+    """Neighbouring columns of numbers that change, hold no commanded value and no number of the row.
+
+    units: those that the header of each of them may state.
+    """
     headers = headers_of(table)
     unused = unused_columns(table, mapping)
+    count = len(units)
     usable = []
     for name in table.columns:
         cells, header = table.columns[name], headers[name]
         is_number = name in unused and cells.dtype.kind == "f" and np.isfinite(cells).sum() > count
         fits = is_number and np.nanmax(cells) > np.nanmin(cells)
-        said = header.is_nominal or header.is_deviation or header.kind in ("time", "sample")
-        usable.append(name if fits and not said and header.unit in (None, *units) else None)
+        said = header.is_nominal or header.is_deviation or header.kind == "time"
+        usable.append(name if fits and not said and not _is_row_number(cells, header) else None)
     windows = [tuple(usable[k : k + count]) for k in range(len(usable) - count + 1)]
-    return [names for names in windows if None not in names]
+    return [
+        names
+        for names in windows
+        if None not in names
+        and all(headers[name].unit in (None, *own) for name, own in zip(names, units))
+    ]
+
+
+def _is_row_number(cells: np.ndarray, header: Header) -> bool:
+    """Whether a header such as "No." or "N" stands above whole numbers; a northing has decimals."""
+    known = cells[np.isfinite(cells)]
+    return header.kind == "sample" and header.unit is None and bool(np.all(known == known.round()))
 
 
 def refuse_wrong_slides(table: RawTable, mapping: Mapping, robot: Robot, is_sliding) -> None:
-    """Raise InputError where the header of a prismatic joint states an angle. is_sliding (R,): of the readings."""
-    headers = headers_of(table)
-    for name, slides in zip(mapping.joints.columns, is_sliding):
+    """Raise InputError where the header of a prismatic joint states an angle, and no mapping file a length.
+
+    is_sliding (R,): of the readings. A JointState of ROS has no units: its prismatic joints have the header [rad], too.
+    """
+    headers, columns = headers_of(table), mapping.joints.columns
+    stated = each_unit(mapping.joints.unit, len(columns))
+    for name, slides, word in zip(columns, is_sliding, stated):
         unit = headers[name].unit if name in headers else None
-        if slides and unit in ANGLES:
+        if slides and unit in ANGLES and word not in LENGTHS:
             raise InputError(
                 f"{table.file}, column {name}: expected a length of a prismatic joint of '{robot.name}', found the "
-                f"unit {unit}; correct the header, or the order of the joint columns."
+                f"unit {unit}; correct the header or the order of the joint columns, or state the units under [joints] "
+                "in a mapping file for --map."
             )
