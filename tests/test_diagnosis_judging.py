@@ -114,7 +114,7 @@ def test_a_parameter_that_moves_nothing_does_not_change_what_is_predicted():
 
 @pytest.mark.parametrize("seed", [4, 5])
 def test_blocks_left_out_to_first_order_are_predicted_as_by_complete_refits(tmp_path, seed):
-    """An arm without masses at 45 poses, of whose first moments one acts on no sample; to 2 % in RMS."""
+    """An arm without masses at 45 poses; to 2 % in RMS."""
     tilt = {"effect": "bearing-compliance", "where": "joint-1", "values": {"tilt": 3e-4}}
     path = tmp_path / "scene.toml"
     path.write_text(tomli_w.dumps(SCENE | {"samples": 45, "seed": seed, "effect": [tilt]}))
@@ -126,7 +126,6 @@ def test_blocks_left_out_to_first_order_are_predicted_as_by_complete_refits(tmp_
     }
     effects = tuple(CATALOGUE[name](where) for name, where in places.items())
     problem = bench.problem(effects, hypotheses=False)
-    assert any(not columns.any(axis=0).all() for columns in problem.added)
     model, fit, _ = bench.solve(effects, is_complete=False)
     for scheme in schemes(bench.pose, problem):
         refit = cross_validate(model, fit.parameters, scheme.fold, "huber").rms
