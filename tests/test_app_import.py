@@ -263,6 +263,13 @@ def _drop_tables(page, tables) -> None:
     wait_for_text(page, "import", "Ready: external-point, 36 samples")
 
 
+@pytest.fixture(scope="module")
+def filled(page, tables):
+    """The page with two tables and a robot, whichever of the tests below a worker begins with."""
+    _drop_tables(page, tables)
+    return page
+
+
 @pages
 def test_without_any_run_the_app_starts_with_the_import(page):
     assert "Nothing is open yet" in page.inner_text("header")
@@ -271,50 +278,49 @@ def test_without_any_run_the_app_starts_with_the_import(page):
 
 
 @pages
-def test_dropped_tables_are_read_and_their_units_found(page, tables):
-    _drop_tables(page, tables)
+def test_dropped_tables_are_read_and_their_units_found(filled, tables):
     fits = (
-        page.get_by_role("group", name="Fit with plausible geometry errors")
+        filled.get_by_role("group", name="Fit with plausible geometry errors")
         .locator("tbody tr")
         .first
     )
     assert "joints in radians, point in inches" in fits.inner_text()
-    first = page.get_by_role("group", name="First samples of the recording").inner_text()
+    first = filled.get_by_role("group", name="First samples of the recording").inner_text()
     assert f"{tables[2][0][0]:.6g}" in first
 
 
 @pages
-def test_every_control_of_a_filled_wizard_is_reached_by_the_tabulator_key(page):
-    assert missed_controls(page) == []
+def test_every_control_of_a_filled_wizard_is_reached_by_the_tabulator_key(filled):
+    assert missed_controls(filled) == []
 
 
 @pages
-def test_text_of_a_filled_wizard_has_a_contrast_of_at_least_4_5(page):
-    assert page.evaluate(CONTRAST) == []
+def test_text_of_a_filled_wizard_has_a_contrast_of_at_least_4_5(filled):
+    assert filled.evaluate(CONTRAST) == []
 
 
 @pages
-def test_a_changed_unit_is_tested_at_once(page):
-    choose_option(page, "Unit of measured point", "mm")
-    wait_for_text(page, "import", "no interpretation fits")
-    assert page.get_by_role("button", name="Import and open").is_disabled()
-    choose_option(page, "Unit of measured point", "tested on the robot")
-    wait_for_text(page, "import", "Ready")
+def test_a_changed_unit_is_tested_at_once(filled):
+    choose_option(filled, "Unit of measured point", "mm")
+    wait_for_text(filled, "import", "no interpretation fits")
+    assert filled.get_by_role("button", name="Import and open").is_disabled()
+    choose_option(filled, "Unit of measured point", "tested on the robot")
+    wait_for_text(filled, "import", "Ready")
 
 
 @pages
-def test_a_question_is_answered_by_a_button_of_the_page(page, poses, tables):
-    page.get_by_role("button", name="Remove all files").click()
-    wait_for_text(page, "import-files", "No files yet.")
-    drop(page, poses, POSES)
-    choose_option(page, "Robot", "ur10")
-    question = page.get_by_role("group", name="Open question")
+def test_a_question_is_answered_by_a_button_of_the_page(filled, poses, tables):
+    filled.get_by_role("button", name="Remove all files").click()
+    wait_for_text(filled, "import-files", "No files yet.")
+    drop(filled, poses, POSES)
+    choose_option(filled, "Robot", "ur10")
+    question = filled.get_by_role("group", name="Open question")
     question.get_by_role("button").nth(1).click()
-    wait_for_text(page, "import", "Ready: external-pose, 30 samples")
+    wait_for_text(filled, "import", "Ready: external-pose, 30 samples")
     assert question.count() == 0
-    page.get_by_role("button", name="Remove all files").click()
-    wait_for_text(page, "import-files", "No files yet.")
-    _drop_tables(page, tables)
+    filled.get_by_role("button", name="Remove all files").click()
+    wait_for_text(filled, "import-files", "No files yet.")
+    _drop_tables(filled, tables)
 
 
 def test_a_column_of_times_is_said_to_be_read_by_its_header(draft):
@@ -327,46 +333,42 @@ def test_a_column_of_times_is_said_to_be_read_by_its_header(draft):
 
 
 @pages
-def test_columns_are_mapped_by_keyboard(page):
-    field = page.get_by_role("combobox", name="Measured point", exact=True)
+def test_columns_are_mapped_by_keyboard(filled):
+    field = filled.get_by_role("combobox", name="Measured point", exact=True)
     for text in ("expected 3 columns", "Ready"):
         field.focus()
-        page.keyboard.press("Control+a")
-        page.keyboard.type("Messpunkt Z")
-        page.get_by_role("option", name="Messpunkt Z").wait_for()
-        page.keyboard.press("ArrowDown")
-        page.keyboard.press("Enter")
-        page.keyboard.press("Escape")
-        wait_for_text(page, "import", text)
+        filled.keyboard.press("Control+a")
+        filled.keyboard.type("Messpunkt Z")
+        filled.get_by_role("option", name="Messpunkt Z").wait_for()
+        filled.keyboard.press("ArrowDown")
+        filled.keyboard.press("Enter")
+        filled.keyboard.press("Escape")
+        wait_for_text(filled, "import", text)
 
 
 @pages
-def test_a_name_with_a_path_is_refused(page):
-    page.get_by_label("Name of the recording").fill("../outside")
-    page.get_by_role("button", name="Import and open").click()
-    page.get_by_text("Name of the recording: expected letters").wait_for()
+def test_a_name_with_a_path_is_refused(filled):
+    filled.get_by_label("Name of the recording").fill("../outside")
+    filled.get_by_role("button", name="Import and open").click()
+    filled.get_by_text("Name of the recording: expected letters").wait_for()
 
 
 @pages
-def test_the_import_ends_in_a_recording_that_opens(page, served):
-    page.get_by_label("Name of the recording").fill("my-robot")
-    page.get_by_role("button", name="Import and open").click()
-    assert "Sample 1 (1 of 36)" in wait_for_text(page, "row", "Sample 1")
-    assert trace(page, "scene", "arm at the current sample")
+def test_the_import_ends_in_a_recording_that_opens_and_can_be_calibrated(filled, served):
+    filled.get_by_label("Name of the recording").fill("my-robot")
+    filled.get_by_role("button", name="Import and open").click()
+    assert "Sample 1 (1 of 36)" in wait_for_text(filled, "row", "Sample 1")
+    assert trace(filled, "scene", "arm at the current sample")
     assert (served.folder / "my-robot" / "import.toml").is_file()
-    assert "joints.csv tracker.csv" in page.get_by_role("heading", level=1).inner_text()
-
-
-@pages
-def test_the_imported_recording_can_be_calibrated(page, served):
-    page.get_by_role("tab", name="Edit and rerun").click()
-    page.get_by_role("button", name="Calibrate").click()
-    assert "Finished" in wait_for_text(page, "job", "Finished after", 300_000)
+    assert "joints.csv tracker.csv" in filled.get_by_role("heading", level=1).inner_text()
+    filled.get_by_role("tab", name="Edit and rerun").click()
+    filled.get_by_role("button", name="Calibrate").click()
+    assert "Finished" in wait_for_text(filled, "job", "Finished after", 300_000)
     folders = list(served.folder.glob("runs/my-robot-session/calibrate-*"))
     answer = json.loads((folders[0] / "answer.json").read_text(encoding="utf-8"))
     assert answer["samples"] == 36
-    assert "run of calibrate" in page.inner_text("header")
-    assert page.get_by_role("link", name="Report page", exact=True).is_visible()
+    assert "run of calibrate" in filled.inner_text("header")
+    assert filled.get_by_role("link", name="Report page", exact=True).is_visible()
 
 
 @pages
