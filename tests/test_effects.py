@@ -20,6 +20,7 @@ from effect_cases import (
 )
 from robot_model.effects import CATALOGUE
 from scenes import ABB, CRAIG, REFLECTORS, SLIDING, assert_rows, differences, model_of, scene
+from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 from workbench.core.model import NOISE
 from workbench.core.rigid import rotation_matrix
@@ -308,3 +309,11 @@ def test_yes_law_is_its_equations():
     expected[1] += p[1] * (0.9 * np.sin(q[1]) + 0.4 * np.sin(q[1] - q[2]))
     expected[2] -= p[2] * 0.4 * np.sin(q[1] - q[2])
     np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_an_effect_that_overrides_the_earlier_name_of_its_port_indices_is_refused():
+    """Nothing calls `slots`: the effect would act on all components of its port, without a word."""
+    chain = model_of(scene("external-point")).chain
+    assert CATALOGUE["joint-compliance"]("joint-2").slots(chain) == (1,)
+    with pytest.raises(TypeError, match="effect Stuck: .* rename the method"):
+        type("Stuck", (Effect,), {"slots": lambda self, chain: (0,)})

@@ -158,6 +158,14 @@ class Effect:
     stage = ""
     plant_weight = 0.0
 
+    def __init_subclass__(cls, **options):
+        """Raises TypeError for a class that overrides `slots`, which nothing calls: its components would be ignored."""
+        super().__init_subclass__(**options)
+        if "slots" in vars(cls):
+            raise TypeError(
+                f"effect {cls.__name__}: expected port_indices(chain), found its earlier name slots; rename the method"
+            )
+
     def __init__(self, where: str):
         self.where = where
 
