@@ -248,9 +248,8 @@ class SampleSums:
 
         def first():
             products = raw() * typical[:, :, None] * typical[:, None, :]
-            return _without_projections(products, made(self.basis)), np.einsum(
-                "cpp->cp", products
-            ).max(1)
+            largest = np.einsum("cpp->cp", products).max(1)
+            return _without_projections(products, made(self.basis)), largest
 
         def coupling():
             score = linear(self.score).swapaxes(1, 2).reshape(count, -1)
@@ -356,18 +355,14 @@ def score_hypotheses(moments: Moments, yy: float, degrees: float) -> Scores:
     gain, rank = np.minimum(gain, (1 - 1e-12) * yy), seen.sum(1)
     spread = SIZES[:, None, None] ** 2
     share = (along**2 * spread / (1 + spread * values)).sum(-1) / (yy + _ANCHOR)
-    volume, log_remainder = (
-        np.log1p(spread * values).sum(-1),
-        np.log1p(-np.minimum(share, 1 - 1e-12)),
-    )
+    volume = np.log1p(spread * values).sum(-1)
+    log_remainder = np.log1p(-np.minimum(share, 1 - 1e-12))
     logs = -0.5 * volume - 0.5 * (degrees + _ANCHOR) * log_remainder
     evidence = _marginalise_sizes(logs)
-    log_remainder = np.maximum(degrees - rank, 1)
-    p = np.where(
-        rank > 0,
-        betainc(log_remainder / 2, np.maximum(rank, 1) / 2, 1 - gain / max(yy, 1e-300)),
-        1.0,
-    )
+    remaining_degrees = np.maximum(degrees - rank, 1)
+    remaining_share = 1 - gain / max(yy, 1e-300)
+    tail = betainc(remaining_degrees / 2, np.maximum(rank, 1) / 2, remaining_share)
+    p = np.where(rank > 0, tail, 1.0)
     return Scores(np.where(rank > 0, evidence, 0.0), gain, rank, np.maximum(p, 1e-300))
 
 

@@ -83,11 +83,8 @@ def _outlying(problem: Problem, name: str) -> tuple[float, np.ndarray]:
     """
     white = _unweighted(problem)
     order = np.argsort(problem.sample, kind="stable")
-    count, probability, factors = (
-        np.bincount(problem.sample, minlength=problem.n),
-        np.zeros(problem.n),
-        [],
-    )
+    count = np.bincount(problem.sample, minlength=problem.n)
+    probability, factors = np.zeros(problem.n), []
     for m in np.unique(count[count > 0]):  # a corner has two coordinates, a stripe one
         rows = order[count[problem.sample[order]] == m].reshape(-1, m)
         at, white_rows = problem.sample[rows[:, 0]], white[rows].T

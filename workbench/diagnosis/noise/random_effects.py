@@ -156,9 +156,8 @@ def _tensor(site, m):
     d = _directions(site, m)
     tensor = np.einsum("kan,kbn->abn", d, d)
     anisotropy = tensor - np.eye(m)[:, :, None] * np.einsum("aan->n", tensor) / m
-    is_round = (anisotropy**2).sum() <= NEGLIGIBLE_SHARE * (
-        tensor**2
-    ).sum()  # every direction alike
+    # every direction alike
+    is_round = (anisotropy**2).sum() <= NEGLIGIBLE_SHARE * (tensor**2).sum()
     return np.zeros_like(anisotropy) if is_round else anisotropy
 
 
@@ -275,10 +274,8 @@ def _shape(site, z):
         return np.nan, np.nan
     movement_of_sample, error, squared_length = _moved(site, z)
     clear = squared_length > np.median(squared_length)
-    movement_of_sample, error = (
-        movement_of_sample[clear] - movement_of_sample[clear].mean(),
-        error[clear],
-    )
+    movement_of_sample = movement_of_sample[clear] - movement_of_sample[clear].mean()
+    error = error[clear]
     second = float((movement_of_sample**2 - error).mean())
     if second <= 0:
         return np.nan, np.nan

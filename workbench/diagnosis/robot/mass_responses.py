@@ -68,10 +68,8 @@ class MassResponse(Effect):
 
 def with_estimated_masses(law: Effect, state) -> ComplianceWithMasses | None:
     """The law with the mixtures of first moments that move it most in these poses; None where none does."""
-    law_basis, response = (
-        law.basis(state),
-        responses(law, state) * _sizes(state)[:, None, None, None],
-    )
+    law_basis = law.basis(state)
+    response = responses(law, state) * _sizes(state)[:, None, None, None]
     length = np.maximum((law_basis**2).sum((1, 2)), 1e-300)
     shares = (response * law_basis).sum((2, 3)) / length
     remaining = (response - shares[:, :, None, None] * law_basis) / np.sqrt(length)[:, None, None]

@@ -72,9 +72,8 @@ class ConditionalSolution:
     def __init__(self, table: Table, columns: np.ndarray):
         self.table = table
         values, self._vectors = symmetric_eigen(table.gram[np.ix_(columns, columns)])
-        self._inverse_eigenvalues = 1 / (
-            np.maximum(values, 0.0) + table.shrink[:, None]
-        )  # (S, h): of A^-1, along the vectors
+        # (S, h): of A^-1, along the vectors
+        self._inverse_eigenvalues = 1 / (np.maximum(values, 0.0) + table.shrink[:, None])
         self._columns = columns
         self._score = self._vectors.T @ table.score[columns]
         self._solution = self._inverse_eigenvalues * self._score
