@@ -12,6 +12,7 @@ from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.hypotheses import ranked_hypotheses
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.explanation.answer import diagnose
+from workbench.report.diagnosis.figures import space
 
 REFLECTOR = np.array([40.0, -25.0, 150.0])
 ORDER, COSINE, SINE = 2, 4e-4, -3e-4  # of joint 3, rad
@@ -83,6 +84,9 @@ def test_an_error_of_a_joint_is_named_from_lengths_alone():
         value, std = values[name]
         assert abs(value - true) < 4 * std < abs(true)
     assert found.proof.after < 1.5 * 0.02 < found.proof.before
+    assert found.views.names == ("residual",)
+    traces = [trace.name for trace in space(found, "before").data]
+    assert traces == ["samples", "arm in one pose"]  # a length has no direction that an arrow shows
 
 
 def test_an_instant_is_found_in_lengths():

@@ -138,7 +138,8 @@ class FinalModel:
             places,
             self.bench.recording.sample_ids,
             self._links(),
-            rotation=rotation,
+            ("x", "y", "z") if len(before) >= 3 else ("residual",),
+            rotation,
             steps=steps_of_terms(
                 self.bench, self.terms or (), residuals_of, self.before, self.after
             ),

@@ -72,6 +72,11 @@ class Views:
         None  # (m, n) mm, 1 sigma by the rounding of readings, where found
     )
 
+    @property
+    def has_direction(self) -> bool:
+        """Whether a residual is a vector; that of a length or of the touch of a plane is one number."""
+        return len(self.before) > 1
+
 
 @dataclass(frozen=True)
 class Diagnosis:

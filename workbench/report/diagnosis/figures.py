@@ -120,20 +120,18 @@ def _fitted_to_traces(drawn: go.Figure) -> go.Figure:
 
 
 def space(made: Diagnosis, when: str) -> go.Figure:
-    """Residuals as lines at the measured points, coloured by length, with the arm; both figures share one scale."""
+    """Residuals as lines at the measured points, coloured by length, with the arm; both figures share one scale.
+
+    Residuals without a direction are colours alone.
+    """
     views = made.views
     shown = style.thinned(views.points.shape[1])
     residual = np.nan_to_num((views.before if when == "before" else views.after)[:3, shown])
     before = np.nan_to_num(views.before[:3, shown])
     feet = views.points[:, shown]
     scale = arrow_scale(np.hstack([feet, views.links]), before)
-    path = np.stack([feet, feet + scale * residual, np.full_like(feet, np.nan)], axis=2).reshape(
-        3, -1
-    )
-    length, top = (
-        np.linalg.norm(residual, axis=0),
-        float(np.percentile(np.linalg.norm(before, axis=0), 98)),
-    )
+    length = np.linalg.norm(residual, axis=0)
+    top = float(np.percentile(np.linalg.norm(before, axis=0), 98))
     drawn = go.Figure(
         layout=dict(
             template="none",
@@ -143,14 +141,8 @@ def space(made: Diagnosis, when: str) -> go.Figure:
             legend=dict(orientation="h", x=0, y=0, yanchor="top"),
         )
     )
-    drawn.add_scatter3d(
-        **_xyz(path),
-        mode="lines",
-        name=f"residual, enlarged {scale:,.0f} times",
-        hoverinfo="skip",
-        line=dict(color=style.ORANGE, width=2),
-        connectgaps=False,
-    )
+    if views.has_direction:
+        _add_arrows(drawn, feet, residual, scale)
     drawn.add_scatter3d(
         **_xyz(feet),
         mode="markers",
@@ -169,6 +161,18 @@ def space(made: Diagnosis, when: str) -> go.Figure:
         marker=dict(size=5, color=style.GREY),
     )
     return drawn
+
+
+def _add_arrows(drawn: go.Figure, feet: np.ndarray, residual: np.ndarray, scale: float) -> None:
+    path = np.stack([feet, feet + scale * residual, np.full_like(feet, np.nan)], axis=2)
+    drawn.add_scatter3d(
+        **_xyz(path.reshape(3, -1)),
+        mode="lines",
+        name=f"residual, enlarged {scale:,.0f} times",
+        hoverinfo="skip",
+        line=dict(color=style.ORANGE, width=2),
+        connectgaps=False,
+    )
 
 
 def _xyz(points) -> dict:

@@ -28,6 +28,9 @@ VERDICTS = {
     UNEXPLAINED: "There is structure that no effect of the catalogue explains",
 }
 _SMALLEST = 40
+_OF_TWO_POSES = (
+    " A length has two poses of the arm: angles and other quantities of a pose are their means."
+)
 _PASSED = {True: "passed", False: "failed", None: "cannot tell"}
 
 
@@ -74,8 +77,15 @@ def page(made: Diagnosis) -> Page:
         tuple(_lead(made)),
         sections,
         files=files,
-        caption="RMS of the 3-D distance" if unit == "mm" else "RMS distance in the image",
+        caption=_error_name(made),
     )
+
+
+def _error_name(made: Diagnosis) -> str:
+    if made.unit != "mm":
+        return "RMS distance in the image"
+    is_number = made.views is not None and not made.views.has_direction
+    return "RMS of the residual" if is_number else "RMS of the 3-D distance"
 
 
 def _term_by_term(made: Diagnosis) -> list[Section]:
@@ -303,6 +313,7 @@ def _residuals(made: Diagnosis):
         return
     yield words(
         f"Predicted minus measured, in {made.unit}, all samples, fitted: of the baseline, and with the findings."
+        + (_OF_TWO_POSES if made.measures == "distance" else "")
     )
     space = figures.space if made.views.links is not None else figures.image
     yield pair(

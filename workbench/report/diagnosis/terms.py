@@ -19,8 +19,8 @@ def before_and_after(made: Diagnosis):
     """Blocks of the section; none where there is nothing to compare."""
     steps = made.views.steps
     yield words(
-        "RMS 3-D distance between model and recording, all samples, fitted. The base and the tool are fitted in every "
-        "row, the geometry from the baseline on; each further row has one more term."
+        f"{_error_name(made)} between model and recording, all samples, fitted. The base and the tool are fitted in "
+        "every row, the geometry from the baseline on; each further row has one more term."
     )
     yield table(["model", f"RMS ({made.unit})", f"change ({made.unit})"], list(_rows(steps)))
     yield figure("terms-sizes", sizes(made), "Bars: RMS distance of each model. Dotted: noise.")
@@ -34,6 +34,10 @@ def before_and_after(made: Diagnosis):
         in_space(made),
         "Length of the residual in the workspace. The menu chooses the model; the colour scale stays.",
     )
+
+
+def _error_name(made: Diagnosis) -> str:
+    return "RMS 3-D distance" if made.views.has_direction else "RMS residual"
 
 
 def _rows(steps: tuple[Step, ...]):
@@ -51,7 +55,7 @@ def sizes(made: Diagnosis) -> go.Figure:
     """Bars of the RMS distance of each model, the first on top, and the noise."""
     steps = made.views.steps[::-1]
     values = [max(step.rms, 1e-9) for step in steps]
-    drawn = style.figure(110 + 30 * len(steps), f"RMS 3-D distance ({made.unit}, logarithmic)")
+    drawn = style.figure(110 + 30 * len(steps), f"{_error_name(made)} ({made.unit}, logarithmic)")
     drawn.add_bar(
         y=[step.name for step in steps],
         x=values,
