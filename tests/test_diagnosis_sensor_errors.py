@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import sensor_virtual
-from sensors.camera.displaced_lines import DisplacedLine
+from sensors.camera.displaced_lines import DisplacedLine, HeldOut
 from sensors.camera.shared_effects import BoardLine
 from sensors.effects import CATALOGUE
 from sensors.light.together import Together
@@ -308,9 +308,15 @@ def test_scores_of_predictions_are_those_of_their_density():
 
 def test_a_displaced_row_that_only_the_calibration_of_the_camera_sees_is_a_term(bench):
     row = BoardLine(1, 3, 16.0, np.zeros((2, 0), int))
-    found = DisplacedLine(row, np.array([0.0, -0.12]), np.array([1e-3, 1e-3]))
+    tested = HeldOut(8.0, 0.97, (2.0, 1.0), 5, 5)
+    found = DisplacedLine(row, np.array([0.0, -0.12]), np.array([1e-3, 1e-3]), tested)
     wider = sensor.SensorBench(replace(bench.chains, lines=(found,)))
     (term,) = displaced_line_terms(wider, ())
+    assert (term.finding.probability, term.t, term.reselected_folds) == (0.97, 8.0, 5)
+    for missing in (None, replace(tested, t=1.0)):  # no board pose that was left out confirms it
+        lines = (replace(found, held_out=missing),)
+        unconfirmed = sensor.SensorBench(replace(bench.chains, lines=lines))
+        assert displaced_line_terms(unconfirmed, ()) == ()
     assert (term.finding.effect, term.finding.where) == ("board-point-errors", "artefact")
     values = {row["name"]: row["value"] for row in term.parameters}
     assert values == {"row16_x": 0.0, "row16_y": -0.12}

@@ -7,7 +7,12 @@ import pytest
 
 from sensors.boards.board import Board
 from sensors.camera.calibration import calibrate_camera
-from sensors.camera.displaced_lines import displaced_lines
+from sensors.camera.displaced_lines import (
+    DisplacedLine,
+    PoseTables,
+    displaced_lines,
+    with_held_out,
+)
 from sensors.camera.model import Camera
 from sensors.camera.random_effects import Reduced
 from sensors.camera.shared_effects import BoardLine
@@ -60,6 +65,31 @@ def test_displaced_lines_have_their_size_and_are_silent_where_no_line_is_displac
         (line,) = found
         assert line.line is rows[1] and abs(line.shift[1] + 0.3) < 4 * line.std[1] < 0.03
         assert abs(line.shift[0]) < 4 * line.std[0]
+
+
+def _tables(truth, poses=8, seed=5):
+    """Gram tables of poses with 2 shared parameters and 3 lines, whose displacements are `truth` (6,)."""
+    random, tables = np.random.default_rng(seed), []
+    for _ in range(poses):
+        design = random.normal(size=(60, 8))
+        residual = design[:, 2:] @ truth + random.normal(0, 0.1, 60)
+        table = np.column_stack([design, residual])
+        tables.append(table.T @ table)
+    return PoseTables(np.stack(tables), np.full(poses, 60), 2, np.zeros(2))
+
+
+@pytest.mark.parametrize("size, sure", [(0.3, True), (0.0, False)])
+def test_a_displaced_line_is_tested_on_board_poses_that_were_left_out(size, sure):
+    truth = np.array([0, 0, 0, size, 0, 0])
+    rows = [BoardLine(1, k + 1, 5.0 * k, np.zeros((2, 0), int)) for k in range(3)]
+    claimed = DisplacedLine(rows[1], truth[2:4], np.full(2, 1e-3))
+    (one,) = with_held_out([claimed], rows, _tables(truth))
+    tested = one.held_out
+    assert (tested.t > 5, tested.probability > 0.99) == (sure, sure)
+    assert not sure or tested.reselected == tested.poses == 8
+    assert not sure or tested.rms[0] > 2 * tested.rms[1] == pytest.approx(0.2, rel=0.1)
+    (one,) = with_held_out([claimed], rows, _tables(truth, poses=2))
+    assert one.held_out is None  # nothing is left out of two poses
 
 
 @pytest.mark.parametrize("seed", [1, 2])

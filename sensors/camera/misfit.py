@@ -58,7 +58,8 @@ def bundle_misfit(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> 
         shared_effects(chain.points, by_board, expected, chain.camera.size, has_bow),
     )
     rows = scaled(rows, np.sqrt(fit.weights[0]) / chain.sigma)
-    errors = shared_errors(rows, fit.parameters.precision[free])
+    sigma = float(np.median(chain.sigma))
+    errors = shared_errors(rows, fit.parameters.precision[free], sigma)
     unit = fit.covariance / fit.sigma_scale**2
     influence = unit @ rows.pull(without_poses(rows, np.zeros(6)))
     noise = min(errors.noise / fit.sigma_scale, 1.0)

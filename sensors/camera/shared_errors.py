@@ -10,8 +10,15 @@ with random effects in place of clusters.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from sensors.camera.displaced_lines import DisplacedLine, displaced_lines
+from sensors.camera.displaced_lines import (
+    DisplacedLine,
+    PoseTables,
+    displaced_lines,
+    sums_of_lines,
+    with_held_out,
+)
 from sensors.camera.random_effects import Reduced, Variances, restricted_variances
 from sensors.camera.shared_effects import SharedEffects
 from workbench.core.least_squares.linear_algebra import solve_positive
@@ -81,16 +88,17 @@ class SharedErrors:
         return (influence * self.variances) @ influence.T
 
 
-def shared_errors(rows: CornerRows, precision: np.ndarray) -> SharedErrors:
-    """Variance components; precision (F,): of the priors of `rows.shared`, 0 without."""
-    reduced, effects = _reduced(rows, precision), rows.effects
+def shared_errors(rows: CornerRows, precision: np.ndarray, sigma_px: float = 1.0) -> SharedErrors:
+    """Variance components; precision (F,): of the priors of `rows.shared`, 0 without; sigma_px: unit of the rows."""
+    (reduced, tables), effects = _reduced(rows, precision), rows.effects
     variances = restricted_variances(reduced)
+    lines = displaced_lines(reduced, effects.lines, variances.noise)
     return SharedErrors(
         float(np.sqrt(variances.noise)),
         tuple(_sizes(effects, variances)),
         variances.effects[effects.component],
         variances.p_value,
-        displaced_lines(reduced, effects.lines, variances.noise),
+        with_held_out(lines, effects.lines, replace(tables, sigma=sigma_px)),
     )
 
 
@@ -116,23 +124,25 @@ def _sizes(effects: SharedEffects, variances: Variances):
         yield name, sigma, unit, size
 
 
-def _reduced(rows: CornerRows, precision) -> Reduced:
-    """Data of the variances: all board poses free, the shared parameters with their priors."""
-    count, degrees, gram = len(rows.shared), 0, 0.0
-    chosen = _thinned(rows)
+def _reduced(rows: CornerRows, precision) -> tuple[Reduced, PoseTables]:
+    """Data of the variances: all board poses free, the shared parameters with their priors; and tables by pose."""
+    count, gram, of_poses, freedom = len(rows.shared), 0.0, [], []
+    chosen, columns = _thinned(rows), _columns_of_lines(rows)
     for k in np.unique(rows.pose[chosen]):
         table = _projected(rows, np.flatnonzero(chosen & (rows.pose == k)))
         gram = gram + table.T @ table
-        degrees += max(len(table) - _POSE, 0)
-    left = gram[count:, count:]
+        of_lines = table @ columns
+        of_poses.append(of_lines.T @ of_lines)
+        freedom.append(max(len(table) - _POSE, 0))
+    left, degrees = gram[count:, count:], sum(freedom)
+    noise = gram[-1, -1] / max(degrees, 1)
     if count:
-        noise = gram[-1, -1] / max(degrees, 1)
         cross = gram[:count, count:]
         left = left - cross.T @ solve_positive(
             gram[:count, :count] + np.diag(precision) * noise, cross
         )
     effects = rows.effects
-    return Reduced(
+    reduced = Reduced(
         left[:-1, :-1],
         left[:-1, -1],
         max(float(left[-1, -1]), 1e-300),
@@ -140,6 +150,13 @@ def _reduced(rows: CornerRows, precision) -> Reduced:
         effects.component,
         len(effects.names),
     )
+    return reduced, PoseTables(np.stack(of_poses), np.array(freedom), count, precision * noise)
+
+
+def _columns_of_lines(rows: CornerRows) -> np.ndarray:
+    """(F + q + 1, F + 2 L + 1) sums the effects of the points of each line; all else stays as it is."""
+    sums = sums_of_lines(rows.effects.lines, len(rows.effects.component))
+    return block_diag(np.eye(len(rows.shared)), sums, 1.0)
 
 
 def _projected(rows: CornerRows, mine) -> np.ndarray:

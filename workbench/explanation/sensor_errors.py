@@ -11,8 +11,9 @@ from sensors.camera.focal_scatter import focal_scatter
 from sensors.effects.optics import LensResidual
 from sensors.effects.recorded import BoardPointErrors
 from workbench.core.effect import Effect
+from workbench.diagnosis.levels import CONFIDENCE, CRITICAL_T
 from workbench.diagnosis.linear.estimates import parameter_row
-from workbench.diagnosis.linear.problem import Finding, Found, Problem
+from workbench.diagnosis.linear.problem import Alternative, Finding, Found, Problem
 from workbench.diagnosis.scanner.image_jitter import find_image_jitter, jitter_before_proof
 from workbench.diagnosis.scanner.sensor_linear import acts
 from workbench.diagnosis.validation.held_out import rms
@@ -20,6 +21,7 @@ from workbench.explanation.result import Proof, Term
 from workbench.jobs.sensor.chains import at_solution
 
 _SAME_SPREAD = 0.2  # relative change of the spread of jitter below which a search is not repeated
+_AS_WELL = "predicts left-out board poses nearly as well"
 _KINDS = {"corners": "corners", "board_stripes": "stripes on boards", "balls": "stripes on balls"}
 
 
@@ -121,11 +123,14 @@ def displaced_line_terms(bench, effects: Sequence[Effect]) -> tuple[Term, ...]:
     """Rows or columns of the board that the calibration of the camera found displaced, but for those of `effects`.
 
     Their points contradict all others of a board pose, so that they are not among the corners of the bench, and nothing
-    is left of them for a search.
+    is left of them for a search. Kept are those that reduce the error of board poses that were left out.
     """
     known = {(e.line, round(e.at_mm, 3)) for e in effects if isinstance(e, BoardPointErrors)}
     scale = bench.chains.corners.camera.fx / float(np.median(bench.covariates["range"]))
-    found = [_of_line(line, scale) for line in bench.chains.lines]
+    confirmed = [
+        line for line in bench.chains.lines if line.held_out and line.held_out.t > CRITICAL_T
+    ]
+    found = [_of_line(line, scale) for line in confirmed]
     return tuple(term for key, term in found if key not in known)
 
 
@@ -140,10 +145,34 @@ def _of_line(found: DisplacedLine, px_per_mm: float) -> tuple[tuple[str, float],
     )
     label = f"{kind} at {effect.at_mm:g} mm"
     squares = float(((found.shift / found.std) ** 2).sum())
-    p_value = max(float(chdtrc(2, squares)), 1e-300)
-    finding = Finding(effect.effect, effect.where, label, (), p_value, 1.0, 0.0, squares)
-    size = float(np.linalg.norm(found.shift)) * px_per_mm
-    return (kind, round(effect.at_mm, 3)), Term(finding, rows, size)
+    p_value, tested = max(float(chdtrc(2, squares)), 1e-300), found.held_out
+    probability = tested.probability
+    others = (
+        Alternative(
+            effect.effect, effect.where, "another row or column", 1 - probability, 1.0, _AS_WELL
+        ),
+    )
+    finding = Finding(
+        effect.effect,
+        effect.where,
+        label,
+        (),
+        p_value,
+        probability,
+        0.0,
+        squares,
+        alternatives=others if probability < CONFIDENCE else (),
+    )
+    term = Term(
+        finding,
+        rows,
+        size=float(np.linalg.norm(found.shift)) * px_per_mm,
+        t=tested.t,
+        gain=tested.rms[0] - tested.rms[1],
+        reselected_folds=tested.reselected,
+        searched_folds=tested.poses,
+    )
+    return (kind, round(effect.at_mm, 3)), term
 
 
 def image_warnings(bench, terms: Sequence[Term]) -> tuple[str, ...]:
