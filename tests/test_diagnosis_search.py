@@ -17,8 +17,10 @@ from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.findings import with_special_cases
 from workbench.diagnosis.search.most_probable_set import _limit_variants
 from workbench.diagnosis.search.objective import LogPosterior
+from workbench.diagnosis.search.options import accept_refined
 from workbench.diagnosis.search.posterior import Window
 from workbench.diagnosis.search.select import found_terms
+from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.search.stepwise import Stepwise
 
 NAMES = "joint-compliance", "link-compliance"
@@ -196,6 +198,19 @@ def test_a_curve_takes_in_the_harmonic_of_its_joint():
         ("transmission-harmonic", "joint-6"),
     ]
     assert kept[0].effects == (curve, near) and kept[0].gain == 12.0
+
+
+def test_terms_whose_refined_options_agree_are_one_term():
+    """Two lines of a grid may be one wave between them; a model cannot hold the same effect twice."""
+    wave = law("transmission-harmonic", "joint-3", order=59)
+    search = Search(bench_of(recorded(7, wave, [1e-4, 0.0])), None, 1e-3, lambda line: None)
+    search.solve()
+    table = {h.label: h for h in search.full_table(()) if h.where == "joint-3"}
+    term, neighbour = table["order 59"], table["order 60"]
+    search.accepted = term, neighbour
+    assert accept_refined(search, [term, term])
+    assert search.accepted == (term,)
+    assert search.stated_noise_problem.effects == term.effects
 
 
 def test_a_load_has_no_probability_without_a_compliance_that_it_deflects(elastic_arm):

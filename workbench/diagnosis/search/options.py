@@ -139,7 +139,7 @@ def refine_options(search, is_first: bool = False) -> None:
         for i, h in enumerate(search.accepted):
             others = tuple(range(i)) if is_first else search.other_indices(i)
             refined.append(_refined(_Profile.of(search, i, others), h))
-        if not _accept(search, refined):
+        if not accept_refined(search, refined):
             return
 
 
@@ -168,11 +168,17 @@ def with_estimated_options(
     return [*pool, *more]
 
 
-def _accept(search, refined: list[Hypothesis]) -> bool:
-    """Accept other values of options, and whether there are any."""
+def accept_refined(search, refined: list[Hypothesis]) -> bool:
+    """Accept other values of options, and whether there are any.
+
+    Two neighbours of a grid may be one wave between them: once their options agree they are one term.
+    """
     if all(term is accepted for term, accepted in zip(refined, search.accepted)):
         return False
-    search.accepted = tuple(refined)
+    distinct = {}
+    for term in refined:
+        distinct.setdefault((term.key, term.label), term)
+    search.accepted = tuple(distinct.values())
     search.solve_feasible()
     return True
 
