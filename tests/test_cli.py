@@ -9,11 +9,13 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 from rich.console import Console
 
 from conftest import ROOT
 from workbench.commands import cli
 from workbench.commands.shared import answer, samples, tables
+from workbench.commands.shared.help import GROUPS
 from workbench.core.errors import InputError
 
 HEAVY = (
@@ -94,6 +96,25 @@ def test_help_answers_in_half_a_second():
 def test_help_names_every_command(workbench):
     said = workbench("--help").stdout
     assert [name for name in COMMANDS if name not in said] == []
+
+
+def test_every_command_has_an_example_of_its_own_options_and_groups_of_options(workbench):
+    program = typer.main.get_command(cli.app)
+    options = set()
+    for name, command in program.commands.items():
+        if name == "datasets":
+            continue
+        own = {word for parameter in command.params for word in parameter.opts}
+        options |= own
+        words = command.epilog.split()
+        assert words[:3] == ["Example:", "workbench", name]
+        assert {word for word in words if word.startswith("--")} <= own
+        said = workbench(name, "--help").stdout
+        titles = [line[:-1] for line in said.splitlines() if re.match(r"[A-Z][a-z ]+:$", line)]
+        shown = [title for title in titles if title in GROUPS]
+        assert shown == sorted(shown, key=list(GROUPS).index)
+        assert command.epilog in " ".join(said.split())
+    assert {option for group in GROUPS.values() for option in group} <= options
 
 
 def test_without_words_it_helps(workbench):

@@ -66,4 +66,4 @@ def test_the_summary_of_the_api_page_is_that_of_the_code():
 
     text = api_summary.PAGE.read_text(encoding="utf-8")
     assert text == api_summary.page(text), "run python tools/api_summary.py and commit the page"
-    assert "`wb.calibrate(recording=" in text and "Calibrate the robot of a recording" in text
+    assert "`wb.calibrate(recording=" in text and "Calibrate the arm of a recording" in text

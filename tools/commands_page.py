@@ -3,6 +3,7 @@
 `python tools/commands_page.py [FILE]`; a part of `make docs`. The page is kept in the repository.
 """
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ from tempfile import TemporaryDirectory
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "reference" / "commands.md"
 IMAGE = "![The commands of the workbench](../images/commands.svg)"
+EXAMPLE = re.compile(r"^Example: (.+)$", re.MULTILINE)
 WORDS = ["workbench.commands.cli", "utils", "docs", "--name", "workbench", "--output"]
 
 
@@ -19,6 +21,7 @@ def page() -> str:
         made = Path(folder) / "commands.md"
         subprocess.run([sys.executable, "-m", "typer", *WORDS, str(made)], check=True)
         title, rest = made.read_text(encoding="utf-8").split("\n\n", 1)
+    rest = EXAMPLE.sub(r"**Example**:\n\n```console\n$ \1\n```", rest)
     return f"{title}\n\n{IMAGE}\n\n{rest}"
 
 

@@ -48,19 +48,19 @@ def calibrate(
     tolerance: Sequence[str] | str | None = None,
     session: Path | str | None = None,
 ) -> Result:
-    r"""Calibrate the robot of a recording and state the held-out errors in mm.
+    r"""Calibrate the arm of a recording: parameters, held-out errors in mm, and a report page.
 
     For a recording with images of scans, the scanner is calibrated first (without `scanner`), then
     point clouds and ball centres are computed.
 
     Args:
-        recording: Folder of a recording, or a known name.
-        plan: Stages to solve (TOML).
-        from_diagnosis: Calibrate the model that a run of `workbench diagnose` found.
-        without: Switch off a term by name, such as joint-3.backlash; * is a wildcard.
+        recording: Folder of a recording, or a name of `workbench datasets list`.
+        plan: Calibration plan (TOML) instead of the default stages.
+        from_diagnosis: Use the corrected model of this run of `workbench diagnose` as the plan.
+        without: Omit a term of the model by name, such as joint-3.backlash; * is a wildcard.
         fit_samples: Samples to fit: their numbers, or a file with one number per line.
         test_samples: Samples to hold out: their numbers, or a file with one number per line.
-        folds: Blocks of the cross-validation.
+        folds: Number of folds of the cross-validation.
         scanner: Use this calibrated scanner (scanner.toml of `workbench scanner`).
         out: Folder to write; default: a temporary one, which is removed with the result.
         trust_data: Continue with a warning if the recorded data are implausible.
@@ -108,13 +108,15 @@ def calibrate_large(
     tolerance: Sequence[str] | str | None = None,
     trust_data: bool = False,
 ) -> Result:
-    r"""Calibrate from millions of samples: a subset selects the stages, all samples are fitted with
-    little memory.
+    r"""Calibrate an arm from millions of samples (Parquet), with little memory: parameters and held-out
+    errors.
+
+    The stages are selected on a subset of the samples; then all samples are fitted.
 
     Args:
         recording: Folder of a recording whose samples are a samples.parquet.
-        plan: A plan by name or file.
-        folds: Blocks of the cross-validation.
+        plan: Plan: a name or a TOML file.
+        folds: Number of folds of the cross-validation.
         out: Folder to write; default: a temporary one, which is removed with the result.
         tolerance: Largest accepted error, such as 0.1mm, 0.05deg or 0.3px; `passed` is False if it
             is exceeded. One per unit.
@@ -164,8 +166,8 @@ def camera(
     no_report: bool = False,
     session: Path | str | None = None,
 ) -> Result:
-    r"""Calibrate the camera of a recording from its images of a board, with the uncertainty of each
-    parameter.
+    r"""Calibrate a camera from images of a board: intrinsics, distortion, their uncertainty, and
+    reprojection errors.
 
     Args:
         recording: Folder of a recording with images of a board, or a known name.
@@ -208,13 +210,13 @@ def check(
     trust_data: bool = False,
     no_report: bool = False,
 ) -> Result:
-    r"""Check a recording before the calibration: coverage of the joints, repeats and their noise, and
-    missing data.
+    r"""Check a recording before calibration: joint ranges, poses, repeats, noise, mistakes and missing
+    data.
 
     Exit status 1 if data are missing that the intended command requires.
 
     Args:
-        recording: Folder of a recording, or a known name.
+        recording: Folder of a recording, or a name of `workbench datasets list`.
         out: Folder to write; default: a temporary one, which is removed with the result.
         trust_data: Continue with a warning if the recorded data are implausible.
         no_report: Do not write a report page.
@@ -249,14 +251,15 @@ def compare(
     trust_data: bool = False,
     no_report: bool = False,
 ) -> Result:
-    r"""Calibrate with several plans on the same folds and compare each plan with the first.
+    r"""Compare calibration plans on one recording: held-out errors on the same folds, with significance
+    tests.
 
     Args:
-        recording: Folder of a recording, or a known name.
-        plan: A plan by name, file or run folder of `workbench diagnose`; 'default'.
+        recording: Folder of a recording, or a name of `workbench datasets list`.
+        plan: Plan: a name such as default, a TOML file, or a run folder of `workbench diagnose`.
         fit_samples: Samples to fit: their numbers, or a file with one number per line.
         test_samples: Samples to hold out: their numbers, or a file with one number per line.
-        folds: Blocks of the cross-validation.
+        folds: Number of folds of the cross-validation.
         out: Folder to write; default: a temporary one, which is removed with the result.
         tolerance: Largest accepted error, such as 0.1mm, 0.05deg or 0.3px; `passed` is False if it
             is exceeded. One per unit.
@@ -299,8 +302,8 @@ def compensate(
     tolerance: Sequence[str] | str | None = None,
     out: Path | str | None = None,
 ) -> Result:
-    r"""Correct targets with the inverse calibrated model, so that the real arm reaches the programmed
-    poses.
+    r"""Correct the targets of a robot program with a calibrated model: a table of corrected joint
+    readings.
 
     A target beyond reach or limits, or with an implausible correction, has no joint readings in
     corrected.csv. The exit status is then 1: the program is incomplete and must not be run.
@@ -309,13 +312,13 @@ def compensate(
         solution: Run folder of `workbench calibrate` or `workbench diagnose`, or its solution.json.
         targets: Joint readings or flange poses, one row per target: any table that `workbench
             import` reads.
-        force: Also use a calibration or corrections that are refused as implausible.
-        without: Switch off a term by name, such as joint-3.backlash; * is a wildcard.
+        force: Accept a calibration and corrections that would be refused as implausible.
+        without: Omit a term of the model by name, such as joint-3.backlash; * is a wildcard.
         max_correction_mm: Refuse larger corrections of the flange's position.
-        max_correction_deg: Refuse larger corrections of its orientation.
+        max_correction_deg: Refuse larger corrections of the flange's orientation.
         max_sigma_mm: Refuse targets with a larger standard uncertainty; default: three times the
             held-out error.
-        max_joint_change_deg: Refuse joint targets if a joint would rotate by more than this.
+        max_joint_change_deg: Refuse a joint target if a joint would change by more than this.
         map: Columns, units and conventions of a table of targets with other headers: a mapping as
             of `workbench import`.
         start: Start of the inverse kinematics for targets that are flange poses; it selects the
@@ -373,15 +376,16 @@ def datasets() -> Result:
     """
 
 def demo(out: Path | str | None = None, bundled: bool = False, images: bool = True) -> Result:
-    r"""Calibrate scanner and arm from rendered images, then a real arm from a table of measured points.
+    r"""Run a complete example: calibrate scanner and arm from rendered images, then an arm from a table
+    of points.
 
     No public data set covers the whole chain from images to the arm, so the images are rendered.
     The table is that of a real robot if it is available, else the bundled one.
 
     Args:
         out: Folder to write; default: a temporary one, which is removed with the result.
-        bundled: Use the small bundled table of an arm.
-        images: Also render images and calibrate from them.
+        bundled: Use the bundled table of an arm instead of a real recording.
+        images: Render images and calibrate the scanner from them.
 
     Returns:
         The answer of the command, with the entries below.
@@ -414,15 +418,15 @@ def diagnose(
     tolerance: Sequence[str] | str | None = None,
     session: Path | str | None = None,
 ) -> Result:
-    r"""Identify unmodelled effects of a recording: effect, place, probability, and reduction of the
-    held-out error.
+    r"""Find unmodelled effects in a recording: physical cause, place, size and probability, and a
+    corrected model.
 
     Args:
-        recording: Folder of a recording, or a known name.
+        recording: Folder of a recording, or a name of `workbench datasets list`.
         simulation: Compare with this simulation: a scene (TOML), an MJCF (.xml) or URDF file
             (FILE#LINK).
-        solution: Compare with an earlier calibration (solution.json).
-        baseline: Effects that the baseline model already contains.
+        solution: Compare with this earlier calibration (solution.json).
+        baseline: Model before the search: geometry, or geometry and joint compliance.
         scanner: Use this calibrated scanner (scanner.toml of `workbench scanner`).
         jobs: Number of processes; default: 1.
         out: Folder to write; default: a temporary one, which is removed with the result.
@@ -461,7 +465,7 @@ def diagnose(
     """
 
 def doctor() -> Result:
-    r"""Check this machine: Python, libraries, system packages, device, recordings, permission.
+    r"""Check the installation: Python, libraries, system packages, device, recordings, permissions.
 
     Returns:
         The answer of the command, with the entries below.
@@ -490,15 +494,15 @@ def evaluate(
     trust_data: bool = False,
     no_report: bool = False,
 ) -> Result:
-    r"""Predict a recording with a calibrated model and state the errors in mm; no parameter of the arm
-    is fitted.
+    r"""Test a calibrated model on another recording: position and orientation errors, without fitting
+    the arm again.
 
     The errors of the nominal arm are stated for comparison, with base and tool estimated on the
     recording.
 
     Args:
         solution: Run folder of `workbench calibrate` or `workbench diagnose`, or its solution.json.
-        recording: Folder of a recording, or a known name.
+        recording: Folder of a recording, or a name of `workbench datasets list`.
         refit: Estimate the pose of the instrument (base), the target on the flange (tool), or both
             on this recording.
         later: Treat all samples as measured after those of the calibration, whatever their times: a
@@ -549,8 +553,8 @@ def export(
     map: Path | str | None = None,
     start: str | None = None,
 ) -> Result:
-    r"""Export a calibrated model to the format of another program; the file is read back and compared
-    with the model.
+    r"""Write a calibrated model or a corrected program in another format; the file is read back as a
+    check.
 
     A calibrated arm goes to urdf (your own file with corrected origins, where there is one), mjcf,
     python (one module that needs numpy alone), ros (kinematics of a Universal Robots arm),
@@ -561,11 +565,11 @@ def export(
     Args:
         source: Run folder, solution.json, camera.toml, scanner.toml or hand-eye.toml.
         to: urdf, mjcf, python, ros, urscript, krl, rapid, fanuc, mdh-json, mdh-csv, opencv, kalibr
-        file: Write this file.
-        force: Also use a calibration or corrections that are refused as implausible.
+        file: File to write.
+        force: Accept a calibration and corrections that would be refused as implausible.
         parent_frame: Name of the ROS frame of flange or base, for a hand-eye transform.
         child_frame: Name of the ROS frame of the sensor, for a hand-eye transform.
-        without: Switch off a term by name, such as joint-3.backlash; * is a wildcard.
+        without: Omit a term of the model by name, such as joint-3.backlash; * is a wildcard.
         urdf: The URDF whose joint origins are corrected; FILE#LINK names its flange, too.
         tip: Link of the URDF that is the flange.
         targets: Targets of a robot program, as for `compensate`.
@@ -604,7 +608,8 @@ def hand_eye(
     no_report: bool = False,
     session: Path | str | None = None,
 ) -> Result:
-    r"""Estimate the pose of the sensor on the flange, and its prediction error on held-out poses.
+    r"""Estimate the hand-eye transform from images or profiles and flange poses: uncertainty and held-
+    out error.
 
     Args:
         recording: Folder of a recording with flange poses or joint readings, or a known name.
@@ -652,11 +657,12 @@ def identifiability(
     trust_data: bool = False,
     no_report: bool = False,
 ) -> Result:
-    r"""State which parameters a recording identifies, and which are confounded.
+    r"""List the parameters that a recording identifies and those that are confounded; nothing is
+    fitted.
 
     Args:
-        recording: Folder of a recording, or a known name.
-        plan: Use the stages of this plan instead of the default plan.
+        recording: Folder of a recording, or a name of `workbench datasets list`.
+        plan: Plan (name or TOML file) instead of the default plan.
         out: Folder to write; default: a temporary one, which is removed with the result.
         trust_data: Continue with a warning if the recorded data are implausible.
         no_report: Do not write a report page.
@@ -695,8 +701,8 @@ def import_data(
     trust_data: bool = False,
     yes: bool = False,
 ) -> Result:
-    r"""Make a recording from tables, logs, bags, images or clouds; units and conventions are tested on
-    the robot.
+    r"""Convert tables, logs, ROS bags, images or clouds to a recording; units and conventions are
+    tested on the robot.
 
     If the data do not determine a unit or convention, the command asks at a terminal. Without a
     terminal it stops and names the missing line of the mapping file.
@@ -705,12 +711,12 @@ def import_data(
         sources: Tables, robot programs, ROS bags, images, clouds, or folders of them.
         out: New folder for the recording.
         robot: Built-in robot, robot.toml, URDF or MJCF; FILE#LINK where a file holds several arms.
-        map: Mapping of columns (TOML).
-        propose: Write the proposed mapping and stop.
+        map: Mapping file (TOML): columns, units and conventions of the tables.
+        propose: Write the proposed mapping file and stop.
         board: Board in the images: "chessboard 11x8 5mm", "circles 7x6 10mm", "circles 4x11 10mm
             asymmetric", "charuco 7x5 30mm 22mm DICT_5X5_250" or "aprilgrid 6x6 71.5mm 55mm"; "on
             tool" at the end where the robot holds it.
-        artefact: artefact.csv of the balls.
+        artefact: File with the certified ball centres and radii (artefact.csv).
         ball_radius: Radius of the ball in point clouds.
         sigma: Standard deviation of a measured coordinate (sigma_mm), with which the fit is
             compared; leave it out if it is unknown.
@@ -719,7 +725,7 @@ def import_data(
             what `map` states, else auto.
         title: Title of the recording.
         trust_data: Continue with a warning if the recorded data are implausible.
-        yes: Do not ask whether the preview is right.
+        yes: Accept the preview without a question.
 
     Returns:
         The answer of the command, with the entries below.
@@ -747,8 +753,8 @@ def import_data(
     """
 
 def new(kind: str, folder: Path | str, robot: Recording | Path | str | None = None) -> Result:
-    r"""Write a template of a recording: every key with a comment, and simulated rows that calibrate as
-    they are.
+    r"""Write a template of a recording: files with a comment on every key, and simulated rows to
+    replace with yours.
 
     Args:
         kind: What is measured: external-point, external-pose, ball-centre, board-images, ...; or a
@@ -792,21 +798,23 @@ def poses(
     trust_data: bool = False,
     no_report: bool = False,
 ) -> Result:
-    r"""Select the most informative measurement poses, and state which parameters they do not identify.
+    r"""Select the most informative measurement poses of a recording or a scene: a table of poses and
+    the gain.
 
     Args:
         candidates: A recording, a known name, a scene (TOML) or a run of `workbench diagnose` to
             draw poses from.
         count: Number of poses to choose.
-        criterion: D, O1 ... O5, or task.
-        tasks: Task poses whose error is minimised.
-        effects: Include transmission and compliance.
-        without: Switch off a term by name, such as joint-3.backlash; * is a wildcard.
-        link_radius: Radius of the links, mm.
+        criterion: Criterion: D (D-optimal), O1 ... O5 (observability indices), or task (error at
+            `tasks`).
+        tasks: Recording with the task poses at which the error is minimised.
+        effects: Also estimate transmission errors and compliance.
+        without: Omit a term of the model by name, such as joint-3.backlash; * is a wildcard.
+        link_radius: Radius of the links for the collision test, mm.
         stand_off: Distance of a ball from the sensor, mm.
         field: Half the sensor's field of view, deg.
         cap: Largest angle between line of sight and top of a ball, deg.
-        repeats: Largest number of measurements of one pose.
+        repeats: Largest number of measurements at one pose.
         seed: Seed of the random sets for comparison.
         out: Folder to write; default: a temporary one, which is removed with the result.
         tolerance: Largest accepted error, such as 0.1mm, 0.05deg or 0.3px; `passed` is False if it
@@ -846,17 +854,20 @@ def prove(
     page: Path | str | None = None,
     no_report: bool = False,
 ) -> Result:
-    r"""Plant effects, commit the truths by hash, diagnose, unblind and score; an interrupted run can be
-    continued.
+    r"""Run the blind benchmark of the diagnosis: simulated recordings with planted effects, scored
+    against their truth.
+
+    The SHA-256 of each truth is published before the diagnosis runs. An interrupted benchmark
+    continues with the same command.
 
     Args:
-        suite: Only this suite, with COUNT cases.
+        suite: Run only this suite, with COUNT cases.
         cases: Number of cases of a suite without a count.
         seed: Seed of the random cases.
-        folder: Use your own recordings and truths.
+        folder: Folder with your own recordings and truths.
         jobs: Number of processes; default: 1.
         out: Folder of the benchmark run.
-        minutes: Start no diagnosis later; repeat the call to continue.
+        minutes: Start no diagnosis after this time; repeat the command to continue.
         page: Also write the scoreboard as Markdown.
         no_report: Do not write a report page.
 
@@ -884,16 +895,16 @@ def register(
     nearest: bool = False,
     out: Path | str | None = None,
 ) -> Result:
-    r"""Register points to those of an external instrument and state how well they agree.
+    r"""Register measured points to those of a tracker: rigid transform, and distance of each point.
 
     The rigid transform is the least-squares one. Points correspond by the column `point`, by row
     where there is none, or by nearness with `nearest`. The error of every point is also stated with
     that point left out of the fit.
 
     Args:
-        source: Points to be moved: x_mm, y_mm, z_mm, and their names in `point`.
-        target: Points of the tracker, in the same columns.
-        nearest: Match every point with the nearest one (ICP), not by name or row.
+        source: Points to transform (CSV): x_mm, y_mm, z_mm, and their names in `point`.
+        target: Points of the tracker (CSV), in the same columns.
+        nearest: Match every point with the nearest one (ICP) instead of by name or row.
         out: Folder to write; default: a temporary one, which is removed with the result.
 
     Returns:
@@ -924,7 +935,7 @@ def register(
 def render(
     scene: Result | Path | str, out: Path | str | None = None, truth: Path | str | None = None
 ) -> Result:
-    r"""Render the images of an instrument with known errors, as a recording.
+    r"""Render a scene file to images: a recording of a camera or scanner with known errors.
 
     Args:
         scene: Scene file (TOML).
@@ -965,7 +976,8 @@ def scan(
     tolerance: Sequence[str] | str | None = None,
     no_report: bool = False,
 ) -> Result:
-    r"""Compute point clouds and ball centres from scans, profiles or clouds of balls.
+    r"""Compute point clouds and ball centres from images of laser scans, or from profiles or clouds of
+    balls.
 
     Without `scanner`, the scanner is calibrated first. Images, profiles and clouds of several
     flange poses are joined in the base frame of the robot; without `hand_eye`, the hand-eye
@@ -1009,7 +1021,8 @@ def scanner(
     tolerance: Sequence[str] | str | None = None,
     no_report: bool = False,
 ) -> Result:
-    r"""Calibrate camera, light planes and mirror of a recording in one adjustment.
+    r"""Calibrate a laser scanner from images of a board: camera, light planes and mirror axis in one
+    adjustment.
 
     Args:
         recording: Folder of a recording with images of a board under the laser, or a known name.
@@ -1050,10 +1063,10 @@ def significance(
     out: Path | str | None = None,
     no_report: bool = False,
 ) -> Result:
-    r"""State how an error of each parameter changes position and axes of the end effector.
+    r"""Compute how an error of each parameter of a robot changes position and axes of the flange.
 
     Args:
-        robot: A robot by name, a robot.toml, URDF or MJCF, or a recording.
+        robot: Built-in robot, robot.toml, URDF, MJCF, or a recording.
         points: Number of configurations, random or from a recording.
         seed: Seed of the random configurations.
         step_mm: Error of a length, mm.
@@ -1082,11 +1095,11 @@ def significance(
 def simulate(
     scene: Result | Path | str, without: Sequence[str] | None = None, out: Path | str | None = None
 ) -> Result:
-    r"""Simulate a recording from a scene and write it as a recording folder.
+    r"""Simulate the measurements of an arm that a scene file describes, and write them as a recording.
 
     Args:
         scene: Scene file (TOML), or run folder of `workbench diagnose`.
-        without: Switch off a term by name, such as joint-3.backlash; * is a wildcard.
+        without: Omit a term of the model by name, such as joint-3.backlash; * is a wildcard.
         out: Folder to write; default: a temporary one, which is removed with the result.
 
     Returns:
@@ -1120,8 +1133,8 @@ def stiffness(
     map: Path | str | None = None,
     out: Path | str | None = None,
 ) -> Result:
-    r"""Cartesian compliance and stiffness of a calibrated arm, and its deflection under a wrench by
-    joint, bearing, link and pedestal.
+    r"""Compute the Cartesian compliance and stiffness of an arm at given poses, and its deflection
+    under a wrench.
 
     Writes stiffness.csv, compliance.npy and stiffness.npy (n, 6, 6), a map of the workspace and a
     comparison of the rigid, joint, joint and bearing, and complete models as PDF and SVG,
@@ -1133,8 +1146,8 @@ def stiffness(
         targets: Joint readings, one row per pose: any table that `workbench import` reads.
         wrench: Force (N) and moment (N m) at the tool point, in the robot's root frame.
         tool_point: Point at which the wrench acts, mm in the flange frame.
-        without: Switch off a term by name, such as joint-3.backlash; * is a wildcard.
-        force: Also use a calibration or corrections that are refused as implausible.
+        without: Omit a term of the model by name, such as joint-3.backlash; * is a wildcard.
+        force: Accept a calibration and corrections that would be refused as implausible.
         map: Columns, units and conventions of a table of targets with other headers: a mapping as
             of `workbench import`.
         out: Folder to write; default: a temporary one, which is removed with the result.
@@ -1169,13 +1182,15 @@ def study(
     out: Path | str | None = None,
     no_report: bool = False,
 ) -> Result:
-    r"""Simulate or resample, calibrate, diagnose and compensate many times; an interrupted study can be
-    continued.
+    r"""Run a study file: repeated simulation, calibration, diagnosis and compensation, with one table
+    row per run.
+
+    An interrupted study continues with the same command.
 
     Args:
         study: A study file (TOML), or the name of a bundled study.
         workers: Number of processes; default: 1.
-        scheduler: Use an existing Dask cluster.
+        scheduler: Address of a Dask scheduler, to run on a cluster.
         run: Compute only this run and print its row; writes nothing.
         out: Folder to write; default: a temporary one, which is removed with the result.
         no_report: Do not write a report page.

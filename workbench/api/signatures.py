@@ -37,10 +37,10 @@ _ACCEPTED = {
 
 
 _IN_PYTHON = {
-    "Write here instead of a new folder under runs/.": "Folder to write; default: a temporary one, "
+    "Run folder to write; default: a new folder under runs/.": "Folder to write; default: a temporary one, "
     "which is removed with the result.",
     "exit status 1 if it is exceeded. Once per unit.": "`passed` is False if it is exceeded. One per unit.",
-    "one sample number per line.": "their numbers, or a file with one number per line.",
+    "a file with one sample number per line.": "their numbers, or a file with one number per line.",
     "default: one per core.": "default: 1.",
     "default: all cores.": "default: 1.",
     "replaces RECORDING": "replaces `recording`",

@@ -43,6 +43,7 @@ from workbench.commands.robot import (
     stiffness,
 )
 from workbench.commands.sensor import camera, handeye, render, scan, scanner
+from workbench.commands.shared.help import Command, Group
 from workbench.core import VERSION
 from workbench.core.errors import InputError, Stopped
 from workbench.machine.doctor import missing_package
@@ -70,59 +71,145 @@ _FULL = {errno.ENOSPC, errno.EDQUOT}
 # rich takes a quarter of a second to load; without a terminal it is not used.
 app = typer.Typer(
     name="workbench",
+    cls=Group,
     help="Calibrate a robot arm and its scanner; find and correct unmodelled effects.",
     add_completion=False,
     rich_markup_mode="rich" if sys.stdout.isatty() else None,
     pretty_exceptions_enable=False,
 )
-app.command("new", short_help="Write a template of a recording for your own data.")(new.command)
-app.command("import", short_help="Make a recording from tables, logs, images or clouds.")(
-    import_data.command
-)
-app.command("check", short_help="Check the quality of a recording before calibration.")(
-    check.command
-)
-app.command("calibrate", short_help="Calibrate an arm; state its held-out errors.")(
-    calibrate.command
-)
-app.command("calibrate-large", short_help="Calibrate an arm from millions of samples.")(
-    calibrate_large.command
-)
-app.command("compare", short_help="Compare plans by cross-validation on equal folds.")(
-    compare.command
-)
-app.command("evaluate", short_help="Test a calibrated model on another recording.")(
-    evaluate.command
-)
-app.command("camera", short_help="Calibrate a camera from images of a board.")(camera.command)
-app.command("scanner", short_help="Calibrate camera, light planes and mirror of a scanner.")(
-    scanner.command
-)
-app.command("scan", short_help="Compute point clouds and ball centres from scans.")(scan.command)
-app.command("handeye", short_help="Estimate the hand-eye transform of a sensor.")(handeye.command)
-app.command("render", short_help="Render images of a scene as a recording.")(render.command)
-app.command("simulate", short_help="Simulate a recording from a scene.")(simulate.command)
-app.command("study", short_help="Repeat simulations or fits with varied parameters.")(study.command)
-app.command("diagnose", short_help="Identify unmodelled effects of a recording.")(diagnose.command)
-app.command("prove", short_help="Run the blind benchmark of the diagnosis.")(prove.command)
-app.command("poses", short_help="Select the most informative measurement poses.")(poses.command)
-app.command("compensate", short_help="Correct the targets of a robot program.")(compensate.command)
-app.command("export", short_help="Export a model as Python, URDF, MJCF, ROS, ...")(export.command)
-app.command("identifiability", short_help="List identifiable and confounded parameters.")(
-    identifiability.command
-)
-app.command("significance", short_help="Compute the effect of each parameter on the flange pose.")(
-    significance.command
-)
-app.command("register", short_help="Register points to those of a tracker.")(register.command)
-app.command("stiffness", short_help="Compute compliance, and deflection under a wrench.")(
-    stiffness.command
-)
-app.add_typer(datasets.app, name="datasets", short_help="List or download public recordings.")
-app.command("open", short_help="Show and edit a run or a recording in the browser.")(open.command)
-app.command("doctor", short_help="Check the installation.")(doctor.command)
-app.command("demo", short_help="Run a complete example, from images to a calibrated arm.")(
-    demo.command
+# Group of the list of commands -> name, function, short help, example.
+_COMMANDS = {
+    "Calibrate an arm": (
+        (
+            "import",
+            import_data,
+            "Convert your tables, logs, images or clouds to a recording.",
+            "joints.csv tracker.csv --robot ur10 --out my-robot",
+        ),
+        ("check", check, "Check the quality of a recording before calibration.", "my-robot"),
+        (
+            "calibrate",
+            calibrate,
+            "Calibrate an arm; state its held-out errors.",
+            "my-robot --out arm",
+        ),
+        (
+            "compensate",
+            compensate,
+            "Correct the targets of a robot program.",
+            "arm targets.csv --out corrected",
+        ),
+        (
+            "diagnose",
+            diagnose,
+            "Find the physical causes of the remaining errors.",
+            "my-robot --out diagnosis",
+        ),
+        (
+            "evaluate",
+            evaluate,
+            "Test a calibrated model on another recording.",
+            "arm second-recording --tolerance 0.2mm",
+        ),
+        (
+            "export",
+            export,
+            "Export a model as Python, URDF, MJCF, ROS, ...",
+            "arm --to urdf --out arm.urdf",
+        ),
+    ),
+    "Calibrate a camera or scanner": (
+        ("camera", camera, "Calibrate a camera from images of a board.", "my-camera --out camera"),
+        (
+            "handeye",
+            handeye,
+            "Estimate the hand-eye transform of a sensor.",
+            "my-hand-eye --out hand-eye",
+        ),
+        (
+            "scanner",
+            scanner,
+            "Calibrate camera, light planes and mirror of a scanner.",
+            "my-cell --out scanner.toml",
+        ),
+        (
+            "scan",
+            scan,
+            "Compute point clouds and ball centres from scans.",
+            "my-cell --scanner scanner.toml --out scans",
+        ),
+    ),
+    "Plan measurements": (
+        (
+            "new",
+            new,
+            "Write a template of a recording for your own data.",
+            "external-point my-robot --robot ur10",
+        ),
+        ("poses", poses, "Select the most informative measurement poses.", "my-robot --count 40"),
+        (
+            "identifiability",
+            identifiability,
+            "List identifiable and confounded parameters.",
+            "my-robot",
+        ),
+        (
+            "significance",
+            significance,
+            "Compute the effect of each parameter on the flange pose.",
+            "ur10",
+        ),
+        ("simulate", simulate, "Simulate a recording from a scene.", "scene.toml --out simulated"),
+        ("render", render, "Render images of a scene as a recording.", "scene.toml --out rendered"),
+    ),
+    "Compare and study": (
+        (
+            "compare",
+            compare,
+            "Compare plans by cross-validation on equal folds.",
+            "my-robot --plan default --plan plan.toml",
+        ),
+        (
+            "calibrate-large",
+            calibrate_large,
+            "Calibrate an arm from millions of samples.",
+            "my-recording",
+        ),
+        (
+            "register",
+            register,
+            "Register points to those of a tracker.",
+            "arm-points.csv tracker-points.csv",
+        ),
+        (
+            "stiffness",
+            stiffness,
+            "Compute compliance, and deflection under a wrench.",
+            "arm poses.csv --wrench 0 0 -100 0 0 0",
+        ),
+        ("study", study, "Repeat simulations or fits with varied parameters.", "compliance-error"),
+        ("prove", prove, "Run the blind benchmark of the diagnosis.", "--suite library --cases 20"),
+    ),
+    "Help and examples": (
+        ("open", open, "Show and edit a run or a recording in the browser.", "arm"),
+        ("demo", demo, "Run a complete example, from images to a calibrated arm.", "--bundled"),
+        ("doctor", doctor, "Check the installation.", ""),
+    ),
+}
+for _group, _entries in _COMMANDS.items():
+    for _name, _module, _help, _example in _entries:
+        app.command(
+            _name,
+            cls=Command,
+            short_help=_help,
+            rich_help_panel=_group,
+            epilog=f"Example: workbench {_name} {_example}".rstrip(),
+        )(_module.command)
+app.add_typer(
+    datasets.app,
+    name="datasets",
+    short_help="List or download public recordings.",
+    rich_help_panel="Help and examples",
 )
 
 

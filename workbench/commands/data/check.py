@@ -9,13 +9,15 @@ from workbench.core.text.uncertain import with_std
 
 
 def command(
-    recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
+    recording: Annotated[
+        str, typer.Argument(help="Folder of a recording, or a name of `workbench datasets list`.")
+    ],
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
     trust_data: answer.TrustData = False,
     no_report: answer.NoReport = False,
 ) -> None:
-    """Check a recording before the calibration: coverage of the joints, repeats and their noise, and missing data.
+    """Check a recording before calibration: joint ranges, poses, repeats, noise, mistakes and missing data.
 
     Exit status 1 if data are missing that the intended command requires.
     """

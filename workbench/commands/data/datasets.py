@@ -8,11 +8,11 @@ import typer
 from workbench.commands.shared import answer, tables
 from workbench.core.errors import InputError
 
-app = typer.Typer(help="Recordings that the workbench knows by name: list, get, path.")
+app = typer.Typer(help="List, download or locate the recordings that are known by name.")
 Name = Annotated[str, typer.Argument(help="A name from `workbench datasets list`.")]
 
 
-@app.command("list", short_help="All known recordings and their folders.")
+@app.command("list", short_help="List known recordings and their folders.")
 def listing(json: answer.JsonTarget = None) -> None:
     """List the recordings that are known by name: bundled ones, and real ones with their source."""
     answer.check_target(json)
@@ -32,11 +32,11 @@ def listing(json: answer.JsonTarget = None) -> None:
     console.print("`workbench datasets get NAME` fetches one that is not here.", markup=False)
 
 
-@app.command("get", short_help="Fetch a recording from its public source.")
+@app.command("get", short_help="Download a recording from its public source.")
 def get(
     name: Name,
     folder: Annotated[
-        Path | None, typer.Argument(help="Target folder, instead of the cache.")
+        Path | None, typer.Argument(help="Folder to write instead of the cache.")
     ] = None,
     json: answer.JsonTarget = None,
 ) -> None:
@@ -50,7 +50,7 @@ def get(
     _deliver("datasets get", name, found, json)
 
 
-@app.command("path", short_help="The folder of a recording.")
+@app.command("path", short_help="Print the folder of a recording.")
 def path(name: Name, json: answer.JsonTarget = None) -> None:
     """Print the folder of a recording."""
     answer.check_target(json)

@@ -20,16 +20,19 @@ def command(
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
     bundled: Annotated[
-        bool, typer.Option("--bundled", help="Use the small bundled table of an arm.")
+        bool,
+        typer.Option(
+            "--bundled", help="Use the bundled table of an arm instead of a real recording."
+        ),
     ] = False,
     images: Annotated[
         bool,
         typer.Option(
-            "--pictures/--no-pictures", help="Also render images and calibrate from them."
+            "--pictures/--no-pictures", help="Render images and calibrate the scanner from them."
         ),
     ] = True,
 ) -> None:
-    """Calibrate scanner and arm from rendered images, then a real arm from a table of measured points.
+    """Run a complete example: calibrate scanner and arm from rendered images, then an arm from a table of points.
 
     No public data set covers the whole chain from images to the arm, so the images are rendered.
     The table is that of a real robot if it is available, else the bundled one.

@@ -7,7 +7,7 @@ from workbench.machine.doctor import OPTIONAL
 
 
 def command(json: answer.JsonTarget = None) -> None:
-    """Check this machine: Python, libraries, system packages, device, recordings, permission."""
+    """Check the installation: Python, libraries, system packages, device, recordings, permissions."""
     answer.check_target(json)
     with answer.progress("loading every library once"):
         from workbench.machine.doctor import as_json, examine

@@ -23,11 +23,16 @@ Robot = Annotated[
     ),
 ]
 Map = Annotated[
-    Path | None, typer.Option("--map", metavar="FILE", help="Mapping of columns (TOML).")
+    Path | None,
+    typer.Option(
+        "--map",
+        metavar="FILE",
+        help="Mapping file (TOML): columns, units and conventions of the tables.",
+    ),
 ]
 Propose = Annotated[
     Path | None,
-    typer.Option("--propose", metavar="FILE", help="Write the proposed mapping and stop."),
+    typer.Option("--propose", metavar="FILE", help="Write the proposed mapping file and stop."),
 ]
 Board = Annotated[
     str | None,
@@ -43,7 +48,12 @@ OutFolder = Annotated[
     Path | None, typer.Option("--out", metavar="DIR", help="New folder for the recording.")
 ]
 Artefact = Annotated[
-    Path | None, typer.Option("--artefact", metavar="FILE", help="artefact.csv of the balls.")
+    Path | None,
+    typer.Option(
+        "--artefact",
+        metavar="FILE",
+        help="File with the certified ball centres and radii (artefact.csv).",
+    ),
 ]
 BallRadius = Annotated[
     float | None,
@@ -71,7 +81,7 @@ TimeOffset = Annotated[
 ]
 _GUESS_S = 30.0
 """Processor time of the test of unknown columns on the robot."""
-Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask whether the preview is right.")]
+Yes = Annotated[bool, typer.Option("--yes", "-y", help="Accept the preview without a question.")]
 
 
 def command(
@@ -90,7 +100,7 @@ def command(
     trust_data: answer.TrustData = False,
     yes: Yes = False,
 ) -> None:
-    """Make a recording from tables, logs, bags, images or clouds; units and conventions are tested on the robot.
+    """Convert tables, logs, ROS bags, images or clouds to a recording; units and conventions are tested on the robot.
 
     If the data do not determine a unit or convention, the command asks at a terminal. Without a terminal it stops
     and names the missing line of the mapping file.

@@ -30,7 +30,7 @@ def command(
     robot: Robot = None,
     json: answer.JsonTarget = None,
 ) -> None:
-    """Write a template of a recording: every key with a comment, and simulated rows that calibrate as they are."""
+    """Write a template of a recording: files with a comment on every key, and simulated rows to replace with yours."""
     answer.check_target(json)
     with answer.progress(f"writing {folder}") as say:
         from workbench.recordings.templates import write_template

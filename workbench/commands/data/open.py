@@ -22,20 +22,22 @@ def command(
         typer.Option("--port", min=0, max=65535, help="Port on 127.0.0.1; 0 takes any free one."),
     ] = 0,
     no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Print the address only.")
+        bool, typer.Option("--no-browser", help="Print the address without opening a browser.")
     ] = False,
     recording: Annotated[
         str | None,
         typer.Option(
-            "--recording", metavar="RECORDING", help="Present folder of the recording of the run."
+            "--recording",
+            metavar="RECORDING",
+            help="Folder of the recording, if it was moved after the run.",
         ),
     ] = None,
     session: Annotated[
         Path | None,
-        typer.Option("--session", metavar="FILE", help="Keep the edits here (session.toml)."),
+        typer.Option("--session", metavar="FILE", help="File of the edits (session.toml)."),
     ] = None,
 ) -> None:
-    """Show a run in a local web page: robot and residuals in 3-D; edit the samples, run again, compare.
+    """Show a run or a recording in the browser: robot, residuals, images; exclude samples and calibrate again.
 
     The page is served on 127.0.0.1 only; nothing is fetched from the network. The edits are kept in a session.toml,
     which `workbench calibrate --session` repeats (`camera` and `handeye --session` those of their runs).

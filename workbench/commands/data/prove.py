@@ -10,7 +10,7 @@ from workbench.commands.shared import answer
 Suites = Annotated[
     list[str] | None,
     typer.Option(
-        "--suite", metavar="NAME[=COUNT]", help="Only this suite, with COUNT cases. Repeatable."
+        "--suite", metavar="NAME[=COUNT]", help="Run only this suite, with COUNT cases. Repeatable."
     ),
 ]
 
@@ -24,7 +24,7 @@ def command(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random cases.")] = 1,
     folder: Annotated[
         Path | None,
-        typer.Option("--folder", metavar="DIR", help="Use your own recordings and truths."),
+        typer.Option("--folder", metavar="DIR", help="Folder with your own recordings and truths."),
     ] = None,
     jobs: answer.Jobs = None,
     out: Annotated[
@@ -33,7 +33,9 @@ def command(
     minutes: Annotated[
         float | None,
         typer.Option(
-            "--minutes", min=0, help="Start no diagnosis later; repeat the call to continue."
+            "--minutes",
+            min=0,
+            help="Start no diagnosis after this time; repeat the command to continue.",
         ),
     ] = None,
     page: Annotated[
@@ -43,7 +45,11 @@ def command(
     no_report: answer.NoReport = False,
     json: answer.JsonTarget = None,
 ) -> None:
-    """Plant effects, commit the truths by hash, diagnose, unblind and score; an interrupted run can be continued."""
+    """Run the blind benchmark of the diagnosis: simulated recordings with planted effects, scored against their truth.
+
+    The SHA-256 of each truth is published before the diagnosis runs. An interrupted benchmark continues with the
+    same command.
+    """
     answer.check_target(json)
     with answer.progress("creating cases") as say:
         from workbench.files import runs

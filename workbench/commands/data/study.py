@@ -18,7 +18,9 @@ Workers = Annotated[
 ]
 Scheduler = Annotated[
     str | None,
-    typer.Option("--scheduler", metavar="ADDRESS", help="Use an existing Dask cluster."),
+    typer.Option(
+        "--scheduler", metavar="ADDRESS", help="Address of a Dask scheduler, to run on a cluster."
+    ),
 ]
 Run = Annotated[
     int | None,
@@ -35,7 +37,10 @@ def command(
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
 ) -> None:
-    """Simulate or resample, calibrate, diagnose and compensate many times; an interrupted study can be continued."""
+    """Run a study file: repeated simulation, calibration, diagnosis and compensation, with one table row per run.
+
+    An interrupted study continues with the same command.
+    """
     answer.check_target(json)
     if run is not None:
         _alone(study, run, json)

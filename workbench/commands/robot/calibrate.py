@@ -10,14 +10,17 @@ from workbench.commands.shared import answer, samples
 from workbench.core.errors import InputError
 
 Plan = Annotated[
-    Path | None, typer.Option("--plan", metavar="FILE", help="Stages to solve (TOML).")
+    Path | None,
+    typer.Option(
+        "--plan", metavar="FILE", help="Calibration plan (TOML) instead of the default stages."
+    ),
 ]
 FromDiagnosis = Annotated[
     Path | None,
     typer.Option(
         "--from-diagnosis",
         metavar="RUN",
-        help="Calibrate the model that a run of `workbench diagnose` found.",
+        help="Use the corrected model of this run of `workbench diagnose` as the plan.",
     ),
 ]
 Without = Annotated[
@@ -25,19 +28,23 @@ Without = Annotated[
     typer.Option(
         "--without",
         metavar="TERM",
-        help="Switch off a term by name, such as joint-3.backlash; * is a wildcard. Repeatable.",
+        help="Omit a term of the model by name, such as joint-3.backlash; * is a wildcard. Repeatable.",
     ),
 ]
 FitSamples = Annotated[
     Path | None,
     typer.Option(
-        "--fit-samples", metavar="FILE", help="Samples to fit: one sample number per line."
+        "--fit-samples",
+        metavar="FILE",
+        help="Samples to fit: a file with one sample number per line.",
     ),
 ]
 TestSamples = Annotated[
     Path | None,
     typer.Option(
-        "--test-samples", metavar="FILE", help="Samples to hold out: one sample number per line."
+        "--test-samples",
+        metavar="FILE",
+        help="Samples to hold out: a file with one sample number per line.",
     ),
 ]
 SessionFile = Annotated[
@@ -48,12 +55,15 @@ SessionFile = Annotated[
         help="Repeat an edit session of `workbench open` (session.toml); replaces RECORDING, --plan and --folds.",
     ),
 ]
-Folds = Annotated[int, typer.Option("--folds", min=2, help="Blocks of the cross-validation.")]
+Folds = Annotated[
+    int, typer.Option("--folds", min=2, help="Number of folds of the cross-validation.")
+]
 
 
 def command(
     recording: Annotated[
-        str | None, typer.Argument(help="Folder of a recording, or a known name.")
+        str | None,
+        typer.Argument(help="Folder of a recording, or a name of `workbench datasets list`."),
     ] = None,
     plan: Plan = None,
     from_diagnosis: FromDiagnosis = None,
@@ -69,7 +79,7 @@ def command(
     tolerance: answer.Tolerance = None,
     session: SessionFile = None,
 ) -> None:
-    """Calibrate the robot of a recording and state the held-out errors in mm.
+    """Calibrate the arm of a recording: parameters, held-out errors in mm, and a report page.
 
     For a recording with images of scans, the scanner is calibrated first (without --scanner), then
     point clouds and ball centres are computed.

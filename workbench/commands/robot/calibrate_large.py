@@ -10,7 +10,7 @@ from workbench.commands.shared import answer, tables
 from workbench.files import runs
 
 Plan = Annotated[
-    Path | None, typer.Option("--plan", metavar="NAME|FILE", help="A plan by name or file.")
+    Path | None, typer.Option("--plan", metavar="NAME|FILE", help="Plan: a name or a TOML file.")
 ]
 
 
@@ -25,7 +25,10 @@ def command(
     tolerance: answer.Tolerance = None,
     trust_data: answer.TrustData = False,
 ) -> None:
-    """Calibrate from millions of samples: a subset selects the stages, all samples are fitted with little memory."""
+    """Calibrate an arm from millions of samples (Parquet), with little memory: parameters and held-out errors.
+
+    The stages are selected on a subset of the samples; then all samples are fitted.
+    """
     answer.check_target(json)
     with answer.progress(f"reading {recording}") as say:
         from datasets.formats.recording1 import read_head

@@ -13,13 +13,15 @@ Plans = Annotated[
     typer.Option(
         "--plan",
         metavar="NAME|FILE",
-        help="A plan by name, file or run folder of `workbench diagnose`; 'default'. Repeatable.",
+        help="Plan: a name such as default, a TOML file, or a run folder of `workbench diagnose`. Repeatable.",
     ),
 ]
 
 
 def command(
-    recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
+    recording: Annotated[
+        str, typer.Argument(help="Folder of a recording, or a name of `workbench datasets list`.")
+    ],
     plan: Plans,
     fit_samples: FitSamples = None,
     test_samples: TestSamples = None,
@@ -30,7 +32,7 @@ def command(
     trust_data: answer.TrustData = False,
     no_report: answer.NoReport = False,
 ) -> None:
-    """Calibrate with several plans on the same folds and compare each plan with the first."""
+    """Compare calibration plans on one recording: held-out errors on the same folds, with significance tests."""
     answer.check_target(json)
     with answer.progress(f"reading {recording}") as say:
         import datasets

@@ -22,7 +22,7 @@ Solution = Annotated[
 Force = Annotated[
     bool,
     typer.Option(
-        "--force", help="Also use a calibration or corrections that are refused as implausible."
+        "--force", help="Accept a calibration and corrections that would be refused as implausible."
     ),
 ]
 MaxPosition = Annotated[
@@ -36,7 +36,9 @@ MaxPosition = Annotated[
 MaxRotation = Annotated[
     float,
     typer.Option(
-        "--max-correction-deg", metavar="DEG", help="Refuse larger corrections of its orientation."
+        "--max-correction-deg",
+        metavar="DEG",
+        help="Refuse larger corrections of the flange's orientation.",
     ),
 ]
 MaxJointChange = Annotated[
@@ -44,7 +46,7 @@ MaxJointChange = Annotated[
     typer.Option(
         "--max-joint-change-deg",
         metavar="DEG",
-        help="Refuse joint targets if a joint would rotate by more than this.",
+        help="Refuse a joint target if a joint would change by more than this.",
     ),
 ]
 MaxSigma = Annotated[
@@ -89,7 +91,7 @@ def command(
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
 ) -> None:
-    """Correct targets with the inverse calibrated model, so that the real arm reaches the programmed poses.
+    """Correct the targets of a robot program with a calibrated model: a table of corrected joint readings.
 
     A target beyond reach or limits, or with an implausible correction, has no joint readings in corrected.csv.
     The exit status is then 1: the program is incomplete and must not be run.

@@ -22,7 +22,7 @@ Simulation = Annotated[
 Solution = Annotated[
     Path | None,
     typer.Option(
-        "--solution", metavar="FILE", help="Compare with an earlier calibration (solution.json)."
+        "--solution", metavar="FILE", help="Compare with this earlier calibration (solution.json)."
     ),
 ]
 SessionFile = Annotated[
@@ -35,13 +35,16 @@ SessionFile = Annotated[
 ]
 Baseline = Annotated[
     Literal["geometry", "joint-compliance"],
-    typer.Option("--baseline", help="Effects that the baseline model already contains."),
+    typer.Option(
+        "--baseline", help="Model before the search: geometry, or geometry and joint compliance."
+    ),
 ]
 
 
 def command(
     recording: Annotated[
-        str | None, typer.Argument(help="Folder of a recording, or a known name.")
+        str | None,
+        typer.Argument(help="Folder of a recording, or a name of `workbench datasets list`."),
     ] = None,
     simulation: Simulation = None,
     solution: Solution = None,
@@ -55,7 +58,7 @@ def command(
     tolerance: answer.Tolerance = None,
     session: SessionFile = None,
 ) -> None:
-    """Identify unmodelled effects of a recording: effect, place, probability, and reduction of the held-out error."""
+    """Find unmodelled effects in a recording: physical cause, place, size and probability, and a corrected model."""
     answer.check_target(json)
     edits = sessions.session_of(session, "diagnose", recording, scanner)
     recording, scanner, trust_data = _subject(edits, recording, scanner, trust_data)

@@ -44,7 +44,9 @@ Later = Annotated[
 
 def command(
     solution: Solution,
-    recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
+    recording: Annotated[
+        str, typer.Argument(help="Folder of a recording, or a name of `workbench datasets list`.")
+    ],
     refit: RefitOption = Refit.NONE,
     later: Later = False,
     out: answer.OutFolder = None,
@@ -53,7 +55,7 @@ def command(
     trust_data: answer.TrustData = False,
     no_report: answer.NoReport = False,
 ) -> None:
-    """Predict a recording with a calibrated model and state the errors in mm; no parameter of the arm is fitted.
+    """Test a calibrated model on another recording: position and orientation errors, without fitting the arm again.
 
     The errors of the nominal arm are stated for comparison, with base and tool estimated on the recording.
     """

@@ -85,7 +85,7 @@ def command(
         ),
     ],
     to: Annotated[str, typer.Option("--to", metavar="FORMAT", help=", ".join(ALL_FORMATS))],
-    file: Annotated[Path, typer.Option("--out", metavar="FILE", help="Write this file.")],
+    file: Annotated[Path, typer.Option("--out", metavar="FILE", help="File to write.")],
     force: Force = False,
     parent_frame: ParentFrame = None,
     child_frame: ChildFrame = None,
@@ -97,7 +97,7 @@ def command(
     start: Start = None,
     json: answer.JsonTarget = None,
 ) -> None:
-    """Export a calibrated model to the format of another program; the file is read back and compared with the model.
+    """Write a calibrated model or a corrected program in another format; the file is read back as a check.
 
     A calibrated arm goes to urdf (your own file with corrected origins, where there is one), mjcf, python (one module
     that needs numpy alone), ros (kinematics of a Universal Robots arm), urscript, krl, rapid and fanuc (a program

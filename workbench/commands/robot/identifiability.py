@@ -15,20 +15,22 @@ Plan = Annotated[
     typer.Option(
         "--plan",
         metavar="NAME|FILE",
-        help="Use the stages of this plan instead of the default plan.",
+        help="Plan (name or TOML file) instead of the default plan.",
     ),
 ]
 
 
 def command(
-    recording: Annotated[str, typer.Argument(help="Folder of a recording, or a known name.")],
+    recording: Annotated[
+        str, typer.Argument(help="Folder of a recording, or a name of `workbench datasets list`.")
+    ],
     plan: Plan = None,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
     trust_data: answer.TrustData = False,
     no_report: answer.NoReport = False,
 ) -> None:
-    """State which parameters a recording identifies, and which are confounded."""
+    """List the parameters that a recording identifies and those that are confounded; nothing is fitted."""
 
     def work(run, say) -> dict:
         import datasets

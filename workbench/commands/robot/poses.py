@@ -18,7 +18,11 @@ StandOff = Annotated[
 ]
 Tasks = Annotated[
     str | None,
-    typer.Option("--tasks", metavar="RECORDING", help="Task poses whose error is minimised."),
+    typer.Option(
+        "--tasks",
+        metavar="RECORDING",
+        help="Recording with the task poses at which the error is minimised.",
+    ),
 ]
 
 
@@ -30,14 +34,23 @@ def command(
         ),
     ],
     count: Annotated[int, typer.Option("--count", "-n", help="Number of poses to choose.")] = 40,
-    criterion: Annotated[str, typer.Option("--criterion", help="D, O1 ... O5, or task.")] = "D",
+    criterion: Annotated[
+        str,
+        typer.Option(
+            "--criterion",
+            help="Criterion: D (D-optimal), O1 ... O5 (observability indices), or task (error at --tasks).",
+        ),
+    ] = "D",
     tasks: Tasks = None,
     effects: Annotated[
-        bool, typer.Option("--effects", help="Include transmission and compliance.")
+        bool, typer.Option("--effects", help="Also estimate transmission errors and compliance.")
     ] = False,
     without: Without = None,
     link_radius: Annotated[
-        float, typer.Option("--link-radius", min=0, help="Radius of the links, mm.")
+        float,
+        typer.Option(
+            "--link-radius", min=0, help="Radius of the links for the collision test, mm."
+        ),
     ] = 50.0,
     stand_off: StandOff = None,
     field: Annotated[
@@ -48,7 +61,7 @@ def command(
         typer.Option("--cap", help="Largest angle between line of sight and top of a ball, deg."),
     ] = None,
     repeats: Annotated[
-        int, typer.Option("--repeats", min=1, help="Largest number of measurements of one pose.")
+        int, typer.Option("--repeats", min=1, help="Largest number of measurements at one pose.")
     ] = 1,
     seed: Annotated[
         int, typer.Option("--seed", min=0, help="Seed of the random sets for comparison.")
@@ -59,7 +72,7 @@ def command(
     trust_data: answer.TrustData = False,
     no_report: answer.NoReport = False,
 ) -> None:
-    """Select the most informative measurement poses, and state which parameters they do not identify."""
+    """Select the most informative measurement poses of a recording or a scene: a table of poses and the gain."""
     answer.check_target(json)
     runs.check_place(out)
     with answer.progress(f"reading {candidates}") as say:

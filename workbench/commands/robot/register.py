@@ -13,7 +13,7 @@ from workbench.fitting.verdicts.verdict import no_verdict
 Nearest = Annotated[
     bool,
     typer.Option(
-        "--nearest", help="Match every point with the nearest one (ICP), not by name or row."
+        "--nearest", help="Match every point with the nearest one (ICP) instead of by name or row."
     ),
 ]
 _NO_RESIDUAL = "The agreement of two sets of points is stated; the noise of neither is known."
@@ -22,14 +22,18 @@ _NO_RESIDUAL = "The agreement of two sets of points is stated; the noise of neit
 def command(
     source: Annotated[
         Path,
-        typer.Argument(help="Points to be moved: x_mm, y_mm, z_mm, and their names in `point`."),
+        typer.Argument(
+            help="Points to transform (CSV): x_mm, y_mm, z_mm, and their names in `point`."
+        ),
     ],
-    target: Annotated[Path, typer.Argument(help="Points of the tracker, in the same columns.")],
+    target: Annotated[
+        Path, typer.Argument(help="Points of the tracker (CSV), in the same columns.")
+    ],
     nearest: Nearest = False,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
 ) -> None:
-    """Register points to those of an external instrument and state how well they agree.
+    """Register measured points to those of a tracker: rigid transform, and distance of each point.
 
     The rigid transform is the least-squares one. Points correspond by the column `point`, by row where there is none,
     or by nearness with --nearest. The error of every point is also stated with that point left out of the fit.

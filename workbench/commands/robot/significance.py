@@ -15,7 +15,7 @@ _NO_RESIDUAL = (
 
 def command(
     robot: Annotated[
-        str, typer.Argument(help="A robot by name, a robot.toml, URDF or MJCF, or a recording.")
+        str, typer.Argument(help="Built-in robot, robot.toml, URDF, MJCF, or a recording.")
     ],
     points: Annotated[
         int,
@@ -34,7 +34,7 @@ def command(
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
 ) -> None:
-    """State how an error of each parameter changes position and axes of the end effector."""
+    """Compute how an error of each parameter of a robot changes position and axes of the flange."""
     answer.check_target(json)
     runs.check_place(out)
     with answer.progress(f"reading {robot}") as say:

@@ -22,7 +22,7 @@ def command(
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
 ) -> None:
-    """Simulate a recording from a scene and write it as a recording folder."""
+    """Simulate the measurements of an arm that a scene file describes, and write them as a recording."""
     answer.check_target(json)
     runs.check_place(out)
     with answer.progress(f"simulating {scene}") as say:

@@ -56,8 +56,7 @@ def command(
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
 ) -> None:
-    """Cartesian compliance and stiffness of a calibrated arm, and its deflection under a wrench by joint, bearing,
-    link and pedestal.
+    """Compute the Cartesian compliance and stiffness of an arm at given poses, and its deflection under a wrench.
 
     Writes stiffness.csv, compliance.npy and stiffness.npy (n, 6, 6), a map of the workspace and a comparison of the
     rigid, joint, joint and bearing, and complete models as PDF and SVG, models.csv and map.vtk.

@@ -48,7 +48,7 @@ def command(
     no_report: answer.NoReport = False,
     session: SessionFile = None,
 ) -> None:
-    """Calibrate the camera of a recording from its images of a board, with the uncertainty of each parameter."""
+    """Calibrate a camera from images of a board: intrinsics, distortion, their uncertainty, and reprojection errors."""
     from workbench.fitting.verdicts import sensor_verdict, verdict
 
     tolerances = verdict.parse_tolerances(tolerance, sensor_verdict.CAMERA_UNITS)

@@ -64,7 +64,7 @@ def command(
     no_report: answer.NoReport = False,
     session: SessionFile = None,
 ) -> None:
-    """Estimate the pose of the sensor on the flange, and its prediction error on held-out poses."""
+    """Estimate the hand-eye transform from images or profiles and flange poses: uncertainty and held-out error."""
     given = {"RECORDING": recording, "--camera": camera, "--scanner": scanner, "--kind": kind}
     given["--trust-data"] = trust_data or None
     edits = edit_session.session_stated(session, HAND_EYE, given)

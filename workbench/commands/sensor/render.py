@@ -26,7 +26,7 @@ def command(
     truth: Truth = None,
     json: answer.JsonTarget = None,
 ) -> None:
-    """Render the images of an instrument with known errors, as a recording."""
+    """Render a scene file to images: a recording of a camera or scanner with known errors."""
     answer.check_target(json)
     answer.check_target(None if truth is None else str(truth), "--truth")
     with answer.progress(f"reading {scene}") as say:

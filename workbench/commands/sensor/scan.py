@@ -33,7 +33,7 @@ def command(
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
 ) -> None:
-    """Compute point clouds and ball centres from scans, profiles or clouds of balls.
+    """Compute point clouds and ball centres from images of laser scans, or from profiles or clouds of balls.
 
     Without --scanner, the scanner is calibrated first. Images, profiles and clouds of several flange poses are joined
     in the base frame of the robot; without --hand-eye, the hand-eye transform is calibrated first.

@@ -33,7 +33,7 @@ def command(
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
 ) -> None:
-    """Calibrate camera, light planes and mirror of a recording in one adjustment."""
+    """Calibrate a laser scanner from images of a board: camera, light planes and mirror axis in one adjustment."""
     answer.check_target(None if out is None else str(out), "--out")
 
     from workbench.fitting.verdicts import sensor_verdict, verdict

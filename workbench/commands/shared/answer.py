@@ -27,7 +27,9 @@ JsonTarget = Annotated[
 ]
 OutFolder = Annotated[
     Path | None,
-    typer.Option("--out", metavar="DIR", help="Write here instead of a new folder under runs/."),
+    typer.Option(
+        "--out", metavar="DIR", help="Run folder to write; default: a new folder under runs/."
+    ),
 ]
 
 Jobs = Annotated[
