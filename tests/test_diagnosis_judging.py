@@ -15,6 +15,7 @@ from workbench.diagnosis.validation import held_out, judging, proof, stability
 from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.folds import SPACE, TIME, Scheme, schemes
 from workbench.diagnosis.validation.held_out import DOUBLED, critical_t, left_out
+from workbench.diagnosis.validation.left_out_blocks import decorrelated
 from workbench.explanation import statements
 from workbench.explanation.answer import _somewhere, diagnose
 from workbench.explanation.result import UNEXPLAINED, Term, verdict_of
@@ -95,6 +96,46 @@ def test_left_out_blocks_are_predicted_with_the_priors_of_the_effects():
         found = np.linalg.solve(seen.T @ seen + prior, seen.T @ y[fold != k])
         expected[fold == k] = y[fold == k] - both[fold == k] @ found
     assert np.allclose(left_out(problem.conditional_on(), fold), np.abs(expected))
+
+
+def test_a_term_is_judged_in_spite_of_another_that_mostly_a_block_determines():
+    """A drift that begins shortly before the last block says nothing about a wave, which has a gain in every block."""
+    rng = np.random.default_rng(2)
+    t = np.linspace(0, 1, 200)
+    columns = np.stack([np.maximum(t - 0.785, 0) * 50, np.cos(37 * t), np.sin(37 * t)], 1)
+    values = np.array([1.0, 0.4, -0.3])
+    noise = rng.normal(size=200)
+    problem = replace(
+        problem_with(columns, values),
+        residual=noise,
+        effects=(SimpleNamespace(), SimpleNamespace()),
+        added=(columns[:, :1], columns[:, 1:]),
+        values=(values[:1], values[1:]),
+        precisions=(np.zeros(1), np.zeros(2)),
+    )
+    fold = np.arange(200) // 40
+    errors = [left_out(problem.conditional_on(present), fold)[None] for present in ((0,), (0, 1))]
+    t_of_plain_errors = held_out.clark_west_t(np.arange(200), *errors, np.ones(200, bool))
+    assert not t_of_plain_errors > critical_t(None)
+    finding = Finding("transmission-harmonic", "joint-1", "", (), 0.0, 1.0, 0.0, 0.0)
+    trial = judging.ConditionalGains(SimpleNamespace(chain=None), problem, None)
+    wave = trial.judged(Term(finding), [1], [0, 1])
+    assert wave.t > critical_t(None) and wave.gain > 0
+
+
+def test_decorrelated_errors_have_the_variance_of_the_noise():
+    """V^-1/2 e of a right model has the identity as its covariance, whatever a block leaves uncertain."""
+    rng = np.random.default_rng(3)
+    columns = rng.normal(size=(30, 4)) * np.repeat([2.0, 1.0, 0.5], 10)[:, None]
+    fold, precision = np.repeat(np.arange(3), 10), np.full(4, 0.5)
+    problem = replace(problem_with(columns, np.zeros(4)), precisions=(precision,))
+    root = np.stack([decorrelated(problem.conditional_on(), fold, e) for e in np.eye(30)], 1)
+    for k in range(3):
+        block, others = columns[fold == k], columns[fold != k]
+        posterior = np.linalg.inv(others.T @ others + np.diag(precision))
+        covariance = np.eye(10) + block @ posterior @ block.T
+        own = root[np.ix_(fold == k, fold == k)]
+        assert np.allclose(own @ covariance @ own.T, np.eye(10), atol=1e-8)
 
 
 def test_a_parameter_that_moves_nothing_does_not_change_what_is_predicted():

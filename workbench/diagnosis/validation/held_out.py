@@ -17,7 +17,11 @@ from workbench.diagnosis.linear.evidence import cached
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.noise.data_findings import is_move_known
 from workbench.diagnosis.validation.folds import tested_samples
-from workbench.diagnosis.validation.left_out_blocks import block_shares, left_out_rows
+from workbench.diagnosis.validation.left_out_blocks import (
+    block_shares,
+    decorrelated,
+    left_out_rows,
+)
 from workbench.fitting.cross_validation import hold_out, pad_to_position
 
 _LIMIT, _MEDIAN = 2.8, float(chi2.ppf(0.5, 3))
@@ -348,14 +352,19 @@ def left_out(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.
     return _lengths_of(problem, left_out_rows(problem, fold, only))[0]
 
 
-def left_out_components(
-    problem: Problem, fold: np.ndarray, only: int | None = None, scored: bool = False
-) -> np.ndarray:
-    """(m, n) components (mm, px) of what `left_out` has the lengths of; 0 where a sample has fewer than others.
+def nested_components(
+    smaller: Problem, fold: np.ndarray, errors: Sequence[np.ndarray], scored: bool = False
+) -> list[np.ndarray]:
+    """(m, n) components (mm, px), 0 where a sample has fewer, of left-out rows (N,) of two nested models.
 
-    scored: errors whose squares over the noise's add up to the logarithmic score of the block that they stand in.
+    smaller: the problem of the smaller model; fold (n,): as of `left_out`. All errors are decorrelated by the
+    covariance of the smaller model's: what another term leaves uncertain in a block (a drift that begins shortly before
+    it) is in the errors of both, and would hide the tested term. scored: the rows are scores, which contain that
+    covariance.
     """
-    return _components_of(problem, left_out_rows(problem, fold, only, scored))
+    if not scored:
+        errors = [decorrelated(smaller, fold, rows) for rows in errors]
+    return [_components_of(smaller, rows) for rows in errors]
 
 
 def _components_of(problem: Problem, rows: np.ndarray) -> np.ndarray:

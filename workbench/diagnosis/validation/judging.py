@@ -22,13 +22,14 @@ from workbench.diagnosis.validation.controls import of_order
 from workbench.diagnosis.validation.folds import TIME, Scheme, schemes
 from workbench.diagnosis.validation.held_out import (
     critical_t,
-    left_out_components,
+    nested_components,
     paired_t,
     rises_significantly,
     rms,
     showing_poses,
     significance,
 )
+from workbench.diagnosis.validation.left_out_blocks import left_out_rows
 from workbench.diagnosis.validation.terms import Term
 
 _EXTRAPOLATED = 0.25
@@ -153,7 +154,7 @@ class ConditionalGains:
         self._bench, self._problem, self._sigma = bench, problem, sigma
         self._schemes = schemes(problem.pose, problem)
         self._judges: dict[tuple, list[Scheme]] = {}
-        self._errors: dict[tuple, np.ndarray] = {}
+        self._rows: dict[tuple, np.ndarray] = {}
 
     def judged(self, term: Term, indices: Sequence[int], present: Sequence[int]) -> Term:
         """The term, of the effects `indices`, with t, t_fall and gain of its presence among the effects `present`."""
@@ -165,7 +166,7 @@ class ConditionalGains:
         rest = [i for i in present if i not in indices]
         t, falls, gain, showing = [], [], [], []
         for scheme in self._judges_of(term, tuple(indices)):
-            with_it, without = self._left_out(scheme, present), self._left_out(scheme, rest)
+            without, with_it = self._left_out(scheme, rest, present)
             t.append(significance(pose, without, with_it, inliers, sigma))
             lengths = [np.sqrt((errors**2).sum(0)) for errors in (without, with_it)]
             falls.append(paired_t(pose, *lengths, inliers, sigma))
@@ -190,12 +191,17 @@ class ConditionalGains:
 
         return cached(self._judges, indices, make)
 
-    def _left_out(self, scheme: Scheme, present: Sequence[int]) -> np.ndarray:
-        """(m, n) components of the errors next to some effects; those of a sensor scored."""
+    def _left_out(self, scheme: Scheme, rest: Sequence[int], present: Sequence[int]):
+        """`nested_components` next to the effects `rest` and `present`."""
+        scored = self._sigma is not None
+        rows = [self._left_out_rows(scheme, indices) for indices in (rest, present)]
+        return nested_components(self._problem.conditional_on(rest), scheme.fold, rows, scored)
+
+    def _left_out_rows(self, scheme: Scheme, present: Sequence[int]) -> np.ndarray:
+        """(N,) `left_out_rows` next to some effects; those of a sensor scored."""
 
         def make():
-            scored = self._sigma is not None
             problem = self._problem.conditional_on(present)
-            return left_out_components(problem, scheme.fold, scored=scored)
+            return left_out_rows(problem, scheme.fold, scored=self._sigma is not None)
 
-        return cached(self._errors, (scheme.name, *sorted(present)), make)
+        return cached(self._rows, (scheme.name, *sorted(present)), make)

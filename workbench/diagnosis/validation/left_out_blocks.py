@@ -89,6 +89,25 @@ def left_out_rows(
     return out * problem.units
 
 
+def decorrelated(problem: Problem, fold: np.ndarray, errors: np.ndarray) -> np.ndarray:
+    """(N,) V^-1/2 e block by block, of held-out errors e (N,) in the units of `left_out_rows`; nan stays.
+
+    V = (I - B_b B_b')^-1 is the covariance, over that of the noise, of the errors of a block that this problem
+    predicts: a direction that the other blocks leave uncertain counts by as much less. V^-1/2 B_b u = sqrt(1 - v) B_b u
+    for an eigenvector u of B_b'B_b with the eigenvalue v.
+    """
+    mixing, block_of_row = problem.hat_mixing, fold[problem.sample]
+    out = errors / problem.units
+    for k in np.unique(block_of_row[np.isfinite(errors)]):
+        block = _block(problem, block_of_row == k)
+        values, vectors = symmetric_eigen(mixing.T @ block.gram @ mixing)
+        remaining = np.sqrt(np.clip(1 - values, NEGLIGIBLE_SHARE, 1.0))
+        shrinkage = (1 - remaining) / np.maximum(values, NEGLIGIBLE_SHARE)
+        directions = block.columns @ (mixing @ vectors)
+        out[block.rows] -= directions @ (shrinkage * (directions.T @ out[block.rows]))
+    return out * problem.units
+
+
 def variance_factor(problem: Problem, fold: np.ndarray, inliers: np.ndarray) -> float:
     """Expected mean square of a held-out position residual of a right model over the variance of its noise.
 

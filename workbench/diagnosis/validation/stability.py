@@ -16,12 +16,13 @@ from workbench.diagnosis.linear.problem import Finding, Problem
 from workbench.diagnosis.validation.folds import Scheme, tested_samples
 from workbench.diagnosis.validation.held_out import (
     critical_t,
-    left_out_components,
+    nested_components,
     rises_significantly,
     sigma_of,
     significance,
 )
 from workbench.diagnosis.validation.judging import combined_t, judging_schemes
+from workbench.diagnosis.validation.left_out_blocks import left_out_rows
 from workbench.diagnosis.validation.terms import Term
 
 
@@ -92,7 +93,6 @@ class _Folds:
         self._solved = {
             result.scheme.at(part): _solved(bench, result.found, part) for result in nested
         }
-        self._errors = {scheme: self._linear(scheme) for scheme in self._solved}
 
     def judged(self, number: int, term: Term) -> Term:
         """The term with its t in the folds, and whether it is kept."""
@@ -120,13 +120,10 @@ class _Folds:
         for scheme in judging_schemes(
             self._bench, finding.effects, schemes, self._problem, indices
         ):
-            without = self._linear(scheme, (finding, moved))
-            with_all = self._errors[scheme]
-            out.append(significance(self._pose, without, with_all, self._usual, self._sigma))
+            solved, scored = self._solved[scheme], self._sigma is not None
+            pair = _nested_components(scheme, solved, (finding, moved), scored)
+            out.append(significance(self._pose, *pair, self._usual, self._sigma))
         return out
-
-    def _linear(self, scheme: Scheme, without=None) -> np.ndarray:
-        return _linear(scheme, self._solved[scheme], without, scored=self._sigma is not None)
 
 
 @dataclass(frozen=True)
@@ -170,28 +167,29 @@ def _is_reselected(moved: np.ndarray, others: list[np.ndarray]) -> bool:
     return bool(((moved - like) ** 2).sum() < (1 - MAJORITY) * (moved**2).sum())
 
 
-def _linear(
-    scheme: Scheme, folds: dict[int, _SolvedFold], without=None, scored: bool = False
+def _nested_components(
+    scheme: Scheme, folds: dict[int, _SolvedFold], without, scored: bool
 ) -> np.ndarray:
-    """(m, n) components of the errors where every fold is predicted with what was found without it, to first order.
+    """(2, m, n) components of the errors where every fold is predicted with what was found without it, to first order.
 
-    without: a finding that is left out, and what it makes, as of `_displacements`. scored: as of `left_out_components`.
+    Without a finding and with it, as of `nested_components`. without: the finding, and what it makes, as of
+    `_displacements`.
     """
     parts = {}
     for k, solved in folds.items():
-        numbers = effect_indices(solved.findings)
-        indices = [i for of_finding in numbers for i in of_finding]
-        if without is not None:
-            same = [_same(f, m, *without) for f, m in zip(solved.findings, solved.displacements)]
-            indices = [
-                i for of_finding, is_same in zip(numbers, same) if not is_same for i in of_finding
-            ]
-        of_fold = scheme.fold == k
-        problem = solved.problem.conditional_on(indices)
-        parts[k] = left_out_components(problem, np.where(of_fold, 0, -1), 0, scored)
+        rest, all_indices = [], []
+        for f, m, numbers in zip(
+            solved.findings, solved.displacements, effect_indices(solved.findings)
+        ):
+            all_indices += numbers
+            rest += [] if _same(f, m, *without) else numbers
+        problems = [solved.problem.conditional_on(indices) for indices in (rest, all_indices)]
+        fold = np.where(scheme.fold == k, 0, -1)
+        rows = [left_out_rows(problem, fold, 0, scored) for problem in problems]
+        parts[k] = np.stack(nested_components(problems[0], fold, rows, scored))
     out = np.full_like(next(iter(parts.values())), np.nan)
     for k, part in parts.items():
-        out[:, scheme.fold == k] = part[:, scheme.fold == k]
+        out[..., scheme.fold == k] = part[..., scheme.fold == k]
     return out
 
 

@@ -31,11 +31,12 @@ class Term:
     """A finding with its proof and its words.
 
     `t` of the gain, one value a pose (`held_out.significance`), `t_fall` of the fall of the error itself, and
-    `t_nested` of the gain in the nested cross-validation; `gain` (mm, px) the fall of the held-out RMS that this term
-    alone brings; `reselected_folds` of `searched_folds` folds in which the repeated search reselects most of what it
-    makes; `size` (mm, px) RMS displacement of the measured point; `kept` False where a proof failed, and `reason`
-    then says which. `parameters`: rows of `Bench.parameters`. `share` of the mismatch, of what is located and not
-    modelled, or of what remains next to the other terms where `remainder`.
+    `t_nested` of the gain in the nested cross-validation; `gain` (mm, px) the fall of the held-out RMS that this
+    term alone brings, of an arm with errors as of `nested_components`; `reselected_folds` of `searched_folds` folds
+    in which the repeated search reselects most of what it makes; `size` (mm, px) RMS displacement of the measured
+    point; `kept` False where a proof failed, and `reason` then says which. `parameters`: rows of
+    `Bench.parameters`. `share` of the mismatch, of what is located and not modelled, or of what remains next to the
+    other terms where `remainder`.
     """
 
     finding: Finding
