@@ -9,14 +9,13 @@ from datasets import papers
 from datasets.makers import liu
 from robot_model import load_robot
 
-_TEXT = """# Calibration by laser beams through the middle of a detector
+_TEXT = """# Calibration with a laser and a position-sensitive detector (Liu 2014)
 
-Liu, Shi & Ding, IEEE CYBER 2014, 365. A laser on the flange shines at a position-sensitive detector; the arm is moved
-until the spot is in its middle, from several sides. The detector is then turned about a fixed centre and the same is
-done again: beams of one place meet in a point, and the points lie on a sphere. Nobody measures point, sphere or beam.
-This page is written by `python tools/gallery.py laser-spot`; its recordings are made by plain matrix products that
-share no code with the calibration (datasets/makers/liu.py (`datasets/makers/liu.py`), which also says how the
-run-together columns of table 3 were read).
+Liu, Shi & Ding, IEEE CYBER 2014, 365. A laser on the flange points at a position-sensitive detector. The arm is moved
+until the spot is at the centre of the detector, from several directions. All these beams intersect at one point. The
+detector is then rotated about a fixed centre, and the measurement is repeated: the intersection points lie on a
+sphere. Points, sphere and beam are unknown; only joint readings are recorded. `python tools/gallery.py laser-spot`
+writes this page. The recordings are simulated by `datasets/makers/liu.py`, which shares no code with the calibration.
 
 ```sh
 python -m datasets.makers.liu beams --beams 12 --sigma 0.02
@@ -25,56 +24,57 @@ python -m datasets.makers.liu one-detector --beams 40 --positions 1 --sigma 0.02
 workbench calibrate one-detector --out one-detector-result
 ```
 
-![where beams cross after each objective, and what each objective sees](laser-spot.png)
+![Intersections of the beams after the fit of each objective, and singular values of both objectives](laser-spot.png)
 
-## Exact beams: table 3
+## Beams without errors: table 3
 
-Seven places, six beams each. The arm is off by the paper's "actual" errors.
+Seven detector positions with six beams each. The simulated arm has the parameter errors of the column "actual".
 
 {table}
 
 | | published | here |
 |---|---|---|
-| eq. 6 alone: crossings of one place apart | {published:.0f} mm rms, table 2 | {spread6:.2f} mm rms |
-| eq. 6 alone: objective at the end | "all on a sphere" | {end6:.0e} mm² (from {start6:.0f}) |
-| eq. 7: crossings of one place apart | meet | {spread7:.0e} mm |
-| ours: greatest difference from the actual errors shown above | | {off:.0e} mm or deg |
+| eq. 6 alone: distance of the beams of one position | {published:.0f} mm RMS, table 2 | {spread6:.2f} mm RMS |
+| eq. 6 alone: final value of the objective | "all on a sphere" | {end6:.0e} mm² (from {start6:.0f}) |
+| eq. 7: distance of the beams of one position | zero | {spread7:.0e} mm |
+| ours: largest difference from the actual errors above | | {off:.0e} mm or deg |
 
-- **Why eq. 6 fails.** It asks that the spheres through any four of the means have one centre, in other words that
-  M = 7 points lie on one sphere. However many spheres are drawn, that is M - 4 = 3 conditions: its derivative has
-  rank {rank6} of 22. Nineteen directions are free, and it stops at the first of the many arms that put seven means on
-  a sphere. Nothing in it asks that beams of one place meet, so they do not.
-- **Eq. 7** adds that they meet. Its rank is {rank7} of 22. The four directions that are left move no beam: the arm
-  grown as a whole; d2 against d3, on parallel axes; a6 and alpha6, along and about the beam. They stay where they
-  start, which is why the paper's table shows a6 and alpha6 right, whose actual error was zero. That it
-  prints -0.05 for d3 by itself takes the 0.05 deg between the axes, and exact data. The table is at the true size,
-  and d2 + d3 is one number in it.
-- **Ours** asks that each beam passes its point at no distance, with beam, points and sphere as unknowns.
+- **Equation 6** requires that the seven mean points lie on one sphere. These are M - 4 = 3 conditions. The rank of its
+  Jacobian is {rank6} of 22, so that 19 directions are not identifiable. No condition requires that the beams of one
+  position intersect.
+- **Equation 7** adds this condition. Its rank is {rank7} of 22. The other four directions do not move any beam: the
+  scale of the arm, d2 against d3 (parallel axes), and a6 and alpha6 (along and about the beam). These parameters keep
+  their start values. In the paper's table a6 and alpha6 are correct because their actual errors were zero. Its value
+  of -0.05 for d3 is identifiable only because of the 0.05 deg between the axes and the absence of noise. The table
+  above uses the true scale, and contains d2 + d3 as one parameter.
+- **Ours** minimises the distance of each beam from its point; beam, points and sphere are estimated.
 
-## Beams driven to within 0.02 mm
+## Beams with a noise of 0.02 mm
 
-Eq. 7 falls when the arm shrinks, and with noise it does: on the first recording of six beams a place a2 ends at
-{gone:.0f} mm of 270. It needs a2 held (below), and the beam known. Ours needs neither. RMS distance of exact beams from
-the best point, at 30 places that were not measured; nominal arm {nominal:.3f} mm:
+Equation 7 becomes smaller if the arm shrinks. With noise the estimate therefore collapses: with six beams for each
+position, a2 becomes {gone:.0f} mm instead of 270 mm. Equation 7 needs a fixed a2 (as below) and a known beam; ours
+needs neither. RMS distance of beams without errors from the best point, at 30 other positions; nominal
+arm {nominal:.3f} mm:
 
-| recording | eq. 7, a2 held, 84 beams | ours, 84 beams | ours, 42 beams |
+| recording | eq. 7, a2 fixed, 84 beams | ours, 84 beams | ours, 42 beams |
 |---|---|---|---|
 {compared}
 
-Half the beams do as well only where half is still enough. The same with six beams a place, rms of five recordings:
-eq. 7 on 42 beams {six[0]:.4f}, ours on 42 {six[1]:.4f}, ours on 21 {six[2]:.4f} mm: 42 conditions for some
-forty unknowns.
+With six beams for each position, RMS of five recordings: eq. 7 with 42 beams {six[0]:.4f}, ours with
+42 {six[1]:.4f}, ours with 21 {six[2]:.4f} mm. 21 beams are 42 conditions for about forty unknowns.
 
-The middles of the detector are spread evenly over the cap of the sphere that faces the arm. With the means of table 2
-as middles instead, two of which are 9 mm apart, spheres through four points are so badly determined that eq. 7 did not
-converge here even with exact beams (six a place: crossings still 0.13 mm apart after 300 steps); ours did.
+Here the centres of the detector are distributed evenly over the part of the sphere that faces the arm. Two of the
+points in table 2 of the paper are only 9 mm apart. Spheres through four such points are poorly determined:
+equation 7 did not converge with them even without noise (distance 0.13 mm after 300 steps); ours did.
 
-## One detector that does not turn
+## One detector that is not rotated
 
-The same command takes it: one point, no sphere. 40 beams of 0.02 mm leave {single:.4f} mm at the same 30 places,
-held-out {held:.3f} mm (0.028 is the noise of two directions).
+The same command accepts one point without a sphere. With 40 beams and 0.02 mm noise the error at the same 30 positions
+is {single:.4f} mm; the held-out error is {held:.3f} mm (0.028 mm is the noise of two directions).
 
-## What beams cannot tell, in the program's words
+## Parameters that are not identifiable
+
+Output of the program:
 
 {words}
 """
@@ -119,7 +119,7 @@ def _compared() -> str:
     rows = figures.compared()
     lines = [f"| {k} | {a:.4f} | {b:.4f} | {c:.4f} |" for k, (a, b, c) in enumerate(rows, 1)]
     a, b, c = np.sqrt((rows**2).mean(0))
-    return "\n".join([*lines, f"| rms of all | {a:.4f} | {b:.4f} | {c:.4f} |"])
+    return "\n".join([*lines, f"| RMS of all | {a:.4f} | {b:.4f} | {c:.4f} |"])
 
 
 def draw_image(first, second, path: Path) -> None:

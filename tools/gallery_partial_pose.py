@@ -41,22 +41,22 @@ COMMANDS = (
     "workbench calibrate measured-op --plan mdh-partial-pose --fit-samples fit.txt --out calibrated-op",
 )
 
-_TEXT = """# One axis is enough, if it is the right one
+_TEXT = """# Calibration with partial poses: position and one axis (2023)
 
-*Mathematics 2023, 11, 4802: a Staubli TX60, a tracker that sees one reflector in two places 10 mm apart on the flange.
-This page and its numbers are written by `python tools/gallery.py partial-pose`.*
+*Mathematics 2023, 11, 4802: a Staubli TX60; a tracker measures one reflector at two positions, 10 mm apart, on the
+flange. `python tools/gallery.py partial-pose` writes this page and its numbers.*
 
-A tracker's reflector gives a place; moved along a slide on the flange it also gives one axis. The paper's question is
-which axis to measure. Before anything is measured, the effect of each parameter says it:
+One reflector measures a position. A second position on a slide adds one axis. The paper asks which axis to measure.
+The significance of each parameter gives the answer before any measurement:
 
 ```sh
 {first}
 ```
 
-![Average significance of every parameter for place and axes](partial-pose.png)
+![Average significance of every parameter for position and axes](partial-pose.png)
 
-The x axis alone ("NP") shows nothing of alpha6, the z axis nothing of theta6; the y axis ("OP") shows both, as in the
-paper's figure 3. The same is said of a planned measurement, in words, before anybody measures:
+The x axis ("NP") does not depend on alpha6, and the z axis does not depend on theta6. The y axis ("OP") depends on
+both, as in figure 3 of the paper. `identifiability` states the same for a planned measurement:
 
 ```sh
 {planned}
@@ -66,41 +66,45 @@ paper's figure 3. The same is said of a planned measurement, in words, before an
 {said}
 ```
 
-The last one lists nothing as not identifiable: all 24 are determined. The plan `mdh-partial-pose` frees
-exactly the paper's 24 parameters; base and tool are known there, as in the paper. Where they are not,
-`workbench identifiability planned-op` without the plan lists {more} directions that stay open.
+For the last command all 24 parameters are identifiable. The plan `mdh-partial-pose` estimates exactly
+the 24 parameters of the paper; base and tool are known, as in the paper. Without the plan, base and tool are estimated
+as well, and `workbench identifiability planned-op` lists {more} combinations that are not identifiable.
 
-## Measured
+## Results
 
 ```sh
 {measured}
 ```
 
-Mean 3-D distance of the flange (the paper's eq. 13), mm, {seeds} seeds of poses and noise, 100 fitted, 200 others;
-`{recording}` above is seed 1: {fit:.4f} fitted, {check:.4f} checked.
+Mean 3-D error of the flange (eq. 13 of the paper) in mm, for {seeds} seeds of poses and noise, with 100 fitted and 200
+other samples. `{recording}` above is seed 1: {fit:.4f} mm for the fitted, {check:.4f} mm for the other samples.
 
 | measured | before, fit / check | fitted | checked | alpha6, 1e-3 rad (true 0.783) | alpha6 in the paper, 1e-3 rad |
 |---|---|---|---|---|---|
 {rows}| the paper, all three | {published} | | |
 
-Attitude errors, mean angle in deg over the same seeds: of the measured axis or attitude, which contains the noise of
-the measurement (a slide of 10 mm), and of the whole flange at the 200 check poses against the true arm, without noise:
+Mean orientation errors in deg for the same seeds. The first three columns refer to the measured axis or orientation
+and contain the noise of the measurement (a slide of 10 mm). The last two refer to the complete orientation of the
+flange at the 200 check poses, compared with the true arm without noise:
 
-| measured | axis or attitude, before | fitted | checked | flange against the true arm, before | checked |
+| measured | axis or orientation, before | fitted | checked | flange against the true arm, before | checked |
 |---|---|---|---|---|---|
 {attitudes}
-The axis that NP measures does not show alpha6, so its measured error is as small as that of OP, and the attitude of
-the flange about that axis keeps the whole error of alpha6.
+The axis of NP does not depend on alpha6. Its measured error is therefore as small as that of OP, but the orientation
+of the flange about this axis keeps the complete error of alpha6.
 
-The fitted error lies between {low:.4f} and {high:.4f} mm over the seeds, the largest checked one is {largest:.4f} mm.
+Over the seeds the fitted error is {low:.4f} to {high:.4f} mm; the largest checked error is {largest:.4f} mm.
 
-What differs. The noise is set to 0.048 mm a coordinate, because that makes the fitted 0.074 mm; the paper does not
-state it. Errors of the paper's 200 check samples are twice those of its fit; with its own parameter errors and
-noise they come out {larger:.0f} % larger, as they must from 24 parameters out of 100 poses. So something else was at
-work there that 24 parameters do not hold: the paper's check errors grow along z and x, as a frame that moved or an arm
-that bends would make them. The paper learns that NP leaves alpha6 open from its result, 1.84e-15 rad: a start
-value that never moved. Here it is held at its nominal value, without a sigma, and the sentence above says so before
-anything is measured.
+Differences from the paper:
+
+- The paper does not state its noise. Here it is 0.048 mm per coordinate, which results in the published fitted error
+  of 0.074 mm.
+- The published errors of the 200 check samples are twice those of the fit. With the paper's parameter errors and
+  noise they are {larger:.0f} % larger, as expected for 24 parameters and 100 poses. The published check errors
+  increase along z and x, which a moved frame or a compliant arm would explain.
+- The paper concludes from its result, 1.84e-15 rad, that alpha6 is not identifiable from NP: the start value did not
+  change. Here alpha6 keeps its nominal value, without a standard uncertainty, and the program says so before the
+  measurement.
 """
 
 
@@ -210,7 +214,7 @@ def _row(kind, found, paper) -> str:
     }
     stds = [f["std"] for f in found]
     alpha = (
-        "held: no effect"
+        "fixed: no effect"
         if None in stds
         else f"{1e3 * mean['alpha6']:.2f}, each ± {1e3 * np.mean(stds):.2f}"
     )

@@ -7,53 +7,53 @@ import numpy as np
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "gallery" / "rendered-scanner.md"
 
-_TEXT = """# Rendered scanner after Ye et al.: from images to ball centres, with known truth
+_TEXT = """# Rendered laser scanner with known truth (Ye 2024): from images to ball centres
 
 Ye et al., Sensors 2024, 24, 2559, section 5.1: 1280 × 1024 px, fx 3423 px, baseline 69 mm, 120 light planes. No
-public data set has raw images of such a scanner together with the truth, so the images are rendered
+public data set contains raw images of such a scanner with its true parameters. The images are therefore rendered
 ([docs/scenes/ye-scanner.toml](../scenes/ye-scanner.toml)): 20 boards with a warp of 50 µm at a corner, ten of them
-swept by the laser, six scans of a 15 mm ball, 1940 images in total. The chain uses only the images.
-This page is written by `python tools/gallery.py rendered-scanner`.
+scanned by the laser, six scans of a 15 mm ball, 1940 images in total. The calibration uses only the images.
+`python tools/gallery.py rendered-scanner` writes this page.
 
-![influence of the effects, without and with the effect in the model](rendered-scanner.png)
+![Error caused by each effect, without and with the effect in the model](rendered-scanner.png)
 
 | | criterion | result | stated 1 σ |
 |---|---|---|---|
 {whole}
 
 - **Frame.** Centres and planes are compared after rigid alignment of the calibrated scanner with the true one
-  over the working volume, without the balls. The pose of the camera frame is known only to the uncertainty of the
-  principal point (here {cx:+.2f} ± {cxs:.2f} px). In the calibrated camera frame the same centres are off by
+  over the working volume, without the balls. The uncertainty of the camera frame is that of the
+  principal point (here {cx:+.2f} ± {cxs:.2f} px). In the calibrated camera frame the errors of the same centres are
   {raw:.1f} µm RMS. A hand-eye calibration absorbs this error, and it does not affect measurements with the scanner.
-- **Speckle** has a contrast of 0.10 and Gaussian grains of 0.8 px (1 σ). That is an assumption: grains about as
-  wide as the lens's blur, and some hundred independent patterns (wavelengths of a diode laser, depths of a ceramic,
-  places within a pixel) that average in each; the speckle of Ye's instrument is not published. The form that
-  follows, {form:.1f} µm, is the noise of single points; noise in proportion, 11.4 µm would be a contrast of about
-  0.24.
-- **Warp.** With the same board modelled as flat, fx is off by {flat:+.1f} px, with a stated 1 σ of {flats:.2f} px, and
-  the RMS of the corners grows from {corner:.4f} to {cornerflat:.4f} px per coordinate.
+- **Speckle** has a contrast of 0.10 and Gaussian grains of 0.8 px (1 σ), because the speckle of Ye's instrument is not
+  published. The grains are about as wide as the blur of the lens, and some hundred independent patterns are averaged
+  in each (wavelengths of a diode laser, depths of a ceramic, positions within a pixel). The resulting form error,
+  {form:.1f} µm, is the noise of single points. A form error of 11.4 µm would correspond to a contrast of about 0.24.
+- **Warp.** If the same board is modelled as flat, the error of fx is {flat:+.1f} px with a stated 1 σ of {flats:.2f}
+  px, and the RMS of the corners increases from {corner:.4f} to {cornerflat:.4f} px per coordinate.
 
-## The stripe on a ball is not symmetric
+## Asymmetry of the stripe on a ball
 
-Across the stripe the light is exp(−f²/2s²) cos(incidence), f the distance from the light plane and s its 1 σ. On a
-curved surface f has a second derivative along the scan line and the cosine a slope: the fit of a Gaussian is pulled by
+Across the stripe the intensity is exp(−f²/2s²) cos(incidence). f is the distance from the light plane and s its 1 σ.
+On a curved surface f has a second derivative along the scan line, and the cosine a gradient. They displace the fitted
+Gaussian by
 
     c = a² (l − (f2/f1) (3 − q a²/w²)),    a = s/f1
 
-(sensors/stripe/surface_line.py (`sensors/stripe/surface_line.py`) defines the symbols). Almost without noise it agrees
-with rendered lines to 5 % (2 % with the true s) and leaves 0.0012 px of 0.0105 px RMS (tests/test_sensor_rendered.py).
-It is a physical effect and not one of the renderer: its size is s²/R times a function of both angles, 0.03 px where
-the light comes in at 66°, and −0.8 µm in the centre of this ball along the direction of the mirror. A light plane of
-0.15 mm and a ball of 10 mm have ten times as much. `workbench scan` takes it off: s comes from how the lines widen with
-the slope, the light from the mirror. Where the light grazes by more than 60° its stripe is a ragged patch of
-speckle that no first order describes (another −1 µm): these points are left out as those are that are seen too
-steeply.
+(`sensors/stripe/surface_line.py` defines the symbols). Almost without noise the formula agrees with rendered lines to
+5 % (2 % with the true s); the remainder is 0.0012 px of 0.0105 px RMS (tests/test_sensor_rendered.py). The effect is
+physical and not an artefact of the renderer. Its size is s²/R times a function of both angles: 0.03 px at an incidence
+of 66°, and −0.8 µm in the centre of this ball along the direction of the mirror. It is ten times as large for a light
+plane of 0.15 mm and a ball of 10 mm. `workbench scan` corrects it: s is estimated from the stripe width as a function
+of the slope, and the direction of the light from the mirror. At an incidence above 60° the stripe is an irregular
+patch of speckle that no first-order formula describes (another −1 µm). These points are excluded, like points on
+surfaces that the camera views at a grazing angle.
 
 ## Coverage of the stated standard deviations
 
-{seeds} small rendered scanners (half the pixels, 24 planes, 12 boards, 8 of them swept, 4 scans) of other
-seeds. 68 % is correct; z² is the mean
-of the squares of independent standardised errors, 1 is right.
+{seeds} small rendered scanners (half the pixels, 24 planes, 12 boards, 8 of them scanned, 4 scans) with other
+seeds. Expected: 68 % within 1 σ, and z² = 1. z² is the mean
+of the squares of independent standardised errors.
 
 | | within 1 σ | z² | numbers |
 |---|---|---|---|
@@ -63,22 +63,23 @@ of the squares of independent standardised errors, 1 is right.
 
 ## One effect at a time
 
-A small rendered scanner with each effect in its images and not in the model: what shows (stripe:
-what is left of single centres; points: of the working volume after the rigid motion). Then the effect in the model:
-its value, and what is left. Bold is more than 3 σ off.
+Each row is a small rendered scanner with one effect in its images. The first columns use a model without the effect
+(stripe: residual of single centres; points: error in the working volume after rigid alignment). The last columns use
+a model with the effect: its estimated value, and the remaining error. Bold: the error exceeds 3 σ.
 
 {effects}
 
-- `mirror-wobble` with one and two cycles per revolution over a sweep of 7° is confounded with the pose of the mirror:
-  the seven numbers of the mirror, or free planes, absorb it, and its own parameters stay at their priors. No
-  accuracy is lost, but the truth in this row (planes without effects) is not what the scanner should find. Points
-  and balls of this row are therefore not errors, nor are the points of the other effects that move the light.
-- `subsurface-scatter` acts on balls alone. No board shows it: it is seen in the free radius and is to be found from
-  balls.
-- `plane-bow` is retained by the scanner calibration itself where the stripes on boards support it. Both columns of
-  points are therefore those of a model with it.
-- `board-bow` is always in the model; what happens without it is said at the top.
-- `window-refraction` is nearly a camera that stands further back: only what goes with the cube of the angle shows.
+- `mirror-wobble` with one and two cycles per revolution over a sweep of 7° is confounded with the pose of the mirror.
+  The seven parameters of the mirror, or free planes, absorb it, and its own parameters keep their prior values. No
+  accuracy is lost, but the truth of this row (planes without effects) is not what the scanner should estimate. Points
+  and balls of this row are therefore not errors. The same holds for the points of the other effects that displace the
+  light.
+- `subsurface-scatter` acts on balls only, and boards do not show it. It is estimated from the radii of balls.
+- `plane-bow` is retained by the calibration itself if the stripes on boards confirm it. Both columns of
+  points therefore refer to a model with it.
+- `board-bow` is always part of the model; the first list of this page states the error without it.
+- `window-refraction` is nearly equivalent to a camera that is further away: only the term with the cube of the angle
+  is visible.
 {directions}
 """
 
@@ -124,8 +125,8 @@ def _whole(made) -> str:
             f"{fx[0]:+.2f} px",
             f"{fx[1]:.2f} px ({fx[1] / 34.23:.4f} %)",
         ),
-        ("corners, a coordinate", "", f"{made['corner_px']:.4f} px", ""),
-        ("stripe, a centre", "", f"{made['stripe_px']:.3f} px", ""),
+        ("corners, per coordinate", "", f"{made['corner_px']:.4f} px", ""),
+        ("stripe, per centre", "", f"{made['stripe_px']:.3f} px", ""),
         (f"light planes ({used}), RMS over the volume", "≤ 4 µm", f"{1e3 * planes:.2f} µm", ""),
         ("free light planes", "≤ 4 µm", f"{1e3 * free[0]:.2f} µm", ""),
         (
@@ -137,7 +138,7 @@ def _whole(made) -> str:
         ("ball centre, RMS of a coordinate", "≤ 4 µm", f"{centre:.2f} µm", f"{stated:.2f} µm"),
         ("ball form, RMS", "≤ 11.4 µm", f"{1e3 * _rms(made['form_mm']):.1f} µm", ""),
         (
-            "radius, where it is fitted too, mean of six",
+            "radius, if it is estimated, mean of six",
             "",
             f"{1e3 * np.mean(made['radius_mm']):+.2f} µm",
             "",
@@ -183,14 +184,20 @@ def _verdict(seeds) -> str:
         else "All meet the criterion."
     )
     return textwrap.fill(
-        f"Ball centres are {_rms(laid):.2f} µm RMS off (mean {mean}), planes {planes:.2f} µm. {verdict} By z² stated "
-        f"sigmas are up to {most:.0f} % too small. Stripes on tilted boards are pulled as those on balls are "
-        "(sensors/light/straight.py (`sensors/light/straight.py`)): nearer parts are seen larger and lit more. "
-        "Against true boards and planes that makes means of up to 0.005 px of a board pose, in proportion to the "
-        "board's tilt about the stripe (correlation 0.43 over 400 board poses); taken off, the correlation is 0.00. "
-        "What stripes of a board pose share beyond that is found to 0.009 px only, so that this much of it is counted "
-        "on. The camera's nine values are not independent: of 26 further seeds, boards alone, 67 % of the values are "
-        "within 1 σ, and 64 % of the 234 independent combinations.",
+        f"The error of the ball centres is {_rms(laid):.2f} µm RMS (mean {mean}), that of the planes "
+        f"{planes:.2f} µm. "
+        f"{verdict} According to z² the stated standard deviations are up to {most:.0f} % too small. Stripes on "
+        "tilted boards are displaced like those on balls (`sensors/light/straight.py`), since nearer parts "
+        "have a larger image "
+        "and more light. Compared with true boards and planes, the mean displacement of a board pose is up to "
+        "0.005 px, "
+        "in proportion to the tilt of the board about the stripe (correlation 0.43 over 400 board poses; 0.00 "
+        "after the "
+        "correction). Further displacements that the stripes of a board pose have in common are identifiable "
+        "to 0.009 px "
+        "only, and are part of the stated uncertainty. The nine values of the camera are not independent: for "
+        "26 further "
+        "seeds, boards alone, 67 % of the values are within 1 σ, and 64 % of the 234 independent combinations.",
         116,
     )
 
@@ -200,12 +207,15 @@ def _directions(rows) -> str:
     left = [rows[name]["stripe_px"] for name in ("mirror-hysteresis", "frame-sync")]
     balls = [1e3 * rows[name]["ball_mm"] for name in ("mirror-hysteresis", "frame-sync")]
     return textwrap.fill(
-        "- `mirror-hysteresis` and `frame-sync` part the two directions of a sweep: to agree, boards would have to "
-        f"move. Their corners hold them where they are; the {left[0]:.1f} and {left[1]:.1f} px that are left are taken "
-        "for a shift of each board pose, much larger than light can make one, and `workbench scanner` says that "
-        "something is missing. Planes are those of the mean of both directions; whoever goes on all the same has "
-        f"centres that are off by {balls[0]:.0f} and {balls[1]:.0f} µm, as each scan has its own direction. In the "
-        "model both are found.",
+        "- `mirror-hysteresis` and `frame-sync` separate the two directions of a sweep. The two directions "
+        "would agree only "
+        f"with displaced boards, but the corners determine the board poses. The remaining {left[0]:.1f} and "
+        f"{left[1]:.1f} px are modelled as a displacement of each board pose, which is much larger than a "
+        "plausible one, "
+        "and `workbench scanner` warns of an unmodelled effect. The planes are the mean of both directions. If the "
+        f"warning is ignored, the errors of ball centres are {balls[0]:.0f} and {balls[1]:.0f} µm, since each "
+        "scan has one "
+        "direction. With the effect in the model, both are estimated correctly.",
         116,
         subsequent_indent="  ",
     )
@@ -221,7 +231,7 @@ def _effects(rows) -> str:
         "ball µm",
         "form µm",
         "radius µm",
-        "in the model: found (true)",
+        "in the model: estimate (true)",
         "points µm",
     )
     return "\n".join(

@@ -146,7 +146,7 @@ def sweep(tilts=(25, 45, 60, 80), seeds=range(1, 9)) -> list[tuple[float, float,
 
 
 def rv2fb_table() -> str:
-    """Markdown of the RV-2FB case, one recording without and one with driving errors."""
+    """Markdown of the RV-2FB case, one recording without and one with positioning errors."""
     lines = ["| | published | their method here | ours |", "|---|---|---|---|"]
     for error, key in ((0.0, ""), (0.16, "_with_driving_error")):
         made, table = gubankov.rv2fb(error), PAPER["rv2fb"]
@@ -154,15 +154,15 @@ def rv2fb_table() -> str:
         touched = made.recording().joints
         ours_gap = (pair_gaps(made, geometry, tip) ** 2).sum()
         before, after = table[f"objective{key}_before_mm2"], table[f"objective{key}_after_mm2"]
-        name = f"driving errors up to {error:g} mm" if error else "no driving errors"
+        name = f"positioning errors up to {error:g} mm" if error else "no positioning errors"
         theirs = f"{fit.objective[0]:.0f} → {fit.objective[-1]:.2g}"
         lines += [
             f"| **{name}** | | | |",
             f"| J, mm² | {before} → {after} | {theirs} | {ours_gap:.2g} |",
         ]
         places = (
-            ("tip where it touched, max mm", touched),
-            ("tip at 500 places not touched, rms (max) mm", joints),
+            ("tip at touched points, max mm", touched),
+            ("tip at 500 other positions, RMS (max), mm", joints),
         )
         for label, q in places:
             theirs, mine = (
@@ -172,7 +172,7 @@ def rv2fb_table() -> str:
             for kind, words in (
                 ("direct", ""),
                 ("base", ", d1 and theta1 removed"),
-                ("size", ", size removed too"),
+                ("size", ", scale removed as well"),
             ):
                 both = [
                     f"{x[kind].max():.2g}"
@@ -187,14 +187,14 @@ def rv2fb_table() -> str:
                 )
                 lines.append(f"| {label}{words} | {said} | {both[0]} | {both[1]} |")
         sizes = size_error(made, fit.geometry), size_error(made, geometry)
-        lines.append(f"| a2, a3, d4 too large by | | {sizes[0]:+.1e} | {sizes[1]:+.1e} |")
+        lines.append(f"| relative error of a2, a3, d4 | | {sizes[0]:+.1e} | {sizes[1]:+.1e} |")
     return "\n".join(lines)
 
 
 def ur10e_table() -> str:
-    """Markdown of the UR10e case for several driving errors."""
+    """Markdown of the UR10e case for several positioning errors."""
     lines = [
-        "| driving errors up to | J before → after, mm² | falls by | rms pair distance falls by |",
+        "| positioning errors up to | J before → after, mm² | falls by | rms pair distance falls by |",
         "|---|---|---|---|",
         '| published (real) | 1120 → 28.7 | 39 × | "more than ten" |',
     ]

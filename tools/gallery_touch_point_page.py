@@ -8,13 +8,13 @@ from scipy.stats import wilcoxon
 import gallery_touch_point as figures
 from datasets.makers import gubankov
 
-_TEXT = """# Calibration by touching points, with no instrument
+_TEXT = """# Calibration by touching points, without an instrument (Gubankov 2022)
 
-Gubankov & Yukhimets, Sensors 2022, 22, 3376. A sharp tip on the flange is driven to a few fixed points with many
-orientations. Nobody measures where the points are: the joint readings are all there is. This page is written by
-`python tools/gallery.py touch-point`; its recordings are made from the paper's tables by plain matrix products that
-share no code with the calibration (datasets/makers/gubankov.py (`datasets/makers/gubankov.py`), which also says
-which minus signs the copy had lost and how they were restored).
+Gubankov & Yukhimets, Sensors 2022, 22, 3376. A sharp tip on the flange touches a few fixed points in many
+orientations. The positions of the points are unknown; only joint readings are recorded. `python tools/gallery.py
+touch-point` writes this page. The recordings are simulated from the tables of the paper by
+`datasets/makers/gubankov.py`, which shares no code with the calibration. It also documents which minus signs are
+missing in the available copy of the tables, and how they were restored.
 
 ```sh
 python -m datasets.makers.gubankov touches --driving-error 0.16
@@ -23,44 +23,46 @@ python -m datasets.makers.gubankov touches-ur10e --arm ur10e --driving-error 0.1
 workbench calibrate touches-ur10e --out touches-ur10e-result
 ```
 
-![size of the arm and error at places not touched](touch-point.png)
+![Scale error of the arm, and error at positions that were not touched](touch-point.png)
 
 ## RV-2FB, series of 21, 21, 18 and 11 touches
 
 {rv2fb}
 
-*Ours*: the touched points are unknowns, each touch is weighed by how well it was driven. Touches say nothing about the
-arm's size, so one length is held while all else is solved, and then the whole is brought to the size that all nominal
-lengths together want most. *Their method*: eq. 7, 12-17 with theta1 and d1 as printed, that is, unchanged.
+*Ours*: the touched points are estimated, and each touch is weighted by its positioning error. Touches contain no
+information on the scale of the arm. One length is therefore fixed during the fit; then all lengths are scaled to agree
+best with the nominal lengths. *Their method*: equations 7 and 12 to 17, with theta1 and d1 as printed, that is,
+unchanged.
 
-- **Without driving errors** both are exact but for one number, the arm's size: with it removed, ours is at
-  {exact:.0e} mm. What is left before is luck: the deviations of this arm happen to add up to almost the nominal size
-  ({size:+.1e}). The published 0.016 mm is this luck, not the accuracy of a method.
-- **With driving errors** the paper's 0.16 mm is on the touched points themselves. At places not touched ours
-  leaves {error:.3f} mm RMS over 100 recordings ({times:.1f} × less), worst recording {worst:.3f}; single places
-  reach further, see the maxima above. The height of the whole (d1) and its turn (theta1) are removed here, because
-  nothing in the data holds them. Counted without that ("direct"), 71 touches at one height leave the height of the
-  whole as uncertain as the paper's figure, and no better.
-- **The pair objective shrinks the arm.** It falls when all lengths fall. Over 100 recordings its main lengths come
-  out too small by {shrunk:.1e} (ours: {kept:+.1e}; what the nominal lengths want: {size:+.1e}; paired Wilcoxon
-  test that theirs is smaller: p = {p:.0e}; ours has the size of the nominal lengths by
-  construction, whatever the noise). That is with the early stop that gives the paper's
-  figures; iterated until J falls by less than 0.001 mm² the arm ends at {gone:.0%} of its size. Rejecting pairs farther
-  apart than the driving accuracy does not help: it is a matter of the objective.
+- **Without positioning errors** both methods are exact except for the scale of the arm. After correction of the scale
+  our error is {exact:.0e} mm. The error before depends on chance: the parameter errors of this arm nearly keep the
+  nominal scale ({size:+.1e}). The published 0.016 mm has the same reason and is not the accuracy of the method.
+- **With positioning errors** the 0.16 mm of the paper refer to the touched points. At other positions our error is
+  {error:.3f} mm RMS over 100 recordings ({times:.1f} times smaller), {worst:.3f} mm in the worst recording; the table
+  contains the maxima. The height of the arm (d1) and its rotation about the vertical (theta1) are removed, because the
+  data do not determine them. Without this removal (first rows of each block) the error is about as large as in the
+  paper: 71 touches at one height do not determine the height.
+- **The pair objective shrinks the arm.** It decreases if all lengths decrease. Over 100 recordings its main lengths
+  are too small by {shrunk:.1e} (ours: {kept:+.1e}; scale of the nominal lengths: {size:+.1e}; paired Wilcoxon test
+  that theirs is smaller: p = {p:.0e}; ours has the scale of the nominal lengths by construction, for any noise). These
+  figures use the early stop that reproduces the figures of the paper. If the iteration continues until J decreases by
+  less than 0.001 mm², the arm shrinks to {gone:.0%} of its size. Excluding pairs whose distance exceeds the
+  positioning error does not help, since the objective itself is the reason.
 
-How far apart the orientations were is not in the paper; the J that it starts from (728) suggests little. It matters
-more than the method, and the 80 degrees of all figures above were chosen knowing this table:
+The range of orientations is not stated in the paper; its initial J (728) indicates a small range. The range has
+more influence than the method. The figures above use 80 degrees; this value was selected with knowledge of the
+following table:
 
 {sweep}
 
-With the tool within 25 degrees of straight down neither method gets below 0.16 mm: these touches do not hold more, and
-the pair objective shrinks whole arms in spite of its early stop.
+If the tool is tilted by at most 25 degrees, both methods have errors above 0.16 mm: these touches contain too little
+information, and the pair objective shrinks the arm despite the early stop.
 
-## What touches cannot tell, in the program's words
+## Parameters that are not identifiable
+
+Output of the program, computed from the null space of this recording:
 
 {words}
-
-These sentences come out of the null space of this recording, not out of a list.
 
 ## UR10e, three series of 21
 
@@ -68,17 +70,18 @@ Truth: the parameters that the paper identified. {ur_note}
 
 {ur10e}
 
-The two published figures do not go together: J is a sum of squares, so a fall by 39 makes distances fall by
-√39 = 6.2 on the whole, not by more than ten. The rows above go together: driving errors of a little over 0.26 mm would
-give the published fall of J, and 6.2; up to 0.16 mm, as the paper has elsewhere, distances fall by more than ten and J
-by more than a hundred. In every row J ends at what the driving errors leave.
+The two published figures are inconsistent: J is a sum of squares. If it decreases by a factor of 39, distances
+decrease by √39 = 6.2 and not by more than ten. The rows above are consistent. Positioning errors slightly above 0.26
+mm would result in the published decrease of J, and in 6.2; with up to 0.16 mm, the value that the paper states
+elsewhere, distances decrease by more than ten and J by more than a hundred. In every row the final J is that of the
+positioning errors.
 
-## Against a laser tracker (table 1, real)
+## Comparison with a laser tracker (table 1, real data)
 
 {registration}
 
-Centring and the best turn give the published figures to the last digit; ICP finds the same, since with points
-300 mm apart the nearest is always the right one.
+The least-squares rigid transform gives the published figures to the last digit. ICP gives the same result, since the
+nearest point is always the correct one if points are 300 mm apart.
 """
 
 
@@ -110,7 +113,7 @@ def page(many: np.ndarray) -> str:
 
 def _sweep() -> str:
     lines = [
-        "| tool tilts by up to | J at the start, mm² | ours, rms mm | their method, rms mm |",
+        "| tool tilts by up to | J at the start, mm² | ours, RMS, mm | their method, RMS, mm |",
         "|---|---|---|---|",
     ]
     return "\n".join(

@@ -7,15 +7,15 @@ import numpy as np
 
 from gallery_use import CHOSEN, DRAWS, EXPORTS, NOISE, POSES, TASKS, USE, rms
 
-_TEXT = """# Which poses to measure, and what a calibration is for
+_TEXT = """# Choosing measurement poses, and correcting a robot program
 
-*This page and its numbers are written by `python tools/gallery.py poses-and-compensation`. The arm is that of
-[Ye et al.](unified-kinematic-compliance.md), Sensors 2024, 24, 2559, by MuJoCo's statics with the 53 parameters that
-the paper prints; a tracker measures one reflector with {noise} mm a coordinate.*
+*`python tools/gallery.py poses-and-compensation` writes this page and its numbers. The arm is that of [Ye et
+al.](unified-kinematic-compliance.md), Sensors 2024, 24, 2559, simulated with MuJoCo statics and the 53 parameters of
+the paper. A tracker measures one reflector with a noise of {noise} mm per coordinate.*
 
 ## Before measuring
 
-300 poses that the arm can take. Which {chosen} of them are worth a tracker's time?
+The arm can take 300 poses. Which {chosen} of them should be measured?
 
 ```sh
 {poses}
@@ -26,36 +26,36 @@ the paper prints; a tracker measures one reflector with {noise} mm a coordinate.
 |---|---|
 {gains}
 
-D counts the volume of what stays uncertain, a parameter at a time: (det)^(1/F).
+D is the volume of the confidence ellipsoid per parameter: (det)^(1/F).
 
-### For the work of one cell
+### Poses for one task
 
-`--criterion task` makes the predicted error small at given poses: here those of a cell of some 100 mm. Candidates cost
-nothing, as they are only computed, so there may be thousands of them.
+`--criterion task` minimises the predicted error at given poses, here those of a cell of about 100 mm. Candidates are
+only computed, so that thousands of them are possible.
 
 ```sh
 {tasks}
 ```
 
-The first of these two choices says
+Output of the first of these two commands:
 
 ```
 {anywhere}
 ```
 
-and the second
+and of the second:
 
 ```
 {upright}
 ```
 
-The last row of each is a bound: the error is convex in the shares of time that candidates get, and the tangent plane at
-the best shares lies below every set of {chosen} (the equivalence theorem of optimal design). What is chosen is within
-{slack:.1f} % of it in every row below, so that no better search could save more than that.
+The last row of each is a lower bound. The error is a convex function of the measurement time of each candidate, and
+the tangent plane at the optimum is below every set of {chosen} (equivalence theorem of optimal design). In every row
+below the selected poses are within {slack:.1f} % of the bound, so that a better search could not gain more than this.
 
-Measured, with an arm whose lengths and angles alone are wrong: true error in the cell, and in a box of 190 by 400 by
-240 mm in its place (`cell` without `--cell`), mm RMS over {draws} draws of the noise and of the random sets, ± the
-standard error of that; in brackets what was predicted.
+The next table contains true errors of an arm with errors of lengths and angles only: in the cell, and in a box of 190
+x 400 x 240 mm at the same position (`cell` without `--cell`). They are RMS values in mm over {draws} draws of the
+noise and of the random sets, ± the standard error; predicted values are in brackets.
 
 | candidates | tasks | {chosen} for the tasks | {twice} at random | lower bound for any {chosen} | better in |
 |---|---|---|---|---|---|
@@ -63,14 +63,13 @@ standard error of that; in brackets what was predicted.
 
 ![Error in the cell by set of poses, and an arm before and after correction](poses-and-compensation.png)
 
-By what is predicted {chosen} chosen poses are better than {twice} random ones in {where}; measured,
-in {clearly} by more than two standard errors. The choice therefore replaces twice as many measurements
-if candidates differ in their information on the tasks: in position and orientation, and in large numbers.
-The wider the tasks, the less it saves. With the tool always upright the candidates are too similar, and
-no search would help: relative to {twice} at random, the bound is {short}.
-`--repeats` lets one pose be measured several times, which pays where candidates are few and the noise of each
-measurement is its own. A single draw may go either way, since the noise of one calibration is luck; what is predicted
-is the RMS over draws.
+According to the prediction, {chosen} selected poses are better than {twice} random ones in {where}; the measured
+difference exceeds two standard errors in {clearly} of them. The selection therefore replaces twice as many
+measurements if the candidates are numerous and differ in position and orientation. The benefit is smaller for a wider
+range of tasks. If the tool is always upright, the candidates are too similar, and no search would help: the ratio of
+the bound to {twice} random poses is {short}. `--repeats` permits repeated measurements of one pose. This is useful
+with few candidates and independent noise of each measurement. The result of a single recording can deviate in both
+directions, because of its noise; the prediction is the RMS over recordings.
 
 ## After measuring
 
@@ -79,35 +78,35 @@ is the RMS over draws.
 ```
 
 {corrected}
-`corrected.csv` holds the readings to send instead, how far each target is moved, the inverse-kinematics residual (a
-hundredth of a micrometre), and 1 sigma of the place that is left uncertain. A target that is out of reach, or whose
-correction is refused as implausible, gets no readings, and the exit status is then 1. Sent to 100 other targets, over
-{arms} arms calibrated on 200 samples each (RMS of the true error, mm):
+`corrected.csv` contains the readings to send, the correction of each target, the inverse-kinematics residual (0.01
+µm), and the standard uncertainty of the position. A target that is out of reach or whose correction is implausible has
+no readings, and the exit status is then 1. The following errors are those of 100 other targets, over {arms} arms that
+were calibrated with 200 samples each (RMS of the true error, mm):
 
 | before | after | after / held-out error | after / held-out error without noise | sigma, predicted |
 |---|---|---|---|---|
 | {before:.3f} | {after:.4f} | {ratio:.2f} × (at most {worst:.2f}) | {free:.2f} × | {sigma:.4f} |
 
-The held-out error holds the tracker's noise ({floor:.4f} mm), which the arm does not have. Without it, held-out and
-corrected error are the same thing measured twice.
+The held-out error contains the noise of the tracker ({floor:.4f} mm), which is not an error of the arm. Without this
+noise, held-out error and error after correction are equal.
 
-## For other programs
+## Export to other programs
 
 ```sh
 {exports}
 ```
 
-Each file is read back and compared before it is kept: poses to 1e-6 mm, coefficients to 1e-9. What a format cannot say
-is said instead:
+Each file is read back and compared with the model: poses to 1e-6 mm, coefficients to 1e-9. The command states what a
+format cannot contain:
 
 ```
 {left}
 ```
 
-A camera that is calibrated here always has a third radial term, which Kalibr's `radtan` lacks: it gets the nearest
-camera without one, and is refused where that is off by more than 0.1 px. Nothing is written from a calibration that did
-not converge, whose recording was in doubt, or that is no better than the nominal arm on unseen samples, unless
-`--force` is given.
+A camera of `workbench camera` always has a third radial coefficient, which Kalibr's `radtan` lacks. The export fits
+the nearest camera without it, and refuses if the difference exceeds 0.1 px. Without `--force`, a calibration is not
+exported if it did not converge, if its recording is implausible, or if it is not better than the nominal arm on
+held-out samples.
 """
 
 
@@ -209,10 +208,10 @@ def _predicted(text: str) -> str:
 def _first(answers) -> str:
     chosen = answers["chosen"]
     return (
-        f"It is {chosen['gain_over_random']:.2f} times better than the median of 200 random sets, and names what "
-        f"even it leaves open,\n{len(chosen['undetermined'])} directions here. Scenes do as well as recordings; "
-        "balls that the sensor cannot see (`--stand-off`,\n`--field`, `--cap`), limits and collisions are left "
-        "out.\n"
+        f"The selected poses are {chosen['gain_over_random']:.2f} times better than the median of 200 random sets. "
+        f"The command\nlists {len(chosen['undetermined'])} combinations of parameters that are not identifiable with "
+        "them. It accepts scenes as well as\nrecordings. It excludes poses beyond the joint limits, with collisions, "
+        "or in which the sensor does not see the ball\n(`--stand-off`, `--field`, `--cap`).\n"
     )
 
 
@@ -220,7 +219,7 @@ def _corrected(answer) -> str:
     moved = answer["correction_rms_mm"]
     return (
         f"{answer['reached']} of {answer['count']} targets are corrected, by {moved:.2f} mm RMS "
-        f"at the flange; 1 sigma there is {answer['sigma_rms_mm']:.3f} mm.\n"
+        f"at the flange, with a standard uncertainty of {answer['sigma_rms_mm']:.3f} mm.\n"
     )
 
 

@@ -147,7 +147,7 @@ def readings() -> list[tuple[int, str, dict[str, float]]]:
         (1, "as printed", left_over(first(400, 1, 0.0))),
         (
             1,
-            "views within 30° of the vertical, turned by up to 90°",
+            "views within 30° of the vertical, rotated by up to 90°",
             left_over(first(400, 1, 0.0, tilt_deg=30, roll_deg=90)),
         ),
         (

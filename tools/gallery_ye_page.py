@@ -17,18 +17,21 @@ from gallery_ye import (
     WIDE,
 )
 
-_TEXT = """# Scanner, kinematics, gears and compliance: from images to the tables of Ye 2024
+_TEXT = """# Scanner, kinematics, transmission errors and compliance (Ye 2024)
 
-*Ye, Jia, Wang, Chen & Xi, Sensors 2024, 24, 2559. This page and its numbers are written by
-`python tools/gallery.py unified`.*
+*Ye, Jia, Wang, Chen & Xi, Sensors 2024, 24, 2559. `python tools/gallery.py unified` writes this page and its numbers.*
+
+The paper calibrates a robot with a laser scanner. This page repeats its experiments with simulated images and
+recordings, and compares four models: kinematics (MDH), kinematics and transmission errors (NTM), kinematics and
+compliance (RFCM), and all of them.
 
 ## From images to ball centres
 
 The paper calibrates its scanner from images of a chessboard and then measures four ceramic balls in 50 scans each. No
-public images of its scanner exist, so they are rendered with its camera and mirror
-([docs/scenes/ye-scanner.toml](../scenes/ye-scanner.toml)), here with half of its pixels in each direction and 24 of its
-120 light planes. Every figure comes from the images alone. The page [rendered scanner](rendered-scanner.md) has the
-whole camera, 120 planes and six scans.
+images of its scanner are public. They are therefore rendered with its camera and mirror
+([docs/scenes/ye-scanner.toml](../scenes/ye-scanner.toml)), here with half of its pixels in each direction and 24 of
+its 120 light planes. Every figure is computed from the images. The page [rendered scanner](rendered-scanner.md) uses
+the complete camera, 120 planes and six scans.
 
 | | published | reached |
 |---|---|---|
@@ -39,30 +42,30 @@ whole camera, 120 planes and six scans.
 
 ![Ball centres of 200 scans and radius errors of their points](unified-scanner.png)
 
-Repeatability of a ball centre over 50 scans from 50 directions and places in the working volume, as the paper moves its
-arm between scans. *In space* is the root of the sum of squares over the axes. Errors are in the camera frame after one
-rigid alignment of the scanner, which a hand-eye calibration absorbs. The paper prints no standard deviation of the
+The next table states the repeatability of a ball centre over 50 scans from 50 directions and positions in the working
+volume. *In space* is the root of the sum of squares over the axes. Errors refer to the camera frame after one rigid
+alignment of the scanner, which a hand-eye calibration absorbs. The paper does not state the standard deviation of the
 centres; its Figure 10 shows the radius errors.
 
 {repeatability}
 
 ## The four models
 
-The paper compares four models of a robot with a scanner: kinematics alone (MDH), with waves of the gears of joints 1 to
-3 (NTM), with compliance under load and self-weight (RFCM), and with both (all, its own). Here they are
-plans that anybody can run: `ye-mdh`, `ye-ntm`, `ye-rfcm`, `ye-2024`. The recordings are MuJoCo's statics with the
-parameters of the paper's Tables 2 to 7 as the truth; the noise ({noise1} and {noise2} mm a coordinate) makes the
-residual that the paper prints for its whole model. The paper's 6998 check points are 6900 here: the maker's grid
-has 7000, of which 100 are fitted. Neither the box of its places nor its attitudes are in the paper: `tracker` keeps
-the least active joint at about 50°, as the paper says of its own; `tracker-wide` takes most of what the arm reaches.
+The models are available as plans: `ye-mdh` (MDH), `ye-ntm` (NTM, with transmission-error harmonics of joints 1 to 3),
+`ye-rfcm` (RFCM, with compliance under load and self-weight), and `ye-2024` (all, the model of the paper). The
+recordings are simulated by MuJoCo statics with the parameters of Tables 2 to 7 of the paper. The noise ({noise1} and
+{noise2} mm per coordinate) results in the residual that the paper states for its complete model. The paper uses 6998
+check points and this page 6900: the simulated grid has 7000 points, of which 100 are fitted. The paper states neither
+the measured volume nor the orientations. In `tracker` the least active joint moves by about 50°, as the paper states;
+`tracker-wide` uses most of the workspace.
 
 ```sh
 {commands}
 ```
 
-### Spread of the samples in joint space
+### Range of the samples in joint space
 
-Range of each joint's readings (standard deviation), deg, as in the paper's Figure 14.
+Range of each joint's readings (standard deviation in brackets), deg, as in Figure 14 of the paper.
 
 {spread}
 
@@ -78,83 +81,83 @@ Range of each joint's readings (standard deviation), deg, as in the paper's Figu
 
 ## Published and reached
 
-Held-out RMS, mm, and its ratio to MDH; *over {draws} draws* of the fitted poses and of the noise, the RMS over all.
-The noise floor is {floor1:.4f} and {floor2:.4f} mm; the wide box is counted as the second experiment.
+Held-out RMS in mm, and its ratio to MDH. *Over {draws} draws* is the RMS over {draws} draws of the fitted poses and of
+the noise. The noise floor is {floor1:.4f} and {floor2:.4f} mm; the wide box belongs to the second experiment.
 
 {table}
 
-Statistics of the 3-D errors in mm, as the paper's Tables 5 and 8 have them, of one draw; the `Std` column of `workbench
-compare` is the same:
+Statistics of the 3-D errors in mm of one draw, as in Tables 5 and 8 of the paper. The column `Std` of `workbench
+compare` has the same definition:
 
 {statistics}
 
-The panels of the paper's Figures 11 and 15 for the same draw, first experiment and second in the wide box:
+Panels of Figures 11 and 15 of the paper for the same draw, first experiment, and second experiment in the wide box:
 
 ![Errors of the first experiment by sample, distribution, direction and model](unified-errors.png)
 
 ![Errors of the second experiment, wide box](unified-errors-tracker.png)
 
-With the errors of the 200 rendered scans on the ball centres in place of the noise, the held-out RMS of the first
-experiment in mm is
-{scanned}.
-What is left is the model, not the scanner. The paper prints a residual of its whole model that is {share:.0f} times the
-RMS error of these ball centres. It therefore comes from other sources than those that are rendered, such as the
-repeatability of the arm, the speckle of its laser, or effects that its model does not hold.
+If the noise is replaced by the errors of the 200 rendered scans, the held-out RMS of the first experiment in mm is
+{scanned}. The remaining error is that of the model, not of the scanner. The paper states a residual of its complete
+model that is {share:.0f} times the RMS error of these ball centres. It therefore has other causes than those that are
+rendered, such as the repeatability of the arm, the speckle of the laser, or effects that the model does not contain.
 
-- **Order.** MDH > NTM, RFCM > all: {order1} in the first experiment; in the second {order2} in the narrow box and
-  {wide_order} in the wide one (with NTM fitted to what MDH left, as the paper's stage 2 does: {wide_way}). In the
-  narrow box the printed parameters make less than a hundredth of a millimetre, which is less than what it costs to
-  estimate them from 100 points; without noise the order is there too, as the table further down shows.
-- **Ratios.** With NTM in the paper's way the wide box has {wide_ratios} times MDH, where Table 8 has 0.943,
-  0.896 and 0.805: its parameters, taken as printed, make its residuals. Those of Table 5 come out nearly, under a
-  reading that needs larger compliances; see below.
-- **Of 53 parameters the data determine {identifiable}** (of 50 in the second experiment, which sees no
-  attitude). The program names the others by itself:
-  joint 1's compliance has no effect, k0 is theta again, d2 and d3 are one, s1 is the sine of joint 2 again.
-- **Our plan for so few poses**, `arm-torsion` (only what is determined, full torque of links and load, all joints; how
-  large effects of one kind are comes from the fitted samples, as of every stage that frees only what is determined), is
-  below "all" in {wins1} of {draws} draws of the first experiment ({ours1:.4f} against {all1:.4f} mm) and in {wins2} of
-  the second ({ours2:.4f} against {all2:.4f}). It is {above1:.0%} and {above2:.0%} above the noise floor, which is what
-  estimating 30 to 40 numbers from 100 points costs; the truth lies within its effects. In the wide box it is below
-  "all" in {wins3} of {draws} draws ({ours3:.4f} against {all3:.4f}), {above3:.0%} above the floor.
-- **The default plan** ({default1:.4f}, {default2:.4f}) leaves out a stage that does not lower the error by more than
-  luck in ten folds, and 100 poses are few for that: compliance is {gain1:.0%} of the error in the first
-  experiment, everything beyond geometry {gain2:.0%} in the second. With thousands of poses it pays, as below.
+- **Order of the models** (MDH > NTM, RFCM > all). First experiment: {order1}. Second experiment: {order2} in the
+  narrow box, {wide_order} in the wide box, and {wide_way} if NTM is fitted to the residual of MDH as in stage 2 of the
+  paper. In the narrow box the printed effects cause less than 0.01 mm, which is less than the uncertainty of their
+  estimates from 100 points. Without noise the order is reproduced there, too (table below).
+- **Ratios.** With NTM fitted as in the paper, the ratios to MDH in the wide box are {wide_ratios}; Table 8 has 0.943,
+  0.896 and 0.805. The printed parameters thus explain the published residuals. The ratios of Table 5 are nearly
+  reproduced with larger compliances (see below).
+- **Identifiable parameters.** The data determine {identifiable} of the 53 parameters (of 50 in the second experiment,
+  which measures no orientation). The program lists the others: joint 1's compliance has no effect, k0 is equivalent to
+  theta, d2 and d3 are confounded, and s1 is equivalent to the sine of joint 2.
+- **The plan `arm-torsion`** is our plan for few poses. It contains only identifiable parameters, the full torque of
+  links and load, and all joints; the sizes of effects of one kind share a prior that is estimated from the fitted
+  samples. Its error is below that of "all" in {wins1} of {draws} draws of the first experiment ({ours1:.4f} and
+  {all1:.4f} mm) and in {wins2} of the second ({ours2:.4f} and {all2:.4f}). It is {above1:.0%} and {above2:.0%} above
+  the noise floor, as expected for 30 to 40 parameters and 100 points; the true effects are part of its model. In the
+  wide box it is below "all" in {wins3} of {draws} draws ({ours3:.4f} and {all3:.4f}), and {above3:.0%} above the
+  floor.
+- **The default plan** ({default1:.4f}, {default2:.4f}) omits a stage that does not reduce the held-out error
+  significantly in ten folds. 100 poses are few for this test: compliance is {gain1:.0%} of the error in the first
+  experiment, and all effects beyond geometry are {gain2:.0%} in the second. With thousands of poses these stages are
+  retained, as below.
 
-## What the printed parameters make
+## Size of the printed effects
 
-Without noise, fitted to many poses: RMS in mm that each model leaves of the printed parameters. *NTM after MDH* has
-the kinematics held while the waves are fitted to what they left, as the paper's stage 2 does (eq. 29). *RFCM, load
-alone* leaves the links' own weight out: what the RFCM that the paper compares itself with holds, it does not say.
-*Published*: difference to the complete model in its tables, √(RMS² − RMS of all²).
+RMS residual of each model in mm, without noise and fitted to many poses. For *NTM after MDH* the kinematics are fixed
+while the harmonics are fitted to the residual, as in stage 2 of the paper (eq. 29). *RFCM, load alone* omits the
+weight of the links; the paper does not state whether its RFCM contains it. *Published* is the difference to the
+complete model in the tables of the paper, √(RMS² − RMS of all²).
 
 {readings}
 
-In the second experiment it is the box that decides: where the joints turn far, the kinematics can no longer take over
-the waves and the torsion. Over most of the arm's reach, with the tool within 4° of upright and turned about the
-vertical, the printed parameters leave MDH, NTM after MDH and RFCM within {wide_close:.0%} of what is published. The one
-thing that does not fit is the paper's word that its least active joint moved over about 50°: here it is 120°. In a box
-with 50° they make a third of what is published, and compliances six times as large would be needed.
+In the second experiment the result depends on the box: with large joint ranges the kinematics can no longer absorb the
+harmonics and the compliance. Over most of the workspace, with the tool within 4° of upright and rotated about the
+vertical, the residuals of MDH, NTM after MDH and RFCM are within {wide_close:.0%} of the published ones. One
+difference remains: according to the paper its least active joint moved by about 50°; here it is 120°. In a box with
+50° the printed parameters cause a third of the published residuals, which would need compliances six times as large.
 
-In the first experiment the printed parameters make too much where the poses are spread as wide as the sensor's
-work allows, and the paper shows its poses in a figure only. With views that stay nearer the vertical, compliances
-five times the printed ones, and NTM fitted in the paper's way, its figures come out nearly. No unit gives a factor of
-five: lambda per millimetre of lever instead of a metre, or levers s1, s2 in metres, would be a thousand,
-{rad:.1f} rad at joint 5; perhaps another set of views does without. Elsewhere on this page the tables are taken as
-printed, with levers in metres and s1, s2 in millimetres.
+In the first experiment the printed parameters cause larger residuals than published, if the poses cover the complete
+range of the sensor; the paper shows its poses in a figure only. With views closer to the vertical, compliances five
+times the printed ones, and NTM fitted as in the paper, the published figures are nearly reproduced. No unit explains a
+factor of five: lambda per millimetre of lever instead of per metre, or levers s1, s2 in metres, would be a factor of a
+thousand and {rad:.1f} rad at joint 5. Another set of views may explain it. Elsewhere on this page the tables are used
+as printed, with levers in metres and s1, s2 in millimetres.
 
-Under that reading of the first experiment, and in the wide box of the second, with the same noise, over {draws} draws
-of 100 fitted poses:
+With this interpretation of the first experiment, and in the wide box of the second, with the same noise, over {draws}
+draws of 100 fitted poses:
 
 {read_draws}
 
-With all four models fitted at once the order MDH > NTM, RFCM > all is then {read_order1} in the first experiment and
-{wide_order} in the second; with NTM after MDH it is {way_orders}.
+If all four models are fitted jointly, the order MDH > NTM, RFCM > all is then {read_order1} in the first experiment
+and {wide_order} in the second. With NTM after MDH it is {way_orders}.
 
 The paper counts 39 parameters of RFCM; 30 and its six compliances and two self-weights are 38.
 
-Eq. 25 prints a plus at joint 3. With it the whole model leaves {plus:.4f} mm of MuJoCo's statics, with a minus
-{minus:.5f}: the sign is an error of print, and far too small to explain the ratios.
+Equation 25 has a plus sign at joint 3. With it the residual of the complete model to MuJoCo's statics is {plus:.4f}
+mm, with a minus sign {minus:.5f} mm. The sign is a misprint, and its effect is too small to explain the ratios.
 
 {real}"""
 
@@ -324,7 +327,7 @@ def _table(k, answer, root, title) -> str:
 def _readings(rows) -> str:
     columns = ("MDH", "NTM", AFTER, "RFCM", LOAD, "all")
     lines = [
-        "| experiment | reading | " + " | ".join(columns) + " |",
+        "| experiment | interpretation | " + " | ".join(columns) + " |",
         "|---|---|" + "---|" * len(columns),
     ]
     for k in (1, 2):

@@ -89,5 +89,5 @@ def _show(console, result) -> None:
         tables.grid(console, title, head, rows)
         title = "Orientation"
     for row in result["plans"]:
-        if row["p"] is None and row["test"].startswith("not printed"):
+        if row["p"] is None and row["test"].startswith("not computed"):
             console.print(f"p of {row['plan']} {row['test']}", markup=False)

@@ -19,10 +19,10 @@ from workbench.machine.progress import counted
 DEFAULT = "default"
 _BLOCKS, _LEAST_BLOCKS = 10, 5
 _EQUAL = 1e-6  # of the squared error: a hundredth of what a converged fit leaves open
-CHOSEN = "not printed: a plan chose its stages on these very folds; name --test-samples (in Python test_samples)"
+CHOSEN = "not computed: a plan selected its stages on these folds; name --test-samples (in Python test_samples)"
 SAME_FIRST = "the plan that the others are compared with"
-FEW = f"not printed: fewer than {_LEAST_BLOCKS} folds or blocks of test poses"
-SAME = "not printed: both predict the same"
+FEW = f"not computed: fewer than {_LEAST_BLOCKS} folds or blocks of test poses"
+SAME = "not computed: both predict the same"
 
 
 @dataclass(frozen=True)
