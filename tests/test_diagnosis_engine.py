@@ -218,6 +218,32 @@ def test_keeping_an_effect_is_the_same_as_solving_with_it():
     assert there.conditional_on().rank == plain.rank + 1
 
 
+def test_moments_conditional_on_most_effects_are_those_of_their_columns():
+    """With a third effect that is a copy of the second, so that leaving it out changes nothing."""
+    effects = [
+        CATALOGUE["zero-shift"]("joint-4", after=1510.0),
+        CATALOGUE["transmission-harmonic"]("joint-2", order=2.0),
+        CATALOGUE["joint-compliance"]("joint-3"),
+    ]
+    problem = bench_of(recorded(10, effects, [1e-3, 8e-4, -4e-4, 2e-5])).problem(effects)
+    problem = replace(
+        problem,
+        added=(*problem.added, problem.added[1]),
+        values=(*problem.values, 0 * problem.values[1]),
+        precisions=(),
+        effects=(*problem.effects, problem.effects[1]),
+    )
+    columns = np.stack([c.columns * c.typical for c in problem.candidates if len(c.typical) == 1])
+    for kept in [(0, 1, 2, 3), (0, 1, 2), (0, 1, 3), (1, 2, 3), (1,), ()]:
+        conditional = problem.conditional_on(kept)
+        moments = Projected(conditional).column_moments(columns, ("tested",))
+        remaining = conditional.orthogonalise(columns[:, :, 0].T)
+        expected = (remaining**2).sum(0)
+        assert moments.gram[:, 0, 0] == pytest.approx(expected, rel=1e-6, abs=1e-6)
+        expected = remaining.T @ conditional.orthogonalise(conditional.residual)
+        assert moments.score[:, 0] == pytest.approx(expected, rel=1e-6, abs=1e-5)
+
+
 def worn(angle):
     """A bump of a gear's error, a twelfth of its way wide."""
     return np.exp(-(((angle - 0.4) / 0.22) ** 2))

@@ -16,7 +16,7 @@ from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.findings import with_special_cases
 from workbench.diagnosis.search.most_probable_set import _limit_variants
-from workbench.diagnosis.search.objective import LogPosterior
+from workbench.diagnosis.search.objective import ConditionalSolution, LogPosterior
 from workbench.diagnosis.search.options import accept_refined
 from workbench.diagnosis.search.posterior import Window
 from workbench.diagnosis.search.select import found_terms
@@ -54,6 +54,21 @@ def elastic_arm():
         h for h in ranked_hypotheses(problem) if h.effect.endswith("-compliance") and not h.label
     ]
     return LogPosterior.of(problem, deflects)
+
+
+def test_a_set_solved_in_two_parts_is_the_set_solved_at_once(objective):
+    columns = objective.index(tuple(range(8)))
+    at_once = ConditionalSolution(objective.table, columns)
+    first = ConditionalSolution(objective.table, columns[:5])
+    parts = ConditionalSolution(objective.table, columns[5:], first)
+    assert parts.log_determinant == pytest.approx(at_once.log_determinant, rel=1e-9)
+    assert parts.gain == pytest.approx(at_once.gain, rel=1e-9)
+    np.testing.assert_allclose(parts.scores, at_once.scores, rtol=1e-6, atol=1e-6)
+    for block, expected in zip(parts.blocks, at_once.blocks):
+        np.testing.assert_allclose(block, expected, rtol=1e-6, atol=1e-6)
+    value, spread = at_once.coefficients(3, columns[5:])
+    np.testing.assert_allclose(parts.coefficients(3, columns[5:])[0], value, rtol=1e-6)
+    np.testing.assert_allclose(parts.coefficients(3, columns[5:])[1], spread, rtol=1e-6)
 
 
 def log_marginal(objective, members) -> float:

@@ -108,20 +108,37 @@ class Projected:
                 self._columns(), columns
             )
 
-        cache = {} if name is None else self.cache
-        gram, largest = cached(cache, (name, "gram"), first)
-        return self._complement(gram, largest, *cached(cache, (name, "added"), coupling))
+        return self._conditional({} if name is None else self.cache, (name,), first, coupling)
 
-    def _complement(self, gram, largest, score, cross) -> Moments:
-        """Moments conditional on the kept effects; gram (C, P, P), score (C, P), cross (C, P, A) on the baseline."""
-        if self.retained is None:
+    def _conditional(self, cache: dict, name: tuple, first, coupling) -> Moments:
+        """Moments conditional on the retained effects, of columns that `cache` knows by `name`.
+
+        first() gives gram (C, P, P) on the baseline and `raw` (C,), coupling() score (C, P) and cross (C, P, A) there.
+        Where most effects are retained, moments conditional on all effects are made once and corrected for the few
+        directions that are not: these are a small part of all.
+        """
+        gram, largest = cached(cache, (*name, "gram"), first)
+        score, cross = cached(cache, (*name, "added"), coupling)
+        retained = self.retained
+        if retained is None or not retained.mixing.shape[1]:
             return Moments(gram, score, largest)
-        projections = _product(cross, self.retained.mixing)
-        return Moments(
-            _without_projections(gram, projections),
-            score - projections @ self.retained.score,
-            largest,
-        )
+        if 2 * retained.mixing.shape[1] < retained.added.whole.mixing.shape[1]:
+            projections = _product(cross, retained.mixing)
+            remaining = _without_projections(gram, projections)
+            return Moments(remaining, score - projections @ retained.score, largest)
+
+        def given_all():
+            whole = retained.added.whole
+            projections = _product(cross, whole.mixing)
+            return _without_projections(gram, projections), score - projections @ whole.score
+
+        remaining, remaining_score = cached(cache, (*name, "whole"), given_all)
+        if retained.omitted.shape[1]:
+            projections = _product(cross, retained.omitted)
+            omitted_score = retained.omitted.T @ retained.added.score
+            remaining = remaining + projections @ projections.swapaxes(1, 2)
+            remaining_score = remaining_score + projections @ omitted_score
+        return Moments(remaining, remaining_score, largest)
 
     def _y(self) -> np.ndarray:
         """(N,) the residual, orthogonal to the baseline alone."""
@@ -255,10 +272,9 @@ class SampleSums:
             score = linear(self.score).swapaxes(1, 2).reshape(count, -1)
             return score * typical, made(self.added)
 
-        cache = self.projected.cache
-        gram, largest = cached(cache, (self.name, option, "gram"), first)
-        more = cached(cache, (self.name, option, "added"), coupling)
-        return self.projected._complement(gram, largest, *more)
+        return self.projected._conditional(
+            self.projected.cache, (self.name, option), first, coupling
+        )
 
     def function_moments(self, name: tuple, waves: np.ndarray, typical: np.ndarray) -> Moments:
         """Moments of V functions (V, E n) on every component, as one hypothesis a group; waves (C, V, E n).

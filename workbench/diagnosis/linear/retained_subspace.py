@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg.lapack import dpstrf, dtrtri
 
-from workbench.core.least_squares.linear_algebra import check_finite
+from workbench.core.least_squares.linear_algebra import check_finite, thin_svd
 from workbench.diagnosis.levels import ROUNDING
 
 
@@ -46,6 +46,11 @@ class AddedEffects:
         precisions = problem.precisions or tuple(np.zeros(part.shape[1]) for part in problem.added)
         precision = np.concatenate(precisions) / np.maximum((raw_length * length) ** 2, 1e-200)
         return cls(orthogonal, start, orthogonal.T @ orthogonal, y, orthogonal.T @ y, precision)
+
+    @cached_property
+    def whole(self) -> "RetainedSubspace":
+        """Column space of all effects."""
+        return self.subspace(range(len(self.start) - 1))
 
     def subspace(self, effects: Sequence[int]) -> "RetainedSubspace":
         """Column space of some of the effects, which are given by their indices."""
@@ -103,6 +108,19 @@ class RetainedSubspace:
         mixing = np.zeros((len(self.added.score), orthonormal.shape[1]))
         mixing[self.column_numbers] = scale[:, None] * orthonormal
         return mixing
+
+    @cached_property
+    def omitted(self) -> np.ndarray:
+        """(A, R) mixing of the directions that the column space of all effects has beyond this one."""
+        whole = self.added.whole.mixing
+        count = whole.shape[1] - self.mixing.shape[1]
+        if not count:
+            return np.zeros((len(whole), 0))
+        within = (whole.T @ self.added.gram) @ self.mixing  # orthonormal, as the two bases are
+        numbers = np.setdiff1d(np.arange(len(whole)), self.column_numbers)
+        others = whole.T @ self.added.gram[:, numbers]
+        others -= within @ (within.T @ others)
+        return whole @ thin_svd(others)[0][:, :count]
 
     @property
     def y(self) -> np.ndarray:

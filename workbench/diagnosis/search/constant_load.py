@@ -137,11 +137,7 @@ class _Laws:
         """Of what is accepted and all elastic laws, at the present solution; None where nothing deflects."""
         problem = search.problem.conditional_on(())
         table = [h for h in search.full_table(()) if _deflects(h)]
-        others = [
-            search.conditional_hypothesis(i)
-            for i in search.accepted_indices
-            if not _is_elastic(search.accepted[i])
-        ]
+        others = [h for h in search.current_terms() if not _is_elastic(h)]
         terms = (*(h for h in others if not h.needs_compliance), *table)
         if not table:
             return None

@@ -34,6 +34,8 @@ from workbench.diagnosis.search.prior import MassUncertainty, Priors, elastic_pr
 Members = tuple[int, ...]
 _SMALL = 8
 """Columns up to which what a group of terms costs is the call and not the numbers."""
+_KEPT = 16
+"""Solved sets of large terms that an objective keeps: each is some megabytes."""
 
 
 @dataclass(frozen=True)
@@ -66,66 +68,93 @@ class ConditionalSolution:
     """A set of columns `columns` (h,) of a table, solved once: moments conditional on it, by Schur complements.
 
     With A = G_ss + s^-2 I the set's own inner products for disturbances of size s, what is left of the others' is
-    G_cc - G_cs A^-1 G_sc. One eigenvalue decomposition of G_ss serves all sizes.
+    G_cc - G_cs A^-1 G_sc. One eigenvalue decomposition of G_ss serves all sizes. Where the set contains another one
+    that is solved already, `given`, the rest is solved conditional on that: for each size, but with few columns.
     """
 
-    def __init__(self, table: Table, columns: np.ndarray):
-        self.table = table
-        values, self._vectors = symmetric_eigen(table.gram[np.ix_(columns, columns)])
+    def __init__(
+        self, table: Table, columns: np.ndarray, given: "ConditionalSolution | None" = None
+    ):
+        """columns (h,): those of the set that `given` does not hold."""
+        self.table, self.given, self._columns = table, given, columns
+        if given is None:
+            inner, score = table.gram[np.ix_(columns, columns)][None], table.score[columns][None]
+        else:
+            inner, score = given.remaining(columns, columns), given.scores[:, columns]
+        values, self._vectors = symmetric_eigen(inner)  # (1 or S, h), (1 or S, h, h)
         # (S, h): of A^-1, along the vectors
         self._inverse_eigenvalues = 1 / (np.maximum(values, 0.0) + table.shrink[:, None])
-        self._columns = columns
-        self._score = self._vectors.T @ table.score[columns]
+        self._score = np.einsum("skh,sk->sh", self._vectors, score)
         self._solution = self._inverse_eigenvalues * self._score
 
     @cached_property
     def _projected_gram(self) -> np.ndarray:
-        """(h, T) of the set's inner products with all columns, along the vectors."""
-        return self._vectors.T @ self.table.gram[self._columns]
+        """(1 or S, h, T) of the set's inner products with all columns, along the vectors."""
+        if self.given is None:
+            rows = self.table.gram[self._columns]
+        else:
+            rows = self.given.remaining(self._columns, slice(None))
+        return self._vectors.swapaxes(1, 2) @ rows
+
+    def remaining(self, rows: np.ndarray, columns: np.ndarray | slice) -> np.ndarray:
+        """(S, k, c) what is left of the inner products of some columns of the table, `rows` (k,), with others (c,)."""
+        if self.given is None:
+            inner = self.table.gram[rows][:, columns]
+        else:
+            inner = self.given.remaining(rows, columns)
+        weighted = self._projected_gram[..., rows] * self._inverse_eigenvalues[..., None]
+        return inner - weighted.swapaxes(1, 2) @ self._projected_gram[..., columns]
 
     @cached_property
     def scores(self) -> np.ndarray:
         """(S, T) the scores conditional on the set."""
-        return self.table.score - self._solution @ self._projected_gram
+        score = self.table.score if self.given is None else self.given.scores
+        return score - (self._solution[:, None] @ self._projected_gram)[:, 0]
 
     @property
     def blocks(self) -> tuple[np.ndarray, ...]:
         """(S, C, w, w) of each group what is left of their inner products."""
-        return tuple(map(self._complement, self.table.columns, self.table.blocks))
+        blocks = self.table.blocks if self.given is None else self.given.blocks
+        return tuple(map(self._complement, self.table.columns, blocks))
 
     @cached_property
     def log_determinant(self) -> np.ndarray:
         """(S,) log determinant of the set."""
-        return -np.log(self._inverse_eigenvalues).sum(1) - len(self._score) * np.log(
-            self.table.shrink
-        )
+        own = -np.log(self._inverse_eigenvalues).sum(1)
+        own -= len(self._columns) * np.log(self.table.shrink)
+        return own if self.given is None else self.given.log_determinant + own
 
     @cached_property
     def gain(self) -> np.ndarray:
         """(S,) gain of the set."""
-        return self._solution @ self._score
+        own = (self._solution * self._score).sum(1)
+        return own if self.given is None else self.given.gain + own
 
-    def coefficients(self, size: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values (k,) of some columns and their standard errors (k,) in sigmas, for one of the sizes.
+    def coefficients(self, size: int, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values (k,) of some columns (k,) and their standard errors (k,) in sigmas, for one of the sizes.
 
-        rows (k,): places among the columns of the set.
+        columns: in ascending order, of the set and not of `given`.
         """
-        within, vectors = self._inverse_eigenvalues[size], self._vectors[rows]
+        order = np.argsort(self._columns)
+        rows = order[np.searchsorted(self._columns[order], columns)]
+        within = self._inverse_eigenvalues[size]
+        vectors = self._vectors[size if len(self._vectors) > 1 else 0][rows]
         return vectors @ self._solution[size], np.sqrt((vectors**2 * within).sum(1))
 
     def _complement(self, columns, blocks) -> np.ndarray:
         """(S, C, w, w)."""
-        if not len(self._score):
-            return np.broadcast_to(blocks, (len(self._inverse_eigenvalues), *blocks.shape))
-        cross = self._projected_gram.T[columns]  # (C, w, h)
-        return blocks - (cross * self._inverse_eigenvalues[:, None, None]) @ cross.swapaxes(1, 2)
+        if not len(self._columns):
+            return np.broadcast_to(blocks, (len(self.table.shrink), *blocks.shape[-3:]))
+        cross = np.moveaxis(self._projected_gram, 1, 2)[:, columns]  # (1 or S, C, w, h)
+        return blocks - (cross * self._inverse_eigenvalues[:, None, None]) @ cross.swapaxes(2, 3)
 
 
 @dataclass(frozen=True)
 class LogPosterior:
     """Log posterior of sets of K terms with T columns: `gram` (T, T), `score` (T,), `start` (K + 1,) of each term.
 
-    `yy`, `degrees`: squared length of y and the coordinates that it is worth; `seen`: sets that were weighed.
+    `yy`, `degrees`: squared length of y and the coordinates that it is worth; `seen`: sets that were weighed; `large`:
+    sets of large terms that were solved.
     `is_rigid`: whether the baseline holds no compliance, so that loads act through those of a set alone.
     """
 
@@ -139,6 +168,7 @@ class LogPosterior:
     is_rigid: bool = False
     seen: dict[frozenset, float] = field(default_factory=dict)
     joined: dict[frozenset, np.ndarray] = field(default_factory=dict)
+    large: dict[frozenset, ConditionalSolution] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -212,6 +242,11 @@ class LogPosterior:
         return np.array([bool(h.smooth_covariates) for h in self.terms])
 
     @cached_property
+    def is_large(self) -> np.ndarray:
+        """(K,) bool: terms of many columns, whose coefficients may have any sign."""
+        return (np.diff(self.start) > _SMALL) & (self.priors.positive == 0)
+
+    @cached_property
     def groups(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Numbers (C,) of terms with about as many columns, and those columns (C, w); few groups are quicker.
 
@@ -268,25 +303,30 @@ class LogPosterior:
 
     def _signs(self, members: Members, solved: ConditionalSolution) -> float:
         """Log probability, times 2 for each, that what cannot be negative is not; the coefficients one by one."""
-        widths = np.diff(self.start)[list(members)] if members else np.zeros(0, int)
-        first = np.concatenate([np.zeros(0, int), *(np.arange(w) for w in widths)])
-        cannot = first < np.repeat(self.priors.positive[list(members)], widths)
-        if not cannot.any():
+        cannot = self._cannot_be_negative(members)
+        if not len(cannot):
             return 0.0
         best = int(np.argmax(log_evidence_by_size(solved.log_determinant, solved.gain, self)))
-        value, spread = solved.coefficients(best, np.flatnonzero(cannot))
+        value, spread = solved.coefficients(best, cannot)
         variance = max(self.yy - solved.gain[best], 1e-300) / max(self.degrees, 1.0)
         # the residual is predicted minus measured: what is missing has the opposite sign
         z = -value / np.maximum(spread * np.sqrt(variance), 1e-300)
         return float((np.log(2) + log_ndtr(z)).sum())
 
+    def _cannot_be_negative(self, members: Members) -> np.ndarray:
+        """Columns of a set whose coefficients cannot be negative, in ascending order."""
+        first = [
+            self.start[i] + np.arange(self.priors.positive[i])
+            for i in sorted(members)
+            if self.priors.positive[i]
+        ]
+        return np.concatenate([np.zeros(0, int), *first])
+
     def coefficient(self, members: Members, number: int) -> float:
-        """Likeliest value of the first coefficient of a member of a set, in its prior size."""
+        """Likeliest value of the first coefficient of a member of a set that cannot be negative, in its prior size."""
         solved = self._solved(members)
         best = int(np.argmax(log_evidence_by_size(solved.log_determinant, solved.gain, self)))
-        widths = np.diff(self.start)[list(members)]
-        place = np.array([widths[: members.index(number)].sum()], int)
-        return float(solved.coefficients(best, place)[0][0])
+        return float(solved.coefficients(best, self.start[number : number + 1])[0][0])
 
     def most_probable_extension(self, base: Members, allowed: np.ndarray) -> tuple[float, Members]:
         """The likeliest set with one more of the terms allowed (K,) bool; the set itself where none has room."""
@@ -328,7 +368,17 @@ class LogPosterior:
         return self.joined[key]
 
     def _solved(self, members: Members) -> ConditionalSolution:
-        return ConditionalSolution(self.table, self.index(members))
+        """A set, solved conditional on its large terms, which most other sets share."""
+        large = frozenset(i for i in members if self.is_large[i])
+        if not large:
+            return ConditionalSolution(self.table, self.index(members))
+        if large not in self.large:
+            if len(self.large) >= _KEPT:
+                del self.large[next(iter(self.large))]
+            self.large[large] = ConditionalSolution(self.table, self.index(tuple(sorted(large))))
+        rest = tuple(i for i in members if i not in large)
+        solved = self.large[large]
+        return ConditionalSolution(self.table, self.index(rest), solved) if rest else solved
 
     def _evidence_with(
         self, solved: ConditionalSolution, columns: np.ndarray, blocks: np.ndarray

@@ -295,7 +295,7 @@ def is_law_of_function(function: Hypothesis, law: Hypothesis) -> bool:
 
 def _raises_posterior(search, i: int, other: Hypothesis) -> bool:
     """Whether the accepted set, with signs and priors, is clearly likelier with another term in the place of one."""
-    accepted = [search.conditional_hypothesis(k) for k in search.accepted_indices]
+    accepted = search.current_terms()
     objective = LogPosterior.of(
         search.problem.conditional_on(()),
         [*accepted, other],
@@ -345,7 +345,7 @@ def _elastic_window(search) -> Window | None:
     elastic = [i for i in search.accepted_indices if is_elastic(search.accepted[i])]
     if not elastic:
         return None
-    accepted = [search.conditional_hypothesis(i) for i in search.accepted_indices]
+    accepted = search.current_terms()
     others = tuple(i for i in search.accepted_indices if i not in elastic)
     plain: dict[Key, object] = {}
     for h in search.table(others):

@@ -146,6 +146,10 @@ class Search:
         """Numbers of all accepted but one."""
         return tuple(j for j in self.accepted_indices if j != i)
 
+    def current_terms(self) -> list[Hypothesis]:
+        """The accepted hypotheses with their columns at the present solution, as rows of a table have them."""
+        return [h.at(self.problem) or h for h in self.accepted]
+
     def conditional_hypothesis(self, i: int, table: list[Hypothesis] | None = None) -> Hypothesis:
         """An accepted hypothesis as a table judges it; by default the one conditional on the others."""
         table, name = table or self.table(self.other_indices(i)), name_of(self.accepted[i])
