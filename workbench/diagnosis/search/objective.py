@@ -48,20 +48,11 @@ class Accepted:
 
 @dataclass(frozen=True)
 class Table:
-    """Inner products `gram` (T, T) and `score` (T,) of all columns, `shrink` (S,) the inverse squares of the sizes.
-
-    `columns`: of each group of hypotheses with equally many, their column numbers (C, w).
-    """
+    """Inner products `gram` (T, T) and `score` (T,) of all columns, `shrink` (S,) the inverse squares of the sizes."""
 
     gram: np.ndarray
     score: np.ndarray
     shrink: np.ndarray
-    columns: tuple[np.ndarray, ...]
-
-    @cached_property
-    def blocks(self) -> tuple[np.ndarray, ...]:
-        """(C, w, w) of each group: the inner products of each hypothesis."""
-        return tuple(self.gram[c[:, :, None], c[:, None, :]] for c in self.columns)
 
 
 class ConditionalSolution:
@@ -111,12 +102,6 @@ class ConditionalSolution:
         score = self.table.score if self.given is None else self.given.scores
         return score - (self._solution[:, None] @ self._projected_gram)[:, 0]
 
-    @property
-    def blocks(self) -> tuple[np.ndarray, ...]:
-        """(S, C, w, w) of each group what is left of their inner products."""
-        blocks = self.table.blocks if self.given is None else self.given.blocks
-        return tuple(map(self._complement, self.table.columns, blocks))
-
     @cached_property
     def log_determinant(self) -> np.ndarray:
         """(S,) log determinant of the set."""
@@ -141,12 +126,17 @@ class ConditionalSolution:
         vectors = self._vectors[size if len(self._vectors) > 1 else 0][rows]
         return vectors @ self._solution[size], np.sqrt((vectors**2 * within).sum(1))
 
-    def _complement(self, columns, blocks) -> np.ndarray:
-        """(S, C, w, w)."""
+    def blocks(self, columns: np.ndarray) -> np.ndarray:
+        """(S, C, w, w) what is left of the inner products of C terms with columns (C, w)."""
+        if self.given is None:
+            inner = self.table.gram[columns[:, :, None], columns[:, None, :]]
+            inner = np.broadcast_to(inner, (len(self.table.shrink), *inner.shape))
+        else:
+            inner = self.given.blocks(columns)
         if not len(self._columns):
-            return np.broadcast_to(blocks, (len(self.table.shrink), *blocks.shape[-3:]))
+            return inner
         cross = np.moveaxis(self._projected_gram, 1, 2)[:, columns]  # (1 or S, C, w, h)
-        return blocks - (cross * self._inverse_eigenvalues[:, None, None]) @ cross.swapaxes(2, 3)
+        return inner - (cross * self._inverse_eigenvalues[:, None, None]) @ cross.swapaxes(2, 3)
 
 
 @dataclass(frozen=True)
@@ -167,7 +157,7 @@ class LogPosterior:
     priors: Priors
     is_rigid: bool = False
     seen: dict[frozenset, float] = field(default_factory=dict)
-    joined: dict[frozenset, np.ndarray] = field(default_factory=dict)
+    joined: dict[tuple, np.ndarray] = field(default_factory=dict)
     large: dict[frozenset, ConditionalSolution] = field(default_factory=dict)
 
     @classmethod
@@ -267,9 +257,8 @@ class LogPosterior:
 
     @cached_property
     def table(self) -> Table:
-        """The inner products by groups of terms with equally many columns."""
-        columns = tuple(columns for _, columns in self.groups)
-        return Table(np.pad(self.gram, (0, 1)), np.pad(self.score, (0, 1)), 1 / SIZES**2, columns)
+        """The inner products, and zeros for a further column."""
+        return Table(np.pad(self.gram, (0, 1)), np.pad(self.score, (0, 1)), 1 / SIZES**2)
 
     def index(self, members: Members) -> np.ndarray:
         """Columns of a set."""
@@ -332,7 +321,7 @@ class LogPosterior:
         """The likeliest set with one more of the terms allowed (K,) bool; the set itself where none has room."""
         free = allowed & (self.compatible_pairs[list(base)].all(0) if base else True)
         free &= self._carries_loads(base)
-        weights = np.where(free, self._with_each(base), -np.inf)
+        weights = self._with_each(base, free)
         signs = int(self.priors.positive[list(base)].sum())
         most = np.log(2) * (signs + self.priors.positive)  # that signs add
         top = (-np.inf, base)
@@ -356,14 +345,16 @@ class LogPosterior:
         kinds = [(h.needs_compliance, h.carries_load) for h in self.terms]
         return np.array(kinds, bool).reshape(-1, 2).T
 
-    def _with_each(self, base: Members) -> np.ndarray:
-        """(K,) log posterior, but for signs, of a set with each other term, by Schur complements."""
-        key = frozenset(base)
+    def _with_each(self, base: Members, free: np.ndarray) -> np.ndarray:
+        """(K,) log posterior, but for signs, of a set with each term that is free (K,) bool; of others -inf."""
+        key = frozenset(base), free.tobytes()
         if key not in self.joined:
             weights = np.full(len(self.terms), -np.inf)
             solved = self._solved(base)
-            for (rows, columns), blocks in zip(self.groups, solved.blocks):
-                weights[rows] = self._evidence_with(solved, columns, blocks)
+            for rows, columns in self.groups:
+                chosen = free[rows]
+                if chosen.any():
+                    weights[rows[chosen]] = self._evidence_with(solved, columns[chosen])
             self.joined[key] = weights + self.priors.of(base) + self.priors.conditional(base)
         return self.joined[key]
 
@@ -380,13 +371,12 @@ class LogPosterior:
         solved = self.large[large]
         return ConditionalSolution(self.table, self.index(rest), solved) if rest else solved
 
-    def _evidence_with(
-        self, solved: ConditionalSolution, columns: np.ndarray, blocks: np.ndarray
-    ) -> np.ndarray:
-        """(C,) log evidence of a set with each of C terms with columns (C, w), blocks (S, C, w, w).
+    def _evidence_with(self, solved: ConditionalSolution, columns: np.ndarray) -> np.ndarray:
+        """(C,) log evidence of a set with each of C terms with columns (C, w).
 
         One Cholesky factor of each, the score as its last row, gives both determinant and gain.
         """
+        blocks = solved.blocks(columns)
         shrink, width = self.table.shrink, columns.shape[1]
         both = np.zeros((*blocks.shape[:2], width + 1, width + 1))
         both[..., :-1, :-1] = blocks
