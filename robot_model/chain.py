@@ -217,8 +217,8 @@ class _Walk:
             ]
         self.keep_link(len(self.z) + 1, self.origin)
         lines = (self.z, self.x, self.y), (self.z_origin, self.x_origin)
-        kept = self.link, self.pivot, self.origins, self.tip
-        return Frames(*lines, *kept, tuple(self.axes), self.origin)
+        positions = self.link, self.pivot, self.origins, self.tip
+        return Frames(*lines, *positions, tuple(self.axes), self.origin)
 
 
 def link_lengths(robot: Robot, number: int) -> tuple[tuple[int, ...], np.ndarray]:

@@ -72,10 +72,10 @@ class MjcfTree(Tree):
     def _read(self, spec: Mapping, where: str) -> None:
         root = read_included(self.file)
         self.name = root.get("model", self.file.stem)
-        held = compiler_of(root)
-        self._angle = 1.0 if held.get("angle", "degree") == "radian" else np.pi / 180
-        self._sequence = held.get("eulerseq", "xyz")
-        self._from_geoms = held.get("inertiafromgeom", "auto")
+        compiler = compiler_of(root)
+        self._angle = 1.0 if compiler.get("angle", "degree") == "radian" else np.pi / 180
+        self._sequence = compiler.get("eulerseq", "xyz")
+        self._from_geoms = compiler.get("inertiafromgeom", "auto")
         self._defaults = Defaults(root)
         self._sites: list[str] = []
         self._references: dict[str, float] = {}
@@ -96,11 +96,11 @@ class MjcfTree(Tree):
     def _children(self, element, link: str, here: np.ndarray, kind: str) -> None:
         """Bodies, frames and sites below an element; here (4, 4) mm: its frame in that of the link."""
         for child in element:
-            own = child.get("childclass", kind)
+            class_name = child.get("childclass", kind)
             if child.tag == "frame":
-                self._children(child, link, here @ self._place(child, child.attrib), own)
+                self._children(child, link, here @ self._place(child, child.attrib), class_name)
             elif child.tag == "body":
-                self._body(child, link, here @ self._place(child, child.attrib), own)
+                self._body(child, link, here @ self._place(child, child.attrib), class_name)
             elif child.tag == "site" and child.get("name"):
                 name = child.get("name")  # a site may be called as a body is
                 name = f"{name}/site" if name in self.links else name
@@ -269,12 +269,12 @@ def _moved(axis: np.ndarray, amount: float, kind: str) -> np.ndarray:
     """(4, 4) of a joint of an MJCF kind that has moved by an amount, rad or mm, about or along its axis (3,)."""
     from scipy.spatial.transform import Rotation
 
-    made = np.eye(4)
+    motion = np.eye(4)
     if kind == "slide":
-        made[:3, 3] = amount * axis
+        motion[:3, 3] = amount * axis
     elif kind == "hinge":
-        made[:3, :3] = Rotation.from_rotvec(amount * axis).as_matrix()
-    return made
+        motion[:3, :3] = Rotation.from_rotvec(amount * axis).as_matrix()
+    return motion
 
 
 def _by_axes(keys: Mapping[str, str], where: str) -> np.ndarray:

@@ -12,10 +12,10 @@ _MAIN = "main"
 
 def compiler_of(root: ET.Element) -> dict[str, str]:
     """Attributes of <compiler>; of several such elements the last one counts."""
-    held: dict[str, str] = {}
+    settings: dict[str, str] = {}
     for element in root.findall("compiler"):
-        held |= element.attrib
-    return held
+        settings |= element.attrib
+    return settings
 
 
 class Defaults:
@@ -27,18 +27,18 @@ class Defaults:
             self._read(element, self._held[_MAIN], element.get("class", _MAIN))
 
     def _read(self, element: ET.Element, above: Mapping[str, dict], name: str) -> None:
-        own = {tag: dict(keys) for tag, keys in above.items()}
+        settings = {tag: dict(keys) for tag, keys in above.items()}
         for child in element:
             if child.tag != "default":
-                own[child.tag] = own.get(child.tag, {}) | dict(child.attrib)
-        self._held[name] = own
+                settings[child.tag] = settings.get(child.tag, {}) | dict(child.attrib)
+        self._held[name] = settings
         for inner in element.findall("default"):
-            self._read(inner, own, inner.get("class", ""))
+            self._read(inner, settings, inner.get("class", ""))
 
     def of(self, element: ET.Element, kind: str = _MAIN) -> dict[str, str]:
         """An element's attributes over those of its class; kind: the class of the body around it."""
-        held = self._held.get(element.get("class", kind), {})
-        return held.get(element.tag, {}) | dict(element.attrib)
+        defaults = self._held.get(element.get("class", kind), {})
+        return defaults.get(element.tag, {}) | dict(element.attrib)
 
 
 def numbers(text: str, count: int, where: str) -> np.ndarray:

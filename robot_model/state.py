@@ -109,12 +109,12 @@ class State:
     @cached_property
     def load_moment_torque(self) -> np.ndarray:
         """(3, J, n) torque (N m) of 1 N m of first moment of the load along each axis of the flange."""
-        made = []
+        torque = []
         for axis in range(3):
             change = np.zeros((self.robot.joints + 1, 3, self.n))
             change[-1, axis] = _MM_A_METRE / STANDARD_GRAVITY  # kg mm
-            made.append(self._project(moment_levers(self.robot, self.frames, change).torque))
-        return np.stack(made)
+            torque.append(self._project(moment_levers(self.robot, self.frames, change).torque))
+        return np.stack(torque)
 
     @cached_property
     def moment(self) -> np.ndarray:
@@ -154,9 +154,13 @@ class State:
         of_load = self._more(self.load_levers, np.where(of_link, 0, moments))
         if mass.any():
             of_load = of_load + load_levers(self.robot, self.frames, mass, np.zeros(3))
-        kept = {field.name: getattr(self, field.name) for field in fields(State)}
-        kept |= {"gravity": gravity, "same_frames": self.frames, "levers": (of_links, of_load)}
-        return _Altered(**kept)
+        fields_of_state = {field.name: getattr(self, field.name) for field in fields(State)}
+        fields_of_state |= {
+            "gravity": gravity,
+            "same_frames": self.frames,
+            "levers": (of_links, of_load),
+        }
+        return _Altered(**fields_of_state)
 
     def _more(self, levers: Levers, moments: np.ndarray) -> Levers:
         """The levers with (J + 1, 3, n) kg mm of first moments more."""
@@ -190,11 +194,11 @@ class State:
     def covariate(self, name: str) -> np.ndarray:
         """(n,) a recorded covariate; InputError where the recording does not hold it."""
         if name not in self.covariates:
-            held = (
+            recorded = (
                 ", ".join(sorted(k for k in self.covariates if not k.startswith("move"))) or "none"
             )
             raise InputError(
-                f"samples.csv of the recording: column '{name}' is needed by an effect, found {held}; "
+                f"samples.csv of the recording: column '{name}' is needed by an effect, found {recorded}; "
                 f"add the column or take the effect out of the plan"
             )
         return self.covariates[name]
@@ -230,11 +234,11 @@ def moved(
     """
     still = np.where(robot.prismatic, *_STILL)
     moves = last_moves(variables, time, still, pose)
-    made = {f"move{k}": row for k, row in enumerate(moves, 1)}
+    covariates = {f"move{k}": row for k, row in enumerate(moves, 1)}
     travel = np.where(robot.prismatic, *_TRAVEL)
     for k, side in enumerate(last_sides(moves, time, travel), 1):
-        made[last_side(k)] = side
-    return made, MotionHistory.of(moves, time)
+        covariates[last_side(k)] = side
+    return covariates, MotionHistory.of(moves, time)
 
 
 def with_history(covariates: Mapping[str, np.ndarray], joints: int, n: int) -> dict:
@@ -243,11 +247,16 @@ def with_history(covariates: Mapping[str, np.ndarray], joints: int, n: int) -> d
     Every joint is at the centre of its loop, unless `approach<k>` (n,), -1 or 1, states the side that it comes from:
     its friction is then fully wound up. What the covariates hold stays.
     """
-    made = {}
+    history = {}
     for k in range(1, joints + 1):
         side = covariates.get(f"approach{k}", np.zeros(n))
-        made |= {f"approach{k}": side, f"move{k}": np.zeros(n), last_side(k): side, _wound(k): side}
-    return made | dict(covariates)
+        history |= {
+            f"approach{k}": side,
+            f"move{k}": np.zeros(n),
+            last_side(k): side,
+            _wound(k): side,
+        }
+    return history | dict(covariates)
 
 
 def _wound(joint: int) -> str:
@@ -258,11 +267,13 @@ def _wound(joint: int) -> str:
 def approaches_read(effects) -> list[str]:
     """Columns `approach<k>` that state what these effects read of the moves before a sample."""
     found = [_HISTORY.fullmatch(name) for effect in effects for name in effect.reads]
-    return sorted({f"approach{one[1]}" for one in found if one})
+    return sorted({f"approach{match[1]}" for match in found if match})
 
 
 def sliding(robot: Robot) -> np.ndarray:
     """(R,) True for a reading in mm: that of a prismatic joint, or of the first joint that it drives."""
     joints, readings = robot.mixing.shape
-    own = np.arange(readings) if joints == readings else np.argmax(robot.mixing != 0, axis=0)
-    return robot.prismatic[own]
+    joint_of_reading = (
+        np.arange(readings) if joints == readings else np.argmax(robot.mixing != 0, axis=0)
+    )
+    return robot.prismatic[joint_of_reading]

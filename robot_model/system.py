@@ -404,8 +404,11 @@ def _columns_of(samples, poses_per_sample: int, columns: int):
 
 def _state(robot, ends, variables, measurement, tool) -> State:
     """What effects read; a load without a known centre hangs where the measured point is."""
-    held = [end.covariates for end in ends]
-    covariates = {name: np.concatenate([columns[name] for columns in held]) for name in held[-1]}
+    covariates_of_ends = [end.covariates for end in ends]
+    covariates = {
+        name: np.concatenate([columns[name] for columns in covariates_of_ends])
+        for name in covariates_of_ends[-1]
+    }
     covariates.setdefault("row", np.tile(np.arange(ends[0].n, dtype=float), len(ends)))
     history = None
     if len(ends) == 1:  # two ends of a length have no order

@@ -145,8 +145,8 @@ def _ranked(matrix, rank: int) -> tuple:
     v = np.swapaxes(vt, 1, 2)
     rows = np.swapaxes(u, 1, 2)[:, :rank]
     null_space = v[:, :, rank:]
-    kept, largest = s[:, :rank], s[:, :1]
-    gains = kept / (kept**2 + _DAMPING * largest**2 + 1e-300)
+    retained, largest = s[:, :rank], s[:, :1]
+    gains = retained / (retained**2 + _DAMPING * largest**2 + 1e-300)
     inverse = (v[:, :, :rank] * gains[:, None]) @ rows
     return inverse, null_space, rows
 

@@ -105,8 +105,10 @@ class Tree:
             *(parent for parent, _, _ in self.mimic.values()),
         ]:
             if name not in self.joints:
-                held = ", ".join(map(str, self.joints)) or "none"
-                raise wrong(where, f"a joint of {self.file.name}", name, f"choose among {held}")
+                known_joints = ", ".join(map(str, self.joints)) or "none"
+                raise wrong(
+                    where, f"a joint of {self.file.name}", name, f"choose among {known_joints}"
+                )
 
     def _check_tree(self) -> None:
         for joint in self.joints.values():
@@ -187,18 +189,20 @@ class Tree:
         usable = {leaf: path for leaf, path in paths.items() if all(map(_is_of_arm, path))}
         if not usable:  # the longest path is the arm's
             usable = dict([max(paths.items(), key=lambda item: len(item[1]))])
-        own = {}
+        remaining_joints = {}
         for leaf, path in usable.items():
-            own[leaf] = {joint.name for joint in path if self.drive(joint) is not None}
+            remaining_joints[leaf] = {joint.name for joint in path if self.drive(joint) is not None}
         arms: list[list[str]] = []
         while True:
-            longest = max(own.values(), key=len)
+            longest = max(remaining_joints.values(), key=len)
             if arms and len(longest) < _ARM:
                 return arms
-            alike = [leaf for leaf, joints in own.items() if len(joints) == len(longest)]
-            arms.append([leaf for leaf in alike if not longest or own[leaf] & longest])
-            taken = set().union(*(own[leaf] for leaf in arms[-1]))
-            own = {leaf: joints - taken for leaf, joints in own.items()}
+            alike = [
+                leaf for leaf, joints in remaining_joints.items() if len(joints) == len(longest)
+            ]
+            arms.append([leaf for leaf in alike if not longest or remaining_joints[leaf] & longest])
+            taken = set().union(*(remaining_joints[leaf] for leaf in arms[-1]))
+            remaining_joints = {leaf: joints - taken for leaf, joints in remaining_joints.items()}
 
     def drive(self, joint: Joint) -> tuple[str, float, float] | None:
         """Which reading moves a joint, by what ratio and offset (m, rad); None where it stands still."""

@@ -80,8 +80,8 @@ class JointCurve(Effect):
         for finest in curve_candidates(chain):
             for terms in _TERMS:
                 if terms <= finest.terms:
-                    made = cls(finest.where, finest.start, finest.end, terms)
-                    yield Variant(made, f"of {terms} terms")
+                    curve = cls(finest.where, finest.start, finest.end, terms)
+                    yield Variant(curve, f"of {terms} terms")
 
     def table(self, chain):
         unit = "mm" if chain.slides(self.number) else "rad"
@@ -169,9 +169,9 @@ def periodic_share(effect: JointCurve, coefficients: np.ndarray, cycles: list[Cy
     for cycle in cycles:
         if cycle.order >= least:
             columns += [np.cos(cycle.order * angle), np.sin(cycle.order * angle)]
-    made = np.stack(columns, 1)
-    left = error - made @ np.linalg.lstsq(made, error, rcond=None)[0]
-    return float(np.clip(1 - left.var() / max(error.var(), 1e-300), 0.0, 1.0))
+    basis = np.stack(columns, 1)
+    remainder = error - basis @ np.linalg.lstsq(basis, error, rcond=None)[0]
+    return float(np.clip(1 - remainder.var() / max(error.var(), 1e-300), 0.0, 1.0))
 
 
 def _grid(effect: JointCurve) -> np.ndarray:
@@ -189,17 +189,17 @@ def _cycles(
     domain to the resolution of the series; it ends where less than 5 % of the variance is left.
     """
     span, angle = effect.end - effect.start, _grid(effect)
-    left = error - error.mean()
-    whole = float(left @ left)
+    remainder = error - error.mean()
+    total_power = float(remainder @ remainder)
     step = 2 * np.pi / span / _OVERSAMPLING
     frequencies = np.arange(_OVERSAMPLING / 2, _OVERSAMPLING * (effect.terms / 2 + 1)) * step
     phases = np.exp(1j * frequencies[:, None] * angle)
     cycles: list[Cycle] = []
-    while len(cycles) < count and float(left @ left) > _LEFT * max(whole, 1e-300):
-        best = int(np.argmax(np.abs(phases @ left)))
+    while len(cycles) < count and float(remainder @ remainder) > _LEFT * max(total_power, 1e-300):
+        best = int(np.argmax(np.abs(phases @ remainder)))
         columns = np.stack([phases[best].real, phases[best].imag, np.ones(_GRID)], 1)
-        fitted = np.linalg.lstsq(columns, left, rcond=None)[0]
-        left = left - columns @ fitted
+        fitted = np.linalg.lstsq(columns, remainder, rcond=None)[0]
+        remainder = remainder - columns @ fitted
         order = float(frequencies[best])
         of_motor = _of_motor(order, gear_ratio, np.pi / span)
         cycles.append(Cycle(order, float(np.hypot(fitted[0], fitted[1])), of_motor))

@@ -30,9 +30,11 @@ class LinkThermalGrowth(Effect):
     @classmethod
     def candidates(cls, chain):
         """At every link that has a length, with time where no temperature is recorded."""
-        for made in map(cls, chain.places("link")):
-            if link_lengths(chain.robot, made.number)[1].any():
-                yield Variant(made, missing_covariate=missing_temperature(chain.state, made.column))
+        for growth in map(cls, chain.places("link")):
+            if link_lengths(chain.robot, growth.number)[1].any():
+                yield Variant(
+                    growth, missing_covariate=missing_temperature(chain.state, growth.column)
+                )
 
     def port_indices(self, chain):
         return link_lengths(chain.robot, self.number)[0]
@@ -67,8 +69,8 @@ class JointThermalDrift(Effect):
     @classmethod
     def candidates(cls, chain):
         """At every joint, with time where no temperature is recorded."""
-        for made in map(cls, chain.places("joint")):
-            yield Variant(made, missing_covariate=missing_temperature(chain.state, made.column))
+        for drift in map(cls, chain.places("joint")):
+            yield Variant(drift, missing_covariate=missing_temperature(chain.state, drift.column))
 
     def table(self, chain):
         angle, kelvin = size_of(chain, self.number, 1e-4)

@@ -25,9 +25,9 @@ def _loaded_variants(kind, chain):
     if not chain.state.has_masses:
         return
     for place in kind.places:
-        for made in map(kind, chain.places(place)):
-            if np.ptp(made.load(chain.state), axis=1).max() > _LOADED_NM:
-                yield Variant(made)
+        for effect in map(kind, chain.places(place)):
+            if np.ptp(effect.load(chain.state), axis=1).max() > _LOADED_NM:
+                yield Variant(effect)
 
 
 def loaded_joints(chain) -> list[int]:
@@ -58,8 +58,12 @@ class LinkSelfWeight(Effect):
         """Where the torque of the links varies, and a load makes it distinguishable from the whole torque."""
         if not chain.state.payload.any():
             return ()
-        whole = {one.effect.where for one in JointCompliance.candidates(chain)}
-        return [one for one in _loaded_variants(cls, chain) if one.effect.where in whole]
+        flexible_joints = {variant.effect.where for variant in JointCompliance.candidates(chain)}
+        return [
+            variant
+            for variant in _loaded_variants(cls, chain)
+            if variant.effect.where in flexible_joints
+        ]
 
     def load(self, state):
         """(1, n) N m, the torque that it deflects under."""
@@ -229,9 +233,9 @@ class LinkCompliance(Effect):
     @classmethod
     def candidates(cls, chain):
         """At every link that has a length and whose bending moment varies."""
-        for one in _loaded_variants(cls, chain):
-            if np.linalg.norm(link_line(chain.state, one.effect.number)) > _SHORTEST_MM:
-                yield one
+        for variant in _loaded_variants(cls, chain):
+            if np.linalg.norm(link_line(chain.state, variant.effect.number)) > _SHORTEST_MM:
+                yield variant
 
     def load(self, state):
         """(3, n) N m, the gravity moment beyond the link about its pivot."""

@@ -83,7 +83,7 @@ class ComplianceWithMasses(Effect):
 
     def table(self, chain):
         """The law's own parameters, then one a combination of first moments and parameter."""
-        own = self.inner.table(chain)
+        rows = self.inner.table(chain)
         more = [
             Parameter(
                 f"{p.key}_mass_{number}",
@@ -94,21 +94,21 @@ class ComplianceWithMasses(Effect):
                 p.prior,
             )
             for number in range(1, len(self.mixtures) + 1)
-            for p in own
+            for p in rows
         ]
-        return (*own, *more)
+        return (*rows, *more)
 
     def basis(self, state):
         """(P (1 + R), components, n)."""
-        own = self.inner.basis(state)
-        parts = [own]
+        basis = self.inner.basis(state)
+        parts = [basis]
         for mixture, share in zip(self.mixtures, self.shares):
-            made = self.inner.basis(state.with_moments(np.ravel(mixture))) - own
-            parts.append(made - np.asarray(share)[:, None, None] * own)
+            change = self.inner.basis(state.with_moments(np.ravel(mixture))) - basis
+            parts.append(change - np.asarray(share)[:, None, None] * basis)
         return np.concatenate(parts)
 
 
 def moment_responses(law: Effect, state) -> np.ndarray:
     """(3 J + 3, P, m, n) change of a law's basis per kg mm of each first moment: of the links, then of the load."""
-    own = law.basis(state)
-    return np.stack([law.basis(other) - own for other in state.unit_moments])
+    nominal_basis = law.basis(state)
+    return np.stack([law.basis(other) - nominal_basis for other in state.unit_moments])

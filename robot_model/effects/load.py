@@ -80,8 +80,8 @@ class Payload(Effect):
             )
             for axis in "xyz"
         ]
-        own = self.parameter(f"mass{suffix}", "kg", mass, f"the mass of {label}", most)
-        return (own, *moments)
+        mass_parameter = self.parameter(f"mass{suffix}", "kg", mass, f"the mass of {label}", most)
+        return (mass_parameter, *moments)
 
     def basis(self, state):
         there = np.ones(state.n)

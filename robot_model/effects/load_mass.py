@@ -35,10 +35,13 @@ def load_masses(model, values: np.ndarray, covariance: np.ndarray) -> list[LoadM
     found = []
     for effect, span in zip(model.effects, model.spans):
         if isinstance(effect, LoadDeflection):
-            pairs = [(span.start + k - 1, own) for k, own in compliance.items()]
-            made = _combined(pairs, values, covariance)
-            if made is not None:
-                found.append(LoadMass(span.start, *made))
+            pairs = [
+                (span.start + k - 1, compliance_of_joint)
+                for k, compliance_of_joint in compliance.items()
+            ]
+            combined = _combined(pairs, values, covariance)
+            if combined is not None:
+                found.append(LoadMass(span.start, *combined))
     return found
 
 

@@ -172,10 +172,10 @@ class SmoothFunction(Effect):
 
     def basis(self, state):
         """(components x functions, components, n); the components of an instrument are azimuth, elevation and range."""
-        made = self._waves([covariate(state, name) for name in self.names])
+        waves = self._waves([covariate(state, name) for name in self.names])
         if self.where != "instrument":
-            return made
-        return np.einsum("pkn,kcn->pcn", made, sight_directions(state.measured))
+            return waves
+        return np.einsum("pkn,kcn->pcn", waves, sight_directions(state.measured))
 
     def extrapolation(self, p, state, recorded=None):
         """(components, n) from the structure functions along each covariate, whose spans are what was recorded."""

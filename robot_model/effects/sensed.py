@@ -48,8 +48,8 @@ class ArtefactExpansion(ArtefactExpansionLaw, Effect):
     @classmethod
     def candidates(cls, chain):
         """One, with time where no temperature is recorded."""
-        for made in map(cls, chain.places("artefact")):
-            yield Variant(made, missing_covariate=missing_temperature(chain.state, cls.column))
+        for expansion in map(cls, chain.places("artefact")):
+            yield Variant(expansion, missing_covariate=missing_temperature(chain.state, cls.column))
 
 
 class NoiseHeteroscedastic(NoiseLaw, Effect):

@@ -123,11 +123,11 @@ def warm_up_variants(kind, chain) -> list[Variant]:
     for where in (w for place in kind.places for w in chain.places(place)):
         for share in _TIME_CONSTANTS:
             constant = float(f"{share * span:.3g}")
-            made = kind(where, constant, start)
-            word = f"with time constant {{:g}} {made.option_unit(chain, 'time_constant')}"
-            if np.any(made.basis(chain.state)):
+            warm_up = kind(where, constant, start)
+            word = f"with time constant {{:g}} {warm_up.option_unit(chain, 'time_constant')}"
+            if np.any(warm_up.basis(chain.state)):
                 about = (word.format(constant), mass, "temperature", "time_constant", word)
-                found.append(Variant(made, *about))
+                found.append(Variant(warm_up, *about))
     return found
 
 

@@ -47,7 +47,9 @@ class MeasuredTilt(Effect):
     def candidates(cls, chain):
         """Of the base and every link, by every accelerometer: it measures the tilt of what it is mounted on."""
         known = map(Covariate.of, chain.state.covariates)
-        sensors = dict.fromkeys(str(one.place) for one in known if one.kind == "acceleration")
+        sensors = dict.fromkeys(
+            str(covariate.place) for covariate in known if covariate.kind == "acceleration"
+        )
         for sensor in sensors:
             axes = level_axes(chain.state.covariates, sensor)
             if axes is None:
@@ -80,9 +82,11 @@ class MeasuredTilt(Effect):
 
 def level_axes(covariates, sensor: str) -> str | None:
     """The two axes of an accelerometer across which gravity least lies; None where two are not recorded or rest."""
-    held = {axis: covariates.get(f"accel_{sensor}_{axis}_m_s2") for axis in "xyz"}
+    components = {axis: covariates.get(f"accel_{sensor}_{axis}_m_s2") for axis in "xyz"}
     level = sorted(
-        (float((x**2).mean()), axis) for axis, x in held.items() if x is not None and np.ptp(x) > 0
+        (float((x**2).mean()), axis)
+        for axis, x in components.items()
+        if x is not None and np.ptp(x) > 0
     )[:2]
     return "".join(sorted(axis for _, axis in level)) if len(level) == 2 else None
 

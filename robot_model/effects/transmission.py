@@ -206,12 +206,14 @@ class Backlash(Effect):
     def candidates(cls, chain):
         """By the side of approach, recorded or else that of the last move; by gravity where the torque changes sign."""
         for where in chain.places("joint"):
-            made = cls(where)
-            if all(chain.varies(name) for name in made.needs):
-                yield Variant(made, "by the side of approach")
-            elif made.needs[0] not in chain.state.covariates and _reverses(chain, made.number):
+            backlash = cls(where)
+            if all(chain.varies(name) for name in backlash.needs):
+                yield Variant(backlash, "by the side of approach")
+            elif backlash.needs[0] not in chain.state.covariates and _reverses(
+                chain, backlash.number
+            ):
                 yield Variant(cls(where, "moves"), "by the side of the last move")
-            yield from cls._by_gravity(chain, where, chain.state.torque[made.number - 1])
+            yield from cls._by_gravity(chain, where, chain.state.torque[backlash.number - 1])
 
     @classmethod
     def _by_gravity(cls, chain, where, torque):
@@ -221,9 +223,9 @@ class Backlash(Effect):
         if not chain.state.has_masses:
             return
         greatest = float(np.abs(torque).max())
-        made = cls(where, "gravity", min(_SHARP_NM, _SHARP * greatest))
-        yield Variant(made, "seated by gravity")
-        word = f"seated by gravity, softly within {{:g}} {made.option_unit(chain, 'width')}"
+        seated = cls(where, "gravity", min(_SHARP_NM, _SHARP * greatest))
+        yield Variant(seated, "seated by gravity")
+        word = f"seated by gravity, softly within {{:g}} {seated.option_unit(chain, 'width')}"
         for share in _CLOSING:
             width = float(f"{share * greatest:.3g}")
             about = (word.format(width), _CLOSING_WEIGHT, "", "width", word)
@@ -337,9 +339,9 @@ class JointCoupling(Effect):
         """From every other joint that moves."""
         moving = [k for k, q in enumerate(chain.variables, 1) if np.ptp(q) > 0]
         for where in chain.places("joint"):
-            for made in (cls(where, joint) for joint in moving):
-                if made.joint != made.number:
-                    yield Variant(made, f"from joint {made.joint}")
+            for coupling in (cls(where, joint) for joint in moving):
+                if coupling.joint != coupling.number:
+                    yield Variant(coupling, f"from joint {coupling.joint}")
 
     @classmethod
     def planted(cls, readings, joint, rng):
@@ -471,9 +473,11 @@ def high_orders(ratio: float) -> tuple[np.ndarray, np.ndarray]:
     )
     if np.isfinite(ratio):
         motor = np.abs(ratio) * np.array([1.0, 2.0])
-        kept = ~np.isin(orders, motor)
-        orders = np.concatenate([orders[kept], motor])
-        weights = np.concatenate([weights[kept] / weights[kept].sum(), [0.5, 0.5]])
+        is_other_order = ~np.isin(orders, motor)
+        orders = np.concatenate([orders[is_other_order], motor])
+        weights = np.concatenate(
+            [weights[is_other_order] / weights[is_other_order].sum(), [0.5, 0.5]]
+        )
     order = np.argsort(orders)
     return orders[order], weights[order] / weights.sum()
 

@@ -95,14 +95,14 @@ def base_columns(robot: Robot, first: int, whole: bool = False) -> tuple[tuple[i
         columns = [_unit_moment(frames, robot.gravity, *name).ravel() for name in names]
     else:
         columns = [_unit_torque(frames, robot.gravity, first, *name) for name in names]
-    kept, basis = [], np.zeros((len(columns[0]) if columns else 0, 0))
+    independent, basis = [], np.zeros((len(columns[0]) if columns else 0, 0))
     for name, column in zip(names, columns):
-        left = column - basis @ (basis.T @ column)
-        size = float(np.linalg.norm(left))
+        remainder = column - basis @ (basis.T @ column)
+        size = float(np.linalg.norm(remainder))
         if size > _DEPENDENT * np.sqrt(_CONFIGURATIONS):
-            kept.append(name)
-            basis = np.concatenate([basis, left[:, None] / size], 1)
-    return tuple(kept)
+            independent.append(name)
+            basis = np.concatenate([basis, remainder[:, None] / size], 1)
+    return tuple(independent)
 
 
 def _unit_torque(frames, gravity, joint: int, body: int, axis: int) -> np.ndarray:
@@ -122,12 +122,12 @@ def _of_bars(kind, chain, label: str = "") -> list[Variant]:
         return []
     found = []
     for place in kind.places:
-        for made in map(kind, chain.places(place)):
+        for effect in map(kind, chain.places(place)):
             numbered = place in ("joint", "link")
-            if numbered and (chain.slides(made.number) or made.first() >= chain.robot.joints):
+            if numbered and (chain.slides(effect.number) or effect.first() >= chain.robot.joints):
                 continue
-            if np.ptp(made.basis(chain.state)[0], axis=-1).max() > _UNDER_BARS:
-                found.append(Variant(made, label))
+            if np.ptp(effect.basis(chain.state)[0], axis=-1).max() > _UNDER_BARS:
+                found.append(Variant(effect, label))
     return found
 
 
@@ -175,9 +175,9 @@ class GravityCompliance(Effect):
         label = f"joint {self.number}'s deflection under the links"
         table = [self.parameter("sag", "rad", TYPICAL_RAD, label, 10 * TYPICAL_RAD)]
         shares = bar_shares(chain.robot)
-        whole = max(shares[self.number - 1 :].sum(), _NO_BAR_MM)
+        total_length = max(shares[self.number - 1 :].sum(), _NO_BAR_MM)
         for body, axis in base_columns(chain.robot, self.number - 1):
-            share = max(_OFF_THE_BAR * shares[body] / whole, _LEAST_SHARE)
+            share = max(_OFF_THE_BAR * shares[body] / total_length, _LEAST_SHARE)
             about = f"first moment of link {body + 1} along {'xyz'[axis]}"
             name = f"link{body + 1}_{'xyz'[axis]}"
             size = TYPICAL_RAD * share
@@ -220,10 +220,10 @@ def _same_moments(names, shares: float, other: GravityCompliance, chain) -> np.n
 def _tilt_table(effect: Effect, chain, said: str) -> tuple[Parameter, ...]:
     """Parameters of what tilts: under uniform bars, and under the first moments of the base set."""
     label, shares = f"{said} {effect.where} under the links", effect.shares(chain.robot)
-    whole = max(shares.sum(), _NO_BAR_MM)
+    total_length = max(shares.sum(), _NO_BAR_MM)
     table = [effect.parameter("tilt", "rad", _TILT_RAD, label, 10 * _TILT_RAD)]
     for body, axis in base_columns(chain.robot, effect.first(), whole=True):
-        size = _TILT_RAD * max(_OFF_THE_BAR * shares[body] / whole, _LEAST_SHARE)
+        size = _TILT_RAD * max(_OFF_THE_BAR * shares[body] / total_length, _LEAST_SHARE)
         about = f"{label}, first moment of link {body + 1} along {'xyz'[axis]}"
         name = f"tilt_link{body + 1}_{'xyz'[axis]}"
         table.append(effect.parameter(name, "rad", size, about, 10 * size))
@@ -239,9 +239,11 @@ def _moments_of_tilt(law: Effect, other: GravityCompliance, chain) -> np.ndarray
 def _tilt_moments(state, law: Effect) -> np.ndarray:
     """(P, 3, n) unit moments, root frame: of all bars with their shares, then of each first moment of the base set."""
     each, shares = _moments_of_bars(state, law.shares(state.robot))
-    whole = np.einsum("b,bin->in", shares, each)
+    total_moment = np.einsum("b,bin->in", shares, each)
     names = base_columns(state.robot, law.first(), whole=True)
-    return np.stack([whole, *(_unit_moment(state.frames, state.gravity, *name) for name in names)])
+    return np.stack(
+        [total_moment, *(_unit_moment(state.frames, state.gravity, *name) for name in names)]
+    )
 
 
 def _in_frame(state, place: int, world: np.ndarray) -> np.ndarray:

@@ -115,9 +115,9 @@ class Distance:
         far = np.sqrt((between**2).sum(0))
         along = between / np.maximum(far, 1e-12)
         out = np.concatenate([-along, along], axis=1)  # away from the other end
-        own = np.arange(len(self.ids))[:, None] == self.index
+        is_of_point = np.arange(len(self.ids))[:, None] == self.index
         by_flange = (axes * out).sum(1)
-        tool_rows = (own[:, None] * by_flange).reshape(-1, 1, len(self.index))
+        tool_rows = (is_of_point[:, None] * by_flange).reshape(-1, 1, len(self.index))
         ports = {"target": by_flange[:, None], "sensor": out[:, None]}
         return Closure(
             np.tile(far - self.lengths, 2)[None] / 2,

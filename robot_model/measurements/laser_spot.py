@@ -200,10 +200,10 @@ class LaserSpot:
     def _nearest_points(self, origins, directions):
         """(K, 3) points nearest to the beams that pass each."""
         flat = np.eye(3) - np.einsum("ni,nj->nij", directions, directions)
-        left, right = np.zeros((len(self.ids), 3, 3)), np.zeros((len(self.ids), 3))
-        np.add.at(left, self.index, flat)
+        normal, right = np.zeros((len(self.ids), 3, 3)), np.zeros((len(self.ids), 3))
+        np.add.at(normal, self.index, flat)
         np.add.at(right, self.index, np.einsum("nij,nj->ni", flat, origins))
-        return np.einsum("kij,kj->ki", np.linalg.pinv(left), right)
+        return np.einsum("kij,kj->ki", np.linalg.pinv(normal), right)
 
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
         """A beam has no measured coordinate to write; its joint readings are the measurement."""
@@ -245,6 +245,6 @@ def _tilt(ray):
 def _two(delta, shape):
     """(2, n) of the (components, change) of a port, its part along the beam left out."""
     port_indices, change = delta
-    made = np.zeros((3, shape[1]))
-    made[port_indices] = change
-    return made[:2]
+    spread = np.zeros((3, shape[1]))
+    spread[port_indices] = change
+    return spread[:2]

@@ -246,12 +246,12 @@ class _Reduced:
         order = np.argsort(self._rounded_cost(rotations), kind="stable")
         rotations = rotations[order]
         differs = _angle_between(rotations[:, None], rotations) > _SAME_RAD
-        left, kept = np.ones(len(rotations), bool), []
-        while left.any():
-            kept.append(int(np.argmax(left)))
-            left &= differs[kept[-1]]
-            left[kept[-1]] = False
-        return rotations[kept]
+        is_candidate, distinct = np.ones(len(rotations), bool), []
+        while is_candidate.any():
+            distinct.append(int(np.argmax(is_candidate)))
+            is_candidate &= differs[distinct[-1]]
+            is_candidate[distinct[-1]] = False
+        return rotations[distinct]
 
     def _rounded_cost(self, rotations: np.ndarray) -> np.ndarray:
         """(S,) costs in which rounding decides no order: of equal minima the first start wins."""
@@ -265,8 +265,10 @@ class _Reduced:
         curvature = np.maximum(values[:, 0], 0.0) / np.maximum(values[:, -1], 1e-300)
         cost = self.cost(rotations)
         return [
-            Start(one, self.translations(one), float(cost[i]), float(curvature[i]))
-            for i, one in enumerate(rotations)
+            Start(
+                rotation_set, self.translations(rotation_set), float(cost[i]), float(curvature[i])
+            )
+            for i, rotation_set in enumerate(rotations)
         ]
 
     @cached_property
@@ -295,10 +297,10 @@ class _Reduced:
         product = rotations @ slope.swapaxes(2, 3)
         trace = np.trace(product, axis1=2, axis2=3)[:, :, None, None]
         each = (product + product.swapaxes(2, 3)) / 2 - trace * np.eye(3)
-        made = np.zeros((len(rotations), 3 * self.count, 3 * self.count))
+        hessian = np.zeros((len(rotations), 3 * self.count, 3 * self.count))
         for k in range(self.count):
-            made[:, 3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = each[:, k]
-        return made
+            hessian[:, 3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = each[:, k]
+        return hessian
 
     def descended(self, rotations: np.ndarray, steps: int, by_newton: bool = False) -> np.ndarray:
         """Levenberg-Marquardt on SO(3)^K from S starts (S, K, 3, 3) at once; those that have converged rest.
@@ -312,10 +314,10 @@ class _Reduced:
             second = self._second_order(state.rotations) if by_newton else 0.0
             state, goes_on = state.step(second, self._products)
             found[moving] = state.rotations
-            held = np.flatnonzero(goes_on)
-            if not len(held):
+            active = np.flatnonzero(goes_on)
+            if not len(active):
                 break
-            state, moving = state.of(held), moving[held]
+            state, moving = state.of(active), moving[active]
         return nearest_rotation(found)
 
 
@@ -355,21 +357,21 @@ def quick_distances(systems: Sequence[RotationSystem]) -> list[np.ndarray]:
     """
     reduced = [system._reduced() for system in systems]
     found: list = [None] * len(systems)
-    for sizes in {one.rows.shape for one in reduced}:
-        same = [k for k, one in enumerate(reduced) if one.rows.shape == sizes]
+    for sizes in {system.rows.shape for system in reduced}:
+        same = [k for k, system in enumerate(reduced) if system.rows.shape == sizes]
         rotations = _descended_together([reduced[k] for k in same])
-        for k, own in zip(same, rotations):
-            found[k] = systems[k]._distances_at_best(reduced[k], own)
+        for k, system_rotations in zip(same, rotations):
+            found[k] = systems[k]._distances_at_best(reduced[k], system_rotations)
     return found
 
 
 def _descended_together(systems: list[_Reduced]) -> np.ndarray:
     """(H, S, K, 3, 3) where a few steps from the S best starts of each of H systems of equal size lead."""
-    linear = np.stack([one._linear for one in systems])
-    right = np.stack([one.rows[:, -1] for one in systems])[:, None]
+    linear = np.stack([system._linear for system in systems])
+    right = np.stack([system.rows[:, -1] for system in systems])[:, None]
 
     products_at = partial(_inner_products, linear, right)
-    starts = np.stack([one.screened()[:_QUICK] for one in systems])
+    starts = np.stack([system.screened()[:_QUICK] for system in systems])
     rotations = starts.reshape(-1, *starts.shape[2:])
     state = _Descent(rotations, products_at(rotations), np.full(len(rotations), 1e-3))
     moving = np.ones(len(rotations), bool)
@@ -388,10 +390,10 @@ def _inner_products(linear: np.ndarray, right: np.ndarray, rotations: np.ndarray
     linear (H, 9 K, C) and right (H, 1, R): the columns of the Jacobian, and the residual as the last, are linear in the
     rotations, with the right-hand side added to the residual.
     """
-    made = rotations.reshape(len(linear), -1, linear.shape[1]) @ linear
-    made = made.reshape(*made.shape[:2], -1, right.shape[-1])
-    made[:, :, -1] += right
-    columns = made.reshape(-1, *made.shape[2:])
+    products = rotations.reshape(len(linear), -1, linear.shape[1]) @ linear
+    products = products.reshape(*products.shape[:2], -1, right.shape[-1])
+    products[:, :, -1] += right
+    columns = products.reshape(-1, *products.shape[2:])
     return columns @ columns.swapaxes(1, 2)
 
 

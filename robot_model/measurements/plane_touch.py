@@ -78,9 +78,9 @@ class PlaneTouch:
         )  # (K, 2, 3)
         normal = normals[self.index].T
         across = np.einsum("nkc,cn->kn", turned[self.index], tip)
-        own = np.stack([*across, np.full(len(self.index), -1.0)])
+        columns = np.stack([*across, np.full(len(self.index), -1.0)])
         mine = np.arange(len(planes))[:, None] == self.index
-        plane_rows = (mine[:, None] * own).reshape(-1, 1, len(self.index))
+        plane_rows = (mine[:, None] * columns).reshape(-1, 1, len(self.index))
         along = (axes * normal).sum(1)[:, None]
         residual = (normal * tip).sum(0) - planes[self.index, 2]
         return Closure(

@@ -104,6 +104,6 @@ class TouchPoint:
 def _spread(delta, shape):
     """(3, n) of the (components, change) of a port."""
     port_indices, change = delta
-    made = np.zeros(shape)
-    made[port_indices] = change
-    return made
+    spread = np.zeros(shape)
+    spread[port_indices] = change
+    return spread

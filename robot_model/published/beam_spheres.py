@@ -132,7 +132,7 @@ class _Pairs:
         """All pairs of beams with the same label of `point` (n,)."""
         beams = [np.flatnonzero(point == k) for k in np.unique(point)]
         pairs = [mine[np.stack(np.triu_indices(len(mine), 1))] for mine in beams]
-        counts = [one.shape[1] for one in pairs]
+        counts = [pair.shape[1] for pair in pairs]
         return cls(*np.concatenate(pairs, 1), np.cumsum([0, *counts[:-1]]))
 
     @property

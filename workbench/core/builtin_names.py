@@ -39,13 +39,13 @@ def check_builtin_name(
     where: what to call the place of the name in the sentence. known: the names; empty for those that are stated.
     files: which files may stand in its place.
     """
-    known = known or [one for names in _stated for one in names()]
+    known = known or [name for names in _stated for name in names()]
     if not known or name in known:
         return
     wanted = str(name).lower()
     alike = difflib.get_close_matches(wanted, known, 3, _SIMILARITY)
-    similar = [one for one in alike if _digits(one) == _digits(wanted)]
-    near = [one for one in known if _plain(wanted) in (*one.split("_"), _plain(one))] or similar
+    similar = [name for name in alike if _digits(name) == _digits(wanted)]
+    near = [name for name in known if _plain(wanted) in (*name.split("_"), _plain(name))] or similar
     meant = f"did you mean {' or '.join(near)}? Otherwise " if near else ""
     raise complaint(
         where,

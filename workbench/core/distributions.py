@@ -103,14 +103,14 @@ def signed_rank_sf(differences: np.ndarray) -> float:
     Theory (1981).
     """
     values = np.asarray(differences, float)
-    kept = values[values != 0]
-    if not len(kept):
+    nonzero = values[values != 0]
+    if not len(nonzero):
         return 1.0
-    _, place, ties = np.unique(np.abs(kept), return_inverse=True, return_counts=True)
+    _, place, ties = np.unique(np.abs(nonzero), return_inverse=True, return_counts=True)
     ranks = (np.cumsum(ties) - (ties - 1) / 2)[place]
-    total = float(ranks[kept > 0].sum())
-    if len(kept) == len(values) <= _EXACT and ties.max() == 1:
-        chances = _rank_sums(len(kept))
+    total = float(ranks[nonzero > 0].sum())
+    if len(nonzero) == len(values) <= _EXACT and ties.max() == 1:
+        chances = _rank_sums(len(nonzero))
         return float(chances[round(total) :].sum())
     spread = np.sqrt((ranks**2).sum() / 4)
     return float(norm.sf((total - ranks.sum() / 2) / spread))

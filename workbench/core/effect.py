@@ -177,11 +177,11 @@ class Effect:
         """
         for place in cls.places:
             for where in chain.places(place):
-                made = cls(where)
-                if cls.turning and chain.slides(made.number):
+                effect = cls(where)
+                if cls.turning and chain.slides(effect.number):
                     continue
-                if all(chain.varies(name) for name in made.needs):
-                    yield Variant(made)
+                if all(chain.varies(name) for name in effect.needs):
+                    yield Variant(effect)
 
     @classmethod
     def grids(cls, chain: Recorded) -> Iterable[Grid]:
@@ -297,8 +297,8 @@ class Effect:
     @property
     def options(self) -> dict:
         """Constructor arguments other than the place, by name, for files; without those that are left out (None)."""
-        held = {name: getattr(self, name) for name in _option_names(type(self))}
-        return {name: value for name, value in held.items() if value is not None}
+        options = {name: getattr(self, name) for name in _option_names(type(self))}
+        return {name: value for name, value in options.items() if value is not None}
 
     @property
     def carries_load(self) -> bool:
@@ -337,7 +337,10 @@ def option_types(kind: type[Effect]) -> dict[str, object]:
     """Name -> type of each option of an effect's constructor, without bounds (float of Annotated[float, ...])."""
     signature = inspect.signature(kind)
     options = list(signature.parameters.values())[1:]
-    return {one.name: getattr(one.annotation, "__origin__", one.annotation) for one in options}
+    return {
+        option.name: getattr(option.annotation, "__origin__", option.annotation)
+        for option in options
+    }
 
 
 NUMBERED = ("joint", "link", "ball")

@@ -119,14 +119,14 @@ class Model:
 
     def with_chain(self, chain: Chain) -> "Model":
         """The same effects on `chain`: the same samples with the same state, other values of what they own."""
-        made = self._same_effects(replace(self, chain=chain))
-        made.__dict__["_stacks"] = self._stacks
-        return made
+        model = self._same_effects(replace(self, chain=chain))
+        model.__dict__["_stacks"] = self._stacks
+        return model
 
     def _same_effects(self, other: "Model") -> "Model":
         """Another model of the same effects with what does not depend on the samples."""
-        kept = ("parameters", "spans", "_port_indices", "_indices_by_port")
-        other.__dict__.update({name: getattr(self, name) for name in kept})
+        shared_properties = ("parameters", "spans", "_port_indices", "_indices_by_port")
+        other.__dict__.update({name: getattr(self, name) for name in shared_properties})
         return other
 
     def residual(self, parameters: Parameters) -> np.ndarray:
@@ -151,11 +151,13 @@ class Model:
         evaluation = self.evaluate(parameters)
 
         def rows() -> np.ndarray:
-            own = np.flatnonzero(parameters.mask[: len(self.chain.parameters)])
-            if len(own) == parameters.mask.sum():  # no effect is free: the rows need not be copied
-                return self.joined(evaluation.own_rows(own))
-            made = np.empty((parameters.mask.sum(), *evaluation.residual.shape))
-            return self.joined(self.fill_rows(evaluation, parameters, made))
+            chain_columns = np.flatnonzero(parameters.mask[: len(self.chain.parameters)])
+            if (
+                len(chain_columns) == parameters.mask.sum()
+            ):  # no effect is free: the rows need not be copied
+                return self.joined(evaluation.own_rows(chain_columns))
+            rows_of_all = np.empty((parameters.mask.sum(), *evaluation.residual.shape))
+            return self.joined(self.fill_rows(evaluation, parameters, rows_of_all))
 
         return self.joined(evaluation.residual), rows
 
@@ -170,9 +172,9 @@ class Model:
         self, evaluation: Evaluation, parameters: Parameters, rows: np.ndarray
     ) -> np.ndarray:
         """Into `rows` (F, m, n) the derivative of the residual of `evaluation`, made at `parameters`."""
-        own, values = len(self.chain.parameters), parameters.values
-        filled = parameters.mask[:own].sum()
-        rows[:filled] = evaluation.own_rows(np.flatnonzero(parameters.mask[:own]))
+        chain_size, values = len(self.chain.parameters), parameters.values
+        filled = parameters.mask[:chain_size].sum()
+        rows[:filled] = evaluation.own_rows(np.flatnonzero(parameters.mask[:chain_size]))
         evaluation = _Once(evaluation, self._indices_by_port)
         loads = self._load_rows(parameters, evaluation)
         for effect, span in zip(self.effects, self.spans):
@@ -229,16 +231,18 @@ class Model:
         values = parameters.values
         edges = np.cumsum([0, *(span.stop - span.start for _, span in causes)])
         total = np.zeros((edges[-1], *evaluation.residual.shape))
-        for effect, own in zip(self.effects, self.spans):
+        for effect, effect_span in zip(self.effects, self.spans):
             if not effect.elastic:
                 continue
             rows = self._port_rows(effect, evaluation)
             if effect.linear:
                 changes = self._stacked(effect, tuple(cause for cause, _ in causes))
-                for number, value in enumerate(values[own]):
+                for number, value in enumerate(values[effect_span]):
                     total += _contract(changes[:, number], value * rows)
             else:
-                each = [self._numeric_by_load(effect, own, span, values) for _, span in causes]
+                each = [
+                    self._numeric_by_load(effect, effect_span, span, values) for _, span in causes
+                ]
                 total += _contract(np.concatenate(each), rows)
         return {cause: total[a:b] for (cause, _), a, b in zip(causes, edges, edges[1:])}
 
@@ -309,7 +313,7 @@ class Model:
         loads = self._loads(values)
         if not loads:
             return basis
-        sizes = np.concatenate([values[own] for _, own in loads])
+        sizes = np.concatenate([values[cause_span] for _, cause_span in loads])
         causes = tuple(cause for cause, _ in loads)
         key = causes, sizes.tobytes()
         if self._loaded.get(effect, (None,))[0] != key:
@@ -345,8 +349,14 @@ class Model:
         try:
             return self._bases[effect, cause]
         except KeyError:
-            own = [one for one in self.effects if one.elastic and one.linear]
-            others = [one for one in own if one is not effect and (one, cause) not in self._bases]
+            elastic_effects = [
+                effect for effect in self.effects if effect.elastic and effect.linear
+            ]
+            others = [
+                one
+                for one in elastic_effects
+                if one is not effect and (one, cause) not in self._bases
+            ]
             self._keep_changes(cause, [effect, *others])
             return self._bases[effect, cause]
 
@@ -360,16 +370,16 @@ class Model:
             for effect in effects:
                 change = effect.basis(altered) - self.basis(effect)
                 changes[effect].append(change / move.sum())
-        for effect, made in changes.items():
-            self._bases[effect, cause] = np.stack(made)
+        for effect, changes_of_effect in changes.items():
+            self._bases[effect, cause] = np.stack(changes_of_effect)
 
     def _own_basis(self, effect: Effect) -> np.ndarray:
         key = effect, None  # effects are compared by identity
         try:
             return self._bases[key]
         except KeyError:
-            made = self._bases[key] = effect.basis(self.chain.state)
-            return made
+            basis = self._bases[key] = effect.basis(self.chain.state)
+            return basis
 
 
 class _BasesOfPart(dict):
@@ -380,11 +390,11 @@ class _BasesOfPart(dict):
         self._whole, self._columns = whole, columns
 
     def __missing__(self, key):
-        made = self._whole.basis(*key)
-        if made.shape[-1] > 1:  # a basis of one column holds for every sample
-            made = np.take(made, self._columns, axis=-1)
-        self[key] = made
-        return made
+        basis = self._whole.basis(*key)
+        if basis.shape[-1] > 1:  # a basis of one column holds for every sample
+            basis = np.take(basis, self._columns, axis=-1)
+        self[key] = basis
+        return basis
 
 
 class _Once:
@@ -401,8 +411,8 @@ class _Once:
     def rows(self, port, port_indices):
         if port not in self._rows:
             self._rows[port] = self._evaluation.rows(port, self._port_indices[port])
-        made, first = self._rows[port], np.searchsorted(self._port_indices[port], port_indices)
-        return made[first[0], None] if len(first) == 1 else made[first]
+        rows, first = self._rows[port], np.searchsorted(self._port_indices[port], port_indices)
+        return rows[first[0], None] if len(first) == 1 else rows[first]
 
 
 def _combined(sizes: np.ndarray, parts: np.ndarray) -> np.ndarray:
@@ -421,7 +431,7 @@ def _contract(small: np.ndarray, rows: np.ndarray, out: np.ndarray | None = None
 def _add_up(pieces) -> tuple[np.ndarray, np.ndarray]:
     port_indices = np.unique(np.concatenate([np.asarray(s) for s, _ in pieces]))
     total = np.zeros((len(port_indices), max(d.shape[-1] for _, d in pieces)))
-    for own, delta in pieces:
+    for port_indices_of_piece, delta in pieces:
         # An effect names each of its components once.
-        total[np.searchsorted(port_indices, own)] += delta
+        total[np.searchsorted(port_indices, port_indices_of_piece)] += delta
     return port_indices, total

@@ -61,9 +61,9 @@ def icosahedral_rotations() -> np.ndarray:
     third = rotation_matrix(2 * np.pi / 3 * face / np.linalg.norm(face))
     found = [np.eye(3)]
     for turn in found:
-        for made in (fifth @ turn, third @ turn):
-            if all(np.abs(made - other).max() > 0.1 for other in found):
-                found.append(made)
+        for candidate in (fifth @ turn, third @ turn):
+            if all(np.abs(candidate - other).max() > 0.1 for other in found):
+                found.append(candidate)
     return np.array(found)
 
 
@@ -101,9 +101,9 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
 
 def transform(rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
     """(..., 4, 4) homogeneous transform T_a_b of a rotation (..., 3, 3) and a translation (..., 3)."""
-    made = np.zeros((*np.shape(translation)[:-1], 4, 4))
-    made[..., :3, :3], made[..., :3, 3], made[..., 3, 3] = rotation, translation, 1
-    return made
+    matrix = np.zeros((*np.shape(translation)[:-1], 4, 4))
+    matrix[..., :3, :3], matrix[..., :3, 3], matrix[..., 3, 3] = rotation, translation, 1
+    return matrix
 
 
 def placement(xyz: Sequence[float], rpy_deg: Sequence[float]) -> np.ndarray:

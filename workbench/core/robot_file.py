@@ -182,15 +182,15 @@ def _check_lengths(file: RobotFile, where: str) -> None:
 
 def _check_limits(file: RobotFile, where: str) -> None:
     for k, joint in enumerate(file.joint, 1):
-        own, other = ("limits_mm", "limits_deg")[:: 1 if joint.kind == "prismatic" else -1]
+        limit, other = ("limits_mm", "limits_deg")[:: 1 if joint.kind == "prismatic" else -1]
         if getattr(joint, other) is not None:
             raise complaint(
-                f"{where}: joint {k}", f"{own} for a {joint.kind} joint", other, "rename it"
+                f"{where}: joint {k}", f"{limit} for a {joint.kind} joint", other, "rename it"
             )
-        limits = getattr(joint, own)
+        limits = getattr(joint, limit)
         if limits is not None and limits[0] >= limits[1]:
             raise complaint(
-                f"{where}: joint {k}, key {own}", "the lower limit first", limits, "swap them"
+                f"{where}: joint {k}, key {limit}", "the lower limit first", limits, "swap them"
             )
 
 

@@ -50,7 +50,7 @@ def _sentence(error, where: str) -> InputError:
     """The first mistake that pydantic found, in one sentence."""
     expected = error["msg"].removeprefix("Input should be ").removeprefix("Input should ")
     sizes = [error.get("ctx", {}).get(name) for name in ("min_length", "max_length")]
-    size = next((one for one in sizes if one), None)
+    size = next((given_size for given_size in sizes if given_size), None)
     expected = expected if size is None else f"a list of {size} numbers"
     key = f"{where}, key {error['loc'][0]}"
     return complaint(key, expected, repr(error["input"])[:60], "correct it")

@@ -170,8 +170,11 @@ class Solution:
     @cached_property
     def marginal_std(self) -> dict[str, float]:
         """1 sigma of every free parameter; also what is held for others is then uncertain by its prior."""
-        held = self.single.from_held()
-        return {key: float(np.sqrt(std**2 + held.get(key, 0.0))) for key, std in self.std.items()}
+        from_held_parameters = self.single.from_held()
+        return {
+            key: float(np.sqrt(std**2 + from_held_parameters.get(key, 0.0)))
+            for key, std in self.std.items()
+        }
 
     @property
     def redundancy(self) -> int:

@@ -22,7 +22,7 @@ def switched_off(
             raise InputError(
                 f"--without {pattern}: expected a term of {where}, found none of that name; its terms are {known}"
             )
-        off = [one or hit for one, hit in zip(off, hits)]
+        off = [hit_of_kind or hit for hit_of_kind, hit in zip(off, hits)]
     return off
 
 

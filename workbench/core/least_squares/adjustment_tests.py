@@ -234,17 +234,17 @@ def regression_test(
     first, second = added.shape[1], len(residual) - base.shape[1] - added.shape[1]
     if first < 1 or second < 1 or total <= 0:
         return RegressionTest(1.0, 1.0, 0.0)
-    left = max(total - explained, 1e-300) / second
-    f = explained / first / left
-    share = 1 - left / (total / (first + second))
+    remaining_variance = max(total - explained, 1e-300) / second
+    f = explained / first / remaining_variance
+    share = 1 - remaining_variance / (total / (first + second))
     return RegressionTest(float(f), float(fisher.sf(f, first, second)), float(max(share, 0.0)))
 
 
 def _orthonormal(columns: np.ndarray, size: float | None = None) -> np.ndarray:
     """(N, r) orthonormal basis of the column space; size: below 1e-8 of it a direction is rounding."""
-    left, values, _ = thin_svd(columns)
+    basis, values, _ = thin_svd(columns)
     largest = values.max(initial=0) if size is None else max(size, 1e-300)
-    return left[:, values > 1e-8 * largest]
+    return basis[:, values > 1e-8 * largest]
 
 
 def p_text(p: float) -> str:

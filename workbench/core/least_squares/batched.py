@@ -111,9 +111,9 @@ def _turned(frame, about, angle):
     """The frame times an elementary rotation about one of its axes."""
     i, j = (about + 1) % 3, (about + 2) % 3
     c, s = angle.cos(), angle.sin()
-    made = list(frame)
-    made[i], made[j] = c * frame[i] + s * frame[j], c * frame[j] - s * frame[i]
-    return made
+    rotated = list(frame)
+    rotated[i], rotated[j] = c * frame[i] + s * frame[j], c * frame[j] - s * frame[i]
+    return rotated
 
 
 def derivative(
@@ -136,15 +136,15 @@ def derivative(
     rows[:3] = unit
     lever = point - torch.as_tensor(np.asarray(base[:3, 3], float), **like)[:, None]
     rows[3:6] = _cross(unit.expand(3, 3, n), lever)
-    made = _cross(walked.axes, point - walked.points)
-    made[:, _D : _A + 1] = walked.axes[:, _D : _A + 1]
-    rows[6 : 6 + 5 * joints] = made.reshape(-1, 3, n)
-    own = torch.nn.functional.one_hot(index, len(places)).to(**like).T
+    geometry = _cross(walked.axes, point - walked.points)
+    geometry[:, _D : _A + 1] = walked.axes[:, _D : _A + 1]
+    rows[6 : 6 + 5 * joints] = geometry.reshape(-1, 3, n)
+    indicator = torch.nn.functional.one_hot(index, len(places)).to(**like).T
     rows[6 + 5 * joints : 6 + 5 * joints + 3 * len(places)] = (
-        own[:, None, None] * walked.end
+        indicator[:, None, None] * walked.end
     ).reshape(-1, 3, n)
     for place, (joint, basis) in enumerate(bent, len(rows) - len(bent)):
-        rows[place] = basis * made[joint, _D if arm.prismatic[joint] else 0]
+        rows[place] = basis * geometry[joint, _D if arm.prismatic[joint] else 0]
     return point, rows
 
 
@@ -182,12 +182,17 @@ def normal_equations(
     chunk = CHUNK["cpu" if like["device"] == "cpu" else "cuda"]
     for first in range(0, variables.shape[1], chunk):
         part = slice(first, first + chunk)
-        own = torch.as_tensor(variables[:, part], **like).clone()
-        bases = [(one.joint, torch.as_tensor(one.basis[part], **like)) for one in bent]
-        for one, (joint, basis) in zip(bent, bases):
-            own[joint] += one.value * basis
+        joint_values = torch.as_tensor(variables[:, part], **like).clone()
+        bases = [
+            (compliance.joint, torch.as_tensor(compliance.basis[part], **like))
+            for compliance in bent
+        ]
+        for compliance, (joint, basis) in zip(bent, bases):
+            joint_values[joint] += compliance.value * basis
         seen = torch.as_tensor(np.asarray(index[part]), device=like["device"])
-        point, rows = derivative(arm, forward_kinematics(arm, own, base), tool, seen, base, bases)
+        point, rows = derivative(
+            arm, forward_kinematics(arm, joint_values, base), tool, seen, base, bases
+        )
         white = (point - torch.as_tensor(measured[:, part], **like)).reshape(-1) / sigma
         flat = rows.reshape(size, -1) / sigma
         normal += (flat @ flat.T).double()

@@ -191,21 +191,27 @@ class _Problem:
     def scales(self, parameters):
         """Typical sizes, precisions of priors and their centres, of the dense and the eliminated unknowns."""
         gone = self.families.get(self.layout.eliminate)
-        kept = [family for name, family in self.families.items() if name != self.layout.eliminate]
+        dense_families = [
+            family for name, family in self.families.items() if name != self.layout.eliminate
+        ]
         free = parameters.mask
-        repeat = [np.tile(np.asarray(f.typical, float), len(f.values)) for f in kept]
+        repeat = [np.tile(np.asarray(f.typical, float), len(f.values)) for f in dense_families]
         self.scale = np.concatenate([parameters.typical[free], *repeat])
-        trust = [np.tile(f.precision, len(f.values)) for f in kept]
+        trust = [np.tile(f.precision, len(f.values)) for f in dense_families]
         self.precision = np.concatenate([parameters.precision[free], *trust])
-        self.centre = np.concatenate([parameters.nulls[free], *(np.ravel(f.values) for f in kept)])
+        self.centre = np.concatenate(
+            [parameters.nulls[free], *(np.ravel(f.values) for f in dense_families)]
+        )
         self.own_scale = np.ones(0) if gone is None else np.asarray(gone.typical, float)
         self.own_precision = np.zeros(0) if gone is None else gone.precision
         self.own_centre = np.zeros((0, 0)) if gone is None else np.array(gone.values, float)
 
     def dense(self, point):
         """(D,) dense unknowns of a point."""
-        kept = [np.ravel(v) for name, v in point.values.items() if name != self.layout.eliminate]
-        return np.concatenate([point.parameters.pack(), *kept])
+        dense_values = [
+            np.ravel(v) for name, v in point.values.items() if name != self.layout.eliminate
+        ]
+        return np.concatenate([point.parameters.pack(), *dense_values])
 
     def own(self, point):
         """(G, L) eliminated unknowns of a point."""
@@ -250,8 +256,8 @@ class _Problem:
         self.point = point
         blocks = Blocks.empty(len(self.scale), len(self.own_centre), len(self.own_scale))
         roots = (s * np.sqrt(weights) for s, weights in zip(self.inverse_sigma, point.weights))
-        for part, own, root in zip(self.parts, rows, roots):
-            part.add_to(blocks, own, root)
+        for part, part_unknowns, root in zip(self.parts, rows, roots):
+            part.add_to(blocks, part_unknowns, root)
         self.data = blocks.scaled(self.scale, self.own_scale)
         squares = sum(float(w @ z) for w, z in zip(point.weights, point.squares))
         excess = max(
@@ -288,12 +294,12 @@ class _Problem:
     def reduced(self, damping):
         """Schur complement (D, D) of the damped normal matrix, and own^-1 [cross, gradient] (G, L, D + 1)."""
         cross = self.data.cross
-        own = self.data.own + np.diag(self.own_trust * self.own_scale**2 + damping)
+        damped = self.data.own + np.diag(self.own_trust * self.own_scale**2 + damping)
         shared = self.data.dense + np.diag(self.trust * self.scale**2 + damping)
         right = np.concatenate([cross, self.own_gradient[..., None]], -1)
-        solved = solve_positive(own, right)
+        solved = solve_positive(damped, right)
         # all groups' own unknowns one below the other: (G L, D)
-        shape = own.shape[0] * own.shape[1], len(self.scale)
+        shape = damped.shape[0] * damped.shape[1], len(self.scale)
         flat_cross, flat_solved = cross.reshape(shape), solved[..., :-1].reshape(shape)
         return shared - flat_cross.T @ flat_solved, solved
 
@@ -388,13 +394,15 @@ class _Problem:
         """Residuals less the unknowns that the data, and not the priors, have spent on them."""
         prior = self.trust * self.scale**2 + _FLOOR
         inverse = covariance_of(schur - np.diag(prior), prior)
-        held = np.diag(inverse) @ prior
-        own = np.diag(self.own_trust * self.own_scale**2 + _FLOOR)
-        if len(own):
-            held += (self.inverse_own() * own).sum() + (
-                (mix @ inverse * mix).sum((0, 2)) * np.diag(own)
+        determined_by_prior = np.diag(inverse) @ prior
+        regularisation = np.diag(self.own_trust * self.own_scale**2 + _FLOOR)
+        if len(regularisation):
+            determined_by_prior += (self.inverse_own() * regularisation).sum() + (
+                (mix @ inverse * mix).sum((0, 2)) * np.diag(regularisation)
             ).sum()
-        return max(self.measured - len(self.scale) - self.own_centre.size + float(held), 1.0)
+        return max(
+            self.measured - len(self.scale) - self.own_centre.size + float(determined_by_prior), 1.0
+        )
 
     def inverse_own(self):
         return inverse_positive(
@@ -406,12 +414,12 @@ class _Problem:
         mix = mix[..., :-1]
         degrees = self.degrees(schur, mix)
         normal = schur - np.diag(self.trust * self.scale**2 + _FLOOR)
-        own = self.own_scale[:, None]
-        inverse = self.inverse_own() * own * own.T if len(own) else self.data.own
-        left = [1.0 if self.weigh is None else _LEFT[len(r)] for r in self.point.residuals]
+        scale = self.own_scale[:, None]
+        inverse = self.inverse_own() * scale * scale.T if len(scale) else self.data.own
+        variance_left = [1.0 if self.weigh is None else _LEFT[len(r)] for r in self.point.residuals]
         squares = [
             float(w @ z) / share
-            for w, z, share in zip(self.point.weights, self.point.squares, left)
+            for w, z, share in zip(self.point.weights, self.point.squares, variance_left)
         ]
         counts = [part.tiles.live.sum() * len(s) for part, s in zip(self.parts, self.inverse_sigma)]
         spent = degrees / max(self.measured, 1)
@@ -429,7 +437,7 @@ class _Problem:
             tuple(self.history),
             self.outcome or OUT_OF_STEPS,
             degrees,
-            Eliminated(inverse, mix * own / self.scale),
+            Eliminated(inverse, mix * scale / self.scale),
             (move * self.scale, own_move * self.own_scale),
         )
 
@@ -438,8 +446,10 @@ class _Problem:
         shared = [
             p for p, free in zip(self.point.parameters.table, self.point.parameters.mask) if free
         ]
-        kept = [f.table() for name, f in self.families.items() if name != self.layout.eliminate]
-        table = Parameters.of([*shared, *(p for rows in kept for p in rows)])
+        dense_parameters = [
+            f.table() for name, f in self.families.items() if name != self.layout.eliminate
+        ]
+        table = Parameters.of([*shared, *(p for rows in dense_parameters for p in rows)])
         return replace(table, values=self.dense(self.point), mask=np.ones(len(table), bool))
 
 

@@ -208,21 +208,21 @@ class Part:
         self, parameters: Parameters, values: Mapping[str, np.ndarray]
     ) -> tuple[Model, Parameters]:
         """The model and its own table at shared parameters and family values."""
-        own = replace(
+        part_parameters = replace(
             self.table, values=parameters.values[self.places], mask=parameters.mask[self.places]
         )
         chain = self.model.chain.with_families({name: values[name] for name in self.families})
-        return self.model.with_chain(chain), own
+        return self.model.with_chain(chain), part_parameters
 
     def inverse_sigma(self, parameters: Parameters) -> np.ndarray:
         """(m, N) or (m, 1) one over sigma, with the effects on the noise."""
-        own = replace(self.table, values=parameters.values[self.places])
-        return 1 / self.model.sigma(own)
+        part_parameters = replace(self.table, values=parameters.values[self.places])
+        return 1 / self.model.sigma(part_parameters)
 
     def residual(self, parameters: Parameters, values: Mapping[str, np.ndarray]) -> np.ndarray:
         """(m, N) residual of the tiles, padding included."""
-        model, own = self.at(parameters, values)
-        return _decorrelated(model.chain, model.residual(own))
+        model, part_parameters = self.at(parameters, values)
+        return _decorrelated(model.chain, model.residual(part_parameters))
 
     def linearise(self, parameters, values) -> tuple[np.ndarray, np.ndarray]:
         """Residual (m, N) and rows (K + 1, m, N): free parameters, each family's, and the residual once more.
@@ -231,14 +231,14 @@ class Part:
         alone: what goes across them would mix the rows of several groups, see `_less_across`.
         The rows are the same memory at every call: fresh pages would cost more than what is written there.
         """
-        model, own = self.at(parameters, values)
-        evaluation = model.evaluate(own)
+        model, part_parameters = self.at(parameters, values)
+        evaluation = model.evaluate(part_parameters)
         free = len(self.columns)
         count = free + sum(self.layout.length[name] for name in self.families)
         if self._rows is None:
             self._rows = np.empty((count + 1, *evaluation.residual.shape))
         rows = self._rows
-        model.fill_rows(evaluation, own, rows[:free])
+        model.fill_rows(evaluation, part_parameters, rows[:free])
         for name in self.families:
             free, start = free + self.layout.length[name], free
             rows[start:free] = evaluation.family_rows(name)
@@ -274,7 +274,7 @@ class Part:
         )
         known = np.add.reduceat((shape**2).reshape(-1, self.tiles.length).sum(-1), self.tiles.start)
         factor = variance / (1 + variance * np.bincount(groups, known, len(blocks.own)))
-        dense, own = (
+        dense, x = (
             np.zeros((len(blocks.own), len(blocks.dense))),
             np.zeros(blocks.own_gradient.shape),
         )
@@ -286,21 +286,23 @@ class Part:
                 first + self.layout.length[name],
             )
             if name == self.layout.eliminate:
-                np.add.at(own, groups, mine)
+                np.add.at(x, groups, mine)
             else:
                 place = _Place(blocks, self.layout, name, self.tiles.groups[name])
                 np.add.at(dense, (groups[:, None], place.columns(name, place.groups)), mine)
-        blocks.take_off(dense, own, np.bincount(groups, sums[-1], len(own)), factor)
+        blocks.take_off(dense, x, np.bincount(groups, sums[-1], len(x)), factor)
 
     def _grams(self, rows, free):
         """(C, families' lengths, K + 1) Gram matrix of each combination of groups."""
         shaped = rows.reshape(*rows.shape[:2], -1, self.tiles.length)
-        made = sum(
+        grams = sum(
             shaped[free:-1, j].transpose(1, 0, 2) @ shaped[:, j].transpose(1, 2, 0)
             for j in range(rows.shape[1])
         )
         return (
-            made if len(self.tiles.start) == len(made) else np.add.reduceat(made, self.tiles.start)
+            grams
+            if len(self.tiles.start) == len(grams)
+            else np.add.reduceat(grams, self.tiles.start)
         )
 
     def _add_families(self, blocks, grams, free):
@@ -336,9 +338,9 @@ class _Place:
     def add_shared(self, columns, gram, gradient):
         if self.gone:
             _add_groups(self.blocks.own_gradient, self.groups, gradient)
-            whole = np.zeros((*gram.shape[:2], self.blocks.cross.shape[2]))
-            whole[:, :, columns] = gram
-            _add_groups(self.blocks.cross, self.groups, whole)
+            full_gram = np.zeros((*gram.shape[:2], self.blocks.cross.shape[2]))
+            full_gram[:, :, columns] = gram
+            _add_groups(self.blocks.cross, self.groups, full_gram)
             return
         rows = self.columns(self.name, self.groups)
         np.add.at(self.blocks.gradient, rows, gradient)

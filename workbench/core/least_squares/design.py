@@ -115,9 +115,9 @@ def least_error(grams, n: int, weight, ridge, repeats: int = 1) -> tuple[np.ndar
     for _ in range(_SHARES):
         inverse = inverse_positive((shares @ flat).reshape(ridge.shape) + ridge)
         value, slope = float((inverse * weight).sum()), flat @ (inverse @ weight @ inverse).ravel()
-        whole, part = divmod(n, repeats)
+        cycle, part = divmod(n, repeats)
         best = np.sort(slope)[::-1]
-        most = repeats * best[:whole].sum() + (part * best[whole] if part else 0.0)
+        most = repeats * best[:cycle].sum() + (part * best[cycle] if part else 0.0)
         bound = max(bound, value - (most - slope @ shares))
         if bound > value * (1 - 1e-3):
             break

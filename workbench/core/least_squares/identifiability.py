@@ -219,13 +219,13 @@ def independent(
     scaled = (
         normal[np.ix_(place, place)] * np.outer(typical, typical) / max(scale, _LEAST_SCALE) ** 2
     )
-    kept, left_out = _greedy(scaled)
+    retained, left_out = _greedy(scaled)
     mask = np.zeros(len(parameters), bool)
-    mask[free[kept]] = True
+    mask[free[retained]] = True
     keys = [parameters.keys[k] for k in free]
     weight = np.sqrt(np.maximum(np.diag(scaled), 0))
     tied = {
-        keys[k]: _partners(mix * weight[kept[: len(mix)]], keys, kept)
+        keys[k]: _partners(mix * weight[retained[: len(mix)]], keys, retained)
         for k, mix in left_out.items()
     }
     return parameters.only(mask), tied
@@ -243,22 +243,22 @@ def _partners(part, keys, kept):
 
 def _greedy(scaled):
     """Indices kept, and for each one left out its mix of the kept (Cholesky, column by column)."""
-    kept, left_out, lower = [], {}, np.zeros_like(scaled)
+    retained, left_out, lower = [], {}, np.zeros_like(scaled)
     norms = np.sqrt(np.maximum(np.diag(scaled), 0))
     for k in range(len(scaled)):
-        size = len(kept)
+        size = len(retained)
         factor = lower[:size, :size]
-        row = _solve_lower(factor, scaled[kept, k])
+        row = _solve_lower(factor, scaled[retained, k])
         rest = scaled[k, k] - row @ row
         mix = _solve_lower(factor, row, transposed=True)
         # rounding of the entries, as the mix of nearly dependent columns amplifies it: it is no information
-        rounding = _AMPLIFIED * (norms[k] + np.abs(mix) @ norms[kept]) ** 2
+        rounding = _AMPLIFIED * (norms[k] + np.abs(mix) @ norms[retained]) ** 2
         if rest > max(_CONFOUNDED, rounding):
             lower[size, :size], lower[size, size] = row, np.sqrt(rest)
-            kept.append(k)
+            retained.append(k)
         else:
             left_out[k] = mix
-    return kept, left_out
+    return retained, left_out
 
 
 def _solve_lower(factor: np.ndarray, right: np.ndarray, transposed: bool = False) -> np.ndarray:

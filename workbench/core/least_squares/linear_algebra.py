@@ -212,7 +212,9 @@ def covariance_of(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
     if lower is not None:
         return _inverse_of(total / outer, lower) / outer
     flat = information.reshape(-1, *information.shape[-2:])
-    return np.stack([_covariance_by_rows(one, prior) for one in flat]).reshape(information.shape)
+    return np.stack([_covariance_by_rows(matrix, prior) for matrix in flat]).reshape(
+        information.shape
+    )
 
 
 def posterior_of(
@@ -267,8 +269,8 @@ def _covariance_by_rows(information, prior):
     """
     size = diagonal_scale(information)
     values, vectors = symmetric_eigen(information / np.outer(size, size))
-    kept = values > _cutoff(information)
-    data = np.sqrt(values[kept])[:, None] * vectors[:, kept].T * size
+    is_retained = values > _cutoff(information)
+    data = np.sqrt(values[is_retained])[:, None] * vectors[:, is_retained].T * size
     rows = np.concatenate([data, np.diag(np.sqrt(prior))])
     rows = rows[np.argsort(-np.abs(rows).max(axis=1), kind="stable")]
     triangle, order = linalg.qr(rows, mode="r", pivoting=True)

@@ -66,8 +66,8 @@ class SingleParameters:
         """Key of every free parameter -> the part of its variance that the held ones cause (law of total variance)."""
         free, held = np.flatnonzero(self.free), np.flatnonzero(~self.free)
         cross = self.known.covariance[np.ix_(free, held)]
-        own = self.known.covariance[np.ix_(held, held)]
-        part = (cross * solve_positive(own, cross.T).T).sum(1)
+        held_covariance = self.known.covariance[np.ix_(held, held)]
+        part = (cross * solve_positive(held_covariance, cross.T).T).sum(1)
         return {self.known.keys[k]: max(float(v), 0.0) for k, v in zip(free, part)}
 
     def groups(self) -> list[list[str]]:
@@ -121,13 +121,13 @@ class SingleParameters:
 
 def _joined(merged: Sequence[list[str]], members: Sequence[str]) -> list[list[str]]:
     """The groups with one more; those that share a member with it become one with it."""
-    keys, apart = list(members), []
+    keys, disjoint = list(members), []
     for others in merged:
         if set(others) & set(members):
             keys += [key for key in others if key not in keys]
         else:
-            apart.append(others)
-    return [*apart, keys]
+            disjoint.append(others)
+    return [*disjoint, keys]
 
 
 def _known_before(known: Identifiability, parameters: Parameters, rows: np.ndarray) -> np.ndarray:
@@ -140,7 +140,13 @@ def _known_before(known: Identifiability, parameters: Parameters, rows: np.ndarr
     has_prior = precision > 0
     prior = 1 / np.sqrt(np.where(has_prior, precision, 1.0))
     widest = {
-        unit: max((p for p, own, has in zip(prior, known.units, has_prior) if has and own == unit))
+        unit: max(
+            (
+                p
+                for p, prior_unit, has in zip(prior, known.units, has_prior)
+                if has and prior_unit == unit
+            )
+        )
         for unit in {unit for unit, has in zip(known.units, has_prior) if has}
     }
     limit = np.array([widest.get(unit, np.inf) for unit in known.units])

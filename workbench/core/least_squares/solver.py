@@ -215,9 +215,9 @@ class _Problem:
         """Set the current point and compute its whitened and scaled normal equations and gradient."""
         self.parameters, self.residual, self.weights = parameters, residual, weights
         root = self.inverse_sigma if self.weigh is None else self.inverse_sigma * np.sqrt(weights)
-        made = rows if isinstance(rows, Equations) else _equations(rows, residual, root)
-        self.normal = made.normal * np.outer(self.scale, self.scale)
-        self.data_gradient = made.gradient * self.scale
+        equations = rows if isinstance(rows, Equations) else _equations(rows, residual, root)
+        self.normal = equations.normal * np.outer(self.scale, self.scale)
+        self.data_gradient = equations.gradient * self.scale
         self.trust = self.trust_in_priors(residual)
         self.prior = self.trust * self.scale**2
         self.data_normal = self.normal
@@ -324,8 +324,8 @@ class _Problem:
         if not size:
             return float(self.residual.size)
         prior = self.prior + _FLOOR
-        held = float(np.diag(covariance_of(self.data_normal, prior)) @ prior)
-        return max(self.residual.size - size + held, 1.0)
+        determined_by_prior = float(np.diag(covariance_of(self.data_normal, prior)) @ prior)
+        return max(self.residual.size - size + determined_by_prior, 1.0)
 
     def finish(self):
         degrees = self.degrees()

@@ -20,8 +20,8 @@ class TaskVariances:
 
     def __init__(self, rows: np.ndarray, known: np.ndarray, weight: np.ndarray):
         values, vectors = symmetric_eigen(weight)
-        kept = values > _NEGLIGIBLE * max(values[-1], 0.0)
-        self._tasks = vectors[:, kept] * np.sqrt(values[kept])
+        is_retained = values > _NEGLIGIBLE * max(values[-1], 0.0)
+        self._tasks = vectors[:, is_retained] * np.sqrt(values[is_retained])
         self._rows, self._known = rows, known
         self._restart(np.zeros(len(rows), int))
 
@@ -60,8 +60,8 @@ class TaskVariances:
         return True
 
     def _restart(self, counts: np.ndarray) -> None:
-        held = np.repeat(np.arange(len(counts)), counts)
-        flat = self._rows[held].reshape(-1, self._rows.shape[2])
+        owner = np.repeat(np.arange(len(counts)), counts)
+        flat = self._rows[owner].reshape(-1, self._rows.shape[2])
         self._covariance = inverse_positive(flat.T @ flat + self._known)
         self._products = self._rows @ self._covariance
         self._counts, self._updates = counts, 0

@@ -59,6 +59,6 @@ def _escape(character: str) -> str:
 
 def _shorten(name: str, identifier: str) -> str:
     digest = hashlib.sha256(identifier.encode("utf-8", "surrogatepass")).hexdigest()[:_DIGITS]
-    kept = name[: LONGEST - _DIGITS - 1]
-    kept = re.sub(r"%[0-9A-F]?$", "", kept)  # no half of an escape
-    return f"{kept}~{digest}"
+    shortened = name[: LONGEST - _DIGITS - 1]
+    shortened = re.sub(r"%[0-9A-F]?$", "", shortened)  # no half of an escape
+    return f"{shortened}~{digest}"

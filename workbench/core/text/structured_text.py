@@ -90,19 +90,19 @@ def _check_values(value) -> None:
     containers nested more than 100 deep. YAML may refer to a container many times, even to one that
     contains it: each container is looked at once.
     """
-    left, seen = [(value, 0)], set()
-    while left:
-        one, depth = left.pop()
-        if isinstance(one, str):
-            _check_text(one)
-        elif isinstance(one, int) and not -_INT64 <= one < _INT64:
+    pending, seen = [(value, 0)], set()
+    while pending:
+        item, depth = pending.pop()
+        if isinstance(item, str):
+            _check_text(item)
+        elif isinstance(item, int) and not -_INT64 <= item < _INT64:
             raise ContentError("an integer has more than 64 bits")
-        elif isinstance(one, dict | list) and id(one) not in seen:
+        elif isinstance(item, dict | list) and id(item) not in seen:
             if depth > _DEPTH:
                 raise ContentError("values are nested too deeply")
-            seen.add(id(one))
-            children = [*one.keys(), *one.values()] if isinstance(one, dict) else one
-            left.extend((child, depth + 1) for child in children)
+            seen.add(id(item))
+            children = [*item.keys(), *item.values()] if isinstance(item, dict) else item
+            pending.extend((child, depth + 1) for child in children)
 
 
 def _check_text(text: str) -> None:
