@@ -103,7 +103,7 @@ def acceptance(
     """
     numbers = np.array([ball.number for ball in balls], int)
     fits = [ball.fit for ball in balls]
-    made = [
+    characteristics = [
         probing_form(balls),
         probing_range(balls),
         probing_rms(balls),
@@ -114,24 +114,27 @@ def acceptance(
         rejected(fits),
         mean_temperature(temperature),
     ]
-    unknown = set(limits or {}) - {one.name for one in made}
+    unknown = set(limits or {}) - {characteristic.name for characteristic in characteristics}
     if unknown:
+        known = ", ".join(characteristic.name for characteristic in characteristics)
         raise InputError(
-            f"limits: expected names among {', '.join(one.name for one in made)}, found "
-            f"'{sorted(unknown)[0]}'; correct its name"
+            f"limits: expected names among {known}, found '{sorted(unknown)[0]}'; correct its name"
         )
-    return tuple(judged(one, (limits or {}).get(one.name)) for one in made)
+    return tuple(
+        judged(characteristic, (limits or {}).get(characteristic.name))
+        for characteristic in characteristics
+    )
 
 
-def judged(one: Characteristic, limit: float | None) -> Characteristic:
+def judged(characteristic: Characteristic, limit: float | None) -> Characteristic:
     """With the verdict that a limit allows: ISO 14253-1, uncertainty at k = 2 where it is known."""
     if limit is None:
-        return replace(one, limit=None, verdict=NOT_JUDGED)
-    if not one.determined:
-        return replace(one, limit=limit, verdict=UNKNOWN)
-    size, doubt = abs(one.value), 2 * (one.std or 0.0)
+        return replace(characteristic, limit=None, verdict=NOT_JUDGED)
+    if not characteristic.determined:
+        return replace(characteristic, limit=limit, verdict=UNKNOWN)
+    size, doubt = abs(characteristic.value), 2 * (characteristic.std or 0.0)
     verdict = WITHIN if size + doubt <= limit else BEYOND if size - doubt > limit else UNDECIDED
-    return replace(one, limit=float(limit), verdict=verdict)
+    return replace(characteristic, limit=float(limit), verdict=verdict)
 
 
 def probing_form(balls: Sequence[Probed]) -> Characteristic:
@@ -180,7 +183,7 @@ def probing_size(balls: Sequence[Probed]) -> Characteristic:
     with its sign. Standard uncertainty: of the fit and of the calibration.
     """
     known = [ball for ball in balls if ball.radius is not None]
-    made = _of_balls(
+    characteristic = _of_balls(
         probing_size,
         "probing_size",
         "P_Size.Sph.All:SMV.SV:O3D",
@@ -189,11 +192,13 @@ def probing_size(balls: Sequence[Probed]) -> Characteristic:
         lambda ball: 2 * (ball.unconstrained.radius - ball.radius),
     )
     if not known and balls:
-        return replace(made, why="no calibrated radius was given")
-    if not made.determined:
-        return made
-    worst = next(ball for ball in known if f"ball-{ball.number}" == _worst(made.parts))
-    return replace(made, std=2 * float(np.hypot(worst.unconstrained.std[-1], worst.radius_std)))
+        return replace(characteristic, why="no calibrated radius was given")
+    if not characteristic.determined:
+        return characteristic
+    worst = next(ball for ball in known if f"ball-{ball.number}" == _worst(characteristic.parts))
+    return replace(
+        characteristic, std=2 * float(np.hypot(worst.unconstrained.std[-1], worst.radius_std))
+    )
 
 
 def sphere_spacing(
@@ -222,7 +227,7 @@ def sphere_spacing(
             f"ball {min(outside)}: expected one of the {artefact.shape[1]} balls of the artefact, "
             "found none of that number; correct it"
         )
-    parts, doubts = {}, {}
+    parts, sigma_of_sums = {}, {}
     for a, b in pairs:
         line = fits[a].centre - fits[b].centre
         length = np.linalg.norm(line)
@@ -230,10 +235,16 @@ def sphere_spacing(
         known = np.linalg.norm(artefact[:, numbers[a] - 1] - artefact[:, numbers[b] - 1])
         both = fits[a].covariance[:3, :3] + fits[b].covariance[:3, :3]
         parts[name] = float(length - known)
-        doubts[name] = float(np.sqrt(line @ both @ line / length**2 + artefact_std**2))
+        sigma_of_sums[name] = float(np.sqrt(line @ both @ line / length**2 + artefact_std**2))
     worst = _worst(parts)
     return _characteristic(
-        sphere_spacing, *names, parts[worst], "mm", len(parts), std=doubts[worst], parts=parts
+        sphere_spacing,
+        *names,
+        parts[worst],
+        "mm",
+        len(parts),
+        std=sigma_of_sums[worst],
+        parts=parts,
     )
 
 

@@ -122,7 +122,7 @@ def blur(grey: np.ndarray) -> str | None:
     low, high = np.percentile(smooth[::4, ::4], (0.1, 99.9))
     down, right = np.gradient(smooth)
     along = (right, down, (right + down) / np.sqrt(2), (right - down) / np.sqrt(2))
-    steepest = [float(np.percentile(np.abs(one), _STEEPEST)) for one in along]
+    steepest = [float(np.percentile(np.abs(gradient), _STEEPEST)) for gradient in along]
     narrow, wide = (float(high - low) / max(f(steepest), 1e-9) for f in (max, min))
     if narrow > _SHARP_PX:
         return f"blurred: its sharpest edges are {narrow:.0f} px wide"
@@ -174,7 +174,7 @@ def stacks(
 
     Raises InputError for a image that cannot be read, or is not as large or as deep as the first one.
     """
-    held, shape, depth = [], None, None
+    images, shape, depth = [], None, None
     for path in paths:
         grey = read_grey(path, called(path), channel)
         shape, depth = shape or grey.shape, depth or grey.dtype
@@ -188,12 +188,12 @@ def stacks(
                 f"{called(path)}: expected {shape[1]} x {shape[0]} px as in the images before, found "
                 f"{grey.shape[1]} x {grey.shape[0]} px; take it again with the same settings"
             )
-        held.append(grey)
-        if len(held) == frames:
-            yield np.stack(held)
-            held = []
-    if held:
-        yield np.stack(held)
+        images.append(grey)
+        if len(images) == frames:
+            yield np.stack(images)
+            images = []
+    if images:
+        yield np.stack(images)
 
 
 def noise(grey: np.ndarray) -> float:

@@ -32,7 +32,7 @@ def trust_from_keys(keys: Mapping, called: str) -> Trust | None:
         return None
     stripes = _stripes(table)
     warnings = table.get("warnings", []) if isinstance(table, Mapping) else None
-    is_listed = isinstance(warnings, list) and all(isinstance(one, str) for one in warnings)
+    is_listed = isinstance(warnings, list) and all(isinstance(warning, str) for warning in warnings)
     if stripes is None or not is_listed or not isinstance(table.get("usable"), bool):
         raise InputError(
             f"{called}, [verdict]: expected usable = true or false, a list of warnings and lengths in px from 0, found "

@@ -40,7 +40,7 @@ class VarianceComponents:
         return np.where(known, np.maximum(self.signed + std * beyond, 0.0), self.variance)
 
 
-def estimate_components(own: np.ndarray, pull: np.ndarray, kind: np.ndarray) -> VarianceComponents:
+def estimate_components(gram: np.ndarray, pull: np.ndarray, kind: np.ndarray) -> VarianceComponents:
     """Variances of E shared errors of kinds 0 to K - 1.
 
     own (E, E) is R and pull (E,) is g at zero variances, kind (E,) int. Fisher's scoring (Patterson & Thompson,
@@ -49,13 +49,13 @@ def estimate_components(own: np.ndarray, pull: np.ndarray, kind: np.ndarray) -> 
     """
     count = int(kind.max(initial=-1)) + 1
     estimable = np.array(
-        [_left(own[np.ix_(kind == k, kind == k)]) >= _FEWEST for k in range(count)], bool
+        [_left(gram[np.ix_(kind == k, kind == k)]) >= _FEWEST for k in range(count)], bool
     )
     variance, std, signed = np.zeros(count), np.full(count, np.inf), np.zeros(count)
     for _ in range(_ROUNDS):
         before = variance
-        left, said = _at(own, pull, variance[kind])
-        known, score = _scoring(left, said, kind, count)
+        solved, said = _at(gram, pull, variance[kind])
+        known, score = _scoring(solved, said, kind, count)
         signed = variance + score / np.maximum(np.diag(known), 1e-300)
         variance, std = _stepped(variance, known, score, estimable)
         if (np.abs(variance - before) <= _STILL * np.where(np.isfinite(std), std, 0)).all():
@@ -65,42 +65,42 @@ def estimate_components(own: np.ndarray, pull: np.ndarray, kind: np.ndarray) -> 
     )
 
 
-def _left(own):
+def _left(gram):
     """How many errors of one kind remain after the unknowns are projected out: (tr R)^2 / tr R^2."""
-    return float(np.trace(own) ** 2 / max((own**2).sum(), 1e-300)) if own.size else 0.0
+    return float(np.trace(gram) ** 2 / max((gram**2).sum(), 1e-300)) if gram.size else 0.0
 
 
-def _at(own, pull, variance):
+def _at(gram, pull, variance):
     """R and g with the errors' variances (E,) in the weights."""
-    mixed = np.linalg.solve(np.eye(len(own)) + own * variance, np.column_stack([own, pull]))
+    mixed = np.linalg.solve(np.eye(len(gram)) + gram * variance, np.column_stack([gram, pull]))
     return mixed[:, :-1], mixed[:, -1]
 
 
-def _scoring(left, said, kind, count):
+def _scoring(solved, said, kind, count):
     """Twice Fisher's information (K, K) of the variances, and twice the score (K,)."""
-    square = left**2
+    square = solved**2
     known = np.array(
         [[square[np.ix_(kind == k, kind == m)].sum() for m in range(count)] for k in range(count)]
     )
-    score = np.bincount(kind, said**2 - np.diag(left), count)
+    score = np.bincount(kind, said**2 - np.diag(solved), count)
     return known.reshape(count, count), score
 
 
 def _stepped(variance, known, score, estimable):
     """The next variances and what they are known to; those that would be negative are 0, one after the other."""
-    free, made, std = estimable.copy(), np.zeros_like(variance), np.full(len(variance), np.inf)
+    free, stepped, std = estimable.copy(), np.zeros_like(variance), np.full(len(variance), np.inf)
     wanted = known @ variance + score
     while free.any():
         inverse = pseudo_inverse(known[np.ix_(free, free)])
-        made[:], std[:] = 0, np.inf
-        made[free] = inverse @ wanted[free]
+        stepped[:], std[:] = 0, np.inf
+        stepped[free] = inverse @ wanted[free]
         std[free] = np.sqrt(2 * np.maximum(np.diag(inverse), 1e-300))
-        if (made >= 0).all():
+        if (stepped >= 0).all():
             break
-        free[np.argmin(made / std)] = False
-        made[:] = np.where(free, made, 0)
+        free[np.argmin(stepped / std)] = False
+        stepped[:] = np.where(free, stepped, 0)
     single = np.sqrt(2 / np.maximum(np.diag(known), 1e-300))
     std = np.where(estimable & ~np.isfinite(std), single, std)
-    return np.minimum(made, variance + _GROWS * np.where(np.isfinite(std), std, 0)), np.where(
+    return np.minimum(stepped, variance + _GROWS * np.where(np.isfinite(std), std, 0)), np.where(
         estimable, std, np.inf
     )

@@ -41,7 +41,7 @@ class Arcs:
             centre = centres[k]
             if support[k] < _FEWEST or len(found) == most:
                 break
-            if all(np.linalg.norm(centre - one[1]) > _DIFFERENT * radius for one in found):
+            if all(np.linalg.norm(centre - ball[1]) > _DIFFERENT * radius for ball in found):
                 found.append((support[k], centre, radius))
         return found
 

@@ -54,5 +54,5 @@ def _sectors_about(axis, directions):
 def shell(residual: np.ndarray, share: float) -> float:
     """Width, mm, of the thinnest shell that holds a share of distances (n,) from the surface."""
     ordered = np.sort(residual)
-    held = max(int(np.ceil(share * len(ordered))), 1)
-    return float((ordered[held - 1 :] - ordered[: len(ordered) - held + 1]).min())
+    count = max(int(np.ceil(share * len(ordered))), 1)
+    return float((ordered[count - 1 :] - ordered[: len(ordered) - count + 1]).min())

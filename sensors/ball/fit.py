@@ -182,11 +182,13 @@ def _fit(
     compare=True,
 ):
     points = np.asarray(points, float)
-    whole = _problem(points, sigma, radius, d, covariance, direction)
+    full_problem = _problem(points, sigma, radius, d, covariance, direction)
     view = _units(view, points, "view")
     _check(radius, incidence, edge, loss, view, groups, shared)
-    present = np.isfinite(points).all(0) & np.isfinite(whole.sigma) & (whole.sigma > 0)
-    problem = whole if present.all() else whole.some(present)
+    present = (
+        np.isfinite(points).all(0) & np.isfinite(full_problem.sigma) & (full_problem.sigma > 0)
+    )
+    problem = full_problem if present.all() else full_problem.some(present)
     trim = _Trim(
         None if view is None else view[:, present],
         np.pi / 2 if incidence is None else incidence,
@@ -243,28 +245,30 @@ class _Task:
 
     def fit(self, values) -> BallFit:
         """From centre and radius `values` (d + 1,)."""
-        solved, made = solve(self.problem, values, self.loss, self.trim), None
+        solved, result = solve(self.problem, values, self.loss, self.trim), None
         if not np.isfinite(solved.spread):
             return self.failed(_TOO_FEW)
         if self.shared is not None:
-            solved, made = solve_shared(self.problem, solved, self.loss, self.shared, self.ordered)
+            solved, result = solve_shared(
+                self.problem, solved, self.loss, self.shared, self.ordered
+            )
         part = _Part(self.problem, solved, self.loss, self.trim)
         if len(part.part.place) < self.problem.size:
             return self.failed(_TOO_FEW)
-        made = part.covariance(self.groups, self.ordered, made)
+        result = part.covariance(self.groups, self.ordered, result)
         lasting = memory(part.part.score) if self.ordered else 1.0
         shape = part.form(lasting)
-        if why := self._refused(part, made, shape, lasting):
+        if why := self._refused(part, result, shape, lasting):
             return self.failed(why)
-        fit = part.result(made, self.present, self.at_limit, shape)
+        fit = part.result(result, self.present, self.at_limit, shape)
         if self.problem.free or not self.compare:
             return fit
         free = replace(self, problem=replace(self.problem, free=True)).fit(solved.values)
         return _compared(fit, free) if free else fit
 
-    def _refused(self, part, made, shape, lasting) -> str:
+    def _refused(self, part, result, shape, lasting) -> str:
         """Why this is no ball, "" where it is one."""
-        radius, doubt = part.values[-1], float(np.sqrt(made[-1, -1]))
+        radius, doubt = part.values[-1], float(np.sqrt(result[-1, -1]))
         gain = part.plane_gain() / lasting
         if gain > (-(_KNOWN**2) if part.step > _SETTLED else _KNOWN**2):
             return f"no ball found: a plane fits the points as well as a ball; {_FLAT}, or another surface"
@@ -434,14 +438,14 @@ class _Part:
         normal, rows = self.at.normal[:, some], self.at.rows[:, some]
         return low_orders(normal, self.white[some], self.at.sigma[some], rows, lasting)
 
-    def covariance(self, groups, ordered, made):
+    def covariance(self, groups, ordered, result):
         """(d + 1, d + 1), of the points' errors where none is given; rows of a known radius are 0."""
-        if made is None:
-            made = covariance(self.part, _of(groups, self.used))
-            made = made * memory(self.part.score) if ordered and groups is None else made
-        return np.pad(made, (0, len(self.values) - len(made)))
+        if result is None:
+            result = covariance(self.part, _of(groups, self.used))
+            result = result * memory(self.part.score) if ordered and groups is None else result
+        return np.pad(result, (0, len(self.values) - len(result)))
 
-    def result(self, made, present, at_limit, shape: Form) -> BallFit:
+    def result(self, solution, present, at_limit, shape: Form) -> BallFit:
         """The fit, as statements about all points, `present` (n,) or not."""
         problem, used, n = self.problem, self.used, len(present)
         degrees = max(len(self.part.place) - problem.size, 1)
@@ -452,8 +456,8 @@ class _Part:
         residual, reason = np.full(n, np.nan), np.full(n, MISSING, np.uint8)
         codes = self.trim.codes(self.values, self.at.normal)
         np.copyto(codes, OUTLIER, where=(codes == USED) & ~used)
-        whole = slice(None) if present.all() else present
-        residual[whole], reason[whole] = distance, codes
+        present_columns = slice(None) if present.all() else present
+        residual[present_columns], reason[present_columns] = distance, codes
         squares = float(np.square(distance.take(self.part.place)).sum())
         cap, coverage = seen_extent(self.at.normal, self.part.place, self.trim.view)
         cut = 0 if at_limit is None else int((at_limit & used).sum())
@@ -461,7 +465,7 @@ class _Part:
         return BallFit(
             values[:-1],
             float(values[-1]),
-            made,
+            solution,
             off,
             sigma_scale,
             float(np.sqrt(squares / degrees)),

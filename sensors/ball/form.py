@@ -37,8 +37,8 @@ def plane_gain(
     moments, sigma = np.zeros((d + 1, d + 1)), one_sigma(sigma)
     near = np.ones((d + 1, min(BLOCK, points.shape[1])))
     for block in blocks(points.shape[1]):
-        own = sigma[block] if np.ndim(sigma) else sigma
-        weight = used[block] / own**2
+        block_sigma = sigma[block] if np.ndim(sigma) else sigma
+        weight = used[block] / block_sigma**2
         part = near[:, : len(weight)]
         np.subtract(points[:, block], first, out=part[:-1])
         moments += (part * weight) @ part.T
@@ -67,22 +67,22 @@ def low_orders(
     make a mean vary more. The F test of a linear model; `some_of` the points are enough for it.
     """
     rows = rows / sigma
-    own = np.linalg.qr(rows.T)[0]
+    basis = np.linalg.qr(rows.T)[0]
     shape = _shapes(normal) / sigma
-    shape = shape - (shape @ own) @ own.T
-    white = white - own @ (own.T @ white)
+    shape = shape - (shape @ basis) @ basis.T
+    white = white - basis @ (basis.T @ white)
     values, vectors = symmetric_eigen(shape @ shape.T)
-    kept = values > _RANK * max(values[-1], 1e-300)
-    count, left = int(kept.sum()), len(white) - len(rows) - int(kept.sum())
-    if left < 2 * (count + len(rows)):
+    is_retained = values > _RANK * max(values[-1], 1e-300)
+    count, degrees = int(is_retained.sum()), len(white) - len(rows) - int(is_retained.sum())
+    if degrees < 2 * (count + len(rows)):
         return Form(float("nan"), 1.0)
-    modes = (vectors[:, kept] / np.sqrt(values[kept])).T @ shape
+    modes = (vectors[:, is_retained] / np.sqrt(values[is_retained])).T @ shape
     share = modes @ white
     explained = float(share @ share)
-    noise = max(float(white @ white) - explained, 1e-300) / left
+    noise = max(float(white @ white) - explained, 1e-300) / degrees
     fitted = share @ modes / rows[-1]  # back to mm across the surface
     real = max(1 - memory * count * noise / max(explained, 1e-300), 0.0)
-    probability = float(fdtrc(count, left, explained / count / noise / memory))
+    probability = float(fdtrc(count, degrees, explained / count / noise / memory))
     return Form(float(np.sqrt(real * (fitted**2).mean())), probability)
 
 
@@ -90,7 +90,7 @@ def _shapes(normal: np.ndarray) -> np.ndarray:
     """(k, n) products of two and of three components of the direction, without those that follow from the others."""
     two = [a * b for i, a in enumerate(normal) for b in normal[i:]][:-1]
     last = normal[-1]
-    three = [one * last for one in two] + [normal[0] ** 3, normal[0] ** 2 * normal[1]][
+    three = [product * last for product in two] + [normal[0] ** 3, normal[0] ** 2 * normal[1]][
         : 2 * len(normal) - 4
     ]
     return np.stack(two + three)

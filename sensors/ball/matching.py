@@ -37,7 +37,9 @@ def match(found: np.ndarray, artefact: np.ndarray, tolerance: float = 0.5, expec
     """
     found, artefact = np.asarray(found, float), np.asarray(artefact, float)
     assignments = _assignments(_apart(found), _apart(artefact), tolerance)
-    fits = sorted(((_rigid_rms(found, artefact, one), k) for k, one in enumerate(assignments)))
+    fits = sorted(
+        ((_rigid_rms(found, artefact, assignment), k) for k, assignment in enumerate(assignments))
+    )
     fits = [(rms, assignments[k]) for rms, k in fits if rms <= tolerance]
     if not fits:
         why = "the distances fit only a mirror image of the artefact; check the signs of the axes"
@@ -46,7 +48,7 @@ def match(found: np.ndarray, artefact: np.ndarray, tolerance: float = 0.5, expec
         return Match(np.full(found.shape[1], -1), np.nan, (), (), why)
     best, degrees = fits[0][1], max(3 * int((fits[0][1] >= 0).sum()) - 6, 1)
     allowed = max(fits[0][0], 1e-9) * np.sqrt(f_distribution.isf(0.001, degrees, degrees))
-    others = tuple(one for rms, one in fits[1:] if rms <= allowed)
+    others = tuple(assignment for rms, assignment in fits[1:] if rms <= allowed)
     swapped = () if expected is None else _swapped(best, np.asarray(expected))
     return Match(
         best, fits[0][0], others, swapped, _match_outcome(best, fits[0][0], others, swapped)
@@ -62,23 +64,23 @@ def _assignments(found, artefact, tolerance, most=50_000):
 
     Depth first, and no more than `most` partial ones: some of many balls without any order are still found.
     """
-    k, kept, size = len(found), [], 0
+    k, complete, size = len(found), [], 0
     stack = [np.zeros(0, int)]
     for _ in range(most):
         if not stack:
             break
-        one = stack.pop()
-        count = int((one >= 0).sum())
-        if count + k - len(one) < max(size, 2):
+        assignment = stack.pop()
+        count = int((assignment >= 0).sum())
+        if count + k - len(assignment) < max(size, 2):
             continue
-        if len(one) == k:
-            kept, size = (kept if count == size else []) + [one], count
+        if len(assignment) == k:
+            complete, size = (complete if count == size else []) + [assignment], count
             continue
-        placed = np.flatnonzero(one >= 0)
-        gap = np.abs(artefact[:, one[placed]] - found[len(one), placed])
-        fitting = np.setdiff1d(np.flatnonzero((gap <= tolerance).all(1)), one[placed])
-        stack += [np.append(one, ball) for ball in (-1, *fitting)]
-    return kept
+        placed = np.flatnonzero(assignment >= 0)
+        gap = np.abs(artefact[:, assignment[placed]] - found[len(assignment), placed])
+        fitting = np.setdiff1d(np.flatnonzero((gap <= tolerance).all(1)), assignment[placed])
+        stack += [np.append(assignment, ball) for ball in (-1, *fitting)]
+    return complete
 
 
 def _rigid_rms(found, artefact, ball):

@@ -148,11 +148,11 @@ class _Cloud:
         self.between = between
         chosen, self.cell = _thinned(points, between[0] * _CELL, np.random.default_rng(seed))
         self.points, rays, self.chosen = points[:, chosen], rays[:, chosen], chosen
-        apart, self.near = cKDTree(self.points.T).query(
+        spacing, self.near = cKDTree(self.points.T).query(
             self.points.T, min(_NEIGHBOURS, len(chosen))
         )
         # points scattered at random over a surface, one a cell, are half a cell from the next
-        self.cell = max(self.cell, 2 * float(np.median(apart[:, 1])))
+        self.cell = max(self.cell, 2 * float(np.median(spacing[:, 1])))
         self.normals = _normals(self.points, self.near)
         self.normals *= -np.sign(np.einsum("dn,dn->n", self.normals, rays))
 
@@ -164,12 +164,12 @@ class _Cloud:
 
     def of_range(self):
         """Candidates of any radius in the range: a point and its neighbours share the ball that they lie on."""
-        apart = self.points[:, self.near] - self.points[:, :, None]
+        offsets = self.points[:, self.near] - self.points[:, :, None]
         turned = self.normals[:, self.near] - self.normals[:, :, None]
         bend = (turned**2).sum((0, 2))
-        radius = (apart * turned).sum((0, 2)) / np.maximum(bend, 1e-12)
-        misfit = ((apart - radius[:, None] * turned) ** 2).sum((0, 2)) / np.maximum(
-            (apart**2).sum((0, 2)), 1e-300
+        radius = (offsets * turned).sum((0, 2)) / np.maximum(bend, 1e-12)
+        misfit = ((offsets - radius[:, None] * turned) ** 2).sum((0, 2)) / np.maximum(
+            (offsets**2).sum((0, 2)), 1e-300
         )
         found, low = [], self.between[0]
         while low < self.between[1]:
@@ -198,12 +198,12 @@ class _Cloud:
         tree, found = cKDTree(votes.T), []
         for centre in (places.T + 0.5) * reach:
             for _ in range(3):
-                held = tree.query_ball_point(centre, reach)
-                centre = votes[:, held].mean(1) if held else centre
-            if len(held) >= least and all(
+                neighbours = tree.query_ball_point(centre, reach)
+                centre = votes[:, neighbours].mean(1) if neighbours else centre
+            if len(neighbours) >= least and all(
                 np.linalg.norm(centre - other[1]) > reach for other in found
             ):
-                found.append((len(held), centre, float(np.median(radius[held]))))
+                found.append((len(neighbours), centre, float(np.median(radius[neighbours]))))
         return sorted(found, key=lambda peak: -peak[0])
 
     def about(self, centre, radius):
@@ -224,12 +224,12 @@ def _thinned(points, cell, random):
     while True:
         place = ((drawn_points - low) / cell).astype(np.int64)
         sizes = place.max(1) + 1
-        kept = np.unique((place[0] * sizes[1] + place[1]) * sizes[2] + place[2], return_index=True)[
-            1
-        ]
-        if len(kept) <= _THINNED:
-            return drawn[kept], cell
-        cell *= 1.05 * np.sqrt(len(kept) / _THINNED)
+        first_of_cell = np.unique(
+            (place[0] * sizes[1] + place[1]) * sizes[2] + place[2], return_index=True
+        )[1]
+        if len(first_of_cell) <= _THINNED:
+            return drawn[first_of_cell], cell
+        cell *= 1.05 * np.sqrt(len(first_of_cell) / _THINNED)
 
 
 def _normals(points, near):
@@ -282,91 +282,91 @@ class _Search:
 
         at: gives the ball at a candidate, `about_peak` where it is None.
         """
-        found, left = list(found), self.left(found)
+        found, unassigned = list(found), self.left(found)
         at = at or self.about_peak
         for _, centre, radius in sorted(peaks, key=lambda peak: -peak[0] / peak[2] ** 2):
             if any(np.linalg.norm(centre - ball.centre) < 0.5 * ball.radius for ball in found):
                 continue
-            ball = at(cloud, centre, radius, left)
+            ball = at(cloud, centre, radius, unassigned)
             if ball is not None and all(
-                np.linalg.norm(ball.centre - one.centre) > 0.5 * one.radius for one in found
+                np.linalg.norm(ball.centre - other.centre) > 0.5 * other.radius for other in found
             ):
                 found.append(ball)
-                left &= ~ball.inliers
+                unassigned &= ~ball.inliers
         return sorted(found, key=lambda ball: -int(ball.inliers.sum()))
 
     def left(self, found, reach: float = 0.0) -> np.ndarray:
         """(n,) bool: points on no ball of those found, and no nearer to its surface than `reach` of its radius."""
-        left = np.isfinite(self.points.sum(0))
+        unassigned = np.isfinite(self.points.sum(0))
         for ball in found:
-            left &= ~ball.inliers
+            unassigned &= ~ball.inliers
             if reach:
                 away = np.linalg.norm(self.points - ball.centre[:, None], axis=0)
-                left &= ~(np.abs(away - ball.radius) < reach * ball.radius)
-        return left
+                unassigned &= ~(np.abs(away - ball.radius) < reach * ball.radius)
+        return unassigned
 
     def with_arcs(self, cloud, found) -> list[BallFit]:
         """With the balls that single stripes show among points of which neighbours hardly ever lie on other stripes."""
-        left = self.left(found, _NARROW)
-        if found and not self._is_sparse(cloud, left):
+        unassigned = self.left(found, _NARROW)
+        if found and not self._is_sparse(cloud, unassigned):
             return found
-        arcs = Arcs(self.points[:, left], self.stripe[left])
-        candidates = [one for radius in self.known for one in arcs.candidates(radius)]
+        arcs = Arcs(self.points[:, unassigned], self.stripe[unassigned])
+        candidates = [candidate for radius in self.known for candidate in arcs.candidates(radius)]
         return self.confirmed(cloud, candidates, self.on_arcs, found)
 
-    def _is_sparse(self, cloud, left) -> bool:
+    def _is_sparse(self, cloud, unassigned) -> bool:
         """Whether enough points that are `left` (n,) have neighbours on too few stripes for a normal."""
         present = np.flatnonzero(np.isfinite(self.points.sum(0)))[cloud.chosen]
         near = np.sort(self.stripe[present][cloud.near], axis=1)
         stripes = 1 + (np.diff(near, axis=1) != 0).sum(1)
-        return int((left[present] & (stripes < _FEW_STRIPES)).sum()) >= _LEAST_POINTS
+        return int((unassigned[present] & (stripes < _FEW_STRIPES)).sum()) >= _LEAST_POINTS
 
     def without_found(self, found) -> "list[Refusal]":
         """Refused candidates on points that no ball has, of those on the same points the best supported."""
-        left, kept = self.left(found, _NARROW), []
-        latest_first = list(self._supported(left))[::-1]
-        for one, near in sorted(latest_first, key=lambda pair: -int(pair[1].sum())):
-            if (near & left).sum() >= _LEAST_POINTS:
-                kept.append(replace(one, points=int(near.sum())))
-                left = left & ~near
-        if kept or found or not self.refused:
-            return kept
-        return [max(self.refused, key=lambda one: one.points)]
+        unassigned, refused = self.left(found, _NARROW), []
+        latest_first = list(self._supported(unassigned))[::-1]
+        for ball, near in sorted(latest_first, key=lambda pair: -int(pair[1].sum())):
+            if (near & unassigned).sum() >= _LEAST_POINTS:
+                refused.append(replace(ball, points=int(near.sum())))
+                unassigned = unassigned & ~near
+        if refused or found or not self.refused:
+            return refused
+        return [max(self.refused, key=lambda ball: ball.points)]
 
-    def _supported(self, left):
+    def _supported(self, unassigned):
         """Each refused candidate with the points (n,) that are `left` near its surface."""
-        for one in self.refused:
-            away = np.linalg.norm(self.points - one.centre[:, None], axis=0)
-            yield one, left & (np.abs(away - one.radius) < _NARROW * one.radius)
+        for ball in self.refused:
+            away = np.linalg.norm(self.points - ball.centre[:, None], axis=0)
+            yield ball, unassigned & (np.abs(away - ball.radius) < _NARROW * ball.radius)
 
-    def about_peak(self, cloud, centre, radius, left) -> BallFit | None:
+    def about_peak(self, cloud, centre, radius, unassigned) -> BallFit | None:
         """The ball at a peak of votes, None where there is none."""
         about = cloud.about(centre, radius)
         if len(about) < _LEAST_POINTS:
             return self._refuse(centre, radius, len(about), "too few points face away from it")
-        return self._judged(cloud, cloud.points[:, about], centre, radius, left)
+        return self._judged(cloud, cloud.points[:, about], centre, radius, unassigned)
 
-    def on_arcs(self, cloud, centre, radius, left) -> BallFit | None:
+    def on_arcs(self, cloud, centre, radius, unassigned) -> BallFit | None:
         """The ball at a candidate from arcs, None where there is none."""
-        free = np.flatnonzero(left)
+        free = np.flatnonzero(unassigned)
         away = np.linalg.norm(self.points[:, free] - centre[:, None], axis=0)
         about = free[np.abs(away - radius) < _NARROW * radius]
         if len(about) < _LEAST_POINTS:
             return self._refuse(centre, radius, len(about), "too few points lie near its surface")
         if alone := self._on_one_stripe(about):
             return self._refuse(centre, radius, len(about), alone)
-        return self._judged(cloud, self.points[:, about], centre, radius, left)
+        return self._judged(cloud, self.points[:, about], centre, radius, unassigned)
 
     def with_single_stripes(self, found) -> list[BallFit]:
         """With the balls of known radius that single stripes show, where the widths of the line tell which it is."""
-        left = np.flatnonzero(self.left(found, _NARROW))
+        unassigned = np.flatnonzero(self.left(found, _NARROW))
         found = list(found)
-        for place in Arcs(self.points[:, left], self.stripe[left]).split(self.known[0]):
+        for place in Arcs(self.points[:, unassigned], self.stripe[unassigned]).split(self.known[0]):
             if len(place) < LEAST_ARC:
                 continue
-            ball = self._on_arc(left[place])
+            ball = self._on_arc(unassigned[place])
             if ball is not None and all(
-                np.linalg.norm(ball.centre - one.centre) > 0.5 * one.radius for one in found
+                np.linalg.norm(ball.centre - other.centre) > 0.5 * other.radius for other in found
             ):
                 found.append(ball)
         return sorted(found, key=lambda ball: -int(ball.inliers.sum()))
@@ -381,7 +381,9 @@ class _Search:
                 fit = self.fine(BallStart(centre, radius), radius, on, _STEEPEST)
                 if not fit:
                     why = fit.outcome
-                elif all(np.linalg.norm(fit.centre - one.centre) > 1e-3 * radius for one in balls):
+                elif all(
+                    np.linalg.norm(fit.centre - other.centre) > 1e-3 * radius for other in balls
+                ):
                     balls.append(fit)
         if not balls:
             return self._refuse(self.points[:, place].mean(1), self.known[0], len(place), why)
@@ -401,7 +403,7 @@ class _Search:
             return ""
         return f"{inside} points lie inside it, as of a surface that is no ball"
 
-    def _judged(self, cloud, points, centre, radius, left) -> BallFit | None:
+    def _judged(self, cloud, points, centre, radius, unassigned) -> BallFit | None:
         """A rough fit to some points (3, k), judged, and then the fine one."""
         known = radius if self.known else None
         rough = fit_ball(points, radius=known, start=np.append(centre, radius))
@@ -409,10 +411,10 @@ class _Search:
         if why:
             return self._refuse(centre, radius, points.shape[1], why)
         for incidence in (self.options.get("incidence"), _STEEPEST):
-            fit = self.fine(rough, None if self.free else known, left, incidence)
+            fit = self.fine(rough, None if self.free else known, unassigned, incidence)
             if not fit and self.free and known is not None:
                 # few stripes determine a centre, but no radius
-                fit = self.fine(rough, known, left, incidence)
+                fit = self.fine(rough, known, unassigned, incidence)
             why = (
                 fit.outcome if not fit else self.unlike(fit, cloud) or self.unlike_few(fit, radius)
             )
@@ -439,10 +441,10 @@ class _Search:
     def _refuse(self, centre, radius, points, why) -> None:
         self.refused.append(Refusal(centre, radius, points, why))
 
-    def fine(self, rough, radius, left, incidence=None) -> BallFit:
+    def fine(self, rough, radius, unassigned, incidence=None) -> BallFit:
         """Fit to all points near the rough ball; a result that speaks of the whole cloud. incidence: rad, of the points
         used."""
-        box, reach = np.flatnonzero(left), (1 + _NARROW) * rough.radius
+        box, reach = np.flatnonzero(unassigned), (1 + _NARROW) * rough.radius
         for axis, middle in zip(self.points, rough.centre):
             box = box[np.abs(axis[box] - middle) < reach]
         gap = np.abs(

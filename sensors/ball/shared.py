@@ -71,15 +71,15 @@ class Shared:
         """The same with m more errors of known variance (m,), independent from group to group; derivative (m, d, n)."""
         k, m = len(self.derivative), len(variance)
         groups = len(self.covariance) // k
-        whole = np.zeros((groups, k + m, groups, k + m))
-        whole[:, :k, :, :k] = np.reshape(self.covariance, (groups, k, groups, k))
+        full = np.zeros((groups, k + m, groups, k + m))
+        full[:, :k, :, :k] = np.reshape(self.covariance, (groups, k, groups, k))
         each = np.arange(groups)
         for kind in range(m):
-            whole[each, k + kind, each, k + kind] = variance[kind]
+            full[each, k + kind, each, k + kind] = variance[kind]
         return replace(
             self,
             derivative=np.concatenate([self.derivative, derivative]),
-            covariance=whole.reshape(groups * (k + m), -1),
+            covariance=full.reshape(groups * (k + m), -1),
         )
 
     def with_common(self, derivative: np.ndarray, covariance: np.ndarray) -> "Shared":
@@ -102,14 +102,14 @@ class Shared:
     def with_variances(self, variance: np.ndarray) -> "Shared":
         """The same with the variances (m,) of the unknown ones."""
         k, m, groups = len(self.derivative), len(variance), int(self.labels.max()) + 1
-        whole = np.zeros((groups, k + m, groups, k + m))
-        whole[:, :k, :, :k] = self.covariance.reshape(groups, k, groups, k)
+        full = np.zeros((groups, k + m, groups, k + m))
+        full[:, :k, :, :k] = self.covariance.reshape(groups, k, groups, k)
         for kind in range(m):
-            whole[np.arange(groups), k + kind, np.arange(groups), k + kind] = variance[kind]
+            full[np.arange(groups), k + kind, np.arange(groups), k + kind] = variance[kind]
         return Shared(
             self.labels,
             np.concatenate([self.derivative, self.unknown]),
-            whole.reshape(groups * (k + m), -1),
+            full.reshape(groups * (k + m), -1),
             common=self.common,
         )
 
@@ -172,10 +172,10 @@ def _variances(problem, solved, shared, weight):
         normal.pull_groups[old],
     )
     taken = np.concatenate([normal.between[:, new], normal.groups[np.ix_(old, new)]])
-    whole = taken.T @ _posterior(part, shared.covariance)
-    own = normal.groups[np.ix_(new, new)] - whole @ taken
-    pull = normal.pull_groups[new] - whole @ np.concatenate([part.pull, part.pull_groups])
-    return estimate_components(own, pull, kind[new] - k).expected
+    correction = taken.T @ _posterior(part, shared.covariance)
+    new_block = normal.groups[np.ix_(new, new)] - correction @ taken
+    pull = normal.pull_groups[new] - correction @ np.concatenate([part.pull, part.pull_groups])
+    return estimate_components(new_block, pull, kind[new] - k).expected
 
 
 def _posterior(normal, covariance):
@@ -192,14 +192,14 @@ def _solve(problem, solved, loss, shared, ordered):
     by_error, keep = _by_error(at, shared), solved.keep
     k = len(by_error)
     for turn in range(_STEPS):
-        own = at.residual / at.sigma - _shift(by_error, errors, shared.labels)
+        whitened = at.residual / at.sigma - _shift(by_error, errors, shared.labels)
         if turn < _SETTLE:
-            keep = solved.keep & np.isfinite(own)
-            scale = max(spread(own[keep], problem.size), 1e-12 * values[-1])
-        weight = loss(own / scale)[0]
+            keep = solved.keep & np.isfinite(whitened)
+            scale = max(spread(whitened[keep], problem.size), 1e-12 * values[-1])
+        weight = loss(whitened / scale)[0]
         if turn < _SETTLE:
             # at first the groups' errors are still in the residuals, and last as long as a stripe
-            lasting = memory(own[keep & (weight > 0)]) if ordered and turn > 0 else 1.0
+            lasting = memory(whitened[keep & (weight > 0)]) if ordered and turn > 0 else 1.0
         weight = keep * weight / (scale**2 * lasting)
         normal = _normal(at, problem.size, by_error, weight, shared.labels, k)
         move, errors = _move(normal, shared.covariance)
@@ -210,9 +210,9 @@ def _solve(problem, solved, loss, shared, ordered):
         step = float(np.sqrt(move @ normal.ball @ move))
         if step < 3e-3 and turn > 1:
             break
-    own = at.residual / at.sigma - _shift(by_error, errors, shared.labels)
-    made = Solved(values, scale, keep, at, own, step)
-    return made, _covariance(problem, made, by_error, loss, shared, lasting), weight
+    whitened = at.residual / at.sigma - _shift(by_error, errors, shared.labels)
+    with_errors = Solved(values, scale, keep, at, whitened, step)
+    return with_errors, _covariance(problem, with_errors, by_error, loss, shared, lasting), weight
 
 
 def _by_error(at: Linear, shared: Shared) -> np.ndarray:
@@ -231,10 +231,10 @@ def _normal(at, size, by_error, weight, labels, k) -> _Normal:
     count = labels.max() + 1
 
     def sums(each):  # (len(each), kG): over each group, times how its errors move the residuals
-        made = np.array(
-            [[np.bincount(labels, one * error, count) for error in by_error] for one in each]
+        sums = np.array(
+            [[np.bincount(labels, row * error, count) for error in by_error] for row in each]
         )
-        return made.transpose(0, 2, 1).reshape(len(each), -1)
+        return sums.transpose(0, 2, 1).reshape(len(each), -1)
 
     blocks = sums(by_error * weight).reshape(k, count, k)
     groups = np.zeros((count, k, count, k))
@@ -281,12 +281,14 @@ def _covariance(problem, solved, by_error, loss, shared, lasting):
     variance = variance * independent / max(independent - problem.size - spent, 1)
     last = normal(variance)
     mixed = last.between @ _inner(last, shared.covariance)
-    own = inverse_positive(last.ball - mixed @ last.between.T)
+    ball_covariance = inverse_positive(last.ball - mixed @ last.between.T)
     if shared.common is None:
-        return own
-    by_group = own @ (last.between - mixed @ last.groups)
-    by_common = own @ _pull_of_common(problem, solved.at, by_error, used / variance, shared, mixed)
-    return own + _by_common(shared.common, by_common, by_group)
+        return ball_covariance
+    by_group = ball_covariance @ (last.between - mixed @ last.groups)
+    by_common = ball_covariance @ _pull_of_common(
+        problem, solved.at, by_error, used / variance, shared, mixed
+    )
+    return ball_covariance + _by_common(shared.common, by_common, by_group)
 
 
 def _pull_of_common(problem, at: Linear, by_error, weight, shared: Shared, mixed) -> np.ndarray:
@@ -307,6 +309,6 @@ def _by_common(common: Common, moves: np.ndarray, by_group: np.ndarray) -> np.nd
     moves (size, m) and by_group (size, k G): how what was fitted moves with either.
     """
     m, groups, known = common.by_group.shape
-    own = by_group.reshape(len(by_group), groups, -1)[..., :known].reshape(len(by_group), -1)
-    mixed = moves @ common.by_group.reshape(m, -1) @ own.T
+    ball_rows = by_group.reshape(len(by_group), groups, -1)[..., :known].reshape(len(by_group), -1)
+    mixed = moves @ common.by_group.reshape(m, -1) @ ball_rows.T
     return moves @ common.covariance @ moves.T + mixed + mixed.T

@@ -117,14 +117,14 @@ def unlike_few(fit: BallFit, radius: float, stripe: np.ndarray, widths: Widths |
 
     Arcs of two objects make a ball of any radius, an arc and a bit of another one make a ball of this one.
     """
-    own = stripe[fit.inliers]
-    if len(np.unique(own)) > _FEW:
+    stripe_of_inliers = stripe[fit.inliers]
+    if len(np.unique(stripe_of_inliers)) > _FEW:
         return ""
     if abs(fit.radius - radius) > max(_ALIKE * radius, _CHANCE * float(fit.std[-1])):
         return f"its points lie on a ball of radius {fit.radius:.4g} mm"
     beyond = int((fit.reason == OUTLIER).sum())
-    if beyond > _BEYOND * len(own):
-        return f"{beyond} points near its surface do not lie on it, {len(own)} do"
+    if beyond > _BEYOND * len(stripe_of_inliers):
+        return f"{beyond} points near its surface do not lie on it, {len(stripe_of_inliers)} do"
     return undetermined(fit) or _unlike_widths(fit, stripe, widths)
 
 

@@ -183,8 +183,8 @@ def solve(problem: Problem, values: np.ndarray, loss: Loss, trim: Callable) -> "
         part = slice(None, None, n // _SUBSET)
         first = _rounds(problem.some(part), values, loss, _on(trim, part))
         values = first.values
-        if np.isfinite(first.spread) and (made := _refined(problem, values, loss, trim)):
-            return made
+        if np.isfinite(first.spread) and (refined := _refined(problem, values, loss, trim)):
+            return refined
     return _rounds(problem, values, loss, _on(trim, slice(None)))
 
 
@@ -261,16 +261,16 @@ def _rounds(problem, values, loss, trim):
     at, scale, keep = linearise(problem, values), np.nan, np.zeros(problem.points.shape[1], bool)
     before = keep
     for _ in range(_ROUNDS):
-        kept = trim(values, at.normal)
-        if kept.sum() < problem.size:
-            return Solved(values, np.nan, kept, at, at.residual)
-        now = spread((at.residual / at.sigma)[kept], problem.size)
+        inliers = trim(values, at.normal)
+        if inliers.sum() < problem.size:
+            return Solved(values, np.nan, inliers, at, at.residual)
+        now = spread((at.residual / at.sigma)[inliers], problem.size)
         if not np.isfinite(now):  # no line of error meets the ball
-            return Solved(values, np.nan, kept, at, at.residual)
-        if abs(now - scale) <= 0.01 * scale and (kept != before).sum() <= 1e-3 * len(keep):
+            return Solved(values, np.nan, inliers, at, at.residual)
+        if abs(now - scale) <= 0.01 * scale and (inliers != before).sum() <= 1e-3 * len(keep):
             break
-        scale, before = now, kept
-        values, at, keep = _descend(problem, values, at, loss, scale, kept)
+        scale, before = now, inliers
+        values, at, keep = _descend(problem, values, at, loss, scale, inliers)
         if not np.isfinite(values).all():
             return Solved(values, np.nan, keep, at, at.residual)
     return Solved(values, scale, keep, at, at.residual / at.sigma)
@@ -362,10 +362,10 @@ def _grouped(rows, score, slope, groups):
     label = np.unique(groups, return_inverse=True)[1]
     size, count = len(rows), label.max() + 1
     sums = np.stack([np.bincount(label, row * score) for row in rows], axis=1)
-    own = np.array(
-        [[np.bincount(label, one * other * slope) for other in rows] for one in rows]
+    blocks = np.array(
+        [[np.bincount(label, row * other * slope) for other in rows] for row in rows]
     ).transpose(2, 0, 1)
-    rest = own.sum(0) - own
+    rest = blocks.sum(0) - blocks
     if count <= size:
         return np.full((size, size), np.inf)
     moved = (inverse_positive(rest) @ sums[..., None])[..., 0]
@@ -396,18 +396,18 @@ def bias(problem: Problem, at: Linear, part: Used, radius: float, scale: float) 
     is not isotropic, the normal also turns with the same error, which moves the centre. Errors along
     known lines leave none (expansion as in Kanatani, Statistical Optimization, 1996, ch. 9).
     """
-    made = np.zeros(problem.size)
+    bias_of_points = np.zeros(problem.size)
     if problem.direction is not None:
-        return made
+        return bias_of_points
     sigma = one_sigma(at.sigma)
     sigma = sigma.take(part.place) if np.ndim(sigma) else sigma
     if problem.covariance is None:
         pull = (part.rows * sigma).sum(1) * (len(at.normal) - 1) / 2
     else:
-        u, whole = at.normal.take(part.place, 1), problem.covariance.take(part.place, 2)
-        turned = np.einsum("den,en->dn", whole, u)
+        u, full_covariance = at.normal.take(part.place, 1), problem.covariance.take(part.place, 2)
+        turned = np.einsum("den,en->dn", full_covariance, u)
         across = turned - u * sigma**2
-        total = np.einsum("ddn->n", whole)
+        total = np.einsum("ddn->n", full_covariance)
         bent = (total - sigma**2) / 2 - 2 * (turned * across).sum(0) / sigma**2
         pull = part.rows @ (bent / sigma)
         pull[: len(u)] += across @ sigma**-2

@@ -88,7 +88,7 @@ def grid_among(found: np.ndarray, columns: int, rows: int, asymmetric: bool) -> 
     for flags in (kind, kind | cv2.CALIB_CB_CLUSTERING):
         cv2.setRNGSeed(0)  # the finder draws lots: the same image shall always give the same answer
         try:
-            whole, centres = cv2.findCirclesGrid(
+            is_complete, centres = cv2.findCirclesGrid(
                 places,
                 (columns, rows),
                 flags=flags,
@@ -97,7 +97,7 @@ def grid_among(found: np.ndarray, columns: int, rows: int, asymmetric: bool) -> 
             )
         except cv2.error:
             continue
-        if not whole:
+        if not is_complete:
             continue
         chosen = np.argmin(
             np.hypot(*(centres.reshape(-1, 2).T[:, :, None] - found[:2, None])), axis=1
@@ -131,14 +131,14 @@ def is_flat(points: np.ndarray, pixels: np.ndarray) -> bool:
         return False
     u, v, w = h @ np.vstack([points, np.ones(points.shape[1])])
     away = np.hypot(*(np.stack([u, v]) / w - pixels))
-    apart = np.hypot(*(pixels[:, :, None] - pixels[:, None])) + 1e9 * np.eye(len(away))
-    return bool(np.mean(away < 0.15 * np.median(apart.min(1)) + 2) > 0.9)
+    distance = np.hypot(*(pixels[:, :, None] - pixels[:, None])) + 1e9 * np.eye(len(away))
+    return bool(np.mean(away < 0.15 * np.median(distance.min(1)) + 2) > 0.9)
 
 
 def refine(image: np.ndarray, discs: np.ndarray) -> Fit:
     """Centres and axes of chosen candidates (6, n) to a small part of a pixel."""
-    apart = np.hypot(*(discs[:2, :, None] - discs[:2, None])) + 1e9 * np.eye(discs.shape[1])
-    gap = apart.min(1) / 2 - np.sqrt(discs[2] / np.pi)
+    distance = np.hypot(*(discs[:2, :, None] - discs[:2, None])) + 1e9 * np.eye(discs.shape[1])
+    gap = distance.min(1) / 2 - np.sqrt(discs[2] / np.pi)
     spread = np.array([[discs[3], discs[4]], [discs[4], discs[5]]])
     return fit_discs(image, discs[:2], spread, gap)
 

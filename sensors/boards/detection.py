@@ -94,14 +94,14 @@ def detect(
             "sharp enough",
             placement,
         )
-    kept = fit.good
+    is_usable = fit.good
     return View(
         name,
         placement,
-        index[kept],
-        fit.centre[:, kept],
+        index[is_usable],
+        fit.centre[:, is_usable],
         image.size,
-        fit.sigma[kept],
+        fit.sigma[is_usable],
         radius,
         dict(row or {}),
         image.note,
@@ -176,12 +176,14 @@ def _of_one_size(found: list) -> list:
 def _of_another_size(board: Board, views: tuple[View, ...], rejected: tuple[Rejected, ...]) -> bool:
     """Whether no image shows every column and row as written, and more show a whole board of another size than not:
     a board of fewer columns near the image's edge passes for one that is cut there."""
-    whole = any(
+    has_full_size = any(
         len(set((view.index % board.columns).tolist())) == board.columns
         and len(set((view.index // board.columns).tolist())) == board.rows
         for view in views
     )
-    return not whole and sum(one.found is not None for one in rejected) > len(views)
+    return not has_full_size and sum(rejection.found is not None for rejection in rejected) > len(
+        views
+    )
 
 
 def _nothing(where: str, board: Board, rejected: tuple[Rejected, ...], count: int) -> InputError:

@@ -122,12 +122,12 @@ def _inner_corners(image: np.ndarray, columns: int, rows: int) -> np.ndarray | N
 
     small, scale = _shrunk(image, LARGE)
     for flags in (0, cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE):
-        whole, corners = cv2.findChessboardCornersSB(small, (columns, rows), flags=flags)
-        if whole:
+        is_found, corners = cv2.findChessboardCornersSB(small, (columns, rows), flags=flags)
+        if is_found:
             return (corners.reshape(-1, 2).astype(float) + 0.5) * scale - 0.5
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
-    whole, corners = cv2.findChessboardCorners(small, (columns, rows), flags=flags)
-    if not whole:
+    is_found, corners = cv2.findChessboardCorners(small, (columns, rows), flags=flags)
+    if not is_found:
         return None
     window = _window(corners.reshape(rows, columns, 2))
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 1e-3)
@@ -186,10 +186,10 @@ def _larger_chessboard(image: np.ndarray, grid: np.ndarray) -> tuple[int, int]:
         turned = np.rot90(grid, quarter)
         beyond = 2 * turned[0] - turned[1]
         along, down = np.gradient(beyond, axis=0).T, (turned[0] - turned[1]).T
-        held = (beyond > 3).all(1) & (beyond < np.array(image.shape[::-1]) - 4).all(1)
-        if held.sum() < 0.5 * len(held):
+        is_inside = (beyond > 3).all(1) & (beyond < np.array(image.shape[::-1]) - 4).all(1)
+        if is_inside.sum() < 0.5 * len(is_inside):
             continue
-        places = beyond.T[:, held], along[:, held], down[:, held]
+        places = beyond.T[:, is_inside], along[:, is_inside], down[:, is_inside]
         size[(quarter + 1) % 2] += int(_goes_on(image, places, inner))
     return size[0], size[1]
 
@@ -224,10 +224,10 @@ def _another_chessboard(image: np.ndarray, board: "Board") -> Found:
     small, scale = _shrunk(image, SMALL)
     least = tuple(max(3, n - 3) for n in (board.columns, board.rows))
     for start in (least, least[::-1], (3, 3)):
-        whole, corners, meta = cv2.findChessboardCornersSBWithMeta(
+        is_found, corners, meta = cv2.findChessboardCornersSBWithMeta(
             small, start, cv2.CALIB_CB_LARGER
         )
-        if whole and meta.shape != (board.rows, board.columns):
+        if is_found and meta.shape != (board.rows, board.columns):
             grid = (corners.reshape(*meta.shape, 2).astype(float) + 0.5) * scale - 0.5
             if fit_saddles(image.astype(np.float32), *_chess_frame(grid)).good.mean() < CONTINUES:
                 continue
@@ -303,11 +303,11 @@ def _circle_order(pixels: np.ndarray, board: "Board") -> np.ndarray:
 
 def _larger_grid(discs: np.ndarray, grid: np.ndarray, asymmetric: bool) -> tuple[int, int]:
     """(columns, rows) of the grid and of what goes on beyond it among the candidates (6, n)."""
-    size, apart = [grid.shape[1], grid.shape[0]], 2 if asymmetric else 1
+    size, step_of_columns = [grid.shape[1], grid.shape[0]], 2 if asymmetric else 1
     for quarter in range(4):
         turned = np.rot90(grid, quarter)
         sideways = quarter % 2
-        step = 1 if sideways else apart
+        step = 1 if sideways else step_of_columns
         if turned.shape[0] <= step:
             continue
         beyond = (
@@ -423,9 +423,9 @@ def _detector(columns, rows, square, marker, dictionary, legacy):
     import cv2
 
     kind = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
-    made = cv2.aruco.CharucoBoard((columns + 1, rows + 1), square, marker, kind)
-    made.setLegacyPattern(legacy)
-    return cv2.aruco.CharucoDetector(made)
+    board = cv2.aruco.CharucoBoard((columns + 1, rows + 1), square, marker, kind)
+    board.setLegacyPattern(legacy)
+    return cv2.aruco.CharucoDetector(board)
 
 
 # AprilGrid

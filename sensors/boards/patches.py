@@ -300,10 +300,10 @@ def _levenberg(model, p, seen, steps):
         length = np.abs(step[:, :2]).max(1)
         if (length < SETTLED).all():
             break
-        held = np.flatnonzero((length > _AT_REST) | falls)
-        p, normal, slope, cost = p[held], normal[held], slope[held], cost[held]
-        damping, moving = damping[held], moving[held]
-        seen = seen[0][:, held], seen[1][held], seen[2][held]
+        active = np.flatnonzero((length > _AT_REST) | falls)
+        p, normal, slope, cost = p[active], normal[active], slope[active], cost[active]
+        damping, moving = damping[active], moving[active]
+        seen = seen[0][:, active], seen[1][active], seen[2][active]
     return _with_sigma(model, found, spots, grey, weight, all_normal, all_cost)
 
 
@@ -313,9 +313,9 @@ def _solved(matrices, right):
         return np.linalg.solve(matrices, right[:, :, None])[:, :, 0]
     except np.linalg.LinAlgError:
         flat = np.abs(np.linalg.slogdet(matrices)[0]) == 0
-        whole = np.where(flat[:, None, None], np.eye(right.shape[1]), matrices)
+        regular = np.where(flat[:, None, None], np.eye(right.shape[1]), matrices)
         return (
-            np.where(flat[:, None], 0, _solved(whole, right))
+            np.where(flat[:, None], 0, _solved(regular, right))
             if flat.any()
             else np.zeros_like(right)
         )
@@ -324,19 +324,19 @@ def _solved(matrices, right):
 def _normal(model, p, spots, grey, weight):
     with np.errstate(all="ignore"):
         value, jacobian = model(p, spots)
-        left = weight * (grey - value)
+        weighted_residual = weight * (grey - value)
         jacobian = np.moveaxis(jacobian * weight, 0, 2)
         turned = jacobian.swapaxes(1, 2)
         cost, normal, slope = (
-            (left**2).sum(1),
+            (weighted_residual**2).sum(1),
             turned @ jacobian,
-            (turned @ left[:, :, None])[:, :, 0],
+            (turned @ weighted_residual[:, :, None])[:, :, 0],
         )
-    whole = np.isfinite(cost) & np.isfinite(normal).all((1, 2))
+    is_finite = np.isfinite(cost) & np.isfinite(normal).all((1, 2))
     return (
-        np.where(whole, cost, np.inf),
-        np.where(whole[:, None, None], normal, np.eye(p.shape[1])),
-        np.where(whole[:, None], slope, 0),
+        np.where(is_finite, cost, np.inf),
+        np.where(is_finite[:, None, None], normal, np.eye(p.shape[1])),
+        np.where(is_finite[:, None], slope, 0),
     )
 
 

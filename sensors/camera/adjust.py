@@ -86,35 +86,42 @@ def adjusted(
     usable, few = _usable(views, board)
     usable, few = _once(usable, few)
     _enough(usable, few, board)
-    chain, kept, wrong = _started(usable, few, board, size, model)
+    chain, usable_views, wrong = _started(usable, few, board, size, model)
     if distinguishes_rotations(board, effects):
-        chain, kept = _turned(chain, kept, board, model, effects, loss)
-    rejected, left_out = [*few, *wrong], dict.fromkeys((view.image for view in kept), 0)
+        chain, usable_views = _turned(chain, usable_views, board, model, effects, loss)
+    rejected, left_out = [*few, *wrong], dict.fromkeys((view.image for view in usable_views), 0)
     while True:
         stated = chain.sigma
         chain, fit = _best(chain, effects, loss)
         far = find_blunders(chain, fit.residual[0])
         if not far.any():
             return Adjusted(
-                chain, fit, tuple(kept), tuple(rejected), {k: n for k, n in left_out.items() if n}
+                chain,
+                fit,
+                tuple(usable_views),
+                tuple(rejected),
+                {k: n for k, n in left_out.items() if n},
             )
-        counts = np.bincount(chain.labels["view"], far, len(kept))
-        bad = counts > np.bincount(chain.labels["view"], minlength=len(kept)) / 2
+        counts = np.bincount(chain.labels["view"], far, len(usable_views))
+        bad = counts > np.bincount(chain.labels["view"], minlength=len(usable_views)) / 2
         rejected += [
             _rejected(
-                kept[k],
+                usable_views[k],
                 f"most of its corners are more than {FAR:g} times as far off as half of all "
                 "corners are",
             )
             for k in np.flatnonzero(bad)
         ]
         if not bad.any():  # single corners are judged where no whole image spoils the fit any more
-            for view, count in zip(kept, counts):
+            for view, count in zip(usable_views, counts):
                 left_out[view.image] += int(count)
-        chain, kept = _less(
-            replace(chain, sigma=stated), kept, bad, far if not bad.any() else np.zeros_like(far)
+        chain, usable_views = _less(
+            replace(chain, sigma=stated),
+            usable_views,
+            bad,
+            far if not bad.any() else np.zeros_like(far),
         )
-        _enough(kept, rejected, board)
+        _enough(usable_views, rejected, board)
 
 
 def _enough(views, rejected, board):
@@ -152,30 +159,30 @@ def _once(views, rejected):
 
 def _usable(views, board):
     """Views with corners enough for a pose, and those without."""
-    kept, few = [], []
+    usable, few = [], []
     for view, flat in zip(views, is_collinear(views, board)):
         if len(view.index) < LEAST:
             few.append(_rejected(view, f"{len(view.index)} corners: a pose needs {LEAST} or more"))
         elif flat:
             few.append(_rejected(view, "its corners lie on one line: they do not tell a pose"))
         else:
-            kept.append(view)
-    return kept, few
+            usable.append(view)
+    return usable, few
 
 
 def _started(views, few, board, size, model):
     """The chain at its start, the views in it, and those whose corners are no image of this board."""
-    kept, rejected = list(views), []
+    usable, rejected = list(views), []
     while True:
-        chain = started(corner_chain(kept, board, size, model))
+        chain = started(corner_chain(usable, board, size, model))
         share, behind = _misfit(chain), is_behind_board(chain.poses)
         bad = share > _NO_PLANE
         if bad.any():
             share = np.minimum(share, smoothness_misfit(chain))
             bad = share > max(_NO_PLANE, share.max() / 2)
         if not (bad | behind).any():
-            return chain, kept, rejected
-        group = placement_groups(kept)[0]
+            return chain, usable, rejected
+        group = placement_groups(usable)[0]
         rejected += [
             _rejected(
                 view,
@@ -184,11 +191,11 @@ def _started(views, few, board, size, model):
                 if bad[k]
                 else "its corners are those of a board seen from behind, unlike the others'",
             )
-            for view, k in zip(kept, group)
+            for view, k in zip(usable, group)
             if bad[k] or behind[k]
         ]
-        kept = [view for view, k in zip(kept, group) if not bad[k] and not behind[k]]
-        _enough(kept, [*few, *rejected], board)
+        usable = [view for view, k in zip(usable, group) if not bad[k] and not behind[k]]
+        _enough(usable, [*few, *rejected], board)
 
 
 def _misfit(chain):
@@ -202,7 +209,7 @@ def _misfit(chain):
     return np.sqrt(np.bincount(group, (residual**2).sum(0), few) / np.maximum(extent, 1e-300))
 
 
-def _turned(chain, kept, board, model, effects, loss):
+def _turned(chain, views, board, model, effects, loss):
     """Chain, near its solution, and views with the board of each pose rotated so that it fits its bow."""
     for _ in range(_TURNINGS):
         solved, fit = _best(chain, effects, loss)
@@ -210,22 +217,22 @@ def _turned(chain, kept, board, model, effects, loss):
         chain = replace(solved, sigma=chain.sigma)
         if not other.any():
             break
-        chain, kept = rotate_views(chain, kept, board, other, model)
-    return chain, kept
+        chain, views = rotate_views(chain, views, board, other, model)
+    return chain, views
 
 
-def _less(chain, kept, bad, far):
+def _less(chain, views, bad, far):
     """Chain and views without the views `bad` (V,) and the corners `far` (n,), renumbered."""
-    names = placement_groups(kept)[1]
+    names = placement_groups(views)[1]
     chain = chain.at(~(bad[chain.labels["view"]] | far))
     chain = replace(
         chain, labels={**chain.labels, "view": (np.cumsum(~bad) - 1)[chain.labels["view"]]}
     )
-    kept = [view for view, out in zip(kept, bad) if not out]
-    still = set(placement_groups(kept)[1])
+    views = [view for view, out in zip(views, bad) if not out]
+    still = set(placement_groups(views)[1])
     return group_subset(
         chain, np.array([k for k, name in enumerate(names) if name in still], int)
-    ), kept
+    ), views
 
 
 def _best(chain, effects, loss):
@@ -241,7 +248,9 @@ def _best(chain, effects, loss):
     )
     poses = first_poses(homographies(chain, chosen, new), usual.matrix)
     other = adjust(chain.moved(usual, poses), effects, loss)
-    return min(found, other, key=lambda made: np.median((made[1].residual[0] ** 2).sum(0)))
+    return min(
+        found, other, key=lambda candidate: np.median((candidate[1].residual[0] ** 2).sum(0))
+    )
 
 
 def tilts(poses: np.ndarray) -> float:

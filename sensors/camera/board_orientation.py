@@ -39,11 +39,11 @@ def needs_quarter_turn(chain: Corners, fit: BundleFit, effects: Sequence[Effect]
     each board pose they are found by themselves, camera held; their common size and each one's sign are
     then chosen in turn until nothing changes. All False where the bow is too small to decide.
     """
-    own, known = _own_bows(chain, fit, effects)
-    sign = np.sign(own @ symmetric_eigen(np.einsum("gi,gj->ij", own, own))[1][:, -1])
+    bows, known = _own_bows(chain, fit, effects)
+    sign = np.sign(bows @ symmetric_eigen(np.einsum("gi,gj->ij", bows, bows))[1][:, -1])
     for _ in range(_ROUNDS):
-        common = solve_positive(known.sum(0), np.einsum("g,gij,gj->i", sign, known, own))
-        projection = np.einsum("gi,gij,j->g", own, known, common)
+        common = solve_positive(known.sum(0), np.einsum("g,gij,gj->i", sign, known, bows))
+        projection = np.einsum("gi,gij,j->g", bows, known, common)
         if (np.sign(projection) == sign).all():
             break
         sign = np.where(projection < 0, -1.0, 1.0)
@@ -65,8 +65,8 @@ def _own_bows(chain, fit, effects):
     start = np.flatnonzero(np.diff(chain.labels["placement"], prepend=-1))
     gram = np.add.reduceat(np.einsum("amn,bmn->nab", rows, rows), start, axis=0)
     poses, mixed = gram[:, :6, :6], gram[:, :6, 6:]
-    left = gram[:, 6:, 6:] - gram[:, 6:, :6] @ solve_positive(poses, mixed)
-    information, gradient = left[:, :2, :2], left[:, :2, 2:]
+    reduced = gram[:, 6:, 6:] - gram[:, 6:, :6] @ solve_positive(poses, mixed)
+    information, gradient = reduced[:, :2, :2], reduced[:, :2, 2:]
     change = solve_positive(information, gradient)[..., 0]
     xx, yy, xy = (fit.parameters[key] for key in _BOW)
     return np.array([(xx - yy) / 2, xy]) - change, information

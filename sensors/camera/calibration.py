@@ -104,8 +104,8 @@ class CameraCalibration:
         if self.curved is not None:
             known &= ~self.curved.members
         if not all(known[self.fit.table.index[key]] for key in ("camera.fx", "camera.fy")):
-            own = slice(4, len(self.chain.parameters))  # distortion counts in focal lengths
-            known[own] = False
+            distortion = slice(4, len(self.chain.parameters))  # distortion counts in focal lengths
+            known[distortion] = False
         return known
 
     @property
@@ -159,8 +159,8 @@ class CameraCalibration:
     @cached_property
     def uncertainty(self) -> FieldMap:
         """1 sigma of projection over the image at the boards' distance."""
-        own = len(self.chain.parameters)
-        return projection_uncertainty(self.camera, self.covariance[:own, :own], self.distance_mm)
+        size = len(self.chain.parameters)
+        return projection_uncertainty(self.camera, self.covariance[:size, :size], self.distance_mm)
 
     @property
     def coverage(self) -> np.ndarray:
@@ -208,7 +208,7 @@ def calibrate_camera(
     effects = (*((BoardBow("artefact", board.flatness_mm),) if bow else ()), *effects)
     progress(f"camera, poses and bow from {len(views)} images")
     part = adjusted(views, board, size, model, effects, loss)
-    made = CameraCalibration(
+    calibration = CameraCalibration(
         part.chain.camera,
         part.fit,
         part.chain,
@@ -219,8 +219,8 @@ def calibrate_camera(
         part.left_out,
     )
     printed = print_errors(part.chain, part.fit, effects)
-    made = replace(
-        made,
+    calibration = replace(
+        calibration,
         printed=printed,
         shared=bundle_misfit(part.chain, part.fit, effects),
         lens=lens_map(part.chain, part.fit, printed),
@@ -232,10 +232,12 @@ def calibrate_camera(
         progress("images left out in folds, compared with OpenCV")
         left_out = held_out(part.chain, effects, known, loss, folds)
         progress("one half of the images against the other")
-        halves = compare_halves(part.chain, effects, known, loss, made.distance_mm)
-        made = replace(made, held_out=left_out, halves=halves)
+        halves = compare_halves(part.chain, effects, known, loss, calibration.distance_mm)
+        calibration = replace(calibration, held_out=left_out, halves=halves)
     return replace(
-        made, undetermined=tuple(_undetermined(made)), remarks=tuple(_remarks(made, folds))
+        calibration,
+        undetermined=tuple(_undetermined(calibration)),
+        remarks=tuple(_remarks(calibration, folds)),
     )
 
 
@@ -252,79 +254,84 @@ def _height(board, values, covariance):
     return float(np.ptp(height)), float(np.sqrt(variance))
 
 
-def _undetermined(made: CameraCalibration) -> list[str]:
+def _undetermined(calibration: CameraCalibration) -> list[str]:
     """What these images do not determine, or only poorly because the boards were parallel."""
-    said = list(made.fit.known.sentences())
-    if made.curved is not None:
-        said.append(made.curved.sentence)
-    spread = tilts(made.poses)
+    said = list(calibration.fit.known.sentences())
+    if calibration.curved is not None:
+        said.append(calibration.curved.sentence)
+    spread = tilts(calibration.poses)
     if spread > PARALLEL:
         return said
-    weak = not made.determined[made.fit.table.index["camera.fx"]]
-    sigma = f"{made.std['camera.fx']:.2g} px (1 sigma)"
+    weak = not calibration.determined[calibration.fit.table.index["camera.fx"]]
+    sigma = f"{calibration.std['camera.fx']:.2g} px (1 sigma)"
     known = "is confounded with its distance" if weak else f"is known to {sigma} only"
     return [
-        f"the board was parallel to itself within {np.rad2deg(spread):.1f} degrees at all {len(made.poses)} "
+        f"the board was parallel to itself within {np.rad2deg(spread):.1f} degrees at all {len(calibration.poses)} "
         f"board poses: the focal length, which shows where it is tilted, {known}; tilt it by 20 to 45 degrees "
         "both ways",
         *said,
     ]
 
 
-def _remarks(made: CameraCalibration, folds: int) -> list[str]:
+def _remarks(calibration: CameraCalibration, folds: int) -> list[str]:
     """What else a user should know before trusting the result."""
     said = []
-    share = float((made.coverage > 0).mean())
+    share = float((calibration.coverage > 0).mean())
     if share < _COVERED:
         said.append(
             f"corners lie in {100 * share:.0f} % of the image's cells: beyond them the lens is extrapolated, "
-            f"to {np.nanmax(made.uncertainty.value):.2g} px (1 sigma) at the worst place; fill the image"
+            f"to {np.nanmax(calibration.uncertainty.value):.2g} px (1 sigma) at the worst place; fill the image"
         )
-    if made.left_out:
-        rows = ", ".join(f"{count} of {image}" for image, count in made.left_out.items())
+    if calibration.left_out:
+        rows = ", ".join(f"{count} of {image}" for image, count in calibration.left_out.items())
         said.append(
             f"corners left out because they are more than {FAR:g} times as far off as half of all are: {rows}"
         )
     said += [
         shared.sentence
-        for shared in (made.printed, made.lens)
+        for shared in (calibration.printed, calibration.lens)
         if shared is not None and shared.significant
     ]
-    if folds and made.held_out is None:
+    if folds and calibration.held_out is None:
         said.append(
-            f"no image could be left out as a check: {len(made.poses)} board poses are too few; take more"
+            f"no image could be left out as a check: {len(calibration.poses)} board poses are too few; take more"
         )
-    if made.halves is not None and made.halves.p_value < UNLIKELY:
+    if calibration.halves is not None and calibration.halves.p_value < UNLIKELY:
+        chance = f"chance does so with probability {calibration.halves.p_value:.1g}"
         said.append(
-            f"{made.halves.sentence} (chance does so with probability {made.halves.p_value:.1g}): the lens is "
-            f"not of the model fitted, or the corners of an image share errors; {_on_sigmas(made)}"
+            f"{calibration.halves.sentence} ({chance}): the lens is "
+            f"not of the model fitted, or the corners of an image share errors; {_on_sigmas(calibration)}"
         )
-    if made.shared is not None and made.shared.significant and not _names_shared(made):
-        said.append(made.shared.sentence)
-    if made.focal is not None and made.focal.significant:
-        said.append(made.focal.sentence)
-    if not made.fit.converged:
-        said.append(made.fit.outcome)
-    return [*said, *_on_flatness(made)]
+    if (
+        calibration.shared is not None
+        and calibration.shared.significant
+        and not _names_shared(calibration)
+    ):
+        said.append(calibration.shared.sentence)
+    if calibration.focal is not None and calibration.focal.significant:
+        said.append(calibration.focal.sentence)
+    if not calibration.fit.converged:
+        said.append(calibration.fit.outcome)
+    return [*said, *_on_flatness(calibration)]
 
 
-def _names_shared(made: CameraCalibration) -> bool:
+def _names_shared(calibration: CameraCalibration) -> bool:
     """Whether print or lens are remarked on already."""
-    return any(one is not None and one.significant for one in (made.printed, made.lens))
-
-
-def _on_sigmas(made: CameraCalibration) -> str:
-    """What the stated standard deviations hold of errors that images share."""
-    if made.shared is not None and made.shared.significant:
-        return f"the stated uncertainties include errors that images share ({made.shared.errors.names}, 1 sigma)"
-    return (
-        f"neither is in the sigmas, which should be taken as {made.halves.ratio:.1f} times as large"
+    return any(
+        test is not None and test.significant for test in (calibration.printed, calibration.lens)
     )
 
 
-def _on_flatness(made: CameraCalibration) -> list[str]:
+def _on_sigmas(calibration: CameraCalibration) -> str:
+    """What the stated standard deviations hold of errors that images share."""
+    if calibration.shared is not None and calibration.shared.significant:
+        return f"the stated uncertainties include errors that images share ({calibration.shared.errors.names}, 1 sigma)"
+    return f"neither is in the sigmas, which should be taken as {calibration.halves.ratio:.1f} times as large"
+
+
+def _on_flatness(calibration: CameraCalibration) -> list[str]:
     """A sentence where the images contradict the certified flatness of the board."""
-    bow, flatness = made.bow, made.board.flatness_mm
+    bow, flatness = calibration.bow, calibration.board.flatness_mm
     if (
         bow is None
         or flatness is None

@@ -85,11 +85,13 @@ def held_out(
     parts: list[list[np.ndarray]] = [[], [], [], []]
     for fold in range(folds):
         out = np.arange(fold, len(chain.poses), folds)
-        kept = group_subset(chain, np.setdiff1d(np.arange(len(chain.poses)), out))
-        left = group_subset(chain, out)
-        camera = fit_free(kept, effects, known, loss).parameters
-        theirs = opencv_camera(kept)
-        for part, residual in zip(parts, (*_ours(left, effects, camera), *_opencv(left, theirs))):
+        training = group_subset(chain, np.setdiff1d(np.arange(len(chain.poses)), out))
+        held_out_views = group_subset(chain, out)
+        camera = fit_free(training, effects, known, loss).parameters
+        theirs = opencv_camera(training)
+        for part, residual in zip(
+            parts, (*_ours(held_out_views, effects, camera), *_opencv(held_out_views, theirs))
+        ):
             part.append(residual)
     return HeldOut(folds, *(rms(np.concatenate(part, axis=1)) for part in parts))
 
@@ -140,14 +142,14 @@ def opencv_camera(chain: Corners) -> Camera:
 
 def _opencv(chain, camera):
     """As `_ours`, with OpenCV's camera and poses."""
-    whole, halved = np.empty(chain.pixels.shape), np.empty(chain.pixels.shape)
+    full_error, halved = np.empty(chain.pixels.shape), np.empty(chain.pixels.shape)
     even, odd = _halves(chain)
     for g in range(len(chain.poses)):
         mine = chain.labels["placement"] == g
-        whole[:, mine] = _seen_by_opencv(chain, camera, mine, mine)
+        full_error[:, mine] = _seen_by_opencv(chain, camera, mine, mine)
         for half, other in ((even, odd), (odd, even)):
             halved[:, mine & other] = _seen_by_opencv(chain, camera, mine & half, mine & other)
-    return whole, halved
+    return full_error, halved
 
 
 def _seen_by_opencv(chain, camera, fitted, asked):
@@ -260,9 +262,9 @@ def compare_halves(
     if len(every) < 2 * _ENOUGH:
         return None
     fits = [fit_free(group_subset(chain, every[part::2]), effects, known, loss) for part in (0, 1)]
-    own = len(chain.parameters)
-    first, second = (Camera.of(fit.parameters.values[:own], chain.camera.size) for fit in fits)
-    spread = sum(fit.covariance[:own, :own] for fit in fits)
+    size = len(chain.parameters)
+    first, second = (Camera.of(fit.parameters.values[:size], chain.camera.size) for fit in fits)
+    spread = sum(fit.covariance[:size, :size] for fit in fits)
     gap = second.values - first.values
     typical = chain.parameters.typical
     if not all_finite(
@@ -272,7 +274,7 @@ def compare_halves(
     scaled = solve_positive(spread / np.outer(typical, typical), gap / typical)
     difference = projection_difference(first, second, distance)
     sigma = projection_uncertainty(first, spread, distance)
-    return Halves(difference, sigma, float(gap / typical @ scaled), own)
+    return Halves(difference, sigma, float(gap / typical @ scaled), size)
 
 
 def projection_difference(first: Camera, second: Camera, distance: float) -> FieldMap:

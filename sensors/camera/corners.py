@@ -266,15 +266,15 @@ class Evaluation:
 
     def family_rows(self, name: str) -> np.ndarray:
         """(6, 2, n) by the numbers of each sample's own board pose."""
-        made = np.empty((6, *self.residual.shape))
-        made[:3] = self._by_point
+        rows = np.empty((6, *self.residual.shape))
+        rows[:3] = self._by_point
         moment = _cross(self._board.turned, self._by_point)
         if self._radius:
             moment += _cross(self._board.normals, self._by_normal)
         swing = self._board.swing
         for k in range(3):
-            made[3 + k] = _dot(moment, swing[:, k])
-        return made
+            rows[3 + k] = _dot(moment, swing[:, k])
+        return rows
 
 
 def _moved(values, change):

@@ -49,7 +49,7 @@ def curved(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> Curved 
     model = Model(chain, tuple(effects))
     here, *there = (_cost(model, fit, step * course, step * poses) for step in (0.0, -_STEP, _STEP))
     rise = tuple((cost - here) / fit.sigma_scale**2 for cost in there)
-    if all(_EXPECTED / _HOLDS < one < _EXPECTED * _HOLDS for one in rise):
+    if all(_EXPECTED / _HOLDS < ratio < _EXPECTED * _HOLDS for ratio in rise):
         return None
     return Curved(table.table[k].label or table.keys[k], (course / sigma) ** 2 > _WITH, rise)
 

@@ -85,7 +85,7 @@ def _whitened(chain: Corners, fit: BundleFit, effects):
 
 
 def _change(by_focal, by_pose, residual) -> tuple[float, float, float, int]:
-    """Change of one board pose, its information, sum of squares that is left, and its degrees of freedom."""
+    """Change of one board pose, its information, sum of squares that is remainder, and its degrees of freedom."""
     pose = by_pose.reshape(_POSE, -1).T
     basis = np.linalg.qr(pose / np.linalg.norm(pose, axis=0))[0]
     column, target = by_focal.ravel(), residual.ravel()
@@ -93,8 +93,8 @@ def _change(by_focal, by_pose, residual) -> tuple[float, float, float, int]:
     target = target - basis @ (basis.T @ target)
     information = float(column @ column)
     change = -float(column @ target) / max(information, 1e-300)
-    left = target + change * column
-    return change, information, float(left @ left), target.size - _POSE - 1
+    remainder = target + change * column
+    return change, information, float(remainder @ remainder), target.size - _POSE - 1
 
 
 def _tested(chain, fit, estimates, variance, degrees) -> FocalScatter:

@@ -42,16 +42,16 @@ class Misfit:
 def bundle_misfit(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> Misfit:
     """Of the corners at the solution of a bundle."""
     model = Model(chain, tuple(effects))
-    made, free = model.evaluate(fit.parameters), fit.parameters.mask
-    table = np.empty((int(free.sum()), *made.residual.shape))
-    shared = model.fill_rows(made, fit.parameters, table)
+    evaluation, free = model.evaluate(fit.parameters), fit.parameters.mask
+    table = np.empty((int(free.sum()), *evaluation.residual.shape))
+    shared = model.fill_rows(evaluation, fit.parameters, table)
     has_bow = any(isinstance(effect, BoardBow) for effect in effects)
-    by_board = made.rows("target", np.arange(3))
+    by_board = evaluation.rows("target", np.arange(3))
     # a field over the measured pixels would hold their noise, and explain it
-    expected = chain.pixels + made.residual
+    expected = chain.pixels + evaluation.residual
     rows = CornerRows(
         shared,
-        made.family_rows("placement"),
+        evaluation.family_rows("placement"),
         fit.residual[0],
         chain.labels["placement"],
         chain.labels["corner"],

@@ -81,7 +81,7 @@ class _Likelihood:
         """Noise from what the effects cannot explain, and an equal share of the remainder for each component."""
         noise = self.rest / self.degrees if self.degrees > 0 and self.rest > 0 else white
         excess = max(float(self.score @ self.score) - len(self.score) * noise, 0.1 * noise)
-        sizes = np.array([(one**2).sum() for one in self.factors])
+        sizes = np.array([(factor**2).sum() for factor in self.factors])
         sizes[sizes == 0] = 1.0  # a component without effects may have any variance
         return np.log(np.r_[noise, excess / len(self.factors) / sizes])
 
@@ -93,7 +93,7 @@ class _Likelihood:
         """Of the log variances: beyond them a residual would be a difference of large numbers."""
         low, high = np.log(_LOWEST), np.log(_HIGHEST)
         noise = start[0] - np.log(_NOISE), start[0] + np.log(_NOISE)
-        return [noise, *((one + low, one + high) for one in start[1:])]
+        return [noise, *((size + low, size + high) for size in start[1:])]
 
     def of_white_noise(self, white: float) -> float:
         """-2 log likelihood, not by number of data, without effects."""
@@ -128,13 +128,13 @@ def _likelihood(data: Reduced) -> _Likelihood | None:
     """None where the effects leave no trace in the residuals."""
     scale = _scales(data)
     values, vectors = symmetric_eigen(data.gram / np.outer(scale, scale))
-    kept = values > _RANK * max(values[-1], 0.0)
-    degrees = data.degrees - kept.sum()
-    if not kept.any() or degrees < 1:
+    is_retained = values > _RANK * max(values[-1], 0.0)
+    degrees = data.degrees - is_retained.sum()
+    if not is_retained.any() or degrees < 1:
         return None
-    root = np.sqrt(values[kept])
-    score = (vectors[:, kept].T @ (data.pull / scale)) / root
-    rows = root[:, None] * vectors[:, kept].T * scale
+    root = np.sqrt(values[is_retained])
+    score = (vectors[:, is_retained].T @ (data.pull / scale)) / root
+    rows = root[:, None] * vectors[:, is_retained].T * scale
     factors = tuple(rows[:, data.component == j] for j in range(data.count))
     rest = max(data.squares - float(score @ score), 1e-12 * data.squares)
     products = tuple(factor @ factor.T for factor in factors)

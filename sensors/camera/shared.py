@@ -69,19 +69,21 @@ def print_errors(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> P
     model = Model(chain, tuple(effects))
     rows = model.evaluate(fit.parameters).rows("target", np.array([0, 1])) * root
     residual = fit.residual[0] * root
-    own = _by_corner(
+    corner_blocks = _by_corner(
         np.stack([(rows[a] * rows[b]).sum(0) for a in (0, 1) for b in (0, 1)]), corner
     ).reshape(-1, 2, 2)
     pull = _by_corner((rows * residual).sum(1), corner)
-    seen = np.linalg.det(own) > 0
-    taken = float((pull[seen] * solve_positive(own[seen], pull[seen][..., None])[..., 0]).sum())
-    trace = float(np.trace(own[seen], axis1=1, axis2=2).sum())
+    seen = np.linalg.det(corner_blocks) > 0
+    taken = float(
+        (pull[seen] * solve_positive(corner_blocks[seen], pull[seen][..., None])[..., 0]).sum()
+    )
+    trace = float(np.trace(corner_blocks[seen], axis1=1, axis2=2).sum())
     sums = _Sums(float((residual**2).sum()), taken, trace, int(seen.sum()))
-    made = _tested(fit, sums, _share(chain, fit, effects, _SOME))
+    tested = _tested(fit, sums, _share(chain, fit, effects, _SOME))
     return (
         _tested(fit, sums, _share(chain, fit, effects, len(chain.poses)))
-        if made.significant
-        else made
+        if tested.significant
+        else tested
     )
 
 
@@ -107,11 +109,11 @@ def _tested(fit, sums, part):
     if p_value >= UNLIKELY:
         return PrintErrors(float(np.sqrt(variance)), p_value, fit.covariance)
     unit = fit.covariance / fit.sigma_scale**2
-    made = (
+    tested = (
         fit.covariance * noise / (sums.squares / fit.degrees) + variance * unit @ part.spread @ unit
     )
-    wider = np.sqrt(np.maximum(np.diag(fit.covariance) / np.diag(made), 1))
-    return PrintErrors(float(np.sqrt(variance)), p_value, made * np.outer(wider, wider))
+    wider = np.sqrt(np.maximum(np.diag(fit.covariance) / np.diag(tested), 1))
+    return PrintErrors(float(np.sqrt(variance)), p_value, tested * np.outer(wider, wider))
 
 
 @dataclass(frozen=True)
@@ -131,12 +133,18 @@ def _share(chain, fit, effects, some: int) -> _Share:
     if len(groups) < count:
         weights = weights[np.isin(chain.labels["placement"], groups)]
         chosen = group_subset(chain, groups)
-    own, cross, normal, corners = _blocks(chosen, fit, effects, np.sqrt(weights) / chosen.sigma)
+    corner_blocks, cross, normal, corners = _blocks(
+        chosen, fit, effects, np.sqrt(weights) / chosen.sigma
+    )
     grow = count / len(groups)
     good = np.linalg.det(corners) > 0
     inverse = inverse_positive(np.where(good[:, None, None], corners, np.eye(2)))
-    inverse_own = solve_positive(own[0], np.broadcast_to(np.eye(6), own[0].shape))
-    by_pose = (own[1].transpose(0, 1, 3, 2) @ inverse_own[:, None] @ own[1]).sum(0)
+    inverse_own = solve_positive(
+        corner_blocks[0], np.broadcast_to(np.eye(6), corner_blocks[0].shape)
+    )
+    by_pose = (
+        corner_blocks[1].transpose(0, 1, 3, 2) @ inverse_own[:, None] @ corner_blocks[1]
+    ).sum(0)
     total = by_pose + cross.transpose(0, 2, 1) @ pseudo_inverse(normal) @ cross
     degrees = float(np.einsum("ctu,cut->", total[good], inverse[good]))
     return _Share(
@@ -161,19 +169,19 @@ def _blocks(chain, fit, effects, root):
     group, corner = chain.labels["placement"], chain.labels["corner"]
     scale = fit.table.typical[: len(shared)]
     shared = shared * scale[:, None, None]
-    own = _sum(np.einsum("amn,bmn->nab", pose, pose), group)
-    mix = solve_positive(own, _sum(np.einsum("amn,bmn->nab", pose, shared), group))
-    left = shared - np.einsum("nkp,kmn->pmn", mix[group], pose)
+    pose_blocks = _sum(np.einsum("amn,bmn->nab", pose, pose), group)
+    mix = solve_positive(pose_blocks, _sum(np.einsum("amn,bmn->nab", pose, shared), group))
+    reduced = shared - np.einsum("nkp,kmn->pmn", mix[group], pose)
     count = corner.max() + 1
     at_pose = _sum(
-        np.einsum("amn,bmn->nab", pose, target), group * count + corner, len(own) * count
+        np.einsum("amn,bmn->nab", pose, target), group * count + corner, len(pose_blocks) * count
     )
-    cross = _sum(np.einsum("amn,bmn->nab", left, target), corner)
+    cross = _sum(np.einsum("amn,bmn->nab", reduced, target), corner)
     corners = _sum(np.einsum("amn,bmn->nab", target, target), corner)
-    flat = left.reshape(len(left), -1)
+    flat = reduced.reshape(len(reduced), -1)
     normal = flat @ flat.T
     return (
-        (own, at_pose.reshape(len(own), count, 6, 2)),
+        (pose_blocks, at_pose.reshape(len(pose_blocks), count, 6, 2)),
         cross / scale[:, None],
         normal / np.outer(scale, scale),
         corners,
@@ -182,11 +190,11 @@ def _blocks(chain, fit, effects, root):
 
 def _sum(blocks, group, count=None):
     """(count, a, b) sums of blocks (n, a, b) by group (n,)."""
-    made = np.zeros((int(group.max()) + 1 if count is None else count, *blocks.shape[1:]))
+    sums = np.zeros((int(group.max()) + 1 if count is None else count, *blocks.shape[1:]))
     order = np.argsort(group, kind="stable")
     start = np.flatnonzero(np.diff(group[order], prepend=-1))
-    made[group[order[start]]] = np.add.reduceat(blocks[order], start, axis=0)
-    return made
+    sums[group[order[start]]] = np.add.reduceat(blocks[order], start, axis=0)
+    return sums
 
 
 def _by_corner(rows, corner):
@@ -237,18 +245,20 @@ def lens_map(chain: Corners, fit: BundleFit, printed: PrintErrors) -> LensMap:
     ]
     cell = place[1] * _CELLS[0] + place[0]
     count = np.bincount(cell, minlength=_CELLS[0] * _CELLS[1])
-    kept = count >= _FEW
+    has_enough = count >= _FEW
     weight = fit.weights[0]
     total = np.maximum(np.bincount(cell, weight, len(count)), 1e-300)
     means = np.stack([np.bincount(cell, weight * row, len(count)) for row in residual]) / total
     between, squares = (
-        float((total * (means**2).sum(0))[kept].sum()),
+        float((total * (means**2).sum(0))[has_enough].sum()),
         float((weight * (residual**2).sum(0)).sum()),
     )
-    degrees = 2 * int(kept.sum()), max(fit.degrees - spent - 2 * int(kept.sum()), 1)
+    degrees = 2 * int(has_enough.sum()), max(fit.degrees - spent - 2 * int(has_enough.sum()), 1)
     noise = max(squares - between, 0.0) / degrees[1]
     rms = np.sqrt(
-        2 * max(between - degrees[0] * noise, 0) / max(2 * float(total[kept].sum()), 1e-300)
+        2 * max(between - degrees[0] * noise, 0) / max(2 * float(total[has_enough].sum()), 1e-300)
     )
     p_value = float(fdtrc(*degrees, between / max(degrees[0], 1) / max(noise, 1e-300)))
-    return LensMap(np.where(kept, means, np.nan).reshape(2, *_CELLS[::-1]), float(rms), p_value)
+    return LensMap(
+        np.where(has_enough, means, np.nan).reshape(2, *_CELLS[::-1]), float(rms), p_value
+    )

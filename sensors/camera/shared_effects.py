@@ -63,7 +63,9 @@ def shared_effects(
     names += [COMPONENTS[3]] * (len(_LENS_NODES) - 1)
     units += [UNITS[3]] * (len(_LENS_NODES) - 1)
     parts = [_stacked(field, rows) for _, field, rows in blocks]
-    component = np.concatenate([np.full(one.shape[1], k) for (k, _, _), one in zip(blocks, parts)])
+    component = np.concatenate(
+        [np.full(part.shape[1], k) for (k, _, _), part in zip(blocks, parts)]
+    )
     lines = tuple(_board_lines(points, int((component == 0).sum())))
     return SharedEffects(csr_matrix(hstack(parts)), component, tuple(names), tuple(units), lines)
 

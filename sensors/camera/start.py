@@ -165,9 +165,9 @@ def homographies(chain: Corners, chosen: np.ndarray, new: np.ndarray) -> np.ndar
 def _transform_normal(places, pixels, weight):
     """(G, 9, 9) normal matrices of the direct linear transform, from (2, G, k) places and pixels, weights (G, k)."""
     (x, y), (u, v) = places, pixels
-    one, zero = np.ones_like(x), np.zeros_like(x)
-    along_u = np.stack([x, y, one, zero, zero, zero, -u * x, -u * y, u])
-    along_v = np.stack([zero, zero, zero, x, y, one, -v * x, -v * y, v])
+    ones, zero = np.ones_like(x), np.zeros_like(x)
+    along_u = np.stack([x, y, ones, zero, zero, zero, -u * x, -u * y, u])
+    along_v = np.stack([zero, zero, zero, x, y, ones, -v * x, -v * y, v])
     # (2, 9, G, k) -> (G, 9, 2 k): both equations of all corners of a board
     both = np.stack([along_u, along_v]) * weight
     rows = np.moveaxis(both, 2, 0).transpose(0, 2, 1, 3).reshape(len(weight), 9, -1)
@@ -180,10 +180,10 @@ def _normalised(places, weight):
     middle = (places * weight).sum(2) / total
     away = places - middle[..., None]
     size = np.sqrt(((away**2).sum(0) * weight).sum(1) / total)
-    made = np.zeros((len(total), 3, 3))
-    made[:, 0, 0] = made[:, 1, 1] = 1 / size
-    made[:, :2, 2], made[:, 2, 2] = -(middle / size).T, 1
-    return away / size[:, None], made
+    transforms = np.zeros((len(total), 3, 3))
+    transforms[:, 0, 0] = transforms[:, 1, 1] = 1 / size
+    transforms[:, :2, 2], transforms[:, 2, 2] = -(middle / size).T, 1
+    return away / size[:, None], transforms
 
 
 def first_poses(maps: np.ndarray, matrix: np.ndarray) -> np.ndarray:

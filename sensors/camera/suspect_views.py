@@ -94,8 +94,8 @@ def find_blunders(chain: Corners, residual: np.ndarray) -> np.ndarray:
     count = np.bincount(group)
     rough = _far_off(_rough(chain, residual) / chain.sigma) | (count < _NEIGHBOURS)[group]
     smooth = np.bincount(group, far & ~rough) > 0
-    whole = (np.bincount(group, far) > count / 2) & (smooth.sum() < _MANY)
-    return far & (rough | whole[group])
+    is_whole_view = (np.bincount(group, far) > count / 2) & (smooth.sum() < _MANY)
+    return far & (rough | is_whole_view[group])
 
 
 def _far_off(scaled):

@@ -72,8 +72,8 @@ def _samples(camera):
     ideal, out = iterate(camera, seen), (seen**2).sum(0)
     lost = ~np.isfinite(ideal).all(0)
     reach = 0.95 * out[lost].min() if lost.any() else out.max()
-    kept = out <= reach
-    return ideal[:, kept], seen[:, kept], float(reach)
+    is_reached = out <= reach
+    return ideal[:, is_reached], seen[:, is_reached], float(reach)
 
 
 def _basis(seen, direction, degree):

@@ -85,7 +85,7 @@ def warming(kind, chain):
     if not any(chain.varies(name) for name in CLOCKS):
         return
     known = any(Covariate.of(name).kind == "temperature" for name in chain.varying)
-    for where in (one for place in kind.places for one in chain.places(place)):
+    for where in (place_of_kind for place in kind.places for place_of_kind in chain.places(place)):
         if known or not chain.varies("time_s"):
             yield Variant(kind(where), missing_covariate="" if known else "temperature")
             continue

@@ -51,8 +51,8 @@ class PlaneBow(Effect):
         for where in chain.places("laser"):
             yield Variant(cls(where), "the same all along", 0.5)
             if chain.light is not None:
-                made = cls(where, list(chain.light), list(chain.light_axis))
-                yield Variant(made, "fanning out from the laser", 0.5)
+                bow = cls(where, list(chain.light), list(chain.light_axis))
+                yield Variant(bow, "fanning out from the laser", 0.5)
 
     def table(self, chain):
         if self.apex is None:
@@ -106,8 +106,8 @@ class MirrorWobble(Effect):
 
     def basis(self, state):
         along = known(stripe_direction(state.planes))
-        none, one = np.zeros(state.n), (~np.isnan(state.planes[3])).astype(float)
-        moves = np.stack([np.stack([*along, none]), np.stack([none, none, none, one])])
+        none, is_lit = np.zeros(state.n), (~np.isnan(state.planes[3])).astype(float)
+        moves = np.stack([np.stack([*along, none]), np.stack([none, none, none, is_lit])])
         waves = known(
             np.stack([wave(k * state.mirror) for k in (1, 2) for wave in (np.cos, np.sin)])
         )

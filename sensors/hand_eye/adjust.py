@@ -100,14 +100,14 @@ def adjust(chain, parameters: Parameters, variances: Variances, equal: bool = Fa
         fit = _solved(chain, parameters, variances, equal)
         parameters, before = fit.parameters, variances
         errors = fit.values.get(POSE, np.zeros_like(chain.errors))
-        made = grams(chain.with_families({POSE: errors}), parameters)
-        variances = restricted_likelihood(chain, made, parameters, variances)
+        model_grams = grams(chain.with_families({POSE: errors}), parameters)
+        variances = restricted_likelihood(chain, model_grams, parameters, variances)
         moved = np.abs(
             np.log([variances.noise / before.noise, *(variances.spread / before.spread)])
         ).max()
         if moved < _STILL or equal:
             break
-    linear = _linear(chain, made, parameters, variances, equal)
+    linear = _linear(chain, model_grams, parameters, variances, equal)
     errors = linear.errors if equal else errors
     return Adjusted(
         chain, parameters, errors, variances, linear, fit.outcome, fit.history, fit.converged, equal
@@ -119,17 +119,17 @@ def _solved(chain, parameters, variances, equal):
         [np.full(g.components.stop - g.components.start, g.typical) for g in chain.groups]
     )
     if equal:  # noise as large as what one sample is wrong by, so that priors are not drowned
-        whole = float(np.hypot(variances.noise, np.sqrt((variances.spread**2).sum())))
-        return solve_bundle([Model(replace(chain, noise=whole))], parameters, eliminate=None)
+        total_sigma = float(np.hypot(variances.noise, np.sqrt((variances.spread**2).sum())))
+        return solve_bundle([Model(replace(chain, noise=total_sigma))], parameters, eliminate=None)
     family = Family(POSE, np.zeros_like(chain.errors), size, _each(chain, variances.spread))
     return solve_bundle(
         [Model(replace(chain, noise=variances.noise))], parameters, {POSE: family}, POSE
     )
 
 
-def _linear(chain, made, parameters, variances, equal):
+def _linear(chain, model_grams, parameters, variances, equal):
     solve = solve_equal if equal else solve_linear
-    return solve(made, parameters, variances.noise, _each(chain, variances.spread))
+    return solve(model_grams, parameters, variances.noise, _each(chain, variances.spread))
 
 
 def _each(chain, spread):
@@ -141,9 +141,12 @@ def _each(chain, spread):
 
 def grams(chain, parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
     """(P, K, K) products of the rows [shared free, pose, residual at no pose error], and numbers (P,) measured."""
-    made = chain.evaluate(parameters.values)
-    plain = made.residual - np.einsum("lmn,nl->mn", made.pose, chain.errors[chain.pose])
-    rows = np.concatenate([made.shared[parameters.mask], made.pose, plain[None]]) / chain.relative
+    evaluation = chain.evaluate(parameters.values)
+    plain = evaluation.residual - np.einsum("lmn,nl->mn", evaluation.pose, chain.errors[chain.pose])
+    rows = (
+        np.concatenate([evaluation.shared[parameters.mask], evaluation.pose, plain[None]])
+        / chain.relative
+    )
     tiles = tiles_of({POSE: chain.pose}, len(chain.pose))
     rows = (rows[..., tiles.index] * tiles.live).reshape(*rows.shape[:2], -1, tiles.length)
     product = sum(
@@ -154,11 +157,13 @@ def grams(chain, parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
     return total, np.bincount(chain.pose, minlength=len(total)) * len(plain)
 
 
-def restricted_likelihood(chain, made, parameters: Parameters, start: Variances) -> Variances:
-    """Variances at their fixed point on the linear model with Gram matrices `made`."""
+def restricted_likelihood(
+    chain, model_grams, parameters: Parameters, start: Variances
+) -> Variances:
+    """Variances at their fixed point on the linear model with Gram matrices `model_grams`."""
     noise, spread = start.noise, np.array(start.spread)
     for _ in range(_INNER):
-        linear = solve_linear(made, parameters, noise, _each(chain, spread))
+        linear = solve_linear(model_grams, parameters, noise, _each(chain, spread))
         before = np.array([noise, *spread])
         noise = np.clip(
             np.sqrt(linear.squares / linear.degrees), max(noise / 3, LEAST_NOISE), 3 * noise
@@ -176,37 +181,39 @@ def _component(linear, group, sigma):
     expectation and maximisation (Dempster et al. 1977), which keeps the sigma.
     """
     square = (linear.errors[:, group.components] ** 2).sum()
-    own = np.trace(linear.blocks[:, group.components, group.components], axis1=1, axis2=2).sum()
+    trace = np.trace(linear.blocks[:, group.components, group.components], axis1=1, axis2=2).sum()
     count = linear.errors[:, group.components].size
-    known = count - own / sigma**2
-    after = square / known if known > 1e-3 * count else (square + own) / count
+    known = count - trace / sigma**2
+    after = square / known if known > 1e-3 * count else (square + trace) / count
     return float(
         np.clip(np.sqrt(after), max(sigma / 3, group.least), min(3 * sigma, _MOST * group.typical))
     )
 
 
-def solve_linear(made, parameters: Parameters, noise: float, sigma: np.ndarray) -> Linear:
-    """Best shared change and pose errors of the linear model with Gram matrices `made`, sigma (L,)."""
-    gram, measured = made[0] / noise**2, made[1].sum()
+def solve_linear(model_grams, parameters: Parameters, noise: float, sigma: np.ndarray) -> Linear:
+    """Best shared change and pose errors of the linear model with Gram matrices `model_grams`, sigma (L,)."""
+    gram, measured = model_grams[0] / noise**2, model_grams[1].sum()
     free = parameters.mask
     size, typical = int(free.sum()), parameters.typical[free]
-    own, last = slice(size, size + len(sigma)), -1
-    inverse = covariance_of(gram[:, own, own], sigma**-2)
-    mix = inverse @ np.concatenate([gram[:, own, :size], gram[:, own, last:]], -1)
-    normal = (gram[:, :size, :size] - gram[:, :size, own] @ mix[..., :-1]).sum(0)
-    held = parameters.precision[free] + _FLOOR / typical**2
-    pull = (gram[:, :size, last] - (gram[:, :size, own] @ mix[..., -1:])[..., 0]).sum(0)
+    group_columns, last = slice(size, size + len(sigma)), -1
+    inverse = covariance_of(gram[:, group_columns, group_columns], sigma**-2)
+    mix = inverse @ np.concatenate(
+        [gram[:, group_columns, :size], gram[:, group_columns, last:]], -1
+    )
+    normal = (gram[:, :size, :size] - gram[:, :size, group_columns] @ mix[..., :-1]).sum(0)
+    regularisation = parameters.precision[free] + _FLOOR / typical**2
+    pull = (gram[:, :size, last] - (gram[:, :size, group_columns] @ mix[..., -1:])[..., 0]).sum(0)
     pull = pull + parameters.precision[free] * (parameters.pack() - parameters.nulls[free])
-    covariance = _scaled_covariance(normal, held, typical)
+    covariance = _scaled_covariance(normal, regularisation, typical)
     change = -covariance @ pull
     errors = -(mix[..., -1] + mix[..., :-1] @ change)
     blocks = inverse + mix[..., :-1] @ covariance @ mix[..., :-1].transpose(0, 2, 1)
-    whole = np.concatenate([np.tile(change, (len(gram), 1)), errors, np.ones((len(gram), 1))], 1)
-    large = (np.einsum("pi,pii->p", whole**2, made[0])).sum()
-    squares = max(np.einsum("pi,pij,pj->", whole, made[0], whole), _ROUNDING * large)
+    solution = np.concatenate([np.tile(change, (len(gram), 1)), errors, np.ones((len(gram), 1))], 1)
+    large = (np.einsum("pi,pii->p", solution**2, model_grams[0])).sum()
+    squares = max(np.einsum("pi,pij,pj->", solution, model_grams[0], solution), _ROUNDING * large)
     spent = (
         size
-        - np.diag(covariance) @ held
+        - np.diag(covariance) @ regularisation
         + (len(sigma) - (np.diagonal(blocks, 0, 1, 2) / sigma**2).sum(1)).sum()
     )
     return Linear(
@@ -220,15 +227,15 @@ def solve_linear(made, parameters: Parameters, noise: float, sigma: np.ndarray) 
     )
 
 
-def solve_equal(made, parameters: Parameters, noise: float, sigma: np.ndarray) -> Linear:
+def solve_equal(model_grams, parameters: Parameters, noise: float, sigma: np.ndarray) -> Linear:
     """Plain least squares of the linear model, its covariance that of the variances.
 
     With M the normal matrix of equal weights 1/v and V the covariance of what it is solved for,
     M^-1 V M^-1. v, which only weighs the data against priors, makes M know as much as maximum
     likelihood would.
     """
-    best = solve_linear(made, parameters, noise, sigma)
-    gram, free = made[0], parameters.mask
+    best = solve_linear(model_grams, parameters, noise, sigma)
+    gram, free = model_grams[0], parameters.mask
     size, typical = int(free.sum()), parameters.typical[free]
     # blocks of the parameters, of these with the errors of the groups, and with the residual
     plain, cross, right = gram[:, :size, :size], gram[:, :size, size:-1], gram[:, :size, -1]
@@ -237,28 +244,32 @@ def solve_equal(made, parameters: Parameters, noise: float, sigma: np.ndarray) -
     equal = float(np.diag(total) @ typical**2)
     worth = max(likelihood, 1e-300) / max(equal, 1e-300)
     prior = parameters.precision[free]
-    held = prior + _FLOOR / typical**2
-    inverse = _scaled_covariance(total * worth, held, typical)
+    regularisation = prior + _FLOOR / typical**2
+    inverse = _scaled_covariance(total * worth, regularisation, typical)
     from_null = parameters.pack() - parameters.nulls[free]
     change = -inverse @ (worth * right.sum(0) + prior * from_null)
     by_groups = ((cross * sigma**2) @ cross.transpose(0, 2, 1)).sum(0)
-    middle = worth**2 * (noise**2 * total + by_groups) + np.diag(held)
+    middle = worth**2 * (noise**2 * total + by_groups) + np.diag(regularisation)
     errors = _group_errors(gram[:, size:-1] / noise**2, size, sigma, change)
     return replace(best, change=change, covariance=inverse @ middle @ inverse, errors=errors)
 
 
-def _group_errors(own, size: int, sigma, change):
+def _group_errors(group_blocks, size: int, sigma, change):
     """Errors of the groups at a change (P,) of the parameters; own: their rows of the weighted normal matrix."""
-    by_parameters, by_errors, right = own[:, :, :size], own[:, :, size:-1], own[:, :, -1]
-    left = right + by_parameters @ change
+    by_parameters, by_errors, right = (
+        group_blocks[:, :, :size],
+        group_blocks[:, :, size:-1],
+        group_blocks[:, :, -1],
+    )
+    right_side = right + by_parameters @ change
     normal = by_errors + np.diag(sigma**-2)
-    return -solve_positive(normal, left[..., None])[..., 0]
+    return -solve_positive(normal, right_side[..., None])[..., 0]
 
 
-def _scaled_covariance(normal, held, typical):
+def _scaled_covariance(normal, precision, typical):
     """(F, F) inverse of normal + diag(held), computed in units of the typical sizes (F,)."""
     size = np.outer(typical, typical)
-    return covariance_of(normal * size, held * typical**2) * size
+    return covariance_of(normal * size, precision * typical**2) * size
 
 
 def with_held_camera(adjusted: Adjusted, modes: np.ndarray) -> Adjusted:
@@ -275,9 +286,9 @@ def with_held_camera(adjusted: Adjusted, modes: np.ndarray) -> Adjusted:
     is_free = np.concatenate([old.mask, np.ones(modes.shape[1], bool)])
     parameters = replace(chain.parameters, values=values).only(is_free)
     errors = {POSE: adjusted.errors}
-    made = grams(chain.with_families(errors), parameters)
+    model_grams = grams(chain.with_families(errors), parameters)
     spread = _each(chain, adjusted.variances.spread)
-    normal = solve_linear(made, parameters, adjusted.variances.noise, spread).normal
+    normal = solve_linear(model_grams, parameters, adjusted.variances.noise, spread).normal
     linear, size = adjusted.linear, int(old.mask.sum())
     influence = linear.covariance @ normal[:size, size:]
     covariance = linear.covariance + influence @ influence.T
@@ -291,26 +302,26 @@ def leave_out(adjusted: Adjusted, pose: int, full) -> LeftOut:
     from what the first reached.
     """
     chain, parameters, variances = adjusted.chain, adjusted.parameters, adjusted.variances
-    made = full
+    model_grams = full
     for _ in range(2):
-        others = without_pose(made, pose)
+        others = without_pose(model_grams, pose)
         variances = restricted_likelihood(chain, others, parameters, variances)
         linear = _linear(chain, others, parameters, variances, adjusted.equal)
         far = np.abs(linear.change / parameters.typical[parameters.mask]).max()
         parameters = parameters.unpack(
             parameters.pack() + linear.change * min(1, _FAR / max(far, 1e-300))
         )
-        made = grams(chain.with_families({POSE: linear.errors}), parameters)
-    return LeftOut(parameters.values, *_distance(chain, made, pose, linear, variances))
+        model_grams = grams(chain.with_families({POSE: linear.errors}), parameters)
+    return LeftOut(parameters.values, *_distance(chain, model_grams, pose, linear, variances))
 
 
-def without_pose(made, pose: int):
+def without_pose(model_grams, pose: int):
     """`grams` without what one pose says."""
-    keep = np.arange(len(made[0])) != pose
-    return made[0] * keep[:, None, None], made[1] * keep
+    keep = np.arange(len(model_grams[0])) != pose
+    return model_grams[0] * keep[:, None, None], model_grams[1] * keep
 
 
-def _distance(chain, made, pose, linear, variances):
+def _distance(chain, model_grams, pose, linear, variances):
     """Squared distance of one pose from its prediction, its degrees, and the chance of a larger one.
 
     What the pose says of its own error, h = D'y, has covariance noise^2 D'D + D'D S D'D + D'A C A'D
@@ -319,10 +330,14 @@ def _distance(chain, made, pose, linear, variances):
     from workbench.core.distributions import fisher as f
 
     size = len(linear.change)
-    gram = made[0][pose]
-    own, cross, said = gram[size:-1, size:-1], gram[size:-1, :size], gram[size:-1, -1]
+    gram = model_grams[0][pose]
+    group_block, cross, said = gram[size:-1, size:-1], gram[size:-1, :size], gram[size:-1, -1]
     spread = np.diag(_each(chain, variances.spread) ** 2)
-    covariance = variances.noise**2 * own + own @ spread @ own + cross @ linear.covariance @ cross.T
+    covariance = (
+        variances.noise**2 * group_block
+        + group_block @ spread @ group_block
+        + cross @ linear.covariance @ cross.T
+    )
     scale = 1 / np.sqrt(np.maximum(np.diag(covariance), 1e-18 * np.abs(covariance).max()))
     values, vectors = symmetric_eigen(covariance * np.outer(scale, scale))
     seen = values > 1e-9 * values[-1]
@@ -330,7 +345,7 @@ def _distance(chain, made, pose, linear, variances):
     numbers = int(seen.sum())
     if not numbers:  # nothing measured at this pose bears on what is adjusted
         return 0.0, 0, 1.0
-    others = int((made[1] > 0).sum()) - 1
+    others = int((model_grams[1] > 0).sum()) - 1
     rest = max(numbers * others - size, 1)
     return squared, numbers, float(f.sf(squared / numbers, numbers, rest))
 
@@ -346,10 +361,10 @@ def find_blunders(
     """
     gone: dict[int, LeftOut] = {}
     while True:
-        kept = chain.at(np.flatnonzero(~np.isin(chain.pose, list(gone))))
-        adjusted = adjust(kept, parameters, variances, equal)
-        full = grams(kept.with_families({POSE: adjusted.errors}), adjusted.parameters)
-        seen = {k: leave_out(adjusted, k, full) for k in np.unique(kept.pose).tolist()}
+        remaining = chain.at(np.flatnonzero(~np.isin(chain.pose, list(gone))))
+        adjusted = adjust(remaining, parameters, variances, equal)
+        full = grams(remaining.with_families({POSE: adjusted.errors}), adjusted.parameters)
+        seen = {k: leave_out(adjusted, k, full) for k in np.unique(remaining.pose).tolist()}
         worst = min(seen, key=lambda k: seen[k].chance)
         if seen[worst].chance > _LEVEL / len(seen) or len(gone) >= most:
             return adjusted, {**seen, **_again(chain, adjusted, gone)}, tuple(sorted(gone))
@@ -359,11 +374,11 @@ def find_blunders(
 
 def _again(chain, adjusted, gone):
     """The poses left out for good, seen from the final adjustment."""
-    made = grams(chain, adjusted.parameters) if gone else None
+    model_grams = grams(chain, adjusted.parameters) if gone else None
     return {
         k: LeftOut(
             adjusted.parameters.values,
-            *_distance(chain, made, k, adjusted.linear, adjusted.variances),
+            *_distance(chain, model_grams, k, adjusted.linear, adjusted.variances),
         )
         for k in gone
     }

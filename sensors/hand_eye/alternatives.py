@@ -47,21 +47,21 @@ class Alternative:
     grows: float = 1.0
     falls: float = 3.0
 
-    def recorded(self, made) -> float:
+    def recorded(self, fitted) -> float:
         """mm, the misfit of the recorded data that this one is compared with."""
-        return made.scatter_mm if self.whole else made.trimmed_mm
+        return fitted.scatter_mm if self.whole else fitted.trimmed_mm
 
 
 def reading_alternatives(
     data: PoseData, readings: Iterable[Reading], kind: str
 ) -> list[Alternative]:
     """The readings that fit best in closed form, fitted robustly."""
-    tried = [(replace(data, moved=moved_of(one.flange, kind)), one) for one in readings]
+    tried = [(replace(data, moved=moved_of(reading.flange, kind)), reading) for reading in readings]
     ranked = sorted(tried, key=lambda row: rough_misfit(row[0]))
     found = []
-    for other, one in ranked[:_REFINED]:
+    for other, reading in ranked[:_REFINED]:
         fit = fit_poses(other)
-        found.append(Alternative(one.cause, one.seems, one.do, fit.trimmed_rms))
+        found.append(Alternative(reading.cause, reading.seems, reading.do, fit.trimmed_rms))
     return found + [replace(found[-1], misfit=np.inf)] * (len(ranked) - len(found)) if found else []
 
 
@@ -120,8 +120,10 @@ def change_alternatives(data: PoseData, recorded: PoseFit, named) -> list[Altern
     found = [
         min(_changed(data, starts, freedoms[k], False), key=_rms) for k in ranked[:_REFINED_CHANGES]
     ]
-    made = [_change(fit, named) for fit in found]
-    return made + [replace(made[0], misfit=np.inf)] * (len(freedoms) - len(made))
+    alternatives = [_change(fit, named) for fit in found]
+    return alternatives + [replace(alternatives[0], misfit=np.inf)] * (
+        len(freedoms) - len(alternatives)
+    )
 
 
 def _rms(fit):

@@ -73,8 +73,8 @@ def _solve(points, flange, ball) -> _Solution:
     rotations = turns()
     costs = [_linear(turn, points, flange, ball)[2] for turn in rotations]
     best = np.argsort(costs)[:_STARTS]
-    made = [_descend(rotations[k], points, flange, ball) for k in best]
-    return min(made, key=lambda one: float((one.residual**2).sum()))
+    solutions = [_descend(rotations[k], points, flange, ball) for k in best]
+    return min(solutions, key=lambda solution: float((solution.residual**2).sum()))
 
 
 def _design(flange, ball) -> np.ndarray:
@@ -92,8 +92,8 @@ def _linear(turn, points, flange, ball):
     moved = np.einsum("nij,jn->ni", flange[:, :3, :3] @ turn, points) + flange[:, :3, 3]
     design = _design(flange, ball)
     found = np.linalg.lstsq(design, -moved.ravel(), rcond=1e-10)[0]
-    left = moved.ravel() + design @ found
-    return found[:3], found[3:].reshape(-1, 3), float(left @ left)
+    residual = moved.ravel() + design @ found
+    return found[:3], found[3:].reshape(-1, 3), float(residual @ residual)
 
 
 def _descend(turn, points, flange, ball) -> _Solution:
@@ -127,14 +127,14 @@ def _linearised(turn, shift, places, points, flange, ball):
     return residual, rows
 
 
-def _result(centres, made: _Solution, radius, residual_mm) -> HandEye:
-    rows, n = made.rows, centres.points.shape[1]
+def _result(centres, solution: _Solution, radius, residual_mm) -> HandEye:
+    rows, n = solution.rows, centres.points.shape[1]
     degrees = max(3 * n - rows.shape[1], 1)
-    variance = float((made.residual**2).sum()) / degrees
+    variance = float((solution.residual**2).sum()) / degrees
     covariance, loose = _covariance(rows, variance)
-    held = _held_out(made.residual, rows)
+    held_out = _held_out(solution.residual, rows)
     keys = [f"sensor.{name}" for name in _NAMES] + [f"target.{name}" for name in "xyz"]
-    values = np.concatenate([made.shift, rotation_vector(made.turn), made.places[0]])
+    values = np.concatenate([solution.shift, rotation_vector(solution.turn), solution.places[0]])
     units = ("mm",) * 3 + ("rad",) * 3 + ("mm",) * 3
     sensor = np.r_[3:6, 0:3]  # x y z before the rotation
     std = np.sqrt(np.diag(covariance))
@@ -145,38 +145,38 @@ def _result(centres, made: _Solution, radius, residual_mm) -> HandEye:
             for key, unit, value in zip(keys, units, values)
         ]
     )
-    own = np.sqrt((made.residual**2).sum(0))
+    residual_norm = np.sqrt((solution.residual**2).sum(0))
     noise = float("nan") if residual_mm is None else float(np.sqrt(np.mean(residual_mm**2)))
     robot = np.sqrt(max(variance - np.nan_to_num(centres.sigma) ** 2, 0.0))
     return HandEye(
         kind="clouds",
-        sensor=_matrix(made.turn, made.shift),
+        sensor=_matrix(solution.turn, solution.shift),
         covariance=covariance[np.ix_(sensor, sensor)],
-        target=placement(made.places[0]),
+        target=placement(solution.places[0]),
         target_covariance=covariance[6:9, 6:9],
         parameters=table,
         std=dict(zip(keys, std[order].tolist())) | {"target.radius": None},
         noise=noise,
         unit="mm",
         robot_sigma={"position_mm": float(robot)},
-        fit={"rms_mm": _rms(own), "pose_rms_mm": _rms(own), "points": n},
-        held_out={"rms_mm": _rms(held), "pose_rms_mm": _rms(held), "folds": n},
+        fit={"rms_mm": _rms(residual_norm), "pose_rms_mm": _rms(residual_norm), "points": n},
+        held_out={"rms_mm": _rms(held_out), "pose_rms_mm": _rms(held_out), "folds": n},
         poses=tuple(
-            PoseRow(k, float(own[k]), float(held[k]), 0.0, 0.0, float("nan"), False)
+            PoseRow(k, float(residual_norm[k]), float(held_out[k]), 0.0, 0.0, float("nan"), False)
             for k in range(n)
         ),
         undetermined=loose,
         suspicions=(),
-        outcome="converged" if made.converged else "not converged",
-        converged=made.converged,
+        outcome="converged" if solution.converged else "not converged",
+        converged=solution.converged,
         radius=radius,
     )
 
 
 def _matrix(turn, shift) -> np.ndarray:
-    made = np.eye(4)
-    made[:3, :3], made[:3, 3] = turn, shift
-    return made
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = turn, shift
+    return matrix
 
 
 def _rms(lengths) -> float:
@@ -206,9 +206,9 @@ def _held_out(residual, rows) -> np.ndarray:
     """(n,) mm: distance of each centre from the prediction of all others, (1 - H)^-1 e (Cook & Weisberg, 1982)."""
     basis, sizes, _ = np.linalg.svd(rows / _scale(rows), full_matrices=False)
     basis = basis[:, sizes > 1e-8 * sizes.max()]
-    held = np.empty(residual.shape[1])
-    for k in range(len(held)):
-        own = basis[3 * k : 3 * k + 3]
-        left = np.eye(3) - own @ own.T
-        held[k] = np.linalg.norm(np.linalg.lstsq(left, residual[:, k], rcond=1e-6)[0])
-    return held
+    held_out = np.empty(residual.shape[1])
+    for k in range(len(held_out)):
+        row_basis = basis[3 * k : 3 * k + 3]
+        remainder = np.eye(3) - row_basis @ row_basis.T
+        held_out[k] = np.linalg.norm(np.linalg.lstsq(remainder, residual[:, k], rcond=1e-6)[0])
+    return held_out

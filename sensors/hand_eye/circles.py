@@ -51,12 +51,12 @@ def find_circles(
     for _ in range(_STEPS):
         centre, radius = fit_circles(flat, label, used, count)
         gap = _gaps(flat, label, centre, radius)
-        kept = _within(gap, label, used, count) & ~_ragged_ends(
+        is_inlier = _within(gap, label, used, count) & ~_ragged_ends(
             flat, label, used, centre, gap, count
         )
-        if (kept == used).all():
+        if (is_inlier == used).all():
             break
-        used = kept
+        used = is_inlier
     square = np.bincount(label[used], gap[used] ** 2, count)
     number = np.bincount(label[used], minlength=count)
     return Circles(
@@ -169,9 +169,9 @@ def _ragged_ends(flat, label, used, centre, gap, count):
     """(n,) True at the ends of arcs where the noise is twice that of the middle."""
     cells = 4 * _BINS
     cell = _cells_of_arc(flat - centre[:, label], label, used, count, cells)
-    whole = cell + cells * label
-    number = np.bincount(whole[used], minlength=cells * count)
-    power = np.bincount(whole[used], gap[used] ** 2, cells * count)
+    cell_of_image = cell + cells * label
+    number = np.bincount(cell_of_image[used], minlength=cells * count)
+    power = np.bincount(cell_of_image[used], gap[used] ** 2, cells * count)
     rms = np.sqrt(power / np.maximum(number, 1)).reshape(count, cells)
     is_filled = (number >= 4).reshape(count, cells)
     usual = np.array([np.median(r[f]) if f.any() else np.inf for r, f in zip(rms, is_filled)])
@@ -193,9 +193,9 @@ def _cells_of_arc(from_centre, label, used, count, cells):
 
 
 def _words(label, used, count):
-    total, kept = np.bincount(label, minlength=count), np.bincount(label[used], minlength=count)
+    total, inliers = np.bincount(label, minlength=count), np.bincount(label[used], minlength=count)
     return tuple(
         f"profile {k}: {t - u} of {t} points left out, off the circle or at its ragged ends"
-        for k, (t, u) in enumerate(zip(total.tolist(), kept.tolist()))
+        for k, (t, u) in enumerate(zip(total.tolist(), inliers.tolist()))
         if t - u > 0.02 * t
     )

@@ -36,9 +36,14 @@ def corner_noise(chain, seen: np.ndarray, corners: np.ndarray) -> CornerNoise:
     rows = motion_rows(by_point, points)
     covariances = [_pose_covariance(rows[:, :, chain.pose == k]) for k in range(len(seen))]
     middle = corners.mean(1, keepdims=True)
-    turned = np.mean([np.trace(one[3:, 3:]) for one in covariances])
+    turned = np.mean([np.trace(covariance[3:, 3:]) for covariance in covariances])
     spread = [
-        np.mean([_position_variance(one, pose, where) for one, pose in zip(covariances, seen)])
+        np.mean(
+            [
+                _position_variance(covariance, pose, where)
+                for covariance, pose in zip(covariances, seen)
+            ]
+        )
         for where in (corners, middle)
     ]
     return CornerNoise(

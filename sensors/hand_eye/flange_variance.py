@@ -54,53 +54,56 @@ def flange_variance(adjusted: Adjusted, pivot: np.ndarray) -> FlangeVariance:
     """Variances of the pose errors of an adjustment of a board, taken at pivot (P, 3) mm, the origin of the flange."""
     chain = replace(adjusted.chain, pivot=pivot, errors=np.zeros_like(adjusted.chain.errors))
     parameters = adjusted.parameters
-    made = grams(chain, parameters)
-    found = restricted_likelihood(chain, made, parameters, adjusted.variances)
+    model_grams = grams(chain, parameters)
+    found = restricted_likelihood(chain, model_grams, parameters, adjusted.variances)
     spread, std = np.array(found.spread), np.zeros(2)
     least = np.array([group.least for group in chain.groups])
     is_seen = np.zeros(2, bool)
     for k in range(2):
         # tested where it is zero: its standard deviation there is that of the other component alone
         null = np.where(np.arange(2) == k, least, spread)
-        alone = _variance_std(made, parameters, found.noise, null)[k]
+        alone = _variance_std(model_grams, parameters, found.noise, null)[k]
         is_seen[k] = spread[k] ** 2 > _SEEN * alone
         std[k] = np.sqrt(alone)
-    both = _variance_std(made, parameters, found.noise, spread)
-    both = np.maximum(both, _jackknife_std(chain, made, parameters, found))
+    both = _variance_std(model_grams, parameters, found.noise, spread)
+    both = np.maximum(both, _jackknife_std(chain, model_grams, parameters, found))
     std = np.where(is_seen, both / (2 * spread), std)
-    errors = solve_linear(made, parameters, found.noise, np.repeat(spread, 3)).errors
+    errors = solve_linear(model_grams, parameters, found.noise, np.repeat(spread, 3)).errors
     return FlangeVariance(np.where(is_seen, spread, 0.0), std, errors)
 
 
-def _jackknife_std(chain, made, parameters, found) -> np.ndarray:
+def _jackknife_std(chain, model_grams, parameters, found) -> np.ndarray:
     """(2,) 1 sigma of the two variances from their scatter when one pose at a time is left out."""
-    used = np.flatnonzero(made[1])
+    used = np.flatnonzero(model_grams[1])
     others = [
-        restricted_likelihood(chain, without_pose(made, k), parameters, found).spread for k in used
+        restricted_likelihood(chain, without_pose(model_grams, k), parameters, found).spread
+        for k in used
     ]
     squares = np.square(others)
     count = len(used)
     return np.sqrt((count - 1) / count * ((squares - squares.mean(0)) ** 2).sum(0))
 
 
-def _variance_std(made, parameters, noise: float, spread: np.ndarray) -> np.ndarray:
+def _variance_std(model_grams, parameters, noise: float, spread: np.ndarray) -> np.ndarray:
     """(2,) 1 sigma of the two variances: the inverse of their Fisher information under restricted likelihood.
 
     With S the variances of all pose errors and C their posterior covariance, T = S^-1 - S^-1 C S^-1, and the
     information of two groups is half the sum of the squares of their block of T (Harville 1977).
     """
     sigma, free = np.repeat(spread, 3), parameters.mask
-    gram, size = made[0] / noise**2, int(free.sum())
-    own = slice(size, size + len(sigma))
-    shared = solve_linear(made, parameters, noise, sigma).covariance
-    inverse = covariance_of(gram[:, own, own], sigma**-2) / np.outer(sigma, sigma)
-    mix = (inverse * sigma) @ gram[:, own, :size]
+    gram, size = model_grams[0] / noise**2, int(free.sum())
+    group_columns = slice(size, size + len(sigma))
+    shared = solve_linear(model_grams, parameters, noise, sigma).covariance
+    inverse = covariance_of(gram[:, group_columns, group_columns], sigma**-2) / np.outer(
+        sigma, sigma
+    )
+    mix = (inverse * sigma) @ gram[:, group_columns, :size]
     poses = len(gram)
     rows = mix.reshape(poses * len(sigma), size)
-    whole = (rows @ shared @ rows.T).reshape(poses, len(sigma), poses, len(sigma))
+    covariance = (rows @ shared @ rows.T).reshape(poses, len(sigma), poses, len(sigma))
     each = np.arange(poses)
-    whole[each, :, each] += inverse
-    inside = -whole
+    covariance[each, :, each] += inverse
+    inside = -covariance
     inside[each, :, each] += np.eye(len(sigma))
     squares = (inside**2).sum(axis=(0, 2)).reshape(2, 3, 2, 3).sum(axis=(1, 3)) / 2
     values, vectors = symmetric_eigen(squares)

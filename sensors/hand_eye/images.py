@@ -87,12 +87,12 @@ def hand_eye_from_views(
     parameters = replace(chain.parameters, values=values).free("*").fix(_SCALE)
     first = Variances(_noise(chain, seen), np.array([misfit, misfit / _reach(seen)]))
     reviewed = reviewed or review_views(views, board, (camera, points), flange, kind)
-    doubts = reviewed.sentences
+    suspicions = reviewed.sentences
     most = (
         0 if reviewed.certain else len(flange) // 4
     )  # poses read wrongly are not to be taken for blunders
     found, notes = _best(
-        chain, parameters, first, most, False if doubts and board_scale is None else board_scale
+        chain, parameters, first, most, False if suspicions and board_scale is None else board_scale
     )
     misfit = image_misfit(found[0], camera.size, from_same_images)
     if stated is not None:  # first: the sensitivity to the camera is that of the adjustment alone
@@ -100,7 +100,7 @@ def hand_eye_from_views(
     if misfit.significant:
         found = (with_misfit(found[0], misfit), *found[1:])
         notes = notes if misfit.is_relevant else (*notes, misfit.note)
-    return replace(_result(chain, points, found, doubts, notes), misfit=misfit)
+    return replace(_result(chain, points, found, suspicions, notes), misfit=misfit)
 
 
 def _best(chain, parameters, first, most, scale):
@@ -153,9 +153,9 @@ def _is_reduced(before: np.ndarray, after: np.ndarray, is_certain: bool) -> bool
 def _predicted(chain, found) -> np.ndarray:
     """(P,) px^2, mean square of each pose predicted from the others; nan for those that were left out for good."""
     squares = np.full(len(chain.flange), np.nan)
-    for k, one in found[1].items():
+    for k, pose in found[1].items():
         if k not in found[2]:
-            residual = chain.at(np.flatnonzero(chain.pose == k)).evaluate(one.values).residual
+            residual = chain.at(np.flatnonzero(chain.pose == k)).evaluate(pose.values).residual
             squares[k] = (residual**2).sum(0).mean()
     return squares
 
@@ -169,13 +169,15 @@ def review_views(
     readings of the flange poses to try; None tries those of `mistakes.pose_readings`.
     """
     flange = _checked(views, flange, kind)
-    own, points = (
+    view_camera, points = (
         camera if isinstance(camera, tuple) else (_camera(camera, None)[0], _shape(board, camera))
     )
     turns = range(getattr(board, "turns", 1))
     every = [[relabelled(view, board, turn) for view in views] if turn else views for turn in turns]
-    chains = [_chain(labelled, points, own, flange, kind, None) for labelled in every]
-    seen = np.array([board_poses(chain.board, chain.pixels, chain.pose, own) for chain in chains])
+    chains = [_chain(labelled, points, view_camera, flange, kind, None) for labelled in every]
+    seen = np.array(
+        [board_poses(chain.board, chain.pixels, chain.pose, view_camera) for chain in chains]
+    )
     corners = board_corners(points)
     noise = corner_noise(chains[0], seen[0], corners)
     names = [getattr(view, "image", "") or f"pose {k}" for k, view in enumerate(views)]
@@ -225,17 +227,17 @@ def _stated(camera):
 
 def _camera(camera, covariance):
     """The camera, and its covariance or None."""
-    own = camera if isinstance(camera, Camera) else camera.camera
+    view_camera = camera if isinstance(camera, Camera) else camera.camera
     known = getattr(camera, "covariance", None) if covariance is None else covariance
     if known is None:
-        return own, None
-    known = np.asarray(known, float)[: len(own.values), : len(own.values)]
+        return view_camera, None
+    known = np.asarray(known, float)[: len(view_camera.values), : len(view_camera.values)]
     if not np.isfinite(known).all():
         raise InputError(
             "hand-eye: expected a camera whose covariance is finite, found one that its images do not "
             "determine; name a camera.toml, or take images with the board tilted"
         )
-    return own, known
+    return view_camera, known
 
 
 def _chain(views, points, camera, flange, kind, covariance):
@@ -318,18 +320,18 @@ def _reach(seen):
     return float(np.median(np.linalg.norm(seen[:, :3, 3], axis=1)))
 
 
-def _result(chain, points, found, doubts, notes):
+def _result(chain, points, found, suspicions, notes):
     adjusted, left_out, blunders = found
     values, count = adjusted.parameters.values, len(chain.flange)
     used = ~np.isin(np.arange(count), blunders)
     exact = chain.evaluate(values).residual
     free = chain.with_families({"pose": adjusted.errors}).evaluate(values).residual
-    held = np.empty_like(exact)
+    held_out = np.empty_like(exact)
     for k in range(count):
-        held[:, chain.pose == k] = (
+        held_out[:, chain.pose == k] = (
             chain.at(np.flatnonzero(chain.pose == k)).evaluate(left_out[k].values).residual
         )
-    shift, spin = (0.0, 0.0) if doubts else adjusted.variances.spread
+    shift, spin = (0.0, 0.0) if suspicions else adjusted.variances.spread
     known = parameter_covariance(adjusted, motion(chain.flange[used], chain.kind, spin, shift))
     at_flange = flange_variance(adjusted, _pivot("flange", chain, None, None))
     return HandEye(
@@ -351,17 +353,17 @@ def _result(chain, points, found, doubts, notes):
             **least_scatter(chain, points, values, used),
         },
         held_out={
-            "rms_px": rms(held, used[chain.pose]),
+            "rms_px": rms(held_out, used[chain.pose]),
             "folds": int(used.sum()),
             **held_scatter(chain, points, left_out, used),
             **held_least(chain, points, values, used),
         },
         poses=tuple(
-            held_row(k, chain, at_flange, exact, held, left_out[k], k in blunders)
+            held_row(k, chain, at_flange, exact, held_out, left_out[k], k in blunders)
             for k in range(count)
         ),
         undetermined=known.sentences,
-        suspicions=doubts,
+        suspicions=suspicions,
         outcome=adjusted.outcome,
         converged=adjusted.converged,
         history=adjusted.history,

@@ -77,15 +77,15 @@ def image_misfit(adjusted, size: tuple[int, int], from_same_images: bool) -> Mis
     known = np.zeros(camera.sum()) if from_same_images else precision[camera]
     errors = shared_errors(alone, known)
     noise = adjusted.variances.noise
-    held = (noise / np.repeat(adjusted.variances.spread, 3)) ** 2
-    pull = rows.pull(without_poses(rows, held)) / noise**2
+    pose_precision = (noise / np.repeat(adjusted.variances.spread, 3)) ** 2
+    pull = rows.pull(without_poses(rows, pose_precision)) / noise**2
     if from_same_images and camera.any():
         pull[camera] += precision[camera, None] * _calibrated(alone)
     influence = adjusted.linear.covariance @ pull
     covariance = errors.covariance(influence)
-    own = _predicted(rows, adjusted.linear.covariance)
+    predicted = _predicted(rows, adjusted.linear.covariance)
     shared = _predicted(rows, covariance)
-    return Misfit(errors, covariance, shared / max(own, 1e-300))
+    return Misfit(errors, covariance, shared / max(predicted, 1e-300))
 
 
 def _predicted(rows: CornerRows, covariance: np.ndarray) -> float:
@@ -105,19 +105,21 @@ def with_misfit(adjusted, misfit: Misfit):
 def _rows(adjusted, size) -> CornerRows:
     """Linearised at the adjustment, errors of the poses included."""
     chain, values = adjusted.chain, adjusted.parameters.values
-    made = chain.with_families({"pose": adjusted.errors}).evaluate(values)
+    evaluation = chain.with_families({"pose": adjusted.errors}).evaluate(values)
     turn = rotation_matrix(values[9:12]) * (1 + values[12])
-    by_board = np.einsum("kcn,kj->jcn", made.shared[6:9], turn)
+    by_board = np.einsum("kcn,kj->jcn", evaluation.shared[6:9], turn)
     board = chain.board if chain.printed is None else chain.printed
     # where the corners are expected: a field over the measured pixels would hold their noise, and explain it
-    effects = shared_effects(board, by_board, chain.pixels + made.residual, size)
+    effects = shared_effects(board, by_board, chain.pixels + evaluation.residual, size)
     point = np.unique(np.round(board[:2], 6), axis=1, return_inverse=True)[1].ravel()
     free = adjusted.parameters.mask
-    return CornerRows(made.shared[free], made.pose, made.residual, chain.pose, point, effects)
+    return CornerRows(
+        evaluation.shared[free], evaluation.pose, evaluation.residual, chain.pose, point, effects
+    )
 
 
 def _calibrated(alone: CornerRows) -> np.ndarray:
     """(C, q) change of a camera that is calibrated from the same corners, with all board poses free, by each effect."""
-    left = without_poses(alone, np.zeros(6))
-    flat = left.reshape(len(left), -1)
-    return pseudo_inverse(flat @ flat.T) @ alone.pull(left)
+    reduced = without_poses(alone, np.zeros(6))
+    flat = reduced.reshape(len(reduced), -1)
+    return pseudo_inverse(flat @ flat.T) @ alone.pull(reduced)

@@ -34,14 +34,14 @@ class ParameterCovariance:
     def of(self, rows: np.ndarray) -> np.ndarray:
         """(R, R) covariance of rows @ parameters, rows (R, F): diagonal inf, other elements nan, where
         they move by more than their sigma along what is not determined."""
-        made = rows @ self.covariance @ rows.T
-        lost = _FAR * ((rows @ self.open) ** 2).sum(1) > np.diag(made)
-        lost |= np.diag(made) > _FAR * ((rows * self.typical) ** 2).sum(
+        covariance = rows @ self.covariance @ rows.T
+        lost = _FAR * ((rows @ self.open) ** 2).sum(1) > np.diag(covariance)
+        lost |= np.diag(covariance) > _FAR * ((rows * self.typical) ** 2).sum(
             1
         )  # less known than before measuring
-        made[lost] = made[:, lost] = np.nan
-        made[lost, lost] = np.inf
-        return made
+        covariance[lost] = covariance[:, lost] = np.nan
+        covariance[lost, lost] = np.inf
+        return covariance
 
     def std(self) -> dict[str, float]:
         """1 sigma by key, inf where it is not determined."""
@@ -58,37 +58,37 @@ def parameter_covariance(adjusted, motion: Motion) -> ParameterCovariance:
     """
     table, free = adjusted.parameters, adjusted.parameters.mask
     keys = tuple(key for key, mine in zip(table.keys, free) if mine)
-    own = table.precision[free] == 0
+    has_no_prior = table.precision[free] == 0
     found = identifiability(
-        _reduced_normal(adjusted.linear.normal, table.precision[free], own),
+        _reduced_normal(adjusted.linear.normal, table.precision[free], has_no_prior),
         table.only(free & (table.precision == 0)),
     )
     typical = table.typical[free]
     null = np.zeros((len(keys), found.null.shape[1]))
-    null[own] = found.null
+    null[has_no_prior] = found.null
     known = _orthonormal(_directions(motion, adjusted.parameters, keys) / typical[:, None])
     null = _with(known, null)
     more = null.shape[1] > known.shape[1]  # the motions' own words say it best
-    held = adjusted.linear.covariance / np.outer(typical, typical)
+    covariance = adjusted.linear.covariance / np.outer(typical, typical)
     if null.shape[1]:
-        cross = held @ null
+        cross = covariance @ null
         # what is left when the open directions are held: an oblique projection on both sides keeps it non-negative
-        project = np.eye(len(held)) - cross @ solve_positive(null.T @ cross, null.T)
-        held = project @ held @ project.T
+        project = np.eye(len(covariance)) - cross @ solve_positive(null.T @ cross, null.T)
+        covariance = project @ covariance @ project.T
     return ParameterCovariance(
         keys,
-        held * np.outer(typical, typical),
+        covariance * np.outer(typical, typical),
         null * typical[:, None],
         (*motion.sentences, *(found.sentences() if more else ())),
         typical,
     )
 
 
-def _reduced_normal(normal, precision, own):
+def _reduced_normal(normal, precision, has_no_prior):
     """(A, A) normal matrix of those without a prior, the others adjusted to whatever these are (Schur)."""
-    other = normal[np.ix_(~own, ~own)] + np.diag(precision[~own])
-    cross = normal[np.ix_(own, ~own)]
-    return normal[np.ix_(own, own)] - cross @ solve_positive(other, cross.T)
+    other = normal[np.ix_(~has_no_prior, ~has_no_prior)] + np.diag(precision[~has_no_prior])
+    cross = normal[np.ix_(has_no_prior, ~has_no_prior)]
+    return normal[np.ix_(has_no_prior, has_no_prior)] - cross @ solve_positive(other, cross.T)
 
 
 def _directions(motion, parameters, keys):

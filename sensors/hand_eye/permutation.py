@@ -41,15 +41,15 @@ def permuted(data: PoseData, order: np.ndarray) -> PoseData:
 def reassigned(data: PoseData, fit: PoseFit, allowed: float) -> np.ndarray:
     """(P,) the pose nearest to each image under a fit, each pose once; an image within `allowed` mm keeps its own."""
     distance = _pair_distances(data, fit)
-    own = np.diag(distance)
-    rows = np.flatnonzero(own > allowed)
+    current_distance = np.diag(distance)
+    rows = np.flatnonzero(current_distance > allowed)
     order = np.arange(data.count)
     if len(rows) > 1:
         inner = distance[np.ix_(rows, rows)]
         images, poses = linear_sum_assignment(np.minimum(inner, 1e9) ** 2)
         order[rows[images]] = rows[poses]
     moves = order != np.arange(data.count)
-    better = distance[np.arange(data.count), order] * _BETTER < own
+    better = distance[np.arange(data.count), order] * _BETTER < current_distance
     return order if (better | ~moves).all() else np.arange(data.count)
 
 

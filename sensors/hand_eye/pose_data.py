@@ -71,9 +71,9 @@ class PoseFit:
     @property
     def trimmed_rms(self) -> float:
         """mm, the same of the three quarters of the images that fit best: a few wrong images do not change it."""
-        kept = np.sort(self.distance)[: kept_images(len(self.distance))]
-        degrees = max(6 * len(kept) - self.freedom.number, 1)
-        return float(np.sqrt((kept**2).sum() * 6 / degrees))
+        smallest = np.sort(self.distance)[: kept_images(len(self.distance))]
+        degrees = max(6 * len(smallest) - self.freedom.number, 1)
+        return float(np.sqrt((smallest**2).sum() * 6 / degrees))
 
 
 def kept_images(count: int) -> int:

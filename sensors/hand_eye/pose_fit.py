@@ -28,8 +28,8 @@ def fit_poses(data: PoseData, freedom: Freedom = Freedom(), starts=()) -> PoseFi
     starts: (4, 4) sensor poses to start from besides the closed form of all pairs of images, which is tried with
     every labelling of the first image.
     """
-    made = [_fit_from(data, freedom, *start) for start in _starts(data, starts)]
-    return min(made, key=lambda fit: (fit.trimmed_rms, fit.rms))
+    fits = [_fit_from(data, freedom, *start) for start in _starts(data, starts)]
+    return min(fits, key=lambda fit: (fit.trimmed_rms, fit.rms))
 
 
 def refit(data: PoseData, fit: PoseFit, freedom: Freedom, rough: bool = False) -> PoseFit:
@@ -50,11 +50,11 @@ def rough_misfit(data: PoseData) -> float:
 def robust_starts(data: PoseData) -> list[np.ndarray]:
     """Sensor poses (4, 4), one per labelling: the best of many closed forms, so that a wrong image does not choose."""
     every = np.arange(data.count)
-    made = []
+    labels_and_starts = []
     for labels in possible_labels(data):
         values = start_from_boards(data.moved, data.seen[labels, every], data.corners, "in-hand")[0]
-        made.append(transform(rotation_matrix(values[3:6]), values[:3]))
-    return made
+        labels_and_starts.append(transform(rotation_matrix(values[3:6]), values[:3]))
+    return labels_and_starts
 
 
 def possible_labels(data: PoseData) -> np.ndarray:
@@ -127,10 +127,10 @@ def _closed_form_scale(moved, seen, sensor):
     flange, camera = inverse(moved[j]) @ moved[i], seen[j] @ inverse(seen[i])
     rows = (flange[:, :3, :3] - np.eye(3)).reshape(-1, 3)
     size = max(float(np.abs(flange[:, :3, 3]).max()), 1e-12)
-    left = np.column_stack([rows, flange[:, :3, 3].reshape(-1) / size])
-    held = np.column_stack([holding_rows(len(rows)), np.zeros(3)])
+    design = np.column_stack([rows, flange[:, :3, 3].reshape(-1) / size])
+    constraint = np.column_stack([holding_rows(len(rows)), np.zeros(3)])
     right = (camera[:, :3, 3] @ sensor[:3, :3].T).reshape(-1)
-    solution = least_squares(np.concatenate([left, held]), np.r_[right, np.zeros(3)], 1e-9)
+    solution = least_squares(np.concatenate([design, constraint]), np.r_[right, np.zeros(3)], 1e-9)
     scale = float(solution[3]) / size
     if not np.isfinite(scale) or scale <= 0:
         return sensor, 1.0
@@ -140,8 +140,8 @@ def _closed_form_scale(moved, seen, sensor):
 def _middle_pose(placed, corners):
     """That board (4, 4) of (P, 4, 4) whose corners are nearest to those of all others."""
     where = placed[:, :3, :3] @ corners + placed[:, :3, 3:]
-    apart = np.sqrt(((where[:, None] - where[None]) ** 2).sum(2).mean(2))
-    return placed[int(np.argmin(np.median(apart, axis=1)))]
+    distance = np.sqrt(((where[:, None] - where[None]) ** 2).sum(2).mean(2))
+    return placed[int(np.argmin(np.median(distance, axis=1)))]
 
 
 def _relabel(data, fit):
@@ -192,14 +192,14 @@ def _descend(data, state, labels, freedom, steps=_STEPS) -> PoseFit:
 
 def _reweighted(data, state, labels, freedom):
     """Plain least squares of the images that the robust fit does not reject: more precise (Rousseeuw & Leroy 1987)."""
-    kept = _kept(_distances(_residual(data, state, labels, freedom)))
+    is_inlier = _kept(_distances(_residual(data, state, labels, freedom)))
     for _ in range(_LAST_STEPS):
         residual = _residual(data, state, labels, freedom)
-        normal, pull = _normal(kept, _rows(data, state, labels, freedom), residual)
+        normal, pull = _normal(is_inlier, _rows(data, state, labels, freedom), residual)
         damped = normal + _DAMPING * np.diag(np.diag(normal))
         tried = _moved_state(state, -solve_positive(damped, pull), freedom)
         after = _distances(_residual(data, tried, labels, freedom))
-        if (kept * after**2).sum() >= (kept * _distances(residual) ** 2).sum():
+        if (is_inlier * after**2).sum() >= (is_inlier * _distances(residual) ** 2).sum():
             break
         state = tried
     return state
@@ -254,10 +254,10 @@ def _scale_std(residual, rows, distance):
     weight = _kept(distance)
     flat = rows.reshape(*rows.shape[:2], -1)
     pulls = weight[:, None] * np.einsum("ikm,im->ik", flat, residual.reshape(len(residual), -1))
-    own = weight[:, None, None] * (flat @ flat.transpose(0, 2, 1))
-    normal = own.sum(0)
+    blocks = weight[:, None, None] * (flat @ flat.transpose(0, 2, 1))
+    normal = blocks.sum(0)
     size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    without = (normal - own) / np.outer(size, size)
+    without = (normal - blocks) / np.outer(size, size)
     changes = solve_positive(without, (pulls / size)[..., None])
     change = changes[:, -1, 0] / size[-1]
     count = len(change)

@@ -50,12 +50,14 @@ def hand_eye_from_profiles(
     first = Variances(
         max(_noise(circles), LEAST_NOISE), max(start.rms, 1e-3) * np.array([1.0, 0.2])
     )
-    doubts = profile_suspicions(
+    suspicions = profile_suspicions(
         flange, np.concatenate([circles.centre, [circles.radius]]), radius, start.rms
     )
-    most = 0 if doubts else len(flange) // 4  # poses read wrongly are not to be taken for blunders
+    most = (
+        0 if suspicions else len(flange) // 4
+    )  # poses read wrongly are not to be taken for blunders
     found, notes = _best(chain, parameters, first, weights, range_scale, most)
-    return _result(chain, found, (*circles.why, *notes), start, circles, doubts)
+    return _result(chain, found, (*circles.why, *notes), start, circles, suspicions)
 
 
 def _checked(points, pose, flange):
@@ -123,8 +125,8 @@ def _predicted(chain, found):
         np.sqrt(
             np.mean(
                 [
-                    (_of_pose(chain, k).distances(one.values) ** 2).mean()
-                    for k, one in found[1].items()
+                    (_of_pose(chain, k).distances(pose.values) ** 2).mean()
+                    for k, pose in found[1].items()
                 ]
             )
         )
@@ -135,18 +137,19 @@ def _of_pose(chain, pose):
     return chain.at(np.flatnonzero(chain.pose == pose))
 
 
-def _result(chain, found, notes, start, circles, doubts):
+def _result(chain, found, notes, start, circles, suspicions):
     adjusted, left_out, blunders = found
     values, count = adjusted.parameters.values, len(chain.flange)
     exact = chain.distances(values)[None]
-    held = np.empty_like(exact)
+    held_out = np.empty_like(exact)
     for k in range(count):
-        held[0, chain.pose == k] = _of_pose(chain, k).distances(left_out[k].values)
+        held_out[0, chain.pose == k] = _of_pose(chain, k).distances(left_out[k].values)
     used = ~np.isin(chain.pose, blunders)
     rows = tuple(
-        held_row(k, chain, adjusted, exact, held, left_out[k], k in blunders) for k in range(count)
+        held_row(k, chain, adjusted, exact, held_out, left_out[k], k in blunders)
+        for k in range(count)
     )
-    kept = [row for row in rows if not row.outlier]
+    inlier_rows = [row for row in rows if not row.outlier]
     known = parameter_covariance(adjusted, motion(chain.flange, "profiles"))
     return HandEye(
         kind="profiles",
@@ -164,20 +167,20 @@ def _result(chain, found, notes, start, circles, doubts):
         },
         fit={
             "rms_mm": rms(exact, used),
-            "pose_rms_mm": _over(row.residual for row in kept),
+            "pose_rms_mm": _over(row.residual for row in inlier_rows),
             "points": int(used.sum()),
         },
         held_out={
-            "rms_mm": rms(held, used),
-            "pose_rms_mm": _over(row.held_out for row in kept),
-            "folds": len(kept),
+            "rms_mm": rms(held_out, used),
+            "pose_rms_mm": _over(row.held_out for row in inlier_rows),
+            "folds": len(inlier_rows),
         },
         poses=rows,
         radius=float(values[9]),
         range_scale=float(values[10]),
         notes=notes,
         undetermined=(*_ambiguous(start), *known.sentences),
-        suspicions=doubts,
+        suspicions=suspicions,
         outcome=adjusted.outcome,
         converged=adjusted.converged,
         history=adjusted.history,

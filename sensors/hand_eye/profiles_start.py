@@ -49,7 +49,7 @@ def turns() -> np.ndarray:
         )
     )
     icosahedral = Rotation.create_group("I")
-    return np.concatenate([(icosahedral * one).as_matrix() for one in twist])
+    return np.concatenate([(icosahedral * rotation).as_matrix() for rotation in twist])
 
 
 def find_start(
@@ -156,16 +156,16 @@ def _slope(values, circles, flange, radius):
     from_flange = ball - flange[:, :3, 3]
     in_flange = (flange_inverse @ from_flange[..., None])[..., 0]
     centre = (in_flange - sensor_place) @ turn
-    made = np.zeros((len(flange), 3, 10))
-    made[:, :, :3] = -turn.T
-    made[:, :, 3:6] = skew(centre) @ left_jacobian(-sensor_turn)
-    made[:, :, 6:9] = turn.T @ flange_inverse
+    slope = np.zeros((len(flange), 3, 10))
+    slope[:, :, :3] = -turn.T
+    slope[:, :, 3:6] = skew(centre) @ left_jacobian(-sensor_turn)
+    slope[:, :, 6:9] = turn.T @ flange_inverse
     # y, out of the profile's plane, enters by the radius of the circle that the plane cuts
     size = values[9] if radius is None else radius
     y = centre[:, 1]
-    made[:, 1] *= (y / size)[:, None]
-    made[:, 1, 9] = -(y**2 + circles[2] ** 2 + size**2) / (2 * size**2)
-    in_order = made[:, [0, 2, 1]]
+    slope[:, 1] *= (y / size)[:, None]
+    slope[:, 1, 9] = -(y**2 + circles[2] ** 2 + size**2) / (2 * size**2)
+    in_order = slope[:, [0, 2, 1]]
     return in_order.transpose(1, 0, 2)
 
 

@@ -126,9 +126,9 @@ def equal_poses_sentence(wrong: Sequence[tuple[int, int, float]], names: Sequenc
     """What `wrong_equal_poses` means, as a part of a sentence; names (P,) of the images."""
     first, later, px = wrong[0]
     count = len({row for a, b, _ in wrong for row in (a, b)})
-    whole = "all" if count == len(names) else f"{count} of {len(names)}"
+    images = "all" if count == len(names) else f"{count} of {len(names)}"
     return (
-        f"{whole} images have a flange pose that another image has too, although the board moves between them, for "
+        f"{images} images have a flange pose that another image has too, although the board moves between them, for "
         f"example by {px:.0f} px between {names[first]} and {names[later]}"
     )
 

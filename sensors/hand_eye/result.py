@@ -106,14 +106,14 @@ def rms(residual: np.ndarray, chosen: np.ndarray) -> float:
     )
 
 
-def held_row(pose, chain, adjusted, exact, held, left_out, blunder) -> PoseRow:
+def held_row(pose, chain, adjusted, exact, held_out, left_out, blunder) -> PoseRow:
     """The row of one pose."""
     mine = chain.pose == pose
     error = adjusted.errors[pose]
-    residual, other = rms(exact, mine), rms(held, mine)
+    residual, other = rms(exact, mine), rms(held_out, mine)
     turned = float(np.degrees(np.linalg.norm(error[3:6]))) if len(error) == 6 else float("nan")
     unit = "px" if len(exact) == 2 else "mm"
-    usual = rms(held, ~mine)
+    usual = rms(held_out, ~mine)
     why = (
         (
             f"pose {pose}: {other:.3g} {unit} from the prediction of the other poses, "

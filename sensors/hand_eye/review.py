@@ -109,19 +109,19 @@ def review(
     sensor poses to start from.
     """
     recorded = fit_poses(data, starts=starts)
-    made = Review(recorded.rms, recorded.trimmed_rms, noise, (), recorded)
+    result = Review(recorded.rms, recorded.trimmed_rms, noise, (), recorded)
     fitted = [*outlier_alternative(data, recorded), *change_alternatives(data, recorded, named)]
     fitted += scale_alternative(data)
-    if made.scatter_mm > _NOISY * made.expected_mm:
+    if result.scatter_mm > _NOISY * result.expected_mm:
         fitted += permutation_alternatives(data, recorded, named)
         fitted += reading_alternatives(data, readings, named.kind)
-    best, others = _best_alternative(made, fitted, _arm(data, recorded))
+    best, others = _best_alternative(result, fitted, _arm(data, recorded))
     if best is not None and best.cause == OUTLIERS:  # the adjustment names them one by one
-        made = replace(made, outliers=tuple(np.flatnonzero(outlying(recorded)).tolist()))
+        result = replace(result, outliers=tuple(np.flatnonzero(outlying(recorded)).tolist()))
         best = None
-    finding = None if best is None else _finding(made, best, others, _arm(data, recorded))
-    finding = finding or _unexplained(made, data, _arm(data, recorded))
-    return made if finding is None else replace(made, findings=(finding,))
+    finding = None if best is None else _finding(result, best, others, _arm(data, recorded))
+    finding = finding or _unexplained(result, data, _arm(data, recorded))
+    return result if finding is None else replace(result, findings=(finding,))
 
 
 def _arm(data, fit) -> float:
@@ -131,80 +131,89 @@ def _arm(data, fit) -> float:
     return _ARM_MM + _ARM_SHARE * min(float(np.median(lever)), 3000.0)
 
 
-def _best_alternative(made: Review, fitted: list[Alternative], arm: float):
+def _best_alternative(reviewed: Review, fitted: list[Alternative], arm: float):
     """The accepted alternative that explains the data best, None where none does, and what explains them as well."""
     accepted = [
-        one for one in fitted if _is_better(made, one, len(fitted)) and _is_named(made, one, arm)
+        alternative
+        for alternative in fitted
+        if _is_better(reviewed, alternative, len(fitted)) and _is_named(reviewed, alternative, arm)
     ]
     if not accepted:
         return None, []
-    least = min(one.misfit for one in accepted)
-    close = [one for one in accepted if one.misfit <= _CLOSE * least]
-    best = min(close, key=lambda one: (one.rank, one.misfit))
-    others = {one.seems for one in close if one.cause != best.cause and one.rank <= best.rank}
+    least = min(alternative.misfit for alternative in accepted)
+    close = [alternative for alternative in accepted if alternative.misfit <= _CLOSE * least]
+    best = min(close, key=lambda alternative: (alternative.rank, alternative.misfit))
+    others = {
+        alternative.seems
+        for alternative in close
+        if alternative.cause != best.cause and alternative.rank <= best.rank
+    }
     return best, sorted(others)
 
 
-def _finding(made: Review, best: Alternative, others: Sequence[str], arm: float) -> Finding:
-    near = _is_near(made, best, arm)
-    certain = near and best.recorded(made) > max(arm, _CERTAIN * best.misfit)
-    return Finding(best.cause, _sentence(made, best, others, near), certain, best.misfit)
+def _finding(reviewed: Review, best: Alternative, others: Sequence[str], arm: float) -> Finding:
+    near = _is_near(reviewed, best, arm)
+    certain = near and best.recorded(reviewed) > max(arm, _CERTAIN * best.misfit)
+    return Finding(best.cause, _sentence(reviewed, best, others, near), certain, best.misfit)
 
 
-def _is_near(made, one: Alternative, arm: float) -> bool:
+def _is_near(reviewed, alternative: Alternative, arm: float) -> bool:
     """Whether an alternative leaves no more than the corner noise or a plausible arm."""
-    return one.misfit <= max(_NOISY * made.expected_mm, arm * one.grows)
+    return alternative.misfit <= max(_NOISY * reviewed.expected_mm, arm * alternative.grows)
 
 
-def _is_named(made, one: Alternative, arm: float) -> bool:
+def _is_named(reviewed, alternative: Alternative, arm: float) -> bool:
     """A mistake undone may leave a rest; added parameters, which fit a part of anything, may not.
 
     Where the data as recorded scatter no more than a plausible arm, replacing them names the arm's own errors.
     """
-    if one.extra == 0:
-        return one.recorded(made) > arm
-    return _is_near(made, one, arm)
+    if alternative.extra == 0:
+        return alternative.recorded(reviewed) > arm
+    return _is_near(reviewed, alternative, arm)
 
 
-def _is_better(made, one: Alternative, tried: int) -> bool:
+def _is_better(reviewed, alternative: Alternative, tried: int) -> bool:
     """Likelihood ratio with variances unknown, corrected for the number tried and for the parameters added."""
-    before, after = max(one.recorded(made), 1e-12), max(one.misfit, 1e-12)
+    before, after = max(alternative.recorded(reviewed), 1e-12), max(alternative.misfit, 1e-12)
     if not np.isfinite(after):
         return False
-    numbers = 6 * len(made.fit.distance)
-    gain = max(numbers - 12 - one.extra, 1) * np.log(before / after)
-    needed = np.log(max(tried, 1) / _CHANCE) + 0.5 * one.extra * np.log(numbers)
-    return bool(before > one.falls * after and gain > needed)
+    numbers = 6 * len(reviewed.fit.distance)
+    gain = max(numbers - 12 - alternative.extra, 1) * np.log(before / after)
+    needed = np.log(max(tried, 1) / _CHANCE) + 0.5 * alternative.extra * np.log(numbers)
+    return bool(before > alternative.falls * after and gain > needed)
 
 
-def _sentence(made, best: Alternative, others, near) -> str:
+def _sentence(reviewed, best: Alternative, others, near) -> str:
     """What happened, why it matters, what to do."""
     also = f" (explained as well: {'; '.join(others[:2])})" if others else ""
     rest = "" if near else "; a part of the error remains unexplained"
     return (
-        f"{best.seems}{also}: the board, which never moves, scatters by {best.recorded(made):.3g} mm as recorded and "
-        f"by {best.misfit:.2g} mm with this corrected (the corner noise makes {made.expected_mm:.2g} mm){rest}; "
+        f"{best.seems}{also}: the board, which never moves, scatters by "
+        f"{best.recorded(reviewed):.3g} mm as recorded and by {best.misfit:.2g} mm with "
+        f"this corrected (the corner noise makes {reviewed.expected_mm:.2g} mm){rest}; "
         f"{best.do}"
     )
 
 
-def _unexplained(made: Review, data: PoseData, arm: float) -> Finding | None:
+def _unexplained(reviewed: Review, data: PoseData, arm: float) -> Finding | None:
     """Only say that the poses do not fit the images, where the error is more than any arm's."""
-    if made.trimmed_mm <= max(_UNEXPLAINED * arm, _NOISY * made.expected_mm):
+    if reviewed.trimmed_mm <= max(_UNEXPLAINED * arm, _NOISY * reviewed.expected_mm):
         return None
-    apart = rotation_disagreement(data, made.fit.labels)
+    disagreement = rotation_disagreement(data, reviewed.fit.labels)
     where = (
-        f"flange and camera rotated by different angles between the same two poses, by {apart:.1f} deg in the median: "
+        f"flange and camera rotated by different angles between the same two poses, by "
+        f"{disagreement:.1f} deg in the median: "
         "check the order and the unit of the angles, and which pose belongs to which image"
-        if apart > 1
+        if disagreement > 1
         else "the rotations agree and the positions do not: check the position columns, the unit of lengths and the "
         "board's square"
     )
     sentence = (
-        f"the flange poses do not fit the images: the board, which never moves, scatters by {made.scatter_mm:.3g} mm, "
-        f"where the corner noise makes {made.expected_mm:.2g} mm; {where}"
+        f"the flange poses do not fit the images: the board, which never moves, scatters by "
+        f"{reviewed.scatter_mm:.3g} mm, "
+        f"where the corner noise makes {reviewed.expected_mm:.2g} mm; {where}"
     )
-    impossible = apart > _IMPOSSIBLE_DEG or made.trimmed_mm > _IMPOSSIBLE * arm
+    impossible = disagreement > _IMPOSSIBLE_DEG or reviewed.trimmed_mm > _IMPOSSIBLE * arm
     return Finding(UNEXPLAINED, sentence, impossible)
 
 
@@ -214,6 +223,6 @@ def rotation_disagreement(data: PoseData, labels: np.ndarray) -> float:
     i, j = np.triu_indices(data.count, 1)
     flange, camera = inverse(data.moved[j]) @ data.moved[i], seen[j] @ inverse(seen[i])
     alpha, beta = (
-        np.linalg.norm(rotation_vector(one[:, :3, :3]), axis=1) for one in (flange, camera)
+        np.linalg.norm(rotation_vector(motions[:, :3, :3]), axis=1) for motions in (flange, camera)
     )
     return float(np.degrees(np.median(np.abs(alpha - beta))))

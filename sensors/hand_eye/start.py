@@ -68,7 +68,7 @@ def closed_forms(flange: np.ndarray, seen: np.ndarray, kind: str) -> dict[str, n
         arguments = (seen[:, :3, :3], seen[:, :3, 3], back[:, :3, :3], back[:, :3, 3])
         method = getattr(cv2, f"CALIB_ROBOT_WORLD_HAND_EYE_{name}")
         found[name] = _called(cv2, cv2.calibrateRobotWorldHandEye, arguments, method)
-    return {name: made for name, made in found.items() if made is not None}
+    return {name: solution for name, solution in found.items() if solution is not None}
 
 
 def _called(cv2, function, arguments, method):
@@ -76,12 +76,12 @@ def _called(cv2, function, arguments, method):
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        made = function(*arguments, method=method)
+        solution = function(*arguments, method=method)
     except cv2.error:
         return None
     finally:
         cv2.utils.logging.setLogLevel(level)
-    matrix = transform(made[-2], made[-1][:, 0])
+    matrix = transform(solution[-2], solution[-1][:, 0])
     if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3]) - 1) > 1e-3:
         return None
     if np.abs(matrix[:3, 3]).max() > _FARTHEST_MM:
@@ -125,8 +125,8 @@ def nearest_turns(
         seen[:, None, :, None] @ inverse(seen)[None, :, None, :]
     )  # [reading i, reading j, i, j]
     beta = np.linalg.norm(rotation_vector(relative[..., :3, :3]), axis=-1)
-    apart = np.abs(beta - alpha)
-    best = [apart[:, turn, :, 0].argmin(0) for turn in range(turns)]
+    difference = np.abs(beta - alpha)
+    best = [difference[:, turn, :, 0].argmin(0) for turn in range(turns)]
     scores = []
     for turn, labels in enumerate(best):
         labels[0] = turn
@@ -145,8 +145,8 @@ def _corners(points):
 def _spread(placed, corners):
     """Median distance of the boards from that board which is nearest to all, and that board."""
     where = placed[:, :3, :3] @ corners + placed[:, :3, 3:]
-    apart = np.sqrt(((where[:, None] - where[None]) ** 2).sum(2).mean(2))
-    middle = np.median(apart, axis=1)
+    distance = np.sqrt(((where[:, None] - where[None]) ** 2).sum(2).mean(2))
+    middle = np.median(distance, axis=1)
     best = int(np.argmin(middle))
     return float(middle[best]), placed[best]
 
@@ -239,19 +239,19 @@ def _half_turns(half, flange, camera):
     """
     from scipy.spatial.transform import Rotation
 
-    own, seen = (
+    flange_axes, seen = (
         symmetric_eigen(_axis_products(motions[half]))[1][:, :, 2] for motions in (flange, camera)
     )
-    other = int(np.argmin(np.abs(own @ own[0])))
-    single = abs(own[other] @ own[0]) > np.cos(STILL)
+    other = int(np.argmin(np.abs(flange_axes @ flange_axes[0])))
+    single = abs(flange_axes[other] @ flange_axes[0]) > np.cos(STILL)
     tried = []
     for sign in (1.0, -1.0):
         if single:
-            turn = Rotation.align_vectors(sign * own[:1], seen[:1])[0].as_matrix()
-            tried += _about(_spun(own[0]) @ turn, own[0], flange, camera)
+            turn = Rotation.align_vectors(sign * flange_axes[:1], seen[:1])[0].as_matrix()
+            tried += _about(_spun(flange_axes[0]) @ turn, flange_axes[0], flange, camera)
             continue
         for second in (1.0, -1.0):
-            axes = np.stack([sign * own[0], second * own[other]]), seen[[0, other]]
+            axes = np.stack([sign * flange_axes[0], second * flange_axes[other]]), seen[[0, other]]
             tried.append(Rotation.align_vectors(*axes)[0].as_matrix())
     return tried
 

@@ -160,10 +160,10 @@ class Evaluation(Sight):
 
     def _by_planes(self, rows):
         """(P, n) mm from changes of planes (P, 4, n)."""
-        made = rows[:, 3]
+        distance = rows[:, 3]
         for axis in range(3):
-            made = made + rows[:, axis] * self.place[axis]
-        return made
+            distance = distance + rows[:, axis] * self.place[axis]
+        return distance
 
     def family_rows(self, name: str) -> np.ndarray:
         """(6, 1, n) for the board pose, or (3, 1, n) for the step's plane."""

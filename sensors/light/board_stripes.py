@@ -114,13 +114,13 @@ def joined(parts: Sequence[BoardStripes]) -> BoardStripes:
     gather = {
         name: np.concatenate([part.covariates[name] for part in parts]) for name in sorted(names)
     }
-    whole = (
+    columns = (
         np.concatenate([getattr(part, name) for part in parts])
         for name in ("placement", "step", "sigma")
     )
     return BoardStripes(
         np.hstack([part.pixels for part in parts]),
-        *whole,
+        *columns,
         parts[0].along,
         np.concatenate([part.mirror for part in parts]) if known else None,
         gather,
@@ -234,7 +234,7 @@ def _averaged(chain: BoardStripeChain, block: np.ndarray, count: int) -> BoardSt
     first = np.zeros(count, int)
     first[block] = np.arange(chain.n)
     # Everything that has one entry a point: labels and shared errors included.
-    made = replace(
+    average = replace(
         chain.at(first),
         pixels=np.stack([mean(row) for row in chain.pixels]),
         sigma=total[None] ** -0.5,
@@ -243,6 +243,8 @@ def _averaged(chain: BoardStripeChain, block: np.ndarray, count: int) -> BoardSt
         _start=None if chain._start is None else _averaged(chain._start, block, count),
     )
     values = chain.parameters.values
-    missing = mean(chain.evaluate(values, {}).residual[0]) - made.evaluate(values, {}).residual[0]
-    side = np.sign((made.at_start.by_pixel * made.scan).sum(0))
-    return replace(made, pixels=made.pixels + made.scan * (missing * side))
+    missing = (
+        mean(chain.evaluate(values, {}).residual[0]) - average.evaluate(values, {}).residual[0]
+    )
+    side = np.sign((average.at_start.by_pixel * average.scan).sum(0))
+    return replace(average, pixels=average.pixels + average.scan * (missing * side))

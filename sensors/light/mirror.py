@@ -59,10 +59,10 @@ class Mirror:
         """
         normals = self.normals(angles)
         share = 2 * (self.beam[:3] @ normals)
-        made = np.empty((4, normals.shape[1]))
-        made[:3] = self.beam[:3, None] - share * normals
-        made[3] = self.beam[3] + share * (self.point @ normals + self.offset)
-        return made
+        planes = np.empty((4, normals.shape[1]))
+        planes[:3] = self.beam[:3, None] - share * normals
+        planes[3] = self.beam[3] + share * (self.point @ normals + self.offset)
+        return planes
 
     def by_normal(self, angles: np.ndarray, turn: np.ndarray) -> np.ndarray:
         """(..., 4, n) change of the planes for a change `turn` (..., 3, n) of the face's normals."""
@@ -72,10 +72,10 @@ class Mirror:
         # changes of the cosine and of the reach
         tilt = (beam * turn).sum(-2)
         shift = (self.point[:, None] * turn).sum(-2)
-        made = np.empty((*turn.shape[:-2], 4, len(angles)))
-        made[..., :3, :] = -2 * (tilt[..., None, :] * normals + cosine * turn)
-        made[..., 3, :] = 2 * (tilt * reach + cosine * shift)
-        return made
+        rows = np.empty((*turn.shape[:-2], 4, len(angles)))
+        rows[..., :3, :] = -2 * (tilt[..., None, :] * normals + cosine * turn)
+        rows[..., 3, :] = 2 * (tilt * reach + cosine * shift)
+        return rows
 
     def by_angle(self, angles: np.ndarray) -> np.ndarray:
         """(4, n) derivative of `planes` with respect to the angle."""
@@ -202,7 +202,7 @@ def start_mirror(
         for axis in (directions[:, 2], across / np.linalg.norm(across))
     ]
     scale = float(np.median(np.abs(planes[3])))
-    return min(found, key=lambda one: _misfit(one, planes, commanded, by_step, scale))
+    return min(found, key=lambda candidate: _misfit(candidate, planes, commanded, by_step, scale))
 
 
 def on_one_branch(planes: np.ndarray, commanded: np.ndarray) -> np.ndarray:
@@ -232,10 +232,10 @@ def nearest_branch(angle, middle: float):
 def _misfit(found, planes, commanded, by_step: bool, scale: float) -> float:
     """mm, RMS difference of a mirror's planes from planes (4, S), at `scale` mm from the camera."""
     mirror, gain = found
-    made = mirror.planes(commanded * (gain if by_step else 1.0))
-    made = made * np.sign((made[:3] * planes[:3]).sum(0))
+    mirror_planes = mirror.planes(commanded * (gain if by_step else 1.0))
+    mirror_planes = mirror_planes * np.sign((mirror_planes[:3] * planes[:3]).sum(0))
     weight = np.array([scale, scale, scale, 1.0])[:, None]
-    return float(np.sqrt((((made - planes) * weight) ** 2).sum(0).mean()))
+    return float(np.sqrt((((mirror_planes - planes) * weight) ** 2).sum(0).mean()))
 
 
 def _about(axis, planes, commanded, by_step: bool, incidence: float):

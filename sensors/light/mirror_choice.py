@@ -105,13 +105,15 @@ def try_mirror(
     board_stripes = fresh_start(free, start.planes(angles), start, angles)
     names = (*_FIRST, "gain") if by_step else _FIRST
     progress("one mirror for all planes")
-    made = solve_once(free.corners, board_stripes, effects, free.parameters, names)
-    names, tied = _determined(made, by_step)
-    if len(names) > len(made.free):
-        made = solve_once(free.corners, made.board_stripes, effects, made.parameters, names)
+    adjustment = solve_once(free.corners, board_stripes, effects, free.parameters, names)
+    names, tied = _determined(adjustment, by_step)
+    if len(names) > len(adjustment.free):
+        adjustment = solve_once(
+            free.corners, adjustment.board_stripes, effects, adjustment.parameters, names
+        )
     if by_step:
-        gain = gain * made.board_stripes.angles[-1] / angles[-1] if angles[-1] else gain
-    return made, _compared(free, made, gain, volume, (*branches, *said, *tied))
+        gain = gain * adjustment.board_stripes.angles[-1] / angles[-1] if angles[-1] else gain
+    return adjustment, _compared(free, adjustment, gain, volume, (*branches, *said, *tied))
 
 
 def _on_one_branch(free: Adjustment, commanded, by_step: bool):
@@ -141,22 +143,28 @@ def _well_known(free: Adjustment, volume) -> np.ndarray:
     return known if len(known) >= FEWEST else np.arange(planes.shape[1])
 
 
-def _determined(made: Adjustment, by_step):
+def _determined(adjustment: Adjustment, by_step):
     """Names of the parameters that the data determine better than was known before, and sentences on the others."""
     every = tuple(name for name in NAMES if by_step or name != "gain")
-    whole = solve_once(made.corners, made.board_stripes, made.effects, made.parameters, every)
-    _, tied = independent(whole.fit.normal, whole.fit.table, _STRICT * whole.fit.sigma_scale)
+    full = solve_once(
+        adjustment.corners,
+        adjustment.board_stripes,
+        adjustment.effects,
+        adjustment.parameters,
+        every,
+    )
+    _, tied = independent(full.fit.normal, full.fit.table, _STRICT * full.fit.sigma_scale)
     left_out = {key.removeprefix("mirror.") for key in tied if key.startswith("mirror.")} | {
         "face_zero"
     }
-    labels = {p.key: p.label for p in whole.fit.table.table}
+    labels = {p.key: p.label for p in full.fit.table.table}
     said = [
         f"{labels[f'mirror.{name}']} is confounded with the others here: it keeps its start value"
         for name in every
         if name in left_out
     ]
-    kept = tuple(name for name in every if name in made.free or name not in left_out)
-    return kept, said
+    determined = tuple(name for name in every if name in adjustment.free or name not in left_out)
+    return determined, said
 
 
 def _odd_gain(gain, by_step):
@@ -173,38 +181,38 @@ def _odd_gain(gain, by_step):
     ]
 
 
-def _compared(free, made, gain, volume, said):
-    more = len(made.fit.parameters.pack()) - len(
+def _compared(free, with_mirror, gain, volume, said):
+    more = len(with_mirror.fit.parameters.pack()) - len(
         free.fit.parameters.pack()
     )  # the mirror's and its effects'
     degrees = max(3 * free.board_stripes.planes.shape[1] - more, 1)
-    excess = max(made.chi2 - free.chi2, 0.0)
+    excess = max(with_mirror.chi2 - free.chi2, 0.0)
     probability = float(
         fdtrc(degrees, free.fit.degrees, excess / degrees / free.fit.sigma_scale**2)
     )
-    each, whole, expected = plane_differences(free, made, volume)
+    each, overall, expected = plane_differences(free, with_mirror, volume)
     std = {
         name: free_std
-        for name in made.free
-        if (free_std := made.fit.std.get(f"mirror.{name}")) is not None
+        for name in with_mirror.free
+        if (free_std := with_mirror.fit.std.get(f"mirror.{name}")) is not None
     }
     return MirrorCheck(
-        made.board_stripes.mirror,
-        made.board_stripes.angles,
-        made.free,
+        with_mirror.board_stripes.mirror,
+        with_mirror.board_stripes.angles,
+        with_mirror.free,
         std,
         float(gain),
         float(excess),
         degrees,
         probability,
-        whole,
+        overall,
         expected,
         each,
         tuple(said),
     )
 
 
-def plane_differences(free: Adjustment, made: Adjustment, volume: tuple[float, float]):
+def plane_differences(free: Adjustment, with_mirror: Adjustment, volume: tuple[float, float]):
     """RMS distance (mm) between the planes of two nested adjustments, a step (S,) and in all, and that expected.
 
     One laid over the other, see `scanner_errors.laid_over`. The covariance of the difference is the
@@ -212,11 +220,11 @@ def plane_differences(free: Adjustment, made: Adjustment, volume: tuple[float, f
     """
     planes = free.board_stripes.planes
     points, step, distance, _ = laid_over(
-        free.camera, planes, made.camera, made.board_stripes.planes, volume
+        free.camera, planes, with_mirror.camera, with_mirror.board_stripes.planes, volume
     )
     count = np.maximum(np.bincount(step, minlength=planes.shape[1]), 1)
     each = np.sqrt(np.bincount(step, distance**2, planes.shape[1]) / count)
     variance = plane_variance(
-        planes, points, step, free.apart(volume).planes - made.apart(volume).planes
+        planes, points, step, free.apart(volume).planes - with_mirror.apart(volume).planes
     )
     return each, float(np.sqrt((distance**2).mean())), float(np.sqrt(max(variance.mean(), 0.0)))

@@ -26,10 +26,10 @@ def moved(planes: np.ndarray, change: np.ndarray) -> np.ndarray:
     plane but with the offset from the camera kept.
     """
     tilted = planes[:3] + np.einsum("kis,sk->is", tilt_directions(planes), change[:, :2])
-    made = np.empty_like(planes)
-    made[:3] = tilted / np.linalg.norm(tilted, axis=0)
-    made[3] = planes[3] + change[:, 2]
-    return made
+    moved_planes = np.empty_like(planes)
+    moved_planes[:3] = tilted / np.linalg.norm(tilted, axis=0)
+    moved_planes[3] = planes[3] + change[:, 2]
+    return moved_planes
 
 
 def moved_rows(planes: np.ndarray, change: np.ndarray) -> np.ndarray:
@@ -61,14 +61,14 @@ def plane_through(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Robust: points farther than three robust sigmas (median of the absolute distances) are left
     out, three times over. Shortest singular vector: Pearson, Phil. Mag. 2 (1901).
     """
-    kept = np.ones(points.shape[1], bool)
+    is_inlier = np.ones(points.shape[1], bool)
     for _ in range(4):
-        middle = points[:, kept].mean(1)
-        _, spread, directions = thin_svd((points[:, kept] - middle[:, None]).T)
+        middle = points[:, is_inlier].mean(1)
+        _, spread, directions = thin_svd((points[:, is_inlier] - middle[:, None]).T)
         distance = np.abs(directions[2] @ (points - middle[:, None]))
-        kept = distance <= max(3 * 1.4826 * np.median(distance), 1e-12)
+        is_inlier = distance <= max(3 * 1.4826 * np.median(distance), 1e-12)
     plane = np.append(directions[2], -directions[2] @ middle)
-    return plane * (1.0 if plane[3] >= 0 else -1.0), spread / np.sqrt(kept.sum())
+    return plane * (1.0 if plane[3] >= 0 else -1.0), spread / np.sqrt(is_inlier.sum())
 
 
 def light_origin(planes: np.ndarray) -> np.ndarray | None:

@@ -40,10 +40,12 @@ class StripeChain:
     @cached_property
     def parameters(self) -> Parameters:
         """Parameters of the camera and, where there is a mirror, of the mirror."""
-        own = camera_parameters(self.camera)
+        camera_table = camera_parameters(self.camera)
         if self.mirror is None:
-            return own
-        return Parameters.of([*own.table, *mirror_parameters().table]).take_over(own)
+            return camera_table
+        return Parameters.of([*camera_table.table, *mirror_parameters().table]).take_over(
+            camera_table
+        )
 
     @property
     def n(self) -> int:
@@ -215,14 +217,14 @@ class Sight:
     def own_rows(self, indices: np.ndarray) -> np.ndarray:
         """(k, 1, n) for parameters of the camera and the mirror."""
         seen, _, by_coefficient = self.lens
-        made = np.concatenate(
+        rows = np.concatenate(
             [-self.by_pixel * seen, -self.by_pixel, -(self.by_bent * by_coefficient).sum(1)]
         )
         if len(indices) and indices.max() >= len(self.camera.values):
-            made = np.concatenate(
-                [made, self._by_planes(self._of_points(self.mirror.rows(*self._angles())))]
+            rows = np.concatenate(
+                [rows, self._by_planes(self._of_points(self.mirror.rows(*self._angles())))]
             )
-        return (made[indices] / self.gain)[:, None]
+        return (rows[indices] / self.gain)[:, None]
 
     def step_rows(self) -> np.ndarray:
         """(3, 1, n) for the tilts and the offset of the step's plane."""
@@ -231,10 +233,10 @@ class Sight:
             if self.chain.change is None
             else self.chain.change
         )
-        made = self._by_planes(
+        rows = self._by_planes(
             moved_rows(self.chain.planes, change)[..., self.chain.labels["step"]]
         )
-        return (made / self.gain)[:, None]
+        return (rows / self.gain)[:, None]
 
     def mirror_rows(self) -> np.ndarray:
         """(1, n) mm per rad of the mirror."""
@@ -262,6 +264,6 @@ def _some_or_common(values: np.ndarray, samples: np.ndarray) -> np.ndarray:
 
 def _whole(port, port_indices, change, n):
     """(width, n) change of all components of a port."""
-    made = np.zeros((corners.PORTS[port], n))
-    made[np.asarray(port_indices)] = change
-    return made
+    full = np.zeros((corners.PORTS[port], n))
+    full[np.asarray(port_indices)] = change
+    return full

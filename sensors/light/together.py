@@ -79,12 +79,12 @@ class Together:
     def of(cls, labels: Mapping[str, np.ndarray], along: np.ndarray) -> "Together":
         """Of points with `placement` and `step`, at places `along` (n,) px their stripes; none erring yet."""
         stripe, count = groups(labels["placement"], labels["step"])
-        one = np.ones(len(along))
+        ones = np.ones(len(along))
         return cls(
             np.zeros(3),
             np.full(3, np.inf),
             np.stack([stripe, stripe, groups(labels["placement"])[0]]),
-            np.stack([one, centred(along, stripe, count), one]),
+            np.stack([ones, centred(along, stripe, count), ones]),
             np.arange(len(along)),
         )
 
@@ -123,19 +123,19 @@ class Together:
         kinds follow in turn, their shapes first taken through those before.
         """
         weight = sigma**-2.0 / np.bincount(self.number)[self.number]
-        made: list[Step] = []
+        steps: list[Step] = []
         kinds = [kind for kind in range(len(NAMES)) if self.sigma[kind] > 0]
         for kind in kinds:
-            made.append(
+            steps.append(
                 random_effect(
                     self.sigma[kind],
                     self.labels[kind],
-                    decorrelated(made, self.shapes[kind]),
+                    decorrelated(steps, self.shapes[kind]),
                     weight,
                 )
             )
         within = len(kinds) - (2 in kinds)
-        return made[:within], made[within:]
+        return steps[:within], steps[within:]
 
 
 @dataclass(frozen=True)

@@ -44,15 +44,15 @@ def irradiance(
 ) -> np.ndarray:
     """(n,) at points (3, n) with unit normals (3, n) by patches (3, m) with unit normals; `power` (m,) mm^2: brightness
     times area. nan, where nothing is seen, receives nothing."""
-    made = np.zeros(points.shape[1])
+    irradiance_at_points = np.zeros(points.shape[1])
     for first in range(0, points.shape[1], _BLOCK):
         block = slice(first, first + _BLOCK)
         away = patches[:, None] - points[:, block, None]
         square = np.maximum((away**2).sum(0), 1e-12)
         arriving = np.maximum((normals[:, block, None] * away).sum(0), 0)
         leaving = np.maximum(-(patch_normals[:, None] * away).sum(0), 0)
-        made[block] = (arriving * leaving / square**2) @ power / np.pi
-    return np.nan_to_num(made)
+        irradiance_at_points[block] = (arriving * leaving / square**2) @ power / np.pi
+    return np.nan_to_num(irradiance_at_points)
 
 
 def _areas(instrument: Instrument, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
@@ -69,8 +69,8 @@ def _on_image(instrument: Instrument, stage: Stage, received: np.ndarray):
     import torch
 
     height, width = stage.canvas.shape
-    whole = torch.zeros(height * width, device=formation.device())
+    image = torch.zeros(height * width, device=formation.device())
     scale = instrument.laser.peak * instrument.chip.full_well_e
-    place = torch.as_tensor(stage.flat, device=whole.device)
-    whole[place] = torch.as_tensor(received * scale, dtype=torch.float32, device=whole.device)
-    return stage.canvas.crop(whole.reshape(height, width))
+    place = torch.as_tensor(stage.flat, device=image.device)
+    image[place] = torch.as_tensor(received * scale, dtype=torch.float32, device=image.device)
+    return stage.canvas.crop(image.reshape(height, width))

@@ -90,16 +90,18 @@ class Pattern:
 
         names = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.board.dictionary))
         size = (self.board.columns + 1, self.board.rows + 1)
-        made = cv2.aruco.CharucoBoard(size, 1.0, self.board.marker_mm / self.board.square_mm, names)
-        made.setLegacyPattern(bool(self.board.legacy))
-        return made, names
+        board = cv2.aruco.CharucoBoard(
+            size, 1.0, self.board.marker_mm / self.board.square_mm, names
+        )
+        board.setLegacyPattern(bool(self.board.legacy))
+        return board, names
 
     @cached_property
     def _table(self):
         """(rows + 1, columns + 1) place in `_bits` of each square's marker, -1 for none."""
-        made, _ = self._aruco
+        board, _ = self._aruco
         table = np.full((self.board.rows + 1, self.board.columns + 1), -1)
-        for k, corners in enumerate(made.getObjPoints()):
+        for k, corners in enumerate(board.getObjPoints()):
             column, row = np.floor(np.mean(corners, axis=0)[:2]).astype(int)
             table[row, column] = k
         return table
@@ -107,18 +109,18 @@ class Pattern:
     @cached_property
     def _bits(self):
         """(markers, side, side) 1 where a bit, or the marker's frame, is ink."""
-        made, names = self._aruco
+        board, names = self._aruco
         side = names.markerSize + 2
         return np.stack(
-            [names.generateImageMarker(int(k), side) < 128 for k in made.getIds().ravel()]
+            [names.generateImageMarker(int(k), side) < 128 for k in board.getIds().ravel()]
         ).astype(float)
 
 
 def _wave(x, width):
     """(n,) +1 in even squares and -1 in odd ones, averaged over `width`; x and width in squares."""
-    whole = np.floor(x)
-    edge = np.minimum(x - whole, whole + 1 - x)
-    return (1 - 2 * (whole % 2)) * np.minimum(1, 2 * edge / np.maximum(width, 1e-9))
+    cell = np.floor(x)
+    edge = np.minimum(x - cell, cell + 1 - x)
+    return (1 - 2 * (cell % 2)) * np.minimum(1, 2 * edge / np.maximum(width, 1e-9))
 
 
 def _step(inside, width):
@@ -151,11 +153,11 @@ def _texture(bits, number, u, v, width):
     side = bits.shape[1]
     padded = np.pad(bits, ((0, 0), (1, 1), (1, 1)))
     share = 0.0
-    (left, right_share), (above, below_share) = _between(u, width), _between(v, width)
+    (left_share, right_share), (above, below_share) = _between(u, width), _between(v, width)
     for across in (0, 1):
         for down in (0, 1):
             column, row = (
-                np.clip(left + across + 1, 0, side + 1),
+                np.clip(left_share + across + 1, 0, side + 1),
                 np.clip(above + down + 1, 0, side + 1),
             )
             weight = (right_share if across else 1 - right_share) * (

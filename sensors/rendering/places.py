@@ -15,19 +15,19 @@ _TRIES = 400
 def board_poses(views: Views, pattern: Pattern, camera: Camera, rng) -> np.ndarray:
     """(G, 6) T_camera_board; those at random show all of the grid. InputError where that cannot be."""
     middle = np.append(pattern.middle, 0.0)
-    made = [
+    random_poses = [
         _random(views, middle, camera, rng, lambda poses: _in_view(poses, pattern, camera))
         for _ in range(views.count)
     ]
-    return np.array([*(_values(place) for place in views.places), *made]).reshape(-1, 6)
+    return np.array([*(_values(place) for place in views.places), *random_poses]).reshape(-1, 6)
 
 
 def artefact_poses(views: Views, middles: np.ndarray, camera: Camera, rng) -> np.ndarray:
     """(G, 6) T_camera_artefact: each of `middles` (3, b), mm, in turn about the middle of the field."""
-    made = [
+    poses = [
         _random(views, middles[:, k % middles.shape[1]], camera, rng) for k in range(views.count)
     ]
-    return np.array([*(_values(place) for place in views.places), *made]).reshape(-1, 6)
+    return np.array([*(_values(place) for place in views.places), *poses]).reshape(-1, 6)
 
 
 def _values(place: Place) -> np.ndarray:

@@ -98,11 +98,11 @@ def make_recording(
             rows.append(row)
             if progress:
                 progress(len(rows), total)
-    made = Made(tuple(rows), _truth(scene, boards, artefacts, takes))
-    _write(scene, folder, made, stations)
+    recording = Made(tuple(rows), _truth(scene, boards, artefacts, takes))
+    _write(scene, folder, recording, stations)
     if truth is not None:
-        _write_toml(Path(truth), made.truth)
-    return made
+        _write_toml(Path(truth), recording.truth)
+    return recording
 
 
 def _places(scene: Scene, stations: Stations | None) -> tuple[np.ndarray, np.ndarray]:
@@ -145,11 +145,11 @@ def _takes(scene, boards, artefacts, stations) -> Iterator[_Take]:
             number = stations.columns["sample"][k] if is_numbered else None
         else:
             surfaces = (BoardSurface(scene.board.pattern, boards[k], scene.sees, moment),)
-            row, held = (
+            row, columns = (
                 {"placement": k + 1},
                 stations is not None and stations.board_samples is not None,
             )
-            number = stations.board_samples[k] if held else None
+            number = stations.board_samples[k] if columns else None
         if number is not None:
             row["sample"] = int(number)
         row |= _own_cells(stations, role, k)
@@ -272,10 +272,10 @@ def _writing(path):
         ) from problem
 
 
-def _write(scene: Scene, folder: Path, made: Made, stations: Stations | None) -> None:
+def _write(scene: Scene, folder: Path, recording: Made, stations: Stations | None) -> None:
     """images.csv, artefact.csv, samples.csv, robot.toml, and last recording.toml."""
-    _write_csv(folder / "images.csv", made.images)
-    scans = any(row["role"] != "board" for row in made.images)
+    _write_csv(folder / "images.csv", recording.images)
+    scans = any(row["role"] != "board" for row in recording.images)
     keys = {
         "format": "recording/1",
         "title": scene.title,

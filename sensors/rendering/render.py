@@ -158,50 +158,50 @@ def _spread_stripe(instrument, found: Stripe, canvas):
         return None
     rows, columns = np.divmod(found.flat, canvas.shape[1])
     reach = canvas.margin
-    top, left = max(rows.min() - reach, 0), max(columns.min() - reach, 0)
+    top, left_column = max(rows.min() - reach, 0), max(columns.min() - reach, 0)
     bottom, right = (
         min(rows.max() + reach + 1, canvas.shape[0]),
         min(columns.max() + reach + 1, canvas.shape[1]),
     )
-    shape = (bottom - top, right - left)
-    place = (rows - top) * shape[1] + columns - left
+    shape = (bottom - top, right - left_column)
+    place = (rows - top) * shape[1] + columns - left_column
     sigma = instrument.optics.sigma(found.depth)
     scale = instrument.laser.peak * instrument.chip.full_well_e
     spread = None if found.spread is None else _placed(found.spread, place, shape, 1.0)
     if not found.thin:
         light = _placed(found.light.mean(1) * scale, place, shape)
-        return formation.defocus(light, _placed(sigma, place, shape)), spread, top, left
+        return formation.defocus(light, _placed(sigma, place, shape)), spread, top, left_column
     parts = round(found.light.shape[1] ** 0.5)
     fine, inner = (shape[0] * parts, shape[1] * parts), np.arange(parts)
-    corner = parts * ((rows - top) * fine[1] + columns - left)
+    corner = parts * ((rows - top) * fine[1] + columns - left_column)
     place = corner[:, None] + np.add.outer(inner * fine[1], inner).ravel()
     light = formation.defocus(
         _placed(found.light * scale, place, fine),
         _placed(np.repeat(parts * sigma, parts**2), place, fine),
     )
-    return formation.gathered(light, parts), spread, top, left
+    return formation.gathered(light, parts), spread, top, left_column
 
 
 def _placed(values, place, shape, otherwise=0.0):
     """Tensor (H, W) with values at flat places, `otherwise` elsewhere."""
     import torch
 
-    made = torch.full((shape[0] * shape[1],), otherwise, device=formation.device())
-    made[torch.as_tensor(place.ravel(), device=made.device)] = torch.as_tensor(
-        values.ravel(), dtype=torch.float32, device=made.device
+    canvas = torch.full((shape[0] * shape[1],), otherwise, device=formation.device())
+    canvas[torch.as_tensor(place.ravel(), device=canvas.device)] = torch.as_tensor(
+        values.ravel(), dtype=torch.float32, device=canvas.device
     )
-    return made.reshape(shape)
+    return canvas.reshape(shape)
 
 
 def _full(box, canvas):
-    """The box's light on the whole image."""
+    """The box's light on the image image."""
     import torch
 
-    whole = torch.zeros(canvas.shape, device=formation.device())
+    image = torch.zeros(canvas.shape, device=formation.device())
     if box is not None:
-        light, _, top, left = box
-        whole[top : top + light.shape[0], left : left + light.shape[1]] = light
-    return canvas.crop(whole)
+        light, _, top, left_column = box
+        image[top : top + light.shape[0], left_column : left_column + light.shape[1]] = light
+    return canvas.crop(image)
 
 
 def _with_stripe(instrument, lamp, found, canvas, random):
@@ -211,11 +211,11 @@ def _with_stripe(instrument, lamp, found, canvas, random):
     box = _spread_stripe(instrument, found, canvas)
     if box is None:
         return lamp, None
-    light, spread, top, left = box
+    light, spread, top, left_column = box
     light = formation.speckle(light, instrument.laser.contrast, instrument.laser.grain_px, random)
-    total = lamp + _full((light, None, top, left), canvas)
+    total = lamp + _full((light, None, top, left_column), canvas)
     if spread is None:
         return total, None
     noise = torch.ones(canvas.shape, device=formation.device())
-    noise[top : top + light.shape[0], left : left + light.shape[1]] = spread
+    noise[top : top + light.shape[0], left_column : left_column + light.shape[1]] = spread
     return total, canvas.crop(noise)

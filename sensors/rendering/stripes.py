@@ -240,9 +240,9 @@ def _specular(instrument, surfaces, index, balls, points, normals):
     """(n,) light of the highlights on balls, of the same unit as the diffuse light."""
     source = instrument.light(index)
     glossy = {s.number: s.gloss for s in surfaces if getattr(s, "gloss", None) and s.gloss.share}
-    made = np.zeros(points.shape[1])
+    highlight = np.zeros(points.shape[1])
     if source is None or not glossy:
-        return made
+        return highlight
     towards = source[:, None] - points
     length = np.linalg.norm(towards, axis=0)
     towards, back = towards / length, -points / np.linalg.norm(points, axis=0)
@@ -250,8 +250,8 @@ def _specular(instrument, surfaces, index, balls, points, normals):
     for number, gloss in glossy.items():
         mine = lit & (balls == number)
         light = gloss.reflected(towards[:, mine], back[:, mine], normals[:, mine])
-        made[mine] = light * instrument.laser.reach_mm / length[mine]
-    return made
+        highlight[mine] = light * instrument.laser.reach_mm / length[mine]
+    return highlight
 
 
 def _arriving(instrument, surfaces, index, points, normals):

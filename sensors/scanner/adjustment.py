@@ -52,12 +52,12 @@ class Adjustment:
 
     def joint(self) -> np.ndarray:
         """(P + 3 S, D) factor of the covariance of the camera's values and the planes' tilts (rad) and offsets (mm)."""
-        table, own = self.fit.table, self.board_stripes.camera.values
-        rows = np.zeros((len(own) + 3 * self.board_stripes.planes.shape[1], len(table)))
+        table, camera_values = self.fit.table, self.board_stripes.camera.values
+        rows = np.zeros((len(camera_values) + 3 * self.board_stripes.planes.shape[1], len(table)))
         for k, key in enumerate(camera_parameters(self.camera).keys):
             if key in table.index:
                 rows[k, table.index[key]] = 1
-        rows[len(own) :] = self._plane_rows()
+        rows[len(camera_values) :] = self._plane_rows()
         values, vectors = symmetric_eigen(self.fit.covariance)
         return rows @ (vectors * np.sqrt(np.maximum(values, 0)))
 
@@ -68,18 +68,18 @@ class Adjustment:
     def _plane_rows(self):
         board_stripes, table = self.board_stripes, self.fit.table
         steps = board_stripes.planes.shape[1]
-        made = np.zeros((3 * steps, len(table)))
+        rows = np.zeros((3 * steps, len(table)))
         if board_stripes.mirror is None:
-            made[:, -3 * steps :] = np.eye(3 * steps)
-            return made
+            rows[:, -3 * steps :] = np.eye(3 * steps)
+            return rows
         by_mirror = in_tilts(
             board_stripes.planes,
             MovedMirror(board_stripes.mirror, _unmoved()).rows(board_stripes.angles),
         )
         for k, name in enumerate(NAMES):
             if (key := f"mirror.{name}") in table.index:
-                made[:, table.index[key]] = by_mirror[k].T.ravel()
-        return made
+                rows[:, table.index[key]] = by_mirror[k].T.ravel()
+        return rows
 
 
 def _unmoved():
@@ -100,8 +100,10 @@ def stripe_model(
     board_stripes: BoardStripeChain, effects: Sequence[Effect], known: Parameters
 ) -> tuple[Model, Parameters]:
     """The model of stripes that start where they are, and its table with the effects' `known` values."""
-    model, own = Model(board_stripes, tuple(effects)), board_stripes.parameters
-    return model, model.parameters.take_over(known).update({key: own[key] for key in own.keys})
+    model, parameters = Model(board_stripes, tuple(effects)), board_stripes.parameters
+    return model, model.parameters.take_over(known).update(
+        {key: parameters[key] for key in parameters.keys}
+    )
 
 
 def shared(two: Sequence[Model], known: Parameters | None, free: Sequence[str]) -> Parameters:
@@ -132,13 +134,18 @@ def solve_once(
     return at_solution(Adjustment(corners, board_stripes, tuple(effects), fit, tuple(free)))
 
 
-def linearised(made: Adjustment) -> Adjustment:
+def linearised(adjustment: Adjustment) -> Adjustment:
     """The same with the fit's residuals and covariance those of where it stands: a solve ends one step after its last
     derivative, and its chains then start again."""
     return replace(
-        made,
+        adjustment,
         fit=_bundle(
-            made.corners, made.board_stripes, made.effects, made.parameters, made.free, steps=0
+            adjustment.corners,
+            adjustment.board_stripes,
+            adjustment.effects,
+            adjustment.parameters,
+            adjustment.free,
+            steps=0,
         ),
     )
 
@@ -151,9 +158,9 @@ def _bundle(corners, board_stripes, effects, known, free, **options) -> BundleFi
     return solve_bundle(two, shared(two, known, free), families, **options)
 
 
-def at_solution(made: Adjustment) -> Adjustment:
+def at_solution(adjustment: Adjustment) -> Adjustment:
     """The chains moved to where the fit ended."""
-    fit, board_stripes = made.fit, made.board_stripes
+    fit, board_stripes = adjustment.fit, adjustment.board_stripes
     camera = Camera.of(
         fit.parameters.values[: len(board_stripes.camera.values)], board_stripes.camera.size
     )
@@ -167,9 +174,11 @@ def at_solution(made: Adjustment) -> Adjustment:
         board_stripes = replace(board_stripes, angles=board_stripes.angles * change.gain)
         mirror = change.mirror
         planes = mirror.planes(board_stripes.angles)
-    corners = made.corners.moved(camera, poses)
+    corners = adjustment.corners.moved(camera, poses)
     return replace(
-        made, corners=corners, board_stripes=board_stripes.moved(camera, poses, planes, mirror)
+        adjustment,
+        corners=corners,
+        board_stripes=board_stripes.moved(camera, poses, planes, mirror),
     )
 
 
@@ -188,23 +197,27 @@ def adjust(
     better together with the stripes, with effects that were not in the camera's model, but what they are worse by is
     where the stripes contradict them, and no noise.
     """
-    made = solve_once(corners, board_stripes, effects, known, free, "huber")
+    adjustment = solve_once(corners, board_stripes, effects, known, free, "huber")
     corners, board_stripes = (
-        _without_wrong(made.corners, made.fit, 0),
-        _without_wrong(made.board_stripes, made.fit, 1),
+        _without_wrong(adjustment.corners, adjustment.fit, 0),
+        _without_wrong(adjustment.board_stripes, adjustment.fit, 1),
     )
     progress(f"{board_stripes.n} points of stripes and {corners.pixels.shape[1]} corners are kept")
-    scales = made.fit.scales
+    scales = adjustment.fit.scales
     for _ in range(_ROUNDS):
         corners = replace(
             corners, sigma=corners.sigma * (scales[0] if scales[0] < 1 - _AGREES else 1)
         )
         board_stripes = replace(board_stripes, sigma=board_stripes.sigma * scales[1])
-        made = solve_once(corners, board_stripes, effects, made.parameters, free)
-        corners, board_stripes, scales = made.corners, made.board_stripes, made.fit.scales
+        adjustment = solve_once(corners, board_stripes, effects, adjustment.parameters, free)
+        corners, board_stripes, scales = (
+            adjustment.corners,
+            adjustment.board_stripes,
+            adjustment.fit.scales,
+        )
         if scales[0] > 1 - _AGREES and abs(scales[1] - 1) < _AGREES:
             break
-    return made
+    return adjustment
 
 
 def _without_wrong(chain, fit: BundleFit, which: int):
@@ -213,11 +226,13 @@ def _without_wrong(chain, fit: BundleFit, which: int):
 
 
 def fresh_start(
-    made: Adjustment, planes: np.ndarray | None = None, mirror=None, angles=None
+    adjustment: Adjustment, planes: np.ndarray | None = None, mirror=None, angles=None
 ) -> BoardStripeChain:
     """The stripes of an adjustment, started at its solution with other planes or with a mirror."""
     board_stripes = (
-        made.board_stripes if angles is None else replace(made.board_stripes, angles=angles)
+        adjustment.board_stripes
+        if angles is None
+        else replace(adjustment.board_stripes, angles=angles)
     )
     planes = board_stripes.planes if planes is None else planes
-    return board_stripes.moved(made.camera, board_stripes.poses, planes, mirror)
+    return board_stripes.moved(adjustment.camera, board_stripes.poses, planes, mirror)

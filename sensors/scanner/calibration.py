@@ -155,16 +155,16 @@ def calibrate_scanner(
     )
     corners = replace(camera.chain, sigma=camera.chain.sigma * camera.fit.scales[0])
     free = with_shared_errors(adjust(corners, thin, still, camera.parameters, progress=progress))
-    made, checked = free, None
+    adjustment, checked = free, None
     if mirror and len(found.steps) >= FEWEST:
         by_step = found.commanded is None or np.ptp(found.commanded) < _STILL
         numbers = found.steps.astype(float) if by_step else found.commanded
         tried, checked = try_mirror(free, numbers, by_step, found.volume, every, progress)
         if checked.supported:
             found, tried = _unshaded(found, tried, checked.mirror.point)
-            made = with_shared_errors(tried)
-    left = leave_out(made, found.whole, progress) if check else None
-    return _result(camera, found, free, made, checked, left, provenance)
+            adjustment = with_shared_errors(tried)
+    held_out = leave_out(adjustment, found.whole, progress) if check else None
+    return _result(camera, found, free, adjustment, checked, held_out, provenance)
 
 
 def _unshaded(found: "_Found", tried: Adjustment, light):
@@ -180,61 +180,66 @@ def _unshaded(found: "_Found", tried: Adjustment, light):
     )
 
 
-def _scanner(made: Adjustment, found: "_Found", apart, centre, provenance) -> Scanner:
+def _scanner(
+    adjustment: Adjustment, found: "_Found", plane_covariances, centre, provenance
+) -> Scanner:
     """The scanner of an adjustment; centre: px, noise of a stripe's centre."""
-    stripes = made.board_stripes
+    stripes = adjustment.board_stripes
     return Scanner(
-        made.camera,
+        adjustment.camera,
         found.steps,
         stripes.planes,
         stripes.mirror,
         None if stripes.mirror is None else stripes.angles,
-        _effects(made),
+        _effects(adjustment),
         centre,
-        apart.planes,
+        plane_covariances.planes,
         found.volume,
         found.whole.scan[:, 0],
         dict(provenance or {}),
-        apart.frame,
+        plane_covariances.frame,
         stripes.together.named,
-        camera_covariance=_camera_covariance(made),
-        rays=apart.rays,
+        camera_covariance=_camera_covariance(adjustment),
+        rays=plane_covariances.rays,
         line=found.line if found.line.plane_width_mm > 0 else None,
     )
 
 
-def _result(camera, found, free, made, checked, left, provenance) -> ScannerCalibration:
-    stripes = made.board_stripes
+def _result(camera, found, free, adjustment, checked, held_out, provenance) -> ScannerCalibration:
+    stripes = adjustment.board_stripes
     last = replace(found.whole, angles=stripes.angles)
-    last = last.moved(made.camera, stripes.poses, stripes.planes, stripes.mirror)
-    pixels, millimetres = residuals(made, last)
+    last = last.moved(adjustment.camera, stripes.poses, stripes.planes, stripes.mirror)
+    pixels, millimetres = residuals(adjustment, last)
     good = ~found.wrong & (np.abs(pixels) <= 5 * 1.4826 * np.median(np.abs(pixels[~found.wrong])))
     dropped = {**found.dropped, _WRONG: int((~good).sum())}
-    apart, centre = made.apart(found.volume), _centre_noise(last.at(good), pixels[good])
-    scanner = _scanner(made, found, apart, centre, provenance)
+    plane_covariances, centre = (
+        adjustment.apart(found.volume),
+        _centre_noise(last.at(good), pixels[good]),
+    )
+    scanner = _scanner(adjustment, found, plane_covariances, centre, provenance)
     about_fit = (
         *camera.undetermined,
         *_on_mirror(checked),
-        *_on_shared(made, centre),
-        *_on_fit(made),
+        *_on_shared(adjustment, centre),
+        *_on_fit(adjustment),
     )
     step = last.labels["step"]
     rms = [_rms(values, step, good, len(found.steps)) for values in (pixels, millimetres)]
     return ScannerCalibration(
         scanner,
         camera,
-        made,
+        adjustment,
         free,
         checked,
-        left,
+        held_out,
         tuple(camera.placements),
         last,
         pixels,
         millimetres,
         ~good,
         *rms,
-        _sigma_planes(made, found.volume),
-        apart,
+        _sigma_planes(adjustment, found.volume),
+        plane_covariances,
         dropped,
         found.volume,
         (*_on_dropped(dropped), *about_fit),
@@ -252,8 +257,8 @@ def _dependence(found: "_Found", last: BoardStripeChain, pixels, good) -> LineDe
     return line_dependence(pixels[good], stripe[good], last.along[good], found.shape[:, good])
 
 
-def _on_shared(made, centre):
-    together = made.board_stripes.together
+def _on_shared(adjustment, centre):
+    together = adjustment.board_stripes.together
     return [together.sentence, *together.too_much(centre)]
 
 
@@ -296,52 +301,54 @@ def _prepared(camera, stripes: BoardStripes, board) -> _Found:
     """Points whose board pose is known, that lie on the board, at steps whose plane they determine."""
     dropped: dict[str, int] = {}
     names = np.array(camera.placements)
-    kept = _less(stripes, np.isin(stripes.placement, names), dropped, _NO_BOARD)
+    retained = _less(stripes, np.isin(stripes.placement, names), dropped, _NO_BOARD)
     order = np.argsort(names)
-    group = order[np.searchsorted(names[order], kept.placement)]
-    here = _chain(camera, kept, board, group).at_start
+    group = order[np.searchsorted(names[order], retained.placement)]
+    here = _chain(camera, retained, board, group).at_start
     on = on_the_board(board, here.on_board) & (here.depth > 0)
-    kept, group, hits = _less(kept, on, dropped, _OFF_BOARD), group[on], here.hits[:, on]
+    retained, group, hits = _less(retained, on, dropped, _OFF_BOARD), group[on], here.hits[:, on]
     _some(
-        kept,
+        retained,
         "points of the laser's line on a board that was seen",
         dropped,
         "see that `placement` of board and board-laser images agree",
     )
-    lines, displaced = _stationary(camera, kept, group, hits[2])
-    kept, group, hits = (
-        _less(kept, ~displaced, dropped, _FIXED),
+    lines, displaced = _stationary(camera, retained, group, hits[2])
+    retained, group, hits = (
+        _less(retained, ~displaced, dropped, _FIXED),
         group[~displaced],
         hits[:, ~displaced],
     )
     _some(
-        kept,
+        retained,
         "points of a laser line that moves in the image with the board",
         dropped,
         "clean optics and mirror, or shield stray light, and take the images again",
     )
-    steps, step = np.unique(kept.step, return_inverse=True)
+    steps, step = np.unique(retained.step, return_inverse=True)
     planes, fine = _start_planes(hits, group, step, len(steps))
     on = fine[step]
-    kept, group = _less(kept, on, dropped, _NO_PLANE), group[on]
+    retained, group = _less(retained, on, dropped, _NO_PLANE), group[on]
     _some(
-        kept,
+        retained,
         f"a step seen in {_FEWEST_PLACEMENTS} board poses at different depths",
         dropped,
         "move the board and take more images",
     )
     steps = steps[fine]
-    whole = _chain(camera, kept, board, group, np.searchsorted(steps, kept.step), planes[:, fine])
-    whole, line = straightened(whole, kept.shape)
+    all_stripes = _chain(
+        camera, retained, board, group, np.searchsorted(steps, retained.step), planes[:, fine]
+    )
+    all_stripes, line = straightened(all_stripes, retained.shape)
     return _Found(
-        whole,
-        wrong_points(whole, whole.at_start),
+        all_stripes,
+        wrong_points(all_stripes, all_stripes.at_start),
         steps,
-        kept.angles(steps),
+        retained.angles(steps),
         dropped,
         line,
         lines,
-        kept.shape,
+        retained.shape,
     )
 
 
@@ -352,8 +359,8 @@ def _stationary(camera, stripes, group, depth):
     return find_stationary_lines(centres, camera.camera.fx)
 
 
-def _some(kept, expected, dropped, remedy):
-    if not kept.n:
+def _some(stripes, expected, dropped, remedy):
+    if not stripes.n:
         counts = (
             ", ".join(f"{number} points: {why}" for why, number in dropped.items())
             or "no point at all"
@@ -397,36 +404,39 @@ def _start_planes(points, group, step, count):
     return planes, fine
 
 
-def _camera_covariance(made: Adjustment) -> np.ndarray:
+def _camera_covariance(adjustment: Adjustment) -> np.ndarray:
     """(V, V) of the camera's values."""
-    factor = made.joint()[: len(made.camera.values)]
+    factor = adjustment.joint()[: len(adjustment.camera.values)]
     return factor @ factor.T
 
 
-def _effects(made: Adjustment):
+def _effects(adjustment: Adjustment):
     """Effects that act on every scan, with their parameters; the board's own stay with the board."""
-    kept = []
-    for effect in made.effects:
+    retained = []
+    for effect in adjustment.effects:
         if effect.port in ("target", "noise"):
             continue
         start = f"{effect.where}.{effect.effect}."
-        names = [p.key for p in effect.parameters(made.board_stripes)]
-        kept.append(
-            (effect, np.array([made.parameters[name] for name in names if name.startswith(start)]))
+        names = [p.key for p in effect.parameters(adjustment.board_stripes)]
+        retained.append(
+            (
+                effect,
+                np.array([adjustment.parameters[name] for name in names if name.startswith(start)]),
+            )
         )
-    return tuple(kept)
+    return tuple(retained)
 
 
-def _sigma_planes(made: Adjustment, volume) -> np.ndarray:
+def _sigma_planes(adjustment: Adjustment, volume) -> np.ndarray:
     """(S,) mm in the camera's frame as it stands, RMS over the working volume."""
-    joint = made.joint()[len(made.camera.values) :]
-    return _over_volume(made, joint @ joint.T, volume)
+    joint = adjustment.joint()[len(adjustment.camera.values) :]
+    return _over_volume(adjustment, joint @ joint.T, volume)
 
 
-def _over_volume(made, covariance, volume):
+def _over_volume(adjustment, covariance, volume):
     """(S,) mm, RMS over the working volume, of planes with a covariance (3 S, 3 S)."""
-    planes = made.board_stripes.planes
-    points, step = field_points(made.camera, planes, *volume)
+    planes = adjustment.board_stripes.planes
+    points, step = field_points(adjustment.camera, planes, *volume)
     variance = plane_variance(planes, points, step, covariance)
     count = np.bincount(step, minlength=planes.shape[1])
     with np.errstate(invalid="ignore"):
@@ -452,5 +462,5 @@ def _on_mirror(check: MirrorCheck | None):
     return [first, *check.sentences]
 
 
-def _on_fit(made: Adjustment):
-    return [] if made.fit.converged else [made.fit.outcome]
+def _on_fit(adjustment: Adjustment):
+    return [] if adjustment.fit.converged else [adjustment.fit.outcome]

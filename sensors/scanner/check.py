@@ -64,50 +64,59 @@ def _rms(values):
 
 
 def leave_out(
-    made: Adjustment, whole: BoardStripeChain, progress: Callable[[str], None] = lambda text: None
+    adjustment: Adjustment,
+    all_stripes: BoardStripeChain,
+    progress: Callable[[str], None] = lambda text: None,
 ) -> LeftOut | None:
     """Each board pose's stripes left out of the adjustment; in folds where there are more than twenty.
 
     whole: all stripe points on the board, wrong ones too. None with fewer than three board poses.
     """
-    present = np.unique(made.board_stripes.labels["placement"])
+    present = np.unique(adjustment.board_stripes.labels["placement"])
     folds = min(_FOLDS, len(present))
     if len(present) < 3:
         return None
-    pixels, millimetres = np.full(whole.n, np.nan), np.full(whole.n, np.nan)
+    pixels, millimetres = np.full(all_stripes.n, np.nan), np.full(all_stripes.n, np.nan)
     for fold in range(folds):
         progress(f"board poses left out, {fold + 1} of {folds}")
-        out = np.isin(whole.labels["placement"], present[fold::folds])
-        pixels[out], millimetres[out] = _one(made, whole, present[fold::folds], out)
-    return _judged(folds, pixels, millimetres, whole)
+        out = np.isin(all_stripes.labels["placement"], present[fold::folds])
+        pixels[out], millimetres[out] = _one(adjustment, all_stripes, present[fold::folds], out)
+    return _judged(folds, pixels, millimetres, all_stripes)
 
 
-def _judged(folds, pixels, millimetres, whole):
+def _judged(folds, pixels, millimetres, all_stripes):
     judged = np.isfinite(millimetres)
     size = np.abs(np.where(judged, millimetres, np.inf))
     inlier = size <= _INLIER * 1.4826 * np.median(size[judged]) if judged.any() else judged
-    group = whole.labels["placement"][judged]
-    count = np.bincount(group, minlength=len(whole.poses))
-    squares = np.bincount(group, millimetres[judged] ** 2, len(whole.poses))
+    group = all_stripes.labels["placement"][judged]
+    count = np.bincount(group, minlength=len(all_stripes.poses))
+    squares = np.bincount(group, millimetres[judged] ** 2, len(all_stripes.poses))
     with np.errstate(invalid="ignore", divide="ignore"):
         return LeftOut(folds, pixels, millimetres, inlier, np.sqrt(squares / count))
 
 
-def _one(made, whole, placements, out):
+def _one(adjustment, all_stripes, placements, out):
     """Residuals in px and mm of the points `out` of some board poses, against planes made without them."""
-    board_stripes = made.board_stripes
+    board_stripes = adjustment.board_stripes
     keep = ~np.isin(board_stripes.labels["placement"], placements)
-    left = solve_once(
-        made.corners, board_stripes.at(keep), made.effects, made.parameters, made.free
+    training = solve_once(
+        adjustment.corners,
+        board_stripes.at(keep),
+        adjustment.effects,
+        adjustment.parameters,
+        adjustment.free,
     )
-    held = replace(whole.at(out), angles=left.board_stripes.angles)
-    held = held.moved(
-        left.camera, left.board_stripes.poses, left.board_stripes.planes, left.board_stripes.mirror
+    held_out = replace(all_stripes.at(out), angles=training.board_stripes.angles)
+    held_out = held_out.moved(
+        training.camera,
+        training.board_stripes.poses,
+        training.board_stripes.planes,
+        training.board_stripes.mirror,
     )
-    pixels, millimetres = residuals(left, held)
+    pixels, millimetres = residuals(training, held_out)
     if board_stripes.mirror is None:
         known = _placements_of(board_stripes.at(keep)) >= _LEAST
-        unknown = ~known[held.labels["step"]]
+        unknown = ~known[held_out.labels["step"]]
         pixels[unknown] = millimetres[unknown] = np.nan
     return pixels, millimetres
 
@@ -120,8 +129,10 @@ def _placements_of(board_stripes: BoardStripeChain) -> np.ndarray:
     return np.bincount(pairs[0], minlength=board_stripes.planes.shape[1])
 
 
-def residuals(made: Adjustment, board_stripes: BoardStripeChain) -> tuple[np.ndarray, np.ndarray]:
+def residuals(
+    adjustment: Adjustment, board_stripes: BoardStripeChain
+) -> tuple[np.ndarray, np.ndarray]:
     """(n,) px along the scan line and (n,) mm from the plane, of stripe points at an adjustment's solution."""
-    model, table = stripe_model(board_stripes, made.effects, made.parameters)
+    model, table = stripe_model(board_stripes, adjustment.effects, adjustment.parameters)
     pixels = model.residual(table)[0]
     return pixels, pixels * board_stripes.gain

@@ -81,12 +81,12 @@ class Cloud:
         planes, covariance = self.scanner.planes, self.scanner.covariance
         if covariance is None:  # the planes count as exact; what a stripe's centres share remains
             covariance = np.zeros((3 * planes.shape[1],) * 2)
-        own = stripe_error(self.error, place, self.along)
-        shared = plane_error(self.points, planes, place, covariance, own)
+        stripe_errors = stripe_error(self.error, place, self.along)
+        shared = plane_error(self.points, planes, place, covariance, stripe_errors)
         if self.scanner.rays is not None:
             shared = replace(shared, common=ray_error(self.scanner, self.points, place))
         if self.scanner.stripe_variance.any():
-            shared = shared.with_errors(own, self.scanner.stripe_variance)
+            shared = shared.with_errors(stripe_errors, self.scanner.stripe_variance)
         return {"shared": shared, "ordered": True}
 
     def common_covariance(self, centre: np.ndarray, used: np.ndarray) -> np.ndarray:
@@ -130,13 +130,13 @@ class Cloud:
         nan where the surface turns away from the camera. Of a scan in which nothing moves, by a scanner whose line is
         known.
         """
-        made = np.full((len(balls), self.points.shape[1]), np.nan)
-        for row, ball in zip(made, balls):
+        ratios = np.full((len(balls), self.points.shape[1]), np.nan)
+        for row, ball in zip(ratios, balls):
             bend = self._bend(ball, None)
             with np.errstate(divide="ignore", invalid="ignore"):
                 ratio = np.log(width**2 / bend.width_square(self.scanner.line))
             row[:] = np.where(bend.facing > _GRAZING, ratio, np.nan)
-        return made
+        return ratios
 
     def _light_on(self, ball: np.ndarray, line: np.ndarray) -> np.ndarray | None:
         """(3,) mm, see `light_on_ball`; the light that a line holds is its peak times its width."""
@@ -158,9 +158,9 @@ class Cloud:
             centre = self.motion.local(ball[:3], image)
             parts.append(self.some(rows)._bend_at(centre, ball[3], light))
         back = np.argsort(order)
-        names = [one.name for one in fields(SurfaceLine)]
+        names = [field.name for field in fields(SurfaceLine)]
         return SurfaceLine(
-            *(np.concatenate([getattr(one, n) for one in parts])[back] for n in names)
+            *(np.concatenate([getattr(part, n) for part in parts])[back] for n in names)
         )
 
     def _bend_at(self, centre: np.ndarray, radius: float, light: np.ndarray | None) -> SurfaceLine:

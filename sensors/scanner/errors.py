@@ -27,11 +27,11 @@ def cut(flat: np.ndarray, planes: np.ndarray) -> np.ndarray:
 def by_flat(points: np.ndarray, planes: np.ndarray) -> np.ndarray:
     """(2, 3, n) mm per unit of the normalised point x/z, y/z: points (3, n) stay in their planes (4, n)."""
     facing = (planes[:3] * points).sum(0)  # depth times n.r
-    made = np.zeros((2, *points.shape))
+    derivative = np.zeros((2, *points.shape))
     for axis in (0, 1):
-        made[axis, axis] = points[2]
-        made[axis] -= points * (planes[axis] * points[2] / facing)
-    return made
+        derivative[axis, axis] = points[2]
+        derivative[axis] -= points * (planes[axis] * points[2] / facing)
+    return derivative
 
 
 def by_pixel(camera: Camera, points: np.ndarray, planes: np.ndarray) -> np.ndarray:
@@ -90,10 +90,10 @@ def field_points(
         -(np.outer(planes[2], depth) + planes[3][:, None]) / across[:, None] * planes[:2, :, None]
     )
     direction = stripe_direction(planes)[:2, :, None]
-    made = np.empty((3, planes.shape[1], len(depth)))
-    made[:2], made[2] = nearest + direction * (along * reach * depth), depth
+    points_in_field = np.empty((3, planes.shape[1], len(depth)))
+    points_in_field[:2], points_in_field[2] = nearest + direction * (along * reach * depth), depth
     step = np.repeat(np.arange(planes.shape[1]), len(depth))
-    points = made.reshape(3, -1)
+    points = points_in_field.reshape(3, -1)
     pixels = camera.project(points)
     size = np.array(camera.size)[:, None]
     inside = ((pixels > 0) & (pixels < size - 1)).all(0) & (
@@ -104,10 +104,10 @@ def field_points(
 
 def frame_moves(points: np.ndarray) -> np.ndarray:
     """(6, 3, n) mm that points move by per unit of a shift (mm) and a turn (rad) of the frame."""
-    made = np.zeros((6, *points.shape))
-    made[[0, 1, 2], [0, 1, 2]] = 1
-    made[3:] = np.cross(np.eye(3)[:, :, None], points[None], axis=1)
-    return made
+    moves = np.zeros((6, *points.shape))
+    moves[[0, 1, 2], [0, 1, 2]] = 1
+    moves[3:] = np.cross(np.eye(3)[:, :, None], points[None], axis=1)
+    return moves
 
 
 def plane_moves(planes: np.ndarray) -> np.ndarray:
@@ -115,11 +115,11 @@ def plane_moves(planes: np.ndarray) -> np.ndarray:
 
     A plane n.X + b = 0 moved by X -> X + t + w x X has n + w x n and b - n.t.
     """
-    made = np.zeros((6, 3, planes.shape[1]))
+    moves = np.zeros((6, 3, planes.shape[1]))
     tilt = np.cross(np.eye(3)[:, :, None], planes[:3][None], axis=1)
-    made[3:, :2] = np.einsum("kis,pis->pks", tilt_directions(planes), tilt)
-    made[:3, 2] = -planes[:3]
-    return made
+    moves[3:, :2] = np.einsum("kis,pis->pks", tilt_directions(planes), tilt)
+    moves[:3, 2] = -planes[:3]
+    return moves
 
 
 @dataclass(frozen=True)
@@ -158,20 +158,22 @@ def apart_from_frame(
         )
     some = slice(None, None, -(-len(step) // _SOME))
     points, step = points[:, some], step[some]
-    own, count = planes[:, step], len(camera.values)
-    moves = np.einsum("pin,pd->ind", by_camera(camera, points, own), joint[:count], optimize=True)
+    step_planes, count = planes[:, step], len(camera.values)
+    moves = np.einsum(
+        "pin,pd->ind", by_camera(camera, points, step_planes), joint[:count], optimize=True
+    )
     by_own = joint[count:].reshape(planes.shape[1], 3, -1)
-    for k, rows in enumerate(by_plane(points, own)):
+    for k, rows in enumerate(by_plane(points, step_planes)):
         moves += rows[:, :, None] * by_own[step, k]
     frame = frame_moves(points)
     normal = np.einsum("ain,bin->ab", frame, frame, optimize=True)
     laid = -solve_positive(normal, np.tensordot(frame, moves, ((1, 2), (0, 1))))
     moves += np.tensordot(frame, laid, (0, 0))
-    left = joint[count:] + plane_moves(planes).transpose(2, 1, 0).reshape(-1, 6) @ laid
+    remainder = joint[count:] + plane_moves(planes).transpose(2, 1, 0).reshape(-1, 6) @ laid
     rays = np.concatenate([joint[:count], laid])
-    covariance = rays @ np.concatenate([rays, left]).T
+    covariance = rays @ np.concatenate([rays, remainder]).T
     point = float(np.sqrt((moves**2).sum() / len(step)))
-    return Apart(left @ left.T, laid @ laid.T, point, covariance)
+    return Apart(remainder @ remainder.T, laid @ laid.T, point, covariance)
 
 
 def by_rays(camera: Camera, points: np.ndarray, planes: np.ndarray) -> np.ndarray:

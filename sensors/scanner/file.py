@@ -172,7 +172,9 @@ def _turntable(file, where) -> Turntable | None:
     if file.turntable is None:
         return None
     keys = file.turntable
-    harmonics = {one.order: (one.cosine_rad, one.sine_rad) for one in keys.harmonics}
+    harmonics = {
+        harmonic.order: (harmonic.cosine_rad, harmonic.sine_rad) for harmonic in keys.harmonics
+    }
     size = 5 + 2 * len(harmonics)
     covariance = np.array([row for row in keys.covariance if len(row) == size])
     axis = np.array(keys.axis)
@@ -354,9 +356,9 @@ def _mirror(file, planes, where):
         )
     vectors = (np.array(values) for values in (keys.axis, keys.point_mm, keys.face))
     mirror = Mirror(*vectors, keys.offset_mm, np.array(keys.beam))
-    made = mirror.planes(np.array(keys.angles_rad))
-    made = made * np.sign((made[:3] * planes[:3]).sum(0))
-    if not np.abs(made - planes).max() < _SAME * max(1.0, np.abs(planes[3]).max()):
+    mirror_planes = mirror.planes(np.array(keys.angles_rad))
+    mirror_planes = mirror_planes * np.sign((mirror_planes[:3] * planes[:3]).sum(0))
+    if not np.abs(mirror_planes - planes).max() < _SAME * max(1.0, np.abs(planes[3]).max()):
         raise _wrong(
             f"{where}, [mirror]", "the planes that light.planes holds", "others", "calibrate again"
         )

@@ -68,10 +68,12 @@ def line_dependence(
             place = along[mine] - along[mine].mean()
             powers = np.vander(place / max(np.abs(place).max(), 1e-9), _ORDERS)
             basis = np.linalg.qr(powers)[0]
-            whole = np.vstack([np.log(np.maximum(shape[:, mine], 1e-6)), residual[mine]]).T
-            left = whole - basis @ (basis.T @ whole)
-            rows.append(left[:, :-1])
-            values.append(left[:, -1])
+            shape_and_residual = np.vstack(
+                [np.log(np.maximum(shape[:, mine], 1e-6)), residual[mine]]
+            ).T
+            remainder = shape_and_residual - basis @ (basis.T @ shape_and_residual)
+            rows.append(remainder[:, :-1])
+            values.append(remainder[:, -1])
     if len(rows) < _FEWEST_STRIPES:
         return None
     return _tested(rows, values)

@@ -117,11 +117,11 @@ def _decomposed(values: np.ndarray, places: np.ndarray) -> _Stripe:
 def _tested(stripes: list[_Stripe], stated: float) -> Misfit:
     from scipy.special import fdtrc
 
-    explained = np.sum([one.explained for one in stripes], axis=0)
-    count = sum(len(one.rest) for one in stripes)
+    explained = np.sum([stripe.explained for stripe in stripes], axis=0)
+    count = sum(len(stripe.rest) for stripe in stripes)
     noise = _autocovariance(stripes)
     # Correlated noise gives low degrees of a polynomial more than the variance of independent noise.
-    expected = np.sum([_explained_by_noise(one.basis, noise) for one in stripes], axis=0)
+    expected = np.sum([_explained_by_noise(stripe.basis, noise) for stripe in stripes], axis=0)
     by_noise = float(expected.sum())
     ratio = float(explained.sum()) / max(by_noise + stated, 1e-300)
     inflation = max(1.0, float(noise[0] + 2 * noise[1:].sum()) / max(float(noise[0]), 1e-300))
@@ -141,22 +141,22 @@ def _autocovariance(stripes: list[_Stripe]) -> np.ndarray:
     That of the remainders is too small, since the polynomial takes a part of correlated noise: for a noise of the
     autocovariance C the remainder (I - H) e has (I - H) C (I - H). C is corrected until the two agree.
     """
-    lags = int(np.clip(min(len(one.rest) for one in stripes) // 2, 1, _FARTHEST))
+    lags = int(np.clip(min(len(stripe.rest) for stripe in stripes) // 2, 1, _FARTHEST))
     some = stripes[:: -(-len(stripes) // _SOME)]
-    measured = _by_lag([np.outer(one.rest, one.rest) for one in some], lags)
+    measured = _by_lag([np.outer(stripe.rest, stripe.rest) for stripe in some], lags)
     ends = np.flatnonzero(measured < 0)
     used = np.arange(lags) < (ends[0] + _BEYOND_ZERO if len(ends) else lags)
     noise = np.where(used, measured, 0.0)
     for _ in range(_ROUNDS):
-        left = [_remainder(one.basis, noise) for one in some]
-        noise = np.where(used, noise + measured - _by_lag(left, lags), 0.0)
+        remainders = [_remainder(stripe.basis, noise) for stripe in some]
+        noise = np.where(used, noise + measured - _by_lag(remainders, lags), 0.0)
     return noise
 
 
 def _by_lag(matrices: list[np.ndarray], lags: int) -> np.ndarray:
     """(lags,) mean over the diagonals of all matrices (n, n)."""
-    sums = [[np.trace(one, offset=lag) for lag in range(lags)] for one in matrices]
-    counts = [[len(one) - lag for lag in range(lags)] for one in matrices]
+    sums = [[np.trace(matrix, offset=lag) for lag in range(lags)] for matrix in matrices]
+    counts = [[len(matrix) - lag for lag in range(lags)] for matrix in matrices]
     return np.sum(sums, axis=0) / np.sum(counts, axis=0)
 
 
@@ -170,8 +170,8 @@ def _toeplitz(noise: np.ndarray, n: int) -> np.ndarray:
 def _remainder(basis: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """(n, n) covariance of what the polynomials (n, 4) leave of noise."""
     covariance = _toeplitz(noise, len(basis))
-    left = covariance - basis @ (basis.T @ covariance)
-    return left - (left @ basis) @ basis.T
+    remainder = covariance - basis @ (basis.T @ covariance)
+    return remainder - (remainder @ basis) @ basis.T
 
 
 def _explained_by_noise(basis: np.ndarray, noise: np.ndarray) -> np.ndarray:

@@ -180,9 +180,9 @@ class Scanner:
     def _changes(self, port, state):
         for effect, values in self.effects:
             if effect.port == port:
-                whole = np.zeros((corners.PORTS[port], state.n))
-                whole[list(effect.port_indices(self))] = effect.delta(values, state)
-                yield whole
+                full = np.zeros((corners.PORTS[port], state.n))
+                full[list(effect.port_indices(self))] = effect.delta(values, state)
+                yield full
 
     def _turned(self, place, extra):
         if not extra.any():
@@ -244,16 +244,20 @@ class Scanner:
         Points of one plane share the plane's part: it does not average out over them.
         """
         sigma = self.sigma_px if sigma is None else sigma
-        made = np.empty((3, 3, points.shape[1]))
+        covariance = np.empty((3, 3, points.shape[1]))
         for first in range(0, points.shape[1], BLOCK):
             part = slice(first, first + BLOCK)
-            own, step = points[:, part], np.asarray(steps)[part]
-            noise = self.by_stripe(own, step) * (sigma if np.ndim(sigma) == 0 else sigma[part])
+            block_points, step = points[:, part], np.asarray(steps)[part]
+            noise = self.by_stripe(block_points, step) * (
+                sigma if np.ndim(sigma) == 0 else sigma[part]
+            )
             place = self.places(step)
-            moves = by_plane(own, self.planes[:, place])
+            moves = by_plane(block_points, self.planes[:, place])
             shared = np.einsum("kin,nkl->lin", moves, self.plane_covariance[place])
-            made[..., part] = noise[:, None] * noise + np.einsum("lin,ljn->ijn", shared, moves)
-        return made
+            covariance[..., part] = noise[:, None] * noise + np.einsum(
+                "lin,ljn->ijn", shared, moves
+            )
+        return covariance
 
 
 def _whole(steps) -> np.ndarray:
@@ -284,19 +288,19 @@ def _blockwise(
     plane, part = np.empty((3, BLOCK)), np.empty(BLOCK)
     inverse = -planes[:3] / planes[3]  # depth = 1 / (inverse . ray)
     for first in range(0, n, BLOCK):
-        made = points[:, first : first + BLOCK]
-        own, scratch = plane[:, : made.shape[1]], part[: made.shape[1]]
-        workspace.normalised(pixels[:, first : first + BLOCK], made[:2])
+        block = points[:, first : first + BLOCK]
+        block_plane, scratch = plane[:, : block.shape[1]], part[: block.shape[1]]
+        workspace.normalised(pixels[:, first : first + BLOCK], block[:2])
         if inverse.shape[1] == 1:
-            np.multiply(made[:2], inverse[:2], out=own[:2])
-            own[2] = inverse[2]
+            np.multiply(block[:2], inverse[:2], out=block_plane[:2])
+            block_plane[2] = inverse[2]
         else:
-            np.take(inverse, place[first : first + BLOCK], axis=1, out=own, mode="clip")
-            own[:2] *= made[:2]
-        np.add(own[0], own[1], out=scratch)
-        scratch += own[2]
+            np.take(inverse, place[first : first + BLOCK], axis=1, out=block_plane, mode="clip")
+            block_plane[:2] *= block[:2]
+        np.add(block_plane[0], block_plane[1], out=scratch)
+        scratch += block_plane[2]
         if not scratch.min() > 0:
             scratch[~(scratch > 0)] = np.nan
-        np.reciprocal(scratch, out=made[2])
-        made[:2] *= made[2]
+        np.reciprocal(scratch, out=block[2])
+        block[:2] *= block[2]
     return points

@@ -150,13 +150,13 @@ def _of_planes(scanner: LightPlanes, local, place) -> tuple[np.ndarray, np.ndarr
     """Derivative (3 S, 3, n) by tilts and offset of each of the S light planes seen, and their covariance."""
     used, column = np.unique(place, return_inverse=True)
     size = 3 * len(scanner.steps)
-    whole = np.zeros((size, size)) if scanner.covariance is None else scanner.covariance
-    each = plane_error(local, scanner.planes, place, whole).derivative
-    made = np.zeros((len(used), 3, *local.shape))
+    plane_covariance = np.zeros((size, size)) if scanner.covariance is None else scanner.covariance
+    each = plane_error(local, scanner.planes, place, plane_covariance).derivative
+    derivative = np.zeros((len(used), 3, *local.shape))
     for k in range(len(used)):
-        made[k, ..., column == k] = each[..., column == k].transpose(2, 0, 1)
+        derivative[k, ..., column == k] = each[..., column == k].transpose(2, 0, 1)
     rows = (3 * used[:, None] + np.arange(3)).ravel()
-    return made.reshape(-1, *local.shape), whole[np.ix_(rows, rows)]
+    return derivative.reshape(-1, *local.shape), plane_covariance[np.ix_(rows, rows)]
 
 
 @dataclass(frozen=True, eq=False)

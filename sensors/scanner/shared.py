@@ -15,43 +15,60 @@ _ROUNDS, _AGREES = 8, 0.1  # by which part of what it is known to a variance may
 _LIGHT = 1e3  # times their sigma, at which stripes no longer move a board that its corners hold
 
 
-def with_shared_errors(made: Adjustment) -> Adjustment:
+def with_shared_errors(adjustment: Adjustment) -> Adjustment:
     """The same adjustment, weighted by what points of stripes err alone and together.
 
     Boards first stand where their corners alone put them. From where stripes had pushed them, before it was known
     what these share, no line leads to the likelihood of that: the push would be read as noise of the corners.
     """
-    if made.board_stripes.together is None:
-        made = _held_by_corners(made)
+    if adjustment.board_stripes.together is None:
+        adjustment = _held_by_corners(adjustment)
     for _ in range(_ROUNDS):
-        before = made.board_stripes.together
-        together, noise = shared_errors(made)
+        before = adjustment.board_stripes.together
+        together, noise = shared_errors(adjustment)
         board_stripes = replace(
-            made.board_stripes, together=together, sigma=made.board_stripes.sigma * noise
+            adjustment.board_stripes,
+            together=together,
+            sigma=adjustment.board_stripes.sigma * noise,
         )
-        made = solve_once(made.corners, board_stripes, made.effects, made.parameters, made.free)
-        if _settled(before, together) and abs(noise - 1) < _AGREES and not _turned(made):
+        adjustment = solve_once(
+            adjustment.corners,
+            board_stripes,
+            adjustment.effects,
+            adjustment.parameters,
+            adjustment.free,
+        )
+        if _settled(before, together) and abs(noise - 1) < _AGREES and not _turned(adjustment):
             break
-    return made
+    return adjustment
 
 
-def _held_by_corners(made: Adjustment) -> Adjustment:
+def _held_by_corners(adjustment: Adjustment) -> Adjustment:
     """Poses by the corners alone and planes by the stripes there; as a first guess of what these share, what they
     miss their planes by: the root of the mean square of the means of board poses, and of stripes relative to these."""
-    board_stripes = replace(made.board_stripes, sigma=made.board_stripes.sigma * _LIGHT)
-    held = solve_once(made.corners, board_stripes, made.effects, made.parameters, made.free)
-    board_stripes = replace(held.board_stripes, sigma=held.board_stripes.sigma / _LIGHT)
-    together, left, sigma = (
+    board_stripes = replace(adjustment.board_stripes, sigma=adjustment.board_stripes.sigma * _LIGHT)
+    with_held_corners = solve_once(
+        adjustment.corners,
+        board_stripes,
+        adjustment.effects,
+        adjustment.parameters,
+        adjustment.free,
+    )
+    board_stripes = replace(
+        with_held_corners.board_stripes, sigma=with_held_corners.board_stripes.sigma / _LIGHT
+    )
+    together, steps_left, sigma = (
         Together.of(board_stripes.labels, board_stripes.along),
-        held.fit.residual[1][0],
+        with_held_corners.fit.residual[1][0],
         np.zeros(len(NAMES)),
     )
     for kind in (2, 0):
         label = together.labels[kind]
-        means = np.bincount(label, left) / np.bincount(label)
-        left, sigma[kind] = left - means[label], np.sqrt((means**2).mean())
+        means = np.bincount(label, steps_left) / np.bincount(label)
+        steps_left, sigma[kind] = steps_left - means[label], np.sqrt((means**2).mean())
     return replace(
-        held, board_stripes=replace(board_stripes, together=replace(together, sigma=sigma))
+        with_held_corners,
+        board_stripes=replace(board_stripes, together=replace(together, sigma=sigma)),
     )
 
 
@@ -62,19 +79,19 @@ def _settled(before: Together, now: Together) -> bool:
     return bool((np.abs(now.sigma**2 - before.sigma**2)[estimated] <= _AGREES * doubt).all())
 
 
-def _turned(made):
+def _turned(adjustment):
     """Whether the mirror's numbers, whose covariance is that about the start, ended a way off it."""
-    names = [f"mirror.{name}" for name in made.free]
-    table = made.fit.table
+    names = [f"mirror.{name}" for name in adjustment.free]
+    table = adjustment.fit.table
     moved = {
-        name: made.parameters[name] - table.nulls[table.index[name]]
+        name: adjustment.parameters[name] - table.nulls[table.index[name]]
         for name in names
         if name in table.index
     }
-    return any(abs(move) > _NEAR * made.fit.std[name] for name, move in moved.items())
+    return any(abs(move) > _NEAR * adjustment.fit.std[name] for name, move in moved.items())
 
 
-def shared_errors(made: Adjustment) -> tuple[Together, float]:
+def shared_errors(adjustment: Adjustment) -> tuple[Together, float]:
     """Sigmas of what points share, and the factor on their own noise, from an adjustment at its solution.
 
     Restricted maximum likelihood (`sensors.variance_components`) on the adjustment's linear model there, with its
@@ -83,19 +100,19 @@ def shared_errors(made: Adjustment) -> tuple[Together, float]:
     `_MOST` stripes, those of steps spread evenly count: the others reach them only through the
     few numbers that all share.
     """
-    board_stripes = made.board_stripes
+    board_stripes = adjustment.board_stripes
     together = Together.of(board_stripes.labels, board_stripes.along)
     effects = _effects(board_stripes, together)
     if not len(effects.kind):
         return together, 1.0
     noise = own_noise(
-        made.fit.residual[1][0],
+        adjustment.fit.residual[1][0],
         np.broadcast_to(board_stripes.sigma, (1, board_stripes.n))[0] ** -2.0,
         together,
     )
     noise = noise if np.isfinite(noise) else 1.0
-    own, pull, kind = _apart_from_all(*_left(made, effects), effects.kind)
-    found = estimate_components(own / noise, pull / noise, kind)
+    gram, pull, kind = _apart_from_all(*_left(adjustment, effects), effects.kind)
+    found = estimate_components(gram / noise, pull / noise, kind)
     more = len(NAMES) - len(found.variance)  # kinds that another one is by construction
     variance, doubt = (
         np.append(found.expected, np.zeros(more)),
@@ -127,7 +144,7 @@ def own_noise(residual: np.ndarray, weight: np.ndarray, together: Together) -> f
     return max(float(weight @ residual**2) / degrees, 1e-300) if degrees >= _LEAST else float("nan")
 
 
-def _apart_from_all(own, pull, kind):
+def _apart_from_all(gram, pull, kind):
     """R, g and kinds with contrasts of the board poses' shifts in place of these.
 
     An error that all board poses share belongs to the scanner: planes and principal point absorb nearly all of it, and
@@ -137,9 +154,9 @@ def _apart_from_all(own, pull, kind):
 
     others, shifts = int((kind != 2).sum()), int((kind == 2).sum())
     if not shifts:
-        return own, pull, kind
+        return gram, pull, kind
     turn = block_diag(np.eye(others), helmert(shifts))
-    return turn @ own @ turn.T, turn @ pull, kind[: others + shifts - 1]
+    return turn @ gram @ turn.T, turn @ pull, kind[: others + shifts - 1]
 
 
 @dataclass(frozen=True)
@@ -182,11 +199,11 @@ def _some(label, step, count):
     first = np.zeros(count, int)
     first[label] = step
     steps = np.unique(first)
-    kept = steps[:: -(-count // _MOST)]
-    return np.flatnonzero(np.isin(first, kept))
+    selected = steps[:: -(-count // _MOST)]
+    return np.flatnonzero(np.isin(first, selected))
 
 
-def _left(made: Adjustment, effects: _Effects):
+def _left(adjustment: Adjustment, effects: _Effects):
     """R (E, E) and g (E,) of the shared errors with the adjustment's unknowns projected out, unit noise.
 
     Poses are eliminated as in the bundle: K the covariance of what is left under unit noise, and
@@ -195,16 +212,18 @@ def _left(made: Adjustment, effects: _Effects):
     """
     # of what is left of a board pose's shift, nearly all the pose's, a derivative from one step before would make less
     # than nothing
-    apart = linearised(replace(made, board_stripes=replace(made.board_stripes, together=None)))
-    fit, where, residual = apart.fit, effects.placement, apart.fit.residual[1][0]
-    rows, pose = _rows(apart)
+    independent = linearised(
+        replace(adjustment, board_stripes=replace(adjustment.board_stripes, together=None))
+    )
+    fit, where, residual = independent.fit, effects.placement, independent.fit.residual[1][0]
+    rows, pose = _rows(independent)
     by_pose = effects.sums @ pose.T
     dense = (effects.sums @ rows).toarray() - np.einsum(
         "el,eld->ed", by_pose, fit.eliminated.mix[where]
     )
     unit = fit.covariance / fit.sigma_scale**2
     inner = np.einsum("el,elk->ek", by_pose, fit.eliminated.inverse[where])
-    own = (
+    gram = (
         effects.norm.toarray()
         - dense @ unit @ dense.T
         - np.where(where[:, None] == where, inner @ by_pose.T, 0)
@@ -213,30 +232,36 @@ def _left(made: Adjustment, effects: _Effects):
     residual = (
         residual
         + rows @ moves
-        + (pose * own_moves[made.board_stripes.labels["placement"]].T).sum(0)
+        + (pose * own_moves[adjustment.board_stripes.labels["placement"]].T).sum(0)
     )
-    return own, effects.sums @ residual
+    return gram, effects.sums @ residual
 
 
-def _rows(made: Adjustment):
+def _rows(adjustment: Adjustment):
     """Derivatives, sparse (n, D) by the dense unknowns and (6, n) by the pose."""
     from scipy.sparse import csr_array, hstack
 
-    model, table = stripe_model(made.board_stripes, made.effects, made.parameters)
-    columns = [made.fit.table.index.get(key) for key in table.keys]
+    model, table = stripe_model(adjustment.board_stripes, adjustment.effects, adjustment.parameters)
+    columns = [adjustment.fit.table.index.get(key) for key in table.keys]
     free = np.array([column is not None for column in columns])
     table = table.only(free)
     evaluation = model.evaluate(table)
-    rows = model.fill_rows(evaluation, table, np.empty((free.sum(), 1, made.board_stripes.n)))[:, 0]
-    steps = 0 if made.board_stripes.mirror is not None else 3 * made.board_stripes.planes.shape[1]
-    whole = np.zeros((len(made.fit.table) - steps, made.board_stripes.n))
-    whole[[column for column in columns if column is not None]] = rows
-    pose, n = evaluation.family_rows("placement")[:, 0], made.board_stripes.n
-    if not steps:
-        return csr_array(whole.T), pose
-    own = evaluation.family_rows("step")[:, 0]
-    place = 3 * made.board_stripes.labels["step"][:, None] + np.arange(3)
-    by_step = csr_array(
-        (own.T.ravel(), (np.repeat(np.arange(n), 3), place.ravel())), shape=(n, steps)
+    rows = model.fill_rows(
+        evaluation, table, np.empty((free.sum(), 1, adjustment.board_stripes.n))
+    )[:, 0]
+    steps = (
+        0
+        if adjustment.board_stripes.mirror is not None
+        else 3 * adjustment.board_stripes.planes.shape[1]
     )
-    return hstack([csr_array(whole.T), by_step]).tocsr(), pose
+    full = np.zeros((len(adjustment.fit.table) - steps, adjustment.board_stripes.n))
+    full[[column for column in columns if column is not None]] = rows
+    pose, n = evaluation.family_rows("placement")[:, 0], adjustment.board_stripes.n
+    if not steps:
+        return csr_array(full.T), pose
+    step_rows = evaluation.family_rows("step")[:, 0]
+    place = 3 * adjustment.board_stripes.labels["step"][:, None] + np.arange(3)
+    by_step = csr_array(
+        (step_rows.T.ravel(), (np.repeat(np.arange(n), 3), place.ravel())), shape=(n, steps)
+    )
+    return hstack([csr_array(full.T), by_step]).tocsr(), pose

@@ -124,8 +124,8 @@ class Turntable:
             change = _STEP * np.eye(count)[k]
             twists.append(twists_of(poses, self.poses(commanded, change), _STEP))
         covariance = np.zeros((count, count)) if self.covariance is None else self.covariance
-        own = np.concatenate([-np.cross(self.axis, -self.point), self.axis])
-        own = np.broadcast_to(own, (len(poses), 1, 6))
+        twist = np.concatenate([-np.cross(self.axis, -self.point), self.axis])
+        twist = np.broadcast_to(twist, (len(poses), 1, 6))
         variance = np.array([[max(self.sigma, _TINY) ** 2]])
         common = np.stack(twists, axis=1)
-        return Motion(FRAME, poses, common, covariance, own, variance, is_full_turn(commanded))
+        return Motion(FRAME, poses, common, covariance, twist, variance, is_full_turn(commanded))

@@ -221,16 +221,16 @@ def _pair(solution, chosen, order) -> np.ndarray:
 def _covariance(table: Turntable, covariance, of_law, chosen) -> np.ndarray:
     """(P, P) of tilts, shifts, gain and harmonics."""
     count = 5 + 2 * len(table.harmonics)
-    made = np.zeros((count, count))
+    joined = np.zeros((count, count))
     across = table.across
-    tilt = np.stack([np.cross(one, table.axis) for one in across])
+    tilt = np.stack([np.cross(direction, table.axis) for direction in across])
     by_axis = np.zeros((4, 6))
     by_axis[:2, :3], by_axis[2:, 3:] = tilt, across
-    made[:4, :4] = by_axis @ covariance[:6, :6] @ by_axis.T
+    joined[:4, :4] = by_axis @ covariance[:6, :6] @ by_axis.T
     law = of_law[1:, 1:]
     rows = [4] * (0 in chosen) + list(range(5, count))
-    made[np.ix_(rows, rows)] = law
-    return made
+    joined[np.ix_(rows, rows)] = law
+    return joined
 
 
 def _design(commanded, orders) -> np.ndarray:
@@ -282,16 +282,16 @@ def _test(commanded, away, chosen, order) -> Term | None:
 
 
 def _squares(design, values) -> float:
-    left = values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
-    return float(left @ left)
+    remainder = values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
+    return float(remainder @ remainder)
 
 
 def _left_out(design, values) -> float:
     """RMS error of each value predicted from the others (PRESS: Allen, Technometrics 16, 1974)."""
     basis = np.linalg.qr(design)[0]
-    left = values - basis @ (basis.T @ values)
+    remainder = values - basis @ (basis.T @ values)
     leverage = np.clip((basis**2).sum(1), 0.0, 1.0 - 1e-9)
-    return float(np.sqrt(np.mean((left / (1 - leverage)) ** 2)))
+    return float(np.sqrt(np.mean((remainder / (1 - leverage)) ** 2)))
 
 
 def pose_matrices(poses: np.ndarray) -> np.ndarray:

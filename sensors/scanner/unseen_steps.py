@@ -29,23 +29,27 @@ def with_unseen_steps(
     angles = _angles(calibration, new)
     low, high = float(scanner.angles.min()), float(scanner.angles.max())
     reach = _BEYOND * (high - low)
-    kept = {step: angle for step, angle in angles.items() if low - reach <= angle <= high + reach}
-    if not kept:
+    in_range = {
+        step: angle for step, angle in angles.items() if low - reach <= angle <= high + reach
+    }
+    if not in_range:
         return scanner, ()
-    every = np.append(scanner.angles, list(kept.values()))
+    every = np.append(scanner.angles, list(in_range.values()))
     planes = scanner.mirror.planes(every)
     board_stripes = replace(calibration.made.board_stripes, angles=every, planes=planes)
-    apart = replace(calibration.made, board_stripes=board_stripes).apart(calibration.volume)
-    made = replace(
+    plane_covariances = replace(calibration.made, board_stripes=board_stripes).apart(
+        calibration.volume
+    )
+    extended = replace(
         scanner,
-        steps=np.append(scanner.steps, list(kept)),
+        steps=np.append(scanner.steps, list(in_range)),
         planes=planes,
         angles=every,
-        covariance=apart.planes,
-        frame=apart.frame,
-        rays=apart.rays,
+        covariance=plane_covariances.planes,
+        frame=plane_covariances.frame,
+        rays=plane_covariances.rays,
     )
-    return made, tuple(kept)
+    return extended, tuple(in_range)
 
 
 def _angles(calibration: ScannerCalibration, new: Mapping[int, float | None]) -> dict[int, float]:

@@ -72,11 +72,11 @@ def _without_lines(image: np.ndarray, lines: Lines) -> np.ndarray:
     window = (_WINDOW, _WINDOW)
     share = np.maximum(cv2.blur(seen, window), 1e-9)
     mean = cv2.blur(image * seen, window) / share
-    made, place = image.astype(np.float32), np.arange(image.shape[1])
+    masked, place = image.astype(np.float32), np.arange(image.shape[1])
     for line in np.flatnonzero(hidden.any(1) & ~hidden.all(1)):
         under = hidden[line] > 0
-        made[line, under] = np.interp(place[under], place[~under], mean[line, ~under])
-    return made
+        masked[line, under] = np.interp(place[under], place[~under], mean[line, ~under])
+    return masked
 
 
 def ambient_bias(
@@ -94,16 +94,18 @@ def ambient_bias(
     if not len(images) or not pixels.shape[1]:
         return np.zeros(pixels.shape[1])
     column, row = np.rint(pixels).astype(int)
-    left, top = max(column.min() - _MARGIN, 0), max(row.min() - _MARGIN, 0)
-    seen = slice(top, row.max() + _MARGIN + 1), slice(left, column.max() + _MARGIN + 1)
+    left_column, top = max(column.min() - _MARGIN, 0), max(row.min() - _MARGIN, 0)
+    seen = slice(top, row.max() + _MARGIN + 1), slice(left_column, column.max() + _MARGIN + 1)
     shown = np.stack([image[seen] for image in images])
     rank = int(_QUARTILE * len(images))
     few = len(images) < _FEWEST_IMAGES
     scene = shown.mean(0) if few else np.partition(shown, rank, axis=0)[rank]
     slope = _slope(scene.astype(np.float32), 1 if is_across_columns else 0)
     height, width = scene.shape
-    own = slope[np.clip(row - top, 0, height - 1), np.clip(column - left, 0, width - 1)]
-    change = np.clip(own * shape[0] / np.maximum(shape[2], 1e-6), -_STEEPEST, _STEEPEST)
+    local_slope = slope[
+        np.clip(row - top, 0, height - 1), np.clip(column - left_column, 0, width - 1)
+    ]
+    change = np.clip(local_slope * shape[0] / np.maximum(shape[2], 1e-6), -_STEEPEST, _STEEPEST)
     return _gain(shape[1]) * shape[0] * change
 
 

@@ -39,33 +39,33 @@ class Profiles:
         under = (
             None if background is None else background.transpose(0, 2, 1) if turned else background
         )
-        kept = np.flatnonzero(~stripes.saturated & (stripes.peak > 0))
-        width = float(np.median(stripes.width[kept])) if kept.size else 1.0
+        usable = np.flatnonzero(~stripes.saturated & (stripes.peak > 0))
+        width = float(np.median(stripes.width[usable])) if usable.size else 1.0
         half = int(np.ceil(_REACH * width)) + 1
-        columns = np.rint(stripes.centre[kept]).astype(int)[:, None] + np.arange(-half, half + 1)
+        columns = np.rint(stripes.centre[usable]).astype(int)[:, None] + np.arange(-half, half + 1)
         inside = (columns[:, 0] >= 0) & (columns[:, -1] < images.shape[2])
-        kept, columns = kept[inside], columns[inside]
-        place = stripes.frame[kept][:, None], stripes.line[kept][:, None], columns
+        usable, columns = usable[inside], columns[inside]
+        place = stripes.frame[usable][:, None], stripes.line[usable][:, None], columns
         values = images[place].astype(float)
         if under is not None:
             values -= under[place]
-        values -= stripes.background[kept][:, None]
-        return cls._binned(values, columns, stripes, kept, len(stack))
+        values -= stripes.background[usable][:, None]
+        return cls._binned(values, columns, stripes, usable, len(stack))
 
     @classmethod
-    def _binned(cls, values, columns, stripes, kept, frames):
+    def _binned(cls, values, columns, stripes, usable, frames):
         """Sums over bins of the distance from the centre, in widths of the line; rows count by their squared peak."""
-        peak = stripes.peak[kept][:, None]
-        away = (columns - stripes.centre[kept][:, None]) / stripes.width[kept][:, None]
+        peak = stripes.peak[usable][:, None]
+        away = (columns - stripes.centre[usable][:, None]) / stripes.width[usable][:, None]
         bins = np.floor((away + _REACH) / (2 * _REACH) * _BINS).astype(int)
-        label = stripes.frame[kept][:, None] * _BINS + bins
+        label = stripes.frame[usable][:, None] * _BINS + bins
         good = (bins >= 0) & (bins < _BINS)
         weight = np.broadcast_to(peak**2, values.shape)[good]
         size = frames * _BINS
         sums = np.bincount(label[good], (values * peak)[good], size)
         weights = np.bincount(label[good], weight, size)
-        count = np.maximum(np.bincount(stripes.frame[kept], minlength=frames), 1)
-        width = np.bincount(stripes.frame[kept], stripes.width[kept], frames) / count
+        count = np.maximum(np.bincount(stripes.frame[usable], minlength=frames), 1)
+        width = np.bincount(stripes.frame[usable], stripes.width[usable], frames) / count
         return cls(sums.reshape(frames, -1), weights.reshape(frames, -1), width)
 
     @classmethod
@@ -107,16 +107,16 @@ def asymmetry(profiles: Profiles) -> Asymmetry | None:
         return None
     sums, weights = profiles.sums[used], profiles.weights[used]
     width = float(profiles.width[used].mean())
-    whole = _ambiguity(sums.sum(0), weights.sum(0))
-    left = np.array(
+    all_images = _ambiguity(sums.sum(0), weights.sum(0))
+    by_image = np.array(
         [
-            _ambiguity(sums.sum(0) - own, weights.sum(0) - weight)
-            for own, weight in zip(sums, weights)
+            _ambiguity(sums.sum(0) - image_sums, weights.sum(0) - weight)
+            for image_sums, weight in zip(sums, weights)
         ]
     )
-    std = np.sqrt((len(left) - 1) * left.var())
+    std = np.sqrt((len(by_image) - 1) * by_image.var())
     odd = np.abs(_odd(sums.sum(0) / weights.sum(0))).max()
-    return Asymmetry(float(whole * width), float(std * width), float(odd))
+    return Asymmetry(float(all_images * width), float(std * width), float(odd))
 
 
 def _odd(profile: np.ndarray) -> np.ndarray:

@@ -49,18 +49,18 @@ def brightness_law(bend: SurfaceLine, width: np.ndarray, peak: np.ndarray) -> Br
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         light = np.log(width * peak * np.abs(bend.slope))
-    kept = np.isfinite(light) & (bend.lit > SMOOTH) & (bend.facing > SMOOTH)
-    if kept.sum() < _FEWEST or not np.ptp(bend.lit[kept]) > 0:
+    usable = np.isfinite(light) & (bend.lit > SMOOTH) & (bend.facing > SMOOTH)
+    if usable.sum() < _FEWEST or not np.ptp(bend.lit[usable]) > 0:
         return Brightness()
-    cosine = bend.lit[kept]
-    rows = np.stack([np.ones(kept.sum()), np.log(cosine), cosine - 1])
-    level = light[kept] - rows[1]  # beyond a matt surface
+    cosine = bend.lit[usable]
+    rows = np.stack([np.ones(usable.sum()), np.log(cosine), cosine - 1])
+    level = light[usable] - rows[1]  # beyond a matt surface
     precision = np.array([0.0, *_SURFACES_VARY**-2.0])
-    found, weight = np.zeros(3), np.ones(kept.sum())
+    found, weight = np.zeros(3), np.ones(usable.sum())
     for _ in range(_REWEIGHTED):
-        left = np.abs(level - found @ rows)
-        scatter = max(1.4826 * float(np.median(left)), _LEAST_SCATTER)
-        weight = np.minimum(1, scatter / np.maximum(left, _LEAST_SCATTER)) / scatter**2 / _GRAIN
+        misfit = np.abs(level - found @ rows)
+        scatter = max(1.4826 * float(np.median(misfit)), _LEAST_SCATTER)
+        weight = np.minimum(1, scatter / np.maximum(misfit, _LEAST_SCATTER)) / scatter**2 / _GRAIN
         covariance = inverse_positive((rows * weight) @ rows.T + np.diag(precision))
         found = covariance @ (rows @ (weight * level))
     return Brightness(1 + float(found[1]), float(found[2]), covariance[1:, 1:])

@@ -20,8 +20,12 @@ def centre_noise(
     usual: px, 1 sigma beyond that where too few neighbours tell.
     """
     order = np.lexsort((line, image))
-    place, own = line[order], image[order]
-    joined = (own[2:] == own[:-2]) & (np.diff(place)[1:] == 1) & (np.diff(place)[:-1] == 1)
+    place, image_of_line = line[order], image[order]
+    joined = (
+        (image_of_line[2:] == image_of_line[:-2])
+        & (np.diff(place)[1:] == 1)
+        & (np.diff(place)[:-1] == 1)
+    )
     if joined.sum() < _FEWEST:
         return np.hypot(sigma, usual)
     middle = order[1:-1][joined]

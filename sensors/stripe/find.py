@@ -124,13 +124,13 @@ class Task:
         if not self.turned:
             return np.ascontiguousarray(images[:, step // 2 :: step])
         kind = np.uint8 if images.dtype == bool else images.dtype
-        made = np.empty(
+        cut = np.empty(
             (len(images), -(-(images.shape[2] - step // 2) // step), images.shape[1]), kind
         )
-        for image, into in zip(images, made):
+        for image, into in zip(images, cut):
             part = image[:, step // 2 :: step]
             cv2.transpose(np.ascontiguousarray(part).view(kind), dst=into)
-        return made.view(images.dtype)
+        return cut.view(images.dtype)
 
 
 def find_stripes(
@@ -173,10 +173,12 @@ def find_stripes(
         parts, noise, resolution = ridge_parts(task, smoothing)
     else:
         parts, noise, resolution = *_gauss_parts(task), 1.0
-    made = _gathered(parts, noise, task, mode, resolution)
+    stripes = _gathered(parts, noise, task, mode, resolution)
     if speckle:
-        made = replace(made, sigma=np.hypot(made.sigma, speckle_floor(made.width, speckle, grain)))
-    return made if flagged else made.select(made.flag == 0)
+        stripes = replace(
+            stripes, sigma=np.hypot(stripes.sigma, speckle_floor(stripes.width, speckle, grain))
+        )
+    return stripes if flagged else stripes.select(stripes.flag == 0)
 
 
 def _gauss_parts(task: Task):
@@ -188,16 +190,16 @@ def _gauss_parts(task: Task):
         (first, *_block(*task.rows(slice(first, first + BLOCK)), setting, search))
         for first in starts
     ]
-    apart = max(1, sum(len(fits.row) for _, fits, *_ in parts) // SOME)
-    some = _joined([fits.take(slice(None, None, apart)) for _, fits, *_ in parts])
+    stride = max(1, sum(len(fits.row) for _, fits, *_ in parts) // SOME)
+    some = _joined([fits.take(slice(None, None, stride)) for _, fits, *_ in parts])
     misfit, scale = usual_misfit(some, setting), noise_scale(some, setting)
-    noise, made = replace(setting.noise, read=setting.noise.read * scale), []
+    noise, parts_of_fits = replace(setting.noise, read=setting.noise.read * scale), []
     for first, fits, count, pull, rows in parts:
         fits.sigma = fits.sigma * scale
         flag = flags(fits, count > 0, rows, task.height, setting, misfit, pull)
         fits.sigma = np.hypot(fits.sigma, pull) if pull.any() else fits.sigma
-        made.append((first, fits, flag, count))
-    return made, noise
+        parts_of_fits.append((first, fits, flag, count))
+    return parts_of_fits, noise
 
 
 def _block(rows: Rows, image: np.ndarray, setting: Setting, search: Search):
@@ -221,7 +223,7 @@ def _gathered(parts, noise: Noise, task: Task, mode: str, resolution: float) -> 
     often = np.bincount(flag[sound], minlength=256)
     sums = np.arange(256)
     dropped = {name: int(often[sums & bit > 0].sum()) for bit, name in NAMES.items()}
-    made = Stripes(
+    stripes = Stripes(
         frame,
         fits.row % task.height,
         fits.centre,
@@ -238,7 +240,7 @@ def _gathered(parts, noise: Noise, task: Task, mode: str, resolution: float) -> 
         mode,
         resolution,
     )
-    return made.select(sound)
+    return stripes.select(sound)
 
 
 def exposures(images: np.ndarray, under: np.ndarray) -> np.ndarray:

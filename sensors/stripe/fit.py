@@ -215,8 +215,8 @@ def _template(fits, place, smooth):
     narrow = smooth < 0.05
     if not narrow.any():
         return smooth
-    own = np.log(np.clip(fits.width[place], NARROWEST, WIDEST)) - smooth
-    return smooth + narrow * own * _LOOSE**2 / (_LOOSE**2 + fits.wide[place] ** 2)
+    log_width = np.log(np.clip(fits.width[place], NARROWEST, WIDEST)) - smooth
+    return smooth + narrow * log_width * _LOOSE**2 / (_LOOSE**2 + fits.wide[place] ** 2)
 
 
 def _column(fits, place, rows):
@@ -232,12 +232,12 @@ def smooth_log_width(fits: Fits, rows: int, typical: float, over: int = 25) -> n
     some = np.sort(fits.peak[::32])
     strong = np.clip(fits.peak, 1e-3, max(4 * some[len(some) // 2], 1e-3))
     strong = strong * ((fits.strength > 5.5) & ~fits.cut) + np.float32(1e-6)
-    made = np.stack([strong, strong * np.log(np.clip(fits.width, 0.3 * typical, 4 * typical))])
+    basis = np.stack([strong, strong * np.log(np.clip(fits.width, 0.3 * typical, 4 * typical))])
     if len(fits.row) == rows:
-        sums = cv2.blur(made, (over, 1))
+        sums = cv2.blur(basis, (over, 1))
     else:
         weight = np.zeros((2, rows), np.float32)
-        weight[:, fits.row] = made
+        weight[:, fits.row] = basis
         sums = cv2.blur(weight, (over, 1)).take(fits.row, 1)
     return sums[1] / sums[0]
 
@@ -245,19 +245,24 @@ def smooth_log_width(fits: Fits, rows: int, typical: float, over: int = 25) -> n
 def _step(rows: Rows, fits: Fits, place, quiet, table: Bank, setting: Setting, hard) -> np.ndarray:
     """One tabulated step of the fits at `place`; those of them (m,) that have to go on."""
     centre, size = fits.centre.take(place), 2 * table.half + 1
-    whole = np.rint(centre).astype(np.intp)
-    outside = (whole < table.half) | (whole + table.half >= rows.width)
+    nearest_row = np.rint(centre).astype(np.intp)
+    outside = (nearest_row < table.half) | (nearest_row + table.half >= rows.width)
     if outside.any():
         hard[place[outside]] = True
         inside = ~outside
-        place, quiet, whole, centre = place[inside], quiet[inside], whole[inside], centre[inside]
-    _, net = rows.windows(fits.row.take(place), whole - table.half, size)
+        place, quiet, nearest_row, centre = (
+            place[inside],
+            quiet[inside],
+            nearest_row[inside],
+            centre[inside],
+        )
+    _, net = rows.windows(fits.row.take(place), nearest_row - table.half, size)
     level = fits.background.take(place)
     net -= level[:, None]
-    phase = np.rint((centre - whole + 0.5) * PHASES).astype(np.intp)
+    phase = np.rint((centre - nearest_row + 0.5) * PHASES).astype(np.intp)
     number, match, misfit = _solve(net, phase, table)
     every = slice(None) if len(place) == len(fits.row) else place
-    shift, change = _move(fits, every, whole + (phase / PHASES - 0.5), table.width, number)
+    shift, change = _move(fits, every, nearest_row + (phase / PHASES - 0.5), table.width, number)
     fits.background[every], fits.peak[every] = level + number[0], number[1]
     fits.strength[every], fits.misfit[every] = match / np.sqrt(quiet), misfit / (quiet * (size - 4))
     wide = _uncertain(fits, every, quiet, phase, table, setting.noise)
@@ -279,10 +284,10 @@ def _solve(net, phase, table: Bank):
         number = np.einsum("nij,jn->in", table.back.T.reshape(-1, 4, 4).take(phase, 0), q)
     square = np.square(net, out=net)
     if table.ratio == 0:
-        left = square @ np.ones(net.shape[1], np.float32)
+        remainder = square @ np.ones(net.shape[1], np.float32)
     else:
-        left = (square @ table.weight).reshape(-1).take(at)
-    return number, q[1] / table.at("detect", phase), np.maximum(left - (q * q).sum(0), 0)
+        remainder = (square @ table.weight).reshape(-1).take(at)
+    return number, q[1] / table.at("detect", phase), np.maximum(remainder - (q * q).sum(0), 0)
 
 
 def _uncertain(fits, place, quiet, phase, table: Bank, noise):

@@ -75,28 +75,28 @@ def _suspicious(found: Brightest, fits: Fits, limit, setting):
     middle = np.rint(fits.centre).astype(np.intp)
     pieces, every, count = found.pieces.take(fits.row, 1), np.arange(len(fits.row)), len(fits.row)
     first, last = ((middle + side) // length for side in (-half, half))
-    for own in range(int((last - first).max(initial=0)) + 1):
-        touched = np.clip(np.minimum(first + own, last), 0, len(pieces) - 1)
+    for offset in range(int((last - first).max(initial=0)) + 1):
+        touched = np.clip(np.minimum(first + offset, last), 0, len(pieces) - 1)
         pieces.reshape(-1)[touched * count + every] = floor(pieces)
-    made = pieces.max(0) > limit
+    is_suspicious = pieces.max(0) > limit
     start, size = middle - half - length, 2 * (half + length) + 1
     inner = (start >= 0) & (start + size <= width)
-    made |= ~inner
+    is_suspicious |= ~inner
     place = slice(None) if inner.all() else np.flatnonzero(inner)
     around = _cut(found.image, fits.row[place] * width + start[place], size)
     for side in (slice(0, length), slice(size - length, size)):
-        made[place] |= row_max(around[:, side]) > limit[place]
-    return made
+        is_suspicious[place] |= row_max(around[:, side]) > limit[place]
+    return is_suspicious
 
 
 def _fit_in_order(rows, row, column, setting):
     """As `fit_rows`, but with an entry for every row asked, of strength 0 where there was only noise."""
-    made = Fits.empty(row)
-    made.width[:] = 1
-    made.peak[:] = 0
+    every_row = Fits.empty(row)
+    every_row.width[:] = 1
+    every_row.peak[:] = 0
     fits = fit_rows(rows, row, column, setting)
-    made.put(np.searchsorted(row, fits.row), fits)
-    return made
+    every_row.put(np.searchsorted(row, fits.row), fits)
+    return every_row
 
 
 def runs(high, width):
@@ -141,19 +141,24 @@ def supported(fits: Fits, height: int, sound: np.ndarray) -> np.ndarray:
         return np.zeros(len(fits.row), bool)
     loose = 0.5 + 4 * np.minimum(fits.sigma, fits.width)
     linked = _linked(fits.row, fits.centre, loose, height)
-    made = np.zeros(len(fits.row), bool)
-    made[1:] = linked
-    made[:-1] |= linked
-    kept = np.flatnonzero(made)
-    if len(kept) < 2:
-        return made & False
-    if len(kept) < len(made):
-        linked = _linked(fits.row[kept], fits.centre[kept], loose[kept], height)
+    is_supported = np.zeros(len(fits.row), bool)
+    is_supported[1:] = linked
+    is_supported[:-1] |= linked
+    supported_places = np.flatnonzero(is_supported)
+    if len(supported_places) < 2:
+        return is_supported & False
+    if len(supported_places) < len(is_supported):
+        linked = _linked(
+            fits.row[supported_places],
+            fits.centre[supported_places],
+            loose[supported_places],
+            height,
+        )
     starts = np.append(0, np.flatnonzero(~linked) + 1)
-    count = np.add.reduceat(sound[kept], starts, dtype=np.intp)
-    length = np.diff(starts, append=len(kept))
-    made[kept] = np.repeat(count >= min(SHORTEST, height // 8), length)
-    return made
+    count = np.add.reduceat(sound[supported_places], starts, dtype=np.intp)
+    length = np.diff(starts, append=len(supported_places))
+    is_supported[supported_places] = np.repeat(count >= min(SHORTEST, height // 8), length)
+    return is_supported
 
 
 def _linked(row, centre, loose, height) -> np.ndarray:
@@ -184,11 +189,11 @@ def flags(
         | (fits.misfit > allowed)
         | ~np.isfinite(fits.sigma)
     )
-    made = EDGE * fits.cut + WEAK * (fits.strength < strong) + SHAPE * odd
-    made = made + DOUBLE * double + ALONE * ~supported(fits, height, made == 0)
+    bits = EDGE * fits.cut + WEAK * (fits.strength < strong) + SHAPE * odd
+    bits = bits + DOUBLE * double + ALONE * ~supported(fits, height, bits == 0)
     if np.any(pull):
-        made = made + UNEVEN * (pull > np.maximum(fits.sigma, NEGLIGIBLE * fits.width))
-    return made.astype(np.uint8)
+        bits = bits + UNEVEN * (pull > np.maximum(fits.sigma, NEGLIGIBLE * fits.width))
+    return bits.astype(np.uint8)
 
 
 def usual_misfit(fits: Fits, setting: Setting) -> float:
@@ -206,9 +211,11 @@ def noise_scale(fits: Fits, setting: Setting) -> float:
     clean = (fits.strength > STRONG) & ~fits.cut & ~fits.saturated & _plausible(fits, setting)
     if setting.noise.gain > 0 or clean.sum() < 100:
         return 1.0
-    left = fits.misfit[clean]
+    misfit = fits.misfit[clean]
     return float(
-        np.sqrt(left[left < (1 + 4.5 * np.sqrt(2 / _freedom(setting))) * np.median(left)].mean())
+        np.sqrt(
+            misfit[misfit < (1 + 4.5 * np.sqrt(2 / _freedom(setting))) * np.median(misfit)].mean()
+        )
     )
 
 

@@ -28,19 +28,19 @@ def light_on_ball(plane: np.ndarray, outward: np.ndarray, flux: np.ndarray) -> n
     along = stripe_direction(plane[:, None])[:, 0]
     axes = np.stack([along, np.cross(plane[:3], along)])
     rows = axes @ outward
-    kept = np.isfinite(rows).all(0) & np.isfinite(flux) & (flux > 0)
+    usable = np.isfinite(rows).all(0) & np.isfinite(flux) & (flux > 0)
     direction = None
     for _ in range(_ROUNDS):
-        if kept.sum() < _FEWEST:
+        if usable.sum() < _FEWEST:
             return None
-        sides = np.linalg.svd(rows[:, kept], compute_uv=False)
+        sides = np.linalg.svd(rows[:, usable], compute_uv=False)
         if sides[1] < _SPREAD * sides[0]:
             return None
-        direction = np.linalg.lstsq(rows[:, kept].T, flux[kept], rcond=None)[0]
-        made = direction @ rows
-        left = flux - made
-        scale = 1.4826 * float(np.median(np.abs(left[kept])))
-        kept = (made > _DARK * np.linalg.norm(direction)) & (np.abs(left) <= 3 * scale)
-    if kept.sum() < _FEWEST or left[kept].std() > _MATT * flux[kept].mean():
+        direction = np.linalg.lstsq(rows[:, usable].T, flux[usable], rcond=None)[0]
+        predicted = direction @ rows
+        misfit = flux - predicted
+        scale = 1.4826 * float(np.median(np.abs(misfit[usable])))
+        usable = (predicted > _DARK * np.linalg.norm(direction)) & (np.abs(misfit) <= 3 * scale)
+    if usable.sum() < _FEWEST or misfit[usable].std() > _MATT * flux[usable].mean():
         return None
     return _FAR * (direction @ axes) / np.linalg.norm(direction)

@@ -105,8 +105,8 @@ def _read(fits, number, net, last, width, setting, ambient):
     fits.strength = (_matched(basis[:, 1], net, basis[:, 1] > 1e-3) / np.sqrt(quiet)).astype(
         np.float32
     )
-    left = net - np.einsum("niw,ni->nw", basis, answer)
-    fits.misfit = ((mask * left**2 / variance).sum(1) / np.maximum(mask.sum(1) - 4, 1)).astype(
+    remainder = net - np.einsum("niw,ni->nw", basis, answer)
+    fits.misfit = ((mask * remainder**2 / variance).sum(1) / np.maximum(mask.sum(1) - 4, 1)).astype(
         np.float32
     )
     fits.cut = (number[2] < 1.5 * fits.width) | (number[2] > width - 1 - 1.5 * fits.width)

@@ -26,8 +26,8 @@ def pixel_noise(image: np.ndarray, region: np.ndarray | None = None) -> float:
     rough = rough.ravel() if region is None or not region[:, 1:-1].any() else rough[region[:, 1:-1]]
     sigma = max(1.4826 * float(_median(rough)), 0.3)
     for _ in range(10):
-        kept, before = rough[rough < _CLIP * sigma], sigma
-        sigma = max(float(np.sqrt((kept**2).mean() / _KEPT)), 1e-6) if len(kept) else sigma
+        small, before = rough[rough < _CLIP * sigma], sigma
+        sigma = max(float(np.sqrt((small**2).mean() / _KEPT)), 1e-6) if len(small) else sigma
         if sigma == before:
             break
     floor = image.min()
@@ -54,15 +54,15 @@ def fitted_noise(
     x = level - middle
     square, variance = x**2, np.full(len(squares), float(_median(y)) / 0.455)
     for _ in range(6):
-        kept = (y < 20 * variance) * trust
-        weight = kept / variance**2
+        use = (y < 20 * variance) * trust
+        weight = use / variance**2
         total, mean = weight.sum(), float(weight @ x) / weight.sum()
         power = float(weight @ square) - total * mean**2
         weighted, first = weight * y, float(weight @ y)
         gain = (float(weighted @ x) - mean * first) / power
         # the variance of a slope's pull is the weight's square times that of y
-        kept *= weight
-        scatter = float(kept @ square) - 2 * mean * float(kept @ x) + mean**2 * kept.sum()
+        use *= weight
+        scatter = float(use @ square) - 2 * mean * float(use @ x) + mean**2 * use.sum()
         gain = gain if gain > 3 * np.sqrt(2 * scatter) / power else 0.0
         read = max(first / total - gain * (mean + middle), least**2)
         variance = read + gain * np.maximum(level, 0)
@@ -76,12 +76,12 @@ def exposure_scales(images: np.ndarray, under: np.ndarray, noise: float) -> np.n
     whatever the exposure; of the levels themselves where the background is even. 1 where it is too
     dark to tell (sigma of the scale above 0.02).
     """
-    made, scene = np.ones(len(images), np.float32), None
+    scales, scene = np.ones(len(images), np.float32), None
     for k, image in enumerate(images):
         if scene is None or len(under) > 1:
             scene = _Scene.of(_thinned(under[k % len(under)]), noise)
-        made[k] = scene.exposure_scale(_thinned(image), noise)
-    return made
+        scales[k] = scene.exposure_scale(_thinned(image), noise)
+    return scales
 
 
 def _thinned(image) -> np.ndarray:

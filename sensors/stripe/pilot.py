@@ -107,10 +107,10 @@ def _search(image, found: Brightest, noise: float) -> tuple[float, Search]:
         part, np.arange(len(part)), np.minimum(found.column[rows], image.shape[1] - 1), noise
     )
     for width in _SCALES:
-        made = lines_enhanced(calm, width)
-        rough = pixel_noise_of(made)
-        column = made.argmax(1)
-        strength = made[np.arange(len(made)), column] / rough
+        enhanced = lines_enhanced(calm, width)
+        rough = pixel_noise_of(enhanced)
+        column = enhanced.argmax(1)
+        strength = enhanced[np.arange(len(enhanced)), column] / rough
         if best is None or np.median(strength) > np.median(best[1]):
             best = width, strength, column, rough
     width, strength, column, rough = best
@@ -125,9 +125,9 @@ def _bright_rows(found: Brightest) -> np.ndarray:
     return np.sort(np.argsort(found.value.astype(float))[-128:])
 
 
-def pixel_noise_of(made: np.ndarray) -> float:
+def pixel_noise_of(enhanced: np.ndarray) -> float:
     """1 sigma of filtered rows (n, width), from their middle half: most of a row is not line."""
-    low, high = np.percentile(made[::7, ::11].ravel(), [25, 75])
+    low, high = np.percentile(enhanced[::7, ::11].ravel(), [25, 75])
     return max((high - low) / 1.349, 1e-6)
 
 
@@ -163,15 +163,15 @@ def typical_width(fits: Fits) -> float:
 
 def residuals(rows: Rows, fits: Fits, table) -> np.ndarray:
     """(3, m): squared residuals of all pixels of the fits' windows, the model's level there, and 1 - leverage."""
-    whole = np.rint(fits.centre).astype(np.intp)
-    inside = (whole >= table.half) & (whole + table.half < rows.width)
-    fits, whole = fits.take(inside), whole[inside]
+    nearest_row = np.rint(fits.centre).astype(np.intp)
+    inside = (nearest_row >= table.half) & (nearest_row + table.half < rows.width)
+    fits, nearest_row = fits.take(inside), nearest_row[inside]
     size = 2 * table.half + 1
-    _, net = rows.windows(fits.row, whole - table.half, size)
-    u = (np.arange(size) - table.half - (fits.centre - whole)[:, None]) / fits.width[:, None]
+    _, net = rows.windows(fits.row, nearest_row - table.half, size)
+    u = (np.arange(size) - table.half - (fits.centre - nearest_row)[:, None]) / fits.width[:, None]
     model = fits.background[:, None] + fits.peak[:, None] * np.exp(-u * u / 2)
-    phase = np.rint((fits.centre - whole + 0.5) * (len(table.leverage) - 1)).astype(np.intp)
-    level = model + np.reshape(2 * rows.ambient(fits.row, whole), (-1, 1))
+    phase = np.rint((fits.centre - nearest_row + 0.5) * (len(table.leverage) - 1)).astype(np.intp)
+    level = model + np.reshape(2 * rows.ambient(fits.row, nearest_row), (-1, 1))
     return np.stack(
         [((net - model) ** 2).ravel(), level.ravel(), 1 - table.leverage[phase].ravel()]
     )

@@ -58,25 +58,25 @@ class Rows:
         """Pixels (n, size) of what is under, in windows as `windows` cuts them, as recorded."""
         return _cut(self.under, row % len(self.under) * self.width + start, size)
 
-    def searched(self, kept: dict | None = None) -> np.ndarray:
+    def searched(self, exposures: dict | None = None) -> np.ndarray:
         """(n, width) where the line is searched: less what is under, its least value outside the region.
 
         kept: what is under at some exposures, for further rows of the same background.
         """
         if self.under is None and self.region is None:
             return self.pixels
-        made, kept = np.empty_like(self.pixels), {} if kept is None else kept
+        searched, exposures = np.empty_like(self.pixels), {} if exposures is None else exposures
         for k in range(len(self.pixels) // self.height):
             place = slice(k * self.height, (k + 1) * self.height)
             if self.under is None:
-                made[place] = self.pixels[place]
+                searched[place] = self.pixels[place]
             else:
-                cv2.subtract(self.pixels[place], self._exposed(k, kept), dst=made[place])
+                cv2.subtract(self.pixels[place], self._exposed(k, exposures), dst=searched[place])
             if self.region is not None:
-                made[place] = np.where(self.region, made[place], floor(made[place]))
-        return made
+                searched[place] = np.where(self.region, searched[place], floor(searched[place]))
+        return searched
 
-    def _exposed(self, image: int, kept: dict) -> np.ndarray:
+    def _exposed(self, image: int, exposures: dict) -> np.ndarray:
         """(height, width) what is under an image at its exposure, to a half of `_EXPOSURE`."""
         scale, steps = float(self.scale[image]), round(float(self.scale[image]) / _EXPOSURE)
         if len(self.under) > self.height:
@@ -85,10 +85,10 @@ class Rows:
             return below if near else cv2.addWeighted(below, scale, below, 0, 0)
         if steps * _EXPOSURE == 1:
             return self.under
-        exposed = kept.get(steps)
+        exposed = exposures.get(steps)
         if exposed is None:
             exposed = cv2.addWeighted(self.under, steps * _EXPOSURE, self.under, 0, 0)
-            kept.update({steps: exposed} if len(kept) < _KEPT else {})
+            exposures.update({steps: exposed} if len(exposures) < _KEPT else {})
         return exposed
 
 
@@ -179,9 +179,9 @@ def spikes(image: np.ndarray, row: np.ndarray, column: np.ndarray, noise: float)
     alone = np.flatnonzero(top - neighbour > 8 * noise)
     pixels = _cut(image, first[alone] + np.clip(column[alone] - 4, 0, width - 9), 9)
     base = np.median(pixels, axis=1)
-    made = np.zeros(len(row), bool)
-    made[alone] = neighbour[alone] - base < 0.15 * (top[alone] - base)
-    return made
+    is_spike = np.zeros(len(row), bool)
+    is_spike[alone] = neighbour[alone] - base < 0.15 * (top[alone] - base)
+    return is_spike
 
 
 def without_spikes(

@@ -37,11 +37,11 @@ def background_bias(rows: Rows, fits: Fits, noise: float) -> np.ndarray:
 
 def _largest_around(values: np.ndarray, reach: int) -> np.ndarray:
     """(n,) the largest of values (n,) up to `reach` places away."""
-    made = values.copy()
+    largest = values.copy()
     for step in range(1, reach + 1):
-        np.maximum(made[step:], values[:-step], out=made[step:])
-        np.maximum(made[:-step], values[step:], out=made[:-step])
-    return made
+        np.maximum(largest[step:], values[:-step], out=largest[step:])
+        np.maximum(largest[:-step], values[step:], out=largest[:-step])
+    return largest
 
 
 def _pull(rows, row, centre, table, noise):

@@ -105,20 +105,20 @@ class SurfaceLine:
         """
         square = np.asarray(width, float) ** 2
         shape = self._by_shape
-        kept = np.isfinite(shape).all(0) & np.isfinite(square) & (square > 0)
-        kept &= (self.lit > SMOOTH) & (self.facing > SMOOTH)
-        if kept.sum() < _FEWEST_WIDTHS:
+        usable = np.isfinite(shape).all(0) & np.isfinite(square) & (square > 0)
+        usable &= (self.lit > SMOOTH) & (self.facing > SMOOTH)
+        if usable.sum() < _FEWEST_WIDTHS:
             if known is None:
                 return LineShape(0.0, 0.0), np.zeros((2, 2))
             return known, np.diag((_KNOWN_TO * known.squares) ** 2)
-        relative = shape[:, kept] / square[kept]
+        relative = shape[:, usable] / square[usable]
         precision = np.zeros(2) if known is None else (_KNOWN_TO * known.squares) ** -2.0
         centre = np.zeros(2) if known is None else known.squares
-        found, weight = np.zeros(2), np.ones(kept.sum())
+        found, weight = np.zeros(2), np.ones(usable.sum())
         for _ in range(_REWEIGHTED):
             # scale of Laplace's distribution; neighbours in a grain tell the same
-            held = precision * _GRAIN / weight.mean()
-            found = _nonnegative(relative, weight, held, centre)
+            prior_precision = precision * _GRAIN / weight.mean()
+            found = _nonnegative(relative, weight, prior_precision, centre)
             weight = 1 / np.maximum(np.abs(found @ relative - 1), _NO_WIDER)
         information = relative @ relative.T * weight.mean() ** 2 / _GRAIN + np.diag(precision)
         return LineShape(*np.sqrt(found).tolist()), inverse_positive(information)
