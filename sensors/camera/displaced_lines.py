@@ -80,7 +80,7 @@ def displaced_lines(
         chosen = max(trials, key=lambda trial: _explained(gram, pull, trial))
         if _explained(gram, pull, chosen) > _SHARE * beyond:
             found = _described(gram, pull, lines, chosen, noise)
-            return tuple(sorted(found, key=lambda one: -np.linalg.norm(one.shift)))
+            return tuple(sorted(found, key=lambda line: -np.linalg.norm(line.shift)))
     return ()
 
 
@@ -99,8 +99,8 @@ def _columns(chosen: Sequence[int]) -> np.ndarray:
 
 def _explained(gram, pull, chosen) -> float:
     columns = _columns(chosen)
-    own = np.linalg.lstsq(gram[np.ix_(columns, columns)], pull[columns], rcond=None)[0]
-    return float(pull[columns] @ own)
+    shifts = np.linalg.lstsq(gram[np.ix_(columns, columns)], pull[columns], rcond=None)[0]
+    return float(pull[columns] @ shifts)
 
 
 def _described(gram, pull, lines, chosen, noise) -> list[DisplacedLine]:
@@ -109,8 +109,8 @@ def _described(gram, pull, lines, chosen, noise) -> list[DisplacedLine]:
     # residuals are of the model less the image: a point that stands farther out makes them smaller
     shift, std = -inverse @ pull[columns], np.sqrt(noise * np.diag(inverse))
     parts = zip(chosen, shift.reshape(-1, 2), std.reshape(-1, 2))
-    found = [DisplacedLine(lines[k], own, doubt) for k, own, doubt in parts]
-    return [one for one in found if one.is_sure]
+    found = [DisplacedLine(lines[k], shift, doubt) for k, shift, doubt in parts]
+    return [line for line in found if line.is_sure]
 
 
 @dataclass(frozen=True)

@@ -104,14 +104,14 @@ def shared_errors(rows: CornerRows, precision: np.ndarray, sigma_px: float = 1.0
 
 def without_poses(rows: CornerRows, precision: np.ndarray) -> np.ndarray:
     """(F, 2, n) derivatives less what the poses, with a prior of this precision (6,), absorb of them."""
-    made = np.array(rows.shared)
+    reduced = np.array(rows.shared)
     for k in np.unique(rows.pose):
         mine = rows.pose == k
         by_pose = rows.by_pose[:, :, mine].reshape(_POSE, -1)
-        shared = rows.shared[:, :, mine].reshape(len(made), by_pose.shape[1])
+        shared = rows.shared[:, :, mine].reshape(len(reduced), by_pose.shape[1])
         mix = solve_positive(by_pose @ by_pose.T + np.diag(precision), by_pose @ shared.T)
-        made[:, :, mine] = (shared - mix.T @ by_pose).reshape(len(made), 2, -1)
-    return made
+        reduced[:, :, mine] = (shared - mix.T @ by_pose).reshape(len(reduced), 2, -1)
+    return reduced
 
 
 def _sizes(effects: SharedEffects, variances: Variances):
@@ -172,12 +172,12 @@ def _projected(rows: CornerRows, mine) -> np.ndarray:
 
 def _thinned(rows: CornerRows) -> np.ndarray:
     """(n,) corners of at most so many points of the board in so many images."""
-    kept = np.ones(rows.pose.size, bool)
+    is_selected = np.ones(rows.pose.size, bool)
     for labels, most in ((rows.point, _MOST_POINTS), (rows.pose, _MOST_POSES)):
         every = np.unique(labels)
         some = every[np.unique(np.linspace(0, len(every) - 1, most).astype(int))]
-        kept &= np.isin(labels, some)
-    return kept
+        is_selected &= np.isin(labels, some)
+    return is_selected
 
 
 def scaled(rows: CornerRows, root: np.ndarray) -> CornerRows:
