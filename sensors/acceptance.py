@@ -13,7 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
-from sensors.ball.fit import (
+from sensors.ball.extent import shell
+from sensors.ball.fit import fit_ball
+from sensors.ball.result import (
     EDGE,
     ELSEWHERE,
     INCIDENCE,
@@ -22,8 +24,6 @@ from sensors.ball.fit import (
     REASONS,
     USED,
     BallFit,
-    fit_ball,
-    shell,
 )
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import symmetric_eigen

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from datasets.recording import Recording
-from sensors.ball.fit import BallFit
+from sensors.ball.result import BallFit
 from sensors.camera.model import Camera
 from sensors.scanner.cloud import Cloud
 from sensors.scanner.model import Scanner

@@ -15,7 +15,8 @@ from sensors.acceptance import (
     judged,
     probing_form,
 )
-from sensors.ball.fit import fit_ball, shell
+from sensors.ball.extent import shell
+from sensors.ball.fit import fit_ball
 from workbench.core.errors import InputError
 
 RADIUS, SIGMA = 12.7, 0.01

@@ -9,8 +9,10 @@ from functools import cached_property
 
 import numpy as np
 
-from sensors.ball.extent import seen_extent, shell
+from sensors.ball.checks import check_options, problem_of, unit_vectors
+from sensors.ball.extent import seen_extent
 from sensors.ball.form import UNLIKELY, Form, low_orders, plane_gain, some_of
+from sensors.ball.result import EDGE, INCIDENCE, MISSING, OUTLIER, USED, BallFit
 from sensors.ball.shared import Shared, solve_shared
 from sensors.ball.solve import (
     LOSSES,
@@ -26,17 +28,8 @@ from sensors.ball.solve import (
     used_part,
 )
 from sensors.ball.start import start as find_start
-from workbench.core.errors import InputError
 from workbench.core.text.uncertain import with_std
 
-USED, EDGE, INCIDENCE, OUTLIER, MISSING, ELSEWHERE = range(6)
-REASONS = {
-    EDGE: "edge",
-    INCIDENCE: "incidence",
-    OUTLIER: "outlier",
-    MISSING: "missing",
-    ELSEWHERE: "elsewhere",
-}
 # At so many of its own sigmas a radius is not distinguishable from a plane's by a first-order covariance.
 _KNOWN = 5
 # A further step of the fit, in its own sigmas, up to which it has converged.
@@ -47,86 +40,6 @@ _CHANCE = 4.0
 _FORM = 0.01
 _FLAT = "the cap is too small"
 _TOO_FEW = "no ball found: too few points are left within the limits of incidence and edge"
-
-
-@dataclass(frozen=True)
-class BallFit:
-    """A fitted ball (d = 3) or circle (d = 2); false where the fit failed, and `outcome` says why.
-
-    `centre` (d,) and `radius` mm, the second-order `bias` (d + 1,) mm of the noise already taken
-    off; `covariance` (d + 1, d + 1) mm^2 of both, scaled by the residuals, 0 for a known radius;
-    `sigma_scale` by which the stated sigma of the points has to be multiplied to agree with the
-    residuals (their sigma in mm where none was stated); `rms` mm of the distances of the points used, over their
-    degrees of freedom; `residual` (n,) mm from the surface, positive outside;
-    `reason` (n,) of `REASONS`, 0 where used; `cap` rad, half angle of the cone from the
-    centre that holds the points; `coverage` share of the way round the view (or the cap's middle) that is seen.
-    `cut`: points used lie at the field's limit. `step` that a further iteration would make, in sigmas;
-    `form` (mm, RMS) of orders two and three that the distances show beyond their noise, nan where the points are too
-    few; `free`, where the radius was known, the same ball with a radius of its own; `warnings` sentences on what the
-    covariance does not hold, in `outcome` too.
-    """
-
-    centre: np.ndarray
-    radius: float
-    covariance: np.ndarray
-    bias: np.ndarray
-    sigma_scale: float
-    rms: float
-    residual: np.ndarray
-    reason: np.ndarray
-    cap: float
-    coverage: float
-    cut: bool
-    ok: bool
-    outcome: str
-    step: float = np.nan
-    form: float = np.nan
-    warnings: tuple[str, ...] = ()
-    free: "BallFit | None" = None
-
-    def __bool__(self) -> bool:
-        return self.ok
-
-    @property
-    def inliers(self) -> np.ndarray:
-        """(n,) True for the points used."""
-        return self.reason == USED
-
-    @property
-    def rejected(self) -> dict[str, int]:
-        """Number of points left out, by reason."""
-        return {name: int((self.reason == code).sum()) for code, name in REASONS.items()}
-
-    @property
-    def d95(self) -> float:
-        """Width, mm, of the thinnest shell about the centre that holds 95 % of the points used."""
-        return shell(self.residual[self.inliers], 0.95) if self.ok else np.nan
-
-    @property
-    def peak_to_valley(self) -> float:
-        """Width, mm, of the shell about the centre that holds all points used."""
-        return shell(self.residual[self.inliers], 1.0) if self.ok else np.nan
-
-    @property
-    def radius_gap(self) -> float:
-        """Sigmas by which a radius of its own differs from the stated one; nan where there is nothing to compare."""
-        return (
-            np.nan
-            if self.free is None
-            else float((self.free.radius - self.radius) / self.free.std[-1])
-        )
-
-    @property
-    def centre_moves(self) -> float:
-        """mm between the centre and that of the ball with a radius of its own; nan where there is none."""
-        return (
-            np.nan if self.free is None else float(np.linalg.norm(self.free.centre - self.centre))
-        )
-
-    @property
-    def std(self) -> np.ndarray:
-        """(d + 1,) mm, 1 sigma of centre and radius."""
-        return np.sqrt(np.diag(self.covariance))
 
 
 def fit_ball(points: np.ndarray, sigma=None, radius: float | None = None, **options) -> BallFit:
@@ -182,9 +95,9 @@ def _fit(
     compare=True,
 ):
     points = np.asarray(points, float)
-    full_problem = _problem(points, sigma, radius, d, covariance, direction)
-    view = _units(view, points, "view")
-    _check(radius, incidence, edge, loss, view, groups, shared)
+    full_problem = problem_of(points, sigma, radius, d, covariance, direction)
+    view = unit_vectors(view, points, "view")
+    check_options(radius, incidence, edge, loss, view, groups, shared)
     present = (
         np.isfinite(points).all(0) & np.isfinite(full_problem.sigma) & (full_problem.sigma > 0)
     )
@@ -245,30 +158,31 @@ class _Task:
 
     def fit(self, values) -> BallFit:
         """From centre and radius `values` (d + 1,)."""
-        solved, result = solve(self.problem, values, self.loss, self.trim), None
+        solved = solve(self.problem, values, self.loss, self.trim)
         if not np.isfinite(solved.spread):
             return self.failed(_TOO_FEW)
+        stated_covariance = None
         if self.shared is not None:
-            solved, result = solve_shared(
+            solved, stated_covariance = solve_shared(
                 self.problem, solved, self.loss, self.shared, self.ordered
             )
         part = _Part(self.problem, solved, self.loss, self.trim)
         if len(part.part.place) < self.problem.size:
             return self.failed(_TOO_FEW)
-        result = part.covariance(self.groups, self.ordered, result)
+        stated_covariance = part.covariance(self.groups, self.ordered, stated_covariance)
         lasting = memory(part.part.score) if self.ordered else 1.0
         shape = part.form(lasting)
-        if why := self._refused(part, result, shape, lasting):
+        if why := self._refused(part, stated_covariance, shape, lasting):
             return self.failed(why)
-        fit = part.result(result, self.present, self.at_limit, shape)
+        fit = part.result(stated_covariance, self.present, self.at_limit, shape)
         if self.problem.free or not self.compare:
             return fit
         free = replace(self, problem=replace(self.problem, free=True)).fit(solved.values)
         return _compared(fit, free) if free else fit
 
-    def _refused(self, part, result, shape, lasting) -> str:
+    def _refused(self, part, stated_covariance, shape, lasting) -> str:
         """Why this is no ball, "" where it is one."""
-        radius, doubt = part.values[-1], float(np.sqrt(result[-1, -1]))
+        radius, doubt = part.values[-1], float(np.sqrt(stated_covariance[-1, -1]))
         gain = part.plane_gain() / lasting
         if gain > (-(_KNOWN**2) if part.step > _SETTLED else _KNOWN**2):
             return f"no ball found: a plane fits the points as well as a ball; {_FLAT}, or another surface"
@@ -297,60 +211,6 @@ def _compared(fit: BallFit, free: BallFit) -> BallFit:
         f"{fit.radius:.4f} mm); with its own the centre moves by {1000 * fit.centre_moves:.3g} um"
     )
     return replace(fit, warnings=(*fit.warnings, warning), outcome=f"{fit.outcome}; {warning}")
-
-
-def _problem(points, sigma, radius, d, covariance, direction) -> Problem:
-    if points.ndim != 2 or len(points) != d:
-        raise InputError(
-            f"points: expected an array of shape ({d}, n), found {points.shape}; "
-            "hand over one point a column"
-        )
-    n = points.shape[1]
-    if covariance is not None and (direction is not None or sigma is not None):
-        raise InputError(
-            "points: expected sigma (with or without direction) or covariance, found both; leave one out"
-        )
-    if covariance is not None:
-        covariance = np.broadcast_to(np.reshape(covariance, (d, d, -1)), (d, d, n))
-        sigma = np.sqrt(np.einsum("ddn->n", covariance) / d)
-    sigma = np.broadcast_to(1.0 if sigma is None else np.asarray(sigma, float), (n,))
-    return Problem(
-        points, sigma, covariance, _units(direction, points, "direction"), radius is None
-    )
-
-
-def _units(vectors, points, called):
-    """(d, n) unit vectors of one or n, None for None."""
-    if vectors is None:
-        return None
-    vectors = np.asarray(vectors, float)
-    if len(vectors) != len(points) or vectors.size not in (len(points), points.size):
-        raise InputError(
-            f"{called}: expected one vector or one a point, found shape {vectors.shape}; "
-            "hand over one vector a column"
-        )
-    vectors = np.broadcast_to(vectors.reshape(len(points), -1), points.shape)
-    return vectors / np.linalg.norm(vectors, axis=0)
-
-
-def _check(radius, incidence, edge, loss, view, groups, shared):
-    if groups is not None and shared is not None:
-        raise InputError(
-            "groups: expected groups or shared errors of known covariance, found both; leave one out"
-        )
-    if radius is not None and not 0 < radius < np.inf:
-        raise InputError(
-            f"radius: expected a positive length in mm, found {radius}; measure the ball again"
-        )
-    if loss not in LOSSES:
-        raise InputError(
-            f"loss: expected one of {', '.join(LOSSES)}, found '{loss}'; choose one of them"
-        )
-    if view is None and (incidence is not None or edge):
-        raise InputError(
-            "view: expected the direction in which the sensor looks, found none; "
-            "it is needed to trim by incidence or edge"
-        )
 
 
 def _of(array, chosen):
@@ -386,21 +246,21 @@ class _Failure:
         self.d, self.reason = len(points), np.where(present, OUTLIER, MISSING).astype(np.uint8)
 
     def __call__(self, why: str) -> BallFit:
-        nan = np.full(self.d + 1, np.nan)
+        unknown = np.full(self.d + 1, np.nan)
         return BallFit(
-            nan[1:],
-            np.nan,
-            np.outer(nan, nan),
-            nan,
-            np.nan,
-            np.nan,
-            np.full(len(self.reason), np.nan),
-            self.reason,
-            0.0,
-            0.0,
-            False,
-            False,
-            why,
+            centre=unknown[1:],
+            radius=np.nan,
+            covariance=np.outer(unknown, unknown),
+            bias=unknown,
+            sigma_scale=np.nan,
+            rms=np.nan,
+            residual=np.full(len(self.reason), np.nan),
+            reason=self.reason,
+            cap=0.0,
+            coverage=0.0,
+            cut=False,
+            ok=False,
+            outcome=why,
         )
 
 
@@ -438,22 +298,26 @@ class _Part:
         normal, rows = self.at.normal[:, some], self.at.rows[:, some]
         return low_orders(normal, self.white[some], self.at.sigma[some], rows, lasting)
 
-    def covariance(self, groups, ordered, result):
-        """(d + 1, d + 1), of the points' errors where none is given; rows of a known radius are 0."""
-        if result is None:
-            result = covariance(self.part, _of(groups, self.used))
-            result = result * memory(self.part.score) if ordered and groups is None else result
-        return np.pad(result, (0, len(self.values) - len(result)))
+    def covariance(self, groups, ordered, with_shared_errors):
+        """(d + 1, d + 1) mm^2, of the points' errors where none is given; rows of a known radius are 0."""
+        if with_shared_errors is not None:
+            estimate = with_shared_errors
+        else:
+            estimate = covariance(self.part, _of(groups, self.used))
+            if ordered and groups is None:
+                estimate = estimate * memory(self.part.score)
+        return np.pad(estimate, (0, len(self.values) - len(estimate)))
 
-    def result(self, solution, present, at_limit, shape: Form) -> BallFit:
+    def result(self, stated_covariance, present, at_limit, shape: Form) -> BallFit:
         """The fit, as statements about all points, `present` (n,) or not."""
         problem, used, n = self.problem, self.used, len(present)
         degrees = max(len(self.part.place) - problem.size, 1)
         sigma_scale = float(np.sqrt(self.part.white @ self.part.white / degrees))
-        off = bias(problem, self.at, self.part, self.values[-1], sigma_scale)
-        off = np.pad(off, (0, len(self.values) - len(off)))
+        noise_bias = bias(problem, self.at, self.part, self.values[-1], sigma_scale)
+        noise_bias = np.pad(noise_bias, (0, len(self.values) - len(noise_bias)))
         distance = self.distance
-        residual, reason = np.full(n, np.nan), np.full(n, MISSING, np.uint8)
+        residual = np.full(n, np.nan)
+        reason = np.full(n, MISSING, np.uint8)
         codes = self.trim.codes(self.values, self.at.normal)
         np.copyto(codes, OUTLIER, where=(codes == USED) & ~used)
         present_columns = slice(None) if present.all() else present
@@ -461,24 +325,25 @@ class _Part:
         squares = float(np.square(distance.take(self.part.place)).sum())
         cap, coverage = seen_extent(self.at.normal, self.part.place, self.trim.view)
         cut = 0 if at_limit is None else int((at_limit & used).sum())
-        values, shape_warnings = self.values - off, _misshapen(shape)
+        values = self.values - noise_bias
+        shape_warnings = _misshapen(shape)
         return BallFit(
-            values[:-1],
-            float(values[-1]),
-            solution,
-            off,
-            sigma_scale,
-            float(np.sqrt(squares / degrees)),
-            residual,
-            reason,
-            cap,
-            coverage,
-            cut > 0,
-            True,
-            _outcome(reason, cap, coverage, cut, shape_warnings),
-            self.step,
-            shape.rms,
-            shape_warnings,
+            centre=values[:-1],
+            radius=float(values[-1]),
+            covariance=stated_covariance,
+            bias=noise_bias,
+            sigma_scale=sigma_scale,
+            rms=float(np.sqrt(squares / degrees)),
+            residual=residual,
+            reason=reason,
+            cap=cap,
+            coverage=coverage,
+            cut=cut > 0,
+            ok=True,
+            outcome=_outcome(reason, cap, coverage, cut, shape_warnings),
+            step=self.step,
+            form=shape.rms,
+            warnings=shape_warnings,
         )
 
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sensors.ball.arcs import Arcs, centres_of
-from sensors.ball.fit import ELSEWHERE, BallFit, fit_ball
+from sensors.ball.fit import fit_ball
+from sensors.ball.result import ELSEWHERE, BallFit
 from sensors.ball.single_stripe import LEAST_ARC, Widths, likeliest, undetermined, unlike_few
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sensors.ball.fit import OUTLIER, BallFit
+from sensors.ball.result import OUTLIER, BallFit
 
 DETERMINED_MM = 0.1
 """1 sigma of the centre along any direction up to which a ball on few stripes counts as found."""

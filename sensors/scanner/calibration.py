@@ -314,11 +314,8 @@ def _prepared(camera, stripes: BoardStripes, board) -> _Found:
         "see that `placement` of board and board-laser images agree",
     )
     lines, displaced = _stationary(camera, retained, group, hits[2])
-    retained, group, hits = (
-        _less(retained, ~displaced, dropped, _FIXED),
-        group[~displaced],
-        hits[:, ~displaced],
-    )
+    retained = _less(retained, ~displaced, dropped, _FIXED)
+    group, hits = group[~displaced], hits[:, ~displaced]
     _some(
         retained,
         "points of a laser line that moves in the image with the board",

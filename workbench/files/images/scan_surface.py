@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sensors.ball.fit import ELSEWHERE
+from sensors.ball.result import ELSEWHERE
 from sensors.ball.search import find_balls
 from sensors.scanner.model import Scanner
 

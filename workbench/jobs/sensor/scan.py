@@ -11,7 +11,8 @@ import numpy as np
 from datasets.recording import Recording
 from datasets.rows import Grouped
 from sensors.acceptance import Characteristic, Probed, acceptance
-from sensors.ball.fit import ELSEWHERE, INCIDENCE, MISSING, BallFit, fit_ball
+from sensors.ball.fit import fit_ball
+from sensors.ball.result import ELSEWHERE, INCIDENCE, MISSING, BallFit
 from sensors.ball.search import Refusal, find_balls
 from sensors.ball.single_stripe import undetermined
 from sensors.boards.detection import Rejected

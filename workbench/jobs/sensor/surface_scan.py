@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from datasets.recording import Recording
-from sensors.ball.fit import BallFit, fit_ball
+from sensors.ball.fit import fit_ball
+from sensors.ball.result import BallFit
 from sensors.ball.shared import Shared
 from sensors.scanner.motion import Motion
 from workbench.core.errors import InputError
