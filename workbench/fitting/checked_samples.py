@@ -60,7 +60,7 @@ def check_samples(
     if ambiguity is not None:
         samples = replace(samples, warnings=(*samples.warnings, ambiguity))
     fitted = samples.select(rows_to_fit(samples, fit_samples, test_samples))
-    doubts, far = [], []
+    suspicions, far = [], []
     for suspicion in check_plausibility(robot, fitted):
         if suspicion.certain and not trust_data:
             raise InputError(naming_option(suspicion.sentence))
@@ -69,10 +69,10 @@ def check_samples(
         if suspicion.cause in _HARMLESS_TO_THE_FIT:
             samples = replace(samples, warnings=(*samples.warnings, suspicion.sentence))
         else:
-            doubts.append(
+            suspicions.append(
                 accepted_by_option(suspicion.sentence) if suspicion.certain else suspicion.sentence
             )
-    return CheckedSamples(robot, samples, tuple(doubts), " ".join(far))
+    return CheckedSamples(robot, samples, tuple(suspicions), " ".join(far))
 
 
 def rows_to_fit(

@@ -266,9 +266,9 @@ def _unseen(fitted_on: Model, seen: Model, parameters: Parameters) -> np.ndarray
 
 def places_of_target(model: Model, parameters: Parameters) -> np.ndarray:
     """(P,) True for the chain's parameters that place what is measured on the tool or the artefact."""
-    own = np.arange(len(parameters)) < len(model.chain.parameters)
+    is_of_chain = np.arange(len(parameters)) < len(model.chain.parameters)
     placed = [np.char.startswith(parameters.keys, where) for where in ("tool.", "artefact.")]
-    return own & (placed[0] | placed[1])
+    return is_of_chain & (placed[0] | placed[1])
 
 
 def pad_to_position(residual: np.ndarray) -> np.ndarray:

@@ -49,9 +49,9 @@ def choose_joint_curves(model: Model, parameters: Parameters) -> tuple[tuple[str
     if linear.square < np.finfo(float).tiny:  # the samples fit exactly: nothing is left for a curve
         return ()
     precision, variance = _scaled(linear)
-    kept = _retained_octaves(linear, precision, variance, curves)
+    retained = _retained_octaves(linear, precision, variance, curves)
     rows = []
-    for curve, octaves in zip(curves, kept):
+    for curve, octaves in zip(curves, retained):
         if octaves:
             options = dict(curve.options) | {"terms": min(2**octaves - 1, curve.terms)}
             rows.append((curve.effect, curve.where, options))
@@ -98,19 +98,21 @@ def _scaled(linear: _Linear) -> tuple[np.ndarray, float]:
             mine = linear.group == g
             scale = (mean[mine] ** 2).sum() / max(determined[mine].sum(), 1e-3)
             precision[mine] = 1 / np.clip(scale, _LEAST_SCALE**2, _MOST_SCALE**2)
-        left = linear.square - 2 * mean @ linear.right + mean @ linear.gram @ mean
-        variance = max(left, 1e-12 * linear.square) / max(linear.count - determined.sum(), 1.0)
+        residual_squares = linear.square - 2 * mean @ linear.right + mean @ linear.gram @ mean
+        variance = max(residual_squares, 1e-12 * linear.square) / max(
+            linear.count - determined.sum(), 1.0
+        )
         if np.allclose(np.log(precision), np.log(before), atol=_SETTLED):
             break
     return precision, variance
 
 
-def _log_evidence(linear: _Linear, precision, variance, kept) -> float:
+def _log_evidence(linear: _Linear, precision, variance, retained) -> float:
     """Log marginal likelihood of the columns `kept` (C,) bool, up to a constant."""
-    scale = 1 / np.sqrt(precision[kept])
-    matrix = linear.gram[np.ix_(kept, kept)] * np.outer(scale, scale) / variance
+    scale = 1 / np.sqrt(precision[retained])
+    matrix = linear.gram[np.ix_(retained, retained)] * np.outer(scale, scale) / variance
     matrix[np.diag_indices_from(matrix)] += 1.0
-    right = linear.right[kept] * scale / variance
+    right = linear.right[retained] * scale / variance
     try:
         factor = np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:
@@ -129,20 +131,20 @@ def _retained_octaves(linear: _Linear, precision, variance, curves) -> list[int]
     The highest octave goes first, as long as the marginal likelihood does not fall clearly.
     """
     octaves = [curve.terms.bit_length() for curve in curves]
-    kept = np.ones(len(linear.group), bool)
-    now = _log_evidence(linear, precision, variance, kept)
+    retained = np.ones(len(linear.group), bool)
+    now = _log_evidence(linear, precision, variance, retained)
     members = _members(linear, curves)
     changed = True
     while changed:
         changed = False
         for k in range(len(curves)):
             while octaves[k]:
-                fewer = kept.copy()
+                fewer = retained.copy()
                 fewer[members[k][octaves[k] - 1]] = False
                 without = _log_evidence(linear, precision, variance, fewer)
                 if now - without > _CLEAR:
                     break
-                kept, now, changed = fewer, without, True
+                retained, now, changed = fewer, without, True
                 octaves[k] -= 1
     return octaves
 

@@ -62,16 +62,16 @@ class LinearFit:
         )
 
 
-def without_free(normal: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, int]:
+def without_free(normal: np.ndarray, retained: np.ndarray) -> tuple[np.ndarray, int]:
     """(K, K) normal matrix (F, F) of the parameters `kept` (F,) bool after elimination of the others, and their rank.
 
     The Schur complement: what remains where parameters without a prior have been solved for.
     """
-    others = normal[np.ix_(~kept, ~kept)]
-    coupling = normal[np.ix_(~kept, kept)]
+    others = normal[np.ix_(~retained, ~retained)]
+    coupling = normal[np.ix_(~retained, retained)]
     inverse = pseudo_inverse(others) if len(others) else others
     rank = int(np.rint((inverse * others).sum()))
-    reduced = normal[np.ix_(kept, kept)] - coupling.T @ inverse @ coupling
+    reduced = normal[np.ix_(retained, retained)] - coupling.T @ inverse @ coupling
     return (reduced + reduced.T) / 2, rank
 
 

@@ -28,11 +28,11 @@ def solve_nonnegative(
     effect is their combination, which may be negative.
     """
     bounded = _bounded(model) & ~np.isin(model.parameters.keys, _combinations(tied or {}))
-    held: list[str] = []
+    bounded_to_zero: list[str] = []
     while (worst := _most_negative(fit, bounded)) is not None:
-        held.append(fit.parameters.keys[worst])
+        bounded_to_zero.append(fit.parameters.keys[worst])
         fit = solve(model, _at_zero(fit.parameters, worst), loss, steps)
-    return fit, frozenset(held)
+    return fit, frozenset(bounded_to_zero)
 
 
 def _combinations(tied: Mapping[str, Sequence[str]]) -> list[str]:

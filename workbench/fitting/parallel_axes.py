@@ -20,7 +20,7 @@ def parallelism_warnings(stages: Sequence[Stage], robot: Robot) -> tuple[str, ..
     Hayati & Mirmirani 1985. A plan that frees none of the geometry is meant so and gets no warning.
     """
     patterns = [pattern for stage in stages for pattern in stage.free]
-    held = [pattern for stage in stages for pattern, _ in stage.hold]
+    held_patterns = [pattern for stage in stages for pattern, _ in stage.hold]
     geometry = [
         f"joint-{k + 1}.{n}{k + 1}" for k in range(robot.joints) for n in ("theta", "alpha")
     ]
@@ -31,7 +31,7 @@ def parallelism_warnings(stages: Sequence[Stage], robot: Robot) -> tuple[str, ..
     return tuple(
         _WARNING.format(first=k, second=k + 1, key=key)
         for k, key in keys.items()
-        if not _matches(key, [*patterns, *held])
+        if not _matches(key, [*patterns, *held_patterns])
     )
 
 

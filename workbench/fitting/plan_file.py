@@ -45,9 +45,9 @@ def without_terms(
     rows = [row for stage in stages for row in stage.effects]
     names = [term_names(CATALOGUE[effect].effect, place, effect) for effect, place, _ in rows]
     off = iter(switched_off(names, patterns, where))
-    kept = []
+    remaining_stages = []
     for stage in stages:
         effects = tuple(row for row in stage.effects if not next(off))
         if effects or not stage.effects:
-            kept.append(replace(stage, effects=effects))
-    return tuple(kept)
+            remaining_stages.append(replace(stage, effects=effects))
+    return tuple(remaining_stages)

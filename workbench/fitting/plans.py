@@ -62,8 +62,8 @@ def stage_mask(parameters: Parameters, stage: Stage, effects, chain) -> np.ndarr
             raise InputError(
                 f"stage '{stage.name}' of the plan, key free: {problem}; correct the pattern"
             ) from None
-    own = [p.key for effect in effects for p in effect.parameters(chain)]
-    return np.isin(parameters.keys, own)
+    effect_keys = [p.key for effect in effects for p in effect.parameters(chain)]
+    return np.isin(parameters.keys, effect_keys)
 
 
 def geometry(robot: Robot) -> Stage:

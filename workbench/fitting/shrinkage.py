@@ -64,12 +64,14 @@ def rescaled(
     present, widest = (
         table.precision[parameters.mask] * size**2 for table in (parameters, model.parameters)
     )
-    own = np.where(widest > 0, widest, _MOST**-2)
-    least = np.minimum(own, np.where(present > 0, present, own))
-    kept = (present > 0) | (family >= 0)  # the others have no prior, whatever the scales
-    reduced, _ = without_free(normal, kept)
+    precision_of_row = np.where(widest > 0, widest, _MOST**-2)
+    least = np.minimum(precision_of_row, np.where(present > 0, present, precision_of_row))
+    has_prior = (present > 0) | (family >= 0)  # the others have no prior, whatever the scales
+    reduced, _ = without_free(normal, has_prior)
     precision = present.copy()
-    precision[kept] = _scaled(reduced, away[kept], present[kept], least[kept], family[kept])
+    precision[has_prior] = _scaled(
+        reduced, away[has_prior], present[has_prior], least[has_prior], family[has_prior]
+    )
     return _with_priors(parameters, family, size / np.sqrt(np.maximum(precision, 1e-300)))
 
 
@@ -118,7 +120,7 @@ def _is_same(changes: np.ndarray, spent: np.ndarray) -> bool:
 
 def _with_priors(parameters, family, prior):
     table = list(parameters.table)
-    for k, own, width in zip(np.flatnonzero(parameters.mask), family, prior):
-        if own >= 0:
+    for k, group, width in zip(np.flatnonzero(parameters.mask), family, prior):
+        if group >= 0:
             table[k] = replace(table[k], prior=float(width))
     return Parameters(tuple(table), parameters.values, parameters.mask)

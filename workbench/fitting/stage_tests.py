@@ -36,7 +36,7 @@ def partial_f_p_value(residuals, sigma: np.ndarray, degrees: tuple[float, float]
     of one, and so small a gain is no evidence. Source: Seber & Lee, Linear Regression Analysis (2003), sec. 4.3.
     """
     spent = max(degrees[0] - degrees[1], 1.0)
-    left = max(degrees[1], 1.0)
+    remaining_degrees = max(degrees[1], 1.0)
     before, after = (float(((residual / sigma) ** 2).sum()) for residual in residuals)
-    ratio = max(before - after, 0.0) / spent / max(after / left, 1e-300)
-    return float(fisher.sf(ratio, spent, left))
+    ratio = max(before - after, 0.0) / spent / max(after / remaining_degrees, 1e-300)
+    return float(fisher.sf(ratio, spent, remaining_degrees))

@@ -49,8 +49,8 @@ def solve_independent(model: Model, trial: Fit, free: Parameters, stage: Stage) 
     fit = solve(model, free, stage.loss, stage.steps, trial)
     if _squares(model, fit) <= _SAME_FIT * _squares(model, trial):
         return fit
-    kept = replace(free, values=trial.parameters.values)
-    return solve(model, kept, stage.loss, stage.steps, trial)
+    fallback = replace(free, values=trial.parameters.values)
+    return solve(model, fallback, stage.loss, stage.steps, trial)
 
 
 def _squares(model: Model, fit: Fit) -> float:
@@ -63,8 +63,8 @@ def _with_noise(
 ) -> tuple[RobotChain, Model]:
     """The chain of all samples and the model of the fitted samples, with the noise of a fit."""
     chain = noise_scaled(chain, trial, fitted, may_shrink=False)
-    own = replace(part.chain, sigma=chain.sigma[:, fitted])
-    return chain, part.with_chain(own)
+    chain_with_noise = replace(part.chain, sigma=chain.sigma[:, fitted])
+    return chain, part.with_chain(chain_with_noise)
 
 
 __all__ = ["fit_with_noise"]

@@ -59,8 +59,8 @@ def widened(model: Model, fit: Fit) -> Parameters:
     if wider is linear.precision:
         return parameters
     table = list(parameters.table)
-    for k, own, new in zip(linear.rows, linear.precision, wider):
-        if new != own:
+    for k, precision, new in zip(linear.rows, linear.precision, wider):
+        if new != precision:
             table[k] = replace(table[k], prior=float(table[k].typical / np.sqrt(new)))
     return Parameters(tuple(table), parameters.values, parameters.mask)
 

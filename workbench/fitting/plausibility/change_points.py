@@ -69,14 +69,14 @@ def find_change_point(robot, recording, fit) -> ChangePoint | None:
     scans = {place: _scan(system, place) for place in places}
     place = max(scans, key=lambda name: scans[name][1])
     k, explained = scans[place]
-    left = max(system.squares - explained, 1e-12)
-    gain = float(np.sqrt(system.squares / left))
+    unexplained = max(system.squares - explained, 1e-12)
+    gain = float(np.sqrt(system.squares / unexplained))
     if gain < _LEAST_GAIN:
         return None
     words = _WORDS[place]
     what = words.get(recording.measures, words[""])
     ids = ordered.sample_ids
-    scale = np.sqrt(left / ordered.n)
+    scale = np.sqrt(unexplained / ordered.n)
     return ChangePoint(what, int(ids[k - 1]), int(ids[k]), gain, scale, system.shift(place, k))
 
 
@@ -98,10 +98,10 @@ class _System:
         rows[:, POSITION:] *= lever
         mismatch = np.sqrt((residual**2).sum(0))
         # rows far beyond all others are blunders, which are looked for elsewhere
-        kept = mismatch <= _EXTREME * max(np.quantile(mismatch, 0.75), 1e-9)
+        is_usable = mismatch <= _EXTREME * max(np.quantile(mismatch, 0.75), 1e-9)
         self.keys = np.array(parameters.keys)[parameters.mask]
-        self.rows = np.where(kept, rows, 0.0)
-        self.residual = np.where(kept, residual, 0.0)
+        self.rows = np.where(is_usable, rows, 0.0)
+        self.residual = np.where(is_usable, residual, 0.0)
         noise = max(float(np.median(mismatch)) ** 2 / len(residual), 1e-6)
         precision = noise / prior[parameters.mask] ** 2
         flat = self.rows.reshape(len(rows), self.residual.size)
@@ -121,16 +121,16 @@ class _System:
 
     def reductions(self, place, splits):
         """(K, P) motions from each of K splits on, and the reductions (K,) of the sum of squares by them."""
-        own = self.rows[self.columns(place)]
+        rows_of_place = self.rows[self.columns(place)]
         later = {
-            "own": np.einsum("amn,bmn->nab", own, own),
-            "cross": np.einsum("amn,fmn->naf", own, self.rows),
-            "gradient": np.einsum("amn,mn->na", own, self.projected),
+            "own": np.einsum("amn,bmn->nab", rows_of_place, rows_of_place),
+            "cross": np.einsum("amn,fmn->naf", rows_of_place, self.rows),
+            "gradient": np.einsum("amn,mn->na", rows_of_place, self.projected),
         }
         sums = {name: np.cumsum(part[::-1], axis=0)[::-1][splits] for name, part in later.items()}
         matrix = sums["own"] - sums["cross"] @ self.inverse @ sums["cross"].transpose(0, 2, 1)
         size = np.sqrt(np.maximum(np.einsum("kaa->ka", sums["own"]), 1e-12))
-        matrix = matrix / (size[:, :, None] * size[:, None, :]) + 1e-7 * np.eye(len(own))
+        matrix = matrix / (size[:, :, None] * size[:, None, :]) + 1e-7 * np.eye(len(rows_of_place))
         gradient = sums["gradient"] / size
         motion = np.linalg.solve(matrix, gradient[..., None])[..., 0]
         return motion / size, (motion * gradient).sum(1)
@@ -200,13 +200,13 @@ def _what_moved(robot, recording, fits, split):
     far it moves the measured points (RMS, mm)."""
     first, _ = fits
     later = recording.select(np.arange(split, recording.n))
-    left = {}
+    unexplained = {}
     for place, patterns in (("base", ("base.*",)), ("tool", tool_patterns(later))):
         try:
             start = fit_recording(robot, later).parameters
             values = np.where(start.matching(*patterns), start.values, first.parameters.values)
-            left[place] = fit_recording(robot, later, values, free=patterns, steps=30).scale
+            unexplained[place] = fit_recording(robot, later, values, free=patterns, steps=30).scale
         except (np.linalg.LinAlgError, InputError):
-            left[place] = np.inf
+            unexplained[place] = np.inf
     moved = row_mismatch(robot, later, first)
-    return min(left, key=left.get), float(np.sqrt((moved**2).mean()))
+    return min(unexplained, key=unexplained.get), float(np.sqrt((moved**2).mean()))

@@ -158,11 +158,11 @@ def _majority_fit(robot, recording, good, share: float) -> Fit | None:
             fit = fit_recording(
                 robot, recording.select(rows[even_rows(recording.select(rows), _ROWS)])
             )
-            own = row_mismatch(robot, recording, fit)
+            mismatch = row_mismatch(robot, recording, fit)
         except (np.linalg.LinAlgError, InputError, ValueError):
             continue
         plausible = np.abs(fit.deviations).max(initial=0.0) < FAR
-        if plausible and np.isfinite(fit.scale) and (own < 3 * good).mean() > share:
+        if plausible and np.isfinite(fit.scale) and (mismatch < 3 * good).mean() > share:
             return fit
     return None
 

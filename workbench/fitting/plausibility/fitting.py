@@ -205,9 +205,9 @@ def _spare_rows(system: RotationSystem) -> int:
 
 def _scale_of(system: RotationSystem, distances: np.ndarray) -> float:
     """RMS mm of the best 90 % of the samples at distances (n,) in units of the rows."""
-    kept = np.sort(distances)[: int(np.ceil(_KEPT * len(distances)))]
+    smallest = np.sort(distances)[: int(np.ceil(_KEPT * len(distances)))]
     share = system.right.size / _spare_rows(system)
-    return float(np.sqrt((kept**2).mean() * share)) * MODEL_ERROR_MM
+    return float(np.sqrt((smallest**2).mean() * share)) * MODEL_ERROR_MM
 
 
 def row_residual(robot, recording, fit: Fit) -> np.ndarray:
@@ -308,21 +308,21 @@ class _Problem:
         )
         degrees = m * n - float(spent)
         mismatch = np.sqrt((self.residual**2).sum(0))
-        kept = np.argsort(mismatch)[: max(int(np.ceil(_KEPT * n)), 1)]
+        best_rows = np.argsort(mismatch)[: max(int(np.ceil(_KEPT * n)), 1)]
         lost = np.sqrt(m * n / degrees) if degrees >= _LEAST_SPARE else np.inf
-        position = float(np.sqrt((self.residual[:POSITION, kept] ** 2).sum(0).mean()))
-        turns = self.residual[POSITION:, kept] / self.lever
+        position = float(np.sqrt((self.residual[:POSITION, best_rows] ** 2).sum(0).mean()))
+        turns = self.residual[POSITION:, best_rows] / self.lever
         rotation = float(np.rad2deg(np.sqrt((turns**2).sum(0).mean()))) if len(turns) else np.nan
         core = float(np.median(mismatch) / np.sqrt(_MEDIAN_CHI2[m] / m))
         deviations = (self.parameters.pack() - self.nulls) * np.sqrt(self.precision)
         residual = np.concatenate([self.residual[:POSITION], self.residual[POSITION:] / self.lever])
-        whole = float(np.sqrt((mismatch[kept] ** 2).mean())) * lost
+        scale_of_best = float(np.sqrt((mismatch[best_rows] ** 2).mean())) * lost
         return Fit(
             self.model,
             self.parameters,
             residual,
             mismatch,
-            whole,
+            scale_of_best,
             core * lost,
             position,
             rotation,

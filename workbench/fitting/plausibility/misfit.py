@@ -221,10 +221,10 @@ def doubtful_columns(recording, recorded, good) -> Iterator[Suspicion]:
 
 def _unexplained(robot, recording, recorded, good) -> Iterator[Suspicion]:
     named, fits = _named(recording), _fits(recorded, good)
-    doubts = (
+    sentences = (
         list(doubtful_columns(recording, recorded, good)) if recorded.scale > _FAR * good else []
     )
-    yield from doubts
+    yield from sentences
     if _in_no_order(robot, recording, recorded):
         yield Suspicion(
             f"{named}: {fits}; the measurements fit no better than in random order, so that rows of measurements and "
@@ -233,7 +233,7 @@ def _unexplained(robot, recording, recorded, good) -> Iterator[Suspicion]:
             False,
             "rows-shuffled",
         )
-    elif not doubts and recorded.scale > _FAR * good:
+    elif not sentences and recorded.scale > _FAR * good:
         yield from _unknown_cause(robot, recording, recorded, named, fits)
 
 

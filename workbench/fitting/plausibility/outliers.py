@@ -98,8 +98,10 @@ def _is_condition(recording, rows: np.ndarray) -> bool:
     conditions = [recording.columns[name] for name in set(recording.columns) - own_names]
     count = len(np.unique(recording.poses[rows]))
     for values in [np.arange(recording.n), *conditions]:
-        own = values[rows]
-        share = float(((values >= own.min()) & (values <= own.max())).mean())
+        category_values = values[rows]
+        share = float(
+            ((values >= category_values.min()) & (values <= category_values.max())).mean()
+        )
         is_rare = share < _RARE and len(np.unique(values)) <= _FEW_VALUES
         if is_rare or (count >= _SEVERAL and share**count < _CHANCE):
             return True

@@ -42,8 +42,8 @@ def _joint_rows(robot, fit) -> np.ndarray:
     """(J, 3, n) derivative of the position (mm) by every joint variable (rad, mm)."""
     rows = []
     for number, slides in enumerate(robot.prismatic, 1):
-        own = fit.parameters.matching(f"joint-{number}.{'d' if slides else 'theta'}{number}")
-        rows.append(fit.model.linearise(fit.parameters.only(own))[1][0, :POSITION])
+        offset_row = fit.parameters.matching(f"joint-{number}.{'d' if slides else 'theta'}{number}")
+        rows.append(fit.model.linearise(fit.parameters.only(offset_row))[1][0, :POSITION])
     return np.stack(rows)
 
 

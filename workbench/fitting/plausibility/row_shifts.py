@@ -47,8 +47,8 @@ def row_shift_suspicions(robot, recording, good: float) -> list[Suspicion]:
     steps = (0, *shift_steps(recording))
     moved = [_displaced(recording, names, step) for step in steps]
     for half in np.array_split(np.arange(recording.n), 2):
-        for one in moved:
-            change = _change_from(robot, moved, steps, one.select(half), good)
+        for shifted in moved:
+            change = _change_from(robot, moved, steps, shifted.select(half), good)
             if change is not None:
                 return [_suspicion(recording, change)]
     return []
@@ -67,7 +67,7 @@ def _change_from(robot, moved, steps: Sequence[int], half, good: float) -> _Chan
         fit = fit_recording(robot, half.select(even_rows(half, _ROWS)))
         if not fit.core <= good:
             return None
-        mismatch = np.array([row_mismatch(robot, one, fit) for one in moved])
+        mismatch = np.array([row_mismatch(robot, shifted, fit) for shifted in moved])
     except FAILURES:
         return None
     costs = np.minimum(mismatch / (_FITTING * good), 1.0) ** 2

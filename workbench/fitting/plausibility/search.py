@@ -168,7 +168,7 @@ def _seeds(beam) -> list[Candidate]:
 
 def _joined(beam: list[Candidate], singles: list[Correction]) -> list[Correction]:
     """Each of the beam with each single correction of other columns, every pair once."""
-    made = {}
+    beams = {}
     for candidate in beam:
         for single in singles:
             both_signs = (
@@ -176,5 +176,5 @@ def _joined(beam: list[Candidate], singles: list[Correction]) -> list[Correction
             )  # screened as sign vectors
             if not both_signs and not candidate.correction.touches & single.touches:
                 pair = join([candidate.correction, single])
-                made.setdefault(frozenset([candidate.correction.claim, single.claim]), pair)
-    return list(made.values())
+                beams.setdefault(frozenset([candidate.correction.claim, single.claim]), pair)
+    return list(beams.values())

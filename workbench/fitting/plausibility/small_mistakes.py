@@ -58,41 +58,59 @@ def small_mistakes(robot, recording, recorded: Fit) -> list[Suspicion]:
     noise = _stated_noise(recording, recorded)
     if recorded.degrees < _LEAST_DEGREES or not _is_above(recorded, noise):
         return []
-    found = [one for one in alternatives(robot, recording) if _explains(one, noise)]
+    found = [
+        alternative
+        for alternative in alternatives(robot, recording)
+        if _explains(alternative, noise)
+    ]
     if not found:
         return []
-    least = min(one.fit.scale for one in found)
-    close = [one for one in found if one.fit.scale <= CLOSE * least]
-    best, *others = sorted(close, key=lambda one: (rank(one), one.fit.scale))
+    least = min(alternative.fit.scale for alternative in found)
+    close = [alternative for alternative in found if alternative.fit.scale <= CLOSE * least]
+    best, *others = sorted(
+        close, key=lambda alternative: (rank(alternative), alternative.fit.scale)
+    )
     sentence = correction_sentence(
-        recording, best.recorded, best, [one.correction for one in others]
+        recording, best.recorded, best, [alternative.correction for alternative in others]
     )
     return [Suspicion(sentence, False, best.correction.cause)]
 
 
 def untested_signs(robot, recording) -> list[Alternative]:
     """Joint columns that fit about as well, or better, with the opposite sign: the data do not test their sign."""
-    signs = [one for one in alternatives(robot, recording) if one.correction.cause == SIGN]
-    return [one for one in signs if one.is_plausible and one.gain > -_EVIDENCE]
+    signs = [
+        alternative
+        for alternative in alternatives(robot, recording)
+        if alternative.correction.cause == SIGN
+    ]
+    return [
+        alternative
+        for alternative in signs
+        if alternative.is_plausible and alternative.gain > -_EVIDENCE
+    ]
 
 
 def alternatives(robot, recording) -> list[Alternative]:
     """Single corrections of joint columns that leave about the misfit of the recorded data, each fitted."""
     chosen = recording.select(even_rows(recording, _ROWS))
-    moving = [one for one in joint_corrections(chosen) if _is_moving(chosen, one)]
+    moving = [
+        correction for correction in joint_corrections(chosen) if _is_moving(chosen, correction)
+    ]
     limit = _SAME_SIZE * nominal_scale(robot, chosen)
-    near = [one.correction for one in screen(robot, chosen, moving) if one.scale <= limit]
+    near = [
+        screened.correction for screened in screen(robot, chosen, moving) if screened.scale <= limit
+    ]
     if not near:
         return []
     recorded = fit_recording(robot, chosen, steps=_STEPS)
-    made = []
+    judged = []
     for correction in near[:_JUDGED]:
         try:
             fit = fit_recording(*correction.apply(robot, chosen), steps=_STEPS)
         except (np.linalg.LinAlgError, InputError, ValueError):
             continue
-        made.append(Alternative(correction, fit, recorded))
-    return made
+        judged.append(Alternative(correction, fit, recorded))
+    return judged
 
 
 def _is_moving(recording, correction) -> bool:
@@ -116,10 +134,10 @@ def _is_above(fit: Fit, noise: float) -> bool:
     return bool(ratio > _RELEVANT and chi2.sf(fit.degrees * ratio**2, fit.degrees) < _LEVEL)
 
 
-def _explains(one: Alternative, noise: float) -> bool:
-    if not one.is_plausible or one.gain < _EVIDENCE:
+def _explains(alternative: Alternative, noise: float) -> bool:
+    if not alternative.is_plausible or alternative.gain < _EVIDENCE:
         return False
-    corrected = one.correction.comparable(one.fit.scale)
-    recorded = one.recorded.scale
+    corrected = alternative.correction.comparable(alternative.fit.scale)
+    recorded = alternative.recorded.scale
     to_noise = corrected < _NEAR * noise and recorded > _NEAR * corrected
     return to_noise or _FALLS * corrected < recorded

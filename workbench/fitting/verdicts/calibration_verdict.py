@@ -55,7 +55,7 @@ def calibration_verdict(
     a tolerance is exceeded, and where the report of the noise raises an alarm.
     """
     verdicts = [_judged(_position(held_out, report), tolerances, report.advice)]
-    if "rotation_rms_deg" in held_out or any(one.unit == "deg" for one in tolerances):
+    if "rotation_rms_deg" in held_out or any(tolerance.unit == "deg" for tolerance in tolerances):
         verdicts.append(_judged(_orientation(held_out, report), tolerances, report.advice))
     verdict = combine(verdicts)
     return _failed(verdict) if report.alarms else verdict
@@ -114,35 +114,40 @@ def _orientation(held_out: Mapping, report: NoiseReport) -> _Quantity:
     )
 
 
-def _judged(one: _Quantity, tolerances: Sequence[Tolerance], advice: str) -> Verdict:
+def _judged(quantity: _Quantity, tolerances: Sequence[Tolerance], advice: str) -> Verdict:
     """The verdict on a held-out error: the fit's own test says nothing about poses that the fit did not see."""
-    overfitted = _too_few_poses(one)
-    residual = Residual(one.held_out, one.unit, one.name, is_significant=_is_above(one, overfitted))
-    verdict = judge(residual, one.noise, tolerances, overfitted or advice)
-    if one.noise is None and overfitted:
+    overfitted = _too_few_poses(quantity)
+    residual = Residual(
+        quantity.held_out,
+        quantity.unit,
+        quantity.name,
+        is_significant=_is_above(quantity, overfitted),
+    )
+    verdict = judge(residual, quantity.noise, tolerances, overfitted or advice)
+    if quantity.noise is None and overfitted:
         return replace(verdict, sentence=f"{verdict.sentence[:-1]}; {overfitted}.")
     return verdict
 
 
-def _is_above(one: _Quantity, overfitted: str) -> bool | None:
+def _is_above(quantity: _Quantity, overfitted: str) -> bool | None:
     """Whether the held-out error exceeds the noise; None where no noise is known."""
-    if one.noise is None or one.is_above is None:
+    if quantity.noise is None or quantity.is_above is None:
         return None
-    return one.is_above or bool(overfitted)
+    return quantity.is_above or bool(overfitted)
 
 
-def _too_few_poses(one: _Quantity) -> str:
+def _too_few_poses(quantity: _Quantity) -> str:
     """What a held-out error means that is significantly above both the noise and the fit; else ''."""
-    noise = one.noise.value if one.noise else 0.0
-    expected = max(one.corrected, noise)
-    if not expected > 0 or not math.isfinite(one.held_out):
+    noise = quantity.noise.value if quantity.noise else 0.0
+    expected = max(quantity.corrected, noise)
+    if not expected > 0 or not math.isfinite(quantity.held_out):
         return ""
-    ratio = one.held_out / expected
-    if ratio < _TOO_FEW or not is_far_above(ratio, one.degrees):
+    ratio = quantity.held_out / expected
+    if ratio < _TOO_FEW or not is_far_above(ratio, quantity.degrees):
         return ""
     return (
-        f"too few poses for this model: fit {one.fit:.2g} {one.unit}, held out {one.held_out:.2g} {one.unit}; measure "
-        "more poses, spread over the range of every joint"
+        f"too few poses for this model: fit {quantity.fit:.2g} {quantity.unit}, "
+        f"held out {quantity.held_out:.2g} {quantity.unit}; measure more poses, spread over the range of every joint"
     )
 
 

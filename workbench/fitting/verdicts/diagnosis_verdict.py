@@ -53,11 +53,15 @@ class DiagnosisCheck:
         return {"verdict_details": self.verdict.as_json(), **noise, "warnings": warnings}
 
 
-def check_diagnosis(made, recording, tolerances: Sequence[Tolerance] = ()) -> DiagnosisCheck:
+def check_diagnosis(diagnosis, recording, tolerances: Sequence[Tolerance] = ()) -> DiagnosisCheck:
     """Judge what a `workbench.explanation.result.Diagnosis` of a recording leaves."""
-    answer = made.as_json()
-    unit, held_out = made.unit, answer["held_out"]
-    noise = noise_of(made, recording, held_out) if unit == "mm" and made.views is not None else None
+    answer = diagnosis.as_json()
+    unit, held_out = diagnosis.unit, answer["held_out"]
+    noise = (
+        noise_of(diagnosis, recording, held_out)
+        if unit == "mm" and diagnosis.views is not None
+        else None
+    )
     if any(effect["effect"] == _STATED_NOISE for effect in answer["effects"]):
         above, expected = None, Noise(held_out[f"noise_{unit}"], held_out["noise_from"])
     else:
@@ -66,7 +70,7 @@ def check_diagnosis(made, recording, tolerances: Sequence[Tolerance] = ()) -> Di
             _expected(noise, held_out, unit),
         )
     error = Residual(held_out[f"after_{unit}"], unit, "held-out RMS error", is_significant=above)
-    return DiagnosisCheck(judge(error, expected, tolerances, _advice(made, noise)), noise)
+    return DiagnosisCheck(judge(error, expected, tolerances, _advice(diagnosis, noise)), noise)
 
 
 def _expected(noise: NoiseReport | None, held_out: Mapping, unit: str) -> Noise | None:
@@ -79,37 +83,37 @@ def _expected(noise: NoiseReport | None, held_out: Mapping, unit: str) -> Noise 
     return None if source is None else Noise(held_out[f"noise_{unit}"], source)
 
 
-def noise_of(made, recording, held_out: Mapping) -> NoiseReport | None:
+def noise_of(diagnosis, recording, held_out: Mapping) -> NoiseReport | None:
     """The final model's residual against the stated noise and replicates; outliers are left out.
 
     The degrees of freedom that the parameters have spent are not counted, so that the factor is never overstated.
     """
     moving = samples_of(recording)
-    residual = made.views.after[:3]
-    usual = ~np.isin(moving.sample_ids, made.outliers) & np.isfinite(residual).all(0)
+    residual = diagnosis.views.after[:3]
+    usual = ~np.isin(moving.sample_ids, diagnosis.outliers) & np.isfinite(residual).all(0)
     if residual.shape[1] != moving.n or not usual.any():
         return None
-    left, components = residual[:, usual], len(residual)
-    squares = (left**2).sum(0)
+    remaining, components = residual[:, usual], len(residual)
+    squares = (remaining**2).sum(0)
     sigma = None if moving.sigma is None else moving.sigma[usual]
-    if sigma is not None and made.views.rounding is not None:
-        rounding = (made.views.rounding[:3] ** 2).mean(0)[usual]
+    if sigma is not None and diagnosis.views.rounding is not None:
+        rounding = (diagnosis.views.rounding[:3] ** 2).mean(0)[usual]
         sigma = np.sqrt(sigma**2 + rounding)
     robot = load_robot(recording.robot, f"robot of {recording.name}")
     return report(
         Findings(
             stated=None if sigma is None else float(f"{np.sqrt((sigma**2).mean()):.12g}"),
-            test=None if sigma is None else variance_test(left / sigma, left.size),
+            test=None if sigma is None else variance_test(remaining / sigma, remaining.size),
             replicates=_replicates(held_out, components),
             residual=robust_sigma(squares, components),
             residual_rms=float(np.sqrt(squares.mean() / components)),
-            degrees=float(left.size),
-            structure=_structure(made),
+            degrees=float(remaining.size),
+            structure=_structure(diagnosis),
             rms=float(np.sqrt(squares.mean())),
             reach=reach_of(robot, robot.mixing @ moving.joints.T),
             samples=moving.n,
             components=components,
-            outlying=tuple(made.outliers),
+            outlying=tuple(diagnosis.outliers),
             is_diagnosed=True,
         )
     )
@@ -124,24 +128,28 @@ def _replicates(held_out: Mapping, components: int) -> Replicates | None:
     )
 
 
-def _structure(made) -> Structure:
+def _structure(diagnosis) -> Structure:
     """What the diagnosis itself says of structure in the residual: it searched more than the global test does."""
-    if made.verdict in _WITHOUT_STRUCTURE:
+    if diagnosis.verdict in _WITHOUT_STRUCTURE:
         return Structure(1.0, 0.0, ())
-    names = [name for one in (*made.located, *made.remainder) for name in one.depends_on]
+    names = [
+        name
+        for located in (*diagnosis.located, *diagnosis.remainder)
+        for name in located.depends_on
+    ]
     return Structure(
-        float(made.found.p_remainder), 0.0, tuple(dict.fromkeys(names))[:3] or (JOINTS,)
+        float(diagnosis.found.p_remainder), 0.0, tuple(dict.fromkeys(names))[:3] or (JOINTS,)
     )
 
 
-def _advice(made, noise: NoiseReport | None) -> str:
+def _advice(diagnosis, noise: NoiseReport | None) -> str:
     if noise is not None and noise.alarms:
         return noise.advice
-    if made.verdict in _WITHOUT_STRUCTURE and made.unit == "px":
+    if diagnosis.verdict in _WITHOUT_STRUCTURE and diagnosis.unit == "px":
         return (
             "errors that whole stripes or boards share, which no single centre shows, remain in it"
         )
-    if made.verdict in _WITHOUT_STRUCTURE:
+    if diagnosis.verdict in _WITHOUT_STRUCTURE:
         return (
             "no structure is found in it, so that noise stated too small is more likely than an unmodelled effect; "
             "check sigma_mm, or measure some poses repeatedly"

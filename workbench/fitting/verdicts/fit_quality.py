@@ -75,12 +75,14 @@ def _absorbed(model: Model, fit: Fit, samples: Samples) -> Structure | None:
     if is_geometry.all():
         return None
     sigma = model.sigma(fit.parameters)
-    made = np.tensordot(fit.parameters.values[free[~is_geometry]], rows[~is_geometry], axes=1)
-    white = ((fit.residual - made) / sigma).ravel()
+    effect_of_others = np.tensordot(
+        fit.parameters.values[free[~is_geometry]], rows[~is_geometry], axes=1
+    )
+    white = ((fit.residual - effect_of_others) / sigma).ravel()
     columns = (rows[is_geometry] / sigma).reshape(is_geometry.sum(), -1).T
     change = least_squares(columns, white)
-    left = (white - columns @ change).reshape(fit.residual.shape) * sigma
-    return structure(model, fit.parameters, left, samples)
+    remaining = (white - columns @ change).reshape(fit.residual.shape) * sigma
+    return structure(model, fit.parameters, remaining, samples)
 
 
 def _rotation(recording, model: Model, fit: Fit) -> RotationNoise | None:
@@ -91,8 +93,8 @@ def _rotation(recording, model: Model, fit: Fit) -> RotationNoise | None:
     rotation = fit.residual[3:]
     degrees = fit.degrees * rotation.size / fit.residual.size
     expected = float(np.rad2deg(np.sqrt((stated**2).sum(0).mean())))
-    left = float(np.rad2deg(np.sqrt((rotation**2).sum(0).mean())))
-    return RotationNoise(expected, variance_test(rotation / stated, degrees), left)
+    rotation_rms = float(np.rad2deg(np.sqrt((rotation**2).sum(0).mean())))
+    return RotationNoise(expected, variance_test(rotation / stated, degrees), rotation_rms)
 
 
 def _outlying(model: Model, fit: Fit, stated: np.ndarray | None, above: bool) -> np.ndarray:
@@ -161,12 +163,12 @@ def _replicates(
     recording, model: Model, residual: np.ndarray, wrong: np.ndarray
 ) -> Replicates | None:
     """Noise from rows of one pose, target and load; rows that are copies of one another are counted once."""
-    kept = np.flatnonzero(~wrong)
-    kept = kept[_first_of_copies(residual[:, kept])]
+    retained = np.flatnonzero(~wrong)
+    retained = retained[_first_of_copies(residual[:, retained])]
     keys = [recording.poses, model.chain.measurement.numbers[: recording.n]]
     keys += [np.round(v, 3) for k, v in recording.covariates.items() if k.startswith(_CONDITIONS)]
-    _, group = np.unique(np.stack(keys)[:, kept], axis=1, return_inverse=True)
-    return replicate_noise(group.ravel(), residual[:, kept])
+    _, group = np.unique(np.stack(keys)[:, retained], axis=1, return_inverse=True)
+    return replicate_noise(group.ravel(), residual[:, retained])
 
 
 def _first_of_copies(residual: np.ndarray) -> np.ndarray:

@@ -39,21 +39,25 @@ class Observed:
 def review_recording(seen: Observed, progress: Callable[[str], None]) -> Review:
     """Whether the recorded data fit each other, with the most likely mistake where they do not. Raises InputError."""
     progress("comparing flange poses and images")
-    made = _review(seen, seen.camera)
+    by_given_camera = _review(seen, seen.camera)
     other = (
         None
-        if seen.made or not _may_be_the_camera(made, seen.views)
+        if seen.made or not _may_be_the_camera(by_given_camera, seen.views)
         else _own_camera(seen, progress)
     )
     if other is None:
-        return made
-    finding = _camera_finding(made, _review(seen, other))
-    return made if finding is None else replace(made, findings=(finding, *made.findings))
+        return by_given_camera
+    finding = _camera_finding(by_given_camera, _review(seen, other))
+    return (
+        by_given_camera
+        if finding is None
+        else replace(by_given_camera, findings=(finding, *by_given_camera.findings))
+    )
 
 
 def refuse(recording: Recording, review: Review) -> None:
     """Raise InputError where one mistake explains what the recorded data cannot."""
-    finding = next((one for one in review.findings if one.certain), None)
+    finding = next((finding for finding in review.findings if finding.certain), None)
     if finding is not None:
         raise InputError(
             f"recording '{recording.name}': expected flange poses and images that fit each other, found that "
@@ -92,13 +96,13 @@ def _from_joints(seen):
     )
 
 
-def _may_be_the_camera(made: Review, views) -> bool:
+def _may_be_the_camera(review: Review, views) -> bool:
     """Whether the images alone, or their poses, leave more than a right camera would, and no mistake explains it."""
     detected = float(np.median(np.concatenate([view.sigma for view in views])))
-    if made.noise_px > max(_FALLS * detected, _LEAST_PX):
+    if review.noise_px > max(_FALLS * detected, _LEAST_PX):
         return True
-    explained = any(finding.cause != UNEXPLAINED for finding in made.findings)
-    return not explained and made.scatter_mm > _NOISY * made.expected_mm
+    explained = any(finding.cause != UNEXPLAINED for finding in review.findings)
+    return not explained and review.scatter_mm > _NOISY * review.expected_mm
 
 
 def _own_camera(seen, progress):
@@ -110,16 +114,18 @@ def _own_camera(seen, progress):
         return None
 
 
-def _camera_finding(given: Review, own: Review) -> Finding | None:
+def _camera_finding(given: Review, by_own_camera: Review) -> Finding | None:
     """The camera file is wrong where the camera from the same images fits them, or the poses, several times better."""
-    by_images = given.noise_px > _FALLS * own.noise_px and given.noise_px > _LEAST_PX
-    by_poses = given.trimmed_mm > _FALLS * own.trimmed_mm and not own.findings
+    by_images = given.noise_px > _FALLS * by_own_camera.noise_px and given.noise_px > _LEAST_PX
+    by_poses = given.trimmed_mm > _FALLS * by_own_camera.trimmed_mm and not by_own_camera.findings
     if not by_images and not by_poses:
         return None
     sentence = (
         "the camera that was named does not belong to these images (other lens, focus, zoom or image size): corners "
         f"miss by {given.noise_px:.2g} px and the board scatters by {given.scatter_mm:.3g} mm, with a camera "
-        f"calibrated from the same images by {own.noise_px:.2g} px and {own.scatter_mm:.2g} mm; leave --camera out or "
-        "name the right file"
+        f"calibrated from the same images by {by_own_camera.noise_px:.2g} px and "
+        f"{by_own_camera.scatter_mm:.2g} mm; leave --camera out or name the right file"
     )
-    return Finding("camera", sentence, by_images and given.scatter_mm > _FALLS * own.scatter_mm)
+    return Finding(
+        "camera", sentence, by_images and given.scatter_mm > _FALLS * by_own_camera.scatter_mm
+    )

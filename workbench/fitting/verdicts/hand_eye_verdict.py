@@ -42,8 +42,10 @@ def handeye_verdict(run, tolerances: Sequence[Tolerance] = ()) -> Verdict:
     The poses are those that the solve did not see. Without a board pose that is known well enough for held-out
     errors, those of the fit are judged.
     """
-    made, causes = run.made, undetermined_causes(run)
-    verdict = _boards(run, tolerances) if made.radius is None else _profiles(made, tolerances)
+    hand_eye, causes = run.made, undetermined_causes(run)
+    verdict = (
+        _boards(run, tolerances) if hand_eye.radius is None else _profiles(hand_eye, tolerances)
+    )
     if not causes:
         return _with_suspicion(verdict, [*suspicions(run), *_refused_camera(run)])
     sentence = f"Not determined: {'; '.join(causes)}. {_undetermined_remedy(run)}."
@@ -64,9 +66,11 @@ def undetermined_causes(run) -> tuple[str, ...]:
     The estimated errors of the flange poses then have no meaning: the same residuals follow from another camera or
     another transform.
     """
-    made, causes = run.made, []
-    if not np.isfinite(made.covariance).all():
-        causes += list(made.undetermined[:1]) or ["the transform has directions without an effect"]
+    hand_eye, causes = run.made, []
+    if not np.isfinite(hand_eye.covariance).all():
+        causes += list(hand_eye.undetermined[:1]) or [
+            "the transform has directions without an effect"
+        ]
     focal = weak_focal(run.calibration)
     if focal is not None:
         causes.append(
@@ -89,7 +93,7 @@ def weak_focal(calibration) -> float | None:
 
 def is_refused_by(review, calibration) -> bool:
     """Whether the review of the data proves a mistake; a misfit without a cause proves none under a weak camera."""
-    first = next((one for one in review.findings if one.certain), None)
+    first = next((finding for finding in review.findings if finding.certain), None)
     if first is None:
         return False
     return first.cause != UNEXPLAINED or weak_focal(calibration) is None
@@ -102,9 +106,9 @@ def _undetermined_remedy(run) -> str:
 
 
 def _boards(run, tolerances) -> Verdict:
-    made = run.made
-    errors, label = _held_out(made)
-    degrees = max(6 * len(made.poses) - 12, 1)
+    hand_eye = run.made
+    errors, label = _held_out(hand_eye)
+    degrees = max(6 * len(hand_eye.poses) - 12, 1)
     rows = (
         ("centre_mm", "mm", "scatter of the estimated board position"),
         ("turn_deg", "deg", "scatter of the estimated board orientation"),
@@ -120,8 +124,12 @@ def _boards(run, tolerances) -> Verdict:
             is_above = True
             part = replace(part, sentence=_above_noise(part))
         parts.append(part)
-    whole = combine(parts)
-    return replace(whole, sentence=f"{whole.sentence} {_advice(made)}") if is_above else whole
+    combined = combine(parts)
+    return (
+        replace(combined, sentence=f"{combined.sentence} {_advice(hand_eye)}")
+        if is_above
+        else combined
+    )
 
 
 def _is_above(part: Verdict, degrees: int) -> bool:
@@ -130,8 +138,8 @@ def _is_above(part: Verdict, degrees: int) -> bool:
 
 def _above_noise(part: Verdict) -> str:
     """The error, and what the images alone would leave: a comparison of two sources, not a fault."""
-    own = part.sentence.partition("; ")[0]
-    return f"{own}; the images alone leave {part.noise:.3g} {part.unit}."
+    conclusion = part.sentence.partition("; ")[0]
+    return f"{conclusion}; the images alone leave {part.noise:.3g} {part.unit}."
 
 
 def _noise(run) -> dict[str, float]:
@@ -142,18 +150,18 @@ def _noise(run) -> dict[str, float]:
     return {"mm": noise.middle_mm, "deg": noise.rotation_deg, "px": math.sqrt(2) * noise.sigma_px}
 
 
-def _held_out(made: HandEye):
-    if math.isfinite(made.held_out["rms_px"]):
-        return made.held_out, "held-out"
-    return made.fit, "fitted"
+def _held_out(hand_eye: HandEye):
+    if math.isfinite(hand_eye.held_out["rms_px"]):
+        return hand_eye.held_out, "held-out"
+    return hand_eye.fit, "fitted"
 
 
-def _advice(made: HandEye) -> str:
-    is_misfit = made.misfit is not None and made.misfit.significant
+def _advice(hand_eye: HandEye) -> str:
+    is_misfit = hand_eye.misfit is not None and hand_eye.misfit.significant
     them = "it and for the errors that images share" if is_misfit else "it"
     return (
-        f"The rest comes from the flange poses, whose {flange_error_words(made.robot_sigma)}; the stated uncertainty "
-        f"of the transform accounts for {them}. {_REDUCE}"
+        f"The rest comes from the flange poses, whose {flange_error_words(hand_eye.robot_sigma)}; "
+        f"the stated uncertainty of the transform accounts for {them}. {_REDUCE}"
     )
 
 
@@ -206,24 +214,25 @@ def flange_errors(robot_sigma) -> tuple[float, float | None]:
     return math.sqrt(3) * place, None if turn is None else math.sqrt(3) * turn
 
 
-def _profiles(made: HandEye, tolerances) -> Verdict:
-    value = made.held_out["rms_mm"]
+def _profiles(hand_eye: HandEye, tolerances) -> Verdict:
+    value = hand_eye.held_out["rms_mm"]
     label = "held-out" if math.isfinite(value) else "fitted"
-    value = value if math.isfinite(value) else made.fit["rms_mm"]
+    value = value if math.isfinite(value) else hand_eye.fit["rms_mm"]
     residual = Residual(value, "mm", f"{label} RMS distance of the points from the ball")
-    verdict = judge(residual, Noise(made.noise, FROM_PROFILES), tolerances)
-    if not _is_above(verdict, len(made.poses)):
+    verdict = judge(residual, Noise(hand_eye.noise, FROM_PROFILES), tolerances)
+    if not _is_above(verdict, len(hand_eye.poses)):
         return verdict
-    own = verdict.sentence.partition("; ")[0]
+    conclusion = verdict.sentence.partition("; ")[0]
     return replace(
-        verdict, sentence=f"{own}; the profiles alone leave {made.noise:.3g} mm. {_rest(made)}"
+        verdict,
+        sentence=f"{conclusion}; the profiles alone leave {hand_eye.noise:.3g} mm. {_rest(hand_eye)}",
     )
 
 
-def _rest(made: HandEye) -> str:
+def _rest(hand_eye: HandEye) -> str:
     """What the model attributes the distances beyond the noise of the profiles to, and what to do."""
-    place, _ = flange_errors(made.robot_sigma)
-    radius = made.robot_sigma.get("radius_mm", 0.0)
+    place, _ = flange_errors(hand_eye.robot_sigma)
+    radius = hand_eye.robot_sigma.get("radius_mm", 0.0)
     if radius > place:
         return (
             f"The rest is mostly a radius that differs between the profiles (1 sigma {radius:.2g} mm; flange poses "
@@ -237,10 +246,10 @@ def _rest(made: HandEye) -> str:
 
 def handeye_warnings(run) -> list[str]:
     """What a user must read before the result is used: suspected mistakes, what is undetermined, images left out."""
-    made, causes = run.made, undetermined_causes(run)
+    hand_eye, causes = run.made, undetermined_causes(run)
     left_out = [
         f"image {name}: {row.why.partition(': ')[2] or row.why}"
-        for name, row in zip(run.names, made.poses)
+        for name, row in zip(run.names, hand_eye.poses)
         if row.outlier
     ]
     open_ones = [f"undetermined: {'; '.join(causes)}; {_lower(_undetermined_remedy(run))}"]
@@ -277,14 +286,14 @@ def suspicions(run) -> tuple[str, ...]:
     if not undetermined_causes(run):
         return tuple(run.made.suspicions)
     findings = run.review.findings if run.review is not None else ()
-    unexplained = [one.sentence for one in findings if one.cause == UNEXPLAINED]
-    return tuple(one for one in run.made.suspicions if one not in unexplained)
+    unexplained = [finding.sentence for finding in findings if finding.cause == UNEXPLAINED]
+    return tuple(suspicion for suspicion in run.made.suspicions if suspicion not in unexplained)
 
 
 def undetermined(run) -> list[str]:
     """What is undetermined of transform, board and camera, the causes first."""
     causes = undetermined_causes(run)
-    return [*causes, *(one for one in run.made.undetermined if one not in causes)]
+    return [*causes, *(cause for cause in run.made.undetermined if cause not in causes)]
 
 
 def robot_sigma(run) -> dict[str, float | None]:

@@ -211,8 +211,8 @@ def report(found: Findings) -> NoiseReport:
         text for text in (statement, _rotation(found), _outliers(found), _left_out(found)) if text
     ]
     level = ALARM if alarms else NOTICE if notices else NONE
-    whole = " ".join(part for part in (sentence, statement) if part)
-    return NoiseReport(found, level, whole, (*alarms, *notices), alarms)
+    full_text = " ".join(part for part in (sentence, statement) if part)
+    return NoiseReport(found, level, full_text, (*alarms, *notices), alarms)
 
 
 def is_above(test: VarianceTest) -> bool:
@@ -346,14 +346,14 @@ def _agreement(found: Findings) -> str:
 
 
 def _without_statement(found: Findings) -> str:
-    left = f"The recording states no noise; the fit leaves {found.residual_rms:.3g} mm per coordinate (1 sigma)"
+    sentence = f"The recording states no noise; the fit leaves {found.residual_rms:.3g} mm per coordinate (1 sigma)"
     if found.replicates is None:
         return (
-            f"{left}. Write sigma_mm into recording.toml (workbench import: --sigma), or measure some poses "
+            f"{sentence}. Write sigma_mm into recording.toml (workbench import: --sigma), or measure some poses "
             "repeatedly, to have it compared."
         )
     ratio = found.residual_rms / found.replicates.sigma
-    return f"{left}, {ratio:.3g} times the {found.replicates.sigma:.3g} mm by which repeated measurements scatter."
+    return f"{sentence}, {ratio:.3g} times the {found.replicates.sigma:.3g} mm by which repeated measurements scatter."
 
 
 def _replicates_disagree(found: Findings) -> str:

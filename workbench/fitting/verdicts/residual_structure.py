@@ -81,8 +81,8 @@ def in_root(
     model: Model, parameters: Parameters, residual: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Measured points and residuals (3, n) mm, both in the robot's root frame."""
-    own = parameters.values[: len(model.chain.parameters)]
-    return model.chain.to_root(own, model.chain.evaluate(own, {}), residual)
+    chain_values = parameters.values[: len(model.chain.parameters)]
+    return model.chain.to_root(chain_values, model.chain.evaluate(chain_values, {}), residual)
 
 
 def _by_pose(arrows, joints, samples):
@@ -115,8 +115,8 @@ def _of_change(model: Model, parameters: Parameters, residual, arrows, samples):
     chain, series = model.chain, [arrows]
     if chain.poses_per_sample == 1:
         series.append(np.einsum("cin,in->cn", chain.state.frames.link[-1], arrows))
-        own = parameters.values[: len(chain.parameters)]
-        rows = chain.evaluate(own, {}).rows("joint", np.arange(len(chain.variables)))
+        chain_values = parameters.values[: len(chain.parameters)]
+        rows = chain.evaluate(chain_values, {}).rows("joint", np.arange(len(chain.variables)))
         weighted = residual / model.sigma(parameters) ** 2
         scores = np.einsum("kmn,mn->kn", rows, weighted)
         series += [scores, scores * chain.state.unit_load_torque]
@@ -138,8 +138,8 @@ def _of_neighbours(means, joints):
     if not len(scaled):
         return 1.0, 0.0
     nearest = cKDTree(scaled.T).query(scaled.T, k=2)[1]
-    own = np.arange(len(nearest))
-    neighbour = np.where(nearest[:, 0] == own, nearest[:, 1], nearest[:, 0])
+    index = np.arange(len(nearest))
+    neighbour = np.where(nearest[:, 0] == index, nearest[:, 1], nearest[:, 0])
     test = neighbour_test(means, neighbour)
     return test.p_value, max(1 - test.ratio, 0.0)
 
@@ -147,14 +147,14 @@ def _of_neighbours(means, joints):
 def _of_joint_errors(model: Model, parameters: Parameters, residual: np.ndarray):
     """p-value and share for periodic errors of the joints, beyond what the fitted parameters absorb."""
     n = residual.shape[1]
-    kept = np.unique(np.linspace(0, n - 1, min(n, _MOST_SAMPLES)).astype(int))
-    part = model.at(kept)
+    chosen = np.unique(np.linspace(0, n - 1, min(n, _MOST_SAMPLES)).astype(int))
+    part = model.at(chosen)
     _, rows = part.linearise(parameters)
-    columns = _joint_error_columns(part, parameters, residual[:, kept].size - len(rows))
+    columns = _joint_error_columns(part, parameters, residual[:, chosen].size - len(rows))
     if columns is None:
         return 1.0, 0.0
     root = 1 / part.sigma(parameters)
-    white = (residual[:, kept] * root).ravel()
+    white = (residual[:, chosen] * root).ravel()
     baseline = (rows * root).reshape(len(rows), white.size).T
     test = regression_test(white, baseline, (columns * root).reshape(len(columns), white.size).T)
     return test.p_value, test.share

@@ -99,20 +99,20 @@ class BallSums:
     def _add_distances(self, scan, known: Mapping[int, tuple]) -> None:
         """Distances between named balls of a scan that are not those of the certificate."""
         balls = [ball for ball in scan.balls if ball.fit and ball.number in known]
-        for k, one in enumerate(balls):
+        for k, second in enumerate(balls):
             for other in balls[:k]:
-                self._add_distance(scan.name, (other, one), known)
+                self._add_distance(scan.name, (other, second), known)
 
     def _add_distance(self, name: str, pair, known) -> None:
-        one, other = pair
-        stated = np.subtract(known[one.number][:3], known[other.number][:3])
-        line = one.fit.centre - other.fit.centre
+        ball, other = pair
+        stated = np.subtract(known[ball.number][:3], known[other.number][:3])
+        line = ball.fit.centre - other.fit.centre
         measured, certified = float(np.linalg.norm(line)), float(np.linalg.norm(stated))
-        both = one.fit.covariance[:3, :3] + other.fit.covariance[:3, :3]
+        both = ball.fit.covariance[:3, :3] + other.fit.covariance[:3, :3]
         sigma = float(np.sqrt(line @ both @ line)) / measured
         if abs(measured - certified) > _GROSS * sigma:
             text = (
-                f"scan {name}, balls {one.number} and {other.number}: {certified:.3f} mm stated, {measured:.3f} mm "
+                f"scan {name}, balls {ball.number} and {other.number}: {certified:.3f} mm stated, {measured:.3f} mm "
                 f"measured with a standard uncertainty of {sigma:.2g} mm"
             )
             self.distances.add(abs(measured - certified) / sigma, text)

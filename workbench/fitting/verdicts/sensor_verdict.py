@@ -107,7 +107,7 @@ def scanner_verdict(
 
 def _scanner_verdict(calibration, tolerances, misfit) -> Verdict:
     good = ~calibration.wrong
-    board_stripes, left = calibration.stripes, calibration.left_out
+    board_stripes, held_out = calibration.stripes, calibration.left_out
     sigma = np.broadcast_to(board_stripes.sigma, (1, board_stripes.n))[0][good]
     significant, source = None, _CENTRES
     if misfit is not None:
@@ -115,8 +115,8 @@ def _scanner_verdict(calibration, tolerances, misfit) -> Verdict:
         significant, source = misfit.is_relevant, _NEIGHBOURS
     pixels, millimetres = calibration.sigma_stripe_px, _rms(calibration.residual_mm[good])
     label = "RMS distance of stripe points from their light plane"
-    if left is not None and math.isfinite(left.rms_mm):
-        pixels, millimetres, label = left.rms_px, left.rms_mm, f"held-out {label}"
+    if held_out is not None and math.isfinite(held_out.rms_mm):
+        pixels, millimetres, label = held_out.rms_px, held_out.rms_mm, f"held-out {label}"
     degrees = max(int(good.sum()) - 3 * len(calibration.scanner.steps), 1)
     return combine(
         [
@@ -153,7 +153,7 @@ def scanner_warnings(
             f"{_POOR_WORDS}: {100 * wrong:.0f} % of the points of the laser line were left out as wrong; take the "
             "images with less light, without reflections, and with the line on the board"
         )
-    is_refused = any(one.startswith(_POOR_WORDS) for one in said)
+    is_refused = any(sentence.startswith(_POOR_WORDS) for sentence in said)
     if misfit is not None and misfit.is_relevant and not is_refused:
         said.append(f"{_DOUBT_WORDS}: {misfit.sentence}: {_DIAGNOSE}")
     return [*said, *line_warnings(calibration, asymmetry)]
@@ -231,7 +231,7 @@ def repeated_warnings(trust: Trust | None, what: str) -> list[str]:
     """Warnings of a calibration for a result that rests on it; what: "scanner" or "camera"."""
     if trust is None:
         return []
-    return [_repeated(one, what) for one in trust.warnings]
+    return [_repeated(warning, what) for warning in trust.warnings]
 
 
 def _repeated(warning: str, what: str) -> str:
@@ -241,9 +241,9 @@ def _repeated(warning: str, what: str) -> str:
     return f"The calibration of the {what} warned: {warning}"
 
 
-def _is_unusable(made) -> bool:
+def _is_unusable(calibration) -> bool:
     """Whether the calibration of the scanner of `Scans` was refused."""
-    trust = None if made.scanner is None else made.scanner.trust
+    trust = None if calibration.scanner is None else calibration.scanner.trust
     return trust is not None and not trust.usable
 
 
@@ -292,15 +292,15 @@ def _poor_camera(calibration) -> bool:
     return camera_verdict(calibration).passed is False
 
 
-def scan_verdict(made, tolerances: Sequence[Tolerance] = ()) -> Verdict:
+def scan_verdict(scan, tolerances: Sequence[Tolerance] = ()) -> Verdict:
     """Verdict on `Scans`: points of all balls from their balls, mm. One pass over the scans, whose sums are kept.
 
     The noise is that of neighbouring centres of each stripe, so that lack of fit does not count as noise.
     """
-    sums = _ball_sums(made)
+    sums = _ball_sums(scan)
     if not sums.points:
         verdict = no_verdict("No ball was fitted, so no residual can be judged.")
-        return _refused(verdict) if _is_unusable(made) else verdict
+        return _refused(verdict) if _is_unusable(scan) else verdict
     size = math.sqrt(sums.squares / sums.points)
     significant = None if not sums.tested else sums.doubtful > 0
     residual = Residual(
@@ -311,18 +311,18 @@ def scan_verdict(made, tolerances: Sequence[Tolerance] = ()) -> Verdict:
     )
     advice = "the calibration of the scanner, the certified radius or the ball's form is off"
     verdict = judge(residual, noise, tolerances, advice)
-    return _refused(verdict) if sums.is_poor or _is_unusable(made) else verdict
+    return _refused(verdict) if sums.is_poor or _is_unusable(scan) else verdict
 
 
-def scan_warnings(made) -> list[str]:
+def scan_warnings(scan) -> list[str]:
     """Why scans or their stated uncertainty are not trustworthy, if they are not; those of the scanner first."""
-    trust = None if made.scanner is None else made.scanner.trust
-    return [*repeated_warnings(trust, "scanner"), *_own_warnings(made)]
+    trust = None if scan.scanner is None else scan.scanner.trust
+    return [*repeated_warnings(trust, "scanner"), *_own_warnings(scan)]
 
 
-def _own_warnings(made) -> list[str]:
+def _own_warnings(scan) -> list[str]:
     """The same of the scans alone."""
-    sums = _ball_sums(made)
+    sums = _ball_sums(scan)
     if sums.points and sums.is_poor:
         size = math.sqrt(sums.squares / sums.points)
         return [
@@ -375,14 +375,14 @@ def _refused(verdict: Verdict) -> Verdict:
     return replace(verdict, passed=False, sentence=sentence)
 
 
-def _ball_sums(made) -> BallSums:
+def _ball_sums(scan_run) -> BallSums:
     """The sums over all balls of all scans, made once."""
-    if "ball_sums" not in made.cache:
+    if "ball_sums" not in scan_run.cache:
         sums = BallSums()
-        for one in made.scans:
-            sums.add_scan(one, made.recording.balls, made.scanner)
-        made.cache["ball_sums"] = sums
-    return made.cache["ball_sums"]
+        for scan in scan_run.scans:
+            sums.add_scan(scan, scan_run.recording.balls, scan_run.scanner)
+        scan_run.cache["ball_sums"] = sums
+    return scan_run.cache["ball_sums"]
 
 
 def _least_px(calibration) -> float:

@@ -92,7 +92,7 @@ class Verdict:
 
     def as_json(self) -> dict:
         """The object `verdict` of the JSON contract; `checks` holds one object per quantity where there are several."""
-        made = {
+        answer = {
             "pass": self.passed,
             "tolerance": self.tolerance,
             "unit": self.unit,
@@ -103,8 +103,8 @@ class Verdict:
             "sentence": self.sentence,
         }
         if self.parts:
-            made["checks"] = [part.as_json() for part in self.parts]
-        return made
+            answer["checks"] = [part.as_json() for part in self.parts]
+        return answer
 
 
 def parse_tolerances(
@@ -117,13 +117,13 @@ def parse_tolerances(
     """
     found: list[Tolerance] = []
     for text in values or ():
-        one = _parse_tolerance(text, units)
-        if any(other.unit == one.unit for other in found):
+        tolerance = _parse_tolerance(text, units)
+        if any(other.unit == tolerance.unit for other in found):
             raise InputError(
-                f"--tolerance {text}: expected one tolerance per unit, found a second one in {one.unit}; "
+                f"--tolerance {text}: expected one tolerance per unit, found a second one in {tolerance.unit}; "
                 "leave one of them out"
             )
-        found.append(one)
+        found.append(tolerance)
     return tuple(found)
 
 
@@ -159,7 +159,9 @@ def judge(
     noise: None where it is neither stated nor can be estimated. tolerances: of any units; the one in the residual's
     unit applies. advice: what a residual far above the noise means and what to do, without a full stop.
     """
-    limit = next((one.value for one in tolerances if one.unit == residual.unit), None)
+    limit = next(
+        (tolerance.value for tolerance in tolerances if tolerance.unit == residual.unit), None
+    )
     known = noise is not None and noise.value > 0
     ratio = residual.value / noise.value if known and math.isfinite(residual.value) else None
     passed = None if limit is None else bool(residual.value <= limit)
@@ -188,8 +190,8 @@ def combine(verdicts: Sequence[Verdict]) -> Verdict:
     """
     if len(verdicts) == 1:
         return verdicts[0]
-    by_rank = sorted(verdicts, key=lambda one: {False: 0, True: 1, None: 2}[one.passed])
-    sentence = " ".join(one.sentence for one in verdicts)
+    by_rank = sorted(verdicts, key=lambda verdict: {False: 0, True: 1, None: 2}[verdict.passed])
+    sentence = " ".join(verdict.sentence for verdict in verdicts)
     return replace(by_rank[0], sentence=sentence, parts=tuple(verdicts))
 
 

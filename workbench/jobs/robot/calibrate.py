@@ -145,9 +145,9 @@ def calibrate(
             chosen = _on_all(chosen, split, stages, progress)
         else:
             chosen = _chosen(Model(chain), split, some, stages, progress)
-    made = _calibration(checked, chosen, split, progress)
-    doubts = *parallelism_warnings(stages, robot), *missing_mass_warnings(stages, chain.state)
-    return replace(made, warnings=(*made.warnings, *doubts))
+    calibration = _calibration(checked, chosen, split, progress)
+    warnings = *parallelism_warnings(stages, robot), *missing_mass_warnings(stages, chain.state)
+    return replace(calibration, warnings=(*calibration.warnings, *warnings))
 
 
 def _chosen(model: Model, split: Split, some: np.ndarray, stages, progress) -> Chosen:

@@ -77,9 +77,9 @@ class Stream:
             }
             chain = bind(self.robot, replace(part, columns=both), self.start)
             chain = chain.at(np.arange(known.n, known.n + part.n))
-            own = slice(first, first + part.n)
-            yield own, Model(replace(chain, sigma=self._widened(chain)), self.effects)
-            first = own.stop
+            columns = slice(first, first + part.n)
+            yield columns, Model(replace(chain, sigma=self._widened(chain)), self.effects)
+            first = columns.stop
             self.tick(first, self.chunks.n)
 
     def _widened(self, chain):
@@ -122,12 +122,12 @@ class Stream:
         """Residual (m, n), and (folds, F, F), (folds, F) normal matrices and gradients of the samples of each fold."""
         size = int(parameters.mask.sum())
         normal, gradient, parts = np.zeros((folds, size, size)), np.zeros((folds, size)), []
-        for own, model in self.models():
+        for columns, model in self.models():
             residual, rows = model.linearise(parameters)
             rows /= model.chain.sigma
             white = residual / model.chain.sigma
             for k in range(folds):
-                mine = slice(None) if folds == 1 else np.flatnonzero(fold[own] == k)
+                mine = slice(None) if folds == 1 else np.flatnonzero(fold[columns] == k)
                 flat = rows[:, :, mine].reshape(size, -1)
                 normal[k] += flat @ flat.T
                 gradient[k] += flat @ white[:, mine].ravel()
@@ -276,8 +276,8 @@ def _held_out(stream: Stream, fit: Fit, fold: np.ndarray, folds: int) -> dict:
         step = solve_positive(rest, (gradient.sum(0) - gradient[k] + pull) * scale) * scale
         moved.append(parameters.unpack(parameters.pack() - step))
     parts = []
-    for own, model in stream.models():
-        mine = fold[own]
+    for columns, model in stream.models():
+        mine = fold[columns]
         rows = [np.flatnonzero(mine == k) for k in range(folds)]
         parts += [model.at(some).residual(moved[k]) for k, some in enumerate(rows) if some.size]
     return error_summary(np.concatenate(parts, 1)) | {"folds": folds, "samples": stream.chunks.n}
@@ -290,20 +290,24 @@ def _nominal(stream: Stream) -> np.ndarray:
     return solve(bare, free).residual
 
 
-def save(made: ChunkedCalibration, folder: Path) -> None:
+def save(calibration: ChunkedCalibration, folder: Path) -> None:
     """Write parameters.toml, calibration.json and solution.json, which `compensate` and `export` read."""
-    whole = replace(
-        made.thin,
-        solution=made.solution,
-        fit=made.fit,
-        held_out=made.held_out,
-        nominal=made.nominal,
+    full = replace(
+        calibration.thin,
+        solution=calibration.solution,
+        fit=calibration.fit,
+        held_out=calibration.held_out,
+        nominal=calibration.nominal,
     )
     (folder / NAME).write_text(
-        json.dumps(solution_keys(whole, made.noise), indent=1), encoding="utf-8"
+        json.dumps(solution_keys(full, calibration.noise), indent=1), encoding="utf-8"
     )
-    (folder / "parameters.toml").write_text(made.solution.parameters.to_toml(), encoding="utf-8")
-    (folder / "calibration.json").write_text(json.dumps(made.as_json(), indent=1), encoding="utf-8")
+    (folder / "parameters.toml").write_text(
+        calibration.solution.parameters.to_toml(), encoding="utf-8"
+    )
+    (folder / "calibration.json").write_text(
+        json.dumps(calibration.as_json(), indent=1), encoding="utf-8"
+    )
 
 
 __all__ = ["CONVERGED", "ChunkedCalibration", "Stream", "calibrate_chunks", "save", "stream_of"]

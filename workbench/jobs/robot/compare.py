@@ -72,36 +72,36 @@ class Comparison:
                 **_parameters(calibration),
                 "stages": [stage.name for stage in calibration.stages if stage.earned],
                 **_fit_rms(calibration),
-                **{f"held_out_{k}": v for k, v in own.items()},
+                **{f"held_out_{k}": v for k, v in parameters_of_calibration.items()},
                 **self._std(k),
-                "ratio": own["rms_mm"] / held_out[0]["rms_mm"],
+                "ratio": parameters_of_calibration["rms_mm"] / held_out[0]["rms_mm"],
                 **self._paired(k, self.distances),
-                **self._rotation_columns(k, own, held_out[0]),
+                **self._rotation_columns(k, parameters_of_calibration, held_out[0]),
                 "converged": calibration.solution.converged,
                 "noise": calibration.noise.as_json(),
                 "verdict": self.verdict(k).as_json(),
             }
-            for k, (name, calibration, own) in enumerate(
+            for k, (name, calibration, parameters_of_calibration) in enumerate(
                 zip(self.names, self.calibrations, held_out)
             )
         ]
 
     def _std(self, k: int) -> dict:
         """Standard deviation of the held-out distances (mm), and of the angles (deg) where there are any."""
-        made = {"held_out_std_mm": float(self.distances[k].std())}
+        columns = {"held_out_std_mm": float(self.distances[k].std())}
         if self.measures_orientation:
-            made["held_out_rotation_std_deg"] = float(self.angles[k].std())
-        return made
+            columns["held_out_rotation_std_deg"] = float(self.angles[k].std())
+        return columns
 
     def _held_out(self, calibration) -> np.ndarray:
         """(m, held out) residual of the held-out rows, mm and then rad."""
         rows = [calibration.held_out_residual, calibration.rotation["held_out"]]
         return np.concatenate(rows)[:, self.block >= 0]
 
-    def _rotation_columns(self, k: int, own: dict, first: dict) -> dict:
+    def _rotation_columns(self, k: int, columns: dict, first: dict) -> dict:
         if not self.measures_orientation:
             return {}
-        ratio = own["rotation_rms_deg"] / first["rotation_rms_deg"]
+        ratio = columns["rotation_rms_deg"] / first["rotation_rms_deg"]
         return {"rotation_ratio": ratio, "rotation_p": self._paired(k, self.angles)["p"]}
 
     def _paired(self, k: int, errors: np.ndarray | None = None) -> dict:
@@ -142,9 +142,11 @@ class Comparison:
 
     def verdict(self, k: int, tolerances: Sequence[Tolerance] = ()) -> Verdict:
         """The held-out error of plan k, on the rows that all plans predict, against noise and tolerances."""
-        own = self.calibrations[k]
-        held_out = own.held_out | error_summary(own.held_out_residual[:, self.block >= 0])
-        return calibration_verdict(held_out, own.noise, tolerances)
+        calibration = self.calibrations[k]
+        held_out = calibration.held_out | error_summary(
+            calibration.held_out_residual[:, self.block >= 0]
+        )
+        return calibration_verdict(held_out, calibration.noise, tolerances)
 
     def best_verdict(self, tolerances: Sequence[Tolerance] = ()) -> Verdict:
         """The verdict on the plan with the smallest held-out error."""
@@ -196,17 +198,17 @@ def compare(
         say = _prefixed(progress, f"plan {name}")
         found.append(calibrate(recording, plan, fit_samples, test_samples, folds, say, trust_data))
     block = np.where(np.all([c.fold >= 0 for c in found], 0), found[0].fold, -1)
-    apart = bool(
+    is_separated = bool(
         len(np.unique(block[block >= 0])) == 1
         and not (test_samples is None and fit_samples is None)
     )
-    if apart:
+    if is_separated:
         block[block >= 0] = blocks(found[0].recording.poses[block >= 0], _BLOCKS)
     names, choosing = (
         tuple(Path(name).stem for name in plans),
         tuple(_chooses(name) for name in plans),
     )
-    return Comparison(recording, names, tuple(found), block, apart, choosing)
+    return Comparison(recording, names, tuple(found), block, is_separated, choosing)
 
 
 def _prefixed(progress: Callable[[str], None], prefix: str) -> Callable[[str], None]:
@@ -237,8 +239,8 @@ def _fit_rms(calibration) -> dict:
 
 def _parameters(calibration) -> dict:
     """What a plan frees, and how much of it these data determine, of the stages that stayed."""
-    kept = [stage for stage in calibration.stages if stage.earned] or list(calibration.stages)
-    return {"free": kept[-1].free, "identifiable": calibration.solution.identified}
+    retained = [stage for stage in calibration.stages if stage.earned] or list(calibration.stages)
+    return {"free": retained[-1].free, "identifiable": calibration.solution.identified}
 
 
 def _chooses(name: str) -> bool:
@@ -279,8 +281,8 @@ def image(comparison: Comparison):
     kinds = [(comparison.distances, "3-D distance", "mm", "")]
     if comparison.measures_orientation:
         kinds.append((comparison.angles, "rotation angle", "deg", "rotation_"))
-    made = Figure(figsize=(11, 4.2 * len(kinds)), facecolor="white", layout="constrained")
-    panels = made.subplots(len(kinds), 2, width_ratios=(1, 1.15), squeeze=False)
+    figure = Figure(figsize=(11, 4.2 * len(kinds)), facecolor="white", layout="constrained")
+    panels = figure.subplots(len(kinds), 2, width_ratios=(1, 1.15), squeeze=False)
     colours = [_COLOURS[k % len(_COLOURS)] for k in range(len(comparison.names))]
     for (bars, shares), (errors, what, unit, prefix) in zip(panels, kinds):
         _bars(bars, comparison, colours, (what, unit, prefix))
@@ -289,8 +291,8 @@ def image(comparison: Comparison):
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(alpha=0.25)
         axes.title.set_size(10.5)
-    made.suptitle(comparison.recording.title or comparison.recording.name, size=11.5)
-    return made
+    figure.suptitle(comparison.recording.title or comparison.recording.name, size=11.5)
+    return figure
 
 
 def _shares(axes, lines, label: str):

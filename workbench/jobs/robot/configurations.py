@@ -137,7 +137,7 @@ def _named(robot: Robot, readings: np.ndarray) -> list[tuple[int, str]]:
     """(row, configuration) of the targets that have readings."""
     rows = np.flatnonzero(np.isfinite(readings).all(1))
     signs = configuration_signs(robot, readings[rows])
-    return [(int(row), configuration_name(one)) for row, one in zip(rows, signs)]
+    return [(int(row), configuration_name(signs_of_row)) for row, signs_of_row in zip(rows, signs)]
 
 
 def configuration_changes(robot: Robot, readings: np.ndarray) -> list[str]:
@@ -151,13 +151,13 @@ def _sign_changes(robot: Robot, readings: np.ndarray) -> list[str]:
     rows = np.flatnonzero(np.isfinite(readings).all(1))
     signs = configuration_signs(robot, readings[rows])
     places, last, side = [], None, np.zeros(signs.shape[1], int)
-    for row, one in zip(rows, signs):
+    for row, signs_of_row in zip(rows, signs):
         if (
-            one * side < 0
+            signs_of_row * side < 0
         ).any():  # a sign that is singular at a target keeps that of the targets before
-            names = f"{configuration_name(side)}, then {configuration_name(one)}"
+            names = f"{configuration_name(side)}, then {configuration_name(signs_of_row)}"
             places.append(f"{last + 1} and {row + 1} ({names})")
-        side, last = np.where(one == 0, side, one), row
+        side, last = np.where(signs_of_row == 0, side, signs_of_row), row
     if not places:
         return []
     return [

@@ -86,9 +86,12 @@ def write_scene(scene: CorrectedScene, folder: Path) -> str:
 def effect_keys(effect, values: Parameters, chain) -> dict:
     """An [[effect]] table of a scene: name, place, options and the values of its parameters."""
     name = next(key for key, kind in CATALOGUE.items() if kind is type(effect))
-    own = [p.key for p in effect.parameters(chain)]
-    ends = [key.split(".", 2)[-1] for key in own]
-    by_name = {end if ends.count(end) == 1 else key: values[key] for end, key in zip(ends, own)}
+    effect_parameters = [p.key for p in effect.parameters(chain)]
+    ends = [key.split(".", 2)[-1] for key in effect_parameters]
+    by_name = {
+        end if ends.count(end) == 1 else key: values[key]
+        for end, key in zip(ends, effect_parameters)
+    }
     return {"effect": name, "where": effect.where, **effect.options, "values": by_name}
 
 
@@ -128,14 +131,14 @@ def share_of_limits(chain) -> float:
 
 def covariate_keys(recording) -> dict:
     """The covariates that a scene can hold, over the ranges in which they were recorded."""
-    columns, held = recording.columns, {}
+    columns, covariates = recording.columns, {}
     for name in ("payload_kg", "temperature_c"):
         if name in columns:
-            held[name] = [float(columns[name].min()), float(columns[name].max())]
+            covariates[name] = [float(columns[name].min()), float(columns[name].max())]
     if any(Covariate.of(name).is_signed for name in columns):
-        held["approach"] = True
+        covariates["approach"] = True
     speeds = [np.abs(columns[c]).max() for c in columns if Covariate.of(c).kind == "qdot"]
-    return held | ({"speeds_deg_s": float(max(speeds))} if speeds else {})
+    return covariates | ({"speeds_deg_s": float(max(speeds))} if speeds else {})
 
 
 def _geometry(values: Parameters) -> dict[str, float]:

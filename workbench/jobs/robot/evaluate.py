@@ -130,19 +130,21 @@ class Evaluated:
         if self.refit != "none":
             return False
         fixed, refitted = self._squares(self.residual), self._squares(self.refitted)
-        left = self._coordinates - self.most_estimated
-        if fixed / self._coordinates <= _MATERIAL**2 * refitted / left:
+        degrees = self._coordinates - self.most_estimated
+        if fixed / self._coordinates <= _MATERIAL**2 * refitted / degrees:
             return False
-        statistic = max(fixed - refitted, 0.0) / self.most_estimated / max(refitted / left, 1e-300)
-        return fisher.sf(statistic, self.most_estimated, left) < _MOVED_LEVEL
+        statistic = (
+            max(fixed - refitted, 0.0) / self.most_estimated / max(refitted / degrees, 1e-300)
+        )
+        return fisher.sf(statistic, self.most_estimated, degrees) < _MOVED_LEVEL
 
     @property
     def _has_moved(self) -> bool:
         """Whether a move of instrument or target explains the error: what is left is like the calibration's own."""
         if not self._fits_better_elsewhere():
             return False
-        left = self._coordinates - self.most_estimated
-        unbiased = np.sqrt(self._squares(self.refitted) / left * len(self.residual[:3]))
+        degrees = self._coordinates - self.most_estimated
+        unbiased = np.sqrt(self._squares(self.refitted) / degrees * len(self.residual[:3]))
         return bool(unbiased <= _EXPLAINED * self.arm.keys["held_out"]["rms_mm"])
 
     def _better_elsewhere(self) -> str:
@@ -176,13 +178,13 @@ class Evaluated:
         estimated parameters, which take up their share of it.
         """
         errors = error_summary(self.residual)
-        left = self._coordinates - self.estimated
-        share = float(np.sqrt(self._coordinates / left))
+        degrees = self._coordinates - self.estimated
+        share = float(np.sqrt(self._coordinates / degrees))
         noise, is_significant = self._expected(errors["rms_mm"] * share)
         position = Residual(
             errors["rms_mm"] * share,
             name=self._statistic("position", share),
-            degrees=left,
+            degrees=degrees,
             is_significant=is_significant,
         )
         advice = _MOVED if self._has_moved else _ADVICE
@@ -215,14 +217,14 @@ class Evaluated:
             return None, None
         variance = float(np.mean(np.square(self.recording.sigma)))
         count, samples = self._coordinates, self.residual.shape[1]
-        left = count - self.estimated
+        degrees = count - self.estimated
         parameters = float(np.trace(self.parameter_spread))
         both = float(np.sum(self.parameter_spread * self.parameter_spread.T))
-        mean = left * variance + parameters
-        spread = np.sqrt(2 * (left * variance**2 + 2 * variance * parameters + both))
-        squares = rms**2 * samples * left / count
+        mean = degrees * variance + parameters
+        spread = np.sqrt(2 * (degrees * variance**2 + 2 * variance * parameters + both))
+        squares = rms**2 * samples * degrees / count
         is_significant = bool((squares - mean) / max(spread, 1e-300) > _SIGNIFICANT)
-        expected = float(np.sqrt(mean / samples * count / left))
+        expected = float(np.sqrt(mean / samples * count / degrees))
         return Noise(expected, f"{STATED}, with the uncertainty of the calibration"), is_significant
 
     def as_json(self, tolerances: Sequence[Tolerance] = ()) -> dict:
@@ -280,10 +282,10 @@ def evaluate(
     most = _count(arm, samples, both)
     nominal = _predicted(replace(arm, values={}), samples, (), both)
     _check_number(samples, len(nominal[:3]), most)
-    doubts = check_samples(recording, trust_data).doubts
+    warnings = check_samples(recording, trust_data).doubts
     if not later and (doubt := clock_warning(arm, samples)):
-        doubts = (*doubts, doubt)
-    recording = replace(samples, warnings=tuple(dict.fromkeys((*samples.warnings, *doubts))))
+        warnings = (*warnings, doubt)
+    recording = replace(samples, warnings=tuple(dict.fromkeys((*samples.warnings, *warnings))))
     samples = on_session_clock(arm, samples, later)
     free = _patterns(samples, refit)
     residual = _predicted(arm, samples, arm.effects, free)

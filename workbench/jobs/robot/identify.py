@@ -61,9 +61,13 @@ def identifiability(
 def _stage(chain, robot, stage, scale) -> dict:
     model = Model(chain, make_effects(CATALOGUE, stage.effects))
     parameters = model.parameters.free(*frames_of(model.parameters), *geometry_free(robot))
-    own = [p.key for effect in model.effects for p in effect.parameters(chain)]
+    effect_parameters = [p.key for effect in model.effects for p in effect.parameters(chain)]
     return _judged(
-        stage, model, (parameters.free(*own) if own else parameters).nudged(), scale, robot
+        stage,
+        model,
+        (parameters.free(*effect_parameters) if effect_parameters else parameters).nudged(),
+        scale,
+        robot,
     )
 
 
@@ -79,15 +83,15 @@ def _stage_of_plan(chain, upto, plan, scale) -> dict:
 
 def _judged(stage, model, parameters, scale, robot=None) -> dict:
     """robot: whose Hayati rows are asked about too, in words."""
-    known = whole = look(normal_matrix(model, parameters), parameters, scale)
+    known = overall = look(normal_matrix(model, parameters), parameters, scale)
     if robot is not None and (more := held_by_convention(robot)):
         everything = parameters.free(*more)
-        whole = look(normal_matrix(model, everything), everything, scale)
+        overall = look(normal_matrix(model, everything), everything, scale)
     return {
         "name": stage.name,
         "free": len(known.keys),
         "identifiable": known.rank,
-        "undetermined": whole.sentences(),
+        "undetermined": overall.sentences(),
         "parameters": _predicted(known),
         **known.observability(model.chain.sigma.shape[1]),
     }
@@ -102,8 +106,8 @@ def _predicted(known) -> list[dict]:
             "key": key,
             "unit": unit,
             "typical": float(size),
-            "std": float(own),
+            "std": float(conditional_std),
             "identifiable": bool(alone),
         }
-        for key, unit, size, own, alone in rows
+        for key, unit, size, conditional_std, alone in rows
     ]

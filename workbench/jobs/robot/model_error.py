@@ -65,8 +65,8 @@ def remaining_error_mm(arm: CalibratedArm) -> float:
     return _without(arm.held_out_mm, _considered(arm)) if error is None else error
 
 
-def _without(whole: float, *parts: float) -> float:
-    return math.sqrt(max(whole**2 - sum(part**2 for part in parts), 0.0))
+def _without(total: float, *parts: float) -> float:
+    return math.sqrt(max(total**2 - sum(part**2 for part in parts), 0.0))
 
 
 def _of_parameters(arm: CalibratedArm, noise: float) -> float:

@@ -222,8 +222,8 @@ def _model(robot, recording, effects):
         rows = [row for stage in default_plan(chain) for row in stage.effects]
     model = Model(chain, make_effects(CATALOGUE, rows))
     everything = model.parameters.free(*frames_of(model.parameters), *geometry_free(robot))
-    own = [p.key for effect in model.effects for p in effect.parameters(chain)]
-    everything = everything.free(*own) if own else everything
+    effect_parameters = [p.key for effect in model.effects for p in effect.parameters(chain)]
+    everything = everything.free(*effect_parameters) if effect_parameters else everything
     return model, independent(normal_matrix(model, everything), everything)[0], everything
 
 
@@ -238,19 +238,19 @@ def _by_pose(rows, poses) -> np.ndarray:
     order = np.argsort(poses, kind="stable")
     counts = np.bincount(poses)
     place = np.arange(len(poses)) - np.repeat(np.cumsum(counts) - counts, counts)
-    made = np.zeros((len(counts), counts.max(), *rows.shape[1:]))
-    made[poses[order], place] = rows[order]
-    return made.reshape(len(counts), -1, rows.shape[2])
+    rows_of_pose = np.zeros((len(counts), counts.max(), *rows.shape[1:]))
+    rows_of_pose[poses[order], place] = rows[order]
+    return rows_of_pose.reshape(len(counts), -1, rows.shape[2])
 
 
 def _task_rows(robot, model, tasks, free):
     """(T, m, F) rows of the tasks, mm and rad, with the candidates' base and tool; InputError where these differ."""
     tasks = samples_of(tasks)
-    own = measurement_of(tasks).parameters()
+    task_parameters = measurement_of(tasks).parameters()
     placed = [
         p.key for p in model.chain.parameters.table if not p.key.startswith(("base.", "joint-"))
     ]
-    if [p.key for p in own] != placed or tasks.joints.shape[1] != robot.mixing.shape[1]:
+    if [p.key for p in task_parameters] != placed or tasks.joints.shape[1] != robot.mixing.shape[1]:
         raise InputError(
             f"--tasks {tasks.name}: expected poses of the candidates' robot, tool and targets, measured "
             "as they are, found others; make them as the candidates were made"
@@ -283,7 +283,7 @@ def _rotation_error(rows, tasks, known) -> float:
 
 def _usable(robot, recording, link_radius, sight):
     """(n,) which rows may be driven to and show what they should, and how many may not, by the first reason."""
-    left, taken = {}, np.zeros(recording.n, bool)
+    remaining, taken = {}, np.zeros(recording.n, bool)
     for end in end_recordings(recording):
         variables = robot.mixing @ end.joints.T
         reasons = {"beyond a joint's limit": _beyond(robot, end.joints)}
@@ -293,9 +293,9 @@ def _usable(robot, recording, link_radius, sight):
             else np.zeros(recording.n, bool)
         )
         for why, rows in (reasons | unseen(robot, recording, link_radius, sight)).items():
-            left[why] = left.get(why, 0) + int((rows & ~taken).sum())
+            remaining[why] = remaining.get(why, 0) + int((rows & ~taken).sum())
             taken |= rows
-    return ~taken, left
+    return ~taken, remaining
 
 
 def _beyond(robot, joints):

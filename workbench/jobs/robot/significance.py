@@ -51,10 +51,10 @@ class Significance:
         rows = [
             {
                 "parameter": key,
-                **{f"index_{p}": v for p, v in zip(PARTS, own)},
+                **{f"index_{p}": v for p, v in zip(PARTS, target)},
                 **{f"sensitivity_{p}": v for p, v in zip(PARTS, per)},
             }
-            for key, own, per in zip(self.keys, self.index.tolist(), self.sensitivity.tolist())
+            for key, target, per in zip(self.keys, self.index.tolist(), self.sensitivity.tolist())
         ]
         return {
             "command": "significance",
@@ -185,10 +185,10 @@ def image(found: Significance):
     """A matplotlib figure: four charts, a bar a parameter, crosses where there is no effect at all."""
     from matplotlib.figure import Figure
 
-    made = Figure(figsize=(11, 6.4), facecolor="white", layout="constrained")
+    figure = Figure(figsize=(11, 6.4), facecolor="white", layout="constrained")
     names, unseen = [key.split(".")[1] for key in found.keys], found.unseen()
     titles = ("position of the flange", "x axis (NP)", "y axis (OP)", "z axis")
-    charts = made.subplots(2, 2, sharex=True).ravel()
+    charts = figure.subplots(2, 2, sharex=True).ravel()
     for axes, part, title, column in zip(charts, PARTS, titles, found.index.T):
         none = np.isin(found.keys, unseen[part])
         axes.bar(names, column, color="#1f83c4", width=0.7)
@@ -206,9 +206,9 @@ def image(found: Significance):
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(axis="y", alpha=0.25)
     charts[1].legend(frameon=False, loc="lower right", bbox_to_anchor=(1, 0.98))
-    made.suptitle(
+    figure.suptitle(
         f"{found.robot.name}: average significance of {found.step_mm:g} mm or {found.step_rad:g} rad, "
         f"{found.points} {found.place}",
         size=11.5,
     )
-    return made
+    return figure

@@ -47,8 +47,8 @@ def _without_effects_named(scene: Scene, patterns: Sequence[str], path: Path) ->
         for c in scene.effect
     ]
     off = switched_off(names, patterns, f"scene {path}")
-    kept = [cause for cause, is_off in zip(scene.effect, off) if not is_off]
-    return scene.model_copy(update={"effect": kept})
+    retained = [cause for cause, is_off in zip(scene.effect, off) if not is_off]
+    return scene.model_copy(update={"effect": retained})
 
 
 @dataclass(frozen=True)
@@ -144,11 +144,11 @@ def _truth(scene, chain, geometry):
 
 def _check_columns(model) -> None:
     """InputError where an effect needs a column that the scene did not ask for."""
-    held = model.chain.state.covariates
+    covariates = model.chain.state.covariates
     for effect in model.effects:
         for name in effect.needs:
             stem = name.rstrip("0123456789").split("_")[0].rstrip("0123456789")
-            if name not in held and stem in _MAKERS:
+            if name not in covariates and stem in _MAKERS:
                 raise InputError(
                     f"{effect.title} needs column '{name}', found none; add {_MAKERS[stem]} to the scene"
                 )

@@ -18,11 +18,11 @@ def singular_joint(robot: Robot, reading: np.ndarray) -> int | None:
     largest change leads out of the singularity: joint 5 of a spherical wrist whose axes 4 and 6 are aligned, although
     these two make the motion v that leaves the flange in place; the elbow of a stretched arm.
     """
-    left, sizes, right = np.linalg.svd(_jacobian(robot, reading), full_matrices=False)
+    left_vectors, sizes, right = np.linalg.svd(_jacobian(robot, reading), full_matrices=False)
     if sizes[-1] > _SINGULAR * sizes[0]:
         return None
     changes = [
-        left[:, -1]
+        left_vectors[:, -1]
         @ (_jacobian(robot, reading + step) - _jacobian(robot, reading - step))
         @ right[-1]
         for step in np.diag(_steps(robot))

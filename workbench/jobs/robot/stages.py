@@ -139,12 +139,12 @@ def _prune(nominal: Step, step: Step, rows, split, progress) -> Chosen:
 
 def _without_effects(model: Model, stages: Sequence[Stage], left_out: Stage) -> Model:
     """A model of the effects of some stages, in their order, without those of one of them; bases are kept."""
-    kept, first = [], 0
+    stages_without, first = [], 0
     for stage in stages:
         end = first + len(stage.effects)
-        kept += [] if stage is left_out else model.effects[first:end]
+        stages_without += [] if stage is left_out else model.effects[first:end]
         first = end
-    return replace(model, effects=tuple(kept))
+    return replace(model, effects=tuple(stages_without))
 
 
 def _merged(stages, nominal: Step) -> Stage:
@@ -171,8 +171,8 @@ def _try(step: Step, stage: Stage, split: Split) -> Step:
     model = step.model.with_effects(*effects)
     start = model.parameters.take_over(step.parameters)
     left_out_before = np.isin(start.keys, list(step.tied)) & stage.canonical
-    own = stage_mask(start, stage, effects, model.chain)
-    wanted = start.only(start.mask | left_out_before | own)
+    free_of_stage = stage_mask(start, stage, effects, model.chain)
+    wanted = start.only(start.mask | left_out_before | free_of_stage)
     size = size_of(model.chain, wanted) if stage.canonical else None
     asked, wanted = int(wanted.mask.sum()), wanted if size is None else wanted.fix(size)
     trial, part, chain = fit_with_noise(model, split.fit, step.fit, wanted, stage)

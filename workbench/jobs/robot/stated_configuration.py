@@ -64,7 +64,7 @@ def with_stated_configuration(programme, arm: CalibratedArm) -> tuple:
     if column is None or not programme.anywhere or not has_configurations(robot):
         return programme, []
     stated = [parse_configuration(str(text)) for text in column]
-    rows = np.array([k for k, one in enumerate(stated) if one is not None], int)
+    rows = np.array([k for k, signs in enumerate(stated) if signs is not None], int)
     if not rows.size:
         return programme, []
     data = [stated[k] for k in rows]
@@ -80,8 +80,10 @@ def with_stated_configuration(programme, arm: CalibratedArm) -> tuple:
     starts = programme.readings.copy()
     starts[rows[is_found]] = readings[is_found]
     is_whole = is_found.all() and len(rows) == _count_poses(programme)
-    made = replace(programme, readings=starts, anywhere=not is_whole, is_configured=True)
-    return made, [*_sentences(column, rows, is_found), *said]
+    with_configuration = replace(
+        programme, readings=starts, anywhere=not is_whole, is_configured=True
+    )
+    return with_configuration, [*_sentences(column, rows, is_found), *said]
 
 
 def _count_poses(programme) -> int:
@@ -95,9 +97,12 @@ def _as_counted(data: Sequence[ConfigurationData], programme, robot: Robot) -> _
     if programme.controller is not None:
         signs = np.array(programme.controller.joint_signs, float)
         zeros = np.array(programme.controller.joint_zeros_deg)
-    ends = [(np.stack([one.low, one.high], 1) - zeros[:, None]) * signs[:, None] for one in data]
+    ends = [
+        (np.stack([branch.low, branch.high], 1) - zeros[:, None]) * signs[:, None]
+        for branch in data
+    ]
     ends = np.sort(ends, axis=2)
-    sides = _signs_of_sides(robot, signs) * [one.sides for one in data]
+    sides = _signs_of_sides(robot, signs) * [branch.sides for branch in data]
     sides[:, 2] = 0  # the limits of joint 5 say it
     return _Wanted(ends[..., 0], ends[..., 1], sides)
 
@@ -124,9 +129,11 @@ def _as_recorded(
     no sense or several fit.
     """
     recorded = arm.configurations
-    sides = np.array([one.sides for one in data]) * _signs_of_sides(arm.robot, np.ones(_JOINTS))
+    sides = np.array([branch.sides for branch in data]) * _signs_of_sides(
+        arm.robot, np.ones(_JOINTS)
+    )
     senses = [] if recorded is None else _senses(sides.any(0), is_alike)
-    fitting = [one for one in senses if _are_recorded(sides * one, recorded)]
+    fitting = [sense for sense in senses if _are_recorded(sides * sense, recorded)]
     free = np.full((len(rows), _JOINTS), np.inf)
     readings, is_found = np.zeros((len(rows), _JOINTS)), np.zeros(len(rows), bool)
     if len(fitting) == 1:
@@ -140,7 +147,10 @@ def _as_recorded(
 def _senses(is_stated: np.ndarray, is_alike: tuple[bool, bool]) -> list[tuple[int, ...]]:
     """The senses that the three sides may have: both of a stated side whose part counts unlike the controller."""
     is_known = (is_alike[0], is_alike[0], is_alike[1])
-    both = [(1, -1) if one and not known else (1,) for one, known in zip(is_stated, is_known)]
+    both = [
+        (1, -1) if is_branch_stated and not known else (1,)
+        for is_branch_stated, known in zip(is_stated, is_known)
+    ]
     return list(product(*both))
 
 
@@ -170,15 +180,15 @@ def _found(poses: np.ndarray, robot: Robot, wanted: _Wanted) -> tuple[np.ndarray
     rng, task = np.random.default_rng(0), Task.of(robot, {})
     readings, is_found = np.zeros((len(poses), _JOINTS)), np.zeros(len(poses), bool)
     for starts in (1, *[_STARTS] * _ROUNDS):
-        left = np.repeat(np.flatnonzero(~is_found), starts)
-        if not left.size:
+        unsolved = np.repeat(np.flatnonzero(~is_found), starts)
+        if not unsolved.size:
             break
         found, good = search_readings(
-            robot, _starts(wanted.rows(left), robot, rng), poses[left], task
+            robot, _starts(wanted.rows(unsolved), robot, rng), poses[unsolved], task
         )
-        good &= _matches(robot, found, wanted.rows(left))
-        readings[left[good]] = found[good]
-        is_found[left[good]] = True
+        good &= _matches(robot, found, wanted.rows(unsolved))
+        readings[unsolved[good]] = found[good]
+        is_found[unsolved[good]] = True
     return readings, is_found
 
 

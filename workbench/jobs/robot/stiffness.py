@@ -61,7 +61,10 @@ class CartesianStiffness:
 
     def deflection(self, wrench: np.ndarray) -> dict[str, np.ndarray]:
         """Part -> (n, 6) mm and rad that a wrench (6,) N, N m at the tool point, in the root frame, makes."""
-        return {part: made @ np.asarray(wrench, float) for part, made in self.compliance.items()}
+        return {
+            part: compliance @ np.asarray(wrench, float)
+            for part, compliance in self.compliance.items()
+        }
 
     def translational(self) -> np.ndarray:
         """(n, 3) mm/N: least, middle and largest translation per force without a moment, over all directions."""
@@ -69,15 +72,15 @@ class CartesianStiffness:
 
     def models(self, wrench=None) -> dict[str, np.ndarray]:
         """Model of `MODELS` -> (n,) mm: translation under a wrench, or the largest per newton of force."""
-        made = {}
+        models = {}
         for name, parts in MODELS.items():
             total = sum((self.compliance[part] for part in parts), np.zeros_like(self.total))
             if wrench is None:
-                made[name] = np.linalg.eigvalsh(total[:, _FORCE, _FORCE])[:, -1]
+                models[name] = np.linalg.eigvalsh(total[:, _FORCE, _FORCE])[:, -1]
             else:
                 moved = total @ np.asarray(wrench, float)
-                made[name] = np.linalg.norm(moved[:, _FORCE], axis=1)
-        return made
+                models[name] = np.linalg.norm(moved[:, _FORCE], axis=1)
+        return models
 
 
 def cartesian_stiffness(
@@ -182,14 +185,14 @@ def save(
     columns, readings = stiffness_columns(found, wrench), dict(readings or {})
     tables = {"stiffness": columns, "models": model_columns(found, wrench)}
     for name, table in tables.items():
-        whole = readings | table
-        lines = [[f"{value:.9g}" for value in row] for row in zip(*whole.values())]
-        (folder / f"{name}.csv").write_text(csv_text(list(whole), lines), encoding="utf-8")
+        table_columns = readings | table
+        lines = [[f"{value:.9g}" for value in row] for row in zip(*table_columns.values())]
+        (folder / f"{name}.csv").write_text(csv_text(list(table_columns), lines), encoding="utf-8")
     np.save(folder / "compliance.npy", found.total)
     np.save(folder / "stiffness.npy", found.stiffness)
     (folder / "map.vtk").write_text(_vtk(found.points, columns), encoding="utf-8")
-    made = {"map": map_figure(found, wrench), "models": models_figure(found, wrench)}
-    for name, figure in made.items():
+    figures = {"map": map_figure(found, wrench), "models": models_figure(found, wrench)}
+    for name, figure in figures.items():
         for suffix in ("pdf", "svg"):
             figure.savefig(folder / f"{name}.{suffix}")
 
@@ -220,15 +223,15 @@ def map_figure(found: CartesianStiffness, wrench):
         if wrench is None
         else ("deflection_mm", "deflection under the wrench (mm)")
     )
-    made = Figure(figsize=(9, 4.2), layout="constrained")
-    panels = made.subplots(1, 2)
+    figure = Figure(figsize=(9, 4.2), layout="constrained")
+    panels = figure.subplots(1, 2)
     for axes, (first, second) in zip(panels, ((0, 1), (0, 2))):
         shown = axes.scatter(
             found.points[:, first], found.points[:, second], c=columns[name], cmap="viridis"
         )
         axes.set(xlabel=f"{'xyz'[first]} (mm)", ylabel=f"{'xyz'[second]} (mm)", aspect="equal")
-    made.colorbar(shown, ax=panels, label=label)
-    return made
+    figure.colorbar(shown, ax=panels, label=label)
+    return figure
 
 
 def models_figure(found: CartesianStiffness, wrench):
@@ -241,8 +244,8 @@ def models_figure(found: CartesianStiffness, wrench):
         if wrench is None
         else "deflection under the wrench (mm)"
     )
-    made = Figure(figsize=(4.2 * len(models), 7.6), layout="constrained")
-    maps, below = made.subfigures(2, 1)
+    figure = Figure(figsize=(4.2 * len(models), 7.6), layout="constrained")
+    maps, below = figure.subfigures(2, 1)
     panels = maps.subplots(1, len(models), sharex=True, sharey=True)
     top = max(float(values.max()) for values in models.values())
     for axes, (name, values) in zip(panels, models.items()):
@@ -256,7 +259,7 @@ def models_figure(found: CartesianStiffness, wrench):
         axes.ecdf(values, label=name)
     axes.set(xlabel=label, ylabel="share of poses (1)")
     axes.legend(frameon=False)
-    return made
+    return figure
 
 
 __all__ = ["MODELS", "CartesianStiffness", "cartesian_stiffness", "save", "stiffness_columns"]

@@ -11,23 +11,27 @@ _ROUNDING_MM = 1e-9  # below it, two models have the same poses
 
 
 def switched_off_warning(
-    whole: CalibratedArm, arm: CalibratedArm, readings: np.ndarray, covariates=None
+    complete_arm: CalibratedArm, arm: CalibratedArm, readings: np.ndarray, covariates=None
 ) -> str:
     """Sentence on how far the missing terms move the flange at readings (n, R); "" where none is missing.
 
     whole: the calibrated arm with all terms; arm: without some of them. Rows of nan, of targets that are not reached,
     do not count. The held-out error and the covariance of a solution are those of all its terms.
     """
-    off = [effect for effect in whole.effects if all(effect is not kept for kept in arm.effects)]
+    off = [
+        effect
+        for effect in complete_arm.effects
+        if all(effect is not remaining for remaining in arm.effects)
+    ]
     reached = np.isfinite(readings).all(1)
     if not off or not reached.any():
         return ""
     names = [term_names(effect.effect, effect.where, name_of(effect))[0] for effect in off]
     rows = readings[reached]
     columns = {name: np.asarray(v)[reached] for name, v in (covariates or {}).items()}
-    lacking = covariates_read(whole) - covariates_read(arm) - set(columns)
+    lacking = covariates_read(complete_arm) - covariates_read(arm) - set(columns)
     try:
-        poses = [actual_poses(one, rows, columns) for one in (whole, arm)]
+        poses = [actual_poses(variant, rows, columns) for variant in (complete_arm, arm)]
         distance = np.linalg.norm(poses[0][:, :3, 3] - poses[1][:, :3, 3], axis=1)
         size = f"by up to {distance.max():.3g} mm (RMS {np.sqrt((distance**2).mean()):.3g} mm)"
         # a loop of unknown direction counts with its centre, which says nothing of its width

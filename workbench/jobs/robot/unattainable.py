@@ -35,15 +35,15 @@ class Unattainable:
     @property
     def sentence(self) -> str:
         """What is wrong and what to do."""
-        left = f"{self.distance_mm:.2g} mm and {self.rotation_deg:.2g} deg"
+        shortfall = f"{self.distance_mm:.2g} mm and {self.rotation_deg:.2g} deg"
         if self.distance_mm > _BEYOND_MM or self.rotation_deg > _BEYOND_DEG:
             return (
                 f"Target {self.row + 1} has no readings in corrected.csv: it is not attainable with the joints of the "
-                f"arm, and the nearest attainable pose is {left} away. Move it into the workspace of the arm."
+                f"arm, and the nearest attainable pose is {shortfall} away. Move it into the workspace of the arm."
             )
         found = (
             f"Target {self.row + 1} has no readings in corrected.csv: the calibrated arm differs from the nominal one, "
-            f"and its nearest attainable pose is {left} away{self._limit}."
+            f"and its nearest attainable pose is {shortfall} away{self._limit}."
         )
         if self.joint is None:
             return f"{found} Move the target into the workspace of the calibrated arm, or choose another posture."
@@ -72,16 +72,16 @@ def unattainable_targets(
     covariates: as of `compensate`.
     """
     rows = np.flatnonzero(~found.reached & ~found.beyond_limits)[:_MOST_TARGETS]
-    made = []
+    unattainable = []
     for row in rows:
-        own = {
+        covariates_of_row = {
             name: np.atleast_1d(np.broadcast_to(v, len(readings))[row])
             for name, v in (covariates or {}).items()
         }
-        one = _explained(arm, int(row), readings[row], found.poses[row], own)
+        explanation = _explained(arm, int(row), readings[row], found.poses[row], covariates_of_row)
         allowed = float(negligible_mm(found.uncertainty_mm[row]))
-        made.append(replace(one, allowed_mm=allowed))
-    return made
+        unattainable.append(replace(explanation, allowed_mm=allowed))
+    return unattainable
 
 
 def _explained(arm, row: int, start: np.ndarray, wanted: np.ndarray, covariates) -> Unattainable:
@@ -106,9 +106,9 @@ def _explained(arm, row: int, start: np.ndarray, wanted: np.ndarray, covariates)
         jac=lambda move: derivative(start + scale * move),
         max_nfev=60,
     )
-    left = nearest.fun
-    degrees = float(np.rad2deg(np.linalg.norm(left[3:]) / LEVER_MM))
+    error = nearest.fun
+    degrees = float(np.rad2deg(np.linalg.norm(error[3:]) / LEVER_MM))
     reading = start + scale * nearest.x
     joint = singular_joint(arm.robot, reading)
     words = "" if joint is None else reading_words(arm.robot, reading, joint)
-    return Unattainable(row, float(np.linalg.norm(left[:3])), degrees, joint, words)
+    return Unattainable(row, float(np.linalg.norm(error[:3])), degrees, joint, words)

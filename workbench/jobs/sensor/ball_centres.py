@@ -24,20 +24,22 @@ from workbench.jobs.sensor.scan import Ball, Scan, Scans
 FOLDER = "ball-centres"
 
 
-def as_json(made: Scans, folder: Path, tolerances: Sequence[Tolerance] = ()) -> dict:
+def as_json(scans: Scans, folder: Path, tolerances: Sequence[Tolerance] = ()) -> dict:
     """The answer of `workbench scan`; folder: where the run will stand; tolerances: what its verdict is judged by."""
-    centres = centres_of(made)
+    centres = centres_of(scans)
     return {
-        "scans": Made(made.scans, lambda one: scan_json(one, folder, made.scanner)),
-        "uncertainty": uncertainty(made.scanner),
-        "scanner": None if made.calibration is None else str(folder / "scanner.toml"),
+        "scans": Made(scans.scans, lambda scan: scan_json(scan, folder, scans.scanner)),
+        "uncertainty": uncertainty(scans.scanner),
+        "scanner": None if scans.calibration is None else str(folder / "scanner.toml"),
         "ball_centres": None
         if centres is None
         else {"folder": str(folder / FOLDER), "samples": centres.n},
-        "acceptance": [characteristic_json(one) for one in characteristics(made)],
-        "warnings": scan_warnings(made),
-        "verdict": scan_verdict(made, tolerances).as_json(),
-        "provenance": provenance(made.recording),
+        "acceptance": [
+            characteristic_json(characteristic) for characteristic in characteristics(scans)
+        ],
+        "warnings": scan_warnings(scans),
+        "verdict": scan_verdict(scans, tolerances).as_json(),
+        "provenance": provenance(scans.recording),
     }
 
 
@@ -61,19 +63,19 @@ def uncertainty(scanner: Scanner | None) -> str:
     )
 
 
-def scan_json(one: Scan, folder: Path, scanner: Scanner) -> dict:
+def scan_json(scan: Scan, folder: Path, scanner: Scanner) -> dict:
     """One scan of the contract."""
     return {
-        "scan": one.name,
-        "frame": one.frame,
-        "sample": one.row.get("sample"),
-        "points": one.points,
-        "cloud": str(folder / one.cloud) if one.points else None,
-        "dropped": dict(one.dropped),
-        "rejected": [{"image": unseen.image, "why": unseen.why} for unseen in one.rejected],
-        "balls": [ball_json(ball, scanner) for ball in one.balls],
-        "refused": [refusal_json(candidate) for candidate in one.refused],
-        "outcome": one.outcome,
+        "scan": scan.name,
+        "frame": scan.frame,
+        "sample": scan.row.get("sample"),
+        "points": scan.points,
+        "cloud": str(folder / scan.cloud) if scan.points else None,
+        "dropped": dict(scan.dropped),
+        "rejected": [{"image": unseen.image, "why": unseen.why} for unseen in scan.rejected],
+        "balls": [ball_json(ball, scanner) for ball in scan.balls],
+        "refused": [refusal_json(candidate) for candidate in scan.refused],
+        "outcome": scan.outcome,
     }
 
 
@@ -89,15 +91,15 @@ def ball_json(ball: Ball, scanner: Scanner) -> dict:
     """A ball of the contract, frame of its scan: `radius_mm` is that of the fit, certified where it is known; `std_mm`
     holds in that frame, see `uncertainty`."""
     fit, free = ball.fit, ball.free
-    whole = whole_covariance(scanner, ball)
+    full_covariance = whole_covariance(scanner, ball)
     return {
         "ball": ball.number,
         **dict(zip(("x_mm", "y_mm", "z_mm"), fit.centre.tolist())),
         "radius_mm": fit.radius,
         "radius_known": ball.radius is not None,
         "rms_mm": fit.rms,
-        "std_mm": np.sqrt(np.diag(whole)).tolist(),
-        "covariance_mm2": whole.tolist(),
+        "std_mm": np.sqrt(np.diag(full_covariance)).tolist(),
+        "covariance_mm2": full_covariance.tolist(),
         "std_in_best_frame_mm": fit.std[:3].tolist(),
         "covariance_in_best_frame_mm2": fit.covariance[:3, :3].tolist(),
         "free_radius_mm": free.radius,
@@ -117,36 +119,41 @@ def ball_json(ball: Ball, scanner: Scanner) -> dict:
     }
 
 
-def refusal_json(one: Refusal) -> dict:
+def refusal_json(refusal: Refusal) -> dict:
     """A candidate that is no ball, and the requirement that it fails."""
-    x, y, z = one.centre.tolist()
+    x, y, z = refusal.centre.tolist()
     place = {"x_mm": x, "y_mm": y, "z_mm": z}
-    return {**place, "radius_mm": one.radius, "points": one.points, "why": one.why}
+    return {**place, "radius_mm": refusal.radius, "points": refusal.points, "why": refusal.why}
 
 
 def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def characteristics(made: Scans) -> tuple[Characteristic, ...]:
+def characteristics(scans: Scans) -> tuple[Characteristic, ...]:
     """Acceptance figures over all scans: the largest of all scans is the result.
 
     Balls that are cut by the field, hidden in part or beyond the calibrated depths do not count. Worked out once."""
-    if "characteristics" not in made.cache:
-        made.cache["characteristics"] = _characteristics(made)
-    return made.cache["characteristics"]
+    if "characteristics" not in scans.cache:
+        scans.cache["characteristics"] = _characteristics(scans)
+    return scans.cache["characteristics"]
 
 
-def _characteristics(made: Scans) -> tuple[Characteristic, ...]:
+def _characteristics(scans: Scans) -> tuple[Characteristic, ...]:
     every = tuple(map(_Combined, acceptance()))
     single = (
-        [whole.add(one.name, own) for whole, own in zip(every, one.accepted)] for one in made.scans
+        [
+            combined.add(scan.name, characteristic)
+            for combined, characteristic in zip(every, scan.accepted)
+        ]
+        for scan in scans.scans
     )
     spool = Spool(
-        single, folder=made.folder
+        single, folder=scans.folder
     )  # single results of a long session are read when they are written
     return tuple(
-        whole.characteristic(Parts(Made(spool, itemgetter(k)))) for k, whole in enumerate(every)
+        combined.characteristic(Parts(Made(spool, itemgetter(k))))
+        for k, combined in enumerate(every)
     )
 
 
@@ -157,17 +164,22 @@ class _Combined:
     def __init__(self, undetermined: Characteristic):
         self._kept, self._scans, self._n, self._sum = undetermined, 0, 0, 0.0
 
-    def add(self, name: str, one: Characteristic) -> dict[str, float]:
+    def add(self, name: str, characteristic: Characteristic) -> dict[str, float]:
         """That of the next scan; gives back its single results by their names among those of all scans."""
         self._scans += 1
         if (
-            self._scans == 1 or one.determined and not abs(one.value) <= abs(self._kept.value)
+            self._scans == 1
+            or characteristic.determined
+            and not abs(characteristic.value) <= abs(self._kept.value)
         ):  # nan: none so far
-            self._kept = one
-        if not one.determined:
+            self._kept = characteristic
+        if not characteristic.determined:
             return {}
-        self._n, self._sum = self._n + one.n, self._sum + one.n * one.value
-        return {f"scan {name}, {part}": value for part, value in one.parts.items()}
+        self._n, self._sum = (
+            self._n + characteristic.n,
+            self._sum + characteristic.n * characteristic.value,
+        )
+        return {f"scan {name}, {part}": value for part, value in characteristic.parts.items()}
 
     def characteristic(self, parts: Mapping[str, float]) -> Characteristic:
         """That of all scans so far, with their single results."""
@@ -178,39 +190,39 @@ class _Combined:
         return replace(self._kept, value=value, n=self._n, parts=parts)
 
 
-def characteristic_json(one: Characteristic) -> dict:
+def characteristic_json(characteristic: Characteristic) -> dict:
     """A line of the acceptance report."""
     return {
-        "name": one.name,
-        "symbol": one.symbol,
-        "vdi": one.vdi,
-        "value": one.value if one.determined else None,
-        "unit": one.unit,
-        "std": one.std,
-        "n": one.n,
-        "why": one.why,
-        "parts": one.parts,
-        "definition": one.definition,
-        "verdict": one.verdict,
+        "name": characteristic.name,
+        "symbol": characteristic.symbol,
+        "vdi": characteristic.vdi,
+        "value": characteristic.value if characteristic.determined else None,
+        "unit": characteristic.unit,
+        "std": characteristic.std,
+        "n": characteristic.n,
+        "why": characteristic.why,
+        "parts": characteristic.parts,
+        "definition": characteristic.definition,
+        "verdict": characteristic.verdict,
     }
 
 
-def centres_of(made: Scans) -> Recording | None:
+def centres_of(scans: Scans) -> Recording | None:
     """The recording of kind ball-centre that these scans make; None where no ball is named or no sample is known.
 
     One row a ball and scan, with all columns of the sample that the scan belongs to, sigmas of each
     coordinate from the covariance of the fit, and where in the sensor's field the ball was seen. The sigmas are in the
     frame that fits best: what the camera's own frame is off, the calibration of the arm takes up. Worked out once.
     """
-    if "centres" not in made.cache:
-        made.cache["centres"] = _centres_of(made)
-    return made.cache["centres"]
+    if "centres" not in scans.cache:
+        scans.cache["centres"] = _centres_of(scans)
+    return scans.cache["centres"]
 
 
-def _centres_of(made: Scans) -> Recording | None:
-    recording = made.recording
+def _centres_of(scans: Scans) -> Recording | None:
+    recording = scans.recording
     is_placed = recording.columns and (recording.robot or recording.flange is not None)
-    measured = _columns(made) if is_placed else {}
+    measured = _columns(scans) if is_placed else {}
     if not measured:
         return None
     place = rows_of_samples(recording, measured.pop("sample"))
@@ -241,27 +253,27 @@ def check_arm(recording: Recording) -> None:
         )
 
 
-def required(made: Scans) -> Recording:
+def required(scans: Scans) -> Recording:
     """The recording of ball centres; InputError where these scans make none."""
-    found = centres_of(made)
+    found = centres_of(scans)
     if found is not None:
         return found
-    check_arm(made.recording)
-    if any(one.frame == "base" for one in made.scans):
+    check_arm(scans.recording)
+    if any(scan.frame == "base" for scan in scans.scans):
         raise InputError(
-            f"{made.recording.name}, images.csv: expected scans that were taken at one sample each, found images of "
+            f"{scans.recording.name}, images.csv: expected scans that were taken at one sample each, found images of "
             "one scan at several samples; joining them assumes that the flange poses are right: use `workbench scan`"
         )
     name, fitted = (
-        made.recording.name,
-        sum(bool(ball.fit) for one in made.scans for ball in one.balls),
+        scans.recording.name,
+        sum(bool(ball.fit) for scan in scans.scans for ball in scan.balls),
     )
-    if not any("sample" in one.row for one in made.scans):
+    if not any("sample" in scan.row for scan in scans.scans):
         raise InputError(
             f"{name}, images.csv, column sample: expected the row of samples.csv that each scan belongs to, found "
             "none; add the column"
         )
-    why = next((one.outcome for one in made.scans if one.outcome), "no ball was found")
+    why = next((scan.outcome for scan in scans.scans if scan.outcome), "no ball was found")
     raise InputError(
         f"{name}: expected balls that are known by their number in artefact.csv, found {fitted} balls and none "
         f"of them named ({why}); add a column ball to samples.csv"
@@ -269,41 +281,41 @@ def required(made: Scans) -> Recording:
 
 
 def renumbered(
-    made: Scans, centres: Recording, samples: Sequence[int] | None
+    scans: Scans, centres: Recording, samples: Sequence[int] | None
 ) -> tuple[int, ...] | None:
     """Samples of `centres` that come from these samples of the images' recording; None for None."""
     if samples is None:
         return None
-    wanted = np.isin([int(row["sample"]) for row, _ in _rows(made)], list(samples))
+    wanted = np.isin([int(row["sample"]) for row, _ in _rows(scans)], list(samples))
     return tuple(int(number) for number in centres.sample_ids[wanted])
 
 
-def _rows(made: Scans) -> Iterator[tuple[dict, Ball]]:
+def _rows(scans: Scans) -> Iterator[tuple[dict, Ball]]:
     """Row of images.csv and ball, of every named ball in a scan of one sample, at depths that are calibrated."""
-    for one in made.scans:
-        for ball in one.balls:
-            is_placed = one.frame == "camera" and "sample" in one.row
+    for scan in scans.scans:
+        for ball in scan.balls:
+            is_placed = scan.frame == "camera" and "sample" in scan.row
             if ball.number is not None and ball.fit and not ball.beyond and is_placed:
-                yield one.row, ball
+                yield scan.row, ball
 
 
-def _columns(made: Scans) -> dict[str, np.ndarray]:
+def _columns(scans: Scans) -> dict[str, np.ndarray]:
     """Columns (k,) of `_ball_columns` of every row of `_rows`, and its sample; numbers alone are kept of a ball."""
     columns: dict[str, array] = {}
-    for row, ball in _rows(made):
-        for name, value in {"sample": row["sample"], **_ball_columns(made, ball)}.items():
+    for row, ball in _rows(scans):
+        for name, value in {"sample": row["sample"], **_ball_columns(scans, ball)}.items():
             columns.setdefault(name, array("d")).append(value)
     return {name: np.array(values) for name, values in columns.items()}
 
 
-def _ball_columns(made: Scans, ball: Ball) -> dict[str, float]:
+def _ball_columns(scans: Scans, ball: Ball) -> dict[str, float]:
     """Columns of one ball centre, in file units."""
     fit = ball.fit
     std = fit.std[:3]
     away = ball.points[:, fit.inliers] - fit.centre[:, None]
     back = -ball.points[:, fit.inliers]
     cosine = (away * back).sum(0) / (np.linalg.norm(away, axis=0) * np.linalg.norm(back, axis=0))
-    u, v = made.scanner.camera.project(fit.centre[:, None])[:, 0]
+    u, v = scans.scanner.camera.project(fit.centre[:, None])[:, 0]
     return {
         "ball": ball.number,
         **dict(zip(("x_mm", "y_mm", "z_mm"), fit.centre.tolist())),
@@ -316,12 +328,12 @@ def _ball_columns(made: Scans, ball: Ball) -> dict[str, float]:
     }
 
 
-def save(made: Scans, folder: Path) -> None:
+def save(scans: Scans, folder: Path) -> None:
     """Write the recording of ball centres, and the scanner where it was calibrated here, into `folder`."""
-    if made.calibration is not None:
+    if scans.calibration is not None:
         from workbench.jobs.sensor import scanner
 
-        scanner.save(made.calibration, folder)
-    centres = centres_of(made)
+        scanner.save(scans.calibration, folder)
+    centres = centres_of(scans)
     if centres is not None:
         datasets.write(centres, folder / FOLDER)

@@ -43,7 +43,7 @@ class _Arc:
 
 def balls_of(
     recording: Recording,
-    made: ScannerCalibration,
+    calibration: ScannerCalibration,
     board_stripes: BoardStripeChain,
     size: int,
     progress: Callable[[str], None],
@@ -64,12 +64,12 @@ def balls_of(
         if is_joined(rows):
             continue  # the sensor or the object moves in it: its errors are not those of the sensor alone
         progress(f"balls in scan {name}")
-        found = _arcs(recording, made.scanner, rows, depth, light)
+        found = _arcs(recording, calibration.scanner, rows, depth, light)
         arcs += found
         scans += [name] * len(found)
     if not arcs:
         return None, ()
-    return _blocks(_chain(arcs, made.scanner, board_stripes), size), tuple(scans)
+    return _blocks(_chain(arcs, calibration.scanner, board_stripes), size), tuple(scans)
 
 
 def _arcs(recording, scanner: Scanner, rows, depth, light) -> list[_Arc]:
@@ -85,15 +85,15 @@ def _arcs(recording, scanner: Scanner, rows, depth, light) -> list[_Arc]:
     numbers, _ = named(
         recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found]
     )
-    made = []
+    arcs = []
     for fit, number in zip(found, numbers):
         radius = (
             recording.balls[number][3] if number else min(radii, key=lambda r: abs(r - fit.radius))
         )
         seen = {"pixels": pixels, "step": step, "sigma": sigma, "covariates": covariates}
         arc = _arc(plain, seen, shape, points, fit, radius, number or 0, light)
-        made += [] if arc is None else [arc]
-    return made
+        arcs += [] if arc is None else [arc]
+    return arcs
 
 
 def _stripes(recording, scanner, rows, depth):
@@ -146,12 +146,12 @@ def _arc(scanner, seen, shape, points, fit, radius, number, light) -> _Arc | Non
     again = fit_ball(scanner.reconstruct(straight[:, good], step[good]), radius=radius)
     if not again:
         return None
-    kept = np.flatnonzero(good)[again.inliers]
-    covariates = {name: column[on][kept] for name, column in seen["covariates"].items()}
+    inliers = np.flatnonzero(good)[again.inliers]
+    covariates = {name: column[on][inliers] for name, column in seen["covariates"].items()}
     return _Arc(
-        straight[:, kept],
-        place[kept],
-        seen["sigma"][on][kept],
+        straight[:, inliers],
+        place[inliers],
+        seen["sigma"][on][inliers],
         covariates,
         again.centre,
         radius,
@@ -197,14 +197,14 @@ def _blocks(chain: Balls, size: int) -> Balls:
 
     first = np.unique(block, return_index=True)[1]
     values = chain.parameters.values
-    made = replace(
+    joined = replace(
         chain,
         pixels=np.stack([mean(row) for row in chain.pixels]),
         sigma=total[None] ** -0.5,
         labels={name: label[first] for name, label in chain.labels.items()},
         covariates={name: mean(column) for name, column in chain.covariates.items()},
     )
-    missing = mean(chain.evaluate(values, {}).residual[0] * chain.gain) / made.gain
-    missing = missing - made.evaluate(values, {}).residual[0]
-    side = np.sign((made.at_start.by_pixel * made.scan).sum(0))
-    return replace(made, pixels=made.pixels + made.scan * (missing * side))
+    missing = mean(chain.evaluate(values, {}).residual[0] * chain.gain) / joined.gain
+    missing = missing - joined.evaluate(values, {}).residual[0]
+    side = np.sign((joined.at_start.by_pixel * joined.scan).sum(0))
+    return replace(joined, pixels=joined.pixels + joined.scan * (missing * side))

@@ -66,19 +66,21 @@ def _with_reason(problem: InputError, found) -> InputError:
     )
 
 
-def as_json(made: CameraRun, tolerances: Sequence[Tolerance] = ()) -> dict:
+def as_json(run: CameraRun, tolerances: Sequence[Tolerance] = ()) -> dict:
     """The camera's part of the JSON contract; tolerances: what its verdict is judged by."""
-    calibration = made.calibration
+    calibration = run.calibration
     return {
         **camera_json(calibration.camera, calibration.std),
-        "model": made.model,
+        "model": run.model,
         "rms_px": calibration.rms_px,
         "rms_coordinate_px": calibration.rms_coordinate_px,
         "rms_means": "rms_px counts 2-D distances, as OpenCV does; rms_coordinate_px is of one coordinate",
         "views": len(calibration.views),
         "placements": len(calibration.poses),
         "corners": int(calibration.view.size),
-        "rejected": [{"image": one.image, "why": one.why} for one in made.rejected],
+        "rejected": [
+            {"image": rejection.image, "why": rejection.why} for rejection in run.rejected
+        ],
         "images": images_json(calibration),
         "bow": bow_json(calibration),
         "held_out": held_out_json(calibration.held_out),
@@ -88,7 +90,7 @@ def as_json(made: CameraRun, tolerances: Sequence[Tolerance] = ()) -> dict:
         "undetermined": list(calibration.undetermined),
         "warnings": camera_warnings(calibration),
         "verdict": camera_verdict(calibration, tolerances).as_json(),
-        "provenance": provenance(made.recording),
+        "provenance": provenance(run.recording),
     }
 
 
@@ -137,9 +139,9 @@ def bow_json(calibration: CameraCalibration) -> dict | None:
     }
 
 
-def held_out_json(held) -> dict | None:
+def held_out_json(held_out) -> dict | None:
     """Errors on images left out, next to OpenCV's; None where there are too few."""
-    if held is None:
+    if held_out is None:
         return None
     names = (
         "folds",
@@ -149,7 +151,7 @@ def held_out_json(held) -> dict | None:
         "opencv_halved_rms_px",
         "sentence",
     )
-    return {name: getattr(held, name) for name in names}
+    return {name: getattr(held_out, name) for name in names}
 
 
 def halves_json(halves) -> dict | None:
@@ -181,11 +183,11 @@ def uncertainty_json(field) -> dict:
     }
 
 
-def save(made: CameraRun, folder: Path) -> None:
+def save(run: CameraRun, folder: Path) -> None:
     """Write camera.toml into `folder`: what `read` takes, with sigmas and where it comes from."""
     import tomli_w
 
-    calibration = made.calibration
+    calibration = run.calibration
     std = {
         key.removeprefix("camera."): float(value)
         for key, value in calibration.std.items()
@@ -198,7 +200,7 @@ def save(made: CameraRun, folder: Path) -> None:
         "std": std,
         **covariance_keys(_camera_covariance(calibration)),
         "verdict": camera_trust(calibration).as_keys(),
-        "provenance": {key: value for key, value in provenance(made.recording).items() if value},
+        "provenance": {key: value for key, value in provenance(run.recording).items() if value},
     }
     (folder / FILE).write_text(tomli_w.dumps(text), encoding="utf-8")
 

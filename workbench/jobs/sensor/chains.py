@@ -92,7 +92,7 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
     if stripes is None:
         names = tuple(camera.placements)
         return noisy(Chains(camera.chain, placements=names, lines=_displaced(camera)))
-    made = calibrate_scanner(
+    calibration = calibrate_scanner(
         camera.views,
         stripes,
         camera.board,
@@ -102,15 +102,24 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
         check=False,
         progress=progress,
     )
-    board_stripes, _ = thinned(made.free.board_stripes, MOST_STRIPES)
-    size = max(1, round(made.stripes.n / max(board_stripes.n, 1)))
-    board_stripes, gain_free = with_mirror(board_stripes, _commanded(stripes, made.scanner.steps))
-    balls, scans = balls_of(recording, made, board_stripes, size, progress)
-    whole = Chains(made.free.corners, board_stripes, balls, made.placements, scans, gain_free)
+    board_stripes, _ = thinned(calibration.free.board_stripes, MOST_STRIPES)
+    size = max(1, round(calibration.stripes.n / max(board_stripes.n, 1)))
+    board_stripes, gain_free = with_mirror(
+        board_stripes, _commanded(stripes, calibration.scanner.steps)
+    )
+    balls, scans = balls_of(recording, calibration, board_stripes, size, progress)
+    chains = Chains(
+        calibration.free.corners, board_stripes, balls, calibration.placements, scans, gain_free
+    )
     shape = asymmetry(Profiles.joined(profiles)) if profiles else None
-    doubts = tuple(line_warnings(made, shape))
+    warnings = tuple(line_warnings(calibration, shape))
     return noisy(
-        replace(whole, lines=_displaced(camera), dependence=made.dependence, line_doubts=doubts)
+        replace(
+            chains,
+            lines=_displaced(camera),
+            dependence=calibration.dependence,
+            line_doubts=warnings,
+        )
     )
 
 
@@ -138,8 +147,8 @@ def _stripes(recording, camera, progress, profiles: list[Profiles]):
 
 def _commanded(stripes, steps) -> np.ndarray | None:
     """(S,) rad of the steps as commanded, None where images.csv does not say."""
-    kept = stripes.at(np.isin(stripes.step, steps))
-    angles = kept.angles(steps)
+    selected = stripes.at(np.isin(stripes.step, steps))
+    angles = selected.angles(steps)
     return None if angles is None or np.ptp(angles) < _STILL else angles
 
 
@@ -169,10 +178,10 @@ def at_solution(chains: Chains, fit: BundleFit) -> Chains:
     camera = Camera.of(
         fit.parameters.values[: len(chains.corners.camera.values)], chains.corners.camera.size
     )
-    made: dict = {"corners": chains.corners.moved(camera, fit.values["placement"])}
+    moved_chains: dict = {"corners": chains.corners.moved(camera, fit.values["placement"])}
     board_stripes, mirror = chains.board_stripes, None
     if board_stripes is None:
-        return replace(chains, **made)
+        return replace(chains, **moved_chains)
     if board_stripes.mirror is None:
         planes = moved(board_stripes.planes, fit.values["step"])
     else:
@@ -184,11 +193,13 @@ def at_solution(chains: Chains, fit: BundleFit) -> Chains:
             change.mirror,
         )
         planes = mirror.planes(board_stripes.angles)
-    made["board_stripes"] = board_stripes.moved(camera, fit.values["placement"], planes, mirror)
+    moved_chains["board_stripes"] = board_stripes.moved(
+        camera, fit.values["placement"], planes, mirror
+    )
     if chains.balls is not None:
         balls = replace(chains.balls, angles=board_stripes.angles)
-        made["balls"] = balls.moved(camera, fit.values["ball"], planes, mirror)
-    return replace(chains, **made)
+        moved_chains["balls"] = balls.moved(camera, fit.values["ball"], planes, mirror)
+    return replace(chains, **moved_chains)
 
 
 def measured(
@@ -259,9 +270,9 @@ def _third_differences(residual, sigma, along, four: np.ndarray) -> np.ndarray:
     the residual would pass for noise. Weights: 1 over the product of the distances from the other three places.
     """
     place = along[four]
-    apart = place[:, :, None] - place[:, None]
-    apart[:, range(4), range(4)] = 1.0
-    product = apart.prod(2)
+    spacing = place[:, :, None] - place[:, None]
+    spacing[:, range(4), range(4)] = 1.0
+    product = spacing.prod(2)
     usable = (product != 0).all(1)
     weight, four = 1 / product[usable], four[usable]
     weight = weight / np.linalg.norm(weight, axis=1, keepdims=True)

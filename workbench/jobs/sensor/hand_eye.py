@@ -115,21 +115,21 @@ def calibrate(
     poses = flange[rows]
     if not trust_data:
         _check_equal_poses(recording, views, poses)
-    held = source == HELD or sensor is not None
+    is_held = source == HELD or sensor is not None
     review = review_recording(
-        Observed(recording, found, views, known, not held, poses, rows, kind), progress
+        Observed(recording, found, views, known, not is_held, poses, rows, kind), progress
     )
     calibration = camera if isinstance(camera, CameraCalibration) else None
     if not trust_data and is_refused_by(review, calibration):
         refuse(recording, review)
-    made = hand_eye_from_views(views, found.board, camera, poses, kind, reviewed=review)
-    made = replace(made, notes=(*made.notes, *_on_camera(camera, source)))
+    hand_eye = hand_eye_from_views(views, found.board, camera, poses, kind, reviewed=review)
+    hand_eye = replace(hand_eye, notes=(*hand_eye.notes, *_on_camera(camera, source)))
     return HandEyeRun(
         recording,
-        made,
+        hand_eye,
         poses,
         tuple(view.image for view in views),
-        made.camera,
+        hand_eye.camera,
         calibration,
         found.board,
         views,
@@ -197,8 +197,8 @@ def _on_camera(camera, source: str) -> tuple[str, ...]:
 def _from_centres(recording, kind, progress) -> HandEyeRun:
     _check_in_hand(recording, kind)
     flange = flange_poses(recording)
-    made, poses, names = hand_eye_clouds.from_ball_centres(recording, flange, progress)
-    return HandEyeRun(recording, made, poses, names)
+    hand_eye, poses, names = hand_eye_clouds.from_ball_centres(recording, flange, progress)
+    return HandEyeRun(recording, hand_eye, poses, names)
 
 
 def _from_surface(recording, kind, progress) -> HandEyeRun:
@@ -213,8 +213,8 @@ def _from_surface(recording, kind, progress) -> HandEyeRun:
             "split the recording, one ball each"
         )
     flange = flange_poses(recording)
-    made, poses, names = hand_eye_clouds.from_clouds(recording, flange, progress)
-    return HandEyeRun(recording, made, poses, names)
+    hand_eye, poses, names = hand_eye_clouds.from_clouds(recording, flange, progress)
+    return HandEyeRun(recording, hand_eye, poses, names)
 
 
 def _check_in_hand(recording, kind) -> None:
@@ -246,7 +246,7 @@ def _from_profiles(recording, kind, progress) -> HandEyeRun:
         recording, recording.points[pose == 0].T, None if ball is None else float(ball[3])
     )
     flange = flange_poses(recording)[first]
-    made = hand_eye_from_profiles(
+    hand_eye = hand_eye_from_profiles(
         recording.points.T, pose, flange, None if ball is None else ball[3]
     )
     free = None
@@ -255,50 +255,52 @@ def _from_profiles(recording, kind, progress) -> HandEyeRun:
         free = hand_eye_from_profiles(recording.points.T, pose, flange, None)
     named = recording.columns.get("pose", labels)
     names = tuple(f"pose {named[row]:g}" for row in first)
-    return HandEyeRun(recording, made, flange, names, free=free)
+    return HandEyeRun(recording, hand_eye, flange, names, free=free)
 
 
 def as_json(run: HandEyeRun, tolerances: Sequence[Tolerance] = ()) -> dict:
     """The answer of `workbench handeye`; tolerances: what its verdict is judged by."""
-    made = run.made
+    hand_eye = run.made
     return {
-        "kind": made.kind,
-        "transform": "T_base_sensor" if made.kind == TO_HAND else "T_flange_sensor",
+        "kind": hand_eye.kind,
+        "transform": "T_base_sensor" if hand_eye.kind == TO_HAND else "T_flange_sensor",
         "poses": len(run.flange),
-        "hand_eye": placed_json(made.sensor, made.covariance),
-        "target": target_json(made),
-        "noise": made.noise,
-        "noise_unit": made.unit,
+        "hand_eye": placed_json(hand_eye.sensor, hand_eye.covariance),
+        "target": target_json(hand_eye),
+        "noise": hand_eye.noise,
+        "noise_unit": hand_eye.unit,
         "robot_sigma": robot_sigma(run),
-        "fit": dict(made.fit),
-        "held_out": dict(made.held_out),
+        "fit": dict(hand_eye.fit),
+        "held_out": dict(hand_eye.held_out),
         "errors": [
             {
                 "name": name,
                 "residual": row.residual,
                 "held_out": row.held_out,
-                "unit": made.unit,
+                "unit": hand_eye.unit,
                 "moved_mm": row.moved_mm,
                 "turned_deg": row.turned_deg,
                 "outlier": row.outlier,
                 "why": row.why,
             }
-            for name, row in zip(run.names, made.poses)
+            for name, row in zip(run.names, hand_eye.poses)
         ],
-        "radius_mm": made.radius,
-        "radius_std_mm": made.std.get("target.radius"),
+        "radius_mm": hand_eye.radius,
+        "radius_std_mm": hand_eye.std.get("target.radius"),
         **profiler_json(run),
         "camera": None
         if run.camera is None
-        else {**cameras.camera_json(run.camera, made.std), "source": run.source},
-        "rejected": [{"image": one.image, "why": one.why} for one in run.rejected],
+        else {**cameras.camera_json(run.camera, hand_eye.std), "source": run.source},
+        "rejected": [
+            {"image": rejection.image, "why": rejection.why} for rejection in run.rejected
+        ],
         "undetermined": undetermined(run),
         "suspicions": list(suspicions(run)),
         "warnings": handeye_warnings(run),
         "verdict": handeye_verdict(run, tolerances).as_json(),
-        "notes": list(made.notes),
-        "outcome": made.outcome,
-        "converged": made.converged,
+        "notes": list(hand_eye.notes),
+        "outcome": hand_eye.outcome,
+        "converged": hand_eye.converged,
         "provenance": provenance(run.recording),
     }
 
@@ -306,12 +308,12 @@ def as_json(run: HandEyeRun, tolerances: Sequence[Tolerance] = ()) -> dict:
 def profiler_json(run: HandEyeRun) -> dict:
     """Of profiles: the scale of the profiler's z, as one plus it, and the ball's radius where it is fitted; sigmas None
     where a number is held."""
-    made, free = run.made, run.made if run.free is None else run.free
-    if made.radius is None:
+    hand_eye, free = run.made, run.made if run.free is None else run.free
+    if hand_eye.radius is None:
         return {}
     return {
-        "range_scale": made.range_scale,
-        "range_scale_std": made.std.get("sensor.range_scale"),
+        "range_scale": hand_eye.range_scale,
+        "range_scale_std": hand_eye.std.get("sensor.range_scale"),
         "free_radius_mm": free.radius,
         "free_radius_std_mm": free.std.get("target.radius"),
         "free_radius_range_scale": free.range_scale,
@@ -332,17 +334,17 @@ def placed_json(matrix: np.ndarray, covariance: np.ndarray) -> dict:
     }
 
 
-def target_json(made: HandEye) -> dict:
+def target_json(hand_eye: HandEye) -> dict:
     """Where the board or the ball stands."""
-    if made.radius is None:
+    if hand_eye.radius is None:
         return {
-            "transform": "T_flange_board" if made.kind == TO_HAND else "T_base_board",
-            **placed_json(made.target, made.target_covariance),
+            "transform": "T_flange_board" if hand_eye.kind == TO_HAND else "T_base_board",
+            **placed_json(hand_eye.target, hand_eye.target_covariance),
         }
     return {
         "transform": "centre of the ball in the base",
-        "xyz_mm": made.centre.tolist(),
-        "std_mm": np.sqrt(np.diag(made.target_covariance)).tolist(),
+        "xyz_mm": hand_eye.centre.tolist(),
+        "std_mm": np.sqrt(np.diag(hand_eye.target_covariance)).tolist(),
     }
 
 

@@ -49,8 +49,8 @@ def from_clouds(
     sigma = float(np.sqrt(np.mean([(fit.std[:3] ** 2).mean() for fit in fits])))
     data = Centres(centres, flange[first], np.zeros(len(labels), int), sigma)
     size = radius if radius is not None else float(np.mean([fit.radius for fit in fits]))
-    made = hand_eye_from_centres(data, size, np.array([fit.rms for fit in fits]))
-    return made, flange[first], tuple(f"pose {label:g}" for label in labels)
+    hand_eye = hand_eye_from_centres(data, size, np.array([fit.rms for fit in fits]))
+    return hand_eye, flange[first], tuple(f"pose {label:g}" for label in labels)
 
 
 def from_ball_centres(
@@ -63,16 +63,16 @@ def from_ball_centres(
     first = known.get(int(numbers[0]))
     sigma = np.nan if recording.sigma is None else float(np.sqrt(np.mean(recording.sigma**2)))
     data = Centres(recording.points.T, flange, label, sigma)
-    made = hand_eye_from_centres(data, float("nan") if first is None else float(first[3]))
-    _check_unit_of_centres(recording, data, made)
-    return made, flange, tuple(f"sample {number:g}" for number in recording.sample_ids)
+    hand_eye = hand_eye_from_centres(data, float("nan") if first is None else float(first[3]))
+    _check_unit_of_centres(recording, data, hand_eye)
+    return hand_eye, flange, tuple(f"sample {number:g}" for number in recording.sample_ids)
 
 
-def _check_unit_of_centres(recording: Recording, data: Centres, made: HandEye) -> None:
+def _check_unit_of_centres(recording: Recording, data: Centres, hand_eye: HandEye) -> None:
     """InputError where the centres fit the flange poses far better in another unit of length."""
-    rms = made.fit["rms_mm"]
+    rms = hand_eye.fit["rms_mm"]
     for name, factor in _UNITS.items():
-        other = hand_eye_from_centres(replace(data, points=factor * data.points), made.radius)
+        other = hand_eye_from_centres(replace(data, points=factor * data.points), hand_eye.radius)
         if other.fit["rms_mm"] < _BETTER * rms:
             raise InputError(
                 f"{recording.name}, samples.csv, columns x_mm, y_mm, z_mm: expected ball centres in mm, found that the "
@@ -91,7 +91,7 @@ def _ball(recording, points, radius, label):
     fit = fit_ball(points, radius=radius)
     if fit:
         return fit
-    why = max(refused, key=lambda one: one.points).sentence if refused else fit.outcome
+    why = max(refused, key=lambda refusal: refusal.points).sentence if refused else fit.outcome
     raise InputError(
         f"{recording.name}, samples.csv, pose {label:g}: expected points on a ball, found none in "
         f"{points.shape[1]} points ({why}); take the pose out or scan the ball again"

@@ -136,13 +136,17 @@ def _from_boards(recording, scanner, name, progress) -> KnownHandEye:
             "flange poses, found none; name one with --hand-eye FILE (`workbench handeye`), or add the column sample "
             "to images of a board that stands still in the base frame"
         )
-    made = hand_eye.calibrate(recording, scanner.camera, hand_eye.IN_HAND, progress).made
-    if not np.isfinite(made.covariance).all():
+    hand_eye_result = hand_eye.calibrate(recording, scanner.camera, hand_eye.IN_HAND, progress).made
+    if not np.isfinite(hand_eye_result.covariance).all():
         raise InputError(
             f"{recording.name}: expected board images that determine the hand-eye transform, found "
-            f"{'; '.join(made.undetermined)}; add poses with rotations about two axes"
+            f"{'; '.join(hand_eye_result.undetermined)}; add poses with rotations about two axes"
         )
-    return KnownHandEye(made.sensor, made.covariance, made.robot_sigma.get("position_mm", 0.0))
+    return KnownHandEye(
+        hand_eye_result.sensor,
+        hand_eye_result.covariance,
+        hand_eye_result.robot_sigma.get("position_mm", 0.0),
+    )
 
 
 def read_known(path: Path) -> KnownHandEye:
@@ -173,7 +177,7 @@ def moved_by_robot(flange: np.ndarray, known: KnownHandEye) -> Motion:
     common = np.zeros((len(flange), 6, 6))
     common[:, :3, :3], common[:, 3:, 3:] = axes, axes
     common[:, 3:, :3] = -np.cross(axes, poses[:, None, :3, 3])
-    own = np.zeros((len(flange), 3, 6))
-    own[:, :, :3] = np.eye(3)
+    twist = np.zeros((len(flange), 3, 6))
+    twist[:, :, :3] = np.eye(3)
     variance = max(known.position_mm, _LEAST_MM) ** 2 * np.eye(3)
-    return Motion(FRAME, poses, common, known.covariance, own, variance, absorbs_frame=True)
+    return Motion(FRAME, poses, common, known.covariance, twist, variance, absorbs_frame=True)

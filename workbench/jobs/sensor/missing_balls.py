@@ -14,7 +14,7 @@ def missing_balls(
     recording: Recording, row: Mapping, found: int, refused: Sequence[Refusal]
 ) -> str:
     """Which balls of the artefact were not found, and why; "" where all were, or the scan is of a single one."""
-    said = "; ".join(one.sentence for one in refused)
+    said = "; ".join(refusal.sentence for refusal in refused)
     expected = len(recording.balls)
     if found >= expected or by_sample(recording, row) is not None:
         return said
@@ -33,7 +33,7 @@ def seen_instead(points, steps, refused: Sequence[Refusal]) -> str:
     )
     if not refused:
         return f"{seen}, and no surface that curves like a ball"
-    nearest = max(refused, key=lambda one: one.points)
+    nearest = max(refused, key=lambda refusal: refusal.points)
     return f"{seen}; the nearest candidate, {nearest.sentence}"
 
 

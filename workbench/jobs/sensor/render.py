@@ -26,12 +26,12 @@ def render(path: Path, folder: Path, progress: Callable[[str], None]) -> dict:
     scene = read_scene(path)
     arm = truth_of(Path(scene.arm)) if scene.arm else None
     stations = None if arm is None else stations_of(arm, scene, path)
-    made = make_recording(scene, folder, paced(progress, "image"), stations)
-    truth = {**made.truth, **({} if arm is None else {"arm": arm_truth(arm)})}
-    kinds = {row["role"] for row in made.images}
+    recording = make_recording(scene, folder, paced(progress, "image"), stations)
+    truth = {**recording.truth, **({} if arm is None else {"arm": arm_truth(arm)})}
+    kinds = {row["role"] for row in recording.images}
     return {
         "measures": "board-images" if kinds == {"board"} else "scan-images",
-        "images": len(made.images),
+        "images": len(recording.images),
         "samples": 0 if stations is None else len(stations.poses),
         "truth": truth,
     }

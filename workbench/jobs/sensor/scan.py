@@ -139,8 +139,8 @@ def scan(
             f"{recording.name}, images.csv, column role: expected images of a board under the laser to calibrate the "
             "scanner from, found none; name a calibrated one with --scanner, or add rows with role board-laser"
         )
-    made = None if scanner_file else calibrated.calibrate(recording, progress=progress)
-    scanner = made.scanner if made else calibrated.read(scanner_file)
+    scanner_run = None if scanner_file else calibrated.calibrate(recording, progress=progress)
+    scanner = scanner_run.scanner if scanner_run else calibrated.read(scanner_file)
     first = groups.rows[0]
     size = read(path_of(recording, first), f"{recording.name}/{first['image']}").size
     check_size(scanner.camera, size, recording.name, str(scanner_file or recording.name))
@@ -151,7 +151,7 @@ def scan(
     each = streamed(Made(range(len(groups)), groups.at), work, paced(progress, "scan"))
     # on the same disk, but not in the folder: not every system moves a folder with an open file
     parent = folder.parent
-    return Scans(recording, scanner, made, Spool(each, folder=parent), parent)
+    return Scans(recording, scanner, scanner_run, Spool(each, folder=parent), parent)
 
 
 def scans_of(recording: Recording) -> Grouped:
@@ -274,8 +274,10 @@ class _Work:
             found = find_stripes(stack, self.along, saturation=self.saturation)
             for k, image in enumerate(stack):
                 if first + k in shown:
-                    own = found.frame == k
-                    lines = Lines(found.pixels[:, own], found.width[own], self.along == "rows")
+                    is_of_frame = found.frame == k
+                    lines = Lines(
+                        found.pixels[:, is_of_frame], found.width[is_of_frame], self.along == "rows"
+                    )
                     scene.append(scene_of(image, len(shown), lines))
             line = np.vstack([found.shape, found.peak])
             parts.append((found.pixels, first + found.frame, found.sigma, line))
@@ -319,25 +321,27 @@ class _Work:
         numbers, outcome = named(
             self.recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found]
         )
-        made = []
+        fitted_balls = []
         for free, number in zip(found, numbers):
             on = free.reason != ELSEWHERE
             limit = max(trimmed, _steepest(free, cloud))
-            own = {key: value[..., on] for key, value in each.items()} | {"incidence": limit}
-            ball = self._ball(cloud.some(on), own, free, number, shape[:, on])
+            columns_of_ball = {key: value[..., on] for key, value in each.items()} | {
+                "incidence": limit
+            }
+            ball = self._ball(cloud.some(on), columns_of_ball, free, number, shape[:, on])
             if why := _undetermined(ball.fit, cloud.stripe[on]):
                 count = int(ball.fit.inliers.sum())
                 refused.append(Refusal(ball.fit.centre, ball.fit.radius, count, why))
             else:
-                made.append(ball)
-        refused = sorted(refused, key=lambda one: -one.points)[:_MOST_REFUSED]
-        if not made:
+                fitted_balls.append(ball)
+        refused = sorted(refused, key=lambda refusal: -refusal.points)[:_MOST_REFUSED]
+        if not fitted_balls:
             said = (seen_instead(points, cloud.stripe, refused), perhaps_cut(each["at_limit"]))
         else:
-            said = (missing_balls(self.recording, rows[0], len(made), refused),)
-        if radii and len(made) < self._expected(rows[0]) and cloud.motion is None:
+            said = (missing_balls(self.recording, rows[0], len(fitted_balls), refused),)
+        if radii and len(fitted_balls) < self._expected(rows[0]) and cloud.motion is None:
             said += (line_width_missing(self.scanner),)
-        return tuple(made), "; ".join(filter(None, (outcome, *said))), tuple(refused)
+        return tuple(fitted_balls), "; ".join(filter(None, (outcome, *said))), tuple(refused)
 
     def _noise(self, cloud: Cloud, sigma: np.ndarray) -> np.ndarray:
         """(n,) px, 1 sigma of centres whose fits state `sigma` (n,)."""
@@ -348,17 +352,17 @@ class _Work:
         """How many balls a scan shows, as far as that is known."""
         return 1 if by_sample(self.recording, row) is not None else len(self.recording.balls)
 
-    def _ball(self, cloud: Cloud, own, free: BallFit, number, shape) -> Ball:
+    def _ball(self, cloud: Cloud, columns_of_ball, free: BallFit, number, shape) -> Ball:
         """A ball from its points: fitted with the certified radius, the pull of its curvature taken off."""
-        own = own | cloud.together()
+        columns_of_ball = columns_of_ball | cloud.together()
         radius = self._radius(number, free.radius, self.radii)
         start = np.append(free.centre, free.radius if radius is None else radius)
         pull = estimate_centre_bias(cloud.surface_line(start, shape), shape, self.scanner.line)
         moves = cloud.error * pull.derivative[:, None]
-        own["shared"] = own["shared"].with_common(moves, pull.covariance)
+        columns_of_ball["shared"] = columns_of_ball["shared"].with_common(moves, pull.covariance)
         straight = cloud.points - cloud.error * pull.size
-        lit = pull.bend.lit > np.cos(own["incidence"])
-        fit = _fitted(straight, cloud.view, lit, radius, start, own)
+        lit = pull.bend.lit > np.cos(columns_of_ball["incidence"])
+        fit = _fitted(straight, cloud.view, lit, radius, start, columns_of_ball)
         beyond = self._beyond(cloud.local[2])
         other = (fit if radius is None else fit.free) or free
         misfit = self._misfit(fit or free, straight, cloud)
@@ -424,11 +428,11 @@ def figures(
     known = recording.balls
     numbers = {number: k + 1 for k, number in enumerate(known)}
     table = np.array([ball[:3] for ball in known.values()]).T if known else None
-    whole = [ball for ball in balls if ball.whole]
-    certified = table if all(ball.number is not None for ball in whole) else None
+    full_balls = [ball for ball in balls if ball.whole]
+    certified = table if all(ball.number is not None for ball in full_balls) else None
     probed = [
         Probed(numbers.get(ball.number, k + 1), ball.points, ball.fit, ball.radius)
-        for k, ball in enumerate(whole)
+        for k, ball in enumerate(full_balls)
     ]
     return acceptance(probed, certified, temperature=row.get("temperature_c"))
 
@@ -461,11 +465,11 @@ def _undetermined(fit: BallFit, stripe: np.ndarray) -> str:
     return undetermined(fit) if is_single else ""
 
 
-def _fitted(points, view, lit, radius, start, own) -> BallFit:
+def _fitted(points, view, lit, radius, start, options) -> BallFit:
     """The ball through points (3, k) that are `lit` (k,): light that grazes the surface spreads over many pixels,
     which speckle makes a ragged patch."""
-    own = own | {"sigma": np.where(lit, own["sigma"], np.nan)}
-    fit = fit_ball(points, radius=radius, view=view, start=start, **own)
+    options = options | {"sigma": np.where(lit, options["sigma"], np.nan)}
+    fit = fit_ball(points, radius=radius, view=view, start=start, **options)
     return replace(fit, reason=np.where(~lit & (fit.reason == MISSING), INCIDENCE, fit.reason))
 
 

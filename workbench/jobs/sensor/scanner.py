@@ -69,14 +69,14 @@ class ScannerRun:
         """The calibrated scanner, with planes of steps that no board saw where a mirror gives them."""
         scanner = self.calibration.scanner if self.unseen is None else self.unseen[0]
         table = scanner.turntable if self.turntable is None else self.turntable.table
-        own, of_camera = self._trust
-        return replace(scanner, turntable=table, trust=own, camera_trust=of_camera)
+        own_trust, of_camera = self._trust
+        return replace(scanner, turntable=table, trust=own_trust, camera_trust=of_camera)
 
     @cached_property
     def _trust(self) -> tuple[Trust, Trust]:
         """What the calibration of the scanner, and that of its camera alone, say of themselves."""
-        own = scanner_trust(self.calibration, self.misfit, self.asymmetry)
-        return own, camera_trust(self.calibration.start)
+        own_trust = scanner_trust(self.calibration, self.misfit, self.asymmetry)
+        return own_trust, camera_trust(self.calibration.start)
 
 
 def calibrate(
@@ -103,11 +103,11 @@ def calibrate(
     rejected = [
         Rejected(
             row["image"],
-            f"the board was not found in its pose ({one['why']})",
-            one["placement"],
+            f"the board was not found in its pose ({placement['why']})",
+            placement["placement"],
         )
-        for one in unusable
-        for row in groups[one["placement"]]
+        for placement in unusable
+        for row in groups[placement["placement"]]
     ]
     profiles: list[Profiles] = []
     stripes = board_stripes(
@@ -170,7 +170,7 @@ def _commanded(recording) -> dict[int, float | None]:
 
 
 def _why(camera, placement):
-    reasons = [one.why for one in camera.rejected if one.placement == placement]
+    reasons = [rejection.why for rejection in camera.rejected if rejection.placement == placement]
     return reasons[0] if reasons else "no board image at this board pose"
 
 
@@ -322,9 +322,9 @@ def _outline(view: View, board: Board) -> list[np.ndarray]:
     return [np.clip(placed[:2] / placed[2], -_FAR_PX, _FAR_PX)]
 
 
-def as_json(made: ScannerRun, tolerances: Sequence[Tolerance] = ()) -> dict:
+def as_json(run: ScannerRun, tolerances: Sequence[Tolerance] = ()) -> dict:
     """The scanner's part of the JSON contract; tolerances: what its verdict is judged by."""
-    calibration, scanner = made.calibration, made.scanner
+    calibration, scanner = run.calibration, run.scanner
     joint = cameras.camera_json(calibration.camera, calibration.std)
     planes = [
         {
@@ -334,9 +334,9 @@ def as_json(made: ScannerRun, tolerances: Sequence[Tolerance] = ()) -> dict:
             "rms_mm": float(rms),
             "rms_px": float(px),
             "sigma_mm": float(sigma),
-            "sigma_best_frame_mm": apart,
+            "sigma_best_frame_mm": sigma_apart,
         }
-        for step, plane, rms, px, sigma, apart in zip(
+        for step, plane, rms, px, sigma, sigma_apart in zip(
             scanner.steps,
             scanner.planes.T,
             calibration.rms_mm,
@@ -347,7 +347,7 @@ def as_json(made: ScannerRun, tolerances: Sequence[Tolerance] = ()) -> dict:
     ]
     good = ~calibration.wrong
     return {
-        "camera": {**cameras.as_json(made.camera), **joint},
+        "camera": {**cameras.as_json(run.camera), **joint},
         "planes": planes,
         "mirror": mirror_json(calibration),
         "plane_rms_mm": float(np.sqrt((calibration.residual_mm[good] ** 2).mean())),
@@ -357,28 +357,30 @@ def as_json(made: ScannerRun, tolerances: Sequence[Tolerance] = ()) -> dict:
         "stripe_points": int(good.sum()),
         "left_out": left_out_json(calibration.left_out),
         "dropped": dict(calibration.dropped),
-        "turntable": turntable_json(made.turntable),
-        "unusable_placements": list(made.unusable),
-        "rejected": [{"image": one.image, "why": one.why} for one in made.rejected],
+        "turntable": turntable_json(run.turntable),
+        "unusable_placements": list(run.unusable),
+        "rejected": [
+            {"image": rejection.image, "why": rejection.why} for rejection in run.rejected
+        ],
         "volume_mm": list(calibration.volume),
-        "sentences": [*calibration.sentences, *_on_unseen(made), *_on_turntable(made)],
-        "misfit": None if made.misfit is None else made.misfit.as_json(),
-        "line_asymmetry": None if made.asymmetry is None else made.asymmetry.as_json(),
+        "sentences": [*calibration.sentences, *_on_unseen(run), *_on_turntable(run)],
+        "misfit": None if run.misfit is None else run.misfit.as_json(),
+        "line_asymmetry": None if run.asymmetry is None else run.asymmetry.as_json(),
         "line_dependence": None
         if calibration.dependence is None
         else calibration.dependence.as_json(),
-        "warnings": scanner_warnings(calibration, made.misfit, made.asymmetry),
-        "verdict": scanner_verdict(calibration, tolerances, made.misfit).as_json(),
-        "provenance": provenance(made.recording),
+        "warnings": scanner_warnings(calibration, run.misfit, run.asymmetry),
+        "verdict": scanner_verdict(calibration, tolerances, run.misfit).as_json(),
+        "provenance": provenance(run.recording),
     }
 
 
-def _on_turntable(made: ScannerRun) -> tuple[str, ...]:
-    return () if made.turntable is None else made.turntable.sentences
+def _on_turntable(run: ScannerRun) -> tuple[str, ...]:
+    return () if run.turntable is None else run.turntable.sentences
 
 
-def _on_unseen(made: ScannerRun) -> list[str]:
-    steps = () if made.unseen is None else made.unseen[1]
+def _on_unseen(run: ScannerRun) -> list[str]:
+    steps = () if run.unseen is None else run.unseen[1]
     if not steps:
         return []
     return [
@@ -432,25 +434,25 @@ def mirror_json(calibration: ScannerCalibration) -> dict | None:
     }
 
 
-def left_out_json(left) -> dict | None:
+def left_out_json(held_out) -> dict | None:
     """Stripes of board poses that were left out of the planes."""
-    if left is None:
+    if held_out is None:
         return None
     return {
-        "folds": left.folds,
-        "rms_mm": left.rms_mm,
-        "rms_px": left.rms_px,
-        "rms_all_mm": left.rms_all_mm,
-        "inlier_share": left.share,
-        "sentence": left.sentence,
+        "folds": held_out.folds,
+        "rms_mm": held_out.rms_mm,
+        "rms_px": held_out.rms_px,
+        "rms_all_mm": held_out.rms_all_mm,
+        "inlier_share": held_out.share,
+        "sentence": held_out.sentence,
     }
 
 
-def save(made: ScannerRun, folder: Path) -> None:
+def save(run: ScannerRun, folder: Path) -> None:
     """Write scanner.toml into `folder`: what `read` takes."""
     from sensors.scanner.file import write_scanner
 
-    write_scanner(made.scanner, folder / FILE)
+    write_scanner(run.scanner, folder / FILE)
 
 
 def read(path: Path) -> Scanner:

@@ -65,17 +65,21 @@ def _hand_eye(recording, hand_eye_file, progress) -> KnownHandEye:
         return read_known(hand_eye_file)
     from workbench.jobs.sensor import hand_eye
 
-    made = hand_eye.calibrate(recording, None, None, progress).made
-    if not np.isfinite(np.diag(made.covariance)).all():
+    hand_eye_run = hand_eye.calibrate(recording, None, None, progress).made
+    if not np.isfinite(np.diag(hand_eye_run.covariance)).all():
         raise InputError(
             f"{recording.name}: expected poses that determine the hand-eye transform, found that they do not "
-            f"({'; '.join(made.undetermined)}); name one with --hand-eye FILE, or record more poses"
+            f"({'; '.join(hand_eye_run.undetermined)}); name one with --hand-eye FILE, or record more poses"
         )
-    return KnownHandEye(made.sensor, made.covariance, made.robot_sigma.get("position_mm", 0.0))
+    return KnownHandEye(
+        hand_eye_run.sensor,
+        hand_eye_run.covariance,
+        hand_eye_run.robot_sigma.get("position_mm", 0.0),
+    )
 
 
 def _balls(recording, motion: Motion, points, pose) -> tuple[tuple[Ball, ...], str]:
-    made, failed = [], []
+    fitted, failed = [], []
     for number in np.unique(recording.ball):
         on = (recording.ball == number) & np.isfinite(points).all(0)
         found = recording.balls.get(int(number))
@@ -83,10 +87,10 @@ def _balls(recording, motion: Motion, points, pose) -> tuple[tuple[Ball, ...], s
         fit = _fit(motion, points[:, on], pose[on], radius)
         if fit:
             fit = _with_expected_scatter(motion, points[:, on], pose[on], fit)
-            made.append(_ball(motion, points[:, on], pose[on], fit, int(number), radius))
+            fitted.append(_ball(motion, points[:, on], pose[on], fit, int(number), radius))
         else:
             failed.append(f"ball {number}: {fit.outcome}")
-    return tuple(made), "; ".join(failed)
+    return tuple(fitted), "; ".join(failed)
 
 
 def _fit(motion: Motion, points, pose, radius) -> BallFit:
@@ -106,11 +110,11 @@ def _with_expected_scatter(motion: Motion, points, pose, fit: BallFit) -> BallFi
     outward = points[:, used] - fit.centre[:, None]
     outward = outward / np.linalg.norm(outward, axis=0)
     squares, degrees = 0.0, 0
-    for one in np.unique(at):
-        rows = outward[:, at == one].T
-        left = residual[at == one]
-        left = left - rows @ np.linalg.lstsq(rows, left, rcond=1e-6)[0]
-        squares, degrees = squares + float(left @ left), degrees + len(left) - _MOVES
+    for sphere in np.unique(at):
+        rows = outward[:, at == sphere].T
+        remainder = residual[at == sphere]
+        remainder = remainder - rows @ np.linalg.lstsq(rows, remainder, rcond=1e-6)[0]
+        squares, degrees = squares + float(remainder @ remainder), degrees + len(remainder) - _MOVES
     noise = squares / max(degrees, 1)
     across = np.einsum("in,kin->kn", outward, motion.own_moves(points[:, used], at))
     stated = np.einsum("kn,kl,ln->n", across, motion.own_covariance, across).mean()

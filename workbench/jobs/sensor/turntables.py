@@ -37,32 +37,38 @@ def turntable_of_images(recording, progress) -> TurntableCalibration | None:
     if not any(row.get("table_deg") is not None for row in rows):
         return None
     progress("the turntable")
-    made = cameras.calibrate(recording, "brown", progress).calibration
-    views = [view for view in made.views if "table_deg" in view.row]
+    calibration = cameras.calibrate(recording, "brown", progress).calibration
+    views = [view for view in calibration.views if "table_deg" in view.row]
     poses = [
         board_poses(
-            made.board.points[:, view.index],
+            calibration.board.points[:, view.index],
             view.pixels,
             np.zeros(len(view.index), int),
-            made.camera,
+            calibration.camera,
         )[0]
         for view in views
     ]
     angles = np.deg2rad([view.row["table_deg"] for view in views])
-    size = len(made.camera.values)
-    covariance = made.covariance[:size, :size]
+    size = len(calibration.camera.values)
+    covariance = calibration.covariance[:size, :size]
     return calibrate_turntable(
-        views, made.board.points, made.camera, np.array(poses), angles, covariance
+        views, calibration.board.points, calibration.camera, np.array(poses), angles, covariance
     )
 
 
-def turntable_json(made: TurntableCalibration | None) -> dict | None:
+def turntable_json(turntable: TurntableCalibration | None) -> dict | None:
     """Axis, angle law and error of each position of a turntable; None without one."""
-    if made is None:
+    if turntable is None:
         return None
-    table, degrees = made.table, np.rad2deg
+    table, degrees = turntable.table, np.rad2deg
     std = np.sqrt(np.diag(table.covariance))
-    rows = zip(made.images, made.commanded, made.measured, made.sigma, made.residual)
+    rows = zip(
+        turntable.images,
+        turntable.commanded,
+        turntable.measured,
+        turntable.sigma,
+        turntable.residual,
+    )
     return {
         "axis": table.axis.tolist(),
         "point_mm": table.point.tolist(),
@@ -70,9 +76,9 @@ def turntable_json(made: TurntableCalibration | None) -> dict | None:
         "std_shift_mm": std[2:4].tolist(),
         "gain": table.gain,
         "sigma_deg": float(degrees(table.sigma)),
-        "sigma_std_deg": float(degrees(made.sigma_std)),
-        "before_deg": float(degrees(made.before)),
-        "after_deg": float(degrees(made.after)),
+        "sigma_std_deg": float(degrees(turntable.sigma_std)),
+        "before_deg": float(degrees(turntable.before)),
+        "after_deg": float(degrees(turntable.after)),
         "terms": [
             {
                 "effect": STEP_ERROR,
@@ -82,7 +88,7 @@ def turntable_json(made: TurntableCalibration | None) -> dict | None:
                 "probability": term.probability,
                 "retained": term.retained,
             }
-            for term in made.terms
+            for term in turntable.terms
         ],
         "positions": [
             {
@@ -90,8 +96,8 @@ def turntable_json(made: TurntableCalibration | None) -> dict | None:
                 "commanded_deg": float(degrees(commanded)),
                 "measured_deg": float(degrees(measured)),
                 "std_deg": float(degrees(sigma)),
-                "residual_deg": float(degrees(left)),
+                "residual_deg": float(degrees(remainder)),
             }
-            for name, commanded, measured, sigma, left in rows
+            for name, commanded, measured, sigma, remainder in rows
         ],
     }

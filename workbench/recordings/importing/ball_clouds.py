@@ -41,7 +41,7 @@ def with_ball_centres(found, options, progress):
         )
     table, clouds, said = matched_clouds(found.table, found.source.clouds)
     unit = cloud_unit(clouds, options.ball_radius_mm)
-    centres, sigmas, kept, failed = [], [], [], []
+    centres, sigmas, rows_with_balls, failed = [], [], [], []
     for row, path in enumerate(clouds):
         progress(f"finding the ball in {path.name}")
         ball = ball_in_cloud(path, unit, options.ball_radius_mm)
@@ -50,18 +50,20 @@ def with_ball_centres(found, options, progress):
             continue
         centres.append(ball.centre)
         sigmas.append(float(np.sqrt(np.trace(ball.covariance[:3, :3]) / 3)))
-        kept.append(row)
-    if len(kept) < _FEWEST:
+        rows_with_balls.append(row)
+    if len(rows_with_balls) < _FEWEST:
         raise InputError(
             f"{clouds[0].name}: expected a ball of radius {options.ball_radius_mm:g} mm in {_FEWEST} clouds or more, "
-            f"found it in {len(kept)} of {len(clouds)}; correct --ball-radius or check the clouds."
+            f"found it in {len(rows_with_balls)} of {len(clouds)}; correct --ball-radius or check the clouds."
         )
     if failed:
         said = (
             *said,
             f"No ball of radius {options.ball_radius_mm:g} mm in {', '.join(failed[:5])}; left out.",
         )
-    return _extended(found, table.take(np.array(kept)), np.array(centres), np.array(sigmas), said)
+    return _extended(
+        found, table.take(np.array(rows_with_balls)), np.array(centres), np.array(sigmas), said
+    )
 
 
 def _extended(found, table: RawTable, centres: np.ndarray, sigmas: np.ndarray, said):

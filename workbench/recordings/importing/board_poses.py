@@ -123,13 +123,13 @@ def import_images(found, options, folder: Path, progress) -> Made:
         probable = [readings[place] for place, _ in compared]
         named = likely_mistake(probable, views, kind, rows)
         raise problem if named is None else InputError(named) from None
-    chosen = next(poses for _, made, poses in readings if made is mapping)
-    doubts = _plausible(chosen[views.rows], views, kind)
+    chosen = next(poses for _, candidate, poses in readings if candidate is mapping)
+    warnings = _plausible(chosen[views.rows], views, kind)
     progress("comparing flange poses and images")
     wrong = pose_warnings(chosen, views, kind, rows)
     if wrong and not options.trust_data:
         refuse_changed_poses(_pose_readings(readings, views, kind), rows)
-    doubts += wrong
+    warnings += wrong
     columns = {
         "sample": np.arange(1, rows.n + 1, dtype=float),
         **pose_columns(rows, mapping, keys),
@@ -138,7 +138,7 @@ def import_images(found, options, folder: Path, progress) -> Made:
     columns |= {name: cells for name, cells in others.items() if cells.dtype.kind == "f"}
     columns |= {SESSION: rows.columns[SESSION]} if SESSION in rows.columns else {}
     recording = _recording(columns, images, board, folder, keys, options.name)
-    return Made(recording, mapping, fits, (*said, *doubts), doubts=doubts)
+    return Made(recording, mapping, fits, (*said, *warnings), doubts=warnings)
 
 
 def _check_equal_poses(readings, views: BoardViews, rows: RawTable) -> None:
@@ -160,8 +160,8 @@ def _check_equal_poses(readings, views: BoardViews, rows: RawTable) -> None:
 def _plausible(poses: np.ndarray, views: BoardViews, kind: str) -> tuple[str, ...]:
     """Sentences on what relative motions and missing rotations say of the poses (k, 4, 4) of the tested images."""
     said = [
-        f"The flange poses do not determine everything: {one}."
-        for one in motion(poses, kind).sentences
+        f"The flange poses do not determine everything: {sentence}."
+        for sentence in motion(poses, kind).sentences
     ]
     if said:
         return tuple(said)
@@ -227,18 +227,18 @@ def _readings(rows: RawTable, mapping: Mapping, options):
     robot = load_robot(keys, f"--robot {named}")
     readings = []
     for unit in angle_units(mapping.joints):
-        made = replace(
+        interpretation = replace(
             mapping.updated("joints", unit=unit),
             robot=named,
             flange_point=None,
             flange_rotation=None,
         )
-        columns = joint_columns(rows, made.joints, robot.prismatic, "mm")
+        columns = joint_columns(rows, interpretation.joints, robot.prismatic, "mm")
         recorded = Recording("board-images", columns, keys)
         frames = forward(robot, robot.mixing @ recorded.joints.T)
         poses = transform(np.stack(frames.end, -1).transpose(1, 0, 2), frames.end_origin.T)
-        words = unit_words(unit, made.joints.columns, str)
-        readings.append((f"joints in {words}", made, poses))
+        words = unit_words(unit, interpretation.joints.columns, str)
+        readings.append((f"joints in {words}", interpretation, poses))
     return keys, mapping, readings
 
 
@@ -251,10 +251,16 @@ def flange_readings(rows: RawTable, mapping: Mapping, turns: Sequence[Turn] | No
     for turn in rotation_candidates(mapping.flange_rotation, rows) if turns is None else turns:
         turned = turn.matrices(rows)
         for unit in length_units(mapping.flange_point):
-            made = replace(mapping, flange_rotation=turn.group).updated("flange_point", unit=unit)
-            places = np.stack(list(point_columns(rows, made.flange_point).values()), axis=1)
-            words = unit_words(unit, made.flange_point.columns, str)
-            readings.append((f"{turn.title}, flange in {words}", made, transform(turned, places)))
+            interpretation = replace(mapping, flange_rotation=turn.group).updated(
+                "flange_point", unit=unit
+            )
+            places = np.stack(
+                list(point_columns(rows, interpretation.flange_point).values()), axis=1
+            )
+            words = unit_words(unit, interpretation.flange_point.columns, str)
+            readings.append(
+                (f"{turn.title}, flange in {words}", interpretation, transform(turned, places))
+            )
     if not readings:
         raise InputError(
             f"{rows.file}, columns {', '.join(mapping.flange_rotation.columns)}: expected rotations, found numbers "
@@ -337,7 +343,7 @@ def _solved(poses: np.ndarray, measured: np.ndarray) -> tuple[np.ndarray, np.nda
     """(4, 4) from flange to target, and (4, 4) pose of the base, that fit flange and target poses (m, 4, 4) best."""
     frames, target = _external(poses, measured)
     base, tool = target.start(frames)
-    sensor, pose = (transform(rotation_matrix(one[3:]), one[:3]) for one in (tool, base))
+    sensor, pose = (transform(rotation_matrix(twist[3:]), twist[:3]) for twist in (tool, base))
     return sensor, pose
 
 
@@ -363,8 +369,10 @@ def _refuse_other_order(rows: RawTable, mapping: Mapping, views: BoardViews, kin
     readings = flange_readings(rows, mapping, turns) if turns else []
     fits = _compared(readings, views, kind) if readings else []
     if is_only_good(fits):
-        made = readings[fits[0][0]][1]
-        raise order_error(rows.file, made.flange_rotation, fits[0][1], reading_line(made))
+        interpretation = readings[fits[0][0]][1]
+        raise order_error(
+            rows.file, interpretation.flange_rotation, fits[0][1], reading_line(interpretation)
+        )
 
 
 def reading_line(mapping: Mapping) -> str:
@@ -387,19 +395,22 @@ def _compared(readings, views: BoardViews, kind: str) -> list[tuple[int, Candida
     turns = np.array([poses[views.rows][:, :3, :3] for _, _, poses in readings])
     labels = [agreeing_labels(measured[..., :3, :3], turned) for turned in turns]
     every = np.arange(len(views.rows))
-    chosen = [measured[own, every] for own in labels]
+    chosen = [measured[labels_of_turn, every] for labels_of_turn in labels]
     misfits = np.array(
-        [turn_misfits(one[:, :3, :3], [turned])[0] for one, turned in zip(chosen, turns)]
+        [
+            turn_misfits(poses_of_turn[:, :3, :3], [turned])[0]
+            for poses_of_turn, turned in zip(chosen, turns)
+        ]
     )
-    kept = least_misfits(misfits, len(turns))
-    if misfits[kept[0]] > _HOPELESS_RAD:
-        kept = kept[
+    retained = least_misfits(misfits, len(turns))
+    if misfits[retained[0]] > _HOPELESS_RAD:
+        retained = retained[
             :_SHOWN
         ]  # no transform can explain other angles between the poses; fits are for the message
-    if len(kept) > _REFINED:
-        quick = {k: _quick_misfit(readings[k][2][views.rows], chosen[k]) for k in kept}
-        kept = sorted(kept, key=quick.get)[:_REFINED]
-    fits = [(k, _fit(readings[k][0], readings[k][2][views.rows], chosen[k])) for k in kept]
+    if len(retained) > _REFINED:
+        quick = {k: _quick_misfit(readings[k][2][views.rows], chosen[k]) for k in retained}
+        retained = sorted(retained, key=quick.get)[:_REFINED]
+    fits = [(k, _fit(readings[k][0], readings[k][2][views.rows], chosen[k])) for k in retained]
     return sorted(fits, key=lambda item: item[1].improbability)
 
 
@@ -422,8 +433,8 @@ def agreeing_labels(measured: np.ndarray, turned: np.ndarray) -> np.ndarray:
     if ways == 1:
         return labels
     wanted = _angles_between(turned, turned)
-    apart = _angles_between(measured.reshape(-1, 3, 3), measured.reshape(-1, 3, 3))
-    gaps = np.abs(apart.reshape(ways, count, ways, count) - wanted[None, :, None, :])
+    angle = _angles_between(measured.reshape(-1, 3, 3), measured.reshape(-1, 3, 3))
+    gaps = np.abs(angle.reshape(ways, count, ways, count) - wanted[None, :, None, :])
     labels[1:] = gaps[0, 0, :, 1:].argmin(0)
     for _ in range(_SWEEPS):
         before = labels.copy()

@@ -42,8 +42,8 @@ def likely_mistake(readings: Sequence, views, kind: str, rows: RawTable) -> str 
         review = _review(poses, views, kind, rows)
         if review is None:
             continue
-        found += [(title, one) for one in review.findings if one.cause not in _OPEN]
-    certain = [(title, one) for title, one in found if one.certain]
+        found += [(title, finding) for finding in review.findings if finding.cause not in _OPEN]
+    certain = [(title, finding) for title, finding in found if finding.certain]
     if not certain:
         return None
     title, finding = min(certain, key=lambda item: item[1].corrected_mm)

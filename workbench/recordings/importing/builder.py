@@ -104,11 +104,11 @@ def _length_of_slides(mapping: Mapping) -> str:
 
 def _named_groups(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Names of groups as numbers in the order in which they first occur, as the reader of recordings does."""
-    made = {}
+    groups = {}
     for name, cells in columns.items():
         if cells.dtype.kind == "f" or name == "note":
-            made[name] = cells
+            groups[name] = cells
             continue
         order = list(dict.fromkeys(cells.tolist()))
-        made[name] = np.array([order.index(cell) + 1 for cell in cells.tolist()], float)
-    return made
+        groups[name] = np.array([order.index(cell) + 1 for cell in cells.tolist()], float)
+    return groups

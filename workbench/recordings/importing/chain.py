@@ -112,32 +112,34 @@ def import_recording(
     with TemporaryDirectory(prefix="workbench-import-") as scratch:
         found = find_mapping(paths, options, Path(scratch), progress)
         with _user_columns(found), _remarks(found):
-            found, made = _made(found, options, Path(scratch) / "recording", progress)
+            found, built = _made(found, options, Path(scratch) / "recording", progress)
         # without a name of its own, a recording has that of its folder
-        recording = replace(made.recording, title=options.title or _title(paths), name="")
+        recording = replace(built.recording, title=options.title or _title(paths), name="")
         write(recording, folder)
-    with _user_columns(found, made.mapping):
+    with _user_columns(found, built.mapping):
         read = _read_back(folder, options.trust_data)
     comment = (
         "# Mapping of this import. Repeat it with\n"
         f"#   workbench import {_names(paths)} --map {MAPPING_FILE} --out DIR\n"
     )
-    write_mapping(_movable(made.mapping, folder), folder / MAPPING_FILE, comment)
+    write_mapping(_movable(built.mapping, folder), folder / MAPPING_FILE, comment)
     called = found.called
-    dropped = () if found.table is None else unused_rotation_sentences(found.table, made.mapping)
-    own = _UserWords(called, made.mapping)
+    dropped = () if found.table is None else unused_rotation_sentences(found.table, built.mapping)
+    user_words = _UserWords(called, built.mapping)
     needs = coverage_needs(read)
     required = [need.sentence for need in needs if need.is_required]
     useful = [need.sentence for need in needs if not need.is_required]
-    doubts = own.of((*made.doubts, *read.warnings, *required))
-    explained = [remarks_sentence(found.table, made.mapping)] if doubts else []
-    warnings = own.of(
-        (*found.warnings, *made.warnings, *dropped, *useful, *read.warnings, *required)
+    warning_sentences = user_words.of((*built.doubts, *read.warnings, *required))
+    explained = [remarks_sentence(found.table, built.mapping)] if warning_sentences else []
+    warnings = user_words.of(
+        (*found.warnings, *built.warnings, *dropped, *useful, *read.warnings, *required)
     )
     warnings = (*warnings, *filter(None, explained))
-    unused = never_read(found, made.mapping, "time_s" in recording.columns)
-    links = links_of(found, made.mapping, "time_s" in recording.columns)
-    return ImportResult(read, made.mapping, made.fits, unused, warnings, made.clocks, links, doubts)
+    unused = never_read(found, built.mapping, "time_s" in recording.columns)
+    links = links_of(found, built.mapping, "time_s" in recording.columns)
+    return ImportResult(
+        read, built.mapping, built.fits, unused, warnings, built.clocks, links, warning_sentences
+    )
 
 
 @dataclass(frozen=True)
@@ -163,11 +165,11 @@ def _movable(mapping: Mapping, folder: Path) -> Mapping:
     """The mapping with the robot of the recording, which lies next to it, in the place of a file elsewhere."""
     if mapping.robot is None or mapping.robot in builtin_robots():
         return mapping
-    own = [name for name in ROBOT_FILES if (folder / name).is_file()]
-    if not own:
+    robot_files = [name for name in ROBOT_FILES if (folder / name).is_file()]
+    if not robot_files:
         return mapping
     _, tip = file_and_tip(mapping.robot)
-    return replace(mapping, robot=own[0] if tip is None else f"{own[0]}#{tip}")
+    return replace(mapping, robot=robot_files[0] if tip is None else f"{robot_files[0]}#{tip}")
 
 
 def _made(found: Found, options, folder: Path, progress) -> tuple[Found, Made]:
@@ -246,12 +248,14 @@ def never_read(found: Found, mapping: Mapping, with_times: bool) -> tuple[str, .
     if with_times or found.mapping.join.by == "time":
         read |= set(time_columns(found.table))
     # a column that several tables have is named "table: column"
-    own = {name: name.rpartition(": ")[2] for name in found.unused}
+    names_of_columns = {name: name.rpartition(": ")[2] for name in found.unused}
     if found.mapping.join.by == "time":
-        read |= {name for name, column in own.items() if read_header(column).kind == "time"}
+        read |= {
+            name for name, column in names_of_columns.items() if read_header(column).kind == "time"
+        }
     return tuple(
         name
-        for name, column in own.items()
+        for name, column in names_of_columns.items()
         if not read & {name, column} and not is_mapped(mapping, name)
     )
 

@@ -115,7 +115,7 @@ def estimate_offset(
     median sampling interval of the log, over which its slope is taken.
     """
     try:
-        robot, rows_at = min(candidates, key=lambda one: _quick(*one, start_s))
+        robot, rows_at = min(candidates, key=lambda candidate: _quick(*candidate, start_s))
         return _Estimator(robot, rows_at, step_s).estimate(start_s)
     except (np.linalg.LinAlgError, InputError):
         return None
@@ -196,14 +196,19 @@ class _Estimator:
         near = [self.rows_at(state.seconds + side * self.step_s) for side in (-1, 1)]
         lines = reduce(np.intersect1d, [state.rows.lines, *(rows.lines for rows in near)])
         first, last = (rows.take(lines) for rows in near)
-        before, after = (row_residual(self.robot, one, state.fit) for one in (first, last))
+        before, after = (
+            row_residual(self.robot, recording, state.fit) for recording in (first, last)
+        )
         velocity = (after - before) / (2 * self.step_s)
-        kept = np.flatnonzero(np.isin(state.rows.lines, lines))
+        rows_of_lines = np.flatnonzero(np.isin(state.rows.lines, lines))
         backlash = _direction_columns(
-            self.robot, state.rows.recording.select(kept), state.fit, last.joints - first.joints
+            self.robot,
+            state.rows.recording.select(rows_of_lines),
+            state.fit,
+            last.joints - first.joints,
         )
         return _offset_of(
-            self.robot, state.rows.recording, state.fit, kept, _Motion(velocity, backlash)
+            self.robot, state.rows.recording, state.fit, rows_of_lines, _Motion(velocity, backlash)
         )
 
 
@@ -235,13 +240,15 @@ def _direction_columns(robot, recording, fit: Fit, moves: np.ndarray) -> np.ndar
     return np.array(columns)
 
 
-def _offset_of(robot, recording, fit: Fit, kept, motion: _Motion) -> tuple[float, float, float]:
+def _offset_of(
+    robot, recording, fit: Fit, rows_of_lines, motion: _Motion
+) -> tuple[float, float, float]:
     """`_Estimator.regress` of the kept rows (n,) of a fit."""
     velocity = motion.velocity
     free = fit.parameters.mask
     prior = geometry_prior(robot, recording, fit.parameters)[free]
     residual, columns = fit.model.linearise(fit.parameters)
-    residual, columns = residual[:, kept], columns[:, :, kept]
+    residual, columns = residual[:, rows_of_lines], columns[:, :, rows_of_lines]
     squares = (residual**2).sum(0)
     size = float(np.median(squares)) / len(residual)
     if size == 0 or not velocity.any():
@@ -249,17 +256,17 @@ def _offset_of(robot, recording, fit: Fit, kept, motion: _Motion) -> tuple[float
     weight = 1 / (size + squares / (len(residual) * _CAUCHY**2))
     number = len(motion.backlash)
     precision = np.concatenate([prior**-2.0, np.zeros(number)])
-    own = _Weighted(np.concatenate([columns, motion.backlash]), weight, precision)
-    apparent = own.projected(velocity)
+    weighted = _Weighted(np.concatenate([columns, motion.backlash]), weight, precision)
+    apparent = weighted.projected(velocity)
     information = float((weight * apparent * velocity).sum())
     if information <= 0:
         return 0.0, np.inf, 0.0
     deviation = fit.deviations * np.where(np.isfinite(prior), prior, 0.0)
     pull = np.concatenate([prior**-2.0 * deviation, np.zeros(number)])
-    pulled = own.slopes(velocity) @ pull
+    pulled = weighted.slopes(velocity) @ pull
     change = -float((weight * apparent * residual).sum() - pulled) / information
-    left = own.projected(residual + change * velocity)
-    sigma = _clustered((weight * apparent * left).sum(0)) / information
+    remainder = weighted.projected(residual + change * velocity)
+    sigma = _clustered((weight * apparent * remainder).sum(0)) / information
     moved = _Weighted(columns, weight, prior**-2.0).projected(velocity)
     speed = float(np.sqrt((moved**2).sum(0).mean()))
     return change, sigma, speed

@@ -115,9 +115,9 @@ def _searched(case: "_Case", readings) -> Decision | None:
     if mixed is not None:
         return mixed
     close = [readings[place][1] for place in _close_units(case, readings)]
-    doubts = _refuse_mistake(case, close)
-    if doubts:
-        raise InputError(doubts[0].sentence)
+    warnings = _refuse_mistake(case, close)
+    if warnings:
+        raise InputError(warnings[0].sentence)
     return None
 
 
@@ -155,7 +155,7 @@ def _mixed_fits(case: _Case, counts: Sequence[int], stated_only: bool):
     """(title, mapping) of readings with columns in different units, and index and fit of the best ones that fit."""
     for count in counts:
         mappings = mixed_unit_mappings(case.robot, case.mapping, case.build, count, stated_only)
-        readings = [(_unit_title(made), made) for made in mappings]
+        readings = [(_unit_title(interpretation), interpretation) for interpretation in mappings]
         fitted = compare(case.robot, readings, case.build, is_good_only=True)
         fits = [item for item in fitted if item[1].is_good]
         if fits:
@@ -181,10 +181,18 @@ def _close_units(case: _Case, readings) -> list[int]:
     it is stated, and no unit that makes more than two turns of a joint where another does not.
     """
     misfits = np.array(
-        [relative_misfit(case.robot, made, case.build, WIDEST_DEG) for _, made in readings]
+        [
+            relative_misfit(case.robot, interpretation, case.build, WIDEST_DEG)
+            for _, interpretation in readings
+        ]
     )
     if not np.isfinite(misfits).any():
-        misfits = np.array([relative_misfit(case.robot, made, case.build) for _, made in readings])
+        misfits = np.array(
+            [
+                relative_misfit(case.robot, interpretation, case.build)
+                for _, interpretation in readings
+            ]
+        )
     limit = _ABOUT_AS_BAD * misfits.min()
     close = [place for place in range(len(readings)) if misfits[place] <= limit < np.inf]
     # the search tries all units of the point itself
@@ -221,15 +229,15 @@ def _refuse_mistake(case: _Case, mappings: Sequence[Mapping]) -> list[Suspicion]
     mappings: with each of the units that are possible; of several explanations the one with the fewest mistakes is
     named. Returns what looks wrong without being certain, such as the column of a joint that stands still.
     """
-    found, doubts = [], []
+    found, warnings = [], []
     for mapping in mappings:
         suspicions = check_plausibility(case.robot, case.build(mapping))
         found += [(s.cause.count(" and "), s, mapping) for s in suspicions if s.certain]
-        doubts += [s for s in suspicions if s.cause in _DOUBTS]
+        warnings += [s for s in suspicions if s.cause in _DOUBTS]
         if any(count == 0 for count, _, _ in found):
             break
     if not found:
-        return doubts
+        return warnings
     _, suspicion, mapping = min(found, key=lambda item: item[0])
     units = f" ({_unit_title(mapping)})" if len(mappings) > 1 else ""
     raise InputError(suspicion.sentence.removesuffix(".") + f"{units}.")
@@ -264,11 +272,11 @@ def _refuse_mixed_units(mapping: Mapping, build_with, names, where: str) -> None
         readings, close = _mixed_fits(_Case(robot, mapping, build, where), (1,), stated_only=True)
         found += [(fit, name, readings[place][1]) for place, fit in close]
     if found:
-        fit, name, made = min(found, key=lambda item: item[0].improbability)
+        fit, name, interpretation = min(found, key=lambda item: item[0].improbability)
         raise InputError(
             f"{where}: expected one of the robots to fit with one unit of all joint readings, found that only {name} "
             f"with columns in different units fits ({fit.words}); name it with --robot, and add "
-            f"{_unit_lines(made)} to a mapping file for --map."
+            f"{_unit_lines(interpretation)} to a mapping file for --map."
         )
 
 
@@ -344,32 +352,36 @@ def unit_readings(mapping: Mapping, stated_only: bool = True):
         points = list(point_readings(mapping.point, stated_only))
     for angle in angle_units(mapping.joints, stated_only):
         for words, point in points:
-            made = replace(mapping.updated("joints", unit=angle), point=point)
+            interpretation = replace(mapping.updated("joints", unit=angle), point=point)
             title = f"joints in {unit_words(angle, mapping.joints.columns, _unit_word)}"
-            yield title if words is None else f"{title}, point in {words}", made
+            yield title if words is None else f"{title}, point in {words}", interpretation
 
 
 def _readings_of_slides(robot: Robot, readings) -> list[tuple[str, Mapping]]:
     """The readings with the unstated unit of prismatic joints in another unit than that of the measured point."""
     slides = sliding(robot)
-    made = []
+    interpretations = []
     for _, mapping in readings:
         units = each_unit(mapping.joints.unit, len(slides))
-        own = mapping.point.unit if mapping.point is not None else "mm"
+        point_unit = mapping.point.unit if mapping.point is not None else "mm"
         for length in UNITS_OF_SLIDES:
             changed = [
                 length if slide and unit not in LENGTHS else unit
                 for slide, unit in zip(slides, units)
             ]
-            if length != own and changed != list(units) and mapping.joints.counts_per_deg is None:
+            if (
+                length != point_unit
+                and changed != list(units)
+                and mapping.joints.counts_per_deg is None
+            ):
                 other = mapping.updated("joints", unit=joined_units(changed))
-                made.append((_unit_title(other), other))
-    return made
+                interpretations.append((_unit_title(other), other))
+    return interpretations
 
 
 def _readings_with_minutes(readings, build: Build) -> list[tuple[str, Mapping]]:
     """The readings in degrees with the decimals as minutes and seconds, where the digits of all joints allow it."""
-    made = []
+    interpretations = []
     for _, mapping in readings:
         if mapping.joints.unit != "deg":
             continue
@@ -380,8 +392,8 @@ def _readings_with_minutes(readings, build: Build) -> list[tuple[str, Mapping]]:
         cells = [columns[name] for name in joint_columns(columns) if name.endswith("_deg")]
         if cells and may_be_dms(np.concatenate(cells)):
             changed = mapping.updated("joints", unit=DMS)
-            made.append((_unit_title(changed), changed))
-    return made
+            interpretations.append((_unit_title(changed), changed))
+    return interpretations
 
 
 def _unit_lines(mapping: Mapping) -> str:

@@ -54,7 +54,9 @@ def _implausible_rows(robot: Robot, recording, lines: np.ndarray) -> tuple[str, 
     """Sentences on what `check_plausibility` finds in a recording most of whose rows fit, with the user's rows."""
     found = check_plausibility(robot, recording)
     return tuple(
-        _with_lines(one, recording, lines) for one in found if one.cause not in (CAUSE, OTHER_ROBOT)
+        _with_lines(suspicion, recording, lines)
+        for suspicion in found
+        if suspicion.cause not in (CAUSE, OTHER_ROBOT)
     )
 
 

@@ -123,8 +123,8 @@ def _names(tables: Sequence[RawTable]) -> str:
 def _with_time(table: RawTable, mapping: Mapping) -> RawTable:
     """The table with the column that the mapping names as the time."""
     named = [name for name, target in mapping.columns.items() if target == "time_s"]
-    own = [name for name in named if name in table.columns]
-    return replace(table, time_name=own[0]) if own else table
+    columns = [name for name in named if name in table.columns]
+    return replace(table, time_name=columns[0]) if columns else table
 
 
 def _joined(source: Source, tables: Sequence[RawTable], options) -> Found:
@@ -137,7 +137,7 @@ def _joined(source: Source, tables: Sequence[RawTable], options) -> Found:
         wanted = replace(wanted, time_offset_s=seconds)
     table, join, said = join_tables(tables, wanted)
     if join.by == "time":  # joined again at other offsets: each table gets its rows first
-        tables = [stacked(one, options.mapping) for one in tables]
+        tables = [stacked(table, options.mapping) for table in tables]
         table, join, said = join_tables(tables, wanted)
     else:
         table = stacked(table, options.mapping)
@@ -216,7 +216,9 @@ def _useful(source: Source, options) -> tuple[list[RawTable], list[RawTable]]:
         if robot is not None or session_groups(source.tables, mapping):
             return list(source.tables), []
         raise _nothing_known(source.tables[0], mapping)
-    return useful, [t for t in source.tables if not any(t is one for one in useful)]
+    return useful, [
+        t for t in source.tables if not any(t is table_of_source for table_of_source in useful)
+    ]
 
 
 def _nothing_known(table: RawTable, mapping: Mapping) -> InputError:
@@ -231,4 +233,6 @@ def _nothing_known(table: RawTable, mapping: Mapping) -> InputError:
 def is_mapped(mapping: Mapping, name: str) -> bool:
     """Whether a quantity or a covariate is read from a column."""
     groups = [getattr(mapping, quantity) for quantity in QUANTITIES]
-    return name in mapping.columns or any(name in one.columns for one in groups if one is not None)
+    return name in mapping.columns or any(
+        name in group.columns for group in groups if group is not None
+    )

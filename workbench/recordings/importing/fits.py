@@ -76,9 +76,9 @@ def compare_readings(
     limit = _WINDOW * max(quick[order[0]], 1.0)
     if is_good_only:
         limit = min(limit, max(hopeless_mm(robot, thinned[k][1]) for k in order))
-    kept = [k for k in (*order[:refined], *usual) if quick[k] <= limit]
+    retained = [k for k in (*order[:refined], *usual) if quick[k] <= limit]
     fitted = []
-    for k in kept:
+    for k in retained:
         fit = _refined(robot, *thinned[k])
         if fit is not None:
             fitted.append((int(k), fit))

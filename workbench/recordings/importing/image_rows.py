@@ -62,15 +62,15 @@ def _name_column(images, table: RawTable):
     """Pairs of image and row, and the column that connects them."""
     least = max(_FEWEST, table.n // 2)
     for column, cells in table.columns.items():
-        kept = _equal_names(images, cells)
-        if len(kept) >= least:
-            return kept, (column,)
+        matched = _equal_names(images, cells)
+        if len(matched) >= least:
+            return matched, (column,)
     kinds = {column: header.kind for column, header in headers_of(table).items()}
     for kind in _KINDS_OF_NAMES:
-        for column in (one for one, found in kinds.items() if found == kind):
-            kept = _simplified_names(images, table.columns[column])
-            if len(kept) >= least:
-                return kept, (column,)
+        for column in (column_name for column_name, found in kinds.items() if found == kind):
+            matched = _simplified_names(images, table.columns[column])
+            if len(matched) >= least:
+                return matched, (column,)
     return [], ()
 
 
@@ -145,9 +145,9 @@ def image_times(stamps, images) -> list[float] | None:
 def _left_out(images, table: RawTable, pairs) -> tuple[str, ...]:
     """Sentences on the images without a row and on the rows without an image, by name and row number in the file."""
     used = {id(image) for image, _ in pairs}
-    kept = {row for _, row in pairs}
+    matched_rows = {row for _, row in pairs}
     files = [Path(image.name).name for image in images if id(image) not in used]
-    rows = [str(line) for row, line in enumerate(table.lines) if row not in kept]
+    rows = [str(line) for row, line in enumerate(table.lines) if row not in matched_rows]
     said = []
     if files:
         said.append(

@@ -29,13 +29,13 @@ def joined_image_sessions(source: Source) -> tuple[Source, tuple[str, ...]]:
     images: list[ImageFile] = []
     parts, said = [], []
     for number, table in enumerate(tables, 1):
-        own = _images_of(table, tables, source.images)
-        pairs, left_out = matched_rows(own, table)
+        images_of_table = _images_of(table, tables, source.images)
+        pairs, left_out = matched_rows(images_of_table, table)
         names = [f"{number}-{image.name.replace('/', '-')}" for image, _ in pairs]
         images += [replace(image, name=name) for (image, _), name in zip(pairs, names)]
-        column = (*file_link(own, table)[0], _IMAGE)[0]
-        kept = table.take(np.array([row for _, row in pairs]))
-        parts.append(_session(kept, number, {column: np.array(names)}))
+        column = (*file_link(images_of_table, table)[0], _IMAGE)[0]
+        joined = table.take(np.array([row for _, row in pairs]))
+        parts.append(_session(joined, number, {column: np.array(names)}))
         said += [f"{table.file}: {sentence}" for sentence in left_out]
         said.append(f"{_place(table)} is session {number} with {len(pairs)} images.")
     _check_distinct(images, tables)
@@ -55,7 +55,7 @@ def _session(table: RawTable, number: int, images: dict[str, np.ndarray]) -> Raw
 
 def _images_of(table: RawTable, tables: Sequence[RawTable], images) -> list[ImageFile]:
     """The images in the folder of a table or below it; all images where another table has the same folder."""
-    folders = [one.folder for one in tables]
+    folders = [other.folder for other in tables]
     if table.folder is None or folders.count(table.folder) > 1:
         return list(images)
     return [image for image in images if _is_below(image.path, table.folder, folders)]
@@ -63,8 +63,12 @@ def _images_of(table: RawTable, tables: Sequence[RawTable], images) -> list[Imag
 
 def _is_below(path: Path, folder: Path, folders: Sequence[Path | None]) -> bool:
     """Whether a folder is the nearest one of `folders` above a path."""
-    above = [one for one in folders if one is not None and path.is_relative_to(one)]
-    return bool(above) and max(above, key=lambda one: len(one.parts)) == folder
+    above = [
+        folder_above
+        for folder_above in folders
+        if folder_above is not None and path.is_relative_to(folder_above)
+    ]
+    return bool(above) and max(above, key=lambda folder_above: len(folder_above.parts)) == folder
 
 
 def _check_units(tables: Sequence[RawTable]) -> None:

@@ -80,11 +80,13 @@ def import_table(found, options, progress) -> Made:
     decided = decide_table(found, options, progress)
     clocks = decided.clocks
     with _clocks_named(clocks):
-        made = _finished(decided, found, options)
-    doubts = (
-        (*made.doubts, clocks.sentence) if clocks is not None and clocks.is_doubt else made.doubts
+        imported = _finished(decided, found, options)
+    warnings = (
+        (*imported.doubts, clocks.sentence)
+        if clocks is not None and clocks.is_doubt
+        else imported.doubts
     )
-    return replace(made, doubts=doubts)
+    return replace(imported, doubts=warnings)
 
 
 @contextmanager
@@ -146,8 +148,8 @@ def with_unnamed_columns(found, options, progress) -> tuple[Mapping, tuple[str, 
     robots = [(load_robot(keys, title), keys) for title, keys in candidates.items()]
 
     def positions(robot, rows, mapping):
-        own = next(one for candidate, one in robots if candidate is robot)
-        return Builder(rows, own, robot, options).positions(mapping)
+        robot_position = next(position for candidate, position in robots if candidate is robot)
+        return Builder(rows, robot_position, robot, options).positions(mapping)
 
     arms = [robot for robot, _ in robots]
     return find_unnamed(found.table, found.mapping, arms, positions, options.ask)
@@ -279,8 +281,8 @@ def _refuse_other_kind(robot, mapping: Mapping, builder: Builder, found: Candida
         return
     other = _OTHER_KIND[mapping.measures]
     readings = [
-        (title, replace(made, measures=other, rotation=None))
-        for title, made in decisions.unit_readings(mapping)
+        (title, replace(interpretation, measures=other, rotation=None))
+        for title, interpretation in decisions.unit_readings(mapping)
     ]
     best = decisions.compare(robot, readings, builder.complete)
     if best and best[0][1].is_good:

@@ -35,21 +35,21 @@ def mixed_unit_mappings(
     is compared in relation to the extent of the measured points: a wrong unit makes both small.
     """
     screened = []
-    for made in _mixed(mapping, count, stated_only):
-        misfit = relative_misfit(robot, made, build, WIDEST_DEG)
+    for interpretation in _mixed(mapping, count, stated_only):
+        misfit = relative_misfit(robot, interpretation, build, WIDEST_DEG)
         if np.isfinite(misfit):
-            screened.append((misfit, made))
+            screened.append((misfit, interpretation))
     screened.sort(key=lambda item: item[0])
-    return [made for _, made in screened[:_KEPT]]
+    return [interpretation for _, interpretation in screened[:_KEPT]]
 
 
 def _mixed(mapping: Mapping, count: int, stated_only: bool) -> Iterator[Mapping]:
     """Every mapping with a few columns in another unit and every unit of the point."""
     points = [None] if mapping.point is None else length_units(mapping.point, stated_only)
     for units in dict.fromkeys(_unit_choices(mapping, count, stated_only)):
-        made = mapping.updated("joints", unit=joined_units(units))
+        interpretation = mapping.updated("joints", unit=joined_units(units))
         for point in points:
-            yield made if point is None else made.updated("point", unit=point)
+            yield interpretation if point is None else interpretation.updated("point", unit=point)
 
 
 def _unit_choices(mapping: Mapping, count: int, stated_only: bool) -> Iterator[tuple[str, ...]]:

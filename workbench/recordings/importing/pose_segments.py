@@ -66,9 +66,9 @@ def _blocks(count: int) -> Iterator[np.ndarray]:
 
 def _costs(found: PoseReadings, block, anchor: int, labels: np.ndarray) -> np.ndarray:
     """(k, P) squared gaps of the images under every reading, in units of what a sound arm leaves, bounded."""
-    poses = np.stack([one[found.rows] for _, _, one in found.readings])
-    own = poses[anchor][block]
-    sensor, base = found.solve(own, found.measured[labels, block])
+    poses = np.stack([recording[found.rows] for _, _, recording in found.readings])
+    pose = poses[anchor][block]
+    sensor, base = found.solve(pose, found.measured[labels, block])
     # every image may be labelled in another way than those of the block
     gaps = [_gaps(poses, sensor, base, measured) for measured in found.measured]
     place = np.min([gap[0] for gap in gaps], axis=0)
@@ -83,17 +83,19 @@ def _costs(found: PoseReadings, block, anchor: int, labels: np.ndarray) -> np.nd
 def _gaps(poses, sensor, base, measured) -> tuple[np.ndarray, np.ndarray]:
     """(k, P) mm and rad between predicted and measured targets for flange poses (k, P, 4, 4)."""
     predicted = base @ poses @ sensor
-    apart = inverse(measured) @ predicted
-    turn = np.linalg.norm(rotation_vector(apart[..., :3, :3]), axis=-1)
-    return np.linalg.norm(apart[..., :3, 3], axis=-1), turn
+    motion = inverse(measured) @ predicted
+    turn = np.linalg.norm(rotation_vector(motion[..., :3, :3]), axis=-1)
+    return np.linalg.norm(motion[..., :3, 3], axis=-1), turn
 
 
 def _is_change(divided: Sequence[Segment], costs: np.ndarray) -> bool:
     """Whether two readings hold for two rows or more each, and explain nearly all rows."""
-    if len({one.reading for one in divided}) < 2:
+    if len({segment.reading for segment in divided}) < 2:
         return False
-    lengths = [one.last - one.first + 1 for one in divided]
-    chosen = np.concatenate([costs[one.reading, one.first : one.last + 1] for one in divided])
+    lengths = [segment.last - segment.first + 1 for segment in divided]
+    chosen = np.concatenate(
+        [costs[segment.reading, segment.first : segment.last + 1] for segment in divided]
+    )
     return min(lengths) >= _FEWEST_IN_SEGMENT and _explained(chosen)
 
 
@@ -103,12 +105,14 @@ def _explained(costs: np.ndarray) -> bool:
 
 
 def _sentence(found: PoseReadings, divided: Sequence[Segment], table) -> str:
-    mappings = [found.readings[one.reading][1] for one in divided]
+    mappings = [found.readings[segment.reading][1] for segment in divided]
     words = [_words(mapping) for mapping in mappings]
-    keys = [key for key in words[0] if len({one[key] for one in words}) > 1]
+    keys = [
+        key for key in words[0] if len({words_of_segment[key] for words_of_segment in words}) > 1
+    ]
     parts = []
-    for one, said in zip(divided, words):
-        first, last = table.lines[found.rows[one.first]], table.lines[found.rows[one.last]]
+    for segment, said in zip(divided, words):
+        first, last = table.lines[found.rows[segment.first]], table.lines[found.rows[segment.last]]
         parts.append(f"{' and '.join(said[key] for key in keys)} in rows {first} to {last}")
     names = dict.fromkeys(name for key in keys for name in _columns(mappings[0], key))
     return (

@@ -60,10 +60,10 @@ def refuse_changed_units(
     if not readings:
         return
     variants = _Variants(mapping, readings)
-    named = [(str(k), one.recording) for k, one in enumerate(readings)]
+    named = [(str(k), recording.recording) for k, recording in enumerate(readings)]
     segments, _ = find_segments(builder.robot, named, variants.of)
     every = [*readings, *variants.made]
-    changed = len({one.reading for one in segments}) > 1
+    changed = len({segment.reading for segment in segments}) > 1
     if changed or (segments and decided is None):
         raise InputError(_sentence(builder, segments, every))
 
@@ -80,19 +80,21 @@ def refuse_changed_rotation(
     table = builder.table
     turns = rotation_candidates(mapping.rotation, table, stated_only=False)
     turns += _part_turns(builder, mapping, turns)
-    made = [(turn.title, replace(mapping, rotation=turn.group)) for turn in turns]
-    readings = list(_built(made, builder.complete, _rotation_words))
+    interpretations = [(turn.title, replace(mapping, rotation=turn.group)) for turn in turns]
+    readings = list(_built(interpretations, builder.complete, _rotation_words))
     if not readings:
         return
     flange = flange_rotations(builder.robot, readings[0].recording)
-    matrices = [measured_rotations(one.recording) for one in readings]
+    matrices = [measured_rotations(interpretation.recording) for interpretation in readings]
 
     def screen(rows: np.ndarray) -> list[int]:
-        return screened_turns(flange[rows], [one[rows] for one in matrices])
+        return screened_turns(
+            flange[rows], [matrices_of_reading[rows] for matrices_of_reading in matrices]
+        )
 
-    named = [(str(k), one.recording) for k, one in enumerate(readings)]
+    named = [(str(k), recording.recording) for k, recording in enumerate(readings)]
     segments, _ = find_segments(builder.robot, named, lambda anchor: (), screen)
-    if len({one.reading for one in segments}) > 1:
+    if len({segment.reading for segment in segments}) > 1:
         raise InputError(_sentence(builder, segments, readings))
 
 
@@ -127,7 +129,7 @@ def _built(choices, build: Callable, words: Callable) -> Iterator[_Reading]:
 
 def _unit_words(mapping: Mapping) -> Words:
     groups = [mapping.joints] if mapping.point is None else [mapping.joints, mapping.point]
-    return {one.columns: unit_words(one.unit, one.columns, _UNITS.get) for one in groups}
+    return {group.columns: unit_words(group.unit, group.columns, _UNITS.get) for group in groups}
 
 
 def _rotation_words(mapping: Mapping) -> Words:
@@ -148,7 +150,7 @@ class _Variants:
         """The recordings of all variants of the reading with this index."""
         base = self.readings[anchor]
         self.made = [*self._of_joints(base), *self._of_point(base)]
-        return [one.recording for one in self.made]
+        return [interpretation.recording for interpretation in self.made]
 
     def _of_joints(self, base: _Reading) -> Iterator[_Reading]:
         names = joint_columns(base.recording.columns)
@@ -170,9 +172,9 @@ class _Variants:
         headers = dict(zip(POINT, group.columns))
         for name in POINT:
             yield _changed(base, {name: -columns[name]}, (headers[name],), _SIGNS)
-        for one, two in combinations(POINT, 2):
-            exchanged = {one: columns[two], two: columns[one]}
-            yield _changed(base, exchanged, (headers[one], headers[two]), _ORDERS)
+        for first_axis, two in combinations(POINT, 2):
+            exchanged = {first_axis: columns[two], two: columns[first_axis]}
+            yield _changed(base, exchanged, (headers[first_axis], headers[two]), _ORDERS)
 
 
 def _changed(base: _Reading, columns: dict, headers: tuple[str, ...], words) -> _Reading:
@@ -198,9 +200,11 @@ def _part_turns(builder: Builder, mapping: Mapping, known) -> list:
 def _sentence(builder: Builder, segments: Sequence[Segment], readings: Sequence[_Reading]) -> str:
     """What was found in which rows, and what to do."""
     table = builder.table
-    chosen = [readings[one.reading] for one in segments]
-    usual = {key: said for one in chosen for key, said in one.usual.items()}
-    used = [{**usual, **one.words} for one in chosen]
+    chosen = [readings[segment.reading] for segment in segments]
+    usual = {
+        key: said for reading_of_segment in chosen for key, said in reading_of_segment.usual.items()
+    }
+    used = [{**usual, **reading_of_segment.words} for reading_of_segment in chosen]
     keys = list(dict.fromkeys(key for words in used for key in words))
     differing = [key for key in keys if len({words.get(key) for words in used}) > 1]
     if not differing:
@@ -209,7 +213,7 @@ def _sentence(builder: Builder, segments: Sequence[Segment], readings: Sequence[
     for words, rows in zip(used, _row_ranges(table, segments)):
         found.append(f"{_described(words, differing)} in {rows}")
     names = ", ".join(dict.fromkeys(name for key in differing for name in key))
-    moved = len({one.anchor for one in segments}) > 1
+    moved = len({segment.anchor for segment in segments}) > 1
     also = " (after the instrument, the base or the target was set up again)" if moved else ""
     return (
         f"{table.file}, columns {names}: expected one unit and convention in all rows, found "
@@ -230,9 +234,9 @@ def _set_up_sentence(file: str, ranges: Sequence[str]) -> str:
 def _row_ranges(table, segments: Sequence[Segment]) -> list[str]:
     """In words: "rows 2 to 31", or "rows 2 to 31 of monday.csv" where the table is made of several."""
     ranges = []
-    for one in segments:
-        first, _, file = str(table.lines[one.first]).partition(" of ")
-        last, _, other = str(table.lines[one.last]).partition(" of ")
+    for segment in segments:
+        first, _, file = str(table.lines[segment.first]).partition(" of ")
+        last, _, other = str(table.lines[segment.last]).partition(" of ")
         start = f"{first} of {file}" if file != other else first
         end = f"{last} of {other}" if other else last
         ranges.append(f"rows {start} to {end}")

@@ -51,8 +51,10 @@ def _refuse_other_order(robot: Robot, mapping: Mapping, table: RawTable, build: 
     turns = reordered_candidates(mapping.rotation, table)
     fits, readings = _rotation_fits(robot, mapping, table, turns, build, True)
     if is_only_good(fits):
-        made = readings[fits[0][0]][1]
-        raise order_error(table.file, made.rotation, fits[0][1], _rotation_lines(made))
+        interpretation = readings[fits[0][0]][1]
+        raise order_error(
+            table.file, interpretation.rotation, fits[0][1], _rotation_lines(interpretation)
+        )
 
 
 def _rotation_lines(mapping: Mapping) -> str:
@@ -65,8 +67,8 @@ def _rotation_lines(mapping: Mapping) -> str:
 
 def _rotation_fits(robot, mapping, table, turns: Sequence[Turn], build: Build, is_good_only=False):
     readings = [(turn.title, replace(mapping, rotation=turn.group)) for turn in turns]
-    kept = screened_turns(
+    screened = screened_turns(
         flange_rotations(robot, build(readings[0][1])), [t.matrices(table) for t in turns]
     )
-    chosen = [readings[k] for k in kept]
+    chosen = [readings[k] for k in screened]
     return compare(robot, chosen, build, is_good_only=is_good_only), chosen

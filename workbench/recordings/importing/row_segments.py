@@ -75,7 +75,7 @@ def find_segments(
         if anchor is None:
             break
         if not anchors:
-            recordings = [one for _, one in readings] + list(variants(anchor.reading))
+            recordings = [reading for _, reading in readings] + list(variants(anchor.reading))
         anchors.append(anchor)
         costs.append(_row_costs(robot, recordings, anchor))
         open_rows = _longest_open(np.min(np.concatenate(costs), axis=0) >= _PREFERRED * _MOST_COST)
@@ -108,8 +108,8 @@ def least_cost_labels(costs: np.ndarray, change: float = _CHANGE_COST) -> np.nda
 def _find_anchor(robot: Robot, readings, rows: np.ndarray, screen) -> _Anchor | None:
     """The reading that fits some block of rows, the largest block first; None where none fits."""
     for block in _blocks(rows):
-        kept = range(len(readings)) if screen is None else screen(block)
-        some = [(readings[k][0], readings[k][1].select(block)) for k in kept]
+        candidates = range(len(readings)) if screen is None else screen(block)
+        some = [(readings[k][0], readings[k][1].select(block)) for k in candidates]
         for place, found in compare_readings(robot, some, _REFINED, is_good_only=True)[:1]:
             if not found.is_good:
                 continue
@@ -118,7 +118,7 @@ def _find_anchor(robot: Robot, readings, rows: np.ndarray, screen) -> _Anchor | 
             # the robust fit of a block may be good although half of the rows are wrong
             off = row_mismatch(robot, chosen, fit) > _FITTING * good_scale(robot, chosen)
             if off.mean() <= _MOST_OFF_SHARE:
-                return _Anchor(int(kept[place]), fit)
+                return _Anchor(int(candidates[place]), fit)
     return None
 
 
@@ -165,13 +165,13 @@ def segments_of(labels: np.ndarray, count: int) -> list[Segment]:
 
 def _is_explained(robot: Robot, recordings, segments: Sequence[Segment]) -> bool:
     """Whether nearly all rows of every anchor fit the robot together, each segment under its reading."""
-    for anchor in {one.anchor for one in segments}:
-        own = [one for one in segments if one.anchor == anchor]
-        made = joined_segments(recordings, own)
-        good = good_scale(robot, made)
+    for anchor in {segment.anchor for segment in segments}:
+        segments_of_anchor = [segment for segment in segments if segment.anchor == anchor]
+        joined = joined_segments(recordings, segments_of_anchor)
+        good = good_scale(robot, joined)
         try:
-            fit = fit_recording(robot, made.select(even_rows(made, _FIT_ROWS)))
-            is_close = row_mismatch(robot, made, fit) < _FITTING * good
+            fit = fit_recording(robot, joined.select(even_rows(joined, _FIT_ROWS)))
+            is_close = row_mismatch(robot, joined, fit) < _FITTING * good
         except (np.linalg.LinAlgError, InputError, ValueError):
             return False
         if fit.core > good or is_close.mean() < _FITTING_SHARE:
@@ -181,7 +181,10 @@ def _is_explained(robot: Robot, recordings, segments: Sequence[Segment]) -> bool
 
 def joined_segments(recordings: Sequence[Recording], segments: Sequence[Segment]) -> Recording:
     """The rows of segments, each under its reading."""
-    parts = [recordings[one.reading].select(np.arange(one.first, one.last + 1)) for one in segments]
+    parts = [
+        recordings[segment.reading].select(np.arange(segment.first, segment.last + 1))
+        for segment in segments
+    ]
     names = [name for name in parts[0].columns if all(name in part.columns for part in parts)]
     columns = {name: np.concatenate([part.columns[name] for part in parts]) for name in names}
     return replace(parts[0], columns=columns)

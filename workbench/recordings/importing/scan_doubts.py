@@ -51,13 +51,15 @@ class Scans:
         """A function of scans that gives the distances (P,) mm of the ball from its place, as these scans show it."""
         if self.is_profile:
             start = find_start(self.seen, self.poses, self.radius, _VALLEYS, _STEPS)
-            return lambda one: circle_distances(start.values, one.seen, one.poses, one.radius)
+            return lambda scans: circle_distances(
+                start.values, scans.seen, scans.poses, scans.radius
+            )
         data = Centres(self.seen, self.poses, np.zeros(len(self.poses), int))
         found = hand_eye_from_centres(data, self.radius)
 
-        def distances(one: Scans) -> np.ndarray:
-            in_base = one.poses @ found.sensor
-            places = np.einsum("pij,jp->pi", in_base[:, :3, :3], one.seen) + in_base[:, :3, 3]
+        def distances(scans: Scans) -> np.ndarray:
+            in_base = scans.poses @ found.sensor
+            places = np.einsum("pij,jp->pi", in_base[:, :3, :3], scans.seen) + in_base[:, :3, 3]
             return np.linalg.norm(places - found.target[:3, 3], axis=1)
 
         return distances
@@ -78,7 +80,9 @@ def pose_doubts(scans: Scans) -> tuple[str, ...]:
     """Parts of sentences on scans whose flange poses do not fit the others, and on rotations that are missing."""
     missing = motion(scans.poses, "in-hand").sentences
     if missing:
-        return tuple(f"the flange poses do not determine everything: {one}" for one in missing)
+        return tuple(
+            f"the flange poses do not determine everything: {parameter}" for parameter in missing
+        )
     wrong, away = _outlying(scans)
     if not wrong.any():
         return ()
@@ -146,5 +150,5 @@ def _exchanged(scans: Scans, wrong: np.ndarray, away: np.ndarray) -> tuple[int, 
         return None
     distances = scans.take(~wrong).fit()
     pair = scans.take(places)
-    left = distances(pair.with_poses(pair.poses[::-1]))
-    return (int(places[0]), int(places[1])) if (left < _limit(away)).all() else None
+    distance = distances(pair.with_poses(pair.poses[::-1]))
+    return (int(places[0]), int(places[1])) if (distance < _limit(away)).all() else None

@@ -32,7 +32,7 @@ def import_sessions(found, options, progress) -> Made:
     where they do not fit the robot together.
     """
     sessions = found.sessions
-    tables = [one.table for one in sessions]
+    tables = [session.table for session in sessions]
     order = sorted(range(len(tables)), key=lambda place: -tables[place].n)
     decided: dict[int, DecidedTable] = {}
     for place in order:
@@ -43,8 +43,8 @@ def import_sessions(found, options, progress) -> Made:
         if largest is not None and tables[place].n < _FEWEST_ROWS:
             decided[place] = _as_largest(tables[place], largest)
             continue
-        one = replace(sessions[place], mapping=mapping)
-        decided[place] = decide_table(one, options, progress)
+        session = replace(sessions[place], mapping=mapping)
+        decided[place] = decide_table(session, options, progress)
     parts = [decided[place] for place in range(len(tables))]
     return _together(parts, order[0], options)
 
@@ -73,8 +73,8 @@ def _together(parts: Sequence[DecidedTable], largest: int, options) -> Made:
     """One recording of the decided tables, which has to fit the robot."""
     builder = parts[largest].builder
     robot = builder.robot
-    tables = [one.builder.table for one in parts]
-    mappings = [one.decision.mapping for one in parts]
+    tables = [part.builder.table for part in parts]
+    mappings = [part.decision.mapping for part in parts]
     table, mapping, timed = in_recording_units(tables, mappings, sliding(robot))
     joined = Builder(table, builder.keys, robot, options)
     recording = joined.complete(mapping)
@@ -86,19 +86,19 @@ def _together(parts: Sequence[DecidedTable], largest: int, options) -> Made:
         refuse_changed_units(joined, mapping, None)
         raise InputError(naming_option(_apart(tables, fits[0].words)))
     checked = check_fit(robot, recording, fits, options.trust_data, table.lines)
-    said = [sentence for one in parts for sentence in one.said]
-    doubts = [one.clocks.sentence for one in parts if one.clocks and one.clocks.is_doubt]
+    said = [sentence for part in parts for sentence in part.said]
+    part = [part.clocks.sentence for part in parts if part.clocks and part.clocks.is_doubt]
     said += [_counted(tables), *_differences(tables, mappings), *timed, *checked]
-    shown = [fit for one in parts for fit in _own_fits(one)]
+    shown = [fit for part in parts for fit in _own_fits(part)]
     warnings = tuple(dict.fromkeys(said))
     merged = replace(_merged(mappings), join=Join(APPEND))
-    return Made(recording, merged, (*shown, *fits), warnings, doubts=(*doubts, *checked))
+    return Made(recording, merged, (*shown, *fits), warnings, doubts=(*part, *checked))
 
 
-def _own_fits(one: DecidedTable):
+def _own_fits(decided_table: DecidedTable):
     """The fit that decided a table, with its name."""
-    best = one.decision.fits[:1]
-    return [replace(fit, title=f"{one.builder.table.file}: {fit.title}") for fit in best]
+    best = decided_table.decision.fits[:1]
+    return [replace(fit, title=f"{decided_table.builder.table.file}: {fit.title}") for fit in best]
 
 
 def _apart(tables: Sequence[RawTable], words: str) -> str:
@@ -130,19 +130,19 @@ def _differences(tables: Sequence[RawTable], mappings: Sequence[Mapping]) -> lis
 
 def _merged(mappings: Sequence[Mapping]) -> Mapping:
     """What all mappings agree in; a unit or convention that differs is left to the test of the next import."""
-    made = mappings[0]
+    merged = mappings[0]
     for quantity in QUANTITIES:
         groups = [getattr(mapping, quantity) for mapping in mappings]
         if len(set(groups)) == 1:
             continue
         if len({group.columns for group in groups if group is not None}) > 1:
-            made = replace(made, **{quantity: None})
+            merged = replace(merged, **{quantity: None})
             continue
         units = {group.unit for group in groups}
         conventions = {group.convention for group in groups}
-        made = made.updated(
+        merged = merged.updated(
             quantity,
             unit=groups[0].unit if len(units) == 1 else None,
             convention=groups[0].convention if len(conventions) == 1 else None,
         )
-    return made
+    return merged

@@ -23,9 +23,9 @@ _STEPS = (1, -1, 2, -2)
 def refuse_shifted_rows(builder: Builder, mapping: Mapping) -> None:
     """Raise InputError where a part of the rows fits the robot and the rest does with shifted measurements."""
     readings = []
-    for title, made in decisions.unit_readings(mapping):
+    for title, interpretation in decisions.unit_readings(mapping):
         try:
-            readings.append((title, builder.positions(made)))
+            readings.append((title, builder.positions(interpretation)))
         except InputError:
             continue
     if not readings or not observed_columns(readings[0][1]):
@@ -33,12 +33,12 @@ def refuse_shifted_rows(builder: Builder, mapping: Mapping) -> None:
     steps: list[int] = []
 
     def variants(anchor: int) -> list[Recording]:
-        made = list(_shifted(readings[anchor][1]))
-        steps.extend(step for step, _ in made)
-        return [recording for _, recording in made]
+        shifted = list(_shifted(readings[anchor][1]))
+        steps.extend(step for step, _ in shifted)
+        return [recording for _, recording in shifted]
 
     segments, _ = find_segments(builder.robot, readings, variants)
-    shifts = [_step_of(one, len(readings), steps) for one in segments]
+    shifts = [_step_of(segment, len(readings), steps) for segment in segments]
     if len(set(shifts)) > 1:
         raise InputError(_sentence(builder, mapping, segments, shifts))
 
@@ -65,8 +65,8 @@ def _sentence(builder: Builder, mapping: Mapping, segments, shifts: Sequence[int
     lines = builder.table.lines
     segments = _without_unmatched(segments, shifts)
     found = []
-    for one, step in zip(segments, shifts):
-        rows = f"rows {lines[one.first]} to {lines[one.last]}"
+    for segment, step in zip(segments, shifts):
+        rows = f"rows {lines[segment.first]} to {lines[segment.last]}"
         where = f"{abs(step)} row{'s' * (abs(step) > 1)} {'below' if step > 0 else 'above'}"
         found.append(f"{rows} fit " + (f"with the measurement {where}" if step else "as they are"))
     place = next(k for k in range(1, len(shifts)) if shifts[k] != shifts[k - 1])
@@ -86,16 +86,16 @@ def _without_unmatched(segments: Sequence[Segment], shifts: Sequence[int]) -> li
 
     They fit no reading, and `find_segments` counts them with the rows that fit as they stand.
     """
-    made = list(segments)
-    for k in range(1, len(made)):
+    corrected = list(segments)
+    for k in range(1, len(corrected)):
         unmatched = shifts[k - 1] - shifts[k]
         if unmatched > 0 and shifts[k - 1] == 0:
-            first = made[k].first - unmatched
-            made[k - 1], made[k] = (
-                replace(made[k - 1], last=first - 1),
-                replace(made[k], first=first),
+            first = corrected[k].first - unmatched
+            corrected[k - 1], corrected[k] = (
+                replace(corrected[k - 1], last=first - 1),
+                replace(corrected[k], first=first),
             )
-    return made
+    return corrected
 
 
 def _named(columns: Sequence[str]) -> str:

@@ -71,12 +71,12 @@ def import_scans(found, options, progress) -> Made:
         )
     names = [f"row {line} ({path.name})" for line, path in zip(rows.lines, files)]
     scans = Scans(_seen(points, radius, is_profile), np.empty(0), names, radius, is_profile)
-    mapping, fits, doubts = _decided(found, rows, scans, options, progress)
+    mapping, fits, warnings = _decided(found, rows, scans, options, progress)
     if not is_profile:
-        doubts = [*doubts, *filter(None, [radius_doubt(points, radius)])]
-    doubts = tuple(f"{rows.file}: {doubt}." for doubt in doubts)
+        warnings = [*warnings, *filter(None, [radius_doubt(points, radius)])]
+    warnings = tuple(f"{rows.file}: {doubt}." for doubt in warnings)
     recording = _recording(rows, mapping, points, radius, options)
-    return Made(recording, mapping, fits, (*said, *doubts), doubts=doubts)
+    return Made(recording, mapping, fits, (*said, *warnings), doubts=warnings)
 
 
 def is_profile_file(path: Path) -> bool:
@@ -90,7 +90,7 @@ def _decided(found, rows, scans: Scans, options, progress):
     readings = flange_readings(rows, mapping)
     progress(f"testing {len(readings)} readings of the flange poses")
     fits = _compared(readings, scans)
-    lines = [reading_line(made) for _, made, _ in readings]
+    lines = [reading_line(interpretation) for _, interpretation, _ in readings]
     chosen = choose_reading(lines, fits, f"{rows.file}, flange poses", options.ask, _REMEDY)
     best = dict(fits)[chosen]
     if not best.is_good and not options.trust_data:
@@ -139,7 +139,7 @@ def _thinned(points: np.ndarray) -> np.ndarray:
 def _clouds(files, radius) -> list[np.ndarray]:
     """(3, k) mm on the ball of every cloud. Raises InputError."""
     scale = LENGTHS[cloud_unit(files, radius)]
-    made = []
+    clouds = []
     for path in files:
         points = scale * read_cloud(path, _MOST_POINTS).T
         away = np.linalg.norm(points.mean(1))
@@ -150,8 +150,8 @@ def _clouds(files, radius) -> list[np.ndarray]:
                 f"{path.name}: expected a ball of radius {radius:g} mm, found none; scan it again, or remove the file "
                 "and its row."
             )
-        made.append(_thinned(points[:, balls[0].inliers]))
-    return made
+        clouds.append(_thinned(points[:, balls[0].inliers]))
+    return clouds
 
 
 def _profiles(files, radius) -> list[np.ndarray]:
@@ -196,8 +196,8 @@ def _compared(readings, scans: Scans) -> list[tuple[int, CandidateFit]]:
     count = scans.seen.shape[1]
     rows = np.unique(np.linspace(0, count - 1, min(count, _TESTED_POSES)).astype(int))
     some = replace(scans, poses=np.zeros((count, 4, 4))).take(rows)
-    kept = _screened(readings, some, rows)
-    fits = [_fit(k, readings, some, rows, rms_mm) for k in kept]
+    retained = _screened(readings, some, rows)
+    fits = [_fit(k, readings, some, rows, rms_mm) for k in retained]
     fits.sort(key=lambda item: item[1].improbability)
     if fits and not fits[0][1].is_good:
         fits = [_fit(k, readings, some, rows, trimmed_rms_mm) for k, _ in fits[:_TRIMMED]]
@@ -219,12 +219,12 @@ def _screened(readings, scans: Scans, rows: np.ndarray) -> list[int]:
     """Places of the readings whose rotations fit best when the sensor's rotation matrix may be any matrix: the
     problem is then linear, and no unit of length matters."""
     cost: dict[str, float] = {}
-    turn_of = [str(made.flange_rotation) for _, made, _ in readings]
+    turn_of = [str(interpretation.flange_rotation) for _, interpretation, _ in readings]
     for turn, (_, _, poses) in zip(turn_of, readings):
         if turn not in cost:
             cost[turn] = _linear_cost(scans.seen, poses[rows], scans.is_profile)
-    kept = sorted(cost, key=cost.get)[:_ROTATIONS]
-    return [k for k, turn in enumerate(turn_of) if turn in kept]
+    retained = sorted(cost, key=cost.get)[:_ROTATIONS]
+    return [k for k, turn in enumerate(turn_of) if turn in retained]
 
 
 def _linear_cost(seen, poses, is_profile) -> float:
@@ -236,8 +236,8 @@ def _linear_cost(seen, poses, is_profile) -> float:
     measured = seen[:2].T if is_profile else seen.T
     if len(rows) <= rows.shape[1] + _SPARE:
         return 0.0
-    left = measured - rows @ np.linalg.lstsq(rows, measured, rcond=1e-10)[0]
-    return float((left**2).sum() / ((measured - measured.mean(0)) ** 2).sum())
+    remainder = measured - rows @ np.linalg.lstsq(rows, measured, rcond=1e-10)[0]
+    return float((remainder**2).sum() / ((measured - measured.mean(0)) ** 2).sum())
 
 
 def _centre(points, radius) -> np.ndarray:

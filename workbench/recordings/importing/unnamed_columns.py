@@ -64,7 +64,9 @@ def find_unnamed(
     is_other = mapping.measures not in (None, "external-point", "external-pose")
     if not is_open or is_other or mapping.flange_point is not None:
         return mapping, ()
-    found = [one for robot in robots for one in _fitting(table, mapping, robot, positions)]
+    found = [
+        candidate for robot in robots for candidate in _fitting(table, mapping, robot, positions)
+    ]
     best = _best_of_each(found)
     if not best:
         return mapping, ()
@@ -73,26 +75,27 @@ def find_unnamed(
     chosen = best[0]
     if len(best) > 1:
         lines = [
-            f"[joints] columns = {list(one.mapping.joints.columns)}, "
-            f"[point] columns = {list(one.mapping.point.columns)}"
-            for one in best
+            f"[joints] columns = {list(candidate.mapping.joints.columns)}, "
+            f"[point] columns = {list(candidate.mapping.point.columns)}"
+            for candidate in best
         ]
         question = Question(
             f"{table.file}: expected headers that name joint readings and the measured point, found several sets of "
-            f"columns that fit the robot ({'; '.join(one.words for one in best)})",
-            tuple(one.words for one in best),
+            f"columns that fit the robot ({'; '.join(candidate.words for candidate in best)})",
+            tuple(candidate.words for candidate in best),
             tuple(lines),
         )
         chosen = choose(question, ask, best)
-    made = chosen.mapping
+    found_mapping = chosen.mapping
     all_joints = "joint readings" if mapping.joints is None else "the readings of all joints"
-    which = [(all_joints, made.joints)] if mapping.joints != made.joints else []
-    which += [("the measured point", made.point)] if mapping.point is None else []
+    which = [(all_joints, found_mapping.joints)] if mapping.joints != found_mapping.joints else []
+    which += [("the measured point", found_mapping.point)] if mapping.point is None else []
     named = " and ".join(f"{', '.join(group.columns)} as {what}" for what, group in which)
-    return made, (
+    return found_mapping, (
         f"No header names {' or '.join(what for what, _ in which)}. Of the columns with numbers only one set fits the "
-        f"robot, and the import reads {named} ({chosen.fit.words}).{_handedness(table, made.point)} If that is wrong, "
-        "state the columns in a mapping file and name it with --map.",
+        f"robot, and the import reads {named} ({chosen.fit.words})."
+        f"{_handedness(table, found_mapping.point)} If that is wrong, state the "
+        "columns in a mapping file and name it with --map.",
     )
 
 
@@ -115,21 +118,25 @@ def _exchanged(table: RawTable, best: _Found, positions) -> list[_Found]:
         order = list(columns)
         order[i], order[j] = order[j], order[i]
         joints = replace(best.mapping.joints, columns=tuple(order))
-        made = _fitted(table, replace(best.mapping, joints=joints), best.robot, positions)
-        if made is not None and not best.fit.clearly_beats(made.fit):
-            found.append(made)
+        exchanged = _fitted(table, replace(best.mapping, joints=joints), best.robot, positions)
+        if exchanged is not None and not best.fit.clearly_beats(exchanged.fit):
+            found.append(exchanged)
     return found
 
 
 def _best_of_each(found: Sequence[_Found]) -> list[_Found]:
     """The best fit of each set of columns, the most probable first; without those that fit clearly worse."""
-    ordered = sorted(found, key=lambda one: one.fit.improbability)
-    kept: dict[tuple, _Found] = {}
-    for one in ordered:
-        columns = (one.mapping.joints.columns, one.mapping.point.columns)
-        kept.setdefault(columns, one)
-    every = list(kept.values())
-    return [one for one in every if one is every[0] or not every[0].fit.clearly_beats(one.fit)]
+    ordered = sorted(found, key=lambda candidate: candidate.fit.improbability)
+    best: dict[tuple, _Found] = {}
+    for candidate in ordered:
+        columns = (candidate.mapping.joints.columns, candidate.mapping.point.columns)
+        best.setdefault(columns, candidate)
+    every = list(best.values())
+    return [
+        candidate
+        for candidate in every
+        if candidate is every[0] or not every[0].fit.clearly_beats(candidate.fit)
+    ]
 
 
 def _fitting(table, mapping: Mapping, robot: Robot, positions) -> Iterator[_Found]:
@@ -139,19 +146,19 @@ def _fitting(table, mapping: Mapping, robot: Robot, positions) -> Iterator[_Foun
         if set(joints.columns) & set(point.columns) or tried >= _MOST_TESTED:
             continue
         tried += 1
-        made = _fitted(table, replace(mapping, joints=joints, point=point), robot, positions)
-        if made is not None:
-            yield made
+        candidate = _fitted(table, replace(mapping, joints=joints, point=point), robot, positions)
+        if candidate is not None:
+            yield candidate
 
 
 def _fitted(table, mapping: Mapping, robot: Robot, positions) -> _Found | None:
     """A mapping with its best fit to a robot, its units undecided; None where it does not fit."""
-    made = replace(mapping, measures=measures_of(mapping))
-    rows = complete_rows(table, made)[0]
-    readings = list(decisions.unit_readings(made))
+    complete_mapping = replace(mapping, measures=measures_of(mapping))
+    rows = complete_rows(table, complete_mapping)[0]
+    readings = list(decisions.unit_readings(complete_mapping))
     build = partial(positions, robot, rows)
     fits = decisions.compare(robot, readings, build, _SCREENED_FITS)
-    return _Found(made, fits[0][1], robot) if fits and fits[0][1].is_good else None
+    return _Found(complete_mapping, fits[0][1], robot) if fits and fits[0][1].is_good else None
 
 
 def _lacks_slides(mapping: Mapping, robots: Sequence[Robot]) -> bool:
@@ -191,14 +198,14 @@ def _groups_of(table: RawTable, names, stated: Group, slides) -> list[Group]:
     headers = headers_of(table)
     known = dict(zip(stated.columns, each_unit(stated.unit, len(stated.columns))))
     units = [known.get(name) or headers[name].unit for name in names]
-    made = {}
+    groups = {}
     for length in decisions.UNITS_OF_SLIDES:
         words = [
             length if slide and unit not in (*LENGTHS, *ANGLES) else unit
             for slide, unit in zip(slides, units)
         ]
-        made[tuple(words)] = replace(stated, columns=tuple(names), unit=joined_units(words))
-    return list(made.values())
+        groups[tuple(words)] = replace(stated, columns=tuple(names), unit=joined_units(words))
+    return list(groups.values())
 
 
 def _points(table: RawTable, mapping: Mapping) -> list[Group]:
@@ -237,7 +244,10 @@ def _neighbours(table: RawTable, mapping: Mapping, units) -> list[tuple[str, ...
         names
         for names in windows
         if None not in names
-        and all(headers[name].unit in (None, *own) for name, own in zip(names, units))
+        and all(
+            headers[name].unit in (None, *unit_of_group)
+            for name, unit_of_group in zip(names, units)
+        )
     ]
 
 

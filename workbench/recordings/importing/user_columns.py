@@ -28,15 +28,19 @@ def in_user_columns(sentence: str, called: str, mapping: Mapping) -> str:
 
 def user_columns(mapping: Mapping) -> dict[str, str]:
     """Column of a recording -> header of the column that it is read from, as far as it is one column."""
-    made = {target: name for name, target in mapping.columns.items()}
+    names_by_target = {target: name for name, target in mapping.columns.items()}
     if mapping.joints is not None:
         for number, name in enumerate(mapping.joints.columns, 1):
-            made |= {f"q{number}_deg": name, f"q{number}_mm": name}
+            names_by_target |= {f"q{number}_deg": name, f"q{number}_mm": name}
     for group, prefix in ((mapping.point, ""), (mapping.flange_point, "flange_")):
         if group is not None and not is_spherical(group.convention):
-            made |= {f"{prefix}{axis}_mm": name for axis, name in zip("xyz", group.columns)}
+            names_by_target |= {
+                f"{prefix}{axis}_mm": name for axis, name in zip("xyz", group.columns)
+            }
     for group, prefix in ((mapping.rotation, ""), (mapping.flange_rotation, "flange_")):
         if group is not None and (group.convention or "").startswith(_QUATERNION):
             letters = group.convention.removeprefix(_QUATERNION)
-            made |= {f"{prefix}q{axis}": name for axis, name in zip(letters, group.columns)}
-    return made
+            names_by_target |= {
+                f"{prefix}q{axis}": name for axis, name in zip(letters, group.columns)
+            }
+    return names_by_target

@@ -162,5 +162,5 @@ def image_coverage(recording: Recording, progress: Callable[[str], None]) -> Ima
     except InputError as problem:
         return ImageCoverage(roles, 0, (("all", str(problem)),), np.empty((2, 0)), (1, 1))
     corners = np.concatenate([view.pixels for view in found.views], axis=1)
-    rejected = tuple((one.image, one.why) for one in found.rejected)
+    rejected = tuple((rejection.image, rejection.why) for rejection in found.rejected)
     return ImageCoverage(roles, len(found.views), rejected, corners, found.size, found)

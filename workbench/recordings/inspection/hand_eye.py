@@ -103,7 +103,7 @@ def _with_camera(recording, detection, linked, early, progress) -> HandEyePlausi
     at_middle = board_seen @ transform(np.eye(3), detection.board.middle)
     motions = relative_motions(flange, at_middle, _kind(recording))
     early = [*early, *_outliers(review, names)]
-    named = [_finding(one) for one in review.findings]
+    named = [_finding(finding) for finding in review.findings]
     found = [*early, *named] if named else [*early, *_disagreements(motions)]
     return HandEyePlausibility(tuple(found), motions)
 
@@ -117,9 +117,9 @@ def _outliers(review, names: Sequence[str]) -> Iterator[tuple]:
         yield what, action, False
 
 
-def _finding(one) -> tuple[str, str, bool]:
+def _finding(finding) -> tuple[str, str, bool]:
     """A finding of the review, required like the verdict of `handeye`, which fails with any of them."""
-    what, _, action = one.sentence.rpartition("; ")
+    what, _, action = finding.sentence.rpartition("; ")
     return what or action, action if what else "check them", True
 
 

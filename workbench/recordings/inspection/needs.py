@@ -99,10 +99,10 @@ def sample_needs(recording: Recording) -> Iterator[Need]:
         found = check_plausibility(robot, samples_of(recording))
     except (np.linalg.LinAlgError, InputError, ValueError):
         return  # no fit is possible: other needs say why
-    for one in found:
-        if one.cause not in (CAUSE, OTHER_ROBOT):
-            what, action = _what_and_action(one.sentence)
-            yield Need("calibrate", one.certain, what, action, is_mistake=True)
+    for suspicion in found:
+        if suspicion.cause not in (CAUSE, OTHER_ROBOT):
+            what, action = _what_and_action(suspicion.sentence)
+            yield Need("calibrate", suspicion.certain, what, action, is_mistake=True)
 
 
 def _what_and_action(sentence: str) -> tuple[str, str]:
@@ -177,9 +177,9 @@ def _sign_needs(recording: Recording) -> Iterator[Need]:
         found = untested_signs(robot, samples_of(recording))
     except (np.linalg.LinAlgError, InputError, ValueError):
         return  # no fit is possible: other needs say why
-    for one in found:
-        fits = f"{fit_words(one.recorded)} as recorded, {fit_words(one.fit)} with the opposite sign"
-        names = sorted(one.correction.touches)
+    for suspicion in found:
+        fits = f"{fit_words(suspicion.recorded)} as recorded, {fit_words(suspicion.fit)} with the opposite sign"
+        names = sorted(suspicion.correction.touches)
         if len(names) > 1:
             what = (
                 f"the signs of columns {', '.join(names)} are not tested: the data fit as well with the opposite sign "

@@ -168,8 +168,8 @@ def _turntable(folder: Path, progress, seed: int) -> Example:
         placements=free,
         balls=[list(ball) for ball in _TABLE_BALLS],
     )
-    held = board_poses(scene.placements, scene.board.pattern, scene.sees, rng)
-    held = transform(rotation_matrix(held[:, 3:]), held[:, :3])
+    poses = board_poses(scene.placements, scene.board.pattern, scene.sees, rng)
+    poses = transform(rotation_matrix(poses[:, 3:]), poses[:, :3])
     of_boards, of_scan = np.arange(0.0, 360.0, 15.0), np.arange(0.0, 360.0, 5.0)
 
     def turned(commanded: np.ndarray) -> np.ndarray:
@@ -181,13 +181,13 @@ def _turntable(folder: Path, progress, seed: int) -> Example:
 
     middle = scene.board.pattern.middle
     lying = transform(_turn(180.0, 0.0, 0.0), np.array([-middle[0] + 2.0, middle[1] - 1.0, 0.0]))
-    boards = np.concatenate([held, turned(of_boards) @ lying])
+    boards = np.concatenate([poses, turned(of_boards) @ lying])
     stations = Stations(
         inverse(turned(of_scan)),
         {},
         boards=boards,
         rows=tuple({"scan": 1, "table_deg": float(angle)} for angle in of_scan),
-        board_rows=({},) * len(held) + tuple({"table_deg": float(angle)} for angle in of_boards),
+        board_rows=({},) * len(poses) + tuple({"table_deg": float(angle)} for angle in of_boards),
     )
     make_recording(
         scene, folder, lambda done, total: progress(f"image {done} of {total}"), stations

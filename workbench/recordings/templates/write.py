@@ -72,15 +72,19 @@ def write_template(
         keys["urdf"] = str(Path(keys["urdf"]).resolve())
     folder.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as parent:
-        made = Path(parent) / "recording"
-        recording = _example(kind, made, keys, progress)
-        _write_files(recording, made, name, kind)
+        example_folder = Path(parent) / "recording"
+        recording = _example(kind, example_folder, keys, progress)
+        _write_files(recording, example_folder, name, kind)
         files = tuple(
-            sorted(str(path.relative_to(made)) for path in made.rglob("*.*") if path.is_file())
+            sorted(
+                str(path.relative_to(example_folder))
+                for path in example_folder.rglob("*.*")
+                if path.is_file()
+            )
         )
         if folder.exists():
             folder.rmdir()
-        made.replace(folder)
+        example_folder.replace(folder)
     return Template(folder, recording.measures, recording.n, len(recording.images), files)
 
 

@@ -62,7 +62,7 @@ def column_correction(cause, subject, statement, remedy, change, touches, **more
 
 def join(corrections: Iterable[Correction]) -> Correction:
     """Several corrections of disjoint columns as one."""
-    corrections = tuple(one for c in corrections for one in (c.pieces or (c,)))
+    corrections = tuple(piece for c in corrections for piece in (c.pieces or (c,)))
     if len(corrections) == 1:
         return corrections[0]
 
@@ -125,9 +125,9 @@ def lost_decimal_points(recording, names, largest: float) -> Iterator[Correction
 
     The columns together, where all hold large whole numbers, and each by itself.
     """
-    whole = [name for name in names if _is_too_large(recording.columns[name], largest)]
-    groups = [(name,) for name in whole]
-    groups += [tuple(whole)] if len(whole) > 1 else []
+    in_whole_column = [name for name in names if _is_too_large(recording.columns[name], largest)]
+    groups = [(name,) for name in in_whole_column]
+    groups += [tuple(in_whole_column)] if len(in_whole_column) > 1 else []
     for columns, digits in product(groups, range(1, _MOST_DIGITS + 1)):
         size = max(np.abs(recording.columns[name]).max() for name in columns) / 10.0**digits
         if size < largest:
@@ -139,12 +139,12 @@ def _is_too_large(values: np.ndarray, largest: float) -> bool:
 
 
 def _decimal_point(names, digits: int) -> Correction:
-    one = len(names) == 1
+    is_single = len(names) == 1
     return column_correction(
         "decimal-point",
         named_columns(names),
-        f"{'has' if one else 'have'} lost {'its' if one else 'their'} decimal point",
-        f"divide {'it' if one else 'them'} by {10**digits}",
+        f"{'has' if is_single else 'have'} lost {'its' if is_single else 'their'} decimal point",
+        f"divide {'it' if is_single else 'them'} by {10**digits}",
         lambda columns: {name: columns[name] / 10.0**digits for name in names},
         names,
     )

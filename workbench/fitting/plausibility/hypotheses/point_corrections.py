@@ -52,12 +52,12 @@ def _units(recording, lengths):
 
 
 def _unit(names, factor, unit) -> Correction:
-    one = len(names) == 1
+    is_single = len(names) == 1
     return column_correction(
         "length-unit",
         named_columns(names),
-        f"{'holds' if one else 'hold'} {unit}",
-        f"multiply {'it' if one else 'them'} by {factor:g}, or correct the lengths of the robot file",
+        f"{'holds' if is_single else 'hold'} {unit}",
+        f"multiply {'it' if is_single else 'them'} by {factor:g}, or correct the lengths of the robot file",
         lambda columns: {name: factor * columns[name] for name in names},
         names,
         magnification=factor,

@@ -46,9 +46,11 @@ def _known_robot(name):
     return load_robot({"builtin": name})
 
 
-def _same_geometry(one, other) -> bool:
-    same = one.convention == other.convention and np.allclose(one.mixing, other.mixing)
-    return bool(same and np.allclose(one.geometry, other.geometry, atol=1e-3))
+def _same_geometry(correction, other) -> bool:
+    same = correction.convention == other.convention and np.allclose(
+        correction.mixing, other.mixing
+    )
+    return bool(same and np.allclose(correction.geometry, other.geometry, atol=1e-3))
 
 
 def _difference(robot, known) -> str:
