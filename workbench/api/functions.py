@@ -133,9 +133,9 @@ def _keep_recording(recording, run: Path | None, folder: Path) -> None:
         or folder not in Path(recording).parents
     ):
         return
-    kept = run / runs.KEPT_RECORDING
-    if not kept.exists():
-        shutil.copytree(recording, kept)
+    kept_recording = run / runs.KEPT_RECORDING
+    if not kept_recording.exists():
+        shutil.copytree(recording, kept_recording)
 
 
 def _is_run_folder(out: inspect.Parameter) -> bool:

@@ -92,36 +92,36 @@ class Table(Sequence):
 
 def _flat_rows(row: Mapping[str, Any]) -> list[dict[str, Any]]:
     """A row without nested objects, once for each of its `parameters` where it has such a list."""
-    own = _flat({key: value for key, value in row.items() if key != "parameters"})
+    row_scalars = _flat({key: value for key, value in row.items() if key != "parameters"})
     inner = row.get("parameters")
-    if not isinstance(inner, list | tuple) or not all(isinstance(one, Mapping) for one in inner):
+    if not isinstance(inner, list | tuple) or not all(isinstance(item, Mapping) for item in inner):
         return [_flat(row)]
-    return [own | _prefixed(one, own) for one in inner] or [own]
+    return [row_scalars | _prefixed(item, row_scalars) for item in inner] or [row_scalars]
 
 
-def _prefixed(inner: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+def _prefixed(inner: Mapping[str, Any], row_scalars: Mapping[str, Any]) -> dict[str, Any]:
     """Entries of a parameter; those with a name that its row has, too, and another value are `parameter.name`."""
     flat = _flat(inner)
     return {
-        f"parameter.{key}" if key in own and own[key] != value else key: value
+        f"parameter.{key}" if key in row_scalars and row_scalars[key] != value else key: value
         for key, value in flat.items()
     }
 
 
 def _flat(row: Mapping[str, Any], before: str = "") -> dict[str, Any]:
     """The row with entries of objects as `key.inner key`, and without lists of objects."""
-    made: dict[str, Any] = {}
+    flat: dict[str, Any] = {}
     for key, value in row.items():
         name = f"{before}{key}"
         if isinstance(value, Mapping):
-            made |= _flat(value, f"{name}.")
+            flat |= _flat(value, f"{name}.")
         elif not _holds_objects(value):
-            made[name] = value
-    return made
+            flat[name] = value
+    return flat
 
 
 def _holds_objects(value: Any) -> bool:
-    return isinstance(value, list | tuple) and any(isinstance(one, Mapping) for one in value)
+    return isinstance(value, list | tuple) and any(isinstance(item, Mapping) for item in value)
 
 
 class Result:
@@ -216,13 +216,14 @@ class Result:
             return ""
         shown = rows[:_NOTEBOOK_ROWS]
         names = [key for key in rows[0] if _fits_a_cell([row.get(key) for row in shown])]
-        kept = names[:_NOTEBOOK_COLUMNS]
+        shown_names = names[:_NOTEBOOK_COLUMNS]
         cells = [
-            ["–" if row.get(key) is None else _short(row[key]) for key in kept] for row in shown
+            ["–" if row.get(key) is None else _short(row[key]) for key in shown_names]
+            for row in shown
         ]
-        left = f"<p>{len(shown)} of {len(rows)} rows; to_frame() has all.</p>"
-        more = left if len(rows) > len(shown) else ""
-        return _html_table(kept, cells) + more
+        note = f"<p>{len(shown)} of {len(rows)} rows; to_frame() has all.</p>"
+        more = note if len(rows) > len(shown) else ""
+        return _html_table(shown_names, cells) + more
 
     def to_frame(self):
         """The main table as a pandas DataFrame: parameters, effects, images, corrected targets, ...

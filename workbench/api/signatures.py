@@ -54,8 +54,8 @@ _OPTION = re.compile(r"(?<!\w)--([a-z][a-z-]*)")
 
 def parameters_of(command: Callable) -> list[inspect.Parameter]:
     """Parameters of the function of a command; those of the command without --json."""
-    own = inspect.signature(command).parameters.values()
-    return [parameter for parameter in own if parameter.name != "json"]
+    signature_parameters = inspect.signature(command).parameters.values()
+    return [parameter for parameter in signature_parameters if parameter.name != "json"]
 
 
 def signature_of(command: Callable, result: type) -> inspect.Signature:

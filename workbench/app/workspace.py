@@ -187,8 +187,8 @@ class Workspace:
         changed = self.session.excluded(SAMPLES) or self.session.excluded(POSES)
         if not recording.n or not changed:
             return np.ones(self.count, bool)
-        kept = np.append(kept_rows(self.session, recording), True)  # for row -1
-        return kept[self.opened.edit_rows]
+        is_included = np.append(kept_rows(self.session, recording), True)  # for row -1
+        return is_included[self.opened.edit_rows]
 
     def drawn(self, most: int, kind: str = "") -> np.ndarray:
         """Rows that a figure of at most about `most` marks shows: the largest, and some evenly spread."""
@@ -244,7 +244,12 @@ class Workspace:
         items = list(items)
         kinds = (SAMPLES, POSES)
         self._include_numbers(
-            {kind: [n for one in items if one.kind == kind for n in one.numbers] for kind in kinds}
+            {
+                kind: [
+                    n for exclusion in items if exclusion.kind == kind for n in exclusion.numbers
+                ]
+                for kind in kinds
+            }
         )
 
     def _include_numbers(self, numbers: Mapping[str, list[int]]) -> None:
@@ -365,11 +370,11 @@ class Workspace:
         if self.job is None or self.job.state != DONE:
             return False
         out, self.job = self.job.out, None
-        made = open_subject(str(out))
-        if made.command == DIAGNOSE:
-            self.diagnosis = made
+        subject = open_subject(str(out))
+        if subject.command == DIAGNOSE:
+            self.diagnosis = subject
         else:
-            self.open_run(made)
+            self.open_run(subject)
         return True
 
     def look_for_diagnosis(self) -> None:

@@ -61,10 +61,10 @@ def with_considered(arm, state):
     if considered is None:
         return arm
     effects = tuple(e for e in considered.effects if e.linear and _is_evaluable(e, state))
-    own = tuple(f"{effect.where}.{effect.effect}." for effect in effects)
-    kept = [k for k, key in enumerate(considered.keys) if key.startswith(own)]
-    order = [*range(len(arm.free)), *(len(arm.free) + k for k in kept)]
-    keys = [considered.keys[k] for k in kept]
+    prefixes = tuple(f"{effect.where}.{effect.effect}." for effect in effects)
+    is_selected = [k for k, key in enumerate(considered.keys) if key.startswith(prefixes)]
+    order = [*range(len(arm.free)), *(len(arm.free) + k for k in is_selected)]
+    keys = [considered.keys[k] for k in is_selected]
     return replace(
         arm,
         effects=(*arm.effects, *effects),

@@ -243,9 +243,11 @@ def _write_parquet(columns: dict[str, np.ndarray], path: Path) -> None:
 
     arrays = []
     for values in columns.values():
-        held = np.ascontiguousarray(values)
-        kind = pa.from_numpy_dtype(held.dtype)
-        arrays.append(pa.Array.from_buffers(kind, len(held), [None, pa.py_buffer(held)]))
+        contiguous = np.ascontiguousarray(values)
+        kind = pa.from_numpy_dtype(contiguous.dtype)
+        arrays.append(
+            pa.Array.from_buffers(kind, len(contiguous), [None, pa.py_buffer(contiguous)])
+        )
     table = pa.Table.from_arrays(arrays, names=list(columns))
     pq.write_table(table, path, write_page_checksum=True)
 

@@ -139,12 +139,12 @@ def _named(out: Path) -> Run:
             f"{out} contains files. To protect them, --out expects a new or empty folder; name another folder."
         )
     partial = path.with_name(f".partial-{path.name}")
-    made, lock = _reserve(partial)
+    reserved, lock = _reserve(partial)
     if lock is None and fcntl is not None:
         raise InputError(
             f"Another run is writing {out} at this moment; wait for it or name another folder."
         )
-    return Run(path, partial, made, lock)
+    return Run(path, partial, reserved, lock)
 
 
 def _numbered(name: str) -> Run:
@@ -155,10 +155,10 @@ def _numbered(name: str) -> Run:
         partial = path.with_name(f".partial-{path.name}")
         if partial.exists() or path.exists():
             continue
-        made, lock = _reserve(partial)
+        reserved, lock = _reserve(partial)
         if lock is None and fcntl is not None:
             continue
-        return Run(path, partial, made, lock)
+        return Run(path, partial, reserved, lock)
     raise InputError(f"{root} holds a thousand runs named {name}; name one with --out.")
 
 
@@ -179,11 +179,11 @@ def _reserve(partial: Path) -> tuple[tuple[Path, ...], int | None]:
     if not _is_ours(lock, _lock_of(partial)):
         os.close(lock)
         return missing, None
-    for left in partial.iterdir():
-        if left.is_dir() and not left.is_symlink():
-            shutil.rmtree(left, ignore_errors=True)
+    for leftover in partial.iterdir():
+        if leftover.is_dir() and not leftover.is_symlink():
+            shutil.rmtree(leftover, ignore_errors=True)
         else:
-            left.unlink(missing_ok=True)
+            leftover.unlink(missing_ok=True)
     return missing, lock
 
 

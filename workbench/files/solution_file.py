@@ -154,13 +154,13 @@ def _runs(numbers: np.ndarray) -> list[list[int]]:
 def _fitted_range(calibration) -> dict[str, list[float]]:
     """Lowest and highest value of joint readings and covariates over the samples that were fitted."""
     recording = calibration.recording
-    kept = ~np.isin(recording.sample_ids, calibration.suspects)
+    is_in_fit = ~np.isin(recording.sample_ids, calibration.suspects)
     if calibration.fitted is not None:
-        kept &= calibration.fitted
+        is_in_fit &= calibration.fitted
     names = [*joint_columns(recording.columns), *recording.covariates]
     found: dict[str, list[float]] = {}
     for name in names:
-        values = recording.columns[name][kept]
+        values = recording.columns[name][is_in_fit]
         plain = name.removeprefix(
             OTHER
         )  # the second end of a length is a pose of the arm like the first

@@ -17,17 +17,17 @@ class Spool(Sequence):
     the default folder for temporary files, which is in memory on many systems.
     """
 
-    def __init__(self, things: Iterable[Any] = (), kept: int = 64, folder: Path | None = None):
+    def __init__(self, things: Iterable[Any] = (), in_memory: int = 64, folder: Path | None = None):
         self._first: list[Any] = []
         self._places = array(
             "q"
         )  # start of each item in the file: memory grows by 8 bytes per item
         self._file, self._folder = None, folder
         for thing in things:
-            self._append(thing, kept)
+            self._append(thing, in_memory)
 
-    def _append(self, thing: Any, kept: int) -> None:
-        if len(self._first) < kept:
+    def _append(self, thing: Any, in_memory: int) -> None:
+        if len(self._first) < in_memory:
             self._first.append(thing)
             return
         try:

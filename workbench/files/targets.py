@@ -55,8 +55,8 @@ def read_programme(path: Path, robot: Robot, mapping: Path | None = None) -> Pro
     stated = None if mapping is None else read_mapping(mapping)
     tables = read_targets(path, sliding(robot).tolist(), stated)
     parts = [_programme(path, table, robot) for table in tables]
-    made = parts[0] if len(parts) == 1 else _joined(*parts, robot)
-    return made if stated is None else replace(made, controller=stated.controller)
+    programme = parts[0] if len(parts) == 1 else _joined(*parts, robot)
+    return programme if stated is None else replace(programme, controller=stated.controller)
 
 
 def _programme(path: Path, table: Table, robot: Robot) -> Programme:
@@ -92,8 +92,8 @@ def _joined(joints: Programme, poses: Programme, robot: Robot) -> Programme:
     is_joint = np.repeat([True, False], [len(joints.readings), len(poses.readings)])
     readings = np.concatenate([joints.readings, poses.readings])
     frames = forward(robot, robot.mixing @ joints.readings.T)
-    own = transform(flange_matrices(frames), frames.end_origin.T)
-    matrices = np.concatenate([own, poses.poses])
+    end_origin_pose = transform(flange_matrices(frames), frames.end_origin.T)
+    matrices = np.concatenate([end_origin_pose, poses.poses])
     order = np.argsort(lines, kind="stable")
     readings, is_joint = readings[order], is_joint[order]
     last = np.maximum.accumulate(np.where(is_joint, np.arange(len(order)), -1))
@@ -102,7 +102,7 @@ def _joined(joints: Programme, poses: Programme, robot: Robot) -> Programme:
     for name in {**joints.table.columns, **poses.table.columns}:
         cells = [part.table.columns.get(name) for part in (joints, poses)]
         is_text = any(part.dtype.kind != "f" for part in cells if part is not None)
-        filled = [_gaps(part, one, is_text) for part, one in zip((joints, poses), cells)]
+        filled = [_gaps(part, cell, is_text) for part, cell in zip((joints, poses), cells)]
         columns[name] = np.concatenate(filled)[order]
     table = Table(joints.table.called, columns, lines[order])
     return Programme(table, readings, matrices[order], {}, anywhere=True, is_joint=is_joint)
@@ -259,8 +259,8 @@ def corrected_columns(
     is_refused = np.isin(np.arange(len(found.readings)), list(refused))
     readings = np.where(is_refused[:, None], np.nan, found.readings)
     table, slides = programme.table, sliding(robot)
-    own = table.columns if table.origin is None else table.origin.columns
-    names = [(f"q{k}_{'mm' if one else 'deg'}", 1.0) for k, one in enumerate(slides, 1)]
+    source_columns = table.columns if table.origin is None else table.origin.columns
+    names = [(f"q{k}_{'mm' if is_slide else 'deg'}", 1.0) for k, is_slide in enumerate(slides, 1)]
     if table.origin is not None and table.origin.joints:
         names = table.origin.joints
     in_deg_or_mm = readings * np.where(slides, 1.0, 180 / np.pi)
@@ -276,7 +276,7 @@ def corrected_columns(
         "reached": found.reached.astype(float),
         "refused": is_refused.astype(float),
     }
-    return {**own, **joints, **added}
+    return {**source_columns, **joints, **added}
 
 
 def as_csv(columns: Mapping[str, np.ndarray]) -> str:

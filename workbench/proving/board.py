@@ -136,12 +136,12 @@ def _place(suite: str) -> int:
     return [*COUNTS, suite].index(suite)
 
 
-def save(made: Board, folder: Path) -> None:
+def save(scoreboard: Board, folder: Path) -> None:
     """Write results.csv and results.parquet, one row per case."""
     import pyarrow as pa
     from pyarrow import csv, parquet
 
-    table = pa.Table.from_pylist([_flat(row) for row in made.rows], schema=_schema(pa))
+    table = pa.Table.from_pylist([_flat(row) for row in scoreboard.rows], schema=_schema(pa))
     as_csv = ("results.csv", csv.write_csv, protect_text_columns(table))
     as_parquet = ("results.parquet", parquet.write_table, table)
     for name, write, content in (as_csv, as_parquet):

@@ -88,10 +88,10 @@ def _imported(path: Path) -> Iterator[str]:
     """Dotted names of all modules that a file imports, including names imported from a package."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            yield from (one.name for one in node.names)
+            yield from (imported.name for imported in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
             yield node.module
-            yield from (f"{node.module}.{one.name}" for one in node.names)
+            yield from (f"{node.module}.{imported.name}" for imported in node.names)
 
 
 def _file(name: str) -> Path | None:

@@ -79,12 +79,12 @@ def rate(
 
 def table(rows: Sequence[Mapping]) -> list[Figure]:
     """All figures of the suites that have cases, in the order of the suites."""
-    made: list[Figure] = []
+    figures_of_suites: list[Figure] = []
     for suite, of in _SUITES.items():
         suite_rows = [row for row in rows if row["suite"] == suite]
         if suite_rows:
-            made += of(suite_rows)
-    return made + _asks_for_nothing(rows) + gain(rows)
+            figures_of_suites += of(suite_rows)
+    return figures_of_suites + _asks_for_nothing(rows) + gain(rows)
 
 
 def _clean(rows):
@@ -325,23 +325,23 @@ def gain(rows: Sequence[Mapping]) -> list[Figure]:
         "every case",
         1.0,
     )
-    made = (
+    gains = (
         [_median("gain", "held-out gain as a share of the oracle's, median", shares, 0.9)]
         if shares
         else []
     )
-    return made + [stated] if stated.cases else made
+    return gains + [stated] if stated.cases else gains
 
 
 def _asks_for_nothing(rows) -> list[Figure]:
     """Control for withheld covariates: share of answers that request a covariate although none is withheld."""
-    whole = [
+    without_effect = [
         r for r in rows if r["suite"] in ("clean", "library", "swallowed", "pairs") and r["verdict"]
     ]
     name = "control: something is asked for where nothing was withheld"
-    if not whole or not any(r["suite"] == "covariate-withheld" for r in rows):
+    if not without_effect or not any(r["suite"] == "covariate-withheld" for r in rows):
         return []
-    return [rate("covariate-withheld", name, whole, lambda r: r.get("asks"))]
+    return [rate("covariate-withheld", name, without_effect, lambda r: r.get("asks"))]
 
 
 def _states_errors(row: Mapping) -> bool:
@@ -425,14 +425,14 @@ def detection(
 ) -> list[dict]:
     """Share detected and share correctly named, by effect size in sigma; one row per bin with cases."""
     single = [r for r in rows if r["suite"] in ("library", "sensor") and r["survives_sigma"]]
-    made = []
+    rows_of_size = []
     for low, high in pairwise(edges):
         in_bin = [r for r in single if low <= r["survives_sigma"] < high]
         if in_bin:
             count = len(in_bin)
             seen, named = sum(bool(r.get("detected")) for r in in_bin), sum(map(_right, in_bin))
             log_sizes = np.log([r["survives_sigma"] for r in in_bin])
-            made.append(
+            rows_of_size.append(
                 {
                     "from_sigma": low,
                     "to_sigma": high,
@@ -444,19 +444,19 @@ def detection(
                     "named_interval": wilson(named, count),
                 }
             )
-    return made
+    return rows_of_size
 
 
 def reliability(rows: Sequence[Mapping]) -> list[dict]:
     """Share of correct claims by their stated probability; one row per bin with claims."""
     beliefs = [pair for row in rows for pair in row.get("beliefs", ())]
-    made = []
+    rows_of_probability = []
     for low, high in pairwise((0, 0.3, 0.5, 0.7, 0.85, 0.95, 0.99, 2)):
         in_bin = [(p, right) for p, right in beliefs if low <= p < high]
         if in_bin:
             hits = sum(bool(right) for _, right in in_bin)
             stated = float(np.mean([p for p, _ in in_bin]))
-            made.append(
+            rows_of_probability.append(
                 {
                     "from": low,
                     "to": min(high, 1.0),
@@ -466,7 +466,7 @@ def reliability(rows: Sequence[Mapping]) -> list[dict]:
                     "stated": stated,
                 }
             )
-    return made
+    return rows_of_probability
 
 
 def confusion(rows: Sequence[Mapping], of: str) -> tuple[list[str], list[str], np.ndarray]:

@@ -65,7 +65,10 @@ class Bench:
         self.robot = load_robot(self.recording.robot, "robot")
         self.chain = bind(self.robot, self.recording)
         known = () if baseline == "geometry" else JointCompliance.candidates(self.chain)
-        self.baseline = tuple((one.effect.effect, one.effect.where, {}) for one in known)
+        self.baseline = tuple(
+            (baseline_variant.effect.effect, baseline_variant.effect.where, {})
+            for baseline_variant in known
+        )
 
     def model(self, rows: Sequence[tuple]):
         """Model and start values; base, geometry, tool and all effects are estimated, effects start near zero."""
@@ -75,8 +78,8 @@ class Bench:
         from workbench.fitting.plans import geometry, stage_mask
 
         added = {row[:2] for row in rows}
-        kept = [row for row in self.baseline if row[:2] not in added]
-        model = Model(self.chain, make_effects(CATALOGUE, [*kept, *rows]))
+        baseline_rows = [row for row in self.baseline if row[:2] not in added]
+        model = Model(self.chain, make_effects(CATALOGUE, [*baseline_rows, *rows]))
         mask = stage_mask(model.parameters, geometry(self.robot), (), self.chain)
         mask[len(self.chain.parameters) :] = True
         return model, model.parameters.only(mask).nudged()
@@ -102,10 +105,11 @@ class Bench:
 
 def rows_of(effects: Sequence[Mapping]) -> tuple[tuple, ...] | None:
     """Catalogue rows of the true effects; None if one of them is not in the catalogue or is a random effect."""
-    if any(not _is_modelled(one["effect"]) for one in effects) or not effects:
+    if any(not _is_modelled(effect["effect"]) for effect in effects) or not effects:
         return None
     return tuple(
-        (one["effect"], one["where"], _typed(one["effect"], one["detail"])) for one in effects
+        (effect["effect"], effect["where"], _typed(effect["effect"], effect["detail"]))
+        for effect in effects
     )
 
 

@@ -43,15 +43,17 @@ def supported(recording, name: str) -> tuple[Term, ...]:
     """Supported terms, strongest first: each lowers the held-out error conditional on the terms before it."""
     if name not in _kept:
         bench = Bench(recording, "geometry")
-        left, terms, best = _possible(bench), [], bench.predicted(())
-        while left and len(terms) < _MOST_TERMS:
-            tried = [bench.predicted([t.row for t in (*terms, one)]) for one in left]
-            k = int(np.argmin([one.rms for one in tried]))
+        candidates, terms, best = _possible(bench), [], bench.predicted(())
+        while candidates and len(terms) < _MOST_TERMS:
+            tried = [
+                bench.predicted([t.row for t in (*terms, candidate)]) for candidate in candidates
+            ]
+            k = int(np.argmin([prediction.rms for prediction in tried]))
             if tried[k].rms > _SUPPORT * best.rms or not tried[k].beats(best):
                 break
             best = tried[k]
-            terms.append(replace(left[k], confounded=_confounded(left, tried, k)))
-            left.pop(k)
+            terms.append(replace(candidates[k], confounded=_confounded(candidates, tried, k)))
+            candidates.pop(k)
         _kept[name] = tuple(terms)
     return _kept[name]
 
@@ -62,9 +64,9 @@ def _confounded(terms, tried, k: int) -> tuple[tuple[str, str], ...]:
     if terms[k].effect not in compliant:
         return ()
     return tuple(
-        (one.effect, one.where)
-        for one, predicted in zip(terms, tried)
-        if one is not terms[k] and one.effect in compliant and not tried[k].beats(predicted)
+        (term.effect, term.where)
+        for term, predicted in zip(terms, tried)
+        if term is not terms[k] and term.effect in compliant and not tried[k].beats(predicted)
     )
 
 
@@ -79,9 +81,9 @@ def _possible(bench: Bench) -> list[Term]:
     """Candidates: all loaded compliances, and transmission harmonics of order 2 of joints with a large range."""
     chain, terms = bench.chain, []
     for kind in _compliances():
-        for made in map(kind, chain.places(kind.places[0])):
-            if np.ptp(made.load(chain.state), axis=1).max() > _LOADED_NM:
-                terms.append(Term(made.effect, made.where))
+        for effect in map(kind, chain.places(kind.places[0])):
+            if np.ptp(effect.load(chain.state), axis=1).max() > _LOADED_NM:
+                terms.append(Term(effect.effect, effect.where))
     order = (("order", _CYCLES),)
     turning = turning_joints(chain, _TURNS_RAD)
     return terms + [Term(TransmissionHarmonic.effect, where, order) for where in turning]
@@ -91,9 +93,9 @@ def without(recording, name: str, terms):
     """The recording without the contribution of `terms` to its points; all supported terms are fitted jointly."""
     model, fitted = _fitted(name, recording)
     bare = fitted
-    for one in terms:
+    for term in terms:
         bare = bare.update(
-            {key: 0.0 for key in fitted.keys if key.startswith(f"{one.where}.{one.effect}.")}
+            {key: 0.0 for key in fitted.keys if key.startswith(f"{term.where}.{term.effect}.")}
         )
     change = model.residual(fitted)[:3] - model.residual(bare)[:3]
     return _moved(recording, -change)
@@ -203,8 +205,8 @@ def _surviving(geometry: Geometry, effect, wave) -> tuple[float, float]:
     """RMS per coordinate, mm, after a fit of the geometry: of a small effect, and of the real residual."""
     basis, chain = geometry.basis, geometry.model.chain
     joint = Place.of(effect["where"]).number - 1
-    own = geometry.values[: len(chain.parameters)]
-    rows = chain.evaluate(own, {}).rows("joint", np.array([joint]))[0]
+    chain_values = geometry.values[: len(chain.parameters)]
+    rows = chain.evaluate(chain_values, {}).rows("joint", np.array([joint]))[0]
     change = (rows * (_SMALL * wave)).ravel()
     change = change - basis @ (basis.T @ change)
     return float(np.sqrt(np.mean(change**2))), float(np.sqrt(np.mean(geometry.residual**2)))

@@ -20,7 +20,7 @@ def prove(
     suites: Sequence[str] = (),
     cases: int | None = None,
     seed: int = 1,
-    own: Path | None = None,
+    own_data: Path | None = None,
     jobs: int | None = None,
     say: Callable[[str], None] = lambda text: None,
     minutes: float | None = None,
@@ -33,77 +33,82 @@ def prove(
     all diagnosed cases of the folder, of this and of earlier calls. Raises InputError, also if a truth was changed.
     """
     count = stages.workers(jobs)
-    plan = tasks.Plan(()) if own else tasks.plan(suites, cases, seed)
-    if own is None and not plan.tasks:
+    plan = tasks.Plan(()) if own_data else tasks.plan(suites, cases, seed)
+    if own_data is None and not plan.tasks:
         raise InputError(
             "prove: no case can be created here: "
             + "; ".join(f"suite {suite}: {why}" for suite, why in plan.skipped.items())
             + ". Name another suite."
         )
-    planned = _settle(folder, seed, str(own.resolve()) if own else None, plan.counts)
+    planned = _settle(folder, seed, str(own_data.resolve()) if own_data else None, plan.counts)
     exam = protocol.BenchmarkRun(folder)
-    names = _commit(exam, plan, own, count, say)
+    names = _commit(exam, plan, own_data, count, say)
     stages.run(folder, names, count, say, minutes)
     rows = stages.open_all(
         folder, [name for name in exam.names() if exam.answer(name).exists()], count, say
     )
-    made = board.board(
-        rows, plan.skipped, seed, _command(planned, seed, own), checks.checks(exam, rows), planned
+    scoreboard = board.board(
+        rows,
+        plan.skipped,
+        seed,
+        _command(planned, seed, own_data),
+        checks.checks(exam, rows),
+        planned,
     )
-    board.save(made, folder)
-    return made
+    board.save(scoreboard, folder)
+    return scoreboard
 
 
 def _commit(
-    exam: protocol.BenchmarkRun, plan: tasks.Plan, own: Path | None, count: int, say
+    exam: protocol.BenchmarkRun, plan: tasks.Plan, own_data: Path | None, count: int, say
 ) -> list[str]:
     """Create the cases of this call, publish the hashes of their truths, and return their names."""
-    if own is None:
+    if own_data is None:
         stages.create_cases(exam.folder, plan, count, say)
         names = sorted(task.name for task in plan.tasks)
     else:
-        names = bring(exam, own)
+        names = bring(exam, own_data)
         stages.publish(exam.folder)
     digest = board.publish_seals(exam.folder, protocol.published(exam))
     say(f"hashes of {len(names)} truths published, SHA-256 of all hashes {digest[:16]}…")
     return names
 
 
-def default_folder(seed: int, own: Path | None) -> Path:
+def default_folder(seed: int, own_data: Path | None) -> Path:
     """Default folder of a benchmark run; the same call continues the run in the same folder.
 
     The name of a run on the user's recordings contains a checksum of their path.
     """
-    if own is None:
+    if own_data is None:
         return runs.RUNS / f"prove-seed-{seed}"
-    place = hashlib.sha256(str(Path(own).resolve()).encode("utf-8", "surrogatepass")).hexdigest()[
-        :8
-    ]
-    return runs.RUNS / f"prove-{runs.slug(own)}-{place}"
+    place = hashlib.sha256(
+        str(Path(own_data).resolve()).encode("utf-8", "surrogatepass")
+    ).hexdigest()[:8]
+    return runs.RUNS / f"prove-{runs.slug(own_data)}-{place}"
 
 
-def bring(exam: protocol.BenchmarkRun, own: Path) -> list[str]:
+def bring(exam: protocol.BenchmarkRun, own_data: Path) -> list[str]:
     """Copy the user's recordings and truths: `recordings/<case>/` and `sealed/<case>.json`.
 
     If the folder has a SHA256SUMS, every truth must match it. Returns the names of the cases. Raises InputError.
     """
-    truths = sorted((own / "sealed").glob("*.json"))
+    truths = sorted((own_data / "sealed").glob("*.json"))
     if not truths:
         raise InputError(
-            f"--folder {own}: expected sealed/<case>.json for every recordings/<case>/, found none. "
+            f"--folder {own_data}: expected sealed/<case>.json for every recordings/<case>/, found none. "
             'Write them as {"effects": [{"effect": …, "where": …}]}.'
         )
-    checksums = _sums(own / "SHA256SUMS")
+    checksums = _sums(own_data / "SHA256SUMS")
     for path in truths:
-        name, source = path.stem, own / "recordings" / path.stem
+        name, source = path.stem, own_data / "recordings" / path.stem
         if not (source / "recording.toml").exists():
             raise InputError(
-                f"--folder {own}: sealed/{path.name} has no recordings/{name}/recording.toml. "
+                f"--folder {own_data}: sealed/{path.name} has no recordings/{name}/recording.toml. "
                 "Add the recording or remove the truth."
             )
         if checksums and checksums.get(name) != protocol.checksum(path):
             raise InputError(
-                f"{path}: SHA256SUMS of {own} has another checksum: the truth was changed after its hash was "
+                f"{path}: SHA256SUMS of {own_data} has another checksum: the truth was changed after its hash was "
                 "published. Restore the original file."
             )
         text = _checked_truth(path)
@@ -120,7 +125,7 @@ def _checked_truth(path: Path) -> str:
     except (OSError, ContentError) as problem:
         truth, found = None, str(problem)
     effects = truth.get("effects") if isinstance(truth, dict) else None
-    if not isinstance(effects, list) or not all(_is_effect(one) for one in effects):
+    if not isinstance(effects, list) or not all(_is_effect(effect) for effect in effects):
         raise InputError(
             f'{path}: expected an object with a list "effects" of objects with "effect" and "where" '
             f"(an empty list if no effect is planted), found {found}. Correct the file."
@@ -128,11 +133,11 @@ def _checked_truth(path: Path) -> str:
     return json.dumps(truth)
 
 
-def _is_effect(one) -> bool:
-    if not isinstance(one, dict):
+def _is_effect(effect) -> bool:
+    if not isinstance(effect, dict):
         return False
-    names = isinstance(one.get("effect"), str) and isinstance(one.get("where"), str)
-    size = one.get("survives_sigma")
+    names = isinstance(effect.get("effect"), str) and isinstance(effect.get("where"), str)
+    size = effect.get("survives_sigma")
     return names and (size is None or isinstance(size, int | float))
 
 
@@ -159,7 +164,9 @@ def _read_lines(path: Path) -> list[str]:
         ) from None
 
 
-def _settle(folder: Path, seed: int, own: str | None, counts: Mapping[str, int]) -> dict[str, int]:
+def _settle(
+    folder: Path, seed: int, own_data: str | None, counts: Mapping[str, int]
+) -> dict[str, int]:
     """Start a benchmark run, or continue one of the same seed and source. Returns the planned cases of each suite."""
     path = folder / _SETTINGS
     known = _settings(path)
@@ -168,7 +175,7 @@ def _settle(folder: Path, seed: int, own: str | None, counts: Mapping[str, int])
             f"{folder} contains other files. A benchmark run needs a new folder, an empty one, or its own. "
             "Name another folder with --out."
         )
-    if known and (known["seed"], known["own"]) != (seed, own):
+    if known and (known["seed"], known["own"]) != (seed, own_data):
         raise InputError(
             f"{folder} contains a benchmark run of seed {known['seed']}, found --seed {seed}. "
             "Name another folder with --out."
@@ -179,7 +186,7 @@ def _settle(folder: Path, seed: int, own: str | None, counts: Mapping[str, int])
     }
     folder.mkdir(parents=True, exist_ok=True)
     runs.replace_file(
-        path, json.dumps({"seed": seed, "own": own, "planned": planned}, indent=1) + "\n"
+        path, json.dumps({"seed": seed, "own": own_data, "planned": planned}, indent=1) + "\n"
     )
     return planned
 
@@ -196,9 +203,9 @@ def _settings(path: Path) -> dict | None:
     return known
 
 
-def _command(planned, seed, own) -> str:
-    if own:
-        return f"workbench prove --folder {own}"
+def _command(planned, seed, own_data) -> str:
+    if own_data:
+        return f"workbench prove --folder {own_data}"
     return " ".join(
         [
             "workbench prove",

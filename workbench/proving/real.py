@@ -126,17 +126,17 @@ def _knocked_out(index: int, seed: int):
     name, term = _knockable()[index]
     recording = _thinned(name)
     terms = planting.supported(recording, name)
-    kept = None if term is None else terms[term]
-    corrected = planting.without(recording, name, tuple(t for t in terms if t != kept))
+    retained_terms = None if term is None else terms[term]
+    corrected = planting.without(recording, name, tuple(t for t in terms if t != retained_terms))
     common = {"terms": [[t.effect, t.where] for t in terms], "set": name}
-    if kept is None:
+    if retained_terms is None:
         return corrected, {"rule": "not-again", "effects": [], **common}
     effect = {
-        "effect": kept.effect,
-        "where": kept.where,
-        "detail": dict(kept.options),
-        "accept": list(kept.confounded),
-        "places": [where for _, where in kept.confounded],
+        "effect": retained_terms.effect,
+        "where": retained_terms.where,
+        "detail": dict(retained_terms.options),
+        "accept": list(retained_terms.confounded),
+        "places": [where for _, where in retained_terms.confounded],
     }
     return corrected, {"rule": "named", "effects": [effect], **common}
 
@@ -220,20 +220,20 @@ def _pairs(answer) -> set[tuple[str, str]]:
 def _named(truth, answer, original) -> dict:
     from workbench.proving import scoring
 
-    one = truth["effects"][0]
-    if any(scoring.same(c, one) for c in answer["effects"]):
+    planted = truth["effects"][0]
+    if any(scoring.same(c, planted) for c in answer["effects"]):
         outcome = "exact"
-    elif any(scoring.in_group(c, one) for c in answer["effects"]):
+    elif any(scoring.in_group(c, planted) for c in answer["effects"]):
         outcome = "group"
     else:
         outcome = (
             "place"
-            if scoring.place_right(one, answer)
+            if scoring.place_right(planted, answer)
             else "wrong"
             if answer["effects"]
             else "missed"
         )
-    return {"outcome": outcome, "located": scoring.place_right(one, answer)}
+    return {"outcome": outcome, "located": scoring.place_right(planted, answer)}
 
 
 def _planted_found(truth, answer, original) -> dict:
@@ -292,9 +292,9 @@ def _read_by(claim) -> tuple[str, ...]:
     from workbench.core.effect import make_effects
     from workbench.proving.oracle import claimed_rows
 
-    made = make_effects(CATALOGUE, claimed_rows({"effects": [claim]}))
-    if made:
-        return made[0].reads
+    effects_of_claim = make_effects(CATALOGUE, claimed_rows({"effects": [claim]}))
+    if effects_of_claim:
+        return effects_of_claim[0].reads
     reads = getattr(CATALOGUE.get(claim["effect"]), "reads", ())
     return reads if isinstance(reads, tuple) else ()
 

@@ -51,14 +51,15 @@ def judged(truth: Mapping, answer: Mapping) -> dict:
     found = {
         "detected": answer["verdict"] != "consistent",
         "first": _first(answer),
-        "confidently_wrong": any(_confidently_wrong(one, true) for one in answer["effects"]),
+        "confidently_wrong": any(_confidently_wrong(effect, true) for effect in answer["effects"]),
         "wrong_name": any(
-            one["effect"] != "unknown" and not _stands_for(one, true) for one in answer["effects"]
+            effect["effect"] != "unknown" and not _stands_for(effect, true)
+            for effect in answer["effects"]
         ),
         "beliefs": [
-            (one["probability"], _right(one, true))
-            for one in answer["effects"]
-            if one.get("probability") is not None
+            (effect["probability"], _right(effect, true))
+            for effect in answer["effects"]
+            if effect.get("probability") is not None
         ],
         "asks": len(answer.get("not_recorded") or ()),
         **errors(answer),
@@ -66,8 +67,8 @@ def judged(truth: Mapping, answer: Mapping) -> dict:
     if not true:
         return found | {"outcome": "false alarm" if found["detected"] else "right", "located": None}
     found |= {
-        "located": all(place_right(one, answer) for one in true),
-        "located_in_group": all(place_right(one, answer, groups=True) for one in true),
+        "located": all(place_right(effect, answer) for effect in true),
+        "located_in_group": all(place_right(effect, answer, groups=True) for effect in true),
         "group_size": max(
             (1 + len(c.get("alternatives", ())) for c in answer["effects"] if _stands_for(c, true)),
             default=None,
@@ -76,7 +77,7 @@ def judged(truth: Mapping, answer: Mapping) -> dict:
         **_visible(truth, answer),
         "asks_for_it": names_words(truth.get("words", ()), answer),
     }
-    unnamed = all(one["effect"] == "unknown" for one in true)
+    unnamed = all(effect["effect"] == "unknown" for effect in true)
     outcome = _outside(true, answer, found) if unnamed else _named(true, answer, found)
     return found | {"outcome": outcome}
 
@@ -101,8 +102,8 @@ def _named(true: Sequence[Mapping], answer: Mapping, found: Mapping) -> str:
     said = answer["effects"]
     if not found["detected"]:
         return "missed"
-    exact = [any(same(c, one) for c in said) for one in true]
-    group = [any(in_group(c, one) for c in said) for one in true]
+    exact = [any(same(c, effect) for c in said) for effect in true]
+    group = [any(in_group(c, effect) for c in said) for effect in true]
     extra = any(not _stands_for(c, true) for c in said)
     if all(a or b for a, b in zip(exact, group)):
         return "more" if extra else "exact" if all(exact) else "group"
@@ -121,7 +122,7 @@ def _outside(true: Sequence[Mapping], answer: Mapping, found: Mapping) -> str:
     """
     if not found["detected"]:
         return "missed"
-    if all(any(same(claim, one) for claim in answer["effects"]) for one in true):
+    if all(any(same(claim, effect) for claim in answer["effects"]) for effect in true):
         return "more" if found["wrong_name"] else "exact"
     if answer["verdict"] != "unexplained":
         return "wrong"
@@ -130,26 +131,31 @@ def _outside(true: Sequence[Mapping], answer: Mapping, found: Mapping) -> str:
     return "exact" if found["located"] else "abstained"
 
 
-def same(claim: Mapping, one: Mapping) -> bool:
+def same(claim: Mapping, planted: Mapping) -> bool:
     """True if a claim, or an alternative, is the truth `one` or an effect that is equivalent in these data."""
-    pairs = {(one["effect"], one["where"]), *(tuple(pair) for pair in one.get("accept", ()))}
+    pairs = {
+        (planted["effect"], planted["where"]),
+        *(tuple(pair) for pair in planted.get("accept", ())),
+    }
     return (claim["effect"], claim["where"]) in pairs
 
 
-def in_group(claim: Mapping, one: Mapping) -> bool:
+def in_group(claim: Mapping, planted: Mapping) -> bool:
     """True if the claim declares the truth as a confounded alternative."""
-    return any(same(other, one) for other in claim.get("alternatives", ()))
+    return any(same(other, planted) for other in claim.get("alternatives", ()))
 
 
 def _stands_for(claim: Mapping, true: Sequence[Mapping]) -> bool:
-    return any(same(claim, one) or in_group(claim, one) for one in true)
+    return any(same(claim, effect) or in_group(claim, effect) for effect in true)
 
 
 def _right(claim: Mapping, true: Sequence[Mapping]) -> bool:
     """True if a claim is correct; an unnamed claim is correct at the place of an effect outside the catalogue."""
     if claim["effect"] != "unknown":
-        return any(same(claim, one) for one in true)
-    return any(one["effect"] == "unknown" and claim["where"] in _places(one) for one in true)
+        return any(same(claim, effect) for effect in true)
+    return any(
+        effect["effect"] == "unknown" and claim["where"] in _places(effect) for effect in true
+    )
 
 
 def _confidently_wrong(claim: Mapping, true: Sequence[Mapping]) -> bool:
@@ -157,11 +163,11 @@ def _confidently_wrong(claim: Mapping, true: Sequence[Mapping]) -> bool:
     return sure and not _stands_for(claim, true)
 
 
-def _places(one: Mapping) -> set[str]:
-    return {one["where"], *one.get("places", ())}
+def _places(planted: Mapping) -> set[str]:
+    return {planted["where"], *planted.get("places", ())}
 
 
-def place_right(one: Mapping, answer: Mapping, groups: bool = False) -> bool:
+def place_right(planted: Mapping, answer: Mapping, groups: bool = False) -> bool:
     """True if the answer states the place of the truth, as the place of a claim or as the first located place.
 
     groups: the places of declared alternatives count as well.
@@ -171,14 +177,14 @@ def place_right(one: Mapping, answer: Mapping, groups: bool = False) -> bool:
     if groups:
         for claim in answer["effects"]:
             stated |= {other["where"] for other in claim.get("alternatives", ())}
-    return bool(stated & _places(one))
+    return bool(stated & _places(planted))
 
 
-def covariates_right(one: Mapping, answer: Mapping) -> bool | None:
+def covariates_right(planted: Mapping, answer: Mapping) -> bool | None:
     """True if a stated covariate of an unnamed effect is one of its true covariates; None without a truth."""
-    if not one.get("depends_on"):
+    if not planted.get("depends_on"):
         return None
-    known = {plain(name) for name in one["depends_on"]}
+    known = {plain(name) for name in planted["depends_on"]}
     claims = [c for c in answer["effects"] if c["effect"] == "unknown"] + list(
         answer["located"][:1]
     )
@@ -219,17 +225,17 @@ def _visible(truth: Mapping, answer: Mapping) -> dict:
 
     `below_visible`: True if the effect is smaller; None if the answer has no row for it.
     """
-    one, sigma = truth["effects"][0], truth.get("sigma_mm")
-    if len(truth["effects"]) > 1 or one.get("survives_sigma") is None or sigma is None:
+    planted, sigma = truth["effects"][0], truth.get("sigma_mm")
+    if len(truth["effects"]) > 1 or planted.get("survives_sigma") is None or sigma is None:
         return {}
-    order = one.get("detail", {}).get("order")
+    order = planted.get("detail", {}).get("order")
     rows = [
         row
         for row in answer.get("smallest_visible", ())
-        if same(row, one) and row.get("surviving_mm")
+        if same(row, planted) and row.get("surviving_mm")
     ]
     rows = [row for row in rows if order is None or row.get("variant") == f"order {order}"] or rows
-    size = one["survives_sigma"] * sigma * 3**0.5
+    size = planted["survives_sigma"] * sigma * 3**0.5
     least = min((row["surviving_mm"] for row in rows), default=None)
     return {
         "surviving_mm": size,
@@ -240,9 +246,9 @@ def _visible(truth: Mapping, answer: Mapping) -> dict:
 
 def errors(answer: Mapping) -> dict:
     """Held-out errors that the answer states: mm, and also px for recordings of images."""
-    held = answer.get("held_out") or {}
+    held_out = answer.get("held_out") or {}
     keys = [f"{key}_{unit}" for unit in ("mm", "px") for key in ("before", "after", "noise")]
-    return {key: held.get(key) for key in keys if key.endswith("mm") or key in held}
+    return {key: held_out.get(key) for key in keys if key.endswith("mm") or key in held_out}
 
 
 def claims(answer) -> list[str]:
@@ -271,4 +277,4 @@ def _first(answer) -> dict:
 
 
 def _is(truth: Mapping, effect: str) -> bool:
-    return any(one["effect"] == effect for one in truth["effects"])
+    return any(planted["effect"] == effect for planted in truth["effects"])

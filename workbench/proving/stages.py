@@ -105,9 +105,9 @@ def row_of(exam: protocol.BenchmarkRun, name: str, seals) -> dict:
         key: truth.get(key)
         for key in ("suite", "index", "robot", "measures", "samples", "sigma_mm", "noise")
     }
-    sizes = [one.get("survives_sigma") for one in truth["effects"]]
+    sizes = [effect.get("survives_sigma") for effect in truth["effects"]]
     known |= {
-        "concealed": [f"{one['effect']} at {one['where']}" for one in truth["effects"]],
+        "concealed": [f"{effect['effect']} at {effect['where']}" for effect in truth["effects"]],
         "effects": truth["effects"],
         "survives_sigma": min((s for s in sizes if s is not None), default=None),
     }

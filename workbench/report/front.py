@@ -32,7 +32,12 @@ def _images(folder: Path, rendered: Mapping) -> Section:
     sensor, centre_errors = rendered["sensor"], rendered["against_truth"]
     calibration, place = sensor["calibration"], Path(rendered["run"]).name
     form = next(
-        (one["value"] for one in sensor["acceptance"] if one["name"] == "probing_rms"), None
+        (
+            characteristic["value"]
+            for characteristic in sensor["acceptance"]
+            if characteristic["name"] == "probing_rms"
+        ),
+        None,
     )
     lines = [
         (

@@ -14,15 +14,15 @@ from workbench.report.text import counted, joint_label, rounded
 _MOST_POINTS = 4000
 
 
-def page(made: Inspection) -> Page:
+def page(inspection: Inspection) -> Page:
     """The whole page."""
-    recording = made.recording
-    sections = [Section("missing", "What is missing", tuple(_missing(made)))]
+    recording = inspection.recording
+    sections = [Section("missing", "What is missing", tuple(_missing(inspection)))]
     for name, title, blocks in (
-        ("coverage", "Range of the joints", _joints(made)),
-        ("space", "Poses in space", _space(made)),
-        ("repeats", "Repeats and noise", _repeats(made)),
-        ("images", "Images", _images(made)),
+        ("coverage", "Range of the joints", _joints(inspection)),
+        ("space", "Poses in space", _space(inspection)),
+        ("repeats", "Repeats and noise", _repeats(inspection)),
+        ("images", "Images", _images(inspection)),
     ):
         found = tuple(blocks)
         if found:
@@ -38,38 +38,38 @@ def page(made: Inspection) -> Page:
     return Page(
         f"Check of a recording · {recording.measures}",
         recording.title or recording.name,
-        tuple(_numbers(made)),
-        _lead(made),
+        tuple(_numbers(inspection)),
+        _lead(inspection),
         tuple(sections),
-        warning="" if made.is_sufficient else made.sentence,
+        warning="" if inspection.is_sufficient else inspection.sentence,
     )
 
 
-def _lead(made: Inspection) -> tuple[str, ...]:
+def _lead(inspection: Inspection) -> tuple[str, ...]:
     """The verdict, unless the warning above states it, and what the page is about."""
     about = "Nothing is fitted: these are properties of the recording alone."
-    return (made.sentence, about) if made.is_sufficient else (about,)
+    return (inspection.sentence, about) if inspection.is_sufficient else (about,)
 
 
-def _numbers(made: Inspection) -> Iterator[tuple[str, str, str]]:
-    if made.images is not None:
-        yield "images", str(sum(made.images.roles.values())), ""
-        yield "boards found", str(made.images.found), ""
-        yield "field covered", f"{100 * made.images.share_of_field:.0f}", "%"
-    if made.recording.n:
-        yield "poses", str(len(np.unique(made.recording.poses))), ""
-        yield "orientation spread", rounded(made.coverage.spread_deg), "deg RMS"
-    if np.isfinite(made.repeats.noise_mm):
-        yield "noise from repeats", rounded(made.repeats.noise_mm), "mm"
-    motions = made.hand_eye.motions
+def _numbers(inspection: Inspection) -> Iterator[tuple[str, str, str]]:
+    if inspection.images is not None:
+        yield "images", str(sum(inspection.images.roles.values())), ""
+        yield "boards found", str(inspection.images.found), ""
+        yield "field covered", f"{100 * inspection.images.share_of_field:.0f}", "%"
+    if inspection.recording.n:
+        yield "poses", str(len(np.unique(inspection.recording.poses))), ""
+        yield "orientation spread", rounded(inspection.coverage.spread_deg), "deg RMS"
+    if np.isfinite(inspection.repeats.noise_mm):
+        yield "noise from repeats", rounded(inspection.repeats.noise_mm), "mm"
+    motions = inspection.hand_eye.motions
     if motions is not None:
         yield "relative rotations, flange and camera", rounded(motions.angle_gap_deg), "deg apart"
     if motions is not None and np.isfinite(motions.scale):
         yield "lengths in the images over the flange's", rounded(motions.scale), ""
 
 
-def _missing(made: Inspection):
-    rows = [(f"workbench {n.command}", _rank(n), n.what, n.action) for n in made.needs]
+def _missing(inspection: Inspection):
+    rows = [(f"workbench {n.command}", _rank(n), n.what, n.action) for n in inspection.needs]
     if rows:
         yield table(["for", "need", "what is missing or wrong", "what to do"], rows, left=4)
     else:
@@ -82,8 +82,8 @@ def _rank(need) -> str:
     return "required" if need.is_required else "useful"
 
 
-def _joints(made: Inspection):
-    joints = made.coverage.joints
+def _joints(inspection: Inspection):
+    joints = inspection.coverage.joints
     if not joints:
         return
     drawn = style.figure(60 + 42 * len(joints), "reading (deg, mm for prismatic joints)")
@@ -129,8 +129,8 @@ def _joints(made: Inspection):
     yield table(["joint", "min", "max", "range", "of the limits"], rows)
 
 
-def _space(made: Inspection):
-    flange = made.coverage.flange
+def _space(inspection: Inspection):
+    flange = inspection.coverage.flange
     if flange is None or not len(flange):
         return
     step = max(1, len(flange) // _MOST_POINTS)
@@ -147,9 +147,9 @@ def _space(made: Inspection):
         drawn,
         "Flange in the base frame, from the nominal robot or as recorded; colour: row number.",
     )
-    if "x_mm" in made.recording.columns:
+    if "x_mm" in inspection.recording.columns:
         measured = space.space()
-        points = made.recording.points[::step].T
+        points = inspection.recording.points[::step].T
         space.points(measured, points, "measured", order[: points.shape[1]], "row", size=3)
         yield figure(
             "measured",
@@ -158,8 +158,8 @@ def _space(made: Inspection):
         )
 
 
-def _repeats(made: Inspection):
-    repeats = made.repeats
+def _repeats(inspection: Inspection):
+    repeats = inspection.repeats
     if not repeats.groups:
         return
     yield words(
@@ -183,16 +183,16 @@ def _repeats(made: Inspection):
     yield figure("repeats", drawn, caption)
 
 
-def _images(made: Inspection):
-    if made.images is None:
+def _images(inspection: Inspection):
+    if inspection.images is None:
         return
-    roles = [(role, str(count)) for role, count in made.images.roles.items()]
+    roles = [(role, str(count)) for role, count in inspection.images.roles.items()]
     yield table(["role", "images"], roles)
-    if made.images.corners.size:
-        width, height = made.images.size
+    if inspection.images.corners.size:
+        width, height = inspection.images.size
         drawn = style.figure(420, "x (px)", "y (px)")
-        x, y = made.images.corners[
-            :, :: max(1, made.images.corners.shape[1] // _MOST_POINTS)
+        x, y = inspection.images.corners[
+            :, :: max(1, inspection.images.corners.shape[1] // _MOST_POINTS)
         ].round(1)
         drawn.add_scattergl(
             x=x, y=y, mode="markers", name="corners", marker=dict(size=3, color=style.BLUE)
@@ -200,5 +200,5 @@ def _images(made: Inspection):
         drawn.update_xaxes(range=[0, width])
         drawn.update_yaxes(range=[height, 0], scaleanchor="x")
         yield figure("field", drawn, "Where the corners of all boards lie in the image.")
-    if made.images.rejected:
-        yield table(["image", "why the board is not used"], made.images.rejected, left=2)
+    if inspection.images.rejected:
+        yield table(["image", "why the board is not used"], inspection.images.rejected, left=2)

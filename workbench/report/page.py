@@ -35,10 +35,10 @@ def write_report(
     return path
 
 
-def write_sheet(made: Page, folder: Path) -> Path:
+def write_sheet(report_page: Page, folder: Path) -> Path:
     """Write `made` as `report.html` into an existing folder. Raises InputError if it is not writable."""
     path = Path(folder) / PAGE
-    replace_file(path, _rendered("sheet.html.j2", page=made))
+    replace_file(path, _rendered("sheet.html.j2", page=report_page))
     return path
 
 
@@ -78,7 +78,7 @@ def marked(text: str):
 def sections(calibration, progress: Progress = silent) -> dict[str, dict]:
     """Content of each section, by its name in the template; progress: called with one line before each."""
     errors, rotation = spread.errors_of(calibration), spread.rotation_errors_of(calibration)
-    made = {
+    builders = {
         "headline": lambda: headline.section(calibration, errors, rotation),
         "stages": lambda: stages.section(calibration),
         "spread": lambda: spread.section(calibration, errors, rotation),
@@ -88,9 +88,9 @@ def sections(calibration, progress: Progress = silent) -> dict[str, dict]:
         "history": lambda: history.section(calibration),
         "provenance": lambda: provenance.section(calibration),
     }
-    begin = counted(progress, len(made))
+    begin = counted(progress, len(builders))
     found = {}
-    for name, section in made.items():
+    for name, section in builders.items():
         begin(f"writing the report: {name}")
         found[name] = section()
     return found

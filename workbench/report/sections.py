@@ -44,9 +44,9 @@ def words(text: str, quiet: bool = False) -> dict:
     return {"kind": "words", "text": text, "quiet": quiet}
 
 
-def figure(name: str, made: go.Figure, caption: str) -> dict:
+def figure(name: str, plot: go.Figure, caption: str) -> dict:
     """A plotly figure; `name` is its identifier, unique on the page."""
-    return {"kind": "figure", "name": name, "data": style.packed(made), "caption": caption}
+    return {"kind": "figure", "name": name, "data": style.packed(plot), "caption": caption}
 
 
 def pair(*figures: dict) -> dict:

@@ -20,16 +20,16 @@ _IN_VIEW = 1.45
 
 def figure(height: int, across: str = "", up: str = "") -> go.Figure:
     """An empty figure of `height` px, its axes titled with their units."""
-    made = go.Figure()
-    made.update_layout(
+    plot = go.Figure()
+    plot.update_layout(
         template="none",
         height=height,
         margin=dict(l=64, r=18, t=30, b=54),
         bargap=0,
         legend=dict(orientation="h", x=0, y=1.02, yanchor="bottom", xanchor="left"),
     )
-    made.update_xaxes(title=dict(text=across, standoff=10))
-    return made.update_yaxes(title=dict(text=up, standoff=8))
+    plot.update_xaxes(title=dict(text=across, standoff=10))
+    return plot.update_yaxes(title=dict(text=up, standoff=8))
 
 
 def log_axis(low: float, high: float, most: int = 7) -> dict:
@@ -74,20 +74,20 @@ def plain(tick: float) -> str:
     return f"{tick:.0e}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
 
 
-def packed(made: go.Figure) -> str:
+def packed(plot: go.Figure) -> str:
     """The figure as JSON, safe inside a script element."""
-    _framed(made)
-    return safe(made.to_json())
+    _framed(plot)
+    return safe(plot.to_json())
 
 
-def _framed(made: go.Figure) -> None:
+def _framed(plot: go.Figure) -> None:
     """Size a 3-D scene so that all of it is in view, with the same scale on all axes.
 
     plotly's aspect mode "data" keeps the volume of the box; a long scene would leave the view.
     """
     places = [
         [np.ravel(getattr(trace, axis)) for axis in "xyz"]
-        for trace in made.data
+        for trace in plot.data
         if trace.type in ("scatter3d", "mesh3d", "surface")
     ]
     if not places:
@@ -100,7 +100,7 @@ def _framed(made: go.Figure) -> None:
     ]
     length = float(np.linalg.norm(spans)) or 1.0
     ratio = {axis: max(_IN_VIEW * span / length, 0.05) for axis, span in zip("xyz", spans)}
-    made.update_layout(scene=dict(aspectmode="manual", aspectratio=ratio))
+    plot.update_layout(scene=dict(aspectmode="manual", aspectratio=ratio))
 
 
 def safe(json_text: str) -> str:

@@ -76,34 +76,37 @@ def carry_out(
     """
     parts, start = parts_of(study), time.perf_counter()
     remove_damaged_parts(folder)
-    left = sorted(set(range(len(parts))) - parts_done(folder))
-    total, seconds, made = count(study), 0.0, 0
-    done = total - sum(len(parts[k]) for k in left)
+    remaining_parts = sorted(set(range(len(parts))) - parts_done(folder))
+    total, seconds, rows_written = count(study), 0.0, 0
+    done = total - sum(len(parts[k]) for k in remaining_parts)
     tick(done, total)
 
     def submit(pool, k):
         return pool.submit(work, study, parts[k])
 
-    for k, (rows, spent) in _results(left, submit, executor, 2 * workers + 1):
+    for k, (rows, spent) in _results(remaining_parts, submit, executor, 2 * workers + 1):
         write_part(folder, k, rows)
-        seconds, made = seconds + spent, made + len(rows)
-        tick(done + made, total)
-    return Done(total, made, seconds, time.perf_counter() - start, workers)
+        seconds, rows_written = seconds + spent, rows_written + len(rows)
+        tick(done + rows_written, total)
+    return Done(total, rows_written, seconds, time.perf_counter() - start, workers)
 
 
-def _results(left: Sequence[int], submit, executor, ahead: int) -> Iterator[tuple[int, tuple]]:
+def _results(
+    remaining_parts: Sequence[int], submit, executor, ahead: int
+) -> Iterator[tuple[int, tuple]]:
     """Number and result of each part in order of completion; lost parts of a broken pool go to a new pool."""
     for _ in range(_ATTEMPTS):
-        waiting: list[int] = list(left)
+        waiting: list[int] = list(remaining_parts)
         lost: list[int] = []
         if not waiting:
             return
         with executor() as pool:
             yield from _streamed(waiting, lost, lambda k: submit(pool, k), ahead)
-        left = sorted(lost)
-    if left:
+        remaining_parts = sorted(lost)
+    if remaining_parts:
         raise InputError(
-            f"study, part {left[0] + 1}: the process of these runs died {_ATTEMPTS} times, probably for lack of "
+            f"study, part {remaining_parts[0] + 1}: the process of these runs died {_ATTEMPTS} times, "
+            "probably for lack of "
             "memory. Use fewer workers (--workers 1)"
         )
 

@@ -55,21 +55,21 @@ def opened(place: Place, study: Study, data: str) -> Iterator[Path]:
     holds other files or another process writes to it.
     """
     _check_free(place, study, data)
-    made = [folder for folder in place.partial.parents if not folder.exists()]
-    _make(place, study, data, made)
+    created = [folder for folder in place.partial.parents if not folder.exists()]
+    _make(place, study, data, created)
     with _alone(place.partial):
         try:
             yield place.partial
             _move(place)
         finally:
             if place.partial.is_dir() and not parts_done(place.partial):
-                _remove(place, made)
+                _remove(place, created)
 
 
-def _remove(place: Place, made: list[Path]) -> None:
+def _remove(place: Place, created: list[Path]) -> None:
     """Remove the folder and the parent folders that were created for it."""
     shutil.rmtree(place.partial, ignore_errors=True)
-    for folder in made:
+    for folder in created:
         with suppress(OSError):  # it holds something else by now
             folder.rmdir()
 
@@ -80,8 +80,10 @@ def _check_free(place: Place, study: Study, data: str) -> None:
             f"{place.path} contains other files. To protect them, --out expects a new folder, an empty one, or "
             "that of the same study. Name another folder"
         )
-    left = place.partial / STUDY
-    if place.partial.exists() and (not left.is_file() or _digest_in(left) != digest(study, data)):
+    study_file = place.partial / STUDY
+    if place.partial.exists() and (
+        not study_file.is_file() or _digest_in(study_file) != digest(study, data)
+    ):
         raise InputError(
             f"{place.partial} holds another interrupted study, or one whose file, data or version has changed. "
             "Remove it, or name another folder with --out"
@@ -94,7 +96,7 @@ def _digest_in(path: Path) -> str:
     return ""
 
 
-def _make(place: Place, study: Study, data: str, made: list[Path]) -> None:
+def _make(place: Place, study: Study, data: str, created: list[Path]) -> None:
     keys = {"digest": digest(study, data), "study": study.model_dump(mode="json")}
     try:
         (place.partial / PARTS).mkdir(parents=True, exist_ok=True)
@@ -106,7 +108,7 @@ def _make(place: Place, study: Study, data: str, made: list[Path]) -> None:
         try:
             replace_file(place.partial / STUDY, json.dumps(keys, indent=1))
         except InputError:
-            _remove(place, made)
+            _remove(place, created)
             raise
 
 

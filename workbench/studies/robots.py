@@ -224,22 +224,22 @@ def calibrations(study: Study, measured: Recording) -> dict[str, Calibration]:
     }
 
 
-def judged(made: dict[str, Calibration], tests: dict[str, Recording]) -> Row:
+def judged(calibrations: dict[str, Calibration], tests: dict[str, Recording]) -> Row:
     """Held-out errors, and errors at the tests, of the nominal robot and of each model."""
-    first = next(iter(made.values()))
+    first = next(iter(calibrations.values()))
     row: Row = {"nominal_held_out_mm": first.nominal["rms_mm"]}
     frames = _with_frames(first.robot, first.recording) if tests else None
     for name, test in tests.items():
         row |= _errors(f"nominal_{name}", nominal_residual(first, test, frames))
-    for name, one in made.items():
+    for name, calibration in calibrations.items():
         row |= {
-            f"{name}_fit_mm": one.fit["rms_mm"],
-            f"{name}_held_out_mm": one.held_out["rms_mm"],
-            f"{name}_identifiable": one.solution.known.rank,
-            f"{name}_converged": int(one.solution.converged),
+            f"{name}_fit_mm": calibration.fit["rms_mm"],
+            f"{name}_held_out_mm": calibration.held_out["rms_mm"],
+            f"{name}_identifiable": calibration.solution.known.rank,
+            f"{name}_converged": int(calibration.solution.converged),
         }
         for test, rows in tests.items():
-            row |= _errors(f"{name}_{test}", residual_of(one, rows))
+            row |= _errors(f"{name}_{test}", residual_of(calibration, rows))
     return row
 
 
@@ -267,7 +267,7 @@ def _with_frames(robot, recording: Recording) -> Parameters:
     return solve(model, model.parameters.free(*frames_of(model.parameters))).parameters
 
 
-def compensated(made: dict[str, Calibration], world: World) -> Row:
+def compensated(calibrations: dict[str, Calibration], world: World) -> Row:
     """Errors of the real arm relative to the programmed nominal arm, before and after compensation with each model.
 
     The points are compared after a fit of base and tool at the nominal geometry, as taught frames would absorb them.
@@ -276,7 +276,7 @@ def compensated(made: dict[str, Calibration], world: World) -> Row:
     name, programmed = next(iter(world.tests.items()))
     row: Row = {"programmed_mm": _as_nominal(world.truth, programmed, programmed.joints)}
     covariates = {k: v for k, v in programmed.covariates.items() if k != "range_mm"}
-    for called, calibration in made.items():
+    for called, calibration in calibrations.items():
         found = compensate(arm_of(calibration), programmed.joints, covariates=covariates)
         there = np.flatnonzero(
             found.reached
@@ -324,25 +324,28 @@ def arm_of(calibration: Calibration) -> CalibratedArm:
     )
 
 
-def parameter_row(made: dict[str, Calibration], same_arm: bool = False) -> Row:
+def parameter_row(calibrations: dict[str, Calibration], same_arm: bool = False) -> Row:
     """Value and sigma of every free parameter of each model; None if it is not identifiable.
 
     same_arm: True where all runs measure the same arm. Parameters that are held because others carry them are then
     the same in all runs, so that sigma leaves out what they could be; otherwise it is the stated one.
     """
     row: Row = {}
-    for name, one in made.items():
-        for parameter in one.parameters:
+    for name, calibration in calibrations.items():
+        for parameter in calibration.parameters:
             if parameter["free"]:
                 key = f"{name}:{parameter['where']}.{parameter['name']}"
-                row |= {key: parameter["value"], f"{key}:std": _sigma(parameter, one, same_arm)}
+                row |= {
+                    key: parameter["value"],
+                    f"{key}:std": _sigma(parameter, calibration, same_arm),
+                }
     return row
 
 
-def _sigma(parameter: dict, made: Calibration, same_arm: bool) -> float | None:
+def _sigma(parameter: dict, calibration: Calibration, same_arm: bool) -> float | None:
     if parameter["std"] is None or not same_arm:
         return parameter["std"]
-    return made.solution.std[f"{parameter['where']}.{parameter['name']}"]
+    return calibration.solution.std[f"{parameter['where']}.{parameter['name']}"]
 
 
 def diagnosed(study: Study, measured: Recording) -> Row:
@@ -350,15 +353,17 @@ def diagnosed(study: Study, measured: Recording) -> Row:
     from workbench.explanation.answer import diagnose
 
     found = diagnose(measured).as_json()
-    effects = [f"{one['effect']}@{one['where']}" for one in found["effects"]]
-    true = [f"{one['effect']}@{one['where']}" for one in (study.scene or {}).get("effect", [])]
+    effects = [f"{effect['effect']}@{effect['where']}" for effect in found["effects"]]
+    true = [
+        f"{effect['effect']}@{effect['where']}" for effect in (study.scene or {}).get("effect", [])
+    ]
     row: Row = {"verdict": found["verdict"], "found": " ".join(effects)}
     if true:
         row |= {
             "found_true": len(set(true) & set(effects)),
             "found_false": len(set(effects) - set(true)),
         }
-    held = found.get("held_out") or {}
+    held_out = found.get("held_out") or {}
     return row | {
-        f"diagnosis_{name}": held.get(name) for name in ("before_mm", "after_mm", "noise_mm")
+        f"diagnosis_{name}": held_out.get(name) for name in ("before_mm", "after_mm", "noise_mm")
     }

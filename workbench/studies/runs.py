@@ -24,12 +24,12 @@ def row_of(study: Study, run: int) -> Row:
         figures = _figures(run_study, seed_of(study, run))
     except InputError as problem:
         return row | {"outcome": str(problem)}
-    kept = {
+    cells = {
         k: _cell(v)
         for k, v in figures.items()
         if any(fnmatchcase(k, pattern) for pattern in study.keep)
     }
-    return row | kept | {"outcome": "done"}
+    return row | cells | {"outcome": "done"}
 
 
 def seed_of(study: Study, run: int) -> int:
@@ -53,14 +53,14 @@ def _figures(study: Study, seed: int) -> Row:
         return _of_recording(study, seed)
     world = robots.world(study, seed)
     row = robots.simulated(world, study.kind == "compliance") if "simulate" in study.do else {}
-    made = {}
+    figures_of_run = {}
     if "calibrate" in study.do:
-        made = robots.calibrations(study, world.measured)
-        row |= robots.judged(made, world.tests) | (
-            robots.parameter_row(made) if study.parameters else {}
+        figures_of_run = robots.calibrations(study, world.measured)
+        row |= robots.judged(figures_of_run, world.tests) | (
+            robots.parameter_row(figures_of_run) if study.parameters else {}
         )
     if "compensate" in study.do:
-        row |= robots.compensated(made, world)
+        row |= robots.compensated(figures_of_run, world)
     return row | (robots.diagnosed(study, world.measured) if "diagnose" in study.do else {})
 
 
@@ -68,9 +68,9 @@ def _of_recording(study: Study, seed: int) -> Row:
     recording = resampling.resampled(study, np.random.default_rng(seed))
     row: Row = {"samples": recording.n}
     if "calibrate" in study.do:
-        made = robots.calibrations(study, recording)
-        row |= robots.judged(made, {})
-        row |= robots.parameter_row(made, same_arm=True) if study.parameters else {}
+        calibrations = robots.calibrations(study, recording)
+        row |= robots.judged(calibrations, {})
+        row |= robots.parameter_row(calibrations, same_arm=True) if study.parameters else {}
     return row | (robots.diagnosed(study, recording) if "diagnose" in study.do else {})
 
 

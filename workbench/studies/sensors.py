@@ -44,13 +44,13 @@ def figures(study: Study, seed: int) -> Row:
         images, clouds = Path(home) / "images", Path(home) / "clouds"
         images.mkdir()
         clouds.mkdir()
-        made = make_recording(scene, images)
+        recording = make_recording(scene, images)
         file = None
         if "calibrate" not in study.do:
             file = Path(home) / "scanner.toml"
             write_scanner(true_scanner(scene), file)
         found = scan(datasets.read(images), file, clouds, lambda line: None)
-        return errors_of(found, made.truth, scene) | (
+        return errors_of(found, recording.truth, scene) | (
             _calibration(found, scene) if file is None else {}
         )
 
@@ -74,8 +74,8 @@ def errors_of(found: Scans, truth: dict, scene: Scene) -> Row:
     `centre_rms_mm` is the RMS of their 3-D distances, `sigma_mm` the RMS of their stated standard deviations.
     """
     pairs = []
-    for one, true_scan in zip(found.scans, truth["scans"]):
-        pairs += _pairs(one.balls, true_scan["balls"])
+    for measured_scan, true_scan in zip(found.scans, truth["scans"]):
+        pairs += _pairs(measured_scan.balls, true_scan["balls"])
     row: Row = {
         "balls": sum(len(true_scan["balls"]) for true_scan in truth["scans"]),
         "balls_found": len(pairs),
@@ -106,7 +106,7 @@ def _stated(scanner: Scanner, ball: Ball) -> float:
 
 def _pairs(balls, true_balls):
     """Found balls, each with the nearest true centre."""
-    centres = np.array([one["centre_mm"] for one in true_balls]).reshape(-1, 3)
+    centres = np.array([true_ball["centre_mm"] for true_ball in true_balls]).reshape(-1, 3)
     for ball in balls:
         away = (
             np.linalg.norm(centres - ball.fit.centre, axis=1)

@@ -121,9 +121,10 @@ def _made(study: Study, where: Path, workers: int | None, scheduler: str | None,
         try:
             return carry_out(study, where, executor, count_of, tick)
         except KeyboardInterrupt:
-            kept = sum(len(parts_of(study)[k]) for k in tables.parts_done(where))
+            finished_runs = sum(len(parts_of(study)[k]) for k in tables.parts_done(where))
             raise Stopped(
-                f"Stopped: {kept:,} of {count(study):,} runs are saved in {where}. The same command continues with "
+                f"Stopped: {finished_runs:,} of {count(study):,} runs are saved in {where}. The same "
+                "command continues with "
                 "the remaining runs."
             ) from None
 

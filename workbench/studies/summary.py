@@ -14,21 +14,21 @@ _LEAST = 80
 _QUANTILES = {"min": 0, "p5": 5, "median": 50, "p95": 95, "max": 100}
 
 
-def summary(made) -> dict:
+def summary(study_run) -> dict:
     """The answer of `workbench study` for a `workbench.studies.study.Finished` with its table."""
-    study, names = made.study, tables.column_names(made.path)
-    outcomes = tables.columns(made.path, ["outcome"])["outcome"]
+    study, names = study_run.study, tables.column_names(study_run.path)
+    outcomes = tables.columns(study_run.path, ["outcome"])["outcome"]
     done = int((outcomes == "done").sum())
     if not done:
         raise InputError(
-            f"study {made.name}: all {len(outcomes)} runs failed, the first because: {outcomes[0]}. "
+            f"study {study_run.name}: all {len(outcomes)} runs failed, the first because: {outcomes[0]}. "
             "Correct the study"
         )
     failures = Counter(text for text in outcomes if text != "done")
     found = {
         "command": "study",
-        "study": made.name,
-        "title": study.title or made.name,
+        "study": study_run.name,
+        "title": study.title or study_run.name,
         "kind": study.kind,
         "do": study.do,
         "runs": len(outcomes),
@@ -36,11 +36,11 @@ def summary(made) -> dict:
         "not_done": [{"why": why, "runs": n} for why, n in failures.most_common(10)],
         "varied": [axis.name for axis in study.vary.parameter],
         "outcome": outcome_of(study, names),
-        "columns": [spread(name, values) for name, values in _numbers(made, names)],
-        "stiffen": stiffening(made, names),
-        "sensitivity": sensitivity(made, names),
-        "coverage": coverage(made, names),
-        "work": _work(made.done),
+        "columns": [spread(name, values) for name, values in _numbers(study_run, names)],
+        "stiffen": stiffening(study_run, names),
+        "sensitivity": sensitivity(study_run, names),
+        "coverage": coverage(study_run, names),
+        "work": _work(study_run.done),
     }
     remarks = []
     if study.outcome not in (None, found["outcome"]):
@@ -60,12 +60,12 @@ def _work(done) -> dict:
     }
 
 
-def _numbers(made, names):
+def _numbers(study_run, names):
     """Name and values of each numeric column, one in memory at a time."""
-    axes = {axis.name for axis in made.study.vary.parameter}
+    axes = {axis.name for axis in study_run.study.vary.parameter}
     for name in names:
         if name not in axes | {"run", "outcome"}:
-            values = tables.columns(made.path, [name])[name]
+            values = tables.columns(study_run.path, [name])[name]
             if values.dtype != object and np.isfinite(values).any():
                 yield name, values
 
@@ -103,14 +103,14 @@ def numeric(axis: Axis) -> bool:
     return axis.values is None or all(isinstance(value, int | float) for value in axis.values)
 
 
-def stiffening(made, names: list[str]) -> list[dict]:
+def stiffening(study_run, names: list[str]) -> list[dict]:
     """For each compliant joint: error with this joint twice as stiff, relative to the present error."""
     mark = "_twice_as_stiff_"
     found = [name for name in names if mark in name]
     if not found:
         return []
     place = found[0].partition(mark)[2].removesuffix("_mm")
-    values = tables.columns(made.path, [*found, f"uncalibrated_{place}_mm"])
+    values = tables.columns(study_run.path, [*found, f"uncalibrated_{place}_mm"])
     before = values.pop(f"uncalibrated_{place}_mm")
     share = np.stack([values[name] / before for name in found])
     fine = np.isfinite(share).all(0)
@@ -128,28 +128,28 @@ def stiffening(made, names: list[str]) -> list[dict]:
     ]
 
 
-def sensitivity(made, names: list[str]) -> dict:
+def sensitivity(study_run, names: list[str]) -> dict:
     """Variance-based sensitivity indices of the outcome.
 
     Saltelli's scheme: first-order and total indices (Saltelli et al., Comput. Phys. Commun. 181 (2010) 259). Any other
     sample: first-order indices by random balance designs (Tarantola, Gatelli & Mara, Reliab. Eng. Syst. Saf. 91 (2006)
     717). Both by SALib; `why` gives the reason if they are not available.
     """
-    axes = [axis for axis in made.study.vary.parameter if numeric(axis)]
-    outcome = outcome_of(made.study, names)
-    if not axes or len(axes) < len(made.study.vary.parameter):
+    axes = [axis for axis in study_run.study.vary.parameter if numeric(axis)]
+    outcome = outcome_of(study_run.study, names)
+    if not axes or len(axes) < len(study_run.study.vary.parameter):
         return {"why": "not determined: needs parameters that are all numbers"}
-    values = tables.columns(made.path, [outcome, *(axis.name for axis in axes)])
+    values = tables.columns(study_run.path, [outcome, *(axis.name for axis in axes)])
     result = values.pop(outcome)
     fine = np.isfinite(result)
-    if made.study.vary.repeats > 1 or made.study.vary.method == "grid":
+    if study_run.study.vary.repeats > 1 or study_run.study.vary.method == "grid":
         return {
             "why": "not determined: needs a random, Latin hypercube, Sobol or Saltelli sample without repeats"
         }
     if fine.sum() < _LEAST:
         return {"why": f"not determined: {fine.sum()} runs are too few, expected at least {_LEAST}"}
     try:
-        return _indices(made.study, axes, values, result, fine) | {"outcome": outcome}
+        return _indices(study_run.study, axes, values, result, fine) | {"outcome": outcome}
     except ImportError:
         return {
             "why": "not determined: needs the package SALib (pip install 'vision-sensor-workbench[study]')"
@@ -166,10 +166,16 @@ def _indices(study: Study, axes, values, result, fine) -> dict:
         from SALib.analyze import sobol
 
         # the mean is subtracted: a large mean degrades the estimators
-        made = sobol.analyze(
+        indices_of_result = sobol.analyze(
             problem(len(axes)), result - result.mean(), calc_second_order=False, seed=study.seed
         )
-        rows = zip(names, made["S1"], made["S1_conf"], made["ST"], made["ST_conf"])
+        rows = zip(
+            names,
+            indices_of_result["S1"],
+            indices_of_result["S1_conf"],
+            indices_of_result["ST"],
+            indices_of_result["ST_conf"],
+        )
         keys = ("parameter", "first", "first_95", "total", "total_95")
         return {
             "method": "Sobol indices",
@@ -178,8 +184,8 @@ def _indices(study: Study, axes, values, result, fine) -> dict:
     from SALib.analyze import rbd_fast
 
     unit = np.stack([unit_of(axis, values[axis.name][fine]) for axis in axes], 1)
-    made = rbd_fast.analyze(problem(len(axes)), unit, result[fine], seed=study.seed)
-    rows = zip(names, made["S1"], made["S1_conf"])
+    indices_of_result = rbd_fast.analyze(problem(len(axes)), unit, result[fine], seed=study.seed)
+    rows = zip(names, indices_of_result["S1"], indices_of_result["S1_conf"])
     keys = ("parameter", "first", "first_95")
     return {
         "method": "random balance designs",
@@ -191,14 +197,14 @@ def _plain(value):
     return value if isinstance(value, str) else float(value)
 
 
-def coverage(made, names: list[str]) -> list[dict]:
+def coverage(study_run, names: list[str]) -> list[dict]:
     """For each parameter with a sigma: scatter of its values over the runs, compared with the stated sigma.
 
     In a parametric bootstrap the true value is known: `within_1`, `within_2` are the shares of runs with the true value
     within 1 and 1.96 stated sigmas (expected 0.683 and 0.95). In a bootstrap of poses it is not known; `ratio` is the
     standard deviation over the runs divided by the sigma of the whole recording.
     """
-    study = made.study
+    study = study_run.study
     if study.recording is None or not study.parameters or "calibrate" not in study.do:
         return []
     from pathlib import Path
@@ -206,13 +212,15 @@ def coverage(made, names: list[str]) -> list[dict]:
     from workbench.studies.resampling import fitted
     from workbench.studies.robots import parameter_row
 
-    whole = {Path(name).stem: fitted(study.recording, name, study.folds) for name in study.models}
-    true = parameter_row(whole, same_arm=True)
+    full_models = {
+        Path(name).stem: fitted(study.recording, name, study.folds) for name in study.models
+    }
+    true = parameter_row(full_models, same_arm=True)
     # the true values are those of the first model, to which the noise is added
     true_model = f"{Path(study.models[0]).stem}:" if study.resample.how == "noise" else None
     rows = []
     for key in [name for name in names if f"{name}:std" in names and true.get(f"{name}:std")]:
-        values = tables.columns(made.path, [key, f"{key}:std"])
+        values = tables.columns(study_run.path, [key, f"{key}:std"])
         rows.append(
             _covered(
                 key,

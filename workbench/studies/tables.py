@@ -112,9 +112,9 @@ def put_together(folder: Path, parts: int) -> None:
             pc.CSVWriter(text, csv_schema) as lines,
         ):
             for path in paths:
-                made = _as(pa, pq.read_table(path, page_checksum_verification=True), schema)
-                writer.write_table(made)
-                lines.write_table(protect_text_columns(made))
+                joined_table = _as(pa, pq.read_table(path, page_checksum_verification=True), schema)
+                writer.write_table(joined_table)
+                lines.write_table(protect_text_columns(joined_table))
 
 
 def _schema(pa, schemas):

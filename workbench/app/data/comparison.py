@@ -48,7 +48,7 @@ def _shared_rows(previous: Opened, newest: Opened) -> list[dict]:
     if any(run.residuals is None or run.samples is not run.recording for run in runs):
         return []  # ball centres from images are numbered again by each run
     lengths = [run.residuals.lengths.get(HELD_OUT) for run in runs]
-    if any(one is None for one in lengths):
+    if any(length is None for length in lengths):
         return []
     numbers = [run.residuals.sample for run in runs]
     if np.array_equal(*numbers):

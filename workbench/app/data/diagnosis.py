@@ -116,10 +116,10 @@ def evidence(term: Mapping) -> list[tuple[str, str]]:
         ("t over poses", _rounded(term.get("t"), 1)),
         ("reselected in folds", f"{again.get('folds', '–')} of {again.get('of', '–')}"),
     ]
-    for one in term.get("controls", ()):
-        passed = {True: "passed", False: "failed", None: "cannot decide"}[one["passed"]]
-        name = _CONTROLS.get(one["control"], f"{one['control']} control")
-        rows.append((name, f"{passed} (p-value {p_value(one['p_value'])})"))
+    for control in term.get("controls", ()):
+        passed = {True: "passed", False: "failed", None: "cannot decide"}[control["passed"]]
+        name = _CONTROLS.get(control["control"], f"{control['control']} control")
+        rows.append((name, f"{passed} (p-value {p_value(control['p_value'])})"))
     for row in term.get("parameters", ()):
         value = measured(row["value"], row.get("std"), row["unit"])
         rows.append((row.get("label") or row["name"], value))

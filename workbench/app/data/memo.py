@@ -21,9 +21,9 @@ class Memo:
         with self._lock:
             if key in self._known:
                 return self._known[key]
-        made = compute()
+        value = compute()
         with self._lock:
             while len(self._known) >= self._most:
                 self._known.pop(next(iter(self._known)))
-            self._known[key] = made
-        return made
+            self._known[key] = value
+        return value

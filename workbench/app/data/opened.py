@@ -154,9 +154,9 @@ def newest_diagnosis(opened: Opened) -> Opened | None:
     return None
 
 
-def _has_same_data(one: Mapping, other: Mapping) -> bool:
+def _has_same_data(summary: Mapping, other: Mapping) -> bool:
     """Whether two runs state the same checksum of their data."""
-    sums = [(answer.get("provenance") or {}).get("data_sha256") for answer in (one, other)]
+    sums = [(answer.get("provenance") or {}).get("data_sha256") for answer in (summary, other)]
     return sums[0] is not None and sums[0] == sums[1]
 
 
@@ -164,9 +164,9 @@ def _open_run(folder: Path, recording: str | None) -> Opened:
     import datasets
 
     answer = read_answer(folder / ANSWER)
-    kept = folder / KEPT_RECORDING
-    own = str(kept) if (kept / "recording.toml").is_file() else None
-    subject = recording or own or answer.get("input") or answer.get("recording") or None
+    kept_recording = folder / KEPT_RECORDING
+    recording_path = str(kept_recording) if (kept_recording / "recording.toml").is_file() else None
+    subject = recording or recording_path or answer.get("input") or answer.get("recording") or None
     if not isinstance(subject, str):
         found = "none" if subject is None else repr(subject)[:60]
         raise InputError(

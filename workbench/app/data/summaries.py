@@ -62,19 +62,19 @@ class Summaries:
         """Mean quantity and mean length over bins of about equal count, without the rows `excluded` (k,)."""
         x, y = self.quantities[name], self.lengths(kind)
         place = self.memo.get(("bins", name), lambda: bins_of(x))
-        whole = self.memo.get(("sums", name, kind), lambda: sums_in(place, x, y))
-        left_out = sums_in(place[excluded], x[excluded], y[excluded], whole.shape[1])
-        return means_of(whole - left_out)
+        total = self.memo.get(("sums", name, kind), lambda: sums_in(place, x, y))
+        left_out = sums_in(place[excluded], x[excluded], y[excluded], total.shape[1])
+        return means_of(total - left_out)
 
     def counts(self, kinds: Iterable[str], excluded: np.ndarray) -> Histogram:
         """Counts of the lengths of some kinds without the rows `excluded` (k,)."""
         kinds = list(kinds)
         if 2 * len(excluded) > len(self.opened.rows):
-            kept = np.ones(len(self.opened.rows), bool)
-            kept[excluded] = False
-            return histogram({kind: self.lengths(kind)[kept] for kind in kinds})
-        whole = {kind: self.sorted_lengths(kind) for kind in kinds}
-        return histogram_without(whole, {kind: self.lengths(kind)[excluded] for kind in kinds})
+            is_shown = np.ones(len(self.opened.rows), bool)
+            is_shown[excluded] = False
+            return histogram({kind: self.lengths(kind)[is_shown] for kind in kinds})
+        total = {kind: self.sorted_lengths(kind) for kind in kinds}
+        return histogram_without(total, {kind: self.lengths(kind)[excluded] for kind in kinds})
 
 
 def quantities_of(opened: Opened) -> dict[str, np.ndarray]:

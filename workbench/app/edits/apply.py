@@ -25,14 +25,14 @@ def kept_rows(session: Session, recording) -> np.ndarray:
             f"session of recording '{recording.name}': sample {missing[0]} is excluded, but the recording has "
             "no such sample; name the recording that the session was made with"
         )
-    kept = np.ones(len(ids), bool)
-    kept[rows] = False
+    is_included = np.ones(len(ids), bool)
+    is_included[rows] = False
     if poses:
         labels = recording.poses
         is_excluded = np.zeros(labels.max() + 1, bool)
         is_excluded[labels[pose_rows]] = True
-        kept &= ~is_excluded[labels]
-    return kept
+        is_included &= ~is_excluded[labels]
+    return is_included
 
 
 def _rows_of_items(ids: np.ndarray, items: frozenset) -> tuple[np.ndarray, np.ndarray]:
@@ -54,15 +54,15 @@ def edited_recording(session: Session, recording):
             f"session of recording '{recording.name}': image '{min(missing)}' is excluded, but images.csv has no "
             "such image; name the recording that the session was made with"
         )
-    kept = kept_rows(session, recording)
-    left_out = set(recording.sample_ids[~kept].tolist())
+    is_included = kept_rows(session, recording)
+    left_out = set(recording.sample_ids[~is_included].tolist())
     used = [
         k
         for k, row in enumerate(recording.images)
         if row["image"] not in images
         and ("sample" not in row or int(row["sample"]) not in left_out)
     ]
-    edited = recording if kept.all() else recording.select(kept)
+    edited = recording if is_included.all() else recording.select(is_included)
     if not edited.n and recording.n:
         raise InputError(
             f"session of recording '{recording.name}': all {recording.n} samples are excluded; include some of them"
@@ -111,18 +111,18 @@ class EditedPlan:
         self._check_names(stages)
         excluded = self.session.excluded(STAGES)
         labels = self.session.excluded(EFFECTS)
-        left = []
+        edited_stages = []
         for stage in stages:
             rows = kept_effects(stage.effects, labels, is_added)
             if stage.name in excluded or (stage.effects and not rows):
                 continue
             choose = stage.choose and KeptChoice(stage.choose, labels, is_added)
-            left.append(replace(stage, effects=rows, choose=choose))
+            edited_stages.append(replace(stage, effects=rows, choose=choose))
         added = added_stage(self.session.added_effects)
         rows = kept_effects(added.effects, labels)
         if rows and ADDED not in excluded:
-            left.append(replace(added, effects=rows))
-        return tuple(left)
+            edited_stages.append(replace(added, effects=rows))
+        return tuple(edited_stages)
 
     def _kept_additions(self) -> tuple[dict, ...]:
         """Added effects that are part of the plan: none where their stage or their label is excluded."""
@@ -133,11 +133,11 @@ class EditedPlan:
 
     def _check_names(self, stages: Sequence[Stage]) -> None:
         added = self.session.added_effects
-        whole = [*stages, added_stage(added)] if added else [*stages]
-        names = {stage.name for stage in whole}
-        rows = [effect_row(row) for stage in whole for row in stage.effects]
+        all_stages = [*stages, added_stage(added)] if added else [*stages]
+        names = {stage.name for stage in all_stages}
+        rows = [effect_row(row) for stage in all_stages for row in stage.effects]
         labels = {label for row in rows for label in labels_of(row)}
-        chosen_later = {stage.name for stage in whole if stage.choose is not None}
+        chosen_later = {stage.name for stage in all_stages if stage.choose is not None}
         for kind, known in ((STAGES, names), (EFFECTS, labels)):
             missing = self.session.excluded(kind) - known
             if kind == EFFECTS:
@@ -164,8 +164,8 @@ class KeptChoice:
     def __call__(self, model, parameters) -> tuple[tuple[str, str, dict], ...]:
         places = {_place(label) for label in self.labels}
         rows = self.choose(model, parameters)
-        left = [row for row in rows if _place(effect_label(effect_row(row))) not in places]
-        return tuple(row for row in left if not self.is_added(row))
+        remaining = [row for row in rows if _place(effect_label(effect_row(row))) not in places]
+        return tuple(row for row in remaining if not self.is_added(row))
 
 
 def kept_effects(
@@ -174,8 +174,8 @@ def kept_effects(
     is_added: Callable[[tuple[str, str, dict]], bool] = lambda row: False,
 ) -> tuple[tuple[str, str, dict], ...]:
     """The rows of effects whose label is not among the excluded `labels`, and which are not added elsewhere."""
-    left = [row for row in rows if not labels_of(effect_row(row)) & labels]
-    return tuple(row for row in left if not is_added(row))
+    remaining = [row for row in rows if not labels_of(effect_row(row)) & labels]
+    return tuple(row for row in remaining if not is_added(row))
 
 
 def labels_of(row: dict) -> set[str]:
@@ -206,8 +206,8 @@ def _keys_of(effects: Sequence[dict], chain) -> set[str]:
     from robot_model.effects import CATALOGUE
     from workbench.core.effect import make_effects
 
-    made = make_effects(CATALOGUE, added_stage(effects).effects)
-    return {parameter.key for effect in made for parameter in effect.parameters(chain)}
+    effects_added = make_effects(CATALOGUE, added_stage(effects).effects)
+    return {parameter.key for effect in effects_added for parameter in effect.parameters(chain)}
 
 
 def effect_row(row: tuple[str, str, dict]) -> dict:

@@ -13,9 +13,9 @@ class History:
 
     def copy(self) -> "History":
         """The same session and the same undone changes, to be changed on their own."""
-        made = History(self.session)
-        made._undone = list(self._undone)
-        return made
+        copied = History(self.session)
+        copied._undone = list(self._undone)
+        return copied
 
     def apply(self, change: Change) -> Session:
         """Make one more change."""

@@ -41,7 +41,7 @@ def colour_top(lengths: np.ndarray) -> float:
     return float(np.percentile(lengths, 98)) if lengths.size else 1.0
 
 
-def add_needles(made: go.Figure, needles: Needles, diagonal: float, **options) -> None:
+def add_needles(plot: go.Figure, needles: Needles, diagonal: float, **options) -> None:
     """Add the needles to a scene.
 
     diagonal: of the scene, mm; options: of plotly's mesh3d, such as the colour of the largest length `cmax`.
@@ -55,7 +55,7 @@ def add_needles(made: go.Figure, needles: Needles, diagonal: float, **options) -
         colorbar=dict(title=dict(text="residual (mm)", side="right"), thickness=14, len=0.7),
         hovertemplate="sample %{text}: %{intensity:.4f} mm<extra></extra>",
     )
-    made.add_mesh3d(
+    plot.add_mesh3d(
         x=x,
         y=y,
         z=z,

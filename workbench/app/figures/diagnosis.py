@@ -20,14 +20,14 @@ _SHORT = {"joint": "J", "link": "L"}
 
 def chain(places: Sequence[Place], chosen: str) -> go.Figure:
     """Joints as discs and links as squares; area and colour show the share of the mismatch."""
-    made = style.plane("", "", "chain")
+    plot = style.plane("", "", "chain")
     x = np.arange(len(places))
     share = np.array([place.share for place in places])
     relative = share / max(share.max(initial=0), 1e-9)
-    made.add_scatter(
+    plot.add_scatter(
         x=x, y=0 * x, mode="lines", hoverinfo="skip", line=dict(color=style.GREY, width=4)
     )
-    made.add_scatter(
+    plot.add_scatter(
         x=x,
         y=0 * x,
         mode="markers+text",
@@ -50,10 +50,10 @@ def chain(places: Sequence[Place], chosen: str) -> go.Figure:
     )
     for k, place in enumerate(places):
         if place.found:
-            _label(made, k, place, side(k, 0, len(places) - 1))
-    made.update_xaxes(visible=False, range=[-0.7, len(places) - 0.3])
-    made.update_yaxes(visible=False, range=[-1.2, 1.6])
-    return made.update_layout(showlegend=False, margin=dict(l=4, r=4, t=4, b=4), dragmode=False)
+            _label(plot, k, place, side(k, 0, len(places) - 1))
+    plot.update_xaxes(visible=False, range=[-0.7, len(places) - 0.3])
+    plot.update_yaxes(visible=False, range=[-1.2, 1.6])
+    return plot.update_layout(showlegend=False, margin=dict(l=4, r=4, t=4, b=4), dragmode=False)
 
 
 def _short(place: Place) -> str:
@@ -62,9 +62,9 @@ def _short(place: Place) -> str:
     return f"{name}<br>{100 * place.share:.0f} %"
 
 
-def _label(made, k: int, place: Place, anchor: str) -> None:
+def _label(plot, k: int, place: Place, anchor: str) -> None:
     names = "<br>".join(dict.fromkeys(term["effect"] for term in place.found))
-    made.add_annotation(
+    plot.add_annotation(
         x=k,
         y=0.25,
         text=f"<b>{names}</b>",
@@ -79,49 +79,49 @@ def _label(made, k: int, place: Place, anchor: str) -> None:
 
 def before_after(opened: Opened, name: str) -> go.Figure:
     """Length of the residual over one quantity, with the baseline and with what was found."""
-    made = style.plane(style.plain(name), "residual (mm)", f"before-after-{name}")
+    plot = style.plane(style.plain(name), "residual (mm)", f"before-after-{name}")
     residuals, quantities = opened.residuals, quantities_of(opened)
     if residuals is None or "before" not in residuals.lengths or name not in quantities:
-        return made
+        return plot
     x = quantities[name]
     for kind, colour in (("before", style.GREY), ("after", style.BLUE)):
         y = residuals.lengths[kind]
         drawn = thinned(len(y), MOST_POINTS, y)
         marker = dict(size=4, color=colour, opacity=0.5)
-        made.add_scattergl(
+        plot.add_scattergl(
             x=x[drawn], y=np.round(y[drawn], 6), mode="markers", name=kind, marker=marker
         )
         centres, means = bin_means(x, y)
-        made.add_scatter(
+        plot.add_scatter(
             x=centres, y=means, mode="lines", name=f"mean {kind}", line=dict(color=colour, width=3)
         )
-    return made
+    return plot
 
 
 def pixel_histogram(lengths: Mapping[str, np.ndarray]) -> go.Figure:
     """Counts of the residuals of images, with the baseline and with what was found."""
-    made = style.plane("residual in the image (px)", "residuals", "before-after-px")
-    made.update_layout(barmode="overlay", bargap=0.02)
+    plot = style.plane("residual in the image (px)", "residuals", "before-after-px")
+    plot.update_layout(barmode="overlay", bargap=0.02)
     counted = histogram(dict(lengths))
     middle = (counted.edges[:-1] + counted.edges[1:]) / 2
     for kind, counts in counted.counts.items():
         colour = style.GREY if kind == "before" else style.BLUE
-        made.add_bar(x=middle, y=counts, name=kind, marker_color=colour, opacity=0.55)
-    return made
+        plot.add_bar(x=middle, y=counts, name=kind, marker_color=colour, opacity=0.55)
+    return plot
 
 
 def next_poses(opened: Opened, poses: NextPoses | None) -> go.Figure:
     """The arm at the poses of the next experiment, each with its number at the flange."""
-    made = style.space("next")
+    plot = style.space("next")
     robot = opened.robot
     if robot is None or poses is None:
-        return made
+        return plot
     links = _links(robot, poses.readings)
-    _add_arms(made, links)
-    _add_numbers(made, links[-1], poses)
+    _add_arms(plot, links)
+    _add_numbers(plot, links[-1], poses)
     low, high = links.min(axis=(0, 2)), links.max(axis=(0, 2))
     margin = _MARGIN * float(np.linalg.norm(high - low))
-    return style.framed(made, low - margin, high + margin)
+    return style.framed(plot, low - margin, high + margin)
 
 
 def _links(robot, readings: np.ndarray) -> np.ndarray:
@@ -131,10 +131,10 @@ def _links(robot, readings: np.ndarray) -> np.ndarray:
     return np.concatenate([frames.pivot[:1], frames.origin, frames.end_origin[None]])
 
 
-def _add_arms(made: go.Figure, links: np.ndarray) -> None:
+def _add_arms(plot: go.Figure, links: np.ndarray) -> None:
     gap = np.full((1, *links.shape[1:]), np.nan)
     x, y, z = np.concatenate([links, gap]).transpose(1, 2, 0).reshape(3, -1).round(2)
-    made.add_scatter3d(
+    plot.add_scatter3d(
         x=x,
         y=y,
         z=z,
@@ -146,7 +146,7 @@ def _add_arms(made: go.Figure, links: np.ndarray) -> None:
     )
 
 
-def _add_numbers(made: go.Figure, flange: np.ndarray, poses: NextPoses) -> None:
+def _add_numbers(plot: go.Figure, flange: np.ndarray, poses: NextPoses) -> None:
     """A mark with its number at the flange (3, k) mm of every pose; the hover text states the joint readings."""
     names = [style.plain(name) for name in poses.names]
     texts = [
@@ -154,7 +154,7 @@ def _add_numbers(made: go.Figure, flange: np.ndarray, poses: NextPoses) -> None:
         for row in poses.rows
     ]
     x, y, z = flange.round(2)
-    made.add_scatter3d(
+    plot.add_scatter3d(
         x=x,
         y=y,
         z=z,

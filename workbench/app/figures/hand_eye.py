@@ -28,57 +28,57 @@ def bars(work: Workspace) -> go.Figure:
     """Residual of the fit and held out of each image or pose; a click gives its place in the list of errors."""
     errors = pose_errors(work.opened)
     unit = errors[0].unit if errors else ""
-    made = style.plane("image or pose", f"RMS residual ({unit})", "pose errors")
+    plot = style.plane("image or pose", f"RMS residual ({unit})", "pose errors")
     places = list(range(len(errors)))
-    names = [style.plain(one.name) for one in errors]
-    chosen = [bool(one.rows) and bool(work.selected[list(one.rows)].any()) for one in errors]
+    names = [style.plain(error.name) for error in errors]
+    chosen = [bool(error.rows) and bool(work.selected[list(error.rows)].any()) for error in errors]
     for label, key, colour in (
         ("fit", "residual", style.GREEN),
         ("held out", "held_out", style.BLUE),
     ):
-        made.add_bar(
+        plot.add_bar(
             x=places,
-            y=[getattr(one, key) for one in errors],
+            y=[getattr(error, key) for error in errors],
             name=label,
             customdata=places,
             text=names,
             textposition="none",
             marker=dict(
-                color=[style.ORANGE if one.is_outlier else colour for one in errors],
-                line=dict(color=style.INK, width=[2 if one else 0 for one in chosen]),
+                color=[style.ORANGE if error.is_outlier else colour for error in errors],
+                line=dict(color=style.INK, width=[2 if is_chosen else 0 for is_chosen in chosen]),
             ),
             hovertemplate="%{text}: %{y:.4f} " + unit + "<extra>" + label + "</extra>",
         )
     every = -(-len(errors) // _NAMED) or 1
-    short = [style.plain(Path(one.name).stem) for one in errors]
-    made.update_xaxes(tickvals=places[::every], ticktext=short[::every])
-    return made.update_layout(barmode="group", bargap=0.25)
+    short = [style.plain(Path(error.name).stem) for error in errors]
+    plot.update_xaxes(tickvals=places[::every], ticktext=short[::every])
+    return plot.update_layout(barmode="group", bargap=0.25)
 
 
 def scene(work: Workspace) -> go.Figure:
     """Flange of all samples; frame, camera and board at the current one; the board or the ball that was seen."""
     opened = work.opened
-    made = style.space("recording")
+    plot = style.space("recording")
     every = flange_poses_of(opened)[opened.rows]
     drawn = thinned(work.count, _MOST_FLANGES)
     around = every[np.union1d(thinned(work.count, _MOST_CAMERAS), [work.current])]
     now = every[work.current : work.current + 1]
     found, current = placed(opened, around), placed(opened, now)
-    _flanges(made, work, drawn, every[drawn, :3, 3].T)
+    _flanges(plot, work, drawn, every[drawn, :3, 3].T)
     size = _distance(every, current)
     shapes = _Shapes(opened, size)
     seen = [every[drawn, :3, 3].T]
     if found is not None:
-        seen += shapes.add(made, found, "camera of each pose", style.GREY, 1)
-        shapes.add(made, current, "camera at the current sample", style.VIOLET, 4)
+        seen += shapes.add(plot, found, "camera of each pose", style.GREY, 1)
+        shapes.add(plot, current, "camera at the current sample", style.VIOLET, 4)
     if has_arm(opened):
-        add_arm(made, work)
-        seen += [np.array([one.x, one.y, one.z], float) for one in made.data[-2:]]
-    _axes(made, now, _AXIS * size)
+        add_arm(plot, work)
+        seen += [np.array([point.x, point.y, point.z], float) for point in plot.data[-2:]]
+    _axes(plot, now, _AXIS * size)
     points = np.concatenate(seen, axis=1)
     low, high = np.nanmin(points, axis=1), np.nanmax(points, axis=1)
     margin = max(_MARGIN * float(np.linalg.norm(high - low)), _AXIS * size)
-    return style.framed(made, low - margin, high + margin)
+    return style.framed(plot, low - margin, high + margin)
 
 
 def _distance(flange: np.ndarray, current: Placed | None) -> float:
@@ -101,21 +101,21 @@ class _Shapes:
         )
         self.board = _outline(opened.recording.board)
 
-    def add(self, made: go.Figure, at: Placed, name: str, colour: str, width: float) -> list:
+    def add(self, plot: go.Figure, at: Placed, name: str, colour: str, width: float) -> list:
         """Draw camera and board; list of (3, k) mm that the view has to hold."""
         path = moved(at.sensors, self.camera)
-        lines(made, path, name, colour, width)
+        lines(plot, path, name, colour, width)
         seen = [path.reshape(-1, 3).T]
         if at.boards is not None and self.board is not None:
             path = moved(at.boards, self.board)
             is_current = width > 1
-            lines(made, path, "board" if is_current else "", style.ORANGE, 4 if is_current else 1)
-            made.data[-1].showlegend = is_current
+            lines(plot, path, "board" if is_current else "", style.ORANGE, 4 if is_current else 1)
+            plot.data[-1].showlegend = is_current
             seen.append(path.reshape(-1, 3).T)
         if at.ball is not None and width > 1:
             x, y, z = at.ball[:, None]
             marker = dict(size=8, color=style.ORANGE)
-            made.add_scatter3d(
+            plot.add_scatter3d(
                 x=x, y=y, z=z, mode="markers", name="ball", hoverinfo="skip", marker=marker
             )
         if at.ball is not None:
@@ -133,10 +133,10 @@ def _outline(keys) -> np.ndarray | None:
     return np.asarray(board.points)[:, [0, board.columns - 1, -1, -board.columns, 0]].T
 
 
-def _flanges(made: go.Figure, work: Workspace, rows: np.ndarray, places: np.ndarray) -> None:
+def _flanges(plot: go.Figure, work: Workspace, rows: np.ndarray, places: np.ndarray) -> None:
     """Points that a click identifies by their row."""
     x, y, z = np.round(places, 2)
-    made.add_scatter3d(
+    plot.add_scatter3d(
         x=x,
         y=y,
         z=z,
@@ -149,8 +149,8 @@ def _flanges(made: go.Figure, work: Workspace, rows: np.ndarray, places: np.ndar
     )
 
 
-def _axes(made: go.Figure, flange: np.ndarray, length: float) -> None:
+def _axes(plot: go.Figure, flange: np.ndarray, length: float) -> None:
     """x, y and z of the flange at the current sample."""
     for axis, colour in zip("xyz", (style.ORANGE, style.GREEN, style.BLUE)):
         end = np.stack([np.zeros(3), length * np.eye(3)["xyz".index(axis)]])
-        lines(made, moved(flange, end), f"flange {axis} at the current sample", colour, 6)
+        lines(plot, moved(flange, end), f"flange {axis} at the current sample", colour, 6)

@@ -37,16 +37,16 @@ class Overlay:
         """Layers for `overlay.js`, as JSON."""
         return json.dumps([layer for trace in self.traces for layer in _layers(trace)])
 
-    def add_legend(self, made: go.Figure) -> None:
+    def add_legend(self, plot: go.Figure) -> None:
         """Name the marks in the legend of the figure below, by traces without points."""
         keys = ("name", "mode", "marker", "line")
         for trace in self.traces:
             if trace.get("name"):
                 shown = {key: trace[key] for key in keys if key in trace}
                 axes = {axis: [None] for axis in "xyz" if axis in trace}
-                add = made.add_scatter3d if "z" in axes else made.add_scatter
+                add = plot.add_scatter3d if "z" in axes else plot.add_scatter
                 add(**shown, **axes, hoverinfo="skip", showlegend=True)
-        made.update_layout(legend=dict(itemclick=False, itemdoubleclick=False))
+        plot.update_layout(legend=dict(itemclick=False, itemdoubleclick=False))
 
 
 def _layers(trace: Mapping) -> Iterable[dict]:

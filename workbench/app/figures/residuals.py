@@ -47,21 +47,21 @@ _COLOURS = {
 
 def arrows(work: Workspace) -> go.Figure:
     """Arrows from the measured points, coloured by length, without what a selection or an edit changes."""
-    made = style.space("arrows")
+    plot = style.space("arrows")
     residuals = work.opened.residuals
     if residuals is None or residuals.points is None:
-        return made
+        return plot
     drawn = work.drawn(MOST_ARROWS)
     low, high = _box(work)
     scale = _enlargement(work)
     places, vectors = residuals.points[:, drawn], scale * residuals.arrows[:, drawn]
     needles = Needles(places, vectors, drawn, work.opened.edit_ids[drawn], residuals.shown[drawn])
-    add_needles(made, needles, float(np.linalg.norm(high - low)), showlegend=True)
-    arrow_marks(work).add_legend(made)
-    style.framed(made, low, high)
+    add_needles(plot, needles, float(np.linalg.norm(high - low)), showlegend=True)
+    arrow_marks(work).add_legend(plot)
+    style.framed(plot, low, high)
     text = f"arrows enlarged {scale:,.0f} times; {len(drawn):,} of {work.count:,} samples drawn"
-    made.update_layout(title=dict(text=text, x=0.01, y=0.99, yanchor="top", font_size=13))
-    return made
+    plot.update_layout(title=dict(text=text, x=0.01, y=0.99, yanchor="top", font_size=13))
+    return plot
 
 
 def _box(work: Workspace) -> tuple[np.ndarray, np.ndarray]:
@@ -120,14 +120,14 @@ def _add_excluded(marks: Overlay, work: Workspace) -> None:
 def chart(work: Workspace, name: str, kind: str) -> go.Figure:
     """Length of the residual over one quantity, without what a selection or an edit changes."""
     label, unit = kind_label(work.opened.residuals, kind), unit_of(kind)
-    made = style.plane(style.plain(name), f"residual, {label} ({unit})", f"chart-{name}-{kind}")
-    made.update_layout(clickmode="event", dragmode=False)
-    made.update_layout(xaxis_type="linear", yaxis_type="linear")  # plotly finds out in 14 ms else
+    plot = style.plane(style.plain(name), f"residual, {label} ({unit})", f"chart-{name}-{kind}")
+    plot.update_layout(clickmode="event", dragmode=False)
+    plot.update_layout(xaxis_type="linear", yaxis_type="linear")  # plotly finds out in 14 ms else
     if name not in work.quantities:
-        return made
+        return plot
     rows = work.drawn(MOST_POINTS, kind or "")
-    _name_groups(made, work, name)
-    made.add_scattergl(
+    _name_groups(plot, work, name)
+    plot.add_scattergl(
         x=work.quantities[name][rows],
         y=np.round(work.lengths(kind)[rows], 6),
         mode="markers",
@@ -137,8 +137,8 @@ def chart(work: Workspace, name: str, kind: str) -> go.Figure:
         marker=dict(color=style.BLUE, size=5, opacity=0.7),
         hovertemplate="sample %{text}: %{y:.4f} " + unit + "<extra></extra>",
     )
-    chart_marks(work, name, kind).add_legend(made)
-    return made
+    chart_marks(work, name, kind).add_legend(plot)
+    return plot
 
 
 def chart_marks(work: Workspace, name: str, kind: str) -> Overlay:
@@ -179,7 +179,7 @@ def kind_label(residuals: Residuals | None, kind: str) -> str:
     return _NAMES[HELD_OUT] if is_complete else "held out, else fit"
 
 
-def _name_groups(made: go.Figure, work: Workspace, name: str) -> None:
+def _name_groups(plot: go.Figure, work: Workspace, name: str) -> None:
     """Names of the recording at the axis, where the groups of a column have names."""
     from workbench.report.calibration.residuals import group_ticks
 
@@ -188,7 +188,7 @@ def _name_groups(made: go.Figure, work: Workspace, name: str) -> None:
     if 0 < len(known) <= _MOST_NAMES:
         numbers = np.arange(1.0, len(known) + 1)
         texts = [style.plain(text) for text in group_ticks(name, numbers, names)]
-        made.update_xaxes(tickvals=numbers, ticktext=texts)
+        plot.update_xaxes(tickvals=numbers, ticktext=texts)
 
 
 def histogram_figure(work: Workspace, threshold: float | None = None, shown: str = "") -> go.Figure:
@@ -197,16 +197,16 @@ def histogram_figure(work: Workspace, threshold: float | None = None, shown: str
     shown: kind of residual that a click on a bin selects by, "" for the held-out one; it decides on mm or degrees.
     """
     unit = unit_of(shown)
-    made = style.plane(f"residual ({unit})", "samples", f"histogram-{unit}")
-    made.update_layout(barmode="overlay", bargap=0.02, clickmode="event", dragmode=False)
+    plot = style.plane(f"residual ({unit})", "samples", f"histogram-{unit}")
+    plot.update_layout(barmode="overlay", bargap=0.02, clickmode="event", dragmode=False)
     residuals = work.opened.residuals
     if residuals is None:
-        return made
+        return plot
     kinds = _counted_kinds(residuals, ROTATION if unit == "deg" else "")
     counted = work.counts(kinds)
     middle = (counted.edges[:-1] + counted.edges[1:]) / 2
     for kind, counts in counted.counts.items():
-        made.add_bar(
+        plot.add_bar(
             x=middle,
             y=counts,
             width=np.diff(counted.edges),
@@ -215,16 +215,16 @@ def histogram_figure(work: Workspace, threshold: float | None = None, shown: str
             opacity=0.55,
             hoverinfo="skip",
         )
-    _add_bins(made, counted, shown if shown in kinds else kinds[-1], unit)
+    _add_bins(plot, counted, shown if shown in kinds else kinds[-1], unit)
     if threshold is not None:
-        made.add_vline(
+        plot.add_vline(
             x=threshold,
             line_color=style.ORANGE,
             line_width=3,
             annotation_text=f"threshold {threshold:.4g} mm",
             annotation_position="top left",
         )
-    return made
+    return plot
 
 
 def _counted_kinds(residuals: Residuals, end: str) -> list[str]:
@@ -235,20 +235,20 @@ def _counted_kinds(residuals: Residuals, end: str) -> list[str]:
     return [kind for kind in wanted if kind in residuals.lengths]
 
 
-def _add_bins(made: go.Figure, counted: Histogram, kind: str, unit: str) -> None:
+def _add_bins(plot: go.Figure, counted: Histogram, kind: str, unit: str) -> None:
     """Invisible bars of full height, which a click meets: bars overlap, and one of few samples is too low.
 
     Their custom data are the ends of the bin and the kind of residual that a click selects by.
     """
     all_counts = np.array(list(counted.counts.values()))
-    names = [_NAMES[one.removesuffix(ROTATION)] for one in counted.counts]
+    names = [_NAMES[kind_name.removesuffix(ROTATION)] for kind_name in counted.counts]
     lows, highs = counted.edges[:-1].tolist(), counted.edges[1:].tolist()
     texts = [
         f"{low:.4f} to {high:.4f} {unit}: "
         + ", ".join(f"{name} {count:,}" for name, count in zip(names, counts))
         for low, high, counts in zip(lows, highs, all_counts.T.tolist())
     ]
-    made.add_bar(
+    plot.add_bar(
         x=(counted.edges[:-1] + counted.edges[1:]) / 2,
         y=np.where(all_counts.any(axis=0), all_counts.max(initial=0), 0),
         width=np.diff(counted.edges),
@@ -269,8 +269,12 @@ def has_side_by_side(work: Workspace) -> bool:
     A calibration after a diagnosis is compared with its baseline, of which no arrows are known.
     """
     runs = [run.residuals for run in (work.previous, work.opened) if run is not None]
-    found = [one for one in runs if one is not None and FIT in one.vectors]
-    return sum(one.points is not None for one in found) == 2
+    found = [
+        vectors_of_run
+        for vectors_of_run in runs
+        if vectors_of_run is not None and FIT in vectors_of_run.vectors
+    ]
+    return sum(vectors_of_run.points is not None for vectors_of_run in found) == 2
 
 
 def side_by_side(work: Workspace) -> go.Figure:
@@ -278,15 +282,19 @@ def side_by_side(work: Workspace) -> go.Figure:
     from workbench.report.calibration.scene import arrow_scale
 
     pairs = [("before", work.previous), ("after", work.opened)]
-    made = go.Figure(layout=style.space("side-by-side").layout)
+    plot = go.Figure(layout=style.space("side-by-side").layout)
     runs = [(name, run.residuals) for name, run in pairs if run is not None]
     runs = [(name, found) for name, found in runs if found is not None and found.points is not None]
     if len(runs) < 2:
-        return made
+        return plot
     top = max(colour_top(found.shown) for _, found in runs)
     first = runs[0][1]
     scale = arrow_scale(first.points, first.arrows)
-    ends = [one.points + share * one.arrows for _, one in runs for share in (0, scale)]
+    ends = [
+        vectors_of_run.points + share * vectors_of_run.arrows
+        for _, vectors_of_run in runs
+        for share in (0, scale)
+    ]
     places = np.concatenate(ends, axis=1)
     low, high = np.nanmin(places, axis=1), np.nanmax(places, axis=1)
     for k, (name, found) in enumerate(runs):
@@ -295,8 +303,8 @@ def side_by_side(work: Workspace) -> go.Figure:
         numbers = found.sample[drawn]
         needles = Needles(found.points[:, drawn], vectors, drawn, numbers, found.shown[drawn])
         scene = dict(name=name, scene=("scene", "scene2")[k], showscale=k == 1)
-        add_needles(made, needles, float(np.linalg.norm(high - low)), cmax=top, **scene)
-        made.add_annotation(
+        add_needles(plot, needles, float(np.linalg.norm(high - low)), cmax=top, **scene)
+        plot.add_annotation(
             text=f"<b>{name}</b>",
             x=0.25 + 0.5 * k,
             y=1,
@@ -304,18 +312,18 @@ def side_by_side(work: Workspace) -> go.Figure:
             yref="paper",
             showarrow=False,
         )
-    style.framed(made, low, high)
-    scene = made.layout.scene.to_plotly_json()
+    style.framed(plot, low, high)
+    scene = plot.layout.scene.to_plotly_json()
     for k, key in enumerate(("scene", "scene2")):
         half = [0.5 * k, 0.5 * k + 0.5]
-        made.update_layout({key: {**scene, "domain": {"x": half, "y": [0, 0.95]}}})
-    return made.update_layout(showlegend=False)
+        plot.update_layout({key: {**scene, "domain": {"x": half, "y": [0, 0.95]}}})
+    return plot.update_layout(showlegend=False)
 
 
 def comparison(work: Workspace) -> go.Figure:
     """Share of samples whose residual is shorter, of the newest run and the one before."""
     label = kind_label(work.opened.residuals, "")
-    made = style.plane(f"residual, {label} (mm)", "share of samples", "comparison")
+    plot = style.plane(f"residual, {label} (mm)", "share of samples", "comparison")
     for run, name, colour in (
         (work.previous, "before", style.GREY),
         (work.opened, "after", style.BLUE),
@@ -328,8 +336,8 @@ def comparison(work: Workspace) -> go.Figure:
         lengths = lengths[np.isfinite(lengths)]
         at = thinned(len(lengths), 500)
         share = (at + 1) / max(len(lengths), 1)
-        made.add_scatter(
+        plot.add_scatter(
             x=lengths[at], y=share, mode="lines", name=name, line=dict(color=colour, width=2.5)
         )
-    made.update_yaxes(tickformat=".0%")
-    return made
+    plot.update_yaxes(tickformat=".0%")
+    return plot

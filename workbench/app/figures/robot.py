@@ -26,16 +26,16 @@ _MOST_AROUND = 800
 
 def scene(work: Workspace) -> go.Figure:
     """Measured points and instrument or artefact, without what depends on the current sample."""
-    made = style.space("recording")
+    plot = style.space("recording")
     if not has_arm(work.opened):
-        return made
+        return plot
     drawn = thinned(work.count, _MOST_AROUND)
-    _add_places(made, work, drawn)
+    _add_places(plot, work, drawn)
     outer = outer_frame(work.opened)
     if outer is not None:
-        _outer(made, work.opened, outer)
-    scene_marks(work).add_legend(made)
-    return style.framed(made, *reach(work.opened, True))
+        _outer(plot, work.opened, outer)
+    scene_marks(work).add_legend(plot)
+    return style.framed(plot, *reach(work.opened, True))
 
 
 def scene_marks(work: Workspace) -> Overlay:
@@ -58,10 +58,10 @@ def places_of(work: Workspace, rows: np.ndarray) -> np.ndarray:
     return flange_points(work.opened, work.opened.rows[rows])
 
 
-def _add_places(made: go.Figure, work: Workspace, rows: np.ndarray) -> None:
+def _add_places(plot: go.Figure, work: Workspace, rows: np.ndarray) -> None:
     """Points that a click identifies by their row."""
     x, y, z = np.round(places_of(work, rows), 2)
-    made.add_scatter3d(
+    plot.add_scatter3d(
         x=x,
         y=y,
         z=z,
@@ -74,23 +74,23 @@ def _add_places(made: go.Figure, work: Workspace, rows: np.ndarray) -> None:
     )
 
 
-def add_arm(made: go.Figure | Overlay, work: Workspace) -> None:
+def add_arm(plot: go.Figure | Overlay, work: Workspace) -> None:
     """The nominal arm at the current row with what it carries."""
     opened = work.opened
     row = int(opened.rows[work.current])
     pose = arm_pose(opened, row)
-    _line(made, pose.links, "arm at the current sample", style.INK, 9, 5)
+    _line(plot, pose.links, "arm at the current sample", style.INK, 9, 5)
     for k, target in enumerate(pose.targets.T):
         stalk = np.stack([pose.links[:, -1], target], 1)
-        _line(made, stalk, "reflectors" if k == 0 else "", style.GREEN, 4, 4)
+        _line(plot, stalk, "reflectors" if k == 0 else "", style.GREEN, 4, 4)
     if pose.sensor is not None:
-        _sensor(made, opened, pose)
+        _sensor(plot, opened, pose)
     if has_points(work):
-        _current(made, work)
+        _current(plot, work)
 
 
 def _line(
-    made: go.Figure | Overlay,
+    plot: go.Figure | Overlay,
     path: np.ndarray,
     name: str,
     colour: str,
@@ -98,7 +98,7 @@ def _line(
     size: float = 0,
 ) -> None:
     x, y, z = np.round(path, 2)
-    made.add_scatter3d(
+    plot.add_scatter3d(
         x=x,
         y=y,
         z=z,
@@ -111,11 +111,11 @@ def _line(
     )
 
 
-def _current(made: go.Figure | Overlay, work: Workspace) -> None:
+def _current(plot: go.Figure | Overlay, work: Workspace) -> None:
     """The measured point of the current sample."""
     row = work.current
     x, y, z = np.round(work.opened.residuals.points[:, row], 2)
-    made.add_scatter3d(
+    plot.add_scatter3d(
         x=[x],
         y=[y],
         z=[z],
@@ -125,7 +125,7 @@ def _current(made: go.Figure | Overlay, work: Workspace) -> None:
     )
 
 
-def _sensor(made: go.Figure, opened, pose) -> None:
+def _sensor(plot: go.Figure, opened, pose) -> None:
     """The pyramid of the camera's field, 30 degrees wide where no camera is known."""
     from workbench.app.data.sensor import camera_of
     from workbench.report.sensor.space import pyramid
@@ -143,16 +143,16 @@ def _sensor(made: go.Figure, opened, pose) -> None:
     else:
         path = pyramid(camera, depth)
     placed = pose.sensor[:3, :3] @ path.T + pose.sensor[:3, 3:]
-    _line(made, placed, "field of the sensor", style.VIOLET, 3)
-    _line(made, np.stack([pose.links[:, -1], pose.sensor[:3, 3]], 1), "", style.VIOLET, 4)
+    _line(plot, placed, "field of the sensor", style.VIOLET, 3)
+    _line(plot, np.stack([pose.links[:, -1], pose.sensor[:3, 3]], 1), "", style.VIOLET, 4)
 
 
-def _outer(made: go.Figure, opened, frame: np.ndarray) -> None:
+def _outer(plot: go.Figure, opened, frame: np.ndarray) -> None:
     """Axes of the instrument, or of the artefact with its balls."""
     if opened.samples.balls:
         balls = np.array([ball[:3] for ball in opened.samples.balls.values()]).T
         x, y, z = np.round(frame[:3, :3] @ balls + frame[:3, 3:], 2)
-        made.add_scatter3d(
+        plot.add_scatter3d(
             x=x,
             y=y,
             z=z,
@@ -166,7 +166,7 @@ def _outer(made: go.Figure, opened, frame: np.ndarray) -> None:
     for k, colour in enumerate((style.ORANGE, style.GREEN, style.BLUE)):
         end = origin + AXIS_MM * frame[:3, k]
         _line(
-            made, np.stack([origin, end], 1), "frame of the instrument" if k == 0 else "", colour, 6
+            plot, np.stack([origin, end], 1), "frame of the instrument" if k == 0 else "", colour, 6
         )
 
 
@@ -174,11 +174,11 @@ def coverage(work: Workspace) -> go.Figure:
     """Readings of every joint between its limits, and two projections of the flange."""
     joints = joint_coverage(work.opened)
     views = [("x", "y"), ("x", "z")] if has_arm(work.opened) else []
-    titles = [_range_title(one) for one in joints]
+    titles = [_range_title(joint) for joint in joints]
     titles += [f"flange: {b} over {a} (mm)" for a, b in views]
     rows = max(-(-len(titles) // _ACROSS), 1)
     ground = go.Figure(layout=dict(template=style.TEMPLATE))
-    made = make_subplots(
+    plot = make_subplots(
         rows,
         _ACROSS,
         subplot_titles=titles,
@@ -186,19 +186,21 @@ def coverage(work: Workspace) -> go.Figure:
         horizontal_spacing=0.08,
         figure=ground,
     )
-    for k, one in enumerate(joints):
-        middle = (one["edges"][:-1] + one["edges"][1:]) / 2
-        bars = dict(x=middle, y=one["counts"], marker_color=style.BLUE, showlegend=False)
-        made.add_bar(**bars, row=k // _ACROSS + 1, col=k % _ACROSS + 1)
-    limits = [_limit(k, limit) for k, one in enumerate(joints) for limit in _finite(one["limits"])]
+    for k, joint in enumerate(joints):
+        middle = (joint["edges"][:-1] + joint["edges"][1:]) / 2
+        bars = dict(x=middle, y=joint["counts"], marker_color=style.BLUE, showlegend=False)
+        plot.add_bar(**bars, row=k // _ACROSS + 1, col=k % _ACROSS + 1)
+    limits = [
+        _limit(k, limit) for k, joint in enumerate(joints) for limit in _finite(joint["limits"])
+    ]
     if views:
-        _workspace(made, work, len(joints), views)
-    made.update_xaxes(nticks=4, tickangle=0, ticklabelstandoff=3)
-    made.update_yaxes(nticks=4, ticklabelstandoff=4)
+        _workspace(plot, work, len(joints), views)
+    plot.update_xaxes(nticks=4, tickangle=0, ticklabelstandoff=3)
+    plot.update_yaxes(nticks=4, ticklabelstandoff=4)
     for place in range(len(joints), len(titles)):  # a flat subplot has room for one tick of four
-        made.update_yaxes(nticks=6, row=place // _ACROSS + 1, col=place % _ACROSS + 1)
-    made.update_annotations(font_size=12)
-    return made.update_layout(
+        plot.update_yaxes(nticks=6, row=place // _ACROSS + 1, col=place % _ACROSS + 1)
+    plot.update_annotations(font_size=12)
+    return plot.update_layout(
         shapes=limits,
         font=dict(family="Roboto, Arial, sans-serif", size=12, color=style.INK),
         margin=dict(l=44, r=12, t=52, b=30),  # the button of the view stands above the titles
@@ -207,8 +209,8 @@ def coverage(work: Workspace) -> go.Figure:
     )
 
 
-def _range_title(one: dict) -> str:
-    return f"{one['label']}: {one['low']:.0f} to {one['high']:.0f} {one['unit']}"
+def _range_title(joint: dict) -> str:
+    return f"{joint['label']}: {joint['low']:.0f} to {joint['high']:.0f} {joint['unit']}"
 
 
 def _finite(values: np.ndarray) -> np.ndarray:
@@ -230,12 +232,12 @@ def _limit(place: int, value: float) -> dict:
     )
 
 
-def _workspace(made: go.Figure, work: Workspace, first: int, views) -> None:
+def _workspace(plot: go.Figure, work: Workspace, first: int, views) -> None:
     """Positions of the flange as points, one subplot a view."""
     drawn = thinned(work.count, MOST_POINTS)
     places = dict(zip("xyz", flange_points(work.opened, work.opened.rows[drawn]).round(1)))
     for k, (a, b) in enumerate(views, start=first):
-        made.add_scattergl(
+        plot.add_scattergl(
             x=places[a],
             y=places[b],
             mode="markers",

@@ -29,8 +29,8 @@ _WHOLE = dict(eye=dict(x=1.8, y=-1.9, z=0.8), center=dict(x=0, y=0, z=-0.1))
 def image(shown: Overlay, residual: np.ndarray | None = None) -> go.Figure:
     """The image with corners, stripe and, where known, arrows from detected to predicted corners."""
     width, height = shown.size
-    made = style.plane("x (px)", "y (px)", f"image-{shown.name}")
-    made.add_layout_image(
+    plot = style.plane("x (px)", "y (px)", f"image-{shown.name}")
+    plot.add_layout_image(
         source=shown.source,
         x=-0.5,
         y=-0.5,
@@ -41,57 +41,57 @@ def image(shown: Overlay, residual: np.ndarray | None = None) -> go.Figure:
         sizing="stretch",
         layer="below",
     )
-    made.update_xaxes(range=[-0.5, width - 0.5], showgrid=False, zeroline=False, constrain="domain")
-    made.update_yaxes(
+    plot.update_xaxes(range=[-0.5, width - 0.5], showgrid=False, zeroline=False, constrain="domain")
+    plot.update_yaxes(
         range=[height - 0.5, -0.5],
         showgrid=False,
         zeroline=False,
         scaleanchor="x",
         constrain="domain",
     )
-    _ground(made, width, height)
-    _marks(made, shown.corners, f"{shown.corners.shape[1]} corners", "#ff7f0e", "circle-open", 9)
+    _ground(plot, width, height)
+    _marks(plot, shown.corners, f"{shown.corners.shape[1]} corners", "#ff7f0e", "circle-open", 9)
     _marks(
-        made, shown.stripe, f"stripe, {shown.stripe.shape[1]} points drawn", "#00e5ff", "circle", 3
+        plot, shown.stripe, f"stripe, {shown.stripe.shape[1]} points drawn", "#00e5ff", "circle", 3
     )
     if residual is not None and residual.size:
-        _reprojection(made, shown.corners, residual)
-    return made
+        _reprojection(plot, shown.corners, residual)
+    return plot
 
 
 def error_bars(errors: Sequence[ImageError], chosen: int, excluded: Collection[str]) -> go.Figure:
     """RMS reprojection error of each board image, and that of all; a click gives the place in images.csv."""
-    made = style.plane("image", "RMS reprojection error (px)", "image errors")
+    plot = style.plane("image", "RMS reprojection error (px)", "image errors")
     places = list(range(len(errors)))
-    colours = [style.GREY if one.name in excluded else style.BLUE for one in errors]
-    made.add_bar(
+    colours = [style.GREY if error.name in excluded else style.BLUE for error in errors]
+    plot.add_bar(
         x=places,
-        y=[one.rms for one in errors],
-        customdata=[one.place for one in errors],
-        text=[style.plain(one.name) for one in errors],
+        y=[error.rms for error in errors],
+        customdata=[error.place for error in errors],
+        text=[style.plain(error.name) for error in errors],
         textposition="none",
         marker=dict(
             color=colours,
-            line=dict(color=style.INK, width=[3 * (one.place == chosen) for one in errors]),
+            line=dict(color=style.INK, width=[3 * (error.place == chosen) for error in errors]),
         ),
         hovertemplate="%{text}: %{y:.4f} px<extra></extra>",
     )
-    together = float(np.sqrt(np.mean([one.rms**2 for one in errors])))
-    made.add_hline(
+    together = float(np.sqrt(np.mean([error.rms**2 for error in errors])))
+    plot.add_hline(
         y=together,
         line=dict(color=style.ORANGE, width=2, dash="dash"),
         annotation_text=f"all images: {together:.4g} px",
         annotation_position="top right",
     )
     every = -(-len(errors) // _NAMED) or 1
-    names = [style.plain(Path(one.name).stem) for one in errors]
-    made.update_xaxes(tickvals=places[::every], ticktext=names[::every])
-    return made.update_layout(showlegend=False, bargap=0.25)
+    names = [style.plain(Path(error.name).stem) for error in errors]
+    plot.update_xaxes(tickvals=places[::every], ticktext=names[::every])
+    return plot.update_layout(showlegend=False, bargap=0.25)
 
 
-def _ground(made, width: int, height: int) -> None:
+def _ground(plot, width: int, height: int) -> None:
     """An invisible mark, and the nearest mark at any distance, so that a click anywhere in the image counts."""
-    made.add_scatter(
+    plot.add_scatter(
         x=[(width - 1) / 2],
         y=[(height - 1) / 2],
         mode="markers",
@@ -99,71 +99,71 @@ def _ground(made, width: int, height: int) -> None:
         hoverinfo="none",
         showlegend=False,
     )
-    made.update_layout(hoverdistance=-1)
+    plot.update_layout(hoverdistance=-1)
 
 
-def _marks(made, pixels: np.ndarray, name: str, colour: str, symbol: str, size: float) -> None:
+def _marks(plot, pixels: np.ndarray, name: str, colour: str, symbol: str, size: float) -> None:
     if pixels.shape[1]:
         x, y = np.round(pixels, 2)
         line = dict(width=2 if symbol.endswith("open") else 0)  # an outline hides small discs
         marker = dict(color=colour, symbol=symbol, size=size, line=line)
-        made.add_scattergl(x=x, y=y, mode="markers", name=name, marker=marker)
+        plot.add_scattergl(x=x, y=y, mode="markers", name=name, marker=marker)
 
 
-def _reprojection(made, corners: np.ndarray, residual: np.ndarray) -> None:
+def _reprojection(plot, corners: np.ndarray, residual: np.ndarray) -> None:
     length = float(np.percentile(np.sqrt((residual**2).sum(0)), 95))
     scale = arrow_step(20 / max(length, 1e-9))
     rms = float(np.sqrt((residual**2).sum(0).mean()))
     gap = np.full_like(corners, np.nan)
     x, y = np.stack([corners, corners + scale * residual, gap], axis=2).reshape(2, -1).round(2)
     name = f"reprojection error, RMS {rms:.3f} px, enlarged {scale:,.0f} times"
-    made.add_scatter(
+    plot.add_scatter(
         x=x, y=y, mode="lines", name=name, line=dict(color="#ff2fd0", width=2), connectgaps=False
     )
 
 
 def planes(opened: Opened) -> go.Figure:
     """Light planes within the camera's field, the camera as a pyramid, and the mirror's axis."""
-    made = style.space("planes")
-    made.update_layout(scene_camera=_WHOLE)
+    plot = style.space("planes")
+    plot.update_layout(scene_camera=_WHOLE)
     scanner = scanner_of(opened)
     if scanner is None:
-        return made
+        return plot
     near, far = scanner.volume if scanner.volume is not None else (100.0, 200.0)
     space.light_planes(
-        made, space.patches(scanner.planes, scanner.camera, near, far), "light planes"
+        plot, space.patches(scanner.planes, scanner.camera, near, far), "light planes"
     )
-    space.lines(made, space.pyramid(scanner.camera, near)[None], "camera", style.INK, 3)
+    space.lines(plot, space.pyramid(scanner.camera, near)[None], "camera", style.INK, 3)
     if scanner.mirror is not None:
         axis, point = np.asarray(scanner.mirror.axis), np.asarray(scanner.mirror.point)
         ends = np.stack([point - 25 * axis, point + 25 * axis])
-        space.lines(made, ends[None], "mirror axis", style.VIOLET, 7)
-    return made
+        space.lines(plot, ends[None], "mirror axis", style.VIOLET, 7)
+    return plot
 
 
 def cloud(opened: Opened, place: int) -> go.Figure:
     """A cloud coloured by its distance from the fitted balls; the balls are translucent."""
-    made = style.space("cloud")
-    made.update_layout(scene_camera=_FROM_SENSOR)
+    plot = style.space("cloud")
+    plot.update_layout(scene_camera=_FROM_SENSOR)
     found = cloud_of(opened, place)
     if found is None:
-        return made
+        return plot
     on = np.isfinite(found.deviation)
     if (~on).any():
-        space.points(made, found.points[:, ~on], "not on a ball", size=1.6, color=style.GREY)
+        space.points(plot, found.points[:, ~on], "not on a ball", size=1.6, color=style.GREY)
     if on.any():
-        _deviations(made, found.points[:, on], 1000 * found.deviation[on])
+        _deviations(plot, found.points[:, on], 1000 * found.deviation[on])
     for ball in found.balls:
         centre = np.array([ball["x_mm"], ball["y_mm"], ball["z_mm"]])
-        space.ball(made, centre, ball["radius_mm"], ball_name(ball))
-    return made
+        space.ball(plot, centre, ball["radius_mm"], ball_name(ball))
+    return plot
 
 
-def _deviations(made, points: np.ndarray, deviation: np.ndarray) -> None:
+def _deviations(plot, points: np.ndarray, deviation: np.ndarray) -> None:
     top = _colour_range(deviation)
     x, y, z = np.round(points, 3)
     bar = dict(title=dict(text="from the fitted ball (µm)", side="right"), thickness=14, len=0.7)
-    made.add_scatter3d(
+    plot.add_scatter3d(
         x=x,
         y=y,
         z=z,
@@ -182,16 +182,16 @@ def ball_map(opened: Opened, place: int) -> go.Figure:
 
     Both angles in degrees are zero towards the sensor: the first is counted along x, the second along y.
     """
-    made = style.plane("direction along x (deg)", "direction along y (deg)", "ball-map")
+    plot = style.plane("direction along x (deg)", "direction along y (deg)", "ball-map")
     found = cloud_of(opened, place)
     if found is None:
-        return made
+        return plot
     on = np.isfinite(found.deviation)
     points, deviation = found.points[:, on], 1000 * found.deviation[on]
     top = _colour_range(deviation)
     for ball in found.balls:
         angles, near = _directions(points, ball)
-        made.add_scattergl(
+        plot.add_scattergl(
             x=np.round(angles[0], 2),
             y=np.round(angles[1], 2),
             mode="markers",
@@ -207,7 +207,7 @@ def ball_map(opened: Opened, place: int) -> go.Figure:
                 colorbar=dict(title=dict(text="from the ball (µm)", side="right"), thickness=14),
             ),
         )
-    return made.update_yaxes(scaleanchor="x")
+    return plot.update_yaxes(scaleanchor="x")
 
 
 def _directions(points: np.ndarray, ball: Mapping) -> tuple[np.ndarray, np.ndarray]:

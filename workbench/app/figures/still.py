@@ -20,15 +20,15 @@ _FIELD_RAD = np.pi / 4
 _GREY = "#d4d4d8"
 
 
-def still(made: go.Figure, overlay: Overlay | None = None) -> str:
+def still(plot: go.Figure, overlay: Overlay | None = None) -> str:
     """Address (data:) of an SVG image of the lines and marks of a framed scene, seen from its camera."""
-    view = _View(made.layout.scene)
+    view = _View(plot.layout.scene)
     parts = [_box(view)]
     above = [] if overlay is None else [go.Scatter3d(**trace) for trace in overlay.traces]
-    for trace in [*made.data, *above]:
+    for trace in [*plot.data, *above]:
         if len(trace.x):
             parts += _needles(view, trace) if trace.type == "mesh3d" else _marks(view, trace)
-    title = escape(made.layout.title.text or "")
+    title = escape(plot.layout.title.text or "")
     parts.append(
         f'<text x="{8 - WIDTH / 2}" y="{16 - HEIGHT / 2}" font-size="12" fill="{INK}">{title}</text>'
     )
@@ -61,8 +61,8 @@ class _View:
         return scale * np.stack([seen[0], -seen[1]]) / -seen[2]
 
 
-def _vector(one) -> np.ndarray:
-    return np.array([one.x, one.y, one.z], float)
+def _vector(values) -> np.ndarray:
+    return np.array([values.x, values.y, values.z], float)
 
 
 def _box(view: _View) -> str:

@@ -61,7 +61,7 @@ _TICKS = 6
 """Ticks of the longest axis; shorter ones have fewer, so that their numbers do not overlap."""
 
 
-def framed(made: go.Figure, low, high) -> go.Figure:
+def framed(plot: go.Figure, low, high) -> go.Figure:
     """Show the box from `low` (3,) to `high` (3,) mm completely, with the same scale on all axes."""
     spans = [max(float(b - a), 1e-3) for a, b in zip(low, high)]
     length = sum(span**2 for span in spans) ** 0.5
@@ -71,7 +71,7 @@ def framed(made: go.Figure, low, high) -> go.Figure:
         ticks = max(round(_TICKS * span / max(spans)), 2)
         scene[f"{name}axis"] = dict(range=[float(a), float(b)], nticks=ticks)
     ratio = {name: max(scale * span, 0.05) for name, span in zip("xyz", spans)}
-    return made.update_layout(scene=dict(aspectmode="manual", aspectratio=ratio, **scene))
+    return plot.update_layout(scene=dict(aspectmode="manual", aspectratio=ratio, **scene))
 
 
 def plain(text: object) -> str:

@@ -276,10 +276,10 @@ class Tab:
                 **events,
             )
 
-    def draw(self, name: str, made) -> None:
+    def draw(self, name: str, plot) -> None:
         """Send a figure in the view that was chosen for it."""
-        self._last_made[name] = made
-        self.figures[name].update(self._view_of[name].applied(made))
+        self._last_made[name] = plot
+        self.figures[name].update(self._view_of[name].applied(plot))
 
     def overlay(self, name: str, overlay: Overlay) -> None:
         """Draw marks above a figure, in place of those before, without drawing the figure."""
@@ -337,8 +337,8 @@ class Tab:
             self.draw_in_turn(**{name: functools.partial(self._prepared_or_made, name, key, make)})
 
     def _prepared_or_made(self, name: str, key: tuple, make: Callable):
-        known, made = self._prepared.pop(name, (None, None))
-        return made if known == key else make()
+        known, plot = self._prepared.pop(name, (None, None))
+        return plot if known == key else make()
 
     async def _draw_wanted(self) -> None:
         await asyncio.sleep(_TURN_S)

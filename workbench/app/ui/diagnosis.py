@@ -168,65 +168,65 @@ class DiagnosisTab(Tab):
 
     def refresh(self) -> None:
         self.work.look_for_diagnosis()
-        state, made = self.state, self.work.diagnosis
-        state.has_diagnosis = made is not None
+        state, opened = self.state, self.work.diagnosis
+        state.has_diagnosis = opened is not None
         state.no_diagnosis = (
             ""
-            if made is not None
+            if opened is not None
             else (
                 "There is no diagnosis yet. Start one in the tab Edit and rerun, or open a run of workbench diagnose."
             )
         )
-        if made is None:
+        if opened is None:
             return
-        answer = made.answer
-        found = data.places(answer, 0 if made.robot is None else made.robot.joints)
+        answer = opened.answer
+        found = data.places(answer, 0 if opened.robot is None else opened.robot.joints)
         state.places = [place.name for place in found]
         if state.place not in state.places:
             state.place = max(found, key=lambda place: (bool(place.found), place.share)).name
-        state.verdict_text, state.diagnosis_run = _verdict(answer), f"Run {made.folder.name}"
+        state.verdict_text, state.diagnosis_run = _verdict(answer), f"Run {opened.folder.name}"
         terms = [*answer["effects"], *answer["refused"]]
         state.terms = [_term_row(term, k < len(answer["effects"])) for k, term in enumerate(terms)]
         self._show_place(found)
-        key = (made, state.place)
+        key = (opened, state.place)
         self.draw_when_changed("chain", key, lambda: diagnosis.chain(found, key[1]))
-        self._show_before_after(made)
-        state.diagnosis_report = self.page.link_of(made.folder)
+        self._show_before_after(opened)
+        state.diagnosis_report = self.page.link_of(opened.folder)
         state.next_text = answer.get("next_experiment", "")
-        self._show_next(made)
+        self._show_next(opened)
 
-    def _show_next(self, made) -> None:
+    def _show_next(self, opened) -> None:
         """Poses of the next experiment in space and as a table."""
-        state, poses = self.state, data.next_poses(made.folder, made.robot)
+        state, poses = self.state, data.next_poses(opened.folder, opened.robot)
         state.has_next = poses is not None
         if poses is None:
             return
         state.next_names, state.next_rows = list(poses.names), poses.rows
         state.next_csv = poses.as_csv
-        state.next_file = self.page.link_of(made.folder, data.NEXT_POSES)
-        self.draw_when_changed("next", (made,), lambda: diagnosis.next_poses(made, poses))
+        state.next_file = self.page.link_of(opened.folder, data.NEXT_POSES)
+        self.draw_when_changed("next", (opened,), lambda: diagnosis.next_poses(opened, poses))
 
-    def _show_before_after(self, made) -> None:
+    def _show_before_after(self, opened) -> None:
         """Residuals of an arm over a quantity, or a histogram of those of images."""
         state = self.state
         state.no_before_after = ""
-        is_arm = made.residuals is not None and "before" in made.residuals.lengths
-        state.overs = list(quantities_of(made)) if is_arm else []
+        is_arm = opened.residuals is not None and "before" in opened.residuals.lengths
+        state.overs = list(quantities_of(opened)) if is_arm else []
         if state.over not in state.overs:
             state.over = next(iter(state.overs), "")
-        pixels = {} if is_arm else data.pixel_residuals(made.folder)
+        pixels = {} if is_arm else data.pixel_residuals(opened.folder)
         if is_arm:
             over = state.over
-            make = functools.partial(diagnosis.before_after, made, over)
-            self.draw_when_changed("before_after", (made, over), make)
+            make = functools.partial(diagnosis.before_after, opened, over)
+            self.draw_when_changed("before_after", (opened, over), make)
         elif pixels:
             make = functools.partial(diagnosis.pixel_histogram, pixels)
-            self.draw_when_changed("before_after", (made,), make)
+            self.draw_when_changed("before_after", (opened,), make)
         else:
             state.no_before_after = "This run has no table of residuals."
 
     def _show_place(self, found) -> None:
-        place = next(one for one in found if one.name == self.state.place)
+        place = next(candidate for candidate in found if candidate.name == self.state.place)
         self.state.place_text = (
             f"{place.name}: {100 * place.share:.0f} % of the mismatch can be explained by an effect here; "
             "the shares of several places overlap."
@@ -268,8 +268,8 @@ def _verdict(answer) -> str:
     return f"{answer['verdict'].capitalize()}: held-out RMS error {before:.4g} {unit} before, {after:.4g} {unit} after"
 
 
-def _term_row(term, kept: bool) -> dict:
-    label = data.term_label(term) + ("" if kept else " (not kept)")
+def _term_row(term, is_retained: bool) -> dict:
+    label = data.term_label(term) + ("" if is_retained else " (not kept)")
     return {"label": label, "problem": data.plan_problem(term).rstrip(".")}
 
 

@@ -180,10 +180,10 @@ class EditTab(Tab):
         work, state = self.work, self.state
         stages, effects = stage_items(work.opened, work.session, work.runs[:-1])
         units = Units.of(work.opened.samples)
-        for one in stages:
-            one["label"] = f"{one['name']} ({one['state']})"
-        for one in effects:
-            one["label"] = effect_title(one["name"], units)
+        for stage in stages:
+            stage["label"] = f"{stage['name']} ({stage['state']})"
+        for stage in effects:
+            stage["label"] = effect_title(stage["name"], units)
         state.stages, state.effects = stages, effects
         state.has_plan = work.session.command == CALIBRATE
         state.plan_text = plan_sentence(work.session)

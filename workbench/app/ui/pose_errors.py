@@ -58,7 +58,7 @@ class PoseErrors:
     def refresh(self) -> bool:
         """Send bars and table; whether the run has such errors."""
         errors = pose_errors(self.tab.work.opened)
-        self.state.pose_errors = [_row(one) for one in errors]
+        self.state.pose_errors = [_row(error) for error in errors]
         self.state.pose_error_unit = errors[0].unit if errors else ""
         if errors:
             self.tab.draw_in_turn(pose_errors=lambda: hand_eye.bars(self.tab.work))

@@ -202,7 +202,7 @@ class ResidualsTab(Tab):
         if state.quantity not in work.quantities:
             state.quantity = next(iter(work.quantities), "")
         state.kinds = _kind_items(work.opened.residuals)
-        if state.kind not in [one["value"] for one in state.kinds]:
+        if state.kind not in [kind["value"] for kind in state.kinds]:
             state.kind = ""
         state.no_arrows = (
             "The positions of the residuals of this diagnosis are not known; those of a calibration are."
@@ -329,7 +329,11 @@ class ResidualsTab(Tab):
 
     def on_bar(self, bins, mode=REPLACE) -> None:
         """Select the samples of a bar of the histogram: (low mm, high mm, kind of residual)."""
-        found = [one for one in bins if isinstance(one, list | tuple) and len(one) == 3]
+        found = [
+            selected_bin
+            for selected_bin in bins
+            if isinstance(selected_bin, list | tuple) and len(selected_bin) == 3
+        ]
         if found:
             low, high = (number_of(end, "bin") for end in found[0][:2])
             self.work.select_lengths(low, high, str(found[0][2]), _checked_mode(mode))

@@ -43,16 +43,16 @@ class View:
         self._changes += 1
         self.camera = None if action == RESET else moved_camera(camera, action)
 
-    def applied(self, made) -> "Seen":
+    def applied(self, plot) -> "Seen":
         """The figure in this view."""
-        return Seen(made, self.camera, self._changes)
+        return Seen(plot, self.camera, self._changes)
 
 
 class Seen:
     """A plotly figure in a view that a person chose."""
 
-    def __init__(self, made, camera: dict | None, changes: int):
-        self._made, self._camera, self._changes = made, camera, changes
+    def __init__(self, plot, camera: dict | None, changes: int):
+        self._made, self._camera, self._changes = plot, camera, changes
 
     def to_plotly_json(self) -> dict:
         """What the browser draws. Another `uirevision` has it forget how the figure was turned or zoomed by mouse."""

@@ -84,10 +84,12 @@ def safe_name(name: object) -> str:
     """The name of a file without any folder. Raises InputError where nothing is left of it."""
     text = str(name or "").replace("\\", "/")
     last = PurePosixPath(text).name
-    kept = "".join(letter for letter in last if letter.isprintable() and letter not in '<>:"|?*')
-    if kept.strip(". ") == "":
+    printable = "".join(
+        letter for letter in last if letter.isprintable() and letter not in '<>:"|?*'
+    )
+    if printable.strip(". ") == "":
         raise InputError(f"File {text[:40]!r}: expected a file name, found none; rename the file")
-    return kept[-_MOST_NAME:].lstrip(".")
+    return printable[-_MOST_NAME:].lstrip(".")
 
 
 def _content(file: Mapping) -> bytes:

@@ -69,8 +69,8 @@ def _as_text(unit: str | list) -> str:
 def _unit_items(name: str, group: Mapping) -> list[dict]:
     """Units that a quantity can have, and the units of single columns where the mapping states them."""
     unit = group.get("unit")
-    own = _items([_as_text(unit)]) if isinstance(unit, list) else []
-    return [_TESTED, *own, *_items(_UNITS[name])]
+    unit_items = _items([_as_text(unit)]) if isinstance(unit, list) else []
+    return [_TESTED, *unit_items, *_items(_UNITS[name])]
 
 
 def _items(names: Iterable[str]) -> list[dict]:
@@ -98,7 +98,7 @@ def other_rows(keys: Mapping, table: RawTable | None) -> list[dict]:
     if table is None:
         return []
     taken = {name for row in form_rows(keys, None) for name in row["columns"]}
-    left = [name for name in table.columns if name not in taken]
+    remaining = [name for name in table.columns if name not in taken]
     named = keys.get("columns", {})
     times = () if "time" in keys else time_columns(table)
     return [
@@ -108,7 +108,7 @@ def other_rows(keys: Mapping, table: RawTable | None) -> list[dict]:
             "unnamed": _TIME if name in times else _NOT_USED,
             "cells": first_cells(table, [name]),
         }
-        for name in left
+        for name in remaining
     ]
 
 
@@ -160,11 +160,11 @@ def _release(keys: dict, name: str, columns: list[str]) -> None:
     group = keys.get(name)
     if not group or not set(group["columns"]) & set(columns):
         return
-    kept = [k for k, column in enumerate(group["columns"]) if column not in columns]
+    column_places = [k for k, column in enumerate(group["columns"]) if column not in columns]
     keys.pop(name)
-    if not kept:
+    if not column_places:
         return
-    keys[name] = {"columns": [group["columns"][k] for k in kept]}
+    keys[name] = {"columns": [group["columns"][k] for k in column_places]}
     unit = group.get("unit")
     if unit:
-        keys[name]["unit"] = [unit[k] for k in kept] if isinstance(unit, list) else unit
+        keys[name]["unit"] = [unit[k] for k in column_places] if isinstance(unit, list) else unit

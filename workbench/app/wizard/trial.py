@@ -88,12 +88,12 @@ def try_import(
     scratch = TemporaryDirectory(prefix="workbench-trial-")
     chosen = _with_asker(options, ask)
     try:
-        made = import_recording(paths, Path(scratch.name) / _MADE, chosen, progress)
+        imported = import_recording(paths, Path(scratch.name) / _MADE, chosen, progress)
     except _Unanswered as open_one:
         return Trial(question=open_one.question)
     except InputError as problem:
         return Trial(problem=str(problem))
-    return Trial(result=made, scratch=scratch)
+    return Trial(result=imported, scratch=scratch)
 
 
 def _with_asker(options: ImportOptions, ask) -> ImportOptions:

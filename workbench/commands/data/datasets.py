@@ -72,7 +72,7 @@ def known() -> list[dict]:
     import datasets
 
     bundled = [datasets.read(folder) for folder in _bundled().values()]
-    own = [
+    user_datasets = [
         {
             "name": name,
             "title": found.title,
@@ -84,7 +84,7 @@ def known() -> list[dict]:
         }
         for (name, folder), found in zip(_bundled().items(), bundled)
     ]
-    return own + datasets.listing()
+    return user_datasets + datasets.listing()
 
 
 def _bundled() -> dict[str, Path]:

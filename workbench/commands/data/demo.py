@@ -96,11 +96,11 @@ def _from_images(run: runs.Run, say) -> dict:
     truth = render(scene(), folder / IMAGES, say)["truth"]
     runs.replace_file(folder / "truth.json", answer.as_text(truth))
     found = datasets.read(folder / IMAGES)
-    made = calibration_run.solve_into(folder, place, found, "rendered images", {}, say, True)
+    calibration = calibration_run.solve_into(folder, place, found, "rendered images", {}, say, True)
     return {
-        **made,
+        **calibration,
         "recording": str(place / IMAGES),
-        "against_truth": centre_errors(made["sensor"]["scans"], truth),
+        "against_truth": centre_errors(calibration["sensor"]["scans"], truth),
     }
 
 

@@ -177,8 +177,8 @@ def _propose(sources: Sequence[Path], file: Path, options, json: str | None) -> 
             _write_unjoined(*unjoined, problem, file, json)
             return
     found, guess = _guessed(found, options)
-    left = never_read(found, found.mapping, with_times=True)
-    unused = ", ".join(f"'{name}'" for name in left) or "none"
+    unread = never_read(found, found.mapping, with_times=True)
+    unused = ", ".join(f"'{name}'" for name in unread) or "none"
     said = (*found.warnings, *found.left_out())
     lines = ["Proposed from the headers. Columns that are not used: " + unused, *said, *guess]
     comment = "".join(f"# {line}\n" for line in lines)
@@ -190,7 +190,7 @@ def _propose(sources: Sequence[Path], file: Path, options, json: str | None) -> 
     else:
         write_mapping(found.mapping, file, comment)
     result = {"command": "import", "mapping": found.mapping.as_keys(), "file": file}
-    answer.deliver({**result, "unused_columns": list(left), "warnings": list(said)}, json)
+    answer.deliver({**result, "unused_columns": list(unread), "warnings": list(said)}, json)
     console = answer.console(json)
     for sentence in said:
         console.print(f"Warning: {sentence}", style="bold red", markup=False, soft_wrap=True)

@@ -73,11 +73,11 @@ def next_lines(result, sources: Sequence[Path], folder: Path) -> list[str]:
 
 def show(console, answer: Mapping, result) -> None:
     """Warnings, mapping, fit of each candidate and the first rows."""
-    doubts = answer.get("doubts", ())
+    warnings = answer.get("doubts", ())
     for sentence in answer["warnings"]:
-        if sentence not in doubts:
+        if sentence not in warnings:
             console.print(f"Note: {sentence}", markup=False, soft_wrap=True)
-    for sentence in doubts:
+    for sentence in warnings:
         console.print(f"Warning: {sentence}", style="bold red", markup=False, soft_wrap=True)
     images = f", {answer['images']} images" if answer["images"] else ""
     head = f"{answer['measures']}, {answer['samples']} samples{images}"

@@ -35,19 +35,20 @@ def command(
     with answer.progress(f"writing {folder}") as say:
         from workbench.recordings.templates import write_template
 
-        made = write_template(kind, folder, robot, say)
+        template = write_template(kind, folder, robot, say)
     result = {
         "command": "new",
-        "measures": made.measures,
-        "samples": made.samples,
-        "images": made.images,
-        "files": list(made.files),
-        "folder": made.folder,
+        "measures": template.measures,
+        "samples": template.samples,
+        "images": template.images,
+        "files": list(template.files),
+        "folder": template.folder,
     }
     answer.deliver(result, json)
     console = answer.console(json)
-    images = f", {made.images} images" if made.images else ""
+    images = f", {template.images} images" if template.images else ""
     console.print(
-        f"{made.measures}: {made.samples} example rows{images}; see recording.toml", markup=False
+        f"{template.measures}: {template.samples} example rows{images}; see recording.toml",
+        markup=False,
     )
-    console.print(str(made.folder), markup=False, soft_wrap=True)
+    console.print(str(template.folder), markup=False, soft_wrap=True)

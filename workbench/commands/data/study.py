@@ -48,26 +48,26 @@ def command(
     with answer.progress(f"reading {study}") as say:
         from workbench.studies.study import carried_out
 
-        def close(made, place, tell):
-            _close(made, place, tell, no_report)
+        def close(study_run, place, tell):
+            _close(study_run, place, tell, no_report)
 
         finished = carried_out(study, out, workers, scheduler, say, close)
     _deliver(finished, json)
 
 
-def _close(made, place: Path, say, no_report: bool) -> None:
+def _close(study_run, place: Path, say, no_report: bool) -> None:
     """Write answer.json and the report page into the folder of a study with a finished table."""
     from workbench.studies.summary import summary
 
     say("computing the summary")
-    found = summary(made)
-    runs.replace_file(made.path / "answer.json", answer.as_text({**found, "run": place}))
+    found = summary(study_run)
+    runs.replace_file(study_run.path / "answer.json", answer.as_text({**found, "run": place}))
     if not no_report:
         from workbench.report.page import write_sheet
         from workbench.report.study.page import page
 
         say("writing the report")
-        write_sheet(page(made, found), made.path)
+        write_sheet(page(study_run, found), study_run.path)
 
 
 def _deliver(finished, json: str | None) -> None:

@@ -37,10 +37,10 @@ def command(
 
         tolerances = answer.read_tolerances(tolerance, read_head(recording)[0].measures)
         with runs.opened("calibrate-large", recording, out) as run:
-            made = calibrate_chunks(recording, plan, folds, say, trust_data)
-            save(made, run.partial)
-            verdict = calibration_verdict(made.held_out, made.noise, tolerances)
-            result = {**made.as_json(), "verdict": verdict.as_json(), "run": run.path}
+            calibration = calibrate_chunks(recording, plan, folds, say, trust_data)
+            save(calibration, run.partial)
+            verdict = calibration_verdict(calibration.held_out, calibration.noise, tolerances)
+            result = {**calibration.as_json(), "verdict": verdict.as_json(), "run": run.path}
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
     console = answer.console(json)

@@ -109,17 +109,17 @@ def _centres(found, scanner, folder, path, options, say):
     ball_centres.check_arm(found)
     scans = scan.scan(found, scanner, folder, say)
     ball_centres.save(scans, folder)
-    made = ball_centres.required(scans)
+    centres = ball_centres.required(scans)
     sensor_keys = {"sensor": ball_centres.as_json(scans, path)}
     if scans.calibration is not None:
         from workbench.jobs.sensor.scanner import as_json
 
         sensor_keys["sensor"]["calibration"] = as_json(scans.calibration)
     lists = {
-        key: ball_centres.renumbered(scans, made, options.get(key))
+        key: ball_centres.renumbered(scans, centres, options.get(key))
         for key in ("fit_samples", "test_samples")
     }
-    return scans, sensor_keys, made, {**options, **lists}
+    return scans, sensor_keys, centres, {**options, **lists}
 
 
 def deliver(result: dict, run: runs.Run, json: str | None) -> None:

@@ -115,8 +115,8 @@ def command(
 
         tolerances = parse_tolerances(tolerance)
         limits = Limits(max_correction_mm, max_correction_deg, max_sigma_mm, max_joint_change_deg)
-        whole = checked(read_solution(solution), solution, force, limits)
-        arm = without_terms(whole, without or (), str(solution))
+        solution_keys = checked(read_solution(solution), solution, force, limits)
+        arm = without_terms(solution_keys, without or (), str(solution))
         programme = read_programme(targets, arm.robot, map)
         programme, stated = configured(programme, arm, start)
         covariates = covariates_of(arm, programme)
@@ -127,7 +127,7 @@ def command(
         judged = judge_targets(arm, programme, found, limits)
         refused, forced = ({}, judged.refused) if force else (judged.refused, {})
         said = [*stated, *judged.warnings, *_changes(arm, programme, found), *_forced(forced)]
-        if off := switched_off_warning(whole, arm, found.readings, covariates):
+        if off := switched_off_warning(solution_keys, arm, found.readings, covariates):
             said.append(off)
         with runs.opened("compensate", targets.stem, out) as run:
             result = {
@@ -162,8 +162,8 @@ def _forced(reasons: Mapping[int, list[str]]) -> list[str]:
 def _unattainable(arm, programme, found, covariates) -> list[str]:
     from workbench.jobs.robot.unattainable import unattainable_targets
 
-    left = unattainable_targets(arm, programme.readings, found, covariates)
-    return [one.sentence for one in left]
+    unattainable = unattainable_targets(arm, programme.readings, found, covariates)
+    return [target.sentence for target in unattainable]
 
 
 def _configurations(arm, programme, found) -> list[dict]:
@@ -186,13 +186,13 @@ def _summary(arm, found, refused) -> dict:
 
     noise = known_noise(arm).noise
     reached = found.reached
-    kept = reached.copy()
-    kept[list(refused)] = False
+    is_usable = reached.copy()
+    is_usable[list(refused)] = False
     return {
         "command": "compensate",
         "count": len(reached),
         "reached": int(reached.sum()),
-        "corrected_count": int(kept.sum()),
+        "corrected_count": int(is_usable.sum()),
         "unreached_rows": _rows(~reached),
         "beyond_limits_rows": _rows(found.beyond_limits),
         "unattainable_rows": _rows(~reached & ~found.beyond_limits),
@@ -201,14 +201,14 @@ def _summary(arm, found, refused) -> dict:
         "refused": [{"row": k + 1, "why": "; ".join(why)} for k, why in sorted(refused.items())],
         "largest_correction_mm": _largest(found.position_mm[reached]),
         "largest_correction_deg": _largest(found.rotation_deg[reached]),
-        "correction_rms_mm": _rms(found.correction_mm[kept]),
-        "left_rms_mm": _rms(found.left_mm[kept]),
-        "position_left_rms_mm": _rms(found.position_left_mm[kept]),
-        "rotation_left_rms_deg": _rms(found.rotation_left_deg[kept]),
-        "sigma_rms_mm": _rms(found.sigma_mm[kept]),
-        "uncertainty_rms_mm": _rms(found.uncertainty_mm[kept]),
+        "correction_rms_mm": _rms(found.correction_mm[is_usable]),
+        "left_rms_mm": _rms(found.left_mm[is_usable]),
+        "position_left_rms_mm": _rms(found.position_left_mm[is_usable]),
+        "rotation_left_rms_deg": _rms(found.rotation_left_deg[is_usable]),
+        "sigma_rms_mm": _rms(found.sigma_mm[is_usable]),
+        "uncertainty_rms_mm": _rms(found.uncertainty_mm[is_usable]),
         "coverage_factor": COVERAGE_FACTOR,
-        "expanded_uncertainty_max_mm": _largest(found.expanded_uncertainty_mm[kept]),
+        "expanded_uncertainty_max_mm": _largest(found.expanded_uncertainty_mm[is_usable]),
         "expected_error_mm": arm.held_out_mm,
         "model_error_mm": model_error_mm(arm),
         "noise_mm": None if noise is None else float(noise.value),
@@ -233,23 +233,27 @@ def _verdict(arm, found, refused, tolerances):
     from workbench.fitting.verdicts.verdict import Residual, judge, no_verdict
     from workbench.jobs.robot.model_error import known_noise, remaining_error_mm
 
-    kept = found.reached.copy()
-    kept[list(refused)] = False
-    if not kept.any():
+    is_usable = found.reached.copy()
+    is_usable[list(refused)] = False
+    if not is_usable.any():
         return no_verdict("No target is corrected, so there is no error to judge.")
-    own = float((found.sigma_mm[kept] ** 2 + found.position_left_mm[kept] ** 2).max())
+    largest_variance = float(
+        (found.sigma_mm[is_usable] ** 2 + found.position_left_mm[is_usable] ** 2).max()
+    )
     remaining = remaining_error_mm(arm)
-    largest = math.hypot(remaining, math.sqrt(own))
+    largest = math.hypot(remaining, math.sqrt(largest_variance))
     residual = Residual(largest, "mm", _JUDGED, has_noise=False)
     known = known_noise(arm)
-    made = judge(residual, known.noise, tolerances)
-    return replace(made, sentence=f"{made.sentence} {_composition(remaining, own, known)}")
+    verdict = judge(residual, known.noise, tolerances)
+    return replace(
+        verdict, sentence=f"{verdict.sentence} {_composition(remaining, largest_variance, known)}"
+    )
 
 
-def _composition(remaining: float, own: float, known) -> str:
+def _composition(remaining: float, own_error: float, known) -> str:
     """What the largest expected error consists of, and where the noise of the instrument is."""
     parts = (
-        f"It combines {_remaining_words(remaining)} and {math.sqrt(own):.3g} mm of uncertainty at that target "
+        f"It combines {_remaining_words(remaining)} and {math.sqrt(own_error):.3g} mm of uncertainty at that target "
         "(parameters, extrapolation, effects found and not retained, inverse-kinematics residual)"
     )
     noise = known.noise
@@ -304,11 +308,11 @@ def _show(console, result) -> None:
             f"{result['largest_correction_deg']:.3g} deg.",
             markup=False,
         )
-    for one in result["configurations"]:
-        count = len(one["rows"])
+    for configuration in result["configurations"]:
+        count = len(configuration["rows"])
         console.print(
             f"Configuration of the arm at {count} target{'s' if count > 1 else ''}: "
-            f"{one['configuration']} (--start chooses another).",
+            f"{configuration['configuration']} (--start chooses another).",
             markup=False,
         )
     for sentence in result["warnings"]:
@@ -347,8 +351,8 @@ def _show_unreached(console, result) -> None:
 
 
 def _show_refused(console, refused) -> None:
-    for one in refused[:_NAMED]:
-        why = f"Target {one['row']} is refused and has no readings in corrected.csv: {one['why']}."
+    for refusal in refused[:_NAMED]:
+        why = f"Target {refusal['row']} is refused and has no readings in corrected.csv: {refusal['why']}."
         console.print(why, markup=False)
     if len(refused) > _NAMED:
         console.print(

@@ -80,7 +80,7 @@ def command(
             _diagnose_sensor(found, recording, (out, json, no_report), tolerances, say)
             return
         with runs.opened("diagnose", recording, out) as run:
-            made = diagnose(
+            diagnosis = diagnose(
                 found,
                 baseline=baseline,
                 simulation=simulation,
@@ -91,11 +91,11 @@ def command(
                 jobs=jobs or cores(),
                 trust_data=trust_data,
             )
-            save(made, run.partial)
+            save(diagnosis, run.partial)
             sessions.keep(edits, run.partial)
-            model = write_model(made, found, run.partial, say, trust_data)
-            result = made.as_json()
-            result |= check_diagnosis(made, found, tolerances).keys(result)
+            model = write_model(diagnosis, found, run.partial, say, trust_data)
+            result = diagnosis.as_json()
+            result |= check_diagnosis(diagnosis, found, tolerances).keys(result)
             result |= {
                 "model": model.as_json(run.path),
                 "input": runs.input_name(recording),
@@ -103,7 +103,7 @@ def command(
             }
             if not no_report:
                 say("writing the report")
-                _report(made, run.partial)
+                _report(diagnosis, run.partial)
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
     console = answer.console(json)
@@ -166,13 +166,13 @@ def _check_scanner(found, scanner: Path | None) -> None:
         )
 
 
-def _report(made, folder: Path) -> None:
+def _report(diagnosis, folder: Path) -> None:
     from workbench.report.diagnosis.page import page
     from workbench.report.diagnosis.summary_image import write_summary
     from workbench.report.page import write_sheet
 
-    write_sheet(page(made), folder)
-    write_summary(made, folder / "summary.png")
+    write_sheet(page(diagnosis), folder)
+    write_summary(diagnosis, folder / "summary.png")
 
 
 def show(console, result) -> None:
@@ -190,7 +190,9 @@ def show(console, result) -> None:
     console.print()
     names = {"before": "baseline", "after": "with the findings", "noise": "noise"}
     units = [unit, "deg"] if "after_deg" in held_out else [unit]
-    rows = [[name, *(held_out.get(f"{key}_{one}") for one in units)] for key, name in names.items()]
+    rows = [
+        [name, *(held_out.get(f"{key}_{unit}") for unit in units)] for key, name in names.items()
+    ]
     scheme = f" ({held_out['scheme']})" if held_out["scheme"] else ""
     title = (
         f"Held-out error, RMS, {held_out['folds']} folds{scheme}; noise {held_out['noise_from']}"
@@ -267,5 +269,8 @@ def _show_differences(console, found) -> None:
         console.print(
             f"Noise: stated {noise['stated']:.3g} mm, found {noise['found']:.3g} mm, factor {noise['factor']:.3g}."
         )
-    names = ", ".join(f"{one['effect']} at {one['where']}" for one in found["physics"]) or "none"
+    names = (
+        ", ".join(f"{effect['effect']} at {effect['where']}" for effect in found["physics"])
+        or "none"
+    )
     console.print(f"Physics that is not in the simulation: {names}.", markup=False)

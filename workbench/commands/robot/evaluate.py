@@ -69,14 +69,14 @@ def command(
         read = datasets.read(recording, trust_data)
         tolerances = answer.read_tolerances(tolerance, read.measures)
         say(f"predicting {read.n} samples")
-        made = evaluate(arm, read, str(refit), trust_data, later)
-        save(made, run.partial)
-        result = made.as_json(tolerances)
+        evaluated = evaluate(arm, read, str(refit), trust_data, later)
+        save(evaluated, run.partial)
+        result = evaluated.as_json(tolerances)
         if not no_report:
             from workbench.report.page import write_sheet
             from workbench.report.planning import evaluation
 
-            write_sheet(evaluation.page(made, result), run.partial)
+            write_sheet(evaluation.page(evaluated, result), run.partial)
         return {**result, "solution": solution}
 
     flow.run("evaluate", recording, out, json, work, _show)

@@ -166,8 +166,8 @@ def _made(content, source: Path, output, frames: _Frames, options: ArmOptions, s
     if kind == CAMERA:
         text, left_out = _camera(path, to)
         return {file: text}, left_out, ()
-    made = export_arm(path, to, file, options, step)
-    return made.texts, made.left_out, made.notes
+    exported = export_arm(path, to, file, options, step)
+    return exported.texts, exported.left_out, exported.notes
 
 
 def _choose(source: Path, to: str) -> tuple[str, Path]:
@@ -248,10 +248,12 @@ def _hand_eye(
     )
 
     found = checked_hand_eye(read_hand_eye(path), path, force)
-    made = StaticTransform(found.matrix, frames.parent or found.parent, frames.child or CHILD)
+    hand_eye_transform = StaticTransform(
+        found.matrix, frames.parent or found.parent, frames.child or CHILD
+    )
     texts = {
-        file: transform_yaml(made),
-        file.with_name(f"{file.stem}.launch.yaml"): launch_yaml(made),
+        file: transform_yaml(hand_eye_transform),
+        file.with_name(f"{file.stem}.launch.yaml"): launch_yaml(hand_eye_transform),
     }
-    check_static_transform(made, *texts.values())
+    check_static_transform(hand_eye_transform, *texts.values())
     return texts, ["the uncertainty of the transform"]

@@ -102,8 +102,8 @@ def _geometry_alone(arm, to: str, file: Path, options: ArmOptions, back) -> ArmE
         "mdh-json": _table,
         "mdh-csv": _table,
     }
-    made = makers[to](fit.arm if fit else arm, file, options, to, back)
-    return replace(made, notes=(*made.notes, fit.sentence)) if fit else made
+    exported = makers[to](fit.arm if fit else arm, file, options, to, back)
+    return replace(exported, notes=(*exported.notes, fit.sentence)) if fit else exported
 
 
 def _table(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
@@ -130,34 +130,36 @@ def _urdf(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
         back()
         check_urdf(arm, text)
         return ArmExport({file: text}, left_out(arm))
-    made = patched_urdf(arm, spec)
+    urdf_text = patched_urdf(arm, spec)
     back()
-    check_patched_urdf(arm, made.content, spec, exact=_is_own(arm, spec) and made.is_whole)
-    joints = ", ".join(made.changed) or "none"
+    check_patched_urdf(
+        arm, urdf_text.content, spec, exact=_is_own(arm, spec) and urdf_text.is_whole
+    )
+    joints = ", ".join(urdf_text.changed) or "none"
     note = f"Only origins were changed, of joints {joints}; all else is as in {spec['urdf']}."
-    return ArmExport({file: made.content}, list(made.left_out), (note,))
+    return ArmExport({file: urdf_text.content}, list(urdf_text.left_out), (note,))
 
 
 def _urdf_spec(arm, options: ArmOptions) -> dict | None:
     """What names the URDF to patch: --urdf, else the file that the arm was calibrated with; None where it is MJCF."""
     from robot_model.mjcf import is_mjcf
 
-    own = dict(arm.keys["robot"])
-    if "urdf" not in own or is_mjcf(Path(own["urdf"])):
-        own = {}
+    robot_keys = dict(arm.keys["robot"])
+    if "urdf" not in robot_keys or is_mjcf(Path(robot_keys["urdf"])):
+        robot_keys = {}
     if options.urdf is not None:
-        own |= description_keys(options.urdf)
+        robot_keys |= description_keys(options.urdf)
     if options.tip is not None:
-        own["tip"] = options.tip
-    return own if "urdf" in own else None
+        robot_keys["tip"] = options.tip
+    return robot_keys if "urdf" in robot_keys else None
 
 
 def _is_own(arm, spec: dict) -> bool:
     """Whether a URDF is the one that the arm was calibrated with, or a copy of it, with the same flange."""
-    own = arm.keys["robot"]
-    if "urdf" not in own or own.get("tip") != spec.get("tip"):
+    robot_keys = arm.keys["robot"]
+    if "urdf" not in robot_keys or robot_keys.get("tip") != spec.get("tip"):
         return False
-    return filecmp.cmp(own["urdf"], spec["urdf"], shallow=False)
+    return filecmp.cmp(robot_keys["urdf"], spec["urdf"], shallow=False)
 
 
 def _mjcf(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
@@ -193,8 +195,8 @@ def _python(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
     text = python_module(arm)
     back()
     check_python(arm, text)
-    held = set(map(id, observed_effects(arm)))
-    return ArmExport({file: text}, [e.title for e in arm.effects if id(e) not in held])
+    observed = set(map(id, observed_effects(arm)))
+    return ArmExport({file: text}, [e.title for e in arm.effects if id(e) not in observed])
 
 
 def _ros(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
@@ -269,14 +271,15 @@ def _own_program(arm, to: str, options: ArmOptions, found, back) -> tuple[bytes,
     flange = nominal_poses(arm.robot, found.readings)
     stated = frames_of(None if options.map is None else read_mapping(options.map))
     readings = np.rad2deg(found.readings)
-    made = patched_program(options.targets, maker, readings, flange, stated)
+    programme = patched_program(options.targets, maker, readings, flange, stated)
     back()
-    check_patched_program(arm, options.targets, made.content, found.readings, options.map)
+    check_patched_program(arm, options.targets, programme.content, found.readings, options.map)
     note = (
-        f"Only the numbers of {made.count} positions were changed: moves, names, speeds, tools and comments are those "
+        f"Only the numbers of {programme.count} positions were changed: moves, names, speeds, tools "
+        "and comments are those "
         f"of {options.targets.name}."
     )
-    return made.content, note
+    return programme.content, note
 
 
 def _configuration_notes(arm, programme, found) -> list[str]:
@@ -286,7 +289,7 @@ def _configuration_notes(arm, programme, found) -> list[str]:
     if programme.poses is None:
         return []
     named = [
-        f"Configuration of the arm at {len(one['rows'])} targets: {one['configuration']}."
-        for one in configurations_json(arm.robot, found.readings)
+        f"Configuration of the arm at {len(configuration['rows'])} targets: {configuration['configuration']}."
+        for configuration in configurations_json(arm.robot, found.readings)
     ]
     return [*named, *configuration_changes(arm.robot, found.readings)]

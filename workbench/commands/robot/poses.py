@@ -188,9 +188,9 @@ def _show(console, result) -> None:
     tables.grid(console, f"Poses from {result['recording']}", head, rows)
     if result["predicted"]:
         _show_predicted(console, result["poses"], result["predicted"])
-    left = [f"{count} {why}" for why, count in result["left_out"].items() if count]
-    if left:
-        console.print(f"Excluded candidates: {', '.join(left)}.")
+    left_out = [f"{count} {why}" for why, count in result["left_out"].items() if count]
+    if left_out:
+        console.print(f"Excluded candidates: {', '.join(left_out)}.")
     console.print(
         "Not identifiable from these poses:"
         if result["undetermined"]

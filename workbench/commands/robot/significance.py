@@ -68,8 +68,10 @@ def _show(console, result) -> None:
         f"{result['robot']}: mean change by {step}, {result['points']} {result['configurations']}"
     )
     tables.grid(console, title, ["parameter", "position, mm", "x axis", "y axis", "z axis"], rows)
-    for part, left in result["without_effect"].items():
-        angles = [key for key in left if ".d" not in key and (".a" not in key or "alpha" in key)]
+    for part, index_without in result["without_effect"].items():
+        angles = [
+            key for key in index_without if ".d" not in key and (".a" not in key or "alpha" in key)
+        ]
         if part != "position" and angles:
             console.print(
                 f"The {part} axis alone is not sensitive to {', '.join(angles)}.", markup=False

@@ -105,7 +105,7 @@ def _summary(found, wrench) -> dict:
     import numpy as np
 
     translational = found.translational()
-    made = {
+    summary = {
         "command": "stiffness",
         "count": len(found.points),
         "compliance_least_mm_per_n": float(translational[:, 0].min()),
@@ -121,14 +121,14 @@ def _summary(found, wrench) -> dict:
         "verdict": no_verdict(_NO_RESIDUAL).as_json(),
     }
     if wrench is None:
-        return made
+        return summary
     moved = found.deflection(np.array(wrench))
     parts = {part: np.linalg.norm(value[:, :3], axis=1) for part, value in moved.items()}
     total = np.linalg.norm(sum(moved.values())[:, :3], axis=1)
-    made["deflection_rms_mm"] = {part: _rms(value) for part, value in parts.items()}
-    made["deflection_rms_mm"]["total"] = _rms(total)
-    made["deflection_max_mm"] = float(total.max())
-    return made
+    summary["deflection_rms_mm"] = {part: _rms(value) for part, value in parts.items()}
+    summary["deflection_rms_mm"]["total"] = _rms(total)
+    summary["deflection_max_mm"] = float(total.max())
+    return summary
 
 
 def _models(found, wrench) -> list[dict]:

@@ -61,14 +61,14 @@ def command(
 
         read = edit_session.edited(edits, datasets.read(recording))
         edit_session.keep(edits, run.partial)
-        made = camera.calibrate(read, model.value, say)
-        camera.save(made, run.partial)
+        calibration = camera.calibrate(read, model.value, say)
+        camera.save(calibration, run.partial)
         if not no_report:
             say("writing the report")
-            _report(made, run.partial)
+            _report(calibration, run.partial)
         result = {
             "recording": recording,
-            **camera.as_json(made, tolerances),
+            **camera.as_json(calibration, tolerances),
             "camera_file": run.path / camera.FILE,
         }
         return flow.with_reading_warnings(result, read)
@@ -76,11 +76,11 @@ def command(
     flow.run("camera", recording, out, json, work, sensor_tables.camera)
 
 
-def _report(made, folder) -> None:
+def _report(calibration, folder) -> None:
     from workbench.report.page import write_sheet
     from workbench.report.sensor import summary_image
     from workbench.report.sensor.camera import page
 
-    sheet = page(made)
+    sheet = page(calibration)
     write_sheet(sheet, folder)
-    summary_image.write_summary(sheet, summary_image.camera(made), folder)
+    summary_image.write_summary(sheet, summary_image.camera(calibration), folder)

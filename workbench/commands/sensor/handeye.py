@@ -81,16 +81,18 @@ def command(
         units = hand_eye_verdict.PROFILE_UNITS if is_profile else hand_eye_verdict.UNITS
         tolerances = verdict.parse_tolerances(tolerance, units)
         sensor = options["camera"] or options["scanner"]
-        made = hand_eye.calibrate(
+        hand_eye_run = hand_eye.calibrate(
             read, sensor and Path(sensor), options["kind"], say, options["trust_data"]
         )
-        hand_eye.save(made, run.partial)
+        hand_eye.save(hand_eye_run, run.partial)
         edit_session.keep(edits, run.partial)
         if not no_report:
             say("writing the report")
-            _report(made, run.partial)
+            _report(hand_eye_run, run.partial)
         stated = {"recording": recording, "options": options}
-        return flow.with_reading_warnings({**stated, **hand_eye.as_json(made, tolerances)}, read)
+        return flow.with_reading_warnings(
+            {**stated, **hand_eye.as_json(hand_eye_run, tolerances)}, read
+        )
 
     flow.run(HAND_EYE, recording, out, json, work, sensor_tables.handeye)
 
@@ -116,11 +118,11 @@ def _session_options(edits) -> dict:
     }
 
 
-def _report(made, folder) -> None:
+def _report(hand_eye_run, folder) -> None:
     from workbench.report.page import write_sheet
     from workbench.report.sensor import summary_image
     from workbench.report.sensor.handeye import page
 
-    sheet = page(made)
+    sheet = page(hand_eye_run)
     write_sheet(sheet, folder)
-    summary_image.write_summary(sheet, summary_image.handeye(made), folder)
+    summary_image.write_summary(sheet, summary_image.handeye(hand_eye_run), folder)

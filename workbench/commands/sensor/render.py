@@ -33,10 +33,10 @@ def command(
         from workbench.jobs.sensor.render import render
 
         with runs.opened("render", scene.stem, out) as run:
-            made = render(scene, run.partial, say)
+            rendered = render(scene, run.partial, say)
             if truth is not None:
-                runs.replace_file(truth, answer.as_text(made["truth"]))
-    found = {key: value for key, value in made.items() if key != "truth"}
+                runs.replace_file(truth, answer.as_text(rendered["truth"]))
+    found = {key: value for key, value in rendered.items() if key != "truth"}
     found["verdict"] = no_verdict(
         "A rendering has no reference, so there is no residual to judge."
     ).as_json()

@@ -48,25 +48,25 @@ def command(
 
         read = datasets.read(recording)
         if read.measures == "ball-surface":
-            made = surface_scan.join_surface(read, hand_eye, run.partial, say)
+            scan_run = surface_scan.join_surface(read, hand_eye, run.partial, say)
         else:
-            made = scan.scan(read, scanner, run.partial, say, hand_eye)
+            scan_run = scan.scan(read, scanner, run.partial, say, hand_eye)
         say("writing the ball centres")
-        ball_centres.save(made, run.partial)
+        ball_centres.save(scan_run, run.partial)
         if not no_report:
             say("writing the report")
-            _report(made, run.partial)
-        result = {"recording": recording, **ball_centres.as_json(made, run.path, tolerances)}
+            _report(scan_run, run.partial)
+        result = {"recording": recording, **ball_centres.as_json(scan_run, run.path, tolerances)}
         return flow.with_reading_warnings(result, read)
 
     flow.run("scan", recording, out, json, work, sensor_tables.scan)
 
 
-def _report(made, folder) -> None:
+def _report(scan_run, folder) -> None:
     from workbench.report.page import write_sheet
     from workbench.report.sensor import summary_image
     from workbench.report.sensor.scan import page
 
-    sheet = page(made)
+    sheet = page(scan_run)
     write_sheet(sheet, folder)
-    summary_image.write_summary(sheet, summary_image.scan(made), folder)
+    summary_image.write_summary(sheet, summary_image.scan(scan_run), folder)

@@ -45,17 +45,17 @@ def command(
         from workbench.jobs.sensor import scanner
 
         read = datasets.read(recording)
-        made = scanner.calibrate(read, model.value, say)
-        scanner.save(made, run.partial)
+        scanner_run = scanner.calibrate(read, model.value, say)
+        scanner.save(scanner_run, run.partial)
         if not no_report:
             say("writing the report")
-            _report(made, run.partial)
+            _report(scanner_run, run.partial)
         if out is not None:
             runs.replace_file(out, (run.partial / scanner.FILE).read_text(encoding="utf-8"))
         place = out.resolve() if out else run.path / scanner.FILE
         result = {
             "recording": recording,
-            **scanner.as_json(made, tolerances),
+            **scanner.as_json(scanner_run, tolerances),
             "scanner_file": place,
         }
         return flow.with_reading_warnings(result, read)
@@ -63,11 +63,11 @@ def command(
     flow.run("scanner", recording, None, json, work, sensor_tables.scanner)
 
 
-def _report(made, folder) -> None:
+def _report(scanner_run, folder) -> None:
     from workbench.report.page import write_sheet
     from workbench.report.sensor import summary_image
     from workbench.report.sensor.scanner import page
 
-    sheet = page(made)
+    sheet = page(scanner_run)
     write_sheet(sheet, folder)
-    summary_image.write_summary(sheet, summary_image.scanner(made), folder)
+    summary_image.write_summary(sheet, summary_image.scanner(scanner_run), folder)

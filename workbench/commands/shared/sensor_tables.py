@@ -34,12 +34,12 @@ def camera(console, answer: Mapping) -> None:
 
 def _about_camera(answer: Mapping) -> Sequence[str]:
     """Sentences on the warp of the board, the held-out images, and parameters that are not identifiable."""
-    sentences, held, bow = [], answer.get("held_out"), answer.get("bow")
+    sentences, held_out, bow = [], answer.get("held_out"), answer.get("bow")
     if bow is not None:
         height = " ± ".join(measured(bow["height_mm"], bow["height_std_mm"]))
         sentences.append(f"the board is warped by {height} mm (1 sigma)")
-    if held is not None:
-        sentences.append(held["sentence"])
+    if held_out is not None:
+        sentences.append(held_out["sentence"])
     return [*sentences, *answer.get("undetermined", ())]
 
 
@@ -87,15 +87,15 @@ def scan(console, answer: Mapping) -> None:
     """Balls of each scan and the acceptance figures; `answer`: the object of `scan --json`."""
     head = ["scan", "ball", "points", "x mm", "y mm", "z mm", "RMS mm", "1 sigma mm", ""]
     rows, unseen, outcomes, points, more, others, unlisted = [], [], {}, 0, 0, 0, 0
-    for one in answer[
+    for scan_answer in answer[
         "scans"
     ]:  # one pass: the scans of a long session are read from disk in each pass, and few are kept
-        points, balls = points + one["points"], _balls(one)
+        points, balls = points + scan_answer["points"], _balls(scan_answer)
         more += max(len(rows) + len(balls) - _SHOWN, 0)
         rows += balls[: _SHOWN - len(rows)]
-        others += max(len(unseen) + len(one["rejected"]) - _SENTENCES, 0)
-        unseen += one["rejected"][: _SENTENCES - len(unseen)]
-        unlisted += not _noted(outcomes, one["outcome"], one["scan"])
+        others += max(len(unseen) + len(scan_answer["rejected"]) - _SENTENCES, 0)
+        unseen += scan_answer["rejected"][: _SENTENCES - len(unseen)]
+        unlisted += not _noted(outcomes, scan_answer["outcome"], scan_answer["scan"])
     grid(
         console,
         f"{answer['recording']}: {len(answer['scans'])} scans, {points:,} points",
@@ -135,23 +135,23 @@ def _noted(outcomes: dict[str, list[str]], sentence: str, scan: str) -> bool:
     return False
 
 
-def _balls(one: Mapping) -> list[list]:
+def _balls(scan_answer: Mapping) -> list[list]:
     """One row per ball of a scan, with its largest sigma and the reasons for its exclusion, and per candidate."""
     rows = []
-    for ball in one["balls"]:
-        doubts = {"cut": ball["cut_by_field"], "too far": ball["beyond_calibrated_depths"]}
+    for ball in scan_answer["balls"]:
+        remarks = {"cut": ball["cut_by_field"], "too far": ball["beyond_calibrated_depths"]}
         place, spread = (ball["x_mm"], ball["y_mm"], ball["z_mm"]), max(ball["std_mm"])
-        reasons = ", ".join(doubt for doubt, applies in doubts.items() if applies)
+        reasons = ", ".join(doubt for doubt, applies in remarks.items() if applies)
         figures = (
             *(measured(value, spread)[0] for value in place),
             number(ball["rms_mm"], 2),
             number(spread, 2),
         )
-        rows.append([one["scan"], ball["ball"], ball["used"], *figures, reasons])
-    for other in one.get("refused", ()):
+        rows.append([scan_answer["scan"], ball["ball"], ball["used"], *figures, reasons])
+    for other in scan_answer.get("refused", ()):
         place = [number(other[key], 4) for key in ("x_mm", "y_mm", "z_mm")]
-        rows.append([one["scan"], None, other["points"], *place, None, None, "refused"])
-    return rows if one["balls"] else [*rows, [one["scan"], *[None] * 7, "no ball"]]
+        rows.append([scan_answer["scan"], None, other["points"], *place, None, None, "refused"])
+    return rows if scan_answer["balls"] else [*rows, [scan_answer["scan"], *[None] * 7, "no ball"]]
 
 
 def _valued(row: Mapping) -> tuple:

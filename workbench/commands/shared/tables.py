@@ -280,7 +280,7 @@ def unidentified(parameters: Sequence[Mapping]) -> str:
     missing = [row for row in parameters if not row["identifiable"]]
     if not missing:
         return ""
-    held = sum(row["status"] == "held" for row in missing)
+    held_count = sum(row["status"] == "held" for row in missing)
     at_zero = sum(row["status"] == "at zero" for row in missing)
     estimated = len(parameters) - len(missing)
     bounded = (
@@ -289,9 +289,9 @@ def unidentified(parameters: Sequence[Mapping]) -> str:
         else ""
     )
     return (
-        f"{estimated} of {len(parameters)} parameters are estimated. {len(missing) - held - at_zero} are not "
+        f"{estimated} of {len(parameters)} parameters are estimated. {len(missing) - held_count - at_zero} are not "
         "identifiable: in the recorded poses they act like the others together, or not at all; some always do. "
-        f"{bounded}{held} are held by the plan. The report gives the reasons."
+        f"{bounded}{held_count} are held by the plan. The report gives the reasons."
     )
 
 

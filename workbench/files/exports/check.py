@@ -204,14 +204,19 @@ def check_camera(camera: Camera, text: str, name: str) -> None:
         raise _Differs(f"the {name} file read back is another camera")
 
 
-def check_static_transform(made: StaticTransform, transform: str, launch: str) -> None:
+def check_static_transform(
+    hand_eye_transform: StaticTransform, transform: str, launch: str
+) -> None:
     """RuntimeError where one of the two files of a hand-eye transform does not give it back."""
     for name, again in (
         ("transform", read_transform_yaml(transform)),
         ("launch", read_launch_yaml(launch)),
     ):
-        is_same = (again.parent, again.child) == (made.parent, made.child)
-        if not is_same or np.abs(again.matrix - made.matrix).max() > _SAME_MM:
+        is_same = (again.parent, again.child) == (
+            hand_eye_transform.parent,
+            hand_eye_transform.child,
+        )
+        if not is_same or np.abs(again.matrix - hand_eye_transform.matrix).max() > _SAME_MM:
             raise _Differs(f"the {name} file read back is another transform")
 
 

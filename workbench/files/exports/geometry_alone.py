@@ -54,7 +54,7 @@ class GeometryFit:
         )
 
 
-def fit_geometry(arm: CalibratedArm, held: np.ndarray | None = None) -> GeometryFit | None:
+def fit_geometry(arm: CalibratedArm, is_held: np.ndarray | None = None) -> GeometryFit | None:
     """The geometry whose flange poses are nearest to those of the complete model; None without effects.
 
     held (J, 5) bool: entries of theta, d, a, alpha, beta that the format can hold; None for all of them.
@@ -66,7 +66,7 @@ def fit_geometry(arm: CalibratedArm, held: np.ndarray | None = None) -> Geometry
     readings = _readings(arm)
     start = calibrated_geometry(arm)
     problem = _Problem(arm, readings, _complete_poses(arm, readings))
-    fitted = problem.fitted(start, np.ones(start.shape, bool) if held is None else held)
+    fitted = problem.fitted(start, np.ones(start.shape, bool) if is_held is None else is_held)
     before, after = problem.distances(start), problem.distances(fitted)
     values = dict(arm.values)
     for k, row in enumerate(fitted, 1):
@@ -76,9 +76,9 @@ def fit_geometry(arm: CalibratedArm, held: np.ndarray | None = None) -> Geometry
 
 def held_by_ur_kinematics(arm: CalibratedArm) -> np.ndarray:
     """(J, 5) bool: all but length and twists between the last axis and the flange."""
-    held = np.ones(arm.robot.geometry.shape, bool)
-    held[-1, [A, ALPHA, BETA]] = False
-    return held
+    is_held = np.ones(arm.robot.geometry.shape, bool)
+    is_held[-1, [A, ALPHA, BETA]] = False
+    return is_held
 
 
 @dataclass(frozen=True)
@@ -89,9 +89,9 @@ class _Problem:
     readings: np.ndarray
     wanted: np.ndarray
 
-    def fitted(self, start: np.ndarray, held: np.ndarray) -> np.ndarray:
+    def fitted(self, start: np.ndarray, is_held: np.ndarray) -> np.ndarray:
         """(J, 5) by damped Gauss-Newton from `start`; only entries of `held` change."""
-        port_indices = np.flatnonzero(held.ravel())
+        port_indices = np.flatnonzero(is_held.ravel())
         scale = np.where(np.isin(port_indices % 5, (D, A)), _TYPICAL_MM, _TYPICAL_RAD)
         penalty = _PRICE_MM**2 * len(self.readings) * np.eye(len(port_indices))
         change = np.zeros(len(port_indices))

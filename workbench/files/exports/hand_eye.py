@@ -100,7 +100,7 @@ def _doubt(keys, path) -> str:
     if lists["suspicions"]:
         return f"its recording is in doubt ({lists['suspicions'][0]})"
     spread = [*lists["std_mm"], *lists["std_deg"]]
-    if not all(isinstance(one, int | float) and np.isfinite(one) for one in spread):
+    if not all(isinstance(value, int | float) and np.isfinite(value) for value in spread):
         why = (lists["undetermined"] or ["its standard deviation is not finite"])[0]
         return f"part of the transform is not determined ({why})"
     return "" if keys.get("converged", True) else "the solve did not converge"
@@ -116,27 +116,30 @@ def checked_hand_eye(found: CalibratedHandEye, path, force: bool) -> CalibratedH
     )
 
 
-def transform_yaml(made: StaticTransform) -> str:
+def transform_yaml(hand_eye_transform: StaticTransform) -> str:
     """YAML with the keys of geometry_msgs/TransformStamped."""
     import yaml
 
-    translation, quaternion = _values(made)
+    translation, quaternion = _values(hand_eye_transform)
     keys = {
-        "header": {"frame_id": made.parent},
-        "child_frame_id": made.child,
+        "header": {"frame_id": hand_eye_transform.parent},
+        "child_frame_id": hand_eye_transform.child,
         "transform": {"translation": translation, "rotation": quaternion},
     }
     return yaml.safe_dump(keys, sort_keys=False)
 
 
-def launch_yaml(made: StaticTransform) -> str:
+def launch_yaml(hand_eye_transform: StaticTransform) -> str:
     """A launch file of ROS 2 that publishes the transform with tf2_ros."""
     import yaml
 
-    translation, quaternion = _values(made)
+    translation, quaternion = _values(hand_eye_transform)
     options = [(f"--{axis}", repr(value)) for axis, value in translation.items()]
     options += [(f"--q{axis}", repr(value)) for axis, value in quaternion.items()]
-    options += [("--frame-id", made.parent), ("--child-frame-id", made.child)]
+    options += [
+        ("--frame-id", hand_eye_transform.parent),
+        ("--child-frame-id", hand_eye_transform.child),
+    ]
     node = {
         "pkg": "tf2_ros",
         "exec": "static_transform_publisher",
@@ -145,10 +148,10 @@ def launch_yaml(made: StaticTransform) -> str:
     return yaml.safe_dump({"launch": [{"node": node}]}, sort_keys=False, width=1000)
 
 
-def _values(made: StaticTransform) -> tuple[dict[str, float], dict[str, float]]:
+def _values(hand_eye_transform: StaticTransform) -> tuple[dict[str, float], dict[str, float]]:
     """Translation in m and quaternion, by axis."""
-    quaternion = Rotation.from_matrix(made.matrix[:3, :3]).as_quat()
-    translation = dict(zip(_AXES, (made.matrix[:3, 3] / 1000).tolist()))
+    quaternion = Rotation.from_matrix(hand_eye_transform.matrix[:3, :3]).as_quat()
+    translation = dict(zip(_AXES, (hand_eye_transform.matrix[:3, 3] / 1000).tolist()))
     return translation, dict(zip((*_AXES, "w"), quaternion.tolist()))
 
 

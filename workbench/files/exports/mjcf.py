@@ -93,8 +93,8 @@ def terms(arm: CalibratedArm) -> dict:
     values = {key: value for key, value in arm.values.items() if key.count(".") > 1}
     for effect in arm.effects:
         if _is_in_bodies(effect, arm):
-            own = f"{effect.where}.{effect.effect}."
-            values = {key: value for key, value in values.items() if not key.startswith(own)}
+            prefix = f"{effect.where}.{effect.effect}."
+            values = {key: value for key, value in values.items() if not key.startswith(prefix)}
     return {"effects": rows, "values": values}
 
 
@@ -146,17 +146,17 @@ def gravity_of(arm: CalibratedArm) -> np.ndarray:
 
 def compliances_of(arm: CalibratedArm) -> Compliances:
     """The calibrated compliance of every joint, bearing and link, and of the pedestal."""
-    made = Compliances()
+    compliances = Compliances()
     _refuse_negative(arm)
     for effect in _of_kind(arm, elastic.JointCompliance):
-        (made.joint[effect.number],) = _values(arm, effect, "compliance")
+        (compliances.joint[effect.number],) = _values(arm, effect, "compliance")
     for effect in _of_kind(arm, elastic.BearingCompliance):
-        (made.bearing[effect.number],) = _values(arm, effect, "tilt")
+        (compliances.bearing[effect.number],) = _values(arm, effect, "tilt")
     for effect in _of_kind(arm, elastic.LinkCompliance):
-        (made.link[effect.number],) = _values(arm, effect, "bending")
+        (compliances.link[effect.number],) = _values(arm, effect, "bending")
     for effect in _of_kind(arm, elastic.PedestalCompliance):
-        made.pedestal = tuple(_values(arm, effect, "about_x", "about_y"))
-    return made
+        compliances.pedestal = tuple(_values(arm, effect, "about_x", "about_y"))
+    return compliances
 
 
 def _refuse_negative(arm: CalibratedArm) -> None:
@@ -200,7 +200,7 @@ def _moment_body(effect, arm: CalibratedArm) -> int:
     joints = arm.robot.joints
     if effect.where != "tool":
         return effect.number - 1
-    bends = any(one.number == joints for one in _of_kind(arm, elastic.LinkCompliance))
+    bends = any(bending.number == joints for bending in _of_kind(arm, elastic.LinkCompliance))
     heavier = arm.robot.mass[-1] > arm.robot.payload_mass
     return joints - 1 if heavier and not bends else joints
 
@@ -304,12 +304,12 @@ def _across(line) -> tuple[np.ndarray, np.ndarray]:
 
 def _screw(offset: float, slides) -> np.ndarray:
     """(4, 4) a constant offset of a joint: a rotation about its axis (rad), or a shift along it (mm)."""
-    made = np.eye(4)
+    matrix = np.eye(4)
     if slides:
-        made[2, 3] = offset
+        matrix[2, 3] = offset
     else:
-        made[:3, :3] = Rotation.from_rotvec([0, 0, offset]).as_matrix()
-    return made
+        matrix[:3, :3] = Rotation.from_rotvec([0, 0, offset]).as_matrix()
+    return matrix
 
 
 def _body(parent, name: str, pose) -> ET.Element:
@@ -331,9 +331,9 @@ def _inertial(body, kg: float, centre_mm) -> None:
 
 
 def _translation(shift) -> np.ndarray:
-    made = np.eye(4)
-    made[:3, 3] = shift
-    return made
+    matrix = np.eye(4)
+    matrix[:3, 3] = shift
+    return matrix
 
 
 def _text(numbers) -> str:

@@ -41,11 +41,15 @@ def _check_rest(arm: CalibratedArm, text: str) -> None:
     readings = _readings(arm, ranges)
     beyond = {id(effect) for effect in control_terms(arm)}
     missing = set(left_out(arm))
-    held = [e for e in arm.acting_effects if id(e) not in beyond and e.title not in missing]
-    model = CorrectedArm(arm_data(arm), held, held)
+    expected_effects = [
+        e for e in arm.acting_effects if id(e) not in beyond and e.title not in missing
+    ]
+    model = CorrectedArm(arm_data(arm), expected_effects, expected_effects)
     wanted = model.flange_poses(readings, {_LOAD: load})[:, :3, 3]
     rigid = CorrectedArm(arm_data(arm), (), ()).flange_poses(readings)[:, :3, 3]
-    targets = CorrectedArm(arm_data(arm), held, held).servo_targets(readings, {_LOAD: load})
+    targets = CorrectedArm(arm_data(arm), expected_effects, expected_effects).servo_targets(
+        readings, {_LOAD: load}
+    )
     found = _at_rest(text, targets, load)
     if not np.isfinite(found).all():
         raise _Differs("the MJCF file is unstable in MuJoCo")

@@ -36,11 +36,11 @@ def joint_places(arm: CalibratedArm) -> list[np.ndarray]:
 
     The screw Rz(theta) Tz(d) of a row belongs to the link's own frame; length and twists to the next origin.
     """
-    made, rest = [], arm.robot.base
+    places, rest = [], arm.robot.base
     for theta, d, a, alpha, beta in calibrated_geometry(arm)[:, [THETA, D, A, ALPHA, BETA]]:
-        made.append(rest @ placed("z", theta, (0, 0, d)))
+        places.append(rest @ placed("z", theta, (0, 0, d)))
         rest = placed("x", 0.0, (a, 0, 0)) @ placed("xy", [alpha, beta])
-    return made
+    return places
 
 
 def _check_build(arm: CalibratedArm) -> None:

@@ -54,17 +54,19 @@ def _note(arm):
 
 def joint_signs(robot) -> np.ndarray:
     """(J,) 1 or -1 by which a reading turns its joint; 1 where joints are coupled."""
-    own = np.diag(robot.mixing)
-    return np.ones(robot.joints) if is_coupled(robot) else own
+    signs = np.diag(robot.mixing)
+    return np.ones(robot.joints) if is_coupled(robot) else signs
 
 
 def is_coupled(robot) -> bool:
     """Whether a joint variable depends on more than its own reading, or not by plus or minus one."""
-    own = np.diag(np.diag(robot.mixing)) if robot.mixing.shape[0] == robot.mixing.shape[1] else None
+    diagonal = (
+        np.diag(np.diag(robot.mixing)) if robot.mixing.shape[0] == robot.mixing.shape[1] else None
+    )
     return (
-        own is None
-        or not np.array_equal(own, robot.mixing)
-        or not (np.abs(np.diag(own)) == 1).all()
+        diagonal is None
+        or not np.array_equal(diagonal, robot.mixing)
+        or not (np.abs(np.diag(diagonal)) == 1).all()
     )
 
 
@@ -77,8 +79,8 @@ def joint_limits(robot) -> np.ndarray:
     factors = robot.mixing * joint_signs(robot)[:, None]
     found = []
     for row in factors:
-        own = np.flatnonzero(row)
-        ends = row[own, None] * robot.limits[own]
+        coupled_joints = np.flatnonzero(row)
+        ends = row[coupled_joints, None] * robot.limits[coupled_joints]
         found.append([ends.min(1).sum(), ends.max(1).sum()])
     return np.array(found)
 
@@ -117,10 +119,10 @@ def around_joints(arm) -> tuple[list[np.ndarray], list[np.ndarray]]:
 
 def placed(axes, angles, shift=(0, 0, 0)) -> np.ndarray:
     """(4, 4) of a shift (mm) and rotations (rad) about moving axes, given by their letters."""
-    made = np.eye(4)
-    made[:3, :3] = Rotation.from_euler(axes.upper(), angles).as_matrix()
-    made[:3, 3] = shift
-    return made
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_euler(axes.upper(), angles).as_matrix()
+    matrix[:3, 3] = shift
+    return matrix
 
 
 def _joint(root, robot, k, links, origin, sign):

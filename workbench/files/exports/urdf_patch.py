@@ -72,18 +72,21 @@ def patched_urdf(arm: CalibratedArm, spec: dict) -> PatchedUrdf:
 
 def _described_arm(arm: CalibratedArm, spec: dict, file: Path) -> np.ndarray:
     """(4, 4) T from the calibrated arm's root frame to the URDF's; InputError where the kinematics differ."""
-    own = load_robot(spec, str(file))
-    if own.mixing.shape != arm.robot.mixing.shape:
+    described_arm = load_robot(spec, str(file))
+    if described_arm.mixing.shape != arm.robot.mixing.shape:
         raise wrong(
-            file, f"an arm with {arm.robot.joints} joints", own.joints, "name tip and joints"
+            file,
+            f"an arm with {arm.robot.joints} joints",
+            described_arm.joints,
+            "name tip and joints",
         )
-    readings = np.random.default_rng(0).uniform(-1, 1, (24, own.mixing.shape[1]))
-    readings = np.vstack([np.zeros(own.mixing.shape[1]), readings])
-    theirs, ours = _flanges(own, readings), _flanges(arm.robot, readings)
+    readings = np.random.default_rng(0).uniform(-1, 1, (24, described_arm.mixing.shape[1]))
+    readings = np.vstack([np.zeros(described_arm.mixing.shape[1]), readings])
+    theirs, ours = _flanges(described_arm, readings), _flanges(arm.robot, readings)
     # T_urdf(q) = A T(q) B with constant A and B: relative motions are conjugate by A
-    left = _conjugation(theirs @ np.linalg.inv(theirs[0]), ours @ np.linalg.inv(ours[0]))
-    right = np.linalg.inv(left @ ours[0]) @ theirs[0]
-    off = np.abs(theirs - left @ ours @ right)[:, :3, 3].max()
+    remainder = _conjugation(theirs @ np.linalg.inv(theirs[0]), ours @ np.linalg.inv(ours[0]))
+    right = np.linalg.inv(remainder @ ours[0]) @ theirs[0]
+    off = np.abs(theirs - remainder @ ours @ right)[:, :3, 3].max()
     if not off < _SAME_ARM_MM:
         raise wrong(
             file,
@@ -91,7 +94,7 @@ def _described_arm(arm: CalibratedArm, spec: dict, file: Path) -> np.ndarray:
             f"flange poses that differ by up to {off:.3g} mm",
             "name the URDF of this arm, with the same zero pose",
         )
-    return left
+    return remainder
 
 
 def _conjugation(theirs: np.ndarray, ours: np.ndarray) -> np.ndarray:
@@ -109,12 +112,12 @@ def _flanges(robot: Robot, readings: np.ndarray, geometry=None) -> np.ndarray:
     return transform(flange_matrices(frames), frames.end_origin.T)
 
 
-def _moves(arm: CalibratedArm, left: np.ndarray) -> list[np.ndarray]:
+def _moves(arm: CalibratedArm, remainder: np.ndarray) -> list[np.ndarray]:
     """J + 1 motions (4, 4) in the URDF root frame that take nominal links and flange to their calibrated places."""
     nominal = _links(arm, arm.robot.geometry)
     calibrated = _links(arm, calibrated_geometry(arm))
-    back = np.linalg.inv(left)
-    return [left @ new @ np.linalg.inv(old) @ back for new, old in zip(calibrated, nominal)]
+    back = np.linalg.inv(remainder)
+    return [remainder @ new @ np.linalg.inv(old) @ back for new, old in zip(calibrated, nominal)]
 
 
 def _links(arm: CalibratedArm, geometry) -> list[np.ndarray]:
@@ -129,18 +132,18 @@ def _links(arm: CalibratedArm, geometry) -> list[np.ndarray]:
         arm.robot, (), values, (), np.zeros((0, 0)), np.zeros(3), 0.0, True, "", {}
     )
     before, after = around_joints(plain)
-    here, made = arm.robot.base, []
+    here, links_placed = arm.robot.base, []
     for k in range(arm.robot.joints):
         here = here @ before[k]
-        made.append(here @ _turned(geometry[k, 0]))
+        links_placed.append(here @ _turned(geometry[k, 0]))
         here = here @ after[k]
-    return [*made, here @ arm.robot.flange]
+    return [*links_placed, here @ arm.robot.flange]
 
 
 def _turned(theta: float) -> np.ndarray:
-    made = np.eye(4)
-    made[:3, :3] = Rotation.from_rotvec([0, 0, theta]).as_matrix()
-    return made
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_rotvec([0, 0, theta]).as_matrix()
+    return matrix
 
 
 def _origins(tree: Tree, path: list[Joint], moving: list[Joint], moves) -> dict[str, np.ndarray]:
@@ -148,20 +151,20 @@ def _origins(tree: Tree, path: list[Joint], moving: list[Joint], moves) -> dict[
 
     A fixed joint keeps its origin, but for the last one before the tip, which takes what the flange moves by.
     """
-    place, made = {tree.root: np.eye(4)}, {}
+    place, origins = {tree.root: np.eye(4)}, {}
     number = {joint.name: k for k, joint in enumerate(moving)}
     fixed_after = path[-1] if path[-1].name not in number else None
     for joint in path:
         if joint.name in number:
             target = moves[number[joint.name]] @ tree.places[joint.child]
-            made[joint.name] = np.linalg.inv(place[joint.parent]) @ target
+            origins[joint.name] = np.linalg.inv(place[joint.parent]) @ target
         elif joint is fixed_after:
             target = moves[-1] @ tree.places[joint.child]
-            made[joint.name] = np.linalg.inv(place[joint.parent]) @ target
+            origins[joint.name] = np.linalg.inv(place[joint.parent]) @ target
         else:
-            made[joint.name] = joint.origin
-        place[joint.child] = place[joint.parent] @ made[joint.name]
-    return made
+            origins[joint.name] = joint.origin
+        place[joint.child] = place[joint.parent] @ origins[joint.name]
+    return origins
 
 
 def _rest_at_flange(tree: Tree, path, moving, moves) -> tuple[str, ...]:
@@ -179,10 +182,10 @@ def _rest_at_flange(tree: Tree, path, moving, moves) -> tuple[str, ...]:
     )
 
 
-def _is_same(one: np.ndarray, other: np.ndarray) -> bool:
+def _is_same(matrix_a: np.ndarray, other: np.ndarray) -> bool:
     return bool(
-        np.abs(one[:3, 3] - other[:3, 3]).max() < _SAME_MM
-        and np.abs(one[:3, :3] - other[:3, :3]).max() < _SAME
+        np.abs(matrix_a[:3, 3] - other[:3, 3]).max() < _SAME_MM
+        and np.abs(matrix_a[:3, :3] - other[:3, :3]).max() < _SAME
     )
 
 
@@ -193,8 +196,8 @@ def _with_origins(content: bytes, origins: dict[str, tuple[np.ndarray, np.ndarra
         if name not in origins:
             continue
         tag = content[start:end].decode("latin-1") if has_tag else "<origin/>"
-        made = _tag_with(tag, *origins[name]).encode("latin-1")  # every byte as it was
-        content = content[:start] + made + content[end:]
+        patched_tag = _tag_with(tag, *origins[name]).encode("latin-1")  # every byte as it was
+        content = content[:start] + patched_tag + content[end:]
     return content
 
 

@@ -51,8 +51,10 @@ def by_radius(known: Mapping[int, tuple], radii: Sequence[float]) -> list[int] |
         [number for number, ball in known.items() if abs(ball[3] - radius) < _ALIKE * ball[3]]
         for radius in radii
     ]
-    sure = all(len(one) == 1 for one in alike) and len({one[0] for one in alike}) == len(alike)
-    return [one[0] for one in alike] if sure else None
+    sure = all(len(names_of_ball) == 1 for names_of_ball in alike) and len(
+        {names_of_ball[0] for names_of_ball in alike}
+    ) == len(alike)
+    return [names_of_ball[0] for names_of_ball in alike] if sure else None
 
 
 def by_distance(

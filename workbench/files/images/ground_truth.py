@@ -14,15 +14,15 @@ def centre_errors(scans: Sequence[Mapping], truth: Mapping) -> dict:
     rigid motion: a hand-eye takes it up. Balls beyond the calibrated depths do not count.
     """
     known = {
-        (str(one["scan"]), ball["ball"]): ball["centre_mm"]
-        for one in truth["scans"]
-        for ball in one["balls"]
+        (str(scan["scan"]), ball["ball"]): ball["centre_mm"]
+        for scan in truth["scans"]
+        for ball in scan["balls"]
     }
     pairs = [
         (known[key], [ball["x_mm"], ball["y_mm"], ball["z_mm"]])
-        for one in scans
-        for ball in one["balls"]
-        if (key := (one["scan"], ball["ball"])) in known and not ball["beyond_calibrated_depths"]
+        for scan in scans
+        for ball in scan["balls"]
+        if (key := (scan["scan"], ball["ball"])) in known and not ball["beyond_calibrated_depths"]
     ]
     if len(pairs) < 3:
         return {"balls": len(pairs), "rms_mm": None, "max_mm": None}

@@ -33,8 +33,10 @@ def on_balls(points: np.ndarray, radii, steps=None) -> tuple[np.ndarray, np.ndar
     """
     normals, ball = np.full(points.shape, np.nan), np.zeros(points.shape[1], int)
     seen = np.flatnonzero(np.isfinite(points).all(0))
-    own = None if steps is None else np.asarray(steps)[seen]
-    found = find_balls(points[:, seen], radii, free=True, stripe=own) if len(seen) else []
+    steps_of_points = None if steps is None else np.asarray(steps)[seen]
+    found = (
+        find_balls(points[:, seen], radii, free=True, stripe=steps_of_points) if len(seen) else []
+    )
     for number, fit in enumerate(found, start=1):
         on = seen[fit.reason != ELSEWHERE]
         outward = points[:, on] - fit.centre[:, None]

@@ -227,18 +227,18 @@ def _readings(rows: RawTable, mapping: Mapping, options):
     robot = load_robot(keys, f"--robot {named}")
     readings = []
     for unit in angle_units(mapping.joints):
-        interpretation = replace(
+        candidate = replace(
             mapping.updated("joints", unit=unit),
             robot=named,
             flange_point=None,
             flange_rotation=None,
         )
-        columns = joint_columns(rows, interpretation.joints, robot.prismatic, "mm")
+        columns = joint_columns(rows, candidate.joints, robot.prismatic, "mm")
         recorded = Recording("board-images", columns, keys)
         frames = forward(robot, robot.mixing @ recorded.joints.T)
         poses = transform(np.stack(frames.end, -1).transpose(1, 0, 2), frames.end_origin.T)
-        words = unit_words(unit, interpretation.joints.columns, str)
-        readings.append((f"joints in {words}", interpretation, poses))
+        words = unit_words(unit, candidate.joints.columns, str)
+        readings.append((f"joints in {words}", candidate, poses))
     return keys, mapping, readings
 
 
@@ -251,15 +251,12 @@ def flange_readings(rows: RawTable, mapping: Mapping, turns: Sequence[Turn] | No
     for turn in rotation_candidates(mapping.flange_rotation, rows) if turns is None else turns:
         turned = turn.matrices(rows)
         for unit in length_units(mapping.flange_point):
-            interpretation = replace(mapping, flange_rotation=turn.group).updated(
-                "flange_point", unit=unit
-            )
-            places = np.stack(
-                list(point_columns(rows, interpretation.flange_point).values()), axis=1
-            )
-            words = unit_words(unit, interpretation.flange_point.columns, str)
+            candidate = replace(mapping, flange_rotation=turn.group)
+            candidate = candidate.updated("flange_point", unit=unit)
+            places = np.stack(list(point_columns(rows, candidate.flange_point).values()), axis=1)
+            words = unit_words(unit, candidate.flange_point.columns, str)
             readings.append(
-                (f"{turn.title}, flange in {words}", interpretation, transform(turned, places))
+                (f"{turn.title}, flange in {words}", candidate, transform(turned, places))
             )
     if not readings:
         raise InputError(
@@ -369,10 +366,8 @@ def _refuse_other_order(rows: RawTable, mapping: Mapping, views: BoardViews, kin
     readings = flange_readings(rows, mapping, turns) if turns else []
     fits = _compared(readings, views, kind) if readings else []
     if is_only_good(fits):
-        interpretation = readings[fits[0][0]][1]
-        raise order_error(
-            rows.file, interpretation.flange_rotation, fits[0][1], reading_line(interpretation)
-        )
+        best = readings[fits[0][0]][1]
+        raise order_error(rows.file, best.flange_rotation, fits[0][1], reading_line(best))
 
 
 def reading_line(mapping: Mapping) -> str:
@@ -395,12 +390,9 @@ def _compared(readings, views: BoardViews, kind: str) -> list[tuple[int, Candida
     turns = np.array([poses[views.rows][:, :3, :3] for _, _, poses in readings])
     labels = [agreeing_labels(measured[..., :3, :3], turned) for turned in turns]
     every = np.arange(len(views.rows))
-    chosen = [measured[labels_of_turn, every] for labels_of_turn in labels]
+    chosen = [measured[labelling, every] for labelling in labels]
     misfits = np.array(
-        [
-            turn_misfits(poses_of_turn[:, :3, :3], [turned])[0]
-            for poses_of_turn, turned in zip(chosen, turns)
-        ]
+        [turn_misfits(motions[:, :3, :3], [turned])[0] for motions, turned in zip(chosen, turns)]
     )
     retained = least_misfits(misfits, len(turns))
     if misfits[retained[0]] > _HOPELESS_RAD:

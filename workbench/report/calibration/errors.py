@@ -63,10 +63,10 @@ class Errors:
 def errors_of(calibration) -> Errors:
     """The position residuals of the page, mm."""
     held_out = calibration.held_out_residual
-    held = np.isfinite(held_out).all(0)
+    is_judged = np.isfinite(held_out).all(0)
     return Errors(
-        np.where(held, held_out, calibration.fit_residual),
-        held,
+        np.where(is_judged, held_out, calibration.fit_residual),
+        is_judged,
         _root_mean_square(calibration.recording.sigma),
         int((calibration.fit_residual != 0).any(1).sum()) or 3,  # a length has two zero components
         fit=np.linalg.norm(calibration.fit_residual, axis=0),
@@ -79,11 +79,11 @@ def rotation_errors_of(calibration) -> Errors | None:
     residuals = {name: np.rad2deg(rows) for name, rows in calibration.rotation.items()}
     if not residuals or not len(residuals["fit"]):
         return None
-    held = np.isfinite(residuals["held_out"]).all(0)
+    is_judged = np.isfinite(residuals["held_out"]).all(0)
     parts = len(residuals["fit"])
     return Errors(
-        np.where(held, residuals["held_out"], residuals["fit"]),
-        held,
+        np.where(is_judged, residuals["held_out"], residuals["fit"]),
+        is_judged,
         _root_mean_square(calibration.recording.columns.get("sigma_deg")),
         parts,
         ROTATION,
@@ -99,7 +99,11 @@ def _root_mean_square(sigma):
 
 def section(calibration, errors: Errors, rotation: Errors | None = None) -> dict:
     """Histogram and cumulative distribution of the held-out errors, for each measured kind."""
-    kinds = [_spread(calibration, one) for one in (errors, rotation) if one is not None]
+    kinds = [
+        _spread(calibration, errors_of_kind)
+        for errors_of_kind in (errors, rotation)
+        if errors_of_kind is not None
+    ]
     return {
         "kinds": kinds,
         "figures": list(FIGURES.values()),

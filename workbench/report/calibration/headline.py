@@ -12,7 +12,11 @@ def section(calibration, errors, rotation=None) -> dict:
     return {
         "title": recording.title or recording.name or "Calibration",
         "robot": calibration.robot.name,
-        "kinds": [_numbers(held_out, one.kind) for one in (errors, rotation) if one is not None],
+        "kinds": [
+            _numbers(held_out, errors_of_kind.kind)
+            for errors_of_kind in (errors, rotation)
+            if errors_of_kind is not None
+        ],
         "meaning": meaning(calibration, errors.held),
         "gain": gain(calibration),
         "caution": caution(calibration),
@@ -27,9 +31,9 @@ def _numbers(held_out: dict, kind: Kind) -> dict:
     return {"what": kind.what, "unit": kind.unit, "numbers": values}
 
 
-def meaning(calibration, held: np.ndarray) -> str:
+def meaning(calibration, is_judged: np.ndarray) -> str:
     """Meaning of the large numbers, with the count of poses and folds."""
-    poses = len(np.unique(calibration.recording.poses[held]))
+    poses = len(np.unique(calibration.recording.poses[is_judged]))
     folds = calibration.held_out.get("folds", 0)
     where = f"in {counted(folds, 'fold')}" if folds > 1 else "in one test set"
     orientation = (
@@ -39,7 +43,7 @@ def meaning(calibration, held: np.ndarray) -> str:
     )
     return (
         f"Distance between the prediction of the calibrated model and the measured point{orientation}, on "
-        f"{counted(int(held.sum()), 'sample')} in {counted(poses, 'pose')} held out from the fit "
+        f"{counted(int(is_judged.sum()), 'sample')} in {counted(poses, 'pose')} held out from the fit "
         f"({where}; repeats of a pose are always in the same fold)."
     )
 

@@ -19,14 +19,14 @@ def section(calibration) -> dict:
 
 def figure(stages) -> go.Figure:
     """Cost over step, one line per stage; each stage starts where the previous one ended."""
-    made = style.figure(
+    plot = style.figure(
         360, "step of the solver, all stages in sequence", "cost (dimensionless, logarithmic)"
     )
     start = 0
     for k, stage in enumerate(stages):
         steps = list(range(start, start + len(stage.history)))
         colour = _COLOURS[k % len(_COLOURS)] if stage.earned else style.GREY
-        made.add_scatter(
+        plot.add_scatter(
             x=steps,
             y=list(stage.history),
             mode="lines+markers",
@@ -36,6 +36,6 @@ def figure(stages) -> go.Figure:
             hovertemplate="step %{x}: cost %{y:.6g}<extra>" + stage.name + "</extra>",
         )
         start += len(stage.history)
-    made.update_xaxes(dtick=max(1, start // 12), range=[-0.5, start - 0.5])
+    plot.update_xaxes(dtick=max(1, start // 12), range=[-0.5, start - 0.5])
     costs = [cost for stage in stages for cost in stage.history if cost > 0]
-    return made.update_yaxes(style.log_axis(min(costs) / 1.3, max(costs) * 1.3))
+    return plot.update_yaxes(style.log_axis(min(costs) / 1.3, max(costs) * 1.3))

@@ -44,7 +44,11 @@ def section(calibration, errors: Errors, rotation: Errors | None = None) -> dict
         if not _varies(x)
     ]
     return {
-        "kinds": [_of_kind(found, one, names) for one in (errors, rotation) if one is not None],
+        "kinds": [
+            _of_kind(found, errors_of_kind, names)
+            for errors_of_kind in (errors, rotation)
+            if errors_of_kind is not None
+        ],
         "menu": [label for label, _ in found],
         "thinned": style.thinned_sentence(len(errors.held)),
         "constant": constant,
@@ -55,7 +59,7 @@ def section(calibration, errors: Errors, rotation: Errors | None = None) -> dict
 
 def _of_kind(found: list[tuple[str, np.ndarray]], errors: Errors, names: Mapping) -> dict:
     every = [bin_residuals(label, x, errors) for label, x in found]
-    shown = int(np.argmax([one.share for one in every]))
+    shown = int(np.argmax([dependence.share for dependence in every]))
     drawn = style.thinned(len(errors.held))
     return {
         "id": errors.kind.prefix,
@@ -93,9 +97,11 @@ def bin_residuals(label: str, x: np.ndarray, errors: Errors) -> ResidualDependen
     means = np.stack([np.bincount(bins, row) / count for row in rows])
     judged = max(len(errors.axes), 1)
     residual = rows[:judged]
-    left = ((residual - means[:judged, bins]) ** 2).sum()
+    remaining_squares = ((residual - means[:judged, bins]) ** 2).sum()
     total = ((residual - residual.mean(1, keepdims=True)) ** 2).sum()
-    adjusted = 1 - left / max(total, 1e-300) * (len(x) - 1) / max(len(x) - len(count), 1)
+    adjusted = 1 - remaining_squares / max(total, 1e-300) * (len(x) - 1) / max(
+        len(x) - len(count), 1
+    )
     return ResidualDependence(
         label, x, np.bincount(bins, x) / count, means, max(float(adjusted), 0.0)
     )
@@ -110,11 +116,11 @@ def overview(
     """
     rows = -(-len(every) // _PANELS_ACROSS)
     titles = [
-        f"{one.label.split(' (row')[0].removesuffix(' (number)')} · {_percent(one.share)}"
-        for one in every
+        f"{dependence.label.split(' (row')[0].removesuffix(' (number)')} · {_percent(dependence.share)}"
+        for dependence in every
     ]
     lines = list(zip(errors.rows, _colours(errors)))[: max(len(errors.axes), 1)]
-    made = make_subplots(
+    plot = make_subplots(
         rows,
         _PANELS_ACROSS,
         shared_yaxes="all",
@@ -122,10 +128,10 @@ def overview(
         horizontal_spacing=0.025,
         vertical_spacing=min(0.36 / rows, 0.3),
     )
-    for k, one in enumerate(every):
-        for (name, colour), mean in zip(lines, one.means):
-            made.add_scatter(
-                x=one.centres,
+    for k, dependence in enumerate(every):
+        for (name, colour), mean in zip(lines, dependence.means):
+            plot.add_scatter(
+                x=dependence.centres,
                 y=mean,
                 mode="lines",
                 name=f"mean {name}",
@@ -140,20 +146,23 @@ def overview(
                 + errors.kind.unit
                 + "<extra></extra>",
             )
-    made.update_annotations(font_size=11.5)
-    made.update_layout(
+    plot.update_annotations(font_size=11.5)
+    plot.update_layout(
         template="none",
         height=60 + 168 * rows,
         margin=dict(l=64, r=8, t=56, b=36),
         legend=dict(orientation="h", x=0, y=1, yref="container", yanchor="top"),
     )
-    made.update_yaxes(col=1, title_text=f"mean ({errors.kind.unit})", title_font_size=11.5)
-    made.update_xaxes(nticks=5, tickfont_size=10.5)
-    for k, one in enumerate(every):
-        if one.label.endswith("(number)") and len(one.centres) <= 8:
-            ticks = dict(tickvals=one.centres, ticktext=group_ticks(one.label, one.centres, names))
-            made.update_xaxes(**ticks, row=k // _PANELS_ACROSS + 1, col=k % _PANELS_ACROSS + 1)
-    return made
+    plot.update_yaxes(col=1, title_text=f"mean ({errors.kind.unit})", title_font_size=11.5)
+    plot.update_xaxes(nticks=5, tickfont_size=10.5)
+    for k, dependence in enumerate(every):
+        if dependence.label.endswith("(number)") and len(dependence.centres) <= 8:
+            ticks = dict(
+                tickvals=dependence.centres,
+                ticktext=group_ticks(dependence.label, dependence.centres, names),
+            )
+            plot.update_xaxes(**ticks, row=k // _PANELS_ACROSS + 1, col=k % _PANELS_ACROSS + 1)
+    return plot
 
 
 def group_ticks(label: str, numbers: np.ndarray, names: Mapping) -> list[str]:
@@ -162,13 +171,13 @@ def group_ticks(label: str, numbers: np.ndarray, names: Mapping) -> list[str]:
     return [known[int(k) - 1] if 0 < k <= len(known) else f"{k:g}" for k in numbers]
 
 
-def detail(one: ResidualDependence, errors: Errors, drawn: np.ndarray) -> go.Figure:
+def detail(dependence: ResidualDependence, errors: Errors, drawn: np.ndarray) -> go.Figure:
     """Components and length of the residual of the drawn samples over one quantity, in stacked panels."""
     panels, unit = len(errors.rows), errors.kind.unit
-    made = make_subplots(panels, 1, shared_xaxes=True, vertical_spacing=0.025)
+    plot = make_subplots(panels, 1, shared_xaxes=True, vertical_spacing=0.025)
     for k, ((name, row), colour) in enumerate(zip(errors.rows.items(), _colours(errors))):
-        made.add_scatter(
-            x=one.x[drawn],
+        plot.add_scatter(
+            x=dependence.x[drawn],
             y=np.round(row[drawn], 6),
             mode="markers",
             showlegend=False,
@@ -178,11 +187,11 @@ def detail(one: ResidualDependence, errors: Errors, drawn: np.ndarray) -> go.Fig
             hovertemplate="%{x}: " + name + " %{y:.4f} " + unit + "<extra></extra>",
         )
         short = name.removeprefix("3-D ").removeprefix("rotation ")
-        made.update_yaxes(title_text=f"{short} ({unit})", title_standoff=6, row=k + 1, col=1)
+        plot.update_yaxes(title_text=f"{short} ({unit})", title_standoff=6, row=k + 1, col=1)
     for k in range(panels):
-        made.add_scatter(
-            x=one.centres,
-            y=one.means[k],
+        plot.add_scatter(
+            x=dependence.centres,
+            y=dependence.means[k],
             mode="lines+markers",
             showlegend=False,
             row=k + 1,
@@ -192,10 +201,10 @@ def detail(one: ResidualDependence, errors: Errors, drawn: np.ndarray) -> go.Fig
             marker_size=4,
             hovertemplate="mean of the bin %{y:.4f} " + unit + "<extra></extra>",
         )
-    made.update_layout(
+    plot.update_layout(
         template="none", height=60 + 145 * panels, margin=dict(l=70, r=14, t=8, b=52)
     )
-    return made.update_xaxes(title_text=one.label, row=panels, col=1)
+    return plot.update_xaxes(title_text=dependence.label, row=panels, col=1)
 
 
 def _colours(errors: Errors) -> tuple[str, ...]:
@@ -209,12 +218,12 @@ def menu_data(every: list[ResidualDependence], drawn: np.ndarray) -> str:
         json.dumps(
             [
                 {
-                    "label": one.label,
-                    "x": np.round(one.x[drawn], 5).tolist(),
-                    "centres": np.round(one.centres, 5).tolist(),
-                    "means": np.round(one.means, 6).tolist(),
+                    "label": dependence.label,
+                    "x": np.round(dependence.x[drawn], 5).tolist(),
+                    "centres": np.round(dependence.centres, 5).tolist(),
+                    "means": np.round(dependence.means, 6).tolist(),
                 }
-                for one in every
+                for dependence in every
             ]
         )
     )

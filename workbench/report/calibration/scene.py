@@ -88,7 +88,7 @@ def figure(scene: Scene, errors: Errors) -> go.Figure:
     """Arrows as lines from a coloured point; the arm as a thick line with its joints."""
     drawn = style.thinned(len(errors.held))
     feet, tips, distance = scene.feet[:, drawn], scene.tips[:, drawn], errors.distance[drawn]
-    made = go.Figure(
+    plot = go.Figure(
         layout=dict(
             template="none",
             height=660,
@@ -97,17 +97,17 @@ def figure(scene: Scene, errors: Errors) -> go.Figure:
             legend=dict(orientation="h", x=0, y=0, yanchor="top"),
         )
     )
-    _add_arrows(made, feet, tips, distance)
-    _add_points(made, feet, distance)
-    _add_arm(made, scene)
-    return made
+    _add_arrows(plot, feet, tips, distance)
+    _add_points(plot, feet, distance)
+    _add_arm(plot, scene)
+    return plot
 
 
-def _add_arrows(made, feet, tips, distance):
+def _add_arrows(plot, feet, tips, distance):
     """One trace with gaps: three places and three colours per arrow (foot, tip, gap)."""
     path = np.stack([feet, tips, np.full_like(feet, np.nan)], axis=2).reshape(3, -1)
     x, y, z = np.round(path, 3)
-    made.add_scatter3d(
+    plot.add_scatter3d(
         x=x,
         y=y,
         z=z,
@@ -125,7 +125,7 @@ def _colours(distance) -> dict:
     return dict(colorscale=style.LENGTHS, cmin=0, cmax=float(np.percentile(distance, 98)))
 
 
-def _add_points(made, feet, distance):
+def _add_points(plot, feet, distance):
     x, y, z = np.round(feet, 3)
     bar = dict(
         title=dict(text="residual (mm)", side="right"),
@@ -134,7 +134,7 @@ def _add_points(made, feet, distance):
         x=1.0,
         xanchor="right",
     )
-    made.add_scatter3d(
+    plot.add_scatter3d(
         x=x,
         y=y,
         z=z,
@@ -152,9 +152,9 @@ def _add_points(made, feet, distance):
     )
 
 
-def _add_arm(made, scene):
+def _add_arm(plot, scene):
     x, y, z = scene.links
-    made.add_scatter3d(
+    plot.add_scatter3d(
         x=x,
         y=y,
         z=z,
@@ -168,7 +168,7 @@ def _add_arm(made, scene):
     flange = scene.links[:, -1]
     stalks = [np.stack([flange, point, np.full(3, np.nan)]) for point in scene.held_points.T]
     x, y, z = np.concatenate(stalks).T
-    made.add_scatter3d(
+    plot.add_scatter3d(
         x=x,
         y=y,
         z=z,

@@ -59,21 +59,21 @@ def _rms_of(stage, kind: Kind) -> tuple[float, float]:
 def chart(calibration, kind: Kind = POSITION) -> go.Figure:
     """Held-out RMS by stage, from top to bottom: a step line through the retained stages."""
     lines, unit = _lines(calibration, kind), kind.unit
-    made = style.figure(92 + 34 * len(lines), f"RMS of the {kind.what} ({unit}, logarithmic)")
-    kept = [line for line in lines if line[3]]
-    made.add_scatter(
-        x=[line[1] for line in kept],
-        y=[line[0] for line in kept],
+    plot = style.figure(92 + 34 * len(lines), f"RMS of the {kind.what} ({unit}, logarithmic)")
+    retained = [line for line in lines if line[3]]
+    plot.add_scatter(
+        x=[line[1] for line in retained],
+        y=[line[0] for line in retained],
         mode="lines",
         hoverinfo="skip",
         line=dict(color=style.BLUE, width=1.5, shape="hv"),
         showlegend=False,
     )
-    _add_held_out(made, "held out, retained", kept, style.BLUE, unit)
+    _add_held_out(plot, "held out, retained", retained, style.BLUE, unit)
     dropped = [line for line in lines if not line[3]]
-    _add_held_out(made, "held out, not retained", dropped, style.GREY, unit)
+    _add_held_out(plot, "held out, not retained", dropped, style.GREY, unit)
     fits = [line for line in lines if line[2] is not None]
-    made.add_scatter(
+    plot.add_scatter(
         x=[line[2] for line in fits],
         y=[line[0] for line in fits],
         mode="markers",
@@ -81,14 +81,14 @@ def chart(calibration, kind: Kind = POSITION) -> go.Figure:
         marker=dict(symbol="line-ns-open", size=13, color=style.GREEN, line_width=2),
         hovertemplate="fit %{x:.4f} " + unit + "<extra></extra>",
     )
-    made.update_layout(margin_r=64)
-    made.update_yaxes(
+    plot.update_layout(margin_r=64)
+    plot.update_yaxes(
         autorange="reversed",
         type="category",
         categoryarray=[line[0] for line in lines],
         automargin=True,
     )
-    return made.update_xaxes(**_log_range([line[1] for line in lines] + [line[2] for line in fits]))
+    return plot.update_xaxes(**_log_range([line[1] for line in lines] + [line[2] for line in fits]))
 
 
 def _lines(calibration, kind: Kind):
@@ -101,10 +101,10 @@ def _lines(calibration, kind: Kind):
     return [*lines, ("<b>result</b>", calibration.held_out[key], calibration.fit[key], True)]
 
 
-def _add_held_out(made, name, lines, colour, unit):
+def _add_held_out(plot, name, lines, colour, unit):
     if not lines:
         return
-    made.add_scatter(
+    plot.add_scatter(
         x=[line[1] for line in lines],
         y=[line[0] for line in lines],
         mode="markers+text",

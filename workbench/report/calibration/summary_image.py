@@ -33,19 +33,19 @@ def draw_summary(calibration, errors: Errors):
     """A matplotlib figure: stages, distribution of the errors, and residuals in space."""
     from matplotlib.figure import Figure
 
-    made = Figure(figsize=(13, 4.9), facecolor="white")
-    grid = made.add_gridspec(
+    plot = Figure(figsize=(13, 4.9), facecolor="white")
+    grid = plot.add_gridspec(
         1, 3, left=0.125, right=0.965, bottom=0.14, top=0.78, wspace=0.22, width_ratios=(1, 1, 1.25)
     )
-    _stages(made.add_subplot(grid[0]), calibration)
-    _spread(made.add_subplot(grid[1]), calibration, errors)
-    _space(made.add_subplot(grid[2], projection="3d"), calibration)
+    _stages(plot.add_subplot(grid[0]), calibration)
+    _spread(plot.add_subplot(grid[1]), calibration, errors)
+    _space(plot.add_subplot(grid[2], projection="3d"), calibration)
     held_out = calibration.held_out
     words = f"{rounded(held_out['rms_mm'])} mm"
     if ROTATION.key("rms") in held_out:
         words += f", {rounded(held_out[ROTATION.key('rms')])} deg"
-    made.text(0.015, 0.9, f"{words} held-out RMS", size=21, weight="bold", color=_INK)
-    made.text(
+    plot.text(0.015, 0.9, f"{words} held-out RMS", size=21, weight="bold", color=_INK)
+    plot.text(
         0.985,
         0.905,
         calibration.recording.title or calibration.recording.name,
@@ -53,7 +53,7 @@ def draw_summary(calibration, errors: Errors):
         color=_INK,
         ha="right",
     )
-    return made
+    return plot
 
 
 def _stages(axes, calibration):
@@ -63,10 +63,14 @@ def _stages(axes, calibration):
         *(s.held_out_rms_mm for s in calibration.stages),
         calibration.held_out["rms_mm"],
     ]
-    kept = [True, *(s.earned for s in calibration.stages), True]
+    is_retained = [True, *(s.earned for s in calibration.stages), True]
     rows = np.arange(len(names))
-    axes.step(np.array(values)[kept], rows[kept], where="post", color=style.BLUE, lw=1)
-    axes.scatter(values, rows, color=[style.BLUE if k else style.GREY for k in kept], zorder=3)
+    axes.step(
+        np.array(values)[is_retained], rows[is_retained], where="post", color=style.BLUE, lw=1
+    )
+    axes.scatter(
+        values, rows, color=[style.BLUE if k else style.GREY for k in is_retained], zorder=3
+    )
     for value, at in zip(values, rows):
         axes.annotate(
             rounded(value), (value, at), (8, 0), textcoords="offset points", va="center", size=8.5

@@ -38,10 +38,10 @@ def write_volume(
 
     places (3, n), error (n,): as in `volume`; arm: (3, k) origins of base, joints and flange, mm.
     """
-    made = volume(places, error)
-    made.save(folder / f"{name}.vti")
+    mesh = volume(places, error)
+    mesh.save(folder / f"{name}.vti")
     try:
-        _drawn(made, arm, folder / f"{name}.png")
+        _drawn(mesh, arm, folder / f"{name}.png")
     except (ImportError, OSError, RuntimeError) as wrong:
         _log.warning(
             "%s.png was not drawn: %s. The maps of points are complete without it.",

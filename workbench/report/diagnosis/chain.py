@@ -12,16 +12,16 @@ _APART = ("time", "noise", "samples")
 _SMALL, _LARGE = 13, 46
 
 
-def chain(made: Diagnosis) -> go.Figure:
+def chain(plot: Diagnosis) -> go.Figure:
     """Joints and links in a row from the base to sensor and target; places outside the chain below."""
-    places = places_of(made)
+    places = places_of(plot)
     row = [where for where in places if where not in _APART]
-    share = {where: share_at(made, where) for where in places}
+    share = {where: share_at(plot, where) for where in places}
     x, y = _where(row, [where for where in places if where in _APART])
     drawn = style.figure(330)
     _line(drawn, x, y, row)
     _marks(drawn, places, x, y, share)
-    _names(drawn, made, places, x, y)
+    _names(drawn, plot, places, x, y)
     drawn.update_xaxes(visible=False, range=[-0.7, max(x.values()) + 0.7])
     drawn.update_yaxes(visible=False, range=[-1.35, 1.5])
     return drawn.update_layout(margin=dict(l=8, r=8, t=8, b=8), showlegend=False)
@@ -30,27 +30,33 @@ def chain(made: Diagnosis) -> go.Figure:
 _SHORT = {"joint": "J", "link": "L", "ball": "ball "}
 
 
-def places_of(made: Diagnosis) -> list[str]:
+def places_of(diagnosis: Diagnosis) -> list[str]:
     """Places of the chain in order, and further places with a finding."""
-    known = list(made.views.chain) if made.views else []
-    more = [one.where for one in made.located] + [term.finding.where for term in made.terms]
+    known = list(diagnosis.views.chain) if diagnosis.views else []
+    more = [located.where for located in diagnosis.located] + [
+        term.finding.where for term in diagnosis.terms
+    ]
     balls = sorted({where for where in more if Place.of(where).kind == "ball"})
     return [*known, *balls, *(w for w in dict.fromkeys(more) if w not in known and w not in balls)]
 
 
-def share_at(made: Diagnosis, where: str) -> float:
+def share_at(diagnosis: Diagnosis, where: str) -> float:
     """Share of the model discrepancy that originates at a place; 0 if it is not significant."""
     return max(
-        (one.share for one in made.located if one.where == where and one.p_value < 0.01),
+        (
+            located.share
+            for located in diagnosis.located
+            if located.where == where and located.p_value < 0.01
+        ),
         default=0.0,
     )
 
 
-def _where(row, apart):
+def _where(row, separate):
     x = {where: float(k) for k, where in enumerate(row)} | {
-        where: float(k) for k, where in enumerate(apart)
+        where: float(k) for k, where in enumerate(separate)
     }
-    return x, dict.fromkeys(row, 0.0) | dict.fromkeys(apart, -1.1)
+    return x, dict.fromkeys(row, 0.0) | dict.fromkeys(separate, -1.1)
 
 
 def _line(drawn, x, y, row):
@@ -117,10 +123,10 @@ def side(x: float, first: float, last: float) -> str:
     return "left" if share < 0.05 else "right" if share > 0.95 else "center"
 
 
-def _names(drawn, made, places, x, y):
+def _names(drawn, diagnosis, places, x, y):
     """Names of the findings, above their places."""
     at: dict[str, list] = {}
-    for term in made.terms:
+    for term in diagnosis.terms:
         at.setdefault(term.finding.where, []).append(term.finding.effect)
     for k, where in enumerate(w for w in places if w in at):
         text, blue = "<br>".join(dict.fromkeys(at[where])), dict(size=11, color=style.BLUE)

@@ -11,14 +11,14 @@ from workbench.report.text import counted, p_value, rounded
 _DEGREES = {"rad": ("deg", float(np.rad2deg(1.0)))}
 
 
-def three_parts(made: Diagnosis):
+def three_parts(diagnosis: Diagnosis):
     """Blocks of the three parts; none where the recording was not compared with a simulation or a solution."""
-    found = made.as_json()["differences"]
+    found = diagnosis.as_json()["differences"]
     if found is None:
         return
     yield from _parameters(found)
     yield words(_noise(found["noise"]))
-    names = ", ".join(f"{one['effect']} at {one['where']}" for one in found["physics"])
+    names = ", ".join(f"{effect['effect']} at {effect['where']}" for effect in found["physics"])
     yield words(f"Physics that is not in the simulation: {names or 'none found'}.")
 
 
@@ -32,19 +32,19 @@ def _parameters(found: Mapping):
         "The size is the RMS displacement of the measured point. An alternative explains this recording about as well."
     )
     head = ["parameter", "difference", "standard deviation", "sigmas", "size (mm RMS)"]
-    rows = [_row(one) for one in found["parameters"]]
+    rows = [_row(parameter) for parameter in found["parameters"]]
     yield table([*head, "alternatives"], rows)
 
 
-def _row(one: Mapping) -> tuple[str, ...]:
-    unit, factor = _DEGREES.get(one["unit"], (one["unit"], 1.0))
+def _row(parameter: Mapping) -> tuple[str, ...]:
+    unit, factor = _DEGREES.get(parameter["unit"], (parameter["unit"], 1.0))
     return (
-        f"{one['where']} {one['name']}",
-        f"{rounded(one['value'] * factor)} {unit}",
-        f"{rounded(one['std'] * factor)} {unit}",
-        f"{one['sigmas']:.1f}",
-        rounded(one["size_mm"]),
-        "; ".join(one["confounded_with"]) or "–",
+        f"{parameter['where']} {parameter['name']}",
+        f"{rounded(parameter['value'] * factor)} {unit}",
+        f"{rounded(parameter['std'] * factor)} {unit}",
+        f"{parameter['sigmas']:.1f}",
+        rounded(parameter["size_mm"]),
+        "; ".join(parameter["confounded_with"]) or "–",
     )
 
 

@@ -17,9 +17,9 @@ _MOST_PANELS, _BINS, _LOOKED, _FEW = 6, 20, 5000, 4
 _ALIKE = 0.999
 
 
-def evidence(made: Diagnosis) -> go.Figure:
+def evidence(plot: Diagnosis) -> go.Figure:
     """Bars of the chi-square that each term explains: retained terms blue, rejected terms grey, largest on top."""
-    terms = sorted(with_evidence(made), key=lambda term: term.finding.gain)
+    terms = sorted(with_evidence(plot), key=lambda term: term.finding.gain)
     drawn = style.figure(120 + 34 * len(terms), "reduction of chi-square by the term (logarithmic)")
     drawn.add_bar(
         y=[term.title for term in terms],
@@ -27,7 +27,7 @@ def evidence(made: Diagnosis) -> go.Figure:
         orientation="h",
         marker=dict(color=[style.BLUE if term.kept else style.GREY for term in terms]),
         showlegend=False,
-        text=[_bar_text(term, made.unit) for term in terms],
+        text=[_bar_text(term, plot.unit) for term in terms],
         textposition="auto",
         hovertemplate="%{y}: %{x:.0f}<extra></extra>",
     )
@@ -37,12 +37,12 @@ def evidence(made: Diagnosis) -> go.Figure:
     return drawn.update_layout(bargap=0.3, margin_l=230)
 
 
-def with_evidence(made: Diagnosis) -> list:
+def with_evidence(diagnosis: Diagnosis) -> list:
     """The terms, retained and rejected, that explain a part of the chi-square.
 
     A finding on the data (outliers, heteroscedastic noise) explains none and has no bar.
     """
-    every = (*made.terms, *made.refused)
+    every = (*diagnosis.terms, *diagnosis.refused)
     return [term for term in every if np.isfinite(term.finding.gain) and term.finding.gain > 0]
 
 
@@ -75,11 +75,11 @@ def shares(found) -> go.Figure:
     return drawn.update_layout(bargap=0.3, margin_l=250)
 
 
-def held_out(made: Diagnosis) -> go.Figure:
+def held_out(plot: Diagnosis) -> go.Figure:
     """Cumulative distribution of the held-out errors, before and after, and the noise."""
-    drawn = _shares_of_samples(made.proof.errors, made.unit)
+    drawn = _shares_of_samples(plot.proof.errors, plot.unit)
     drawn.add_scatter(
-        x=[made.proof.noise] * 2,
+        x=[plot.proof.noise] * 2,
         y=[0, 100],
         mode="lines",
         name="noise, RMS",
@@ -88,9 +88,9 @@ def held_out(made: Diagnosis) -> go.Figure:
     return _fitted_to_traces(drawn)
 
 
-def held_out_rotation(made: Diagnosis) -> go.Figure:
+def held_out_rotation(plot: Diagnosis) -> go.Figure:
     """Cumulative distribution of the held-out rotation errors, before and after."""
-    return _fitted_to_traces(_shares_of_samples(made.proof.angles, "deg"))
+    return _fitted_to_traces(_shares_of_samples(plot.proof.angles, "deg"))
 
 
 def _shares_of_samples(every, unit: str) -> go.Figure:
@@ -119,12 +119,12 @@ def _fitted_to_traces(drawn: go.Figure) -> go.Figure:
     return drawn.update_yaxes(range=[0, 101])
 
 
-def space(made: Diagnosis, when: str) -> go.Figure:
+def space(plot: Diagnosis, when: str) -> go.Figure:
     """Residuals as lines at the measured points, coloured by length, with the arm; both figures share one scale.
 
     Residuals without a direction are colours alone.
     """
-    views = made.views
+    views = plot.views
     shown = style.thinned(views.points.shape[1])
     residual = np.nan_to_num((views.before if when == "before" else views.after)[:3, shown])
     before = np.nan_to_num(views.before[:3, shown])
@@ -179,9 +179,9 @@ def _xyz(points) -> dict:
     return dict(zip("xyz", np.round(points, 3)))
 
 
-def image(made: Diagnosis, when: str) -> go.Figure:
+def image(plot: Diagnosis, when: str) -> go.Figure:
     """Length of the residual over the position in the image."""
-    views = made.views
+    views = plot.views
     shown = style.thinned(views.points.shape[1])
     lengths = {
         name: np.sqrt(np.nansum(part[:, shown] ** 2, 0))
@@ -206,14 +206,14 @@ def image(made: Diagnosis, when: str) -> go.Figure:
     return drawn.update_yaxes(autorange="reversed", scaleanchor="x", constrain="domain")
 
 
-def over(made: Diagnosis) -> Iterator[tuple[str, go.Figure]]:
+def over(plot: Diagnosis) -> Iterator[tuple[str, go.Figure]]:
     """(covariate, figure) of the residual components over the relevant covariates, then over time."""
-    views = made.views
+    views = plot.views
     low, high = extent(np.concatenate([*views.before, *views.after]))
-    for name in relevant_covariates(made):
+    for name in relevant_covariates(plot):
         x, title = shown_covariate(name, views.covariates)
         shown = style.thinned(len(x))
-        titles = [f"{n} ({made.unit})" for n in views.names[: len(views.before)]]
+        titles = [f"{n} ({plot.unit})" for n in views.names[: len(views.before)]]
         drawn = make_subplots(
             1, len(views.before), shared_yaxes=True, horizontal_spacing=0.03, subplot_titles=titles
         )
@@ -287,8 +287,8 @@ def _panel(drawn, k, x, row, shown, when):
 
 def binned(x: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Centres and means of bins of equal count; if there are few values, each is a bin."""
-    kept = np.isfinite(row)
-    x, row = x[kept], row[kept]
+    is_finite = np.isfinite(row)
+    x, row = x[is_finite], row[is_finite]
     values, place = np.unique(x, return_inverse=True)
     if len(values) <= _FEW:
         return values, np.bincount(place, row) / np.bincount(place)
@@ -298,9 +298,9 @@ def binned(x: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def relevant_covariates(made: Diagnosis) -> list[str]:
+def relevant_covariates(diagnosis: Diagnosis) -> list[str]:
     """At most six covariates: those whose bins explain most of the reduction by the findings, and time."""
-    views = made.views
+    views = diagnosis.views
     wide = [
         name
         for name, x in views.covariates.items()

@@ -34,65 +34,69 @@ _OF_TWO_POSES = (
 _PASSED = {True: "passed", False: "failed", None: "cannot tell"}
 
 
-def page(made: Diagnosis) -> Page:
+def page(diagnosis: Diagnosis) -> Page:
     """The whole page."""
-    proof, unit = made.proof, made.unit
+    proof, unit = diagnosis.proof, diagnosis.unit
     numbers = (
         ("held-out RMS, with the findings", rounded(proof.after), unit),
         ("held-out RMS, before", rounded(proof.before), unit),
         (f"noise, {proof.noise_from}", rounded(proof.noise), unit),
         *_rotation_numbers(proof),
-        ("findings", str(len(made.terms)), ""),
+        ("findings", str(len(diagnosis.terms)), ""),
     )
     sections = (
-        Section("findings", "Findings", tuple(_findings(made))),
-        Section("place", "Place in the measuring chain", tuple(_place(made))),
+        Section("findings", "Findings", tuple(_findings(diagnosis))),
+        Section("place", "Place in the measuring chain", tuple(_place(diagnosis))),
         *(
-            [Section("against", "Parts of the difference", tuple(_difference(made)))]
-            if made.shares
+            [Section("against", "Parts of the difference", tuple(_difference(diagnosis)))]
+            if diagnosis.shares
             else []
         ),
-        *([turntable.section(made.turntable)] if made.turntable else []),
-        Section("proof", "Validation", tuple(_validation(made))),
-        *_term_by_term(made),
-        Section("residuals", "Residuals before and after", tuple(_residuals(made))),
+        *([turntable.section(diagnosis.turntable)] if diagnosis.turntable else []),
+        Section("proof", "Validation", tuple(_validation(diagnosis))),
+        *_term_by_term(diagnosis),
+        Section("residuals", "Residuals before and after", tuple(_residuals(diagnosis))),
         *(
-            [Section("doubt", "Alternative explanations", tuple(_alternatives(made)))]
-            if made.terms
+            [Section("doubt", "Alternative explanations", tuple(_alternatives(diagnosis)))]
+            if diagnosis.terms
             else []
         ),
-        Section("visible", "Minimal detectable biases", tuple(_detectable(made))),
-        Section("next", "Next experiment", tuple(_next(made))),
+        Section("visible", "Minimal detectable biases", tuple(_detectable(diagnosis))),
+        Section("next", "Next experiment", tuple(_next(diagnosis))),
         Section(
             "provenance",
             "Provenance",
-            (facts(flat(made.provenance)),),
+            (facts(flat(diagnosis.provenance)),),
         ),
     )
-    files = ("residuals.csv", "smallest-visible.csv", *([SCENE] if made.experiment.scene else []))
+    files = (
+        "residuals.csv",
+        "smallest-visible.csv",
+        *([SCENE] if diagnosis.experiment.scene else []),
+    )
     return Page(
-        f"Diagnosis · {made.title}",
-        VERDICTS[made.verdict],
+        f"Diagnosis · {diagnosis.title}",
+        VERDICTS[diagnosis.verdict],
         numbers,
-        tuple(_lead(made)),
+        tuple(_lead(diagnosis)),
         sections,
         files=files,
-        caption=_error_name(made),
+        caption=_error_name(diagnosis),
     )
 
 
-def _error_name(made: Diagnosis) -> str:
-    if made.unit != "mm":
+def _error_name(diagnosis: Diagnosis) -> str:
+    if diagnosis.unit != "mm":
         return "RMS distance in the image"
-    is_number = made.views is not None and not made.views.has_direction
+    is_number = diagnosis.views is not None and not diagnosis.views.has_direction
     return "RMS of the residual" if is_number else "RMS of the 3-D distance"
 
 
-def _term_by_term(made: Diagnosis) -> list[Section]:
+def _term_by_term(diagnosis: Diagnosis) -> list[Section]:
     """The section on the models from the simulation to the corrected one; none where there is only one."""
-    if made.views is None or len(made.views.steps) < 2:
+    if diagnosis.views is None or len(diagnosis.views.steps) < 2:
         return []
-    return [Section("terms", "Before and after, term by term", tuple(before_and_after(made)))]
+    return [Section("terms", "Before and after, term by term", tuple(before_and_after(diagnosis)))]
 
 
 def _rotation_numbers(proof) -> tuple[tuple[str, str, str], ...]:
@@ -106,53 +110,54 @@ def _rotation_numbers(proof) -> tuple[tuple[str, str, str], ...]:
     )
 
 
-def _lead(made: Diagnosis):
-    proof = made.proof
+def _lead(diagnosis: Diagnosis):
+    proof = diagnosis.proof
     scheme = f" ({proof.scheme})" if proof.scheme else ""
-    errors = said.errors(proof.before, proof.after, proof.noise, proof.noise_from, made.unit)
+    errors = said.errors(proof.before, proof.after, proof.noise, proof.noise_from, diagnosis.unit)
     yield (
-        f"{errors} These are {counted(made.samples, 'sample')} predicted in {proof.folds} folds{scheme}. The complete "
+        f"{errors} These are {counted(diagnosis.samples, 'sample')} predicted in {proof.folds} "
+        f"folds{scheme}. The complete "
         "search is repeated inside every fold; repeats of one pose are never on both sides."
     )
-    yield f"The baseline: {made.baseline}." + (
-        f" {' '.join(made.warnings)}" if made.warnings else ""
+    yield f"The baseline: {diagnosis.baseline}." + (
+        f" {' '.join(diagnosis.warnings)}" if diagnosis.warnings else ""
     )
 
 
-def _findings(made: Diagnosis):
-    if not made.terms:
+def _findings(diagnosis: Diagnosis):
+    if not diagnosis.terms:
         yield words(
             "No term reduces the held-out error significantly."
-            if made.verdict == UNEXPLAINED
+            if diagnosis.verdict == UNEXPLAINED
             else "No term is missing."
         )
-    for term in made.terms:
+    for term in diagnosis.terms:
         yield words(term.statement)
-    if made.terms:
+    if diagnosis.terms:
         yield table(
             [
                 "term",
                 "where",
                 "p",
                 "probability",
-                f"size ({made.unit} RMS)",
+                f"size ({diagnosis.unit} RMS)",
                 "t held out",
                 "reselected",
             ],
-            [_row(term) for term in made.terms],
+            [_row(term) for term in diagnosis.terms],
             left=2,
         )
-    if figures.with_evidence(made):
+    if figures.with_evidence(diagnosis):
         yield figure(
             "sizes",
-            figures.evidence(made),
+            figures.evidence(diagnosis),
             "Chi-square that each term explains conditional on the others, its size, and t of its held-out gain.",
         )
-    if made.refused:
-        yield note("Found but not retained", [term.statement for term in made.refused])
-    if made.outliers:
-        shown = ", ".join(map(str, made.outliers[:20])) + (
-            " ..." if len(made.outliers) > 20 else ""
+    if diagnosis.refused:
+        yield note("Found but not retained", [term.statement for term in diagnosis.refused])
+    if diagnosis.outliers:
+        shown = ", ".join(map(str, diagnosis.outliers[:20])) + (
+            " ..." if len(diagnosis.outliers) > 20 else ""
         )
         yield note("Outliers", [f"Excluded from the numbers: samples {shown}."])
 
@@ -172,8 +177,8 @@ def _row(term: Term):
     )
 
 
-def _place(made: Diagnosis):
-    significant = [one for one in made.located if one.p_value < 0.01]
+def _place(diagnosis: Diagnosis):
+    significant = [located for located in diagnosis.located if located.p_value < 0.01]
     if not significant:
         yield words(
             "No place stands out: at no place of the chain does a smooth function of the recorded covariates "
@@ -181,7 +186,7 @@ def _place(made: Diagnosis):
         )
     yield figure(
         "chain",
-        chain(made),
+        chain(diagnosis),
         "The measuring chain from base to measured point. Area and colour: share of the baseline's model "
         "discrepancy that a smooth function of one or two covariates explains at that place. Labels: findings. "
         "Confounded neighbouring places share the same part.",
@@ -189,33 +194,33 @@ def _place(made: Diagnosis):
     if significant:
         rows = [
             (
-                said.place(one.where),
-                one.port,
-                said.listed([said.covariate(c) for c in one.depends_on]),
-                f"{100 * one.share:.0f} %",
-                p_value(one.p_value),
+                said.place(located.where),
+                located.port,
+                said.listed([said.covariate(c) for c in located.depends_on]),
+                f"{100 * located.share:.0f} %",
+                p_value(located.p_value),
             )
-            for one in significant[:12]
+            for located in significant[:12]
         ]
         yield table(
             ["place", "port", "depends on", "share of the discrepancy", "p of the complete search"],
             rows,
             left=3,
         )
-    remaining = [one for one in made.remainder if one.p_value < 0.01]
-    if remaining and made.terms:
+    remaining = [located for located in diagnosis.remainder if located.p_value < 0.01]
+    if remaining and diagnosis.terms:
         first = remaining[0]
         covariates = said.listed([said.covariate(c) for c in first.depends_on])
         yield words(
             f"Some structure remains with these findings: a function of {covariates} at {said.place(first.where)} "
             f"explains {100 * first.share:.0f} % of the remaining discrepancy."
         )
-    if made.fixed:
-        yield words(made.fixed.sentence)
+    if diagnosis.fixed:
+        yield words(diagnosis.fixed.sentence)
 
 
-def _difference(made: Diagnosis):
-    shares = made.shares
+def _difference(diagnosis: Diagnosis):
+    shares = diagnosis.shares
     yield words(
         f"The mean squared distance between {shares.reference} and the recording, "
         f"{rounded(shares.total_mm2)} mm², is the sum of three parts: parameter values that are not calibrated, "
@@ -232,11 +237,11 @@ def _difference(made: Diagnosis):
             (m["name"], rounded(m["before"]), rounded(m["after"]), m["unit"]) for m in shares.moved
         ]
         yield table(["parameter", "reference", "this recording", "unit"], rows)
-    yield from three_parts(made)
+    yield from three_parts(diagnosis)
 
 
-def _validation(made: Diagnosis):
-    proof, unit = made.proof, made.unit
+def _validation(diagnosis: Diagnosis):
+    proof, unit = diagnosis.proof, diagnosis.unit
     yield words(
         "Nested cross-validation repeats the complete search without a part of the samples; the findings must predict "
         "this part better. A term is retained only if the held-out error rises significantly without it, conditional "
@@ -270,16 +275,18 @@ def _validation(made: Diagnosis):
         rows,
     )
     yield figure(
-        "heldout", figures.held_out(made), "Share of samples whose held-out error is smaller."
+        "heldout", figures.held_out(diagnosis), "Share of samples whose held-out error is smaller."
     )
     if proof.angles is not None:
         yield figure(
             "heldout-rotation",
-            figures.held_out_rotation(made),
+            figures.held_out_rotation(diagnosis),
             "Share of samples whose held-out rotation error is smaller.",
         )
     controls = [
-        _control(term, one) for term in (*made.terms, *made.refused) for one in term.controls
+        _control(term, control)
+        for term in (*diagnosis.terms, *diagnosis.refused)
+        for control in term.controls
     ]
     if controls:
         yield table(["term", "control", "remaining gain", "p", "", ""], controls, left=2)
@@ -303,29 +310,36 @@ def _lack_of_fit(lack, unit):
     )
 
 
-def _control(term: Term, one):
-    share = "–" if one.share is None else f"{100 * one.share:.1f} %"
-    return term.title, one.kind, share, p_value(one.p_value), _PASSED[one.passed], one.why
+def _control(term: Term, control):
+    share = "–" if control.share is None else f"{100 * control.share:.1f} %"
+    return (
+        term.title,
+        control.kind,
+        share,
+        p_value(control.p_value),
+        _PASSED[control.passed],
+        control.why,
+    )
 
 
-def _residuals(made: Diagnosis):
-    if made.views is None:
+def _residuals(diagnosis: Diagnosis):
+    if diagnosis.views is None:
         return
     yield words(
-        f"Predicted minus measured, in {made.unit}, all samples, fitted: of the baseline, and with the findings."
-        + (_OF_TWO_POSES if made.measures == "distance" else "")
+        f"Predicted minus measured, in {diagnosis.unit}, all samples, fitted: of the baseline, and with the findings."
+        + (_OF_TWO_POSES if diagnosis.measures == "distance" else "")
     )
-    space = figures.space if made.views.links is not None else figures.image
+    space = figures.space if diagnosis.views.links is not None else figures.image
     yield pair(
         *(
-            figure(f"space-{when}", space(made, when), text)
+            figure(f"space-{when}", space(diagnosis, when), text)
             for when, text in (
                 ("before", "Baseline."),
                 ("after", "With the findings, on the same scale."),
             )
         )
     )
-    for k, (name, drawn) in enumerate(figures.over(made)):
+    for k, (name, drawn) in enumerate(figures.over(diagnosis)):
         yield figure(
             f"over-{k}",
             drawn,
@@ -333,8 +347,8 @@ def _residuals(made: Diagnosis):
         )
 
 
-def _alternatives(made: Diagnosis):
-    doubtful = [term for term in made.terms if term.finding.alternatives]
+def _alternatives(diagnosis: Diagnosis):
+    doubtful = [term for term in diagnosis.terms if term.finding.alternatives]
     if not doubtful:
         yield words(
             "No term has an alternative explanation: each has a probability of at least 95 %."
@@ -351,13 +365,15 @@ def _alternatives(made: Diagnosis):
         ]
         rows += [
             (
-                with_labels(f"{one.effect} {one.label}".strip()),
-                said.place(one.where),
-                f"{one.probability:.2f}",
-                f"{100 * one.squared_correlation:.0f} %",
-                one.missing_covariate and f"needs {one.missing_covariate}, not recorded" or one.why,
+                with_labels(f"{alternative.effect} {alternative.label}".strip()),
+                said.place(alternative.where),
+                f"{alternative.probability:.2f}",
+                f"{100 * alternative.squared_correlation:.0f} %",
+                alternative.missing_covariate
+                and f"needs {alternative.missing_covariate}, not recorded"
+                or alternative.why,
             )
-            for one in term.finding.alternatives[:8]
+            for alternative in term.finding.alternatives[:8]
         ]
         head = [
             f"alternatives to {term.title}",
@@ -367,36 +383,43 @@ def _alternatives(made: Diagnosis):
             "",
         ]
         yield table(head, rows, left=2)
-    if made.not_recorded:
+    if diagnosis.not_recorded:
         yield note(
             "Not recorded",
             [
                 f"{sentence(said.covariate(name))} Some of the findings above depend on it."
-                for name in made.not_recorded
+                for name in diagnosis.not_recorded
             ],
         )
 
 
-def _detectable(made: Diagnosis):
-    unit = made.unit
+def _detectable(diagnosis: Diagnosis):
+    unit = diagnosis.unit
     yield words(
         "Minimal detectable bias (MDB) of each effect, as the RMS displacement of the measured point that the effect "
         "alone causes. Detectable: 95 % power at a family-wise false-alarm rate of 1 %. Orthogonal: share of its "
         "squared signature that the fitted baseline does not absorb. Distinguishable: identified with 95 % probability "
         "against the most confounded effect."
     )
-    order = sorted(made.visible, key=lambda one: one.size if one.size is not None else np.inf)
+    order = sorted(
+        diagnosis.visible,
+        key=lambda detectable: detectable.size if detectable.size is not None else np.inf,
+    )
     rows = [
         (
-            with_labels(f"{one.effect}{f', {one.label}' if one.label else ''}"),
-            said.place(one.where),
-            rounded(one.size, 2),
-            _parameter(one),
-            f"{100 * one.survives:.1f} %",
-            rounded(one.separable, 2),
-            f"{one.alternative} at {said.place(one.alternative_where)}" if one.alternative else "–",
+            with_labels(
+                f"{detectable.effect}{f', {detectable.label}' if detectable.label else ''}"
+            ),
+            said.place(detectable.where),
+            rounded(detectable.size, 2),
+            _parameter(detectable),
+            f"{100 * detectable.survives:.1f} %",
+            rounded(detectable.separable, 2),
+            f"{detectable.alternative} at {said.place(detectable.alternative_where)}"
+            if detectable.alternative
+            else "–",
         )
-        for one in order[:_SMALLEST]
+        for detectable in order[:_SMALLEST]
     ]
     yield table(
         [
@@ -415,12 +438,16 @@ def _detectable(made: Diagnosis):
         yield words(f"smallest-visible.csv lists the other {len(order) - _SMALLEST}.", quiet=True)
 
 
-def _parameter(one) -> str:
-    return "–" if one.parameter is None else said.measured(one.parameter, None, one.unit)
+def _parameter(detectable) -> str:
+    return (
+        "–"
+        if detectable.parameter is None
+        else said.measured(detectable.parameter, None, detectable.unit)
+    )
 
 
-def _next(made: Diagnosis):
-    plan = made.experiment
+def _next(diagnosis: Diagnosis):
+    plan = diagnosis.experiment
     yield words(plan.sentence)
     if plan.rows:
         rows = [

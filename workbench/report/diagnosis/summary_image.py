@@ -16,10 +16,10 @@ _INK = "#222222"
 _log = logging.getLogger(__name__)
 
 
-def write_summary(made: Diagnosis, path: Path) -> bool:
+def write_summary(diagnosis: Diagnosis, path: Path) -> bool:
     """Write the PNG at `path`. Return False, with a warning in the log, if it cannot be drawn."""
     try:
-        draw_summary(made).savefig(path, dpi=130)
+        draw_summary(diagnosis).savefig(path, dpi=130)
     except (ImportError, OSError, RuntimeError) as error:
         _log.warning(
             "%s was not drawn: %s. The report page is complete without it.", path.name, error
@@ -28,7 +28,7 @@ def write_summary(made: Diagnosis, path: Path) -> bool:
     return True
 
 
-def draw_summary(made: Diagnosis):
+def draw_summary(diagnosis: Diagnosis):
     """A matplotlib figure."""
     from matplotlib.figure import Figure
 
@@ -44,25 +44,25 @@ def draw_summary(made: Diagnosis):
         wspace=0.16,
         height_ratios=(1, 1.35),
     )
-    _chain(drawn.add_subplot(grid[0, :]), made)
-    _errors(drawn.add_subplot(grid[1, 0]), made)
-    _over(drawn.add_subplot(grid[1, 1]), made)
-    proof = made.proof
+    _chain(drawn.add_subplot(grid[0, :]), diagnosis)
+    _errors(drawn.add_subplot(grid[1, 0]), diagnosis)
+    _over(drawn.add_subplot(grid[1, 1]), diagnosis)
+    proof = diagnosis.proof
     drawn.text(
         0.02,
         0.92,
-        f"{made.verdict}: {rounded(proof.before)} → {rounded(proof.after)} {made.unit} held out",
+        f"{diagnosis.verdict}: {rounded(proof.before)} → {rounded(proof.after)} {diagnosis.unit} held out",
         size=19,
         weight="bold",
         color=_INK,
     )
-    drawn.text(0.98, 0.93, made.title, size=11, color=_INK, ha="right")
+    drawn.text(0.98, 0.93, diagnosis.title, size=11, color=_INK, ha="right")
     return drawn
 
 
-def _chain(axes, made):
-    places = places_of(made)
-    share = np.array([share_at(made, where) for where in places])
+def _chain(axes, diagnosis):
+    places = places_of(diagnosis)
+    share = np.array([share_at(diagnosis, where) for where in places])
     x = np.arange(len(places))
     axes.plot(x, 0 * x, color="#999999", lw=4, zorder=1)
     size = 70 + 900 * share / max(share.max(initial=0), 1e-9) * (share > 0)
@@ -83,7 +83,7 @@ def _chain(axes, made):
             text, (k, 0), (0, -34), textcoords="offset points", ha="center", va="top", size=8
         )
     at: dict[str, list[str]] = {}
-    for term in made.terms:
+    for term in diagnosis.terms:
         at.setdefault(term.finding.where, []).append(term.finding.effect)
     for i, where in enumerate(w for w in places if w in at):
         axes.annotate(
@@ -101,15 +101,15 @@ def _chain(axes, made):
     axes.axis("off")
 
 
-def _errors(axes, made):
-    known = [errors[np.isfinite(errors)] for errors in made.proof.errors]
+def _errors(axes, diagnosis):
+    known = [errors[np.isfinite(errors)] for errors in diagnosis.proof.errors]
     for name, errors, colour in zip(("before", "after"), known, (style.GREY, style.BLUE)):
         if len(errors):
             axes.ecdf(errors, label=name, color=colour, lw=2)
-    if np.isfinite(made.proof.noise) and made.proof.noise > 0:
-        axes.axvline(made.proof.noise, color=style.ORANGE, ls=":", label="noise, RMS")
+    if np.isfinite(diagnosis.proof.noise) and diagnosis.proof.noise > 0:
+        axes.axvline(diagnosis.proof.noise, color=style.ORANGE, ls=":", label="noise, RMS")
     positive = any((errors > 0).any() for errors in known)
-    axes.set(xlabel=f"held-out error ({made.unit})", title="cumulative share of samples")
+    axes.set(xlabel=f"held-out error ({diagnosis.unit})", title="cumulative share of samples")
     if positive:
         axes.set_xscale("log")
     axes.yaxis.set_major_formatter("{x:.0%}")
@@ -117,23 +117,23 @@ def _errors(axes, made):
     _quiet(axes)
 
 
-def _over(axes, made):
-    if made.views is None or not made.views.covariates:
+def _over(axes, diagnosis):
+    if diagnosis.views is None or not diagnosis.views.covariates:
         axes.axis("off")
         return
-    name = max(made.views.covariates, key=lambda one: fall(made.views, one))
-    x, title = shown_covariate(name, made.views.covariates)
-    k = int(np.argmax([np.ptp(binned(x, row)[1]) for row in made.views.before]))
+    name = max(diagnosis.views.covariates, key=lambda covariate: fall(diagnosis.views, covariate))
+    x, title = shown_covariate(name, diagnosis.views.covariates)
+    k = int(np.argmax([np.ptp(binned(x, row)[1]) for row in diagnosis.views.before]))
     for when, part, colour in (
-        ("before", made.views.before, style.GREY),
-        ("after", made.views.after, style.BLUE),
+        ("before", diagnosis.views.before, style.GREY),
+        ("after", diagnosis.views.after, style.BLUE),
     ):
         axes.plot(x, part[k], ".", ms=2, alpha=0.3, color=colour)
         axes.plot(*binned(x, part[k]), color=colour, lw=2.5, label=when)
     axes.set(
         xlabel=title,
-        title=f"residual in {made.views.names[k]} ({made.unit})",
-        ylim=extent(made.views.before[k]),
+        title=f"residual in {diagnosis.views.names[k]} ({diagnosis.unit})",
+        ylim=extent(diagnosis.views.before[k]),
     )
     style.legend_above(axes)
     _quiet(axes)

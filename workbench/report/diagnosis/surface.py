@@ -34,16 +34,19 @@ def _effects(answer: Mapping):
     else:
         rows = [
             (
-                one["effect"],
-                one["label"],
-                rounded(one["size_mm"]),
-                f"{one['p_value']:.2g}",
-                rounded(one["held_out_before_mm"]),
-                rounded(one["held_out_after_mm"]),
+                effect["effect"],
+                effect["label"],
+                rounded(effect["size_mm"]),
+                f"{effect['p_value']:.2g}",
+                rounded(effect["held_out_before_mm"]),
+                rounded(effect["held_out_after_mm"]),
             )
-            for one in answer["effects"]
+            for effect in answer["effects"]
         ]
         head = ["effect", "law", "size, RMS (mm)", "p", "held out before (mm)", "after (mm)"]
         yield table(head, rows, left=2)
     if answer["refused"]:
-        yield note("Tested and not retained", [one["statement"] for one in answer["refused"]])
+        yield note(
+            "Tested and not retained",
+            [refused_effect["statement"] for refused_effect in answer["refused"]],
+        )

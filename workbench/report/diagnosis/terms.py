@@ -15,29 +15,34 @@ _COLOURS = (style.GREY, style.ORANGE, style.VIOLET, style.GREEN, "#5b5bd6", "#80
 _COLUMNS = 3
 
 
-def before_and_after(made: Diagnosis):
+def before_and_after(diagnosis: Diagnosis):
     """Blocks of the section; none where there is nothing to compare."""
-    steps = made.views.steps
+    steps = diagnosis.views.steps
     yield words(
-        f"{_error_name(made)} between model and recording, all samples, fitted. The base and the tool are fitted in "
+        f"{_error_name(diagnosis)} between model and recording, all samples, fitted. The base and the "
+        "tool are fitted in "
         "every row, the geometry from the baseline on; each further row has one more term."
     )
-    yield table(["model", f"RMS ({made.unit})", f"change ({made.unit})"], list(_rows(steps)))
-    yield figure("terms-sizes", sizes(made), "Bars: RMS distance of each model. Dotted: noise.")
+    yield table(
+        ["model", f"RMS ({diagnosis.unit})", f"change ({diagnosis.unit})"], list(_rows(steps))
+    )
+    yield figure(
+        "terms-sizes", sizes(diagnosis), "Bars: RMS distance of each model. Dotted: noise."
+    )
     yield figure(
         "terms-over",
-        over_covariates(made),
+        over_covariates(diagnosis),
         "RMS distance over time and over the joint readings, in bins of equal count.",
     )
     yield figure(
         "terms-space",
-        in_space(made),
+        in_space(diagnosis),
         "Length of the residual in the workspace. The menu chooses the model; the colour scale stays.",
     )
 
 
-def _error_name(made: Diagnosis) -> str:
-    return "RMS 3-D distance" if made.views.has_direction else "RMS residual"
+def _error_name(diagnosis: Diagnosis) -> str:
+    return "RMS 3-D distance" if diagnosis.views.has_direction else "RMS residual"
 
 
 def _rows(steps: tuple[Step, ...]):
@@ -51,41 +56,41 @@ def _signed(value: float) -> str:
     return ("+" if value > 0 else "") + rounded(value)
 
 
-def sizes(made: Diagnosis) -> go.Figure:
+def sizes(plot: Diagnosis) -> go.Figure:
     """Bars of the RMS distance of each model, the first on top, and the noise."""
-    steps = made.views.steps[::-1]
+    steps = plot.views.steps[::-1]
     values = [max(step.rms, 1e-9) for step in steps]
-    drawn = style.figure(110 + 30 * len(steps), f"{_error_name(made)} ({made.unit}, logarithmic)")
+    drawn = style.figure(110 + 30 * len(steps), f"{_error_name(plot)} ({plot.unit}, logarithmic)")
     drawn.add_bar(
         y=[step.name for step in steps],
         x=values,
         orientation="h",
         showlegend=False,
-        marker=dict(color=[colour(made, step) for step in steps]),
-        text=[f"{step.rms:.4g} {made.unit}" for step in steps],
+        marker=dict(color=[colour(plot, step) for step in steps]),
+        text=[f"{step.rms:.4g} {plot.unit}" for step in steps],
         textposition="auto",
     )
-    drawn.add_vline(x=made.proof.noise, line=dict(color=style.GREY, dash="dot", width=2))
-    noise = made.proof.noise
+    drawn.add_vline(x=plot.proof.noise, line=dict(color=style.GREY, dash="dot", width=2))
+    noise = plot.proof.noise
     ends = [*values, *([noise] if np.isfinite(noise) and noise > 0 else [])]
     drawn.update_xaxes(style.log_axis(min(ends) / 1.5, max(ends) * 1.5))
     drawn.update_yaxes(automargin=True)
     return drawn.update_layout(bargap=0.3)
 
 
-def colour(made: Diagnosis, step: Step) -> str:
+def colour(diagnosis: Diagnosis, step: Step) -> str:
     """Colour of a model in all figures; the last is blue."""
-    steps = made.views.steps
+    steps = diagnosis.views.steps
     if step is steps[-1]:
         return style.BLUE
-    place = next(k for k, one in enumerate(steps) if one is step)
+    place = next(k for k, candidate in enumerate(steps) if candidate is step)
     return _COLOURS[place % len(_COLOURS)]
 
 
-def over_covariates(made: Diagnosis) -> go.Figure:
+def over_covariates(plot: Diagnosis) -> go.Figure:
     """RMS distance in bins, a panel for time and for every joint reading, a line a model."""
     names = [
-        name for name in made.views.covariates if name in ("time", "time_s") or _is_joint(name)
+        name for name in plot.views.covariates if name in ("time", "time_s") or _is_joint(name)
     ]
     names = sorted(dict.fromkeys(names), key=lambda name: not name.startswith("time"))
     rows = max(-(-len(names) // _COLUMNS), 1)
@@ -95,11 +100,11 @@ def over_covariates(made: Diagnosis) -> go.Figure:
     )
     for k, name in enumerate(names):
         row, column = k // _COLUMNS + 1, k % _COLUMNS + 1
-        x, title = shown_covariate(name, made.views.covariates)
-        for step in made.views.steps:
-            _line(drawn, made, step, x, (row, column))
+        x, title = shown_covariate(name, plot.views.covariates)
+        for step in plot.views.steps:
+            _line(drawn, plot, step, x, (row, column))
         drawn.update_xaxes(title=dict(text=title, standoff=6), row=row, col=column)
-    drawn.update_yaxes(title=dict(text=f"RMS distance ({made.unit})"), col=1)
+    drawn.update_yaxes(title=dict(text=f"RMS distance ({plot.unit})"), col=1)
     drawn.update_yaxes(rangemode="tozero")
     return drawn.update_layout(legend=dict(orientation="h", x=0, y=1.02, yanchor="bottom"))
 
@@ -108,7 +113,7 @@ def _is_joint(name: str) -> bool:
     return name[:1] == "q" and name[1:].isdigit()
 
 
-def _line(drawn: go.Figure, made: Diagnosis, step: Step, x, place) -> None:
+def _line(drawn: go.Figure, plot: Diagnosis, step: Step, x, place) -> None:
     centres, means = binned(x, (step.residual**2).sum(0))
     drawn.add_scatter(
         x=centres,
@@ -117,15 +122,15 @@ def _line(drawn: go.Figure, made: Diagnosis, step: Step, x, place) -> None:
         name=step.name,
         legendgroup=step.name,
         showlegend=place == (1, 1),
-        line=dict(color=colour(made, step), width=2),
+        line=dict(color=colour(plot, step), width=2),
         row=place[0],
         col=place[1],
     )
 
 
-def in_space(made: Diagnosis) -> go.Figure:
+def in_space(plot: Diagnosis) -> go.Figure:
     """The measured points coloured by the residual of the model that a menu chooses, on one colour scale."""
-    steps, views = made.views.steps, made.views
+    steps, views = plot.views.steps, plot.views
     shown = style.thinned(views.points.shape[1])
     lengths = [np.linalg.norm(np.nan_to_num(step.residual[:, shown]), axis=0) for step in steps]
     top = float(np.percentile(lengths[0], 98)) if lengths[0].size else 1.0
@@ -145,10 +150,10 @@ def in_space(made: Diagnosis) -> go.Figure:
                 cmin=0,
                 cmax=top,
                 colorbar=dict(
-                    title=dict(text=f"residual ({made.unit})", side="right"), thickness=12
+                    title=dict(text=f"residual ({plot.unit})", side="right"), thickness=12
                 ),
             ),
-            hovertemplate="%{customdata:.4f} " + made.unit + "<extra></extra>",
+            hovertemplate="%{customdata:.4f} " + plot.unit + "<extra></extra>",
         )
     return drawn.update_layout(margin=dict(l=0, r=0, t=44, b=0), updatemenus=[_menu(steps)])
 

@@ -8,41 +8,41 @@ from workbench.report.sections import Section, figure, note, table
 from workbench.report.text import p_value, rounded
 
 
-def section(made: TurntableCalibration) -> Section:
+def section(turntable: TurntableCalibration) -> Section:
     """Angle errors of the positions, the terms of the law, and the leave-one-out errors."""
-    return Section("turntable", "Angles of the turntable", tuple(_blocks(made)))
+    return Section("turntable", "Angles of the turntable", tuple(_blocks(turntable)))
 
 
-def _blocks(made: TurntableCalibration):
-    yield figure("turntable", _errors(made), _caption(made))
-    yield note("What was found", made.sentences)
+def _blocks(turntable: TurntableCalibration):
+    yield figure("turntable", _errors(turntable), _caption(turntable))
+    yield note("What was found", turntable.sentences)
     rows = [
         (term.name, p_value(term.probability), "yes" if term.retained else "no")
-        for term in made.terms
+        for term in turntable.terms
     ]
     if rows:
         yield table(["term of the angle law", "p of its F-test", "retained"], rows)
 
 
-def _errors(made: TurntableCalibration):
+def _errors(turntable: TurntableCalibration):
     drawn = style.figure(360, "commanded angle (deg)", "angle error (deg)")
-    commanded = np.rad2deg(made.commanded)
-    measured = np.rad2deg(made.measured - made.commanded)
+    commanded = np.rad2deg(turntable.commanded)
+    measured = np.rad2deg(turntable.measured - turntable.commanded)
     drawn.add_scatter(
         x=commanded,
         y=measured,
         mode="markers",
         name="measured, 1 σ",
         marker_color=style.BLUE,
-        error_y=dict(type="data", array=np.rad2deg(made.sigma), thickness=1),
+        error_y=dict(type="data", array=np.rad2deg(turntable.sigma), thickness=1),
     )
-    law = measured - np.rad2deg(made.residual)
+    law = measured - np.rad2deg(turntable.residual)
     drawn.add_scatter(x=commanded, y=law, mode="lines", name="angle law", line_color=style.ORANGE)
     return drawn
 
 
-def _caption(made: TurntableCalibration) -> str:
-    before, after = np.rad2deg([made.before, made.after])
+def _caption(turntable: TurntableCalibration) -> str:
+    before, after = np.rad2deg([turntable.before, turntable.after])
     return (
         f"Error of each position of the table. Leave-one-out RMS error {rounded(before)} deg as commanded, "
         f"{rounded(after)} deg with the angle law."

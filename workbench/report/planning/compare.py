@@ -125,13 +125,13 @@ def _blocks(comparison: Comparison):
         drawn = style.figure(
             380, f"error under plan {comparison.names[0]} (mm)", "error under the other plan (mm)"
         )
-        kept = style.thinned(len(first))
+        shown_rows = style.thinned(len(first))
         for name, values, colour in zip(
             comparison.names[1:], comparison.distances[1:], _cycle(len(comparison.names))[1:]
         ):
             marker = dict(size=4, color=colour, opacity=0.6)
             drawn.add_scattergl(
-                x=first[kept], y=values[kept], mode="markers", name=name, marker=marker
+                x=first[shown_rows], y=values[shown_rows], mode="markers", name=name, marker=marker
             )
         most = float(comparison.distances.max())
         drawn.add_scatter(

@@ -13,7 +13,7 @@ from workbench.report.text import joint_label, rounded, sentence
 _STATISTICS = ("rms", "mean", "p95", "max")
 
 
-def page(made: Evaluated, answer: Mapping) -> Page:
+def page(evaluated: Evaluated, answer: Mapping) -> Page:
     """The whole page. answer: `Evaluated.as_json`."""
     error, nominal = answer["error"], answer["nominal"]
     numbers = (
@@ -23,18 +23,18 @@ def page(made: Evaluated, answer: Mapping) -> Page:
     )
     lead = (answer["verdict"]["sentence"],)
     sections = (
-        Section("errors", "Errors", tuple(_errors(made, answer))),
-        Section("joints", "Errors by joint reading", tuple(_by_joint(made))),
-        Section("time", "Errors in the order of measurement", tuple(_by_time(made))),
-        Section("provenance", "Provenance", (_source(made, answer),)),
+        Section("errors", "Errors", tuple(_errors(evaluated, answer))),
+        Section("joints", "Errors by joint reading", tuple(_by_joint(evaluated))),
+        Section("time", "Errors in the order of measurement", tuple(_by_time(evaluated))),
+        Section("provenance", "Provenance", (_source(evaluated, answer),)),
     )
-    recording = made.recording
+    recording = evaluated.recording
     title = recording.title or recording.name
     warning = " ".join(map(sentence, answer["warnings"]))
     return Page("Evaluation of a model", title, numbers, lead, sections, warning=warning)
 
 
-def _errors(made: Evaluated, answer: Mapping) -> Iterator[dict]:
+def _errors(evaluated: Evaluated, answer: Mapping) -> Iterator[dict]:
     models = (
         ("calibrated arm", answer["error"]),
         ("the same, base and tool estimated here", answer["refitted"]),
@@ -49,7 +49,7 @@ def _errors(made: Evaluated, answer: Mapping) -> Iterator[dict]:
         yield table(["model", *heads], rows)
     yield words("Geometry and effects of the calibrated arm are fixed.", quiet=True)
     drawn = style.figure(340, "3-D position error (mm)", "share of samples below (%)")
-    for name, values, colour in _series(made):
+    for name, values, colour in _series(evaluated):
         ordered = np.sort(values)
         share = 100 * np.arange(1, len(ordered) + 1) / len(ordered)
         drawn.add_scatter(x=ordered, y=share, mode="lines", name=name, line_color=colour)
@@ -57,42 +57,44 @@ def _errors(made: Evaluated, answer: Mapping) -> Iterator[dict]:
     yield figure("distribution", drawn, "Cumulative distribution of the position error.")
 
 
-def _series(made: Evaluated):
+def _series(evaluated: Evaluated):
     return (
-        ("calibrated", made.distances, style.BLUE),
-        ("nominal", made.nominal_distances, style.GREY),
+        ("calibrated", evaluated.distances, style.BLUE),
+        ("nominal", evaluated.nominal_distances, style.GREY),
     )
 
 
-def _by_joint(made: Evaluated) -> Iterator[dict]:
-    for name in joint_columns(made.recording.columns):
-        yield _scatter(made, made.recording.columns[name], joint_label(name))
+def _by_joint(evaluated: Evaluated) -> Iterator[dict]:
+    for name in joint_columns(evaluated.recording.columns):
+        yield _scatter(evaluated, evaluated.recording.columns[name], joint_label(name))
 
 
-def _by_time(made: Evaluated) -> Iterator[dict]:
-    times = made.recording.columns.get("time_s")
+def _by_time(evaluated: Evaluated) -> Iterator[dict]:
+    times = evaluated.recording.columns.get("time_s")
     if times is None:
-        yield _scatter(made, np.arange(1, made.recording.n + 1), "row number")
+        yield _scatter(evaluated, np.arange(1, evaluated.recording.n + 1), "row number")
     else:
-        yield _scatter(made, times, "time (s)")
+        yield _scatter(evaluated, times, "time (s)")
 
 
-def _scatter(made: Evaluated, across: np.ndarray, title: str) -> dict:
+def _scatter(evaluated: Evaluated, across: np.ndarray, title: str) -> dict:
     drawn = style.figure(260, title, "position error (mm)")
-    kept = style.thinned(made.recording.n)
-    for name, values, colour in _series(made)[::-1]:
+    shown_rows = style.thinned(evaluated.recording.n)
+    for name, values, colour in _series(evaluated)[::-1]:
         marker = dict(size=5, color=colour, opacity=0.7)
-        drawn.add_scatter(x=across[kept], y=values[kept], mode="markers", name=name, marker=marker)
+        drawn.add_scatter(
+            x=across[shown_rows], y=values[shown_rows], mode="markers", name=name, marker=marker
+        )
     drawn.update_yaxes(rangemode="tozero")
     name = "-".join(title.split(" (")[0].split())
     return figure(f"errors-{name}", drawn, f"Position error of each sample by {title}.")
 
 
-def _source(made: Evaluated, answer: Mapping) -> dict:
+def _source(evaluated: Evaluated, answer: Mapping) -> dict:
     return facts(
         [
-            ("recording", made.recording.name),
-            ("measures", made.recording.measures),
+            ("recording", evaluated.recording.name),
+            ("measures", evaluated.recording.measures),
             ("calibrated on", str(answer["calibrated_on"])),
             ("estimated on this recording", answer["refit"]),
         ]

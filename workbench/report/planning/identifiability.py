@@ -60,9 +60,9 @@ def _stages(answer):
     names = [stage["name"] for stage in stages]
     drawn = style.figure(340, "stage", "parameters")
     identified = [stage["identifiable"] for stage in stages]
-    left = [stage["free"] - stage["identifiable"] for stage in stages]
+    not_identifiable = [stage["free"] - stage["identifiable"] for stage in stages]
     drawn.add_bar(x=names, y=identified, name="identifiable", marker_color=style.BLUE)
-    drawn.add_bar(x=names, y=left, name="not identifiable", marker_color=style.ORANGE)
+    drawn.add_bar(x=names, y=not_identifiable, name="not identifiable", marker_color=style.ORANGE)
     drawn.update_layout(barmode="stack", bargap=0.35)
     yield figure("stages", drawn, "Free parameters of each stage, each with all stages before it.")
     yield observability.of_stages(stages)

@@ -40,7 +40,7 @@ def page(found: Significance) -> Page:
 
 def _charts(found: Significance):
     names = [key.partition(".")[2] for key in found.keys]
-    made = []
+    charts = []
     for part, column in zip(PARTS, found.index.T):
         what = "change (mm)" if part == "position" else "change of the unit vector"
         drawn = style.figure(300, "parameter", what)
@@ -49,9 +49,9 @@ def _charts(found: Significance):
             drawn.update_yaxes(style.log_axis(column[column > 0].min() / 2, column.max() * 1.5))
         drawn.update_xaxes(tickangle=-60)
         drawn.update_layout(bargap=0.25)
-        made.append(figure(f"index-{part}", drawn, f"Mean change of the {_TITLES[part]}."))
-    yield pair(*made[:2])
-    yield pair(*made[2:])
+        charts.append(figure(f"index-{part}", drawn, f"Mean change of the {_TITLES[part]}."))
+    yield pair(*charts[:2])
+    yield pair(*charts[2:])
     for part, keys in found.unseen().items():
         if keys:
             yield words(f"Without effect on the {_TITLES[part]}: {', '.join(keys)}.", quiet=True)

@@ -11,7 +11,7 @@ from workbench.report.sections import figure
 
 def detection(board: Board) -> dict:
     """Share detected and share identified over the effect size orthogonal to the baseline."""
-    made = style.figure(
+    plot = style.figure(
         380, "effect size orthogonal to the baseline, σ per coordinate", "share of cases"
     )
     rows = figures.detection(board.rows)
@@ -19,7 +19,7 @@ def detection(board: Board) -> dict:
         ("detected", "detected", style.BLUE),
         ("named", "correct name or group", style.GREEN),
     ):
-        made.add_trace(
+        plot.add_trace(
             _with_interval(
                 [r["middle_sigma"] for r in rows],
                 [r[key] for r in rows],
@@ -28,64 +28,64 @@ def detection(board: Board) -> dict:
                 colour,
             )
         )
-    made.update_xaxes(**style.log_axis(0.08, 12))
-    made.update_yaxes(range=[-0.02, 1.04], tickformat=".0%")
+    plot.update_xaxes(**style.log_axis(0.08, 12))
+    plot.update_yaxes(range=[-0.02, 1.04], tickformat=".0%")
     return figure(
-        "detection", made, "Detection curve over the cases of suite library, with 95 % intervals."
+        "detection", plot, "Detection curve over the cases of suite library, with 95 % intervals."
     )
 
 
 def reliability(board: Board) -> dict:
     """Share of correct claims over the stated probability."""
-    made = style.figure(380, "stated probability", "share of correct claims")
+    plot = style.figure(380, "stated probability", "share of correct claims")
     rows = figures.reliability(board.rows)
-    made.add_trace(_dotted([0, 1], "as stated"))
+    plot.add_trace(_dotted([0, 1], "as stated"))
     stated, right, within = ([r[key] for r in rows] for key in ("stated", "right", "interval"))
     text = [f"{r['claims']} claims" for r in rows]
-    made.add_trace(_with_interval(stated, right, within, "claims", style.ORANGE, text))
-    made.update_xaxes(range=[-0.02, 1.04], tickformat=".0%")
-    made.update_yaxes(range=[-0.02, 1.04], tickformat=".0%")
+    plot.add_trace(_with_interval(stated, right, within, "claims", style.ORANGE, text))
+    plot.update_xaxes(range=[-0.02, 1.04], tickformat=".0%")
+    plot.update_yaxes(range=[-0.02, 1.04], tickformat=".0%")
     return figure(
         "reliability",
-        made,
+        plot,
         "Reliability diagram: all claims of all cases, by stated probability.",
     )
 
 
 def gain(board: Board) -> dict:
     """Held-out error after the diagnosis over that of the oracle."""
-    made = style.figure(
+    plot = style.figure(
         380, "held-out RMS of the oracle, mm", "held-out RMS after the diagnosis, mm"
     )
     rows = [r for r in board.rows if r.get("oracle_after_mm") and r.get("after_mm")]
     oracle, diagnosed = ([r[key] for r in rows] for key in ("oracle_after_mm", "after_mm"))
-    made.add_trace(_cases(oracle, diagnosed, rows, style.BLUE, "case"))
+    plot.add_trace(_cases(oracle, diagnosed, rows, style.BLUE, "case"))
     ends = _ends(oracle + diagnosed)
-    made.add_trace(_dotted(ends, "equal"))
-    made.update_xaxes(**style.log_axis(*ends))
-    made.update_yaxes(**style.log_axis(*ends))
+    plot.add_trace(_dotted(ends, "equal"))
+    plot.update_xaxes(**style.log_axis(*ends))
+    plot.update_yaxes(**style.log_axis(*ends))
     return figure(
-        "gain", made, "Diagnosis against the oracle, a fit with the true model. One point per case."
+        "gain", plot, "Diagnosis against the oracle, a fit with the true model. One point per case."
     )
 
 
 def runtimes(board: Board) -> dict:
     """Processor time of a diagnosis over the number of samples."""
-    made = style.figure(380, "samples", "processor time, s")
+    plot = style.figure(380, "samples", "processor time, s")
     rows = [r for r in board.rows if r.get("cpu_s") and r["samples"]]
-    made.add_trace(
+    plot.add_trace(
         _cases([r["samples"] for r in rows], [r["cpu_s"] for r in rows], rows, style.VIOLET, "case")
     )
-    made.update_xaxes(**style.log_axis(*_ends([r["samples"] for r in rows])))
-    made.update_yaxes(**style.log_axis(*_ends([r["cpu_s"] for r in rows])))
-    return figure("runtimes", made, "Processor time of a diagnosis, one process with one thread.")
+    plot.update_xaxes(**style.log_axis(*_ends([r["samples"] for r in rows])))
+    plot.update_yaxes(**style.log_axis(*_ends([r["cpu_s"] for r in rows])))
+    return figure("runtimes", plot, "Processor time of a diagnosis, one process with one thread.")
 
 
 def confusion(board: Board, of: str) -> dict:
     """Confusion matrix (counts) of true and stated; of: "effect" or "where"."""
     truths, said, counts = figures.confusion(board.rows, of)
-    made = style.figure(140 + 22 * max(len(truths), 6), "first statement", "truth")
-    made.add_trace(
+    plot = style.figure(140 + 22 * max(len(truths), 6), "first statement", "truth")
+    plot.add_trace(
         go.Heatmap(
             z=np.sqrt(counts),
             x=said,
@@ -98,12 +98,12 @@ def confusion(board: Board, of: str) -> dict:
             hovertemplate="truth %{y}, stated %{x}: %{customdata}<extra></extra>",
         )
     )
-    made.update_yaxes(autorange="reversed", automargin=True, title=None)
-    made.update_xaxes(automargin=True, tickangle=-40)
+    plot.update_yaxes(autorange="reversed", automargin=True, title=None)
+    plot.update_xaxes(automargin=True, tickangle=-40)
     name = {"effect": "effect", "where": "place"}[of]
     return figure(
         f"confusion-{of}",
-        made,
+        plot,
         f"Confusion matrix by {name}, cases with one effect. A truth inside a declared group counts as stated.",
     )
 
@@ -114,7 +114,7 @@ def before_after(board: Board) -> dict:
         (r for r in board.rows if r.get("before_mm") and r.get("after_mm")),
         key=lambda r: r["after_mm"] / r["before_mm"],
     )
-    made = style.figure(420, "cases, largest reduction first", "held-out RMS of 3-D distances, mm")
+    plot = style.figure(420, "cases, largest reduction first", "held-out RMS of 3-D distances, mm")
     place = list(range(1, len(rows) + 1))
     for key, words, colour in (
         ("before_mm", "before", style.ORANGE),
@@ -122,14 +122,14 @@ def before_after(board: Board) -> dict:
         ("noise_mm", "noise", style.GREY),
     ):
         trace = _cases(place, [r.get(key) for r in rows], rows, colour, words)
-        made.add_trace(trace)
-    made.update_yaxes(
+        plot.add_trace(trace)
+    plot.update_yaxes(
         **style.log_axis(
             *_ends([r[k] for r in rows for k in ("before_mm", "after_mm") if r.get(k)])
         )
     )
     return figure(
-        "before-after", made, "Held-out errors of all cases. Hover over a point for its case."
+        "before-after", plot, "Held-out errors of all cases. Hover over a point for its case."
     )
 
 
@@ -180,10 +180,10 @@ def summary(board: Board):
     from matplotlib.figure import Figure
 
     asked = [f for f in board.figures if f.reached is not None and f.value is not None][::-1]
-    made = Figure(
+    plot = Figure(
         figsize=(10, 1.2 + 0.3 * max(len(asked), 4)), facecolor="white", layout="constrained"
     )
-    axes = made.subplots()
+    axes = plot.subplots()
     for k, f in enumerate(asked):
         colour = style.GREEN if f.reached else style.ORANGE
         if f.low is not None:
@@ -203,4 +203,4 @@ def summary(board: Board):
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.25, axis="x")
     axes.set_title(f"{len(board.rows)} blind cases, seed {board.seed}", size=11)
-    return made
+    return plot

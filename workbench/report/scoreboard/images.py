@@ -15,7 +15,7 @@ _DPI = 80
 
 def write_images(board: Board, maps, folder: Path) -> dict[str, str]:
     """Write every image that has cases into an existing folder. Returns file name -> caption."""
-    made = {
+    images = {
         "figures.png": (summary(board), "Every acceptance criterion with its 95 % interval."),
         "seen.png": (
             _seen(board),
@@ -42,25 +42,25 @@ def write_images(board: Board, maps, folder: Path) -> dict[str, str]:
         ),
     }
     if maps:
-        made["maps.png"] = (
+        images["maps.png"] = (
             _maps(maps),
             "Held-out error of every sample at its measured position, before and after: for each suite, the "
             "case of median effect size among the correctly identified ones.",
         )
-    for name, (image, _) in made.items():
+    for name, (image, _) in images.items():
         image.savefig(folder / name, dpi=_DPI)
-    return {name: words for name, (_, words) in made.items()}
+    return {name: words for name, (_, words) in images.items()}
 
 
 def _figure(width, height, columns=1, rows=1):
     from matplotlib.figure import Figure
 
-    made = Figure(figsize=(width, height), facecolor="white", layout="constrained")
-    return made, np.atleast_1d(made.subplots(rows, columns)).ravel()
+    plot = Figure(figsize=(width, height), facecolor="white", layout="constrained")
+    return plot, np.atleast_1d(plot.subplots(rows, columns)).ravel()
 
 
 def _seen(board):
-    made, (curve, sure) = _figure(11, 3.8, 2)
+    plot, (curve, sure) = _figure(11, 3.8, 2)
     rows = figures.detection(board.rows)
     for key, words, colour in (
         ("detected", "detected", style.BLUE),
@@ -98,7 +98,7 @@ def _seen(board):
         ylim=(-0.03, 1.05),
         xlim=(-0.03, 1.05),
     )
-    return _quiet(made)
+    return _quiet(plot)
 
 
 def _with_interval(axes, x, rows, key, interval, words, colour):
@@ -110,7 +110,7 @@ def _with_interval(axes, x, rows, key, interval, words, colour):
 
 
 def _gain(board):
-    made, (reached, time) = _figure(11, 3.8, 2)
+    plot, (reached, time) = _figure(11, 3.8, 2)
     rows = [r for r in board.rows if r.get("oracle_after_mm") and r.get("after_mm")]
     best, after = ([r[key] for r in rows] for key in ("oracle_after_mm", "after_mm"))
     reached.loglog(best, after, "o", color=style.BLUE, ms=3, alpha=0.6)
@@ -127,12 +127,12 @@ def _gain(board):
         alpha=0.6,
     )
     time.set(xlabel="samples", ylabel="processor time, s")
-    return _quiet(made)
+    return _quiet(plot)
 
 
 def _confusion(board, of):
     truths, said, counts = figures.confusion(board.rows, of)
-    made, (axes,) = _figure(3 + 0.28 * max(len(said), 6), 2 + 0.24 * max(len(truths), 6))
+    plot, (axes,) = _figure(3 + 0.28 * max(len(said), 6), 2 + 0.24 * max(len(truths), 6))
     if truths:
         axes.imshow(np.sqrt(counts), cmap="Blues", aspect="auto", vmax=1.3 * np.sqrt(counts.max()))
     axes.set_xticks(range(len(said)), said, rotation=60, ha="right", size=8)
@@ -140,11 +140,11 @@ def _confusion(board, of):
     for i, j in np.argwhere(counts):
         axes.text(j, i, counts[i, j], ha="center", va="center", size=8)
     axes.set(xlabel="stated", ylabel="truth")
-    return made
+    return plot
 
 
 def _before_after(board):
-    made, (axes,) = _figure(11, 3.6)
+    plot, (axes,) = _figure(11, 3.6)
     rows = sorted(
         (r for r in board.rows if r.get("before_mm") and r.get("after_mm")),
         key=lambda r: r["after_mm"] / r["before_mm"],
@@ -160,31 +160,39 @@ def _before_after(board):
         )
     axes.set(xlabel="cases, largest reduction first", ylabel="held-out RMS, mm")
     axes.legend(frameon=False, fontsize=9)
-    return _quiet(made)
+    return _quiet(plot)
 
 
 def _maps(maps):
-    made, axes = _figure(3.2 * len(maps), 5.6, len(maps), 2)
-    for k, one in enumerate(maps):
-        most = np.nanquantile(one.before, 0.98)
-        spread = np.ptp(one.points, axis=1)
+    plot, axes = _figure(3.2 * len(maps), 5.6, len(maps), 2)
+    for k, error_map in enumerate(maps):
+        most = np.nanquantile(error_map.before, 0.98)
+        spread = np.ptp(error_map.points, axis=1)
         i, j = sorted(np.argsort(spread)[-2:])
-        for row, (errors, words) in enumerate(((one.before, "before"), (one.after, "after"))):
+        for row, (errors, words) in enumerate(
+            ((error_map.before, "before"), (error_map.after, "after"))
+        ):
             here = axes[row * len(maps) + k]
             shown = here.scatter(
-                one.points[i], one.points[j], c=errors, s=6, cmap="viridis", vmin=0, vmax=most
+                error_map.points[i],
+                error_map.points[j],
+                c=errors,
+                s=6,
+                cmap="viridis",
+                vmin=0,
+                vmax=most,
             )
             rms = np.sqrt(np.nanmean(errors**2))
-            title = f"{fill(one.title, 34)}\n" if row == 0 else ""
+            title = f"{fill(error_map.title, 34)}\n" if row == 0 else ""
             here.set_title(f"{title}{words}: {rms:.3f} mm", size=7.5)
             here.set(xlabel=f"{'xyz'[i]}, mm", ylabel=f"{'xyz'[j]}, mm", aspect="equal")
             here.tick_params(labelsize=7)
-            made.colorbar(shown, ax=here, shrink=0.7, label="mm").ax.tick_params(labelsize=7)
-    return made
+            plot.colorbar(shown, ax=here, shrink=0.7, label="mm").ax.tick_params(labelsize=7)
+    return plot
 
 
-def _quiet(made):
-    for axes in made.axes:
+def _quiet(plot):
+    for axes in plot.axes:
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(alpha=0.25)
-    return made
+    return plot

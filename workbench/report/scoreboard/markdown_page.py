@@ -128,7 +128,7 @@ _MARKS = {"reached": "✓ met", "short": "✗ not met"}
 def _asked(board: Board) -> Iterator[str]:
     yield "| suite | figure | criterion | value | cases | 95 % | |"
     yield "|---|---|---|---|---|---|---|"
-    for f in (one for one in board.figures if one.asked):
+    for f in (criterion for criterion in board.figures if criterion.asked):
         word = _MARKS.get(f.word, f.word) or "no case"
         yield f"| {f.suite} | {f.name} | {f.asked} | {value(f)} | {_counted(f)} | {interval(f)} | {word} |"
 
@@ -136,7 +136,7 @@ def _asked(board: Board) -> Iterator[str]:
 def _others(board: Board) -> Iterator[str]:
     yield "| suite | figure | value | cases | 95 % |"
     yield "|---|---|---|---|---|"
-    for f in (one for one in board.figures if not one.asked):
+    for f in (criterion for criterion in board.figures if not criterion.asked):
         yield f"| {f.suite} | {f.name} | {value(f)} | {_counted(f)} | {interval(f)} |"
 
 

@@ -26,10 +26,10 @@ from workbench.report.text import counted, decimals_of, fixed, listed, rounded, 
 _THUMBNAILS = 24
 
 
-def page(made: CameraRun) -> Page:
+def page(run: CameraRun) -> Page:
     """The whole page of `workbench camera`."""
-    calibration = made.calibration
-    held = calibration.held_out
+    calibration = run.calibration
+    held_out = calibration.held_out
     numbers = [
         ("RMS per coordinate", rounded(calibration.rms_coordinate_px), "px"),
         ("RMS distance (OpenCV)", rounded(calibration.rms_px), "px"),
@@ -39,23 +39,23 @@ def page(made: CameraRun) -> Page:
             "px",
         ),
     ]
-    if held:
-        numbers.append(("held-out RMS distance", rounded(held.halved_rms_px), "px"))
+    if held_out:
+        numbers.append(("held-out RMS distance", rounded(held_out.halved_rms_px), "px"))
     return Page(
         "Camera calibration",
-        made.recording.title or made.recording.name,
+        run.recording.title or run.recording.name,
         tuple(numbers),
-        tuple(lead(made)),
-        (*sections(made), provenance(made.recording, made)),
+        tuple(lead(run)),
+        (*sections(run), provenance(run.recording, run)),
         files=("camera.toml",),
     )
 
 
-def sections(made: CameraRun, prefix: str = "") -> tuple[Section, ...]:
+def sections(run: CameraRun, prefix: str = "") -> tuple[Section, ...]:
     """Sections on the camera; `prefix` makes their names unique on a page with other sections."""
-    calibration = made.calibration
+    calibration = run.calibration
     return (
-        Section(prefix + "images", "Image by image", tuple(_images(made, prefix))),
+        Section(prefix + "images", "Image by image", tuple(_images(run, prefix))),
         Section(prefix + "field", "Over the field", tuple(_field(calibration, prefix))),
         Section(prefix + "known", "Uncertainty", tuple(_uncertainty(calibration, prefix))),
         Section(prefix + "board", "Board", tuple(_board(calibration, prefix))),
@@ -63,9 +63,9 @@ def sections(made: CameraRun, prefix: str = "") -> tuple[Section, ...]:
     )
 
 
-def lead(made: CameraRun) -> list[str]:
+def lead(run: CameraRun) -> list[str]:
     """Meaning and data basis of the numbers."""
-    calibration = made.calibration
+    calibration = run.calibration
     poses = counted(len(calibration.poses), "board pose")
     first = (
         f"RMS reprojection error (predicted minus detected corners) in {counted(len(calibration.views), 'image')} at "
@@ -80,8 +80,8 @@ def lead(made: CameraRun) -> list[str]:
     return [first, second]
 
 
-def _images(made: CameraRun, prefix: str):
-    calibration = made.calibration
+def _images(run: CameraRun, prefix: str):
+    calibration = run.calibration
     count = np.bincount(calibration.view, minlength=len(calibration.views))
     names = [f"{view.image}, {k} corners" for view, k in zip(calibration.views, count)]
     rms = calibration.view_rms_px
@@ -94,18 +94,18 @@ def _images(made: CameraRun, prefix: str):
         "The images with the largest errors: detected corners as circles, arrows from the detected to the predicted "
         "corner."
     )
-    yield images(overlays(made))
-    if not made.rejected:
+    yield images(overlays(run))
+    if not run.rejected:
         yield words("No image was rejected.")
         return
-    yield words(f"{counted(len(made.rejected), 'image')} rejected:")
+    yield words(f"{counted(len(run.rejected), 'image')} rejected:")
     shown = [
-        (made.recording.folder / one.image, f"{one.image}: {one.why}")
-        for one in made.rejected[:_THUMBNAILS]
+        (run.recording.folder / rejection.image, f"{rejection.image}: {rejection.why}")
+        for rejection in run.rejected[:_THUMBNAILS]
     ]
     yield thumbnails(shown)
-    if len(made.rejected) > _THUMBNAILS:
-        yield words(f"The JSON lists the other {len(made.rejected) - _THUMBNAILS}.", quiet=True)
+    if len(run.rejected) > _THUMBNAILS:
+        yield words(f"The JSON lists the other {len(run.rejected) - _THUMBNAILS}.", quiet=True)
 
 
 def _field(calibration, prefix: str):
@@ -183,18 +183,18 @@ def _map(known, size, called):
 
 
 def _comparison_with_opencv(calibration):
-    held = calibration.held_out
+    held_out = calibration.held_out
     rows = [
-        ("pose from all corners", rounded(held.rms_px), rounded(held.opencv_rms_px)),
+        ("pose from all corners", rounded(held_out.rms_px), rounded(held_out.opencv_rms_px)),
         (
             "pose from every second corner, error of the others",
-            rounded(held.halved_rms_px),
-            rounded(held.opencv_halved_rms_px),
+            rounded(held_out.halved_rms_px),
+            rounded(held_out.opencv_halved_rms_px),
         ),
     ]
     return table(
         [
-            f"held-out images, {counted(held.folds, 'fold')} (RMS distance, px)",
+            f"held-out images, {counted(held_out.folds, 'fold')} (RMS distance, px)",
             "this camera",
             "cv2.calibrateCamera",
         ],
@@ -254,8 +254,8 @@ def bow_surface(calibration, across: int = 25):
 
 def _surface(place, values, called) -> go.Figure:
     (x, y), span = place, np.ptp(place[1]) / np.ptp(place[0])
-    made = style.figure(int(370 * min(max(span, 0.4), 1.3)) + 90, "x (mm)", "y (mm)")
-    made.add_contour(
+    plot = style.figure(int(370 * min(max(span, 0.4), 1.3)) + 90, "x (mm)", "y (mm)")
+    plot.add_contour(
         x=np.round(x, 2),
         y=np.round(y, 2),
         z=values,
@@ -265,8 +265,8 @@ def _surface(place, values, called) -> go.Figure:
         colorbar=dict(title=dict(text=called, side="right"), thickness=12, tickformat=".3~g"),
         hovertemplate="(%{x:.1f}, %{y:.1f}) mm: %{z:.2f} µm<extra></extra>",
     )
-    made.update_xaxes(constrain="domain", zeroline=False)
-    return made.update_yaxes(
+    plot.update_xaxes(constrain="domain", zeroline=False)
+    return plot.update_yaxes(
         autorange="reversed", scaleanchor="x", constrain="domain", zeroline=False
     )
 
@@ -304,7 +304,7 @@ def _with_sigma(value: float, std: float | None) -> str:
     return " ± ".join(_valued(value, std)) if std else rounded(value, 5)
 
 
-def provenance(recording, made) -> Section:
+def provenance(recording, calibration_run) -> Section:
     """Section on the provenance of the numbers."""
     from workbench.files.provenance import provenance as of
 
@@ -318,14 +318,14 @@ def provenance(recording, made) -> Section:
         ("recording", recording.name),
         ("measures", recording.measures),
         ("images", roles),
-        ("board", board_of(made)),
+        ("board", board_of(calibration_run)),
     ]
     names = {name for name, _ in lines}
     further = [line for line in flat(of(recording)) if line[0] not in names]
     return Section("provenance", "Provenance", (facts([*lines, *further]),))
 
 
-def board_of(made) -> str:
+def board_of(calibration_run) -> str:
     """Title of the calibration board; "" without one."""
-    calibration = getattr(made, "calibration", None)
+    calibration = getattr(calibration_run, "calibration", None)
     return calibration.board.title if calibration is not None else ""

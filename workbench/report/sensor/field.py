@@ -18,18 +18,18 @@ _MOST_NAMES = 16
 def field(size: tuple[int, int], width: int = 400) -> go.Figure:
     """An empty image field of `size` (width, height) px with row 0 at the top, drawn about `width` px wide."""
     columns, rows = size
-    made = style.figure(int(width * rows / columns) + 90, "u (px)", "v (px)")
-    made.update_xaxes(range=[-0.5, columns - 0.5], constrain="domain", nticks=7, zeroline=False)
-    return made.update_yaxes(
+    plot = style.figure(int(width * rows / columns) + 90, "u (px)", "v (px)")
+    plot.update_xaxes(range=[-0.5, columns - 0.5], constrain="domain", nticks=7, zeroline=False)
+    return plot.update_yaxes(
         range=[rows - 0.5, -0.5], scaleanchor="x", constrain="domain", nticks=6, zeroline=False
     )
 
 
 def coverage(pixels: np.ndarray, view: np.ndarray, size: tuple[int, int]) -> go.Figure:
     """Every corner (2, n) px, coloured by the number (n,) of its image."""
-    made, drawn = field(size), style.thinned(pixels.shape[1])
+    plot, drawn = field(size), style.thinned(pixels.shape[1])
     u, v = np.round(pixels[:, drawn], 2)
-    made.add_scatter(
+    plot.add_scatter(
         x=u,
         y=v,
         mode="markers",
@@ -38,18 +38,18 @@ def coverage(pixels: np.ndarray, view: np.ndarray, size: tuple[int, int]) -> go.
         hovertemplate="image %{customdata}: (%{x:.1f}, %{y:.1f}) px<extra></extra>",
         showlegend=False,
     )
-    return made
+    return plot
 
 
 def arrows(
     pixels: np.ndarray, residual: np.ndarray, size: tuple[int, int]
 ) -> tuple[go.Figure, float]:
     """Residuals (2, n) px as enlarged lines from their pixels (2, n), and the enlargement."""
-    made, scale = field(size), enlargement(residual, size)
+    plot, scale = field(size), enlargement(residual, size)
     drawn = style.thinned(pixels.shape[1])
     foot, tip = pixels[:, drawn], pixels[:, drawn] + scale * residual[:, drawn]
     path = np.stack([foot, tip, np.full_like(foot, np.nan)], axis=2).reshape(2, -1)
-    made.add_scatter(
+    plot.add_scatter(
         x=np.round(path[0], 2),
         y=np.round(path[1], 2),
         mode="lines",
@@ -57,7 +57,7 @@ def arrows(
         line=dict(color=style.ORANGE, width=1.2),
         showlegend=False,
     )
-    made.add_scatter(
+    plot.add_scatter(
         x=np.round(foot[0], 2),
         y=np.round(foot[1], 2),
         mode="markers",
@@ -66,7 +66,7 @@ def arrows(
         marker=dict(size=2, color=style.BLUE),
         hovertemplate="residual %{customdata:.3f} px<extra></extra>",
     )
-    return made, scale
+    return plot, scale
 
 
 def enlargement(residual: np.ndarray, size: tuple[int, int]) -> float:
@@ -103,8 +103,8 @@ def residual_map(
 
 def heat(u, v, values, size, called, scale="Viridis", limits=None, unit="px") -> go.Figure:
     """A map of values (rows, columns) at cell centres u and v (px)."""
-    made = field(size)
-    made.add_heatmap(
+    plot = field(size)
+    plot.add_heatmap(
         x=np.round(u, 2),
         y=np.round(v, 2),
         z=values,
@@ -117,7 +117,7 @@ def heat(u, v, values, size, called, scale="Viridis", limits=None, unit="px") ->
         ),
         hovertemplate="(%{x:.0f}, %{y:.0f}) px: %{z:.3g} " + unit + "<extra></extra>",
     )
-    return made
+    return plot
 
 
 def bars(
@@ -131,9 +131,9 @@ def bars(
 
     names: paths as in images.csv, or names of which the last word distinguishes them.
     """
-    made = style.figure(340, across, what)
+    plot = style.figure(340, across, what)
     off = np.zeros(len(names), bool) if faulty is None else faulty
-    made.add_bar(
+    plot.add_bar(
         x=np.arange(1, len(names) + 1),
         y=values,
         customdata=names,
@@ -142,7 +142,7 @@ def bars(
         hovertemplate="%{customdata}: %{y:.3f}<extra></extra>",
     )
     middle = float(np.median(values)) if len(values) else 0.0
-    made.add_scatter(
+    plot.add_scatter(
         x=[0.4, len(names) + 0.6],
         y=[middle, middle],
         mode="lines",
@@ -152,10 +152,10 @@ def bars(
     )
     every = -(-len(names) // _MOST_NAMES) or 1
     short = [Path(name).stem.split()[-1] for name in names]
-    made.update_xaxes(
+    plot.update_xaxes(
         range=[0.4, len(names) + 0.6],
         tickvals=np.arange(1, len(names) + 1)[::every],
         ticktext=short[::every],
         automargin=True,
     )
-    return made.update_layout(bargap=0.25)
+    return plot.update_layout(bargap=0.25)

@@ -43,7 +43,7 @@ _RAGGED = " points left out, off the circle or at its ragged ends"
 
 def page(run: HandEyeRun) -> Page:
     """The whole page of `workbench handeye`."""
-    made = run.made
+    hand_eye = run.made
     where = {
         "in-hand": "camera on the flange",
         "to-hand": "stationary camera",
@@ -70,9 +70,9 @@ def page(run: HandEyeRun) -> Page:
         ),
     )
     return Page(
-        f"Hand-eye calibration · {where[made.kind]}",
+        f"Hand-eye calibration · {where[hand_eye.kind]}",
         run.recording.title or run.recording.name,
-        tuple(_numbers(made)),
+        tuple(_numbers(hand_eye)),
         tuple(lead(run)),
         sections,
         warning=_warning(run),
@@ -82,22 +82,23 @@ def page(run: HandEyeRun) -> Page:
 
 def _warning(run):
     """Reservations that apply to all numbers."""
-    made = run.made
-    doubts = (*suspicions(run), *undetermined(run))
+    hand_eye = run.made
+    suspicions_and_gaps = (*suspicions(run), *undetermined(run))
     return " ".join(
-        sentence(line) for line in (*(() if made.converged else (made.outcome,)), *doubts)
+        sentence(line)
+        for line in (*(() if hand_eye.converged else (hand_eye.outcome,)), *suspicions_and_gaps)
     )
 
 
-def _numbers(made):
-    if "origin_mm" in made.held_out:
-        yield "board scatter, held out", rounded(made.held_out["origin_mm"]), "mm"
-        yield "rotation scatter, held out", rounded(made.held_out["turn_deg"]), "deg"
-        yield "board scatter, fit", rounded(made.fit["origin_mm"]), "mm"
+def _numbers(hand_eye):
+    if "origin_mm" in hand_eye.held_out:
+        yield "board scatter, held out", rounded(hand_eye.held_out["origin_mm"]), "mm"
+        yield "rotation scatter, held out", rounded(hand_eye.held_out["turn_deg"]), "deg"
+        yield "board scatter, fit", rounded(hand_eye.fit["origin_mm"]), "mm"
     else:
-        yield "distance from the sphere, held out", rounded(made.held_out["rms_mm"]), "mm"
-        yield "fit", rounded(made.fit["rms_mm"]), "mm"
-    yield "sensor’s noise", rounded(made.noise), made.unit
+        yield "distance from the sphere, held out", rounded(hand_eye.held_out["rms_mm"]), "mm"
+        yield "fit", rounded(hand_eye.fit["rms_mm"]), "mm"
+    yield "sensor’s noise", rounded(hand_eye.noise), hand_eye.unit
 
 
 def _flange_sentence(spread) -> str:
@@ -111,12 +112,12 @@ def _flange_sentence(spread) -> str:
 
 def lead(run: HandEyeRun) -> list[str]:
     """Meaning of the numbers."""
-    made, poses = run.made, counted(len(run.flange), "pose")
+    hand_eye, poses = run.made, counted(len(run.flange), "pose")
     what = (
         "scatter of the estimated pose of the stationary board"
-        if made.radius is None
+        if hand_eye.radius is None
         else "scatter of the measured ball centres in the base frame"
-        if made.kind == "clouds"
+        if hand_eye.kind == "clouds"
         else "distance of the profile points from the common sphere"
     )
     spread = robot_sigma(run)
@@ -135,14 +136,15 @@ def _of_radius(spread) -> str:
 
 
 def _poses(run):
-    made = run.made
+    hand_eye = run.made
     yield figure(
         "perpose",
         _bars(run),
-        f"RMS residual of each pose with the recorded flange poses ({made.unit}); held out: predicted from the other "
+        f"RMS residual of each pose with the recorded flange poses ({hand_eye.unit}); held out: "
+        "predicted from the other "
         "poses. Orange: excluded as an outlier.",
     )
-    place, turn = flange_errors(made.robot_sigma)
+    place, turn = flange_errors(hand_eye.robot_sigma)
     is_seen = turn is not None and is_rotation_seen(place, turn)
     rows = [
         (
@@ -152,27 +154,27 @@ def _poses(run):
             rounded(row.moved_mm),
             rounded(row.turned_deg) if is_seen else "–",
         )
-        for name, row in zip(run.names, made.poses)
+        for name, row in zip(run.names, hand_eye.poses)
     ]
     yield table(
         [
             "pose",
-            f"residual ({made.unit})",
-            f"held out ({made.unit})",
+            f"residual ({hand_eye.unit})",
+            f"held out ({hand_eye.unit})",
             "flange error (mm)",
             "flange rotation error (deg)",
         ],
         rows,
     )
-    outliers = [sentence(row.why) for row in made.poses if row.why]
+    outliers = [sentence(row.why) for row in hand_eye.poses if row.why]
     if outliers:
         yield note("Excluded poses", outliers)
     if run.rejected:
         yield words(f"{counted(len(run.rejected), 'image')} rejected:")
         yield thumbnails(
             [
-                (run.recording.folder / one.image, f"{one.image}: {one.why}")
-                for one in run.rejected[:24]
+                (run.recording.folder / rejection.image, f"{rejection.image}: {rejection.why}")
+                for rejection in run.rejected[:24]
             ]
         )
 
@@ -202,14 +204,17 @@ def _bars(run) -> go.Figure:
 
 
 def _errors(run):
-    made = run.made
-    keys = [key for key in made.fit if key in _WORDS]
-    rows = [(_WORDS[key], rounded(made.fit[key]), rounded(made.held_out.get(key))) for key in keys]
+    hand_eye = run.made
+    keys = [key for key in hand_eye.fit if key in _WORDS]
+    rows = [
+        (_WORDS[key], rounded(hand_eye.fit[key]), rounded(hand_eye.held_out.get(key)))
+        for key in keys
+    ]
     yield table(["", "fit", "held out"], rows)
-    doubts = [sentence(line) for line in (*suspicions(run), *undetermined(run))]
-    if doubts:
-        yield note("Reservations, and parameters that are not identifiable", doubts)
-    for line in _gathered(made.notes):
+    suspicions_and_gaps = [sentence(line) for line in (*suspicions(run), *undetermined(run))]
+    if suspicions_and_gaps:
+        yield note("Reservations, and parameters that are not identifiable", suspicions_and_gaps)
+    for line in _gathered(hand_eye.notes):
         yield words(sentence(line), quiet=True)
 
 
@@ -236,12 +241,12 @@ def _space(run):
 
 def scene(run: HandEyeRun) -> go.Figure:
     """Flanges, sensors and their targets in the base frame, mm."""
-    made, figure = run.made, space.space()
+    hand_eye, figure = run.made, space.space()
     flange = run.flange
-    if made.kind == TO_HAND:
-        sensors, boards = made.sensor[None], flange @ made.target
+    if hand_eye.kind == TO_HAND:
+        sensors, boards = hand_eye.sensor[None], flange @ hand_eye.target
     else:
-        sensors, boards = flange @ made.sensor, made.target[None]
+        sensors, boards = flange @ hand_eye.sensor, hand_eye.target[None]
     span = float(np.median(np.linalg.norm(sensors[:1, :3, 3] - boards[:, :3, 3], axis=1))) or 100.0
     space.points(figure, flange[:, :3, 3].T, "flange", size=4, color=style.GREY)
     if run.camera is not None:
@@ -251,25 +256,25 @@ def scene(run: HandEyeRun) -> go.Figure:
         space.lines(figure, space.moved(boards, board), "board", style.ORANGE, 4)
     else:
         space.points(figure, sensors[:, :3, 3].T, "profiler", size=4, color=style.BLUE)
-        space.ball(figure, made.centre, made.radius, "ball")
+        space.ball(figure, hand_eye.centre, hand_eye.radius, "ball")
     stalks = np.stack(
-        [flange[:, :3, 3], (sensors if made.kind != TO_HAND else boards)[:, :3, 3]], axis=1
+        [flange[:, :3, 3], (sensors if hand_eye.kind != TO_HAND else boards)[:, :3, 3]], axis=1
     )
-    name = "flange to board" if made.kind == TO_HAND else "flange to sensor"
+    name = "flange to board" if hand_eye.kind == TO_HAND else "flange to sensor"
     space.lines(figure, stalks, name, style.GREY, 3, ink=True)
     return figure
 
 
 def _transform(run):
-    made = run.made
-    name = "the base" if made.kind == TO_HAND else "the flange"
+    hand_eye = run.made
+    name = "the base" if hand_eye.kind == TO_HAND else "the flange"
     yield words(
         f"Pose of the sensor in the frame of {name}; the rotation is a rotation vector. σ is one standard deviation, "
         "from the noise of the sensor and of the flange poses."
     )
     from workbench.jobs.sensor.hand_eye import placed_json
 
-    placed = placed_json(made.sensor, made.covariance)
+    placed = placed_json(hand_eye.sensor, hand_eye.covariance)
     rows = [
         (axis, *_valued(v, s), "mm")
         for axis, v, s in zip("xyz", placed["xyz_mm"], placed["std_mm"])
@@ -279,13 +284,13 @@ def _transform(run):
         for axis, v, s in zip("xyz", placed["rotvec_deg"], placed["std_deg"])
     ]
     yield table(["", "value", "σ", "unit"], rows)
-    yield from _as_matrix(made.sensor)
-    if made.radius is not None:
-        std = made.std.get("target.radius")
+    yield from _as_matrix(hand_eye.sensor)
+    if hand_eye.radius is not None:
+        std = hand_eye.std.get("target.radius")
         radius = (
-            f"{' ± '.join(_valued(made.radius, std))} mm, fitted"
+            f"{' ± '.join(_valued(hand_eye.radius, std))} mm, fitted"
             if std
-            else f"{rounded(made.radius, 6)} mm, as certified"
+            else f"{rounded(hand_eye.radius, 6)} mm, as certified"
         )
         yield words(f"Radius of the sphere: {radius}.")
         yield from _profiler(run)
@@ -306,15 +311,15 @@ def _profiler(run):
     head, rows = ["", "radius certified", "radius free"], []
     both = [run.made, run.free] if run.free else [run.made]
     for title, key, values, unit in (
-        ("radius of the sphere", "target.radius", [one.radius for one in both], "mm"),
+        ("radius of the sphere", "target.radius", [fit.radius for fit in both], "mm"),
         (
             "scale error of the profiler’s z",
             "sensor.range_scale",
-            [100 * one.range_scale for one in both],
+            [100 * fit.range_scale for fit in both],
             "%",
         ),
     ):
-        spread = [one.std.get(key) for one in both]
+        spread = [fit.std.get(key) for fit in both]
         spread = [std and (100 * std if unit == "%" else std) for std in spread]
         rows.append(
             (
@@ -326,9 +331,9 @@ def _profiler(run):
             )
         )
     rows.append(
-        ("distance from the sphere, RMS", *(f"{rounded(one.fit['rms_mm'])} mm" for one in both))
+        ("distance from the sphere, RMS", *(f"{rounded(fit.fit['rms_mm'])} mm" for fit in both))
     )
-    rows.append(("noise of a profile", *(f"{rounded(one.noise)} mm" for one in both)))
+    rows.append(("noise of a profile", *(f"{rounded(fit.noise)} mm" for fit in both)))
     yield table(head[: 1 + len(both)] if run.free else ["", "estimate"], rows)
 
 

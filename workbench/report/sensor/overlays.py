@@ -42,19 +42,19 @@ def overlays(run, most: int = 6) -> list[tuple[str, str]]:
     """Data address and caption of the images with the largest RMS of a camera run, largest first."""
     from workbench.report.calibration.scene import arrow_step
 
-    made = run.calibration
-    size = max(made.camera.size)
-    length = float(np.percentile(np.sqrt((made.residual**2).sum(0)), 95))
+    calibration = run.calibration
+    size = max(calibration.camera.size)
+    length = float(np.percentile(np.sqrt((calibration.residual**2).sum(0)), 95))
     scale = arrow_step(_ARROW * size / _LONGEST / max(length, 1e-9))
     found = []
-    for k in np.argsort(-made.view_rms_px)[:most]:
-        view, mine = made.views[k], made.view == k
+    for k in np.argsort(-calibration.view_rms_px)[:most]:
+        view, mine = calibration.views[k], calibration.view == k
         source = overlay(
             run.recording.folder / view.image,
-            made.chain.pixels[:, mine],
-            made.residual[:, mine],
+            calibration.chain.pixels[:, mine],
+            calibration.residual[:, mine],
             scale,
         )
-        caption = f"{view.image}: RMS {rounded(made.view_rms_px[k])} px, arrows enlarged {scale:,.0f} times"
+        caption = f"{view.image}: RMS {rounded(calibration.view_rms_px[k])} px, arrows enlarged {scale:,.0f} times"
         found.append((source, caption))
     return found

@@ -31,32 +31,34 @@ _JOINED = {
 }
 
 
-def page(made: Scans) -> Page:
+def page(scans: Scans) -> Page:
     """The whole page of `workbench scan`."""
-    form, spread, found = _most(made)
+    form, spread, found = _most(scans)
     numbers = [
         ("form error, RMS, worst sphere", rounded(form), "mm"),
         ("centre, largest 1 σ, best-fit frame", rounded(spread), "mm"),
-        ("scans", str(len(made.scans)), ""),
+        ("scans", str(len(scans.scans)), ""),
         ("balls found", str(found), ""),
     ]
     tail = [
-        cameras.provenance(made.recording, made.calibration.camera if made.calibration else made)
+        cameras.provenance(
+            scans.recording, scans.calibration.camera if scans.calibration else scans
+        )
     ]
-    scanner_sections = scanners.sections(made.calibration) if made.calibration else ()
+    scanner_sections = scanners.sections(scans.calibration) if scans.calibration else ()
     return Page(
         "Scans",
-        made.recording.title or made.recording.name,
+        scans.recording.title or scans.recording.name,
         tuple(numbers),
-        tuple(lead(made)),
-        (*sections(made), *scanner_sections, *tail),
+        tuple(lead(scans)),
+        (*sections(scans), *scanner_sections, *tail),
     )
 
 
-def _most(made: Scans) -> tuple[float | None, float | None, int]:
+def _most(scans: Scans) -> tuple[float | None, float | None, int]:
     """Largest RMS and 1 sigma of a centre, mm, of completely seen balls (None without one), and their number."""
     form, spread, count = None, None, 0
-    for _, ball in _found(made):
+    for _, ball in _found(scans):
         count += 1
         if ball.whole:
             form = max(form or 0.0, ball.fit.rms)
@@ -64,62 +66,62 @@ def _most(made: Scans) -> tuple[float | None, float | None, int]:
     return form, spread, count
 
 
-def chain(made: Scans) -> tuple[Section, ...]:
+def chain(scans: Scans) -> tuple[Section, ...]:
     """Sensor sections on the page of a calibration from images: scans, and the scanner if it was calibrated here."""
-    scanner_sections = scanners.sections(made.calibration) if made.calibration else ()
-    return (*sections(made), *scanner_sections)
+    scanner_sections = scanners.sections(scans.calibration) if scans.calibration else ()
+    return (*sections(scans), *scanner_sections)
 
 
-def sections(made: Scans) -> tuple[Section, ...]:
+def sections(scans: Scans) -> tuple[Section, ...]:
     """Sections on the scans."""
     return (
-        Section("acceptance", "Acceptance figures", tuple(_acceptance(made))),
-        Section("balls", "Balls", tuple(_balls(made))),
-        Section("clouds", "Clouds", tuple(_clouds(made))),
+        Section("acceptance", "Acceptance figures", tuple(_acceptance(scans))),
+        Section("balls", "Balls", tuple(_balls(scans))),
+        Section("clouds", "Clouds", tuple(_clouds(scans))),
     )
 
 
-def every(made: Scans) -> Iterator[tuple[Scan, Ball]]:
+def every(scans: Scans) -> Iterator[tuple[Scan, Ball]]:
     """Each ball with its scan."""
-    for one in made.scans:
-        for ball in one.balls:
-            yield one, ball
+    for scan in scans.scans:
+        for ball in scan.balls:
+            yield scan, ball
 
 
-def lead(made: Scans) -> list[str]:
+def lead(scans: Scans) -> list[str]:
     """Data basis and meaning of the numbers."""
-    points = sum(one.points for one in made.scans)
+    points = sum(scan.points for scan in scans.scans)
     first = (
-        f"{counted(len(made.scans), 'scan')} with {points:,} points in total; the clouds are PLY files in the folder "
+        f"{counted(len(scans.scans), 'scan')} with {points:,} points in total; the clouds are PLY files in the folder "
         "of this page. Form error: distance of the points used from the fitted sphere, for the worst of all completely "
         "seen spheres. The radius is the certified one if there is a certificate."
     )
     scanner = (
         "The points are those of the sensor, which has its own calibration."
-        if made.scanner is None
+        if scans.scanner is None
         else "The scanner was calibrated from the same recording; its sections follow below."
-        if made.calibration
+        if scans.calibration
         else "The scanner was read from a file."
     )
-    centres = centres_of(made)
+    centres = centres_of(scans)
     more = (
         f" The recording ball-centres holds {counted(centres.n, 'ball centre')} for `workbench calibrate`."
         if centres
         else ""
     )
-    return [first, scanner + more, *_frames(made)]
+    return [first, scanner + more, *_frames(scans)]
 
 
-def _frames(made: Scans) -> list[str]:
+def _frames(scans: Scans) -> list[str]:
     """Reference frames of the standard deviations of centres."""
-    joined = sorted({one.frame for one in made.scans} - {"camera"})
+    joined = sorted({scan.frame for scan in scans.scans} - {"camera"})
     if joined:
         return [_JOINED[name] for name in joined]
-    balls = (ball for _, ball in every(made) if ball.fit)
-    if made.scanner.frame is None:
+    balls = (ball for _, ball in every(scans) if ball.fit)
+    if scans.scanner.frame is None:
         return []
     most = max(
-        (float(np.sqrt(np.diag(whole_covariance(made.scanner, ball)).max())) for ball in balls),
+        (float(np.sqrt(np.diag(whole_covariance(scans.scanner, ball)).max())) for ball in balls),
         default=None,
     )
     if most is None:
@@ -131,32 +133,32 @@ def _frames(made: Scans) -> list[str]:
     ]
 
 
-def _acceptance(made: Scans):
+def _acceptance(scans: Scans):
     yield words(
         "Each figure is the largest over the scans. Balls that are cut by the field of view or lie outside the "
         "calibrated depths are excluded. An acceptance test to the standard also requires its artefacts and positions "
         "in the volume. Without a stated limit there is no pass or fail."
     )
     rows, missing = [], []
-    for one in characteristics(made):
-        name = one.name.replace("_", " ")
-        if not one.determined:
-            missing.append(f"{name}: {one.why}")
+    for characteristic in characteristics(scans):
+        name = characteristic.name.replace("_", " ")
+        if not characteristic.determined:
+            missing.append(f"{name}: {characteristic.why}")
             continue
         value, unit = (
-            (100 * one.value, "%")
-            if one.unit == "1"
-            else (one.value, one.unit.replace("deg C", "°C"))
+            (100 * characteristic.value, "%")
+            if characteristic.unit == "1"
+            else (characteristic.value, characteristic.unit.replace("deg C", "°C"))
         )
         rows.append(
             (
                 name,
-                one.symbol or "–",
-                one.vdi or "–",
+                characteristic.symbol or "–",
+                characteristic.vdi or "–",
                 rounded(value),
-                "–" if one.std is None else rounded(one.std),
+                "–" if characteristic.std is None else rounded(characteristic.std),
                 unit,
-                f"{one.n:,}",
+                f"{characteristic.n:,}",
             )
         )
     yield table(
@@ -183,17 +185,17 @@ _HEAD = (
 )
 
 
-def _balls(made: Scans):
-    shown = list(islice(_found(made), _ROWS))  # a long session is not held in memory
+def _balls(scans: Scans):
+    shown = list(islice(_found(scans), _ROWS))  # a long session is not held in memory
     if not shown:
         yield words("No ball was found in any scan.")
         return
-    yield table(_HEAD, [_row(one, ball) for one, ball in shown], left=3)
-    if (others := sum(1 for _ in _found(made)) - len(shown)) > 0:
+    yield table(_HEAD, [_row(scan, ball) for scan, ball in shown], left=3)
+    if (others := sum(1 for _ in _found(scans)) - len(shown)) > 0:
         yield words(f"The JSON lists the other {others} balls.", quiet=True)
-    doubts, unlisted = _doubts(made)
-    if doubts:
-        yield note("Remarks", doubts + [f"The JSON holds {unlisted} more."] * (unlisted > 0))
+    remarks, unlisted = _doubts(scans)
+    if remarks:
+        yield note("Remarks", remarks + [f"The JSON holds {unlisted} more."] * (unlisted > 0))
     residual = 1000 * np.concatenate([ball.fit.residual[ball.fit.inliers] for _, ball in shown])
     which = ", for the balls of the table" if others > 0 else ""
     caption = f"Distances of all points used from the fitted sphere{which}."
@@ -210,16 +212,16 @@ def _balls(made: Scans):
     yield pair(*maps)
 
 
-def _found(made: Scans) -> Iterator[tuple[Scan, Ball]]:
+def _found(scans: Scans) -> Iterator[tuple[Scan, Ball]]:
     """Each ball that was fitted, with its scan."""
-    return ((one, ball) for one, ball in every(made) if ball.fit)
+    return ((scan, ball) for scan, ball in every(scans) if ball.fit)
 
 
-def _called(one: Scan, ball: Ball) -> str:
-    return f"Scan {one.name}, ball {ball.number or 'unnamed'}"
+def _called(scan: Scan, ball: Ball) -> str:
+    return f"Scan {scan.name}, ball {ball.number or 'unnamed'}"
 
 
-def _row(one: Scan, ball: Ball) -> tuple:
+def _row(scan: Scan, ball: Ball) -> tuple:
     """A row of the table of balls."""
     fit, free, size = ball.fit, ball.free, "–"
     if ball.radius:
@@ -231,7 +233,7 @@ def _row(one: Scan, ball: Ball) -> tuple:
         rounded(1000 * v) for v in (fit.rms, fit.d95)
     ]
     return (
-        one.name,
+        scan.name,
         ball.number or "–",
         centre,
         *micrometres,
@@ -241,21 +243,21 @@ def _row(one: Scan, ball: Ball) -> tuple:
     )
 
 
-def _doubts(made: Scans) -> tuple[list[str], int]:
+def _doubts(scan_run: Scans) -> tuple[list[str], int]:
     """Remarks on scans and balls, and the number of further ones; a remark common to several scans is given once."""
     same, odd, known, unlisted = {}, [], [], 0
-    for one in made.scans:
-        for part in filter(None, one.outcome.split("; ")):
+    for scan in scan_run.scans:
+        for part in filter(None, scan.outcome.split("; ")):
             if part in same or len(same) < _DOUBTS:
                 count, names = same.get(part, (0, []))
-                same[part] = count + 1, [*names, one.name][:_NAMED]
+                same[part] = count + 1, [*names, scan.name][:_NAMED]
             else:
                 unlisted += 1
-        for ball in filter(lambda ball: ball.fit, one.balls):
+        for ball in filter(lambda ball: ball.fit, scan.balls):
             if not ball.whole and ";" in ball.fit.outcome:
-                odd.append(f"{_called(one, ball)}: {sentence(ball.fit.outcome)}")
+                odd.append(f"{_called(scan, ball)}: {sentence(ball.fit.outcome)}")
             elif ball.whole and ball.fit.warnings:
-                known.append(f"{_called(one, ball)}: {sentence('; '.join(ball.fit.warnings))}")
+                known.append(f"{_called(scan, ball)}: {sentence('; '.join(ball.fit.warnings))}")
         unlisted += len(odd[_DOUBTS:]) + len(known[_DOUBTS:])
         del odd[_DOUBTS:], known[_DOUBTS:]
     common = [f"{_scans(*scans)}: {sentence(part)}" for part, scans in same.items()]
@@ -277,8 +279,8 @@ def ball_map(ball: Ball) -> go.Figure:
     away = ball.points[:, used] - ball.fit.centre[:, None]
     values = 1000 * ball.fit.residual[used]
     top = max(float(np.percentile(np.abs(values), 98)), 1e-6)
-    made = style.figure(400, "across, x (mm)", "y (mm)")
-    made.add_scatter(
+    plot = style.figure(400, "across, x (mm)", "y (mm)")
+    plot.add_scatter(
         x=np.round(away[0], 3),
         y=np.round(away[1], 3),
         mode="markers",
@@ -296,17 +298,17 @@ def ball_map(ball: Ball) -> go.Figure:
         ),
         hovertemplate="(%{x:.2f}, %{y:.2f}) mm: %{marker.color:.1f} µm<extra></extra>",
     )
-    made.update_xaxes(constrain="domain", zeroline=False)
-    return made.update_yaxes(
+    plot.update_xaxes(constrain="domain", zeroline=False)
+    return plot.update_yaxes(
         autorange="reversed", scaleanchor="x", constrain="domain", zeroline=False
     )
 
 
-def _clouds(made: Scans):
-    shown = made.scans[:_CLOUDS]
-    if len(made.scans) > len(shown):
+def _clouds(scans: Scans):
+    shown = scans.scans[:_CLOUDS]
+    if len(scans.scans) > len(shown):
         yield words(
-            f"The first {len(shown)} of {len(made.scans)} scans, thinned. The PLY files hold all points."
+            f"The first {len(shown)} of {len(scans.scans)} scans, thinned. The PLY files hold all points."
         )
     yield figure(
         "clouds3d",
@@ -314,27 +316,35 @@ def _clouds(made: Scans):
         "Points of the scans and the fitted spheres in the camera frame, mm. Click on a name to hide it.",
     )
     rows = [
-        (one.name, f"{one.points:,}", f"{sum(one.dropped.values()):,}", len(one.balls), one.cloud)
-        for one in made.scans[:_ROWS]
+        (
+            scan.name,
+            f"{scan.points:,}",
+            f"{sum(scan.dropped.values()):,}",
+            len(scan.balls),
+            scan.cloud,
+        )
+        for scan in scans.scans[:_ROWS]
     ]
     yield table(["scan", "points", "stripe centres dropped", "balls", "file"], rows)
 
 
 def scene(scans) -> go.Figure:
     """Point clouds coloured by depth, with the fitted spheres."""
-    made = space.space(eye=(0.5, -1.3, -1.2))
-    made.layout.scene.camera.up = dict(x=0, y=-1, z=0)
+    plot = space.space(eye=(0.5, -1.3, -1.2))
+    plot.layout.scene.camera.up = dict(x=0, y=-1, z=0)
     colours = (style.BLUE, style.ORANGE, style.GREEN, style.VIOLET, style.GREY, "#222222")
-    for k, one in enumerate(scans):
-        space.points(made, one.drawn, f"scan {one.name}", size=1.6, color=colours[k % len(colours)])
-        for ball in one.balls:
+    for k, scan in enumerate(scans):
+        space.points(
+            plot, scan.drawn, f"scan {scan.name}", size=1.6, color=colours[k % len(colours)]
+        )
+        for ball in scan.balls:
             if ball.fit:
                 name = f"ball {ball.number}" if ball.number else "ball"
                 space.ball(
-                    made,
+                    plot,
                     ball.fit.centre,
                     ball.fit.radius,
-                    f"{name} of scan {one.name}",
+                    f"{name} of scan {scan.name}",
                     colours[k % len(colours)],
                 )
-    return made
+    return plot

@@ -14,9 +14,9 @@ from workbench.report.text import counted, rounded, sentence
 _MOST_ROWS = 24
 
 
-def page(made: ScannerRun) -> Page:
+def page(run: ScannerRun) -> Page:
     """The whole page of `workbench scanner`."""
-    calibration = made.calibration
+    calibration = run.calibration
     good = ~calibration.wrong
     numbers = [
         (
@@ -31,29 +31,29 @@ def page(made: ScannerRun) -> Page:
     numbers.append(("corners, per coordinate", rounded(calibration.sigma_corner_px), "px"))
     return Page(
         "Scanner calibration",
-        made.recording.title or made.recording.name,
+        run.recording.title or run.recording.name,
         tuple(numbers),
-        tuple(lead(made)),
-        (*sections(made), cameras.provenance(made.recording, made.camera)),
+        tuple(lead(run)),
+        (*sections(run), cameras.provenance(run.recording, run.camera)),
         files=("scanner.toml",),
     )
 
 
-def sections(made: ScannerRun) -> tuple[Section, ...]:
+def sections(run: ScannerRun) -> tuple[Section, ...]:
     """Sections on the light planes, then on the camera (from its corners only)."""
-    calibration = made.calibration
+    calibration = run.calibration
     return (
         Section("planes", "Light planes", tuple(_planes(calibration))),
-        Section("stripes", "Residuals of the stripes", (*_stripes(calibration), *_rejected(made))),
+        Section("stripes", "Residuals of the stripes", (*_stripes(calibration), *_rejected(run))),
         Section("mirror", "Mirror model", tuple(_mirror(calibration))),
         Section("leftout", "Held-out board poses", tuple(_left_out(calibration))),
-        *cameras.sections(made.camera, "camera-"),
+        *cameras.sections(run.camera, "camera-"),
     )
 
 
-def lead(made: ScannerRun) -> list[str]:
+def lead(run: ScannerRun) -> list[str]:
     """Adjusted quantities and their data basis."""
-    calibration = made.calibration
+    calibration = run.calibration
     kind = (
         "one mirror model for all planes"
         if calibration.scanner.mirror is not None
@@ -73,11 +73,11 @@ def lead(made: ScannerRun) -> list[str]:
     return [first, *(sentence(calibration.left_out.sentence) for _ in (1,) if calibration.left_out)]
 
 
-def _rejected(made: ScannerRun):
+def _rejected(run: ScannerRun):
     """Laser images that were excluded, by reason, and remarks on the adjustment."""
     by_reason: dict[str, list[str]] = {}
-    for one in made.rejected:
-        by_reason.setdefault(one.why, []).append(one.image)
+    for rejection in run.rejected:
+        by_reason.setdefault(rejection.why, []).append(rejection.image)
     if by_reason:
         yield note(
             "Excluded laser images",
@@ -88,7 +88,7 @@ def _rejected(made: ScannerRun):
         )
     yield note(
         "Exclusions, and content of the standard deviations",
-        [sentence(line) for line in made.calibration.sentences],
+        [sentence(line) for line in run.calibration.sentences],
     )
 
 
@@ -143,25 +143,25 @@ def _planes(calibration):
 
 def scene(calibration) -> go.Figure:
     """Camera, boards, light planes and mirror axis, camera frame, mm."""
-    scanner, made = calibration.scanner, space.space(eye=(0.4, -1.5, -1.3))
+    scanner, plot = calibration.scanner, space.space(eye=(0.4, -1.5, -1.3))
     low, high = calibration.volume
-    scene = made.layout.scene
+    scene = plot.layout.scene
     scene.camera.up = dict(x=0, y=-1, z=0)  # the camera's y points down
     space.lines(
-        made, space.pyramid(scanner.camera, high)[None], "camera and its field", style.BLUE, 2
+        plot, space.pyramid(scanner.camera, high)[None], "camera and its field", style.BLUE, 2
     )
     board = calibration.start.board
     rim = board.points[:, [0, board.columns - 1, -1, -board.columns, 0]].T
-    space.lines(made, space.moved(_poses(calibration.poses), rim), "boards", style.GREY, 2)
+    space.lines(plot, space.moved(_poses(calibration.poses), rim), "boards", style.GREY, 2)
     space.light_planes(
-        made, space.patches(scanner.planes, scanner.camera, low, high), "light planes"
+        plot, space.patches(scanner.planes, scanner.camera, low, high), "light planes"
     )
     if scanner.mirror is not None:
         axis = scanner.mirror.point[:, None] + np.outer(
             scanner.mirror.axis, [-0.25 * high, 0.25 * high]
         )
-        space.lines(made, axis.T[None], "axis of the mirror", style.VIOLET, 6)
-    return made
+        space.lines(plot, axis.T[None], "axis of the mirror", style.VIOLET, 6)
+    return plot
 
 
 def _poses(values):
@@ -172,12 +172,12 @@ def _poses(values):
 
 def per_step(calibration) -> go.Figure:
     """RMS of the points and sigma of the plane over the step."""
-    made = style.figure(340, "mirror step", "distance (mm)")
+    plot = style.figure(340, "mirror step", "distance (mm)")
     for name, values, colour in (
         ("RMS of its points", calibration.rms_mm, style.BLUE),
         ("1 σ of the plane", calibration.sigma_stated_mm, style.ORANGE),
     ):
-        made.add_scatter(
+        plot.add_scatter(
             x=calibration.scanner.steps,
             y=values,
             mode="lines+markers",
@@ -186,7 +186,7 @@ def per_step(calibration) -> go.Figure:
             marker_size=5,
             hovertemplate="step %{x}: %{y:.5f} mm<extra>" + name + "</extra>",
         )
-    return made.update_yaxes(rangemode="tozero")
+    return plot.update_yaxes(rangemode="tozero")
 
 
 def _stripes(calibration):
@@ -238,8 +238,8 @@ def over_step(step: np.ndarray, residual: np.ndarray, steps: np.ndarray) -> go.F
             for p in parts
         ]
     ).T
-    made = style.figure(380, "mirror step", "residual (px)")
-    made.add_scatter(
+    plot = style.figure(380, "mirror step", "residual (px)")
+    plot.add_scatter(
         x=np.concatenate([steps, steps[::-1]]),
         y=np.concatenate([high, low[::-1]]),
         fill="toself",
@@ -248,7 +248,7 @@ def over_step(step: np.ndarray, residual: np.ndarray, steps: np.ndarray) -> go.F
         name="two thirds of the points",
         hoverinfo="skip",
     )
-    made.add_scatter(
+    plot.add_scatter(
         x=steps,
         y=mean,
         mode="lines+markers",
@@ -257,15 +257,15 @@ def over_step(step: np.ndarray, residual: np.ndarray, steps: np.ndarray) -> go.F
         marker_size=4,
         hovertemplate="step %{x}: mean %{y:.4f} px<extra></extra>",
     )
-    return made
+    return plot
 
 
 def spread(residual: np.ndarray, unit: str = "px", of: str = "points") -> go.Figure:
     """Histogram of residuals within 5 robust sigmas, and the normal curve of their RMS."""
     sigma = _rms(residual)
     counts, edges = np.histogram(residual, bins=np.linspace(-5, 5, 81) * sigma)
-    made, middle = style.figure(330, f"residual ({unit})", of), (edges[1:] + edges[:-1]) / 2
-    made.add_bar(
+    plot, middle = style.figure(330, f"residual ({unit})", of), (edges[1:] + edges[:-1]) / 2
+    plot.add_bar(
         x=middle,
         y=counts,
         width=np.diff(edges),
@@ -279,7 +279,7 @@ def spread(residual: np.ndarray, unit: str = "px", of: str = "points") -> go.Fig
         * np.diff(edges)
         / (sigma * np.sqrt(2 * np.pi))
     )
-    made.add_scatter(
+    plot.add_scatter(
         x=middle,
         y=curve,
         mode="lines",
@@ -287,7 +287,7 @@ def spread(residual: np.ndarray, unit: str = "px", of: str = "points") -> go.Fig
         line=dict(color=style.ORANGE, width=2),
         hoverinfo="skip",
     )
-    return made
+    return plot
 
 
 def _mirror(calibration):
@@ -330,32 +330,32 @@ def _mirror(calibration):
 
 def against_free(calibration) -> go.Figure:
     """Distance between the independent plane and that of the mirror model at each step, mm."""
-    made = style.figure(320, "mirror step", "distance of the planes (mm)")
-    made.add_bar(
+    plot = style.figure(320, "mirror step", "distance of the planes (mm)")
+    plot.add_bar(
         x=calibration.scanner.steps,
         y=calibration.mirror.difference_of_step_mm,
         marker=dict(color=style.BLUE, line_width=0),
         showlegend=False,
         hovertemplate="step %{x}: %{y:.5f} mm<extra></extra>",
     )
-    return made.update_layout(bargap=0.15)
+    return plot.update_layout(bargap=0.15)
 
 
 def _left_out(calibration):
-    left = calibration.left_out
-    if left is None:
+    held_out = calibration.left_out
+    if held_out is None:
         yield words("There are too few board poses for cross-validation.")
         return
     yield words(
-        sentence(left.sentence) + " The pose of a held-out board comes from its corners only."
+        sentence(held_out.sentence) + " The pose of a held-out board comes from its corners only."
     )
-    known = np.isfinite(left.placement_rms_mm)
+    known = np.isfinite(held_out.placement_rms_mm)
     names = [f"board pose {name}" for name, there in zip(calibration.placements, known) if there]
     yield figure(
         "leftoutbars",
         field.bars(
             names,
-            left.placement_rms_mm[known],
+            held_out.placement_rms_mm[known],
             "RMS of all its points (mm)",
             across="board pose with laser images",
         ),

@@ -25,13 +25,13 @@ def space(height: int = 600, eye: tuple[float, float, float] = (1.2, -1.4, 0.7))
 
 
 def lines(
-    made: go.Figure, paths: np.ndarray, name: str, colour: str, width: float = 2, ink: bool = False
+    plot: go.Figure, paths: np.ndarray, name: str, colour: str, width: float = 2, ink: bool = False
 ) -> None:
     """Add paths (k, p, 3) mm as one trace with gaps between them."""
     paths = np.asarray(paths, float)
     gap = np.full((len(paths), 1, 3), np.nan)
     x, y, z = np.round(np.concatenate([paths, gap], axis=1).reshape(-1, 3).T, 3)
-    made.add_scatter3d(
+    plot.add_scatter3d(
         x=x,
         y=y,
         z=z,
@@ -45,7 +45,7 @@ def lines(
 
 
 def points(
-    made: go.Figure,
+    plot: go.Figure,
     places: np.ndarray,
     name: str,
     values=None,
@@ -61,7 +61,7 @@ def points(
         else dict(color=values, colorscale="Viridis", showscale=True, colorbar=_bar(unit))
     )
     text = "" if values is None else "%{customdata:.4g} " + unit + "<br>"
-    made.add_scatter3d(
+    plot.add_scatter3d(
         x=x,
         y=y,
         z=z,
@@ -129,7 +129,7 @@ def patches(planes: np.ndarray, camera, near: float, far: float) -> np.ndarray:
     return corners
 
 
-def light_planes(made: go.Figure, corners: np.ndarray, name: str) -> None:
+def light_planes(plot: go.Figure, corners: np.ndarray, name: str) -> None:
     """Add at most a few of the quadrilaterals (k, 4, 3) mm as translucent surfaces."""
     shown = np.unique(np.linspace(0, len(corners) - 1, min(len(corners), _MOST_PLANES)).astype(int))
     label = name if len(shown) == len(corners) else f"{name}, {len(shown)} of {len(corners)} drawn"
@@ -140,7 +140,7 @@ def light_planes(made: go.Figure, corners: np.ndarray, name: str) -> None:
         [[first, first + 1, first + 2], [first, first + 2, first + 3]], axis=1
     )
     i, j, k = triangles
-    made.add_mesh3d(
+    plot.add_mesh3d(
         x=x,
         y=y,
         z=z,
@@ -154,7 +154,7 @@ def light_planes(made: go.Figure, corners: np.ndarray, name: str) -> None:
         hoverinfo="skip",
     )
     lines(
-        made,
+        plot,
         np.concatenate([corners, corners[:, :1]], axis=1),
         "edges of the light planes",
         style.ORANGE,
@@ -163,7 +163,7 @@ def light_planes(made: go.Figure, corners: np.ndarray, name: str) -> None:
 
 
 def ball(
-    made: go.Figure, centre: np.ndarray, radius: float, name: str, colour: str = style.ORANGE
+    plot: go.Figure, centre: np.ndarray, radius: float, name: str, colour: str = style.ORANGE
 ) -> None:
     """Add a ball (centre (3,), radius, mm) as a translucent surface."""
     across, down = np.meshgrid(np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13))
@@ -173,7 +173,7 @@ def ball(
         + np.reshape(centre, (3, 1, 1)),
         3,
     )
-    made.add_surface(
+    plot.add_surface(
         x=x,
         y=y,
         z=z,

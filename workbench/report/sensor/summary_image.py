@@ -31,19 +31,19 @@ def summary(page: Page, panels: tuple[Panel, ...]):
     """A matplotlib figure: the numbers of the page on top, and one axes object per panel."""
     from matplotlib.figure import Figure
 
-    made = Figure(figsize=(13, 4.9), facecolor="white")
-    grid = made.add_gridspec(
+    plot = Figure(figsize=(13, 4.9), facecolor="white")
+    grid = plot.add_gridspec(
         1, len(panels), left=0.06, right=0.98, bottom=0.17, top=0.68, wspace=0.2
     )
     for k, panel in enumerate(panels):
-        axes = made.add_subplot(grid[k])
+        axes = plot.add_subplot(grid[k])
         panel(axes)
         axes.spines[["top", "right"]].set_visible(False)
         axes.title.set_size(10.5)
-    made.text(0.015, 0.94, page.over, size=11, color=_INK, va="center")
-    made.text(0.985, 0.94, page.title, size=11, color=_INK, ha="right", va="center")
+    plot.text(0.015, 0.94, page.over, size=11, color=_INK, va="center")
+    plot.text(0.985, 0.94, page.title, size=11, color=_INK, ha="right", va="center")
     for k, (name, value, unit) in enumerate(page.numbers[:4]):
-        made.text(
+        plot.text(
             0.015 + 0.245 * k,
             0.855,
             f"{value} {unit}",
@@ -52,20 +52,22 @@ def summary(page: Page, panels: tuple[Panel, ...]):
             color=_INK,
             va="center",
         )
-        made.text(0.015 + 0.245 * k, 0.795, name, size=9, color=_INK, va="center")
-    return made
+        plot.text(0.015 + 0.245 * k, 0.795, name, size=9, color=_INK, va="center")
+    return plot
 
 
 def camera(run) -> tuple[Panel, ...]:
     """RMS by image, and all residuals."""
-    made = run.calibration
+    calibration = run.calibration
 
     def images(axes):
-        axes.bar(np.arange(1, len(made.views) + 1), made.view_rms_px, color=style.BLUE)
+        axes.bar(
+            np.arange(1, len(calibration.views) + 1), calibration.view_rms_px, color=style.BLUE
+        )
         axes.set(xlabel="image", ylabel="RMS distance (px)", title="error of each image")
 
     def residuals(axes):
-        x, y = made.residual[:, :: max(1, made.residual.shape[1] // _MOST)]
+        x, y = calibration.residual[:, :: max(1, calibration.residual.shape[1] // _MOST)]
         axes.scatter(x, y, s=3, lw=0, alpha=0.4, color=style.ORANGE)
         axes.set(xlabel="x (px)", ylabel="y (px)", title="residuals of the corners")
         axes.set_aspect("equal", adjustable="datalim")
@@ -75,13 +77,19 @@ def camera(run) -> tuple[Panel, ...]:
 
 def scanner(run) -> tuple[Panel, ...]:
     """RMS by mirror step, and distances of the points from their planes."""
-    made = run.calibration
+    calibration = run.calibration
 
     def steps(axes):
-        steps = made.scanner.steps
-        axes.plot(steps, made.rms_mm, ".-", color=style.BLUE, label="points from their plane, RMS")
+        steps = calibration.scanner.steps
         axes.plot(
-            steps, made.sigma_stated_mm, ".-", color=style.ORANGE, label="1 sigma of the plane"
+            steps, calibration.rms_mm, ".-", color=style.BLUE, label="points from their plane, RMS"
+        )
+        axes.plot(
+            steps,
+            calibration.sigma_stated_mm,
+            ".-",
+            color=style.ORANGE,
+            label="1 sigma of the plane",
         )
         axes.set(
             xlabel="mirror step", ylabel="mm", title="light plane by light plane", ylim=(0, None)
@@ -89,9 +97,9 @@ def scanner(run) -> tuple[Panel, ...]:
         style.legend_above(axes)
 
     def spread(axes):
-        _ecdf(axes, np.abs(made.residual_mm[~made.wrong]), "fit", style.GREEN)
-        if made.left_out is not None:
-            _ecdf(axes, np.abs(made.left_out.residual_mm), "board pose left out", style.BLUE)
+        _ecdf(axes, np.abs(calibration.residual_mm[~calibration.wrong]), "fit", style.GREEN)
+        if calibration.left_out is not None:
+            _ecdf(axes, np.abs(calibration.left_out.residual_mm), "board pose left out", style.BLUE)
         axes.set(xlabel="distance from the plane (mm)", title="cumulative share of stripe points")
         style.legend_above(axes)
 
@@ -102,9 +110,9 @@ def scan(run) -> tuple[Panel, ...]:
     """Form error of the balls and uncertainty of their centres; for a long session, of evenly spaced scans."""
     some = np.linspace(0, len(run.scans) - 1, min(len(run.scans), _SCANS)).astype(int)
     balls = [
-        (one.name, ball)
-        for one in map(run.scans.__getitem__, some)
-        for ball in one.balls
+        (scan.name, ball)
+        for scan in map(run.scans.__getitem__, some)
+        for ball in scan.balls
         if ball.fit
     ]
     of = (

@@ -17,14 +17,14 @@ def over(
     axis: Axis, across: np.ndarray, up: np.ndarray, name: str, groups: np.ndarray | None = None
 ) -> go.Figure:
     """One dot per run, medians and the 90 % band in bins of the parameter; separately for each of `groups`."""
-    made = style.figure(340, axis_label(axis), column_label(name))
+    plot = style.figure(340, axis_label(axis), column_label(name))
     for k, group in enumerate([None] if groups is None else list(dict.fromkeys(groups.tolist()))):
         chosen = np.isfinite(up) & (True if group is None else groups == group)
         colour = _COLOURS[k % len(_COLOURS)]
         places, low, middle, high = _binned(axis, across[chosen], up[chosen])
-        _band(made, places, low, high, colour)
+        _band(plot, places, low, high, colour)
         drawn = style.thinned(int(chosen.sum()))
-        made.add_scatter(
+        plot.add_scatter(
             x=across[chosen][drawn],
             y=up[chosen][drawn],
             mode="markers",
@@ -32,7 +32,7 @@ def over(
             hoverinfo="skip",
             marker=dict(size=4, color=colour, opacity=0.35),
         )
-        made.add_scatter(
+        plot.add_scatter(
             x=places,
             y=middle,
             mode="lines+markers",
@@ -42,19 +42,19 @@ def over(
             showlegend=group is not None,
         )
     if axis.scale == "log" and axis.values is None:
-        made.update_xaxes(style.log_axis(axis.low, axis.high))
-    _upwards(made, up)
-    return made
+        plot.update_xaxes(style.log_axis(axis.low, axis.high))
+    _upwards(plot, up)
+    return plot
 
 
-def _upwards(made, values):
+def _upwards(plot, values):
     """From zero, or logarithmic if the values span more than a factor of fifty."""
     positive = values[np.isfinite(values) & (values > 0)]
     all_positive = (values[np.isfinite(values)] > 0).all()
     if positive.size and all_positive and positive.max() > 50 * positive.min():
-        made.update_yaxes(style.log_axis(positive.min() / 1.1, positive.max() * 1.1))
+        plot.update_yaxes(style.log_axis(positive.min() / 1.1, positive.max() * 1.1))
     else:
-        made.update_yaxes(rangemode="tozero")
+        plot.update_yaxes(rangemode="tozero")
 
 
 def _binned(axis, across, up):
@@ -73,8 +73,8 @@ def _binned(axis, across, up):
     return (places[full], *quantiles.T)
 
 
-def _band(made, places, low, high, colour):
-    made.add_scatter(
+def _band(plot, places, low, high, colour):
+    plot.add_scatter(
         x=np.concatenate([places, places[::-1]]),
         y=np.concatenate([high, low[::-1]]),
         fill="toself",
@@ -92,28 +92,28 @@ def spread(values: np.ndarray, name: str) -> go.Figure:
     finite = values[np.isfinite(values)]
     bins = int(np.clip(len(np.histogram_bin_edges(finite, "fd")) - 1, 10, 60))
     counts, edges = np.histogram(finite, bins)
-    made = style.figure(300, column_label(name), "runs")
-    made.add_bar(
+    plot = style.figure(300, column_label(name), "runs")
+    plot.add_bar(
         x=(edges[1:] + edges[:-1]) / 2,
         y=counts,
         width=np.diff(edges),
         marker=dict(color=style.BLUE, line_width=0),
         showlegend=False,
     )
-    return made
+    return plot
 
 
 def stiffen(rows: list[dict]) -> go.Figure:
     """Remaining error, in per cent, if one joint is twice as stiff."""
-    made = style.figure(60 + 46 * len(rows) + 60, "remaining error (%)")
-    left = np.array([100 * row["error_left"] for row in rows])
+    plot = style.figure(60 + 46 * len(rows) + 60, "remaining error (%)")
+    share_left = np.array([100 * row["error_left"] for row in rows])
     low, high = (
         np.array([100 * row[f"error_left_{end}"] for row in rows]) for end in ("p5", "p95")
     )
-    best = left.argmin()
-    made.add_bar(
+    best = share_left.argmin()
+    plot.add_bar(
         y=[row["joint"].replace("-", " ") for row in rows],
-        x=left,
+        x=share_left,
         orientation="h",
         showlegend=False,
         marker=dict(
@@ -121,12 +121,16 @@ def stiffen(rows: list[dict]) -> go.Figure:
             line_width=0,
         ),
         error_x=dict(
-            type="data", symmetric=False, array=high - left, arrayminus=left - low, thickness=1.5
+            type="data",
+            symmetric=False,
+            array=high - share_left,
+            arrayminus=share_left - low,
+            thickness=1.5,
         ),
         hovertemplate="%{y}: %{x:.0f} %<extra></extra>",
     )
-    made.update_layout(bargap=0.35, margin_l=80)
-    return made.update_yaxes(autorange="reversed")
+    plot.update_layout(bargap=0.35, margin_l=80)
+    return plot.update_yaxes(autorange="reversed")
 
 
 def by_load(columns: list[dict]) -> go.Figure | None:
@@ -138,14 +142,14 @@ def by_load(columns: list[dict]) -> go.Figure | None:
             found.setdefault(match[1], []).append((float(match[2]), row))
     if not any(len(rows) > 1 for rows in found.values()):
         return None
-    made, most = style.figure(400, "payload (kg)", "RMS error (mm, logarithmic)"), []
+    plot, most = style.figure(400, "payload (kg)", "RMS error (mm, logarithmic)"), []
     for k, (model, rows) in enumerate(found.items()):
         loads = np.array([load for load, _ in rows])
         low, middle, high = (
             np.array([row[key] for _, row in rows]) for key in ("p5", "median", "p95")
         )
-        _band(made, loads, low, high, _COLOURS[k % len(_COLOURS)])
-        made.add_scatter(
+        _band(plot, loads, low, high, _COLOURS[k % len(_COLOURS)])
+        plot.add_scatter(
             x=loads,
             y=middle,
             name=model,
@@ -154,7 +158,7 @@ def by_load(columns: list[dict]) -> go.Figure | None:
             marker=dict(size=7),
         )
         most += [low.min(), high.max()]
-    return made.update_yaxes(style.log_axis(min(most) / 1.2, max(most) * 1.2)).update_layout(
+    return plot.update_yaxes(style.log_axis(min(most) / 1.2, max(most) * 1.2)).update_layout(
         margin_t=70
     )
 
@@ -165,15 +169,15 @@ def by_incidence(columns: list[dict]) -> go.Figure | None:
     bands = [(match, row) for match, row in bands if match]
     if not bands:
         return None
-    made = style.figure(
+    plot = style.figure(
         340, "angle between surface and line of sight (deg)", "RMS distance from the sphere (mm)"
     )
     middle = np.array([(int(match[1]) + int(match[2])) / 2 for match, _ in bands])
     low, median, high = (
         np.array([row[key] for _, row in bands]) for key in ("p5", "median", "p95")
     )
-    _band(made, middle, low, high, style.BLUE)
-    made.add_scatter(
+    _band(plot, middle, low, high, style.BLUE)
+    plot.add_scatter(
         x=middle,
         y=median,
         mode="lines+markers",
@@ -181,45 +185,45 @@ def by_incidence(columns: list[dict]) -> go.Figure | None:
         marker=dict(size=8),
         showlegend=False,
     )
-    return made.update_yaxes(rangemode="tozero").update_xaxes(range=[0, middle[-1] * 1.15])
+    return plot.update_yaxes(rangemode="tozero").update_xaxes(range=[0, middle[-1] * 1.15])
 
 
 def stated(sigma: np.ndarray, error: np.ndarray) -> go.Figure:
     """Error over stated sigma, one dot per run, and the line of equality."""
     fine = np.isfinite(sigma) & np.isfinite(error) & (sigma > 0) & (error > 0)
-    made = style.figure(360, "stated σ (mm)", "error of the centre (mm)")
+    plot = style.figure(360, "stated σ (mm)", "error of the centre (mm)")
     if fine.any():
         low, high = (
             min(sigma[fine].min(), error[fine].min()),
             max(sigma[fine].max(), error[fine].max()),
         )
-        made.add_scatter(
+        plot.add_scatter(
             x=sigma[fine],
             y=error[fine],
             mode="markers",
             showlegend=False,
             marker=dict(size=5, color=style.BLUE, opacity=0.6),
         )
-        made.add_scatter(
+        plot.add_scatter(
             x=[low, high],
             y=[low, high],
             mode="lines",
             line=dict(color=style.GREY, dash="dash"),
             name="error = σ",
         )
-        made.update_xaxes(style.log_axis(low / 1.1, high * 1.1)).update_yaxes(
+        plot.update_xaxes(style.log_axis(low / 1.1, high * 1.1)).update_yaxes(
             style.log_axis(low / 1.1, high * 1.1)
         )
-    return made
+    return plot
 
 
 def indices(rows: list[dict]) -> go.Figure:
     """Bars of first-order and total sensitivity indices."""
-    made = style.figure(90 + 52 * len(rows), "share of the variance")
+    plot = style.figure(90 + 52 * len(rows), "share of the variance")
     for key, colour, name in (("total", style.GREY, "total"), ("first", style.BLUE, "first")):
         if key in rows[0]:
             whiskers = dict(type="data", array=[row[f"{key}_95"] for row in rows], thickness=1.5)
-            made.add_bar(
+            plot.add_bar(
                 y=[row["parameter"] for row in rows],
                 x=[row[key] for row in rows],
                 orientation="h",
@@ -227,25 +231,25 @@ def indices(rows: list[dict]) -> go.Figure:
                 marker=dict(color=colour, line_width=0),
                 error_x=whiskers,
             )
-    made.update_layout(barmode="group", bargap=0.3, margin_l=130, legend_traceorder="reversed")
-    return made.update_yaxes(autorange="reversed")
+    plot.update_layout(barmode="group", bargap=0.3, margin_l=130, legend_traceorder="reversed")
+    return plot.update_yaxes(autorange="reversed")
 
 
 def coverage(rows: list[dict]) -> go.Figure:
     """Coverage of 95 % intervals, or the ratio of spread to sigma, one dot per parameter."""
     known = "within_2" in rows[0]
     names = [row["parameter"].partition(":")[2] for row in rows]
-    made = style.figure(
+    plot = style.figure(
         120 + 17 * len(rows), "runs within 1.96 stated σ (%)" if known else "spread over stated σ"
     )
     values = [100 * row["within_2"] if known else row["ratio"] for row in rows]
     if known:
         half = 100 * 1.96 * np.sqrt(0.95 * 0.05 / np.median([row["n"] for row in rows]))
-        made.add_vrect(
+        plot.add_vrect(
             x0=95 - half, x1=min(95 + half, 100), fillcolor=style.GREEN, opacity=0.2, line_width=0
         )
-    made.add_vline(x=95 if known else 1, line=dict(color=style.GREY, dash="dash"))
-    made.add_scatter(
+    plot.add_vline(x=95 if known else 1, line=dict(color=style.GREY, dash="dash"))
+    plot.add_scatter(
         x=values,
         y=names,
         mode="markers",
@@ -253,12 +257,12 @@ def coverage(rows: list[dict]) -> go.Figure:
         showlegend=False,
         hovertemplate="%{y}: %{x:.3g}<extra></extra>",
     )
-    made.update_yaxes(autorange="reversed", tickfont_size=10, dtick=1)
+    plot.update_yaxes(autorange="reversed", tickfont_size=10, dtick=1)
     if known:
-        made.update_xaxes(range=[min(min(values), 95 - half) - 5, 100.5])
+        plot.update_xaxes(range=[min(min(values), 95 - half) - 5, 100.5])
     else:
-        made.update_xaxes(rangemode="tozero")
-    return made.update_layout(margin_l=250)
+        plot.update_xaxes(rangemode="tozero")
+    return plot.update_layout(margin_l=250)
 
 
 def grid_map(axes: list[Axis], columns: dict, name: str) -> go.Figure:
@@ -266,8 +270,8 @@ def grid_map(axes: list[Axis], columns: dict, name: str) -> go.Figure:
     along, up, outcome = columns[axes[0].name], columns[axes[1].name], columns[name]
     first, second = np.unique(along), np.unique(up)
     cells = [[np.nanmedian(outcome[(along == a) & (up == b)]) for a in first] for b in second]
-    made = style.figure(400, *(axis_label(axis) for axis in axes[:2]))
-    made.add_heatmap(
+    plot = style.figure(400, *(axis_label(axis) for axis in axes[:2]))
+    plot.add_heatmap(
         x=[f"{a:g}" for a in first],
         y=[f"{b:g}" for b in second],
         z=cells,
@@ -276,4 +280,4 @@ def grid_map(axes: list[Axis], columns: dict, name: str) -> go.Figure:
         texttemplate="%{text}",
         colorbar=dict(title=dict(text=column_label(name), side="right"), thickness=12),
     )
-    return made.update_xaxes(type="category").update_yaxes(type="category")
+    return plot.update_xaxes(type="category").update_yaxes(type="category")

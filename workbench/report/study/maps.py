@@ -29,11 +29,11 @@ def blocks(study: Study, folder: Path, run: int = 1):
     try:
         world = robots.world(changed, seed_of(study, run))
         calibrated = "calibrate" in run_study.do
-        made = robots.calibrations(run_study, world.measured) if calibrated else {}
+        calibrations = robots.calibrations(run_study, world.measured) if calibrated else {}
     except InputError:
         return
     name, test = list(world.tests.items())[-1]
-    errors = _errors(world, made, test)
+    errors = _errors(world, calibrations, test)
     robot = world.truth.model.chain.robot
     places = _places(robot, test)
     load = name.removeprefix("test").strip("_").replace("_", ", ") or "the scene's loads"
@@ -60,12 +60,15 @@ def blocks(study: Study, folder: Path, run: int = 1):
         yield pair(*shown[k : k + 2]) if len(shown[k : k + 2]) == 2 else shown[k]
 
 
-def _errors(world, made, test):
+def _errors(world, calibrations, test):
     """Title and (3, n) errors of each model."""
-    if not made:
+    if not calibrations:
         return [("Uncalibrated", robots.believed(world.truth, test))]
-    first = next(iter(made.values()))
-    models = [(f"After {name}", robots.residual_of(one, test)) for name, one in made.items()]
+    first = next(iter(calibrations.values()))
+    models = [
+        (f"After {name}", robots.residual_of(calibration, test))
+        for name, calibration in calibrations.items()
+    ]
     return [("Nominal, base and tool fitted", robots.nominal_residual(first, test)), *models]
 
 
@@ -84,14 +87,14 @@ def _arm(robot) -> np.ndarray:
 
 def error_map(places: np.ndarray, distance: np.ndarray) -> go.Figure:
     """Points in space coloured by their error."""
-    made = go.Figure(
+    plot = go.Figure(
         layout=dict(template="none", height=460, margin=dict(l=0, r=0, t=8, b=0), scene=axes())
     )
     x, y, z = np.round(places, 2)
     bar = dict(
         title=dict(text="error (mm)", side="right"), thickness=12, len=0.7, x=1.0, xanchor="right"
     )
-    made.add_scatter3d(
+    plot.add_scatter3d(
         x=x,
         y=y,
         z=z,
@@ -108,5 +111,5 @@ def error_map(places: np.ndarray, distance: np.ndarray) -> go.Figure:
         ),
         hovertemplate="%{customdata:.4f} mm<br>(%{x:.0f}, %{y:.0f}, %{z:.0f}) mm<extra></extra>",
     )
-    made.update_layout(scene_aspectmode="data")
-    return made
+    plot.update_layout(scene_aspectmode="data")
+    return plot

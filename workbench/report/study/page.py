@@ -11,7 +11,7 @@ _MOST_FIGURES = 6
 _ROWS = 120
 
 
-def page(made, found: dict) -> Page:
+def page(study_run, found: dict) -> Page:
     """The page of a finished study; found: the result of `summary`."""
     outcome = next((row for row in found["columns"] if row["column"] == found["outcome"]), None)
     numbers = [("runs", f"{found['runs']:,}", "")]
@@ -23,42 +23,46 @@ def page(made, found: dict) -> Page:
             (f"{said}, median", rounded(outcome["median"]), unit),
             ("95 % of the runs are below", rounded(outcome["p95"]), unit),
         ]
-    lead = [_lead(made, found), *found["sentences"]]
+    lead = [_lead(study_run, found), *found["sentences"]]
     return Page(
         "Study",
         found["title"],
         tuple(numbers),
         tuple(lead),
-        tuple(_sections(made, found)),
+        tuple(_sections(study_run, found)),
         files=(tables.TABLE, tables.CSV),
     )
 
 
-def _lead(made, found) -> str:
-    what = " and ".join(found["do"]) + ("" if made.study.scene else f" of {made.study.recording}")
+def _lead(study_run, found) -> str:
+    what = " and ".join(found["do"]) + (
+        "" if study_run.study.scene else f" of {study_run.study.recording}"
+    )
     count = len(found["varied"])
     varied = (
-        f", with {counted(count, 'parameter')} varied ({made.study.vary.method})" if count else ""
+        f", with {counted(count, 'parameter')} varied ({study_run.study.vary.method})"
+        if count
+        else ""
     )
     article = "an" if found["kind"][0] in "aeiou" else "a"
     return f"{counted(found['done'], 'run')} of {article} {found['kind']} study: {what}{varied}."
 
 
-def _sections(made, found):
-    yield Section("outcome", "Outcome", tuple(_outcome(made, found)))
+def _sections(study_run, found):
+    yield Section("outcome", "Outcome", tuple(_outcome(study_run, found)))
     blocks_of = {
         "compliance": _compliance,
         "sensor": _sensor,
         "uncertainty": _uncertainty,
         "design": _design,
     }[found["kind"]]
-    blocks = tuple(blocks_of(made, found))
+    blocks = tuple(blocks_of(study_run, found))
     if blocks:
         yield Section(found["kind"], _TITLES[found["kind"]], blocks)
     if "indices" in found["sensitivity"]:
         yield Section("sensitivity", "Sensitivity", tuple(_sensitivity(found)))
     yield Section("figures", "All figures", tuple(_table(found)))
-    yield Section("made", "Seed, work and parameters", tuple(_made(made, found)))
+    yield Section("made", "Seed, work and parameters", tuple(_made(study_run, found)))
 
 
 _TITLES = {
@@ -69,10 +73,10 @@ _TITLES = {
 }
 
 
-def _outcome(made, found):
+def _outcome(study_run, found):
     """The outcome over each parameter, and its distribution."""
-    axes, name = made.study.vary.parameter, found["outcome"]
-    columns = tables.columns(made.path, [name, *(axis.name for axis in axes)])
+    axes, name = study_run.study.vary.parameter, found["outcome"]
+    columns = tables.columns(study_run.path, [name, *(axis.name for axis in axes)])
     values, said = columns[name], column_label(name)
     if found["not_done"]:
         lines = [sentence(f"{row['runs']} runs: {row['why']}") for row in found["not_done"]]
@@ -96,7 +100,7 @@ def _outcome(made, found):
     )
 
 
-def _compliance(made, found):
+def _compliance(study_run, found):
     if found["stiffen"]:
         yield figure(
             "stiffen",
@@ -112,11 +116,11 @@ def _compliance(made, found):
             "RMS error at further poses of the workspace, by payload: medians over the "
             "runs and the band that covers 90 % of them.",
         )
-    if made.study.scene is not None:
-        yield from maps.blocks(made.study, made.path)
+    if study_run.study.scene is not None:
+        yield from maps.blocks(study_run.study, study_run.path)
 
 
-def _sensor(made, found):
+def _sensor(study_run, found):
     bands = figures.by_incidence(found["columns"])
     if bands is not None:
         yield figure(
@@ -127,7 +131,7 @@ def _sensor(made, found):
         )
     names = [row["column"] for row in found["columns"]]
     if {"centre_rms_mm", "sigma_mm"} <= set(names):
-        columns = tables.columns(made.path, ["centre_rms_mm", "sigma_mm"])
+        columns = tables.columns(study_run.path, ["centre_rms_mm", "sigma_mm"])
         yield figure(
             "stated",
             figures.stated(columns["sigma_mm"], columns["centre_rms_mm"]),
@@ -136,7 +140,7 @@ def _sensor(made, found):
         )
 
 
-def _uncertainty(made, found):
+def _uncertainty(study_run, found):
     rows = found["coverage"]
     if not rows:
         return
@@ -167,10 +171,10 @@ def _covered(row, known) -> list[str]:
     return [row["parameter"], *(rounded(row[key], digits) for key, digits in columns), *shares]
 
 
-def _design(made, found):
-    axes = [axis for axis in made.study.vary.parameter if numeric(axis)]
-    if len(axes) == 2 and made.study.vary.method == "grid":
-        columns = tables.columns(made.path, [*(axis.name for axis in axes), found["outcome"]])
+def _design(study_run, found):
+    axes = [axis for axis in study_run.study.vary.parameter if numeric(axis)]
+    if len(axes) == 2 and study_run.study.vary.method == "grid":
+        columns = tables.columns(study_run.path, [*(axis.name for axis in axes), found["outcome"]])
         yield figure(
             "map",
             figures.grid_map(axes, columns, found["outcome"]),
@@ -179,12 +183,13 @@ def _design(made, found):
 
 
 def _sensitivity(found):
-    made = found["sensitivity"]
+    study_run = found["sensitivity"]
     yield words(
-        f"Share of the variance of {column_label(made['outcome'])} due to each parameter ({made['method']}, SALib). "
+        f"Share of the variance of {column_label(study_run['outcome'])} due to each parameter "
+        f"({study_run['method']}, SALib). "
         "First: the parameter alone. Total: including interactions with other parameters."
     )
-    yield figure("indices", figures.indices(made["indices"]), "Whiskers are 95 % intervals.")
+    yield figure("indices", figures.indices(study_run["indices"]), "Whiskers are 95 % intervals.")
 
 
 def _table(found):
@@ -203,8 +208,8 @@ def _table(found):
         )
 
 
-def _made(made, found):
-    study, work = made.study, found["work"]
+def _made(study_run, found):
+    study, work = study_run.study, found["work"]
     took = f"{work['seconds_of_runs']:.1f} s of runs in {work['seconds']:.1f} s"
     spent = f"{took} on {counted(work['workers'], 'worker')}"
     axes = [
@@ -220,7 +225,7 @@ def _made(made, found):
                 if work["overhead"] is None
                 else f"{100 * work['overhead']:.1f} % on top of the runs, including the start of the workers",
             ),
-            ("Repeat a run", f"workbench study {made.name} --run NUMBER"),
+            ("Repeat a run", f"workbench study {study_run.name} --run NUMBER"),
             *axes,
         ]
     )

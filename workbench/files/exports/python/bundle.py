@@ -57,38 +57,38 @@ def bundle(roots: Iterable[Symbol], methods: Iterable[str] = ()) -> str:
 def _module(name: str) -> _Module:
     spec = find_spec(name)
     tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
-    made = _Module()
+    source_module = _Module()
     for node in tree.body:
-        _note(made, node)
-    return made
+        _note(source_module, node)
+    return source_module
 
 
-def _note(made: _Module, node: ast.stmt) -> None:
+def _note(source_module: _Module, node: ast.stmt) -> None:
     if isinstance(node, (*_FUNCTIONS, ast.ClassDef)):
-        made.definitions[node.name] = node
+        source_module.definitions[node.name] = node
     elif isinstance(node, ast.Assign):
         for name in _targets(node):
-            made.definitions[name] = node
+            source_module.definitions[name] = node
     elif isinstance(node, ast.AnnAssign) and node.value is not None:
-        made.definitions[node.target.id] = ast.Assign([node.target], node.value, lineno=0)
+        source_module.definitions[node.target.id] = ast.Assign([node.target], node.value, lineno=0)
     elif isinstance(node, ast.Import):
         for alias in node.names:
             line = f"import {alias.name}" + (f" as {alias.asname}" if alias.asname else "")
-            made.imports[alias.asname or alias.name.partition(".")[0]] = line
+            source_module.imports[alias.asname or alias.name.partition(".")[0]] = line
     elif isinstance(node, ast.ImportFrom):
         for alias in node.names:
-            _note_import(made, node.module, alias)
+            _note_import(source_module, node.module, alias)
 
 
-def _note_import(made: _Module, module: str, alias: ast.alias) -> None:
+def _note_import(source_module: _Module, module: str, alias: ast.alias) -> None:
     name = alias.asname or alias.name
     if module.partition(".")[0] not in PACKAGES:
         renamed = f" as {alias.asname}" if alias.asname else ""
-        made.imports[name] = f"from {module} import {alias.name}{renamed}"
+        source_module.imports[name] = f"from {module} import {alias.name}{renamed}"
     elif _is_module(f"{module}.{alias.name}"):
-        made.modules[name] = f"{module}.{alias.name}"
+        source_module.modules[name] = f"{module}.{alias.name}"
     else:
-        made.ours[name] = Symbol(module, alias.name)
+        source_module.ours[name] = Symbol(module, alias.name)
 
 
 def _is_module(name: str) -> bool:
@@ -130,18 +130,20 @@ def _needed(roots: list[Symbol], methods: set[str]) -> tuple[set[Symbol], set[st
 
 def _references(module: str, node: ast.AST) -> set[Symbol]:
     """Symbols of our packages that some code names."""
-    own, found = _module(module), set()
+    source_module, found = _module(module), set()
     for part in ast.walk(node):
-        if isinstance(part, ast.Name) and (part.id in own.definitions or part.id in own.ours):
+        if isinstance(part, ast.Name) and (
+            part.id in source_module.definitions or part.id in source_module.ours
+        ):
             found.add(_resolved(Symbol(module, part.id)))
-        elif _is_of_module(own, part):
-            found.add(_resolved(Symbol(own.modules[part.value.id], part.attr)))
+        elif _is_of_module(source_module, part):
+            found.add(_resolved(Symbol(source_module.modules[part.value.id], part.attr)))
     return found
 
 
-def _is_of_module(own: _Module, part: ast.AST) -> bool:
+def _is_of_module(source_module: _Module, part: ast.AST) -> bool:
     is_attribute = isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name)
-    return is_attribute and part.value.id in own.modules
+    return is_attribute and part.value.id in source_module.modules
 
 
 def _imports_of(module: str, node: ast.AST) -> set[str]:
@@ -178,10 +180,12 @@ def _content_with(symbol: Symbol, methods: frozenset[str]) -> _Content:
 
 def _trimmed(symbol: Symbol, mentioned: Set[str]) -> ast.stmt:
     """A copy of a definition without annotations and without methods that no code mentions."""
-    made = ast.parse(ast.unparse(_module(symbol.module).definitions[symbol.name])).body[0]
-    if isinstance(made, ast.ClassDef):
-        made.body = [part for part in made.body if _is_kept(part, mentioned)] or [ast.Pass()]
-    return ast.fix_missing_locations(_Bare().visit(made))
+    function = ast.parse(ast.unparse(_module(symbol.module).definitions[symbol.name])).body[0]
+    if isinstance(function, ast.ClassDef):
+        function.body = [part for part in function.body if _is_kept(part, mentioned)] or [
+            ast.Pass()
+        ]
+    return ast.fix_missing_locations(_Bare().visit(function))
 
 
 def _is_kept(part: ast.stmt, mentioned: Set[str]) -> bool:
@@ -251,9 +255,9 @@ class _Renamed(ast.NodeTransformer):
         return self.generic_visit(node)
 
 
-def _is_top(own: _Module, node: ast.FunctionDef) -> bool:
+def _is_top(source_module: _Module, node: ast.FunctionDef) -> bool:
     """Whether a function stands at the top of its module: methods may share a name with such a one."""
-    top = own.definitions[node.name]
+    top = source_module.definitions[node.name]
     return isinstance(top, _FUNCTIONS) and len(top.args.args) == len(node.args.args)
 
 
@@ -319,10 +323,10 @@ class _Outside(ast.NodeTransformer):
 
 def _one_each(symbols: list[Symbol]) -> list[Symbol]:
     """The symbols without further names of one statement, as of `A, B = 1, 2`."""
-    kept, nodes = [], []
+    retained, nodes = [], []
     for symbol in symbols:
         node = _module(symbol.module).definitions[symbol.name]
         if not any(node is other for other in nodes):
             nodes.append(node)
-            kept.append(symbol)
-    return kept
+            retained.append(symbol)
+    return retained

@@ -113,8 +113,8 @@ def observed_effects(arm: CalibratedArm) -> tuple:
 
 
 def _left_out(arm: CalibratedArm) -> str:
-    held = set(map(id, observed_effects(arm)))
-    rest = [effect.title for effect in arm.effects if id(effect) not in held]
+    observed = set(map(id, observed_effects(arm)))
+    rest = [effect.title for effect in arm.effects if id(effect) not in observed]
     return f"Not in here, since they move no part of the arm: {', '.join(rest)}.\n" if rest else ""
 
 
@@ -150,8 +150,8 @@ def _used_ranges(arm: CalibratedArm) -> dict[str, list[float]]:
     if recorded and any(effect.elastic for effect in arm.acting_effects):
         used = [*used, _LOAD]
         recorded.setdefault(_LOAD, (0.0, 0.0))
-    kept = [name for name in recorded if name in used or _JOINT.fullmatch(name)]
-    return {name: list(recorded[name]) for name in kept}
+    used_names = [name for name in recorded if name in used or _JOINT.fullmatch(name)]
+    return {name: list(recorded[name]) for name in used_names}
 
 
 def _typical(arm: CalibratedArm, name: str) -> float:

@@ -123,13 +123,13 @@ class CorrectedArm:
         targets = chain.variables.copy()
         for port_indices, change in model.deltas(parameters).values():
             targets[port_indices] += change
-        own = (
+        mixing_diagonal = (
             np.diag(self.robot.mixing)
             if len(self.robot.mixing) == self.robot.mixing.shape[1]
             else 1.0
         )
         is_coupled = np.count_nonzero(self.robot.mixing) > self.robot.joints
-        signs = np.ones(self.robot.joints) if is_coupled else own
+        signs = np.ones(self.robot.joints) if is_coupled else mixing_diagonal
         return (signs[:, None] * targets * np.where(self.robot.prismatic, 1e-3, 1.0)[:, None]).T
 
     def corrected_readings(self, readings, poses=None, covariates=None, force=False) -> tuple:
@@ -152,14 +152,14 @@ class CorrectedArm:
             self._radians(readings) if poses is None else self._nominal_readings(readings, wanted)
         )
         before = self._error(found, wanted, covariates)
-        found, movable, left = self._solved(found, wanted, covariates)
+        found, movable, remaining_error = self._solved(found, wanted, covariates)
         is_good = (movable < _SOLVED_MM) & self._is_within_limits(found)
         shown = np.where(sliding(self.robot), found, np.rad2deg(found))
         if not force:
             after = self._error(found, wanted, covariates)
             is_good &= self._is_plausible(before) & self._is_plausible(after)
             is_good &= self._is_covered(shown, covariates)
-        return np.where(is_good[:, None], shown, np.nan), left
+        return np.where(is_good[:, None], shown, np.nan), remaining_error
 
     def _nominal_readings(self, readings, wanted) -> np.ndarray:
         """(n, R) rad, mm: readings of the nominal arm at the wanted poses, from where the search starts."""
@@ -243,8 +243,8 @@ class CorrectedArm:
 
     def _frames(self, readings, covariates, effects):
         chain, model, parameters = self._model(readings, covariates, effects)
-        own = parameters.values[: len(chain.parameters)]
-        return chain.frames(own, model.deltas(parameters))[0]
+        chain_values = parameters.values[: len(chain.parameters)]
+        return chain.frames(chain_values, model.deltas(parameters))[0]
 
     def _model(self, readings, covariates, effects):
         variables = self._variables(readings)
