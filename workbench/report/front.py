@@ -29,17 +29,35 @@ def page(folder: Path, rendered: Mapping | None, table: Mapping, why: str) -> Pa
 
 def _images(folder: Path, rendered: Mapping) -> Section:
     """Section on the chain rendered images, scanner, ball centres, arm."""
-    sensor, centre_errors = rendered["sensor"], rendered["against_truth"]
-    calibration, place = sensor["calibration"], Path(rendered["run"]).name
-    form = next(
+    place = Path(rendered["run"]).name
+    addresses = [
+        (f"{place}/report.html", "The report of this chain, sensor and arm"),
+        (f"{place}/recording/images.csv", "The rendered recording"),
+        (f"{place}/truth.json", "The ground truth of the rendering"),
+    ]
+    return Section(
+        "images",
+        "From rendered images to the arm",
         (
-            characteristic["value"]
-            for characteristic in sensor["acceptance"]
-            if characteristic["name"] == "probing_rms"
+            words(
+                "No public data set covers the whole chain, so the images are rendered: a board, the board under "
+                "the laser, and scans of three balls. The geometry of the arm deviates from its data sheet. The "
+                "calibration uses only these images, the joint readings and the certificate of the balls."
+            ),
+            facts(_chain_figures(rendered)),
+            *_drawn(folder / place),
+            links(addresses),
         ),
-        None,
     )
-    lines = [
+
+
+def _chain_figures(rendered: Mapping) -> list[tuple[str, str]]:
+    """(what, figure in words) of each step of the chain, from the images to the arm."""
+    sensor, centre_errors = rendered["sensor"], rendered["against_truth"]
+    calibration = sensor["calibration"]
+    acceptance = {row["name"]: row["value"] for row in sensor["acceptance"]}
+    form = acceptance.get("probing_rms")
+    return [
         (
             "images",
             f"{calibration['camera']['views']} of the board, {len(calibration['planes'])} light planes, "
@@ -65,25 +83,6 @@ def _images(folder: Path, rendered: Mapping) -> Section:
             f"{rounded(rendered['nominal']['rms_mm'])} mm with the nominal geometry",
         ),
     ]
-    addresses = [
-        (f"{place}/report.html", "The report of this chain, sensor and arm"),
-        (f"{place}/recording/images.csv", "The rendered recording"),
-        (f"{place}/truth.json", "The ground truth of the rendering"),
-    ]
-    return Section(
-        "images",
-        "From rendered images to the arm",
-        (
-            words(
-                "No public data set covers the whole chain, so the images are rendered: a board, the board under "
-                "the laser, and scans of three balls. The geometry of the arm deviates from its data sheet. The "
-                "calibration uses only these images, the joint readings and the certificate of the balls."
-            ),
-            facts(lines),
-            *_drawn(folder / place),
-            links(addresses),
-        ),
-    )
 
 
 def _table(folder: Path, table: Mapping, why: str) -> Section:

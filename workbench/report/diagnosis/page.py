@@ -250,30 +250,7 @@ def _validation(diagnosis: Diagnosis):
         "In a permutation or circular-shift control of its cause, a term must not reduce the error. "
         f"The gain of all terms together is {proof.t:.1f} times its standard error."
     )
-    rows = [
-        (
-            s["folds_by"],
-            s["folds"],
-            rounded(s["before"]),
-            rounded(s["after"]),
-            rounded(s["after_same_terms"]),
-            f"{s['t']:.1f}",
-            "yes" if s.get("judges", True) else "no",
-        )
-        for s in proof.schemes
-    ]
-    yield table(
-        [
-            "folds",
-            "number",
-            f"before ({unit})",
-            f"after, nested search ({unit})",
-            f"after, the terms above ({unit})",
-            "t",
-            "used for selection",
-        ],
-        rows,
-    )
+    yield _scheme_table(proof.schemes, unit)
     yield figure(
         "heldout", figures.held_out(diagnosis), "Share of samples whose held-out error is smaller."
     )
@@ -292,6 +269,34 @@ def _validation(diagnosis: Diagnosis):
         yield table(["term", "control", "remaining gain", "p", "", ""], controls, left=2)
     if proof.lack:
         yield _lack_of_fit(proof.lack, unit)
+
+
+def _scheme_table(schemes, unit: str) -> dict:
+    """Held-out errors and the test of the gain, one row a scheme of folds."""
+    rows = [
+        (
+            s["folds_by"],
+            s["folds"],
+            rounded(s["before"]),
+            rounded(s["after"]),
+            rounded(s["after_same_terms"]),
+            f"{s['t']:.1f}",
+            "yes" if s.get("judges", True) else "no",
+        )
+        for s in schemes
+    ]
+    return table(
+        [
+            "folds",
+            "number",
+            f"before ({unit})",
+            f"after, nested search ({unit})",
+            f"after, the terms above ({unit})",
+            "t",
+            "used for selection",
+        ],
+        rows,
+    )
 
 
 def _lack_of_fit(lack, unit):
