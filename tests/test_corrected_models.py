@@ -3,6 +3,7 @@
 import json
 import tomllib
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,11 @@ from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix
 from workbench.diagnosis.linear.problem import Finding
 from workbench.explanation.answer import diagnose
-from workbench.explanation.corrected_model import corrected_stages, write_model
+from workbench.explanation.corrected_model import (
+    corrected_stages,
+    with_wider_covariance,
+    write_model,
+)
 from workbench.explanation.result import Term
 from workbench.files.solution_file import read_solution, without_terms
 from workbench.fitting import plan_file
@@ -275,3 +280,12 @@ def test_the_model_of_images_is_said_to_be_none(run, tmp_path):
     files = write_model(replace(run[1], unit="px"), None, tmp_path)
     result = json.loads(json.dumps(files.as_json(tmp_path)))
     assert result["plan"] is None and "images" in result["left_out"][0]
+
+
+def test_the_solution_has_the_uncertainty_of_an_order_that_the_diagnosis_estimated():
+    """The plan fixes the order; 3.0 of the 5.0 of a standard deviation are known without it, 4.0 come from it."""
+    keys = {"free": ["joint-1.theta1", "joint-1.wave"], "covariance": [[1.0, 2.0], [2.0, 9.0]]}
+    row = {"key": "joint-1.wave", "std": 5.0, "conditional_std": 3.0}
+    derived = {"key": "joint-1.deflection", "std": 1.0}
+    term = SimpleNamespace(parameters=(row, derived))
+    assert with_wider_covariance(keys, [term])["covariance"] == [[1.0, 2.0], [2.0, 25.0]]

@@ -1,13 +1,16 @@
 """A wrong statement of the noise is a finding of its own, and a right one never is."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import tomli_w
 
+from workbench.diagnosis.linear.problem import Finding
 from workbench.explanation.answer import diagnose
 from workbench.explanation.noise.stated_noise import StatedNoise, compare, finding_of
+from workbench.explanation.planning.experiment import CLEAN, next_experiment
 from workbench.explanation.result import CONSISTENT, EXPLAINED, UNEXPLAINED, Term, verdict_of
 from workbench.fitting.verdicts.diagnosis_verdict import check_diagnosis
 from workbench.jobs.robot.simulate import simulate
@@ -90,12 +93,23 @@ def test_a_residual_above_the_scatter_of_repeats_is_a_lack_of_fit():
 
 def test_a_wrong_statement_explains_no_structure():
     term = Term(finding_of(compare(stated(np.random.default_rng(1), 2.0), False)))
-    assert verdict_of((term,), 0.5) == EXPLAINED
+    assert verdict_of((term,), 0.5) == CONSISTENT
     assert verdict_of((term,), 1e-6) == UNEXPLAINED
+    assert verdict_of((term,), 0.5, left=True) == UNEXPLAINED
+
+
+def test_findings_on_the_noise_alone_are_no_unmodelled_effects():
+    """Next to an effect that is found the verdict is about that effect."""
+    noise = Term(Finding("angular-noise", "noise", "", (), 1e-9, 1.0, 0.0, 0.0))
+    gear = Term(Finding("backlash", "joint-2", "", (), 1e-9, 1.0, 0.0, 0.0))
+    assert verdict_of((noise,), 0.5) == CONSISTENT
+    assert verdict_of((noise, gear), 1e-6) == EXPLAINED
+    bench = SimpleNamespace(pose=np.arange(3), chain=None)
+    assert next_experiment(bench, (noise,), None, 0.5).sentence == CLEAN
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.9, 3.0, 0.4])
-def test_a_recording_with_the_wrong_noise_is_not_consistent(tmp_path, factor):
+def test_a_wrong_statement_of_the_noise_is_found(tmp_path, factor):
     path = tmp_path / "scene.toml"
     path.write_text(tomli_w.dumps(SCENE), encoding="utf-8")
     recording = replace(simulate(path), sigma_mm=0.02 / factor)
@@ -104,6 +118,7 @@ def test_a_recording_with_the_wrong_noise_is_not_consistent(tmp_path, factor):
         assert made.verdict == CONSISTENT and not made.terms
         return
     (term,) = made.terms
+    assert made.verdict == CONSISTENT
     assert (term.finding.effect, term.finding.where) == ("stated-noise", "noise")
     assert term.parameters[0]["value"] == pytest.approx(factor, rel=0.2)
     assert made.proof.noise == pytest.approx(np.sqrt(3) * 0.02, rel=0.2)

@@ -123,6 +123,20 @@ def test_one_moved_by_less_than_twice_the_noise_does_not_agree_with_it(runs):
     assert any("has moved since" in said for said in found.warnings)
 
 
+def test_a_share_of_the_noise_that_acts_like_a_move_is_no_move(runs):
+    """Positions without noise, all off by a third of it: the F test knows only that another base leaves nothing."""
+    arm, second = read_solution(runs / "run"), datasets.read(str(runs / "second"))
+    sigma = float(np.sqrt(np.mean(np.square(second.sigma_mm))))
+
+    def warnings_with(offset):
+        predicted = second.points + evaluate(arm, second).residual[:3].T + [offset, 0.0, 0.0]
+        columns = dict(second.columns) | dict(zip(("x_mm", "y_mm", "z_mm"), predicted.T))
+        return " ".join(evaluate(arm, replace(second, columns=columns)).warnings)
+
+    assert "has moved since" not in warnings_with(sigma / 3)
+    assert "has moved since" in warnings_with(10 * sigma)
+
+
 def test_few_samples_cannot_pass_by_fitting_base_and_tool(runs):
     arm, second = read_solution(runs / "run"), datasets.read(runs / "second")
     with pytest.raises(InputError, match="expected at least 5 poses, found 2: base and tool have"):

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from workbench.core.errors import InputError
@@ -117,7 +119,7 @@ def write_model(
         _write_plan(made, stages, folder)
         return ModelFiles(PLAN, left_out=(*without, f"no solution.json: {problem}"))
     _write_plan(made, stages, folder)
-    keys = solution_keys(calibration)
+    keys = with_wider_covariance(solution_keys(calibration), made.terms)
     try:
         considered = considered_terms(made.refused, calibration, stages, _row)
     except InputError as problem:
@@ -131,6 +133,23 @@ def write_model(
     missing = (f"no scene.toml: {why}",) if why else ()
     held_out = calibration.held_out["rms_mm"]
     return ModelFiles(PLAN, SOLUTION, None if why else SCENE, held_out, (*without, *missing))
+
+
+def with_wider_covariance(keys: dict, terms) -> dict:
+    """Keys of a solution.json with the variances of the effects' parameters that no calibration by a given plan knows.
+
+    The plan fixes what the diagnosis estimated: options that are real numbers (an order, an instant), and which other
+    terms act. `std` of a term's parameters has both, `conditional_std` neither; their difference is added to the
+    variance, in mm^2 or rad^2.
+    """
+    number = {key: i for i, key in enumerate(keys["free"])}
+    covariance = np.array(keys["covariance"], float)
+    for row in (row for term in terms for row in term.parameters):
+        known = row.get("conditional_std")
+        if row.get("key") in number and known is not None and np.isfinite(row["std"]):
+            i = number[row["key"]]
+            covariance[i, i] += max(row["std"] ** 2 - known**2, 0.0)
+    return {**keys, "covariance": covariance.tolist()}
 
 
 def _write_plan(made: Diagnosis, stages, folder: Path) -> None:

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
+from workbench.core.model import NOISE
 from workbench.diagnosis.levels import UNMODELLED_LEVEL
 from workbench.diagnosis.linear.problem import Found, Located
 from workbench.diagnosis.validation.terms import Control, Proof, Term
@@ -168,19 +169,20 @@ def verdict_of(
     """The word of the contract.
 
     `unexplained` where a kept term has no name, where nothing was kept though structure is there, or where much is
-    `left`, see `has_unexplained_structure`; `ambiguous` where a kept term is less than certain and has alternatives.
-    A wrong statement of the noise explains no structure. is_placed: whether structure that nothing explains holds a
-    share of the residual at some place, or a refused term is significant; without either there is nothing to explain.
+    `left`, see `has_unexplained_structure`; `ambiguous` where a kept term is less than certain and has
+    alternatives. Findings on the noise explain no structure, and next to them alone the recording is `consistent`.
+    is_placed: whether structure that nothing explains holds a share of the residual at some place, or a refused
+    term is significant; without either there is nothing to explain.
     """
-    structure = [term for term in terms if term.finding.effect != "stated-noise"]
+    structure = [term for term in terms if term.finding.where != NOISE]
     if any(term.finding.effect == "unknown" for term in terms):
         return UNEXPLAINED
     if not structure and first_p < level and is_placed:
         return UNEXPLAINED
-    if not terms:
-        return CONSISTENT
-    if left:
+    if terms and left:
         return UNEXPLAINED
+    if not structure:
+        return CONSISTENT
     return EXPLAINED if all(term.is_certain for term in terms) else AMBIGUOUS
 
 

@@ -49,7 +49,7 @@ def judged(truth: Mapping, answer: Mapping) -> dict:
     true = truth["effects"]
     answer = without_stated_noise(truth, answer)
     found = {
-        "detected": answer["verdict"] != "consistent",
+        "detected": _is_detected(answer),
         "first": _first(answer),
         "confidently_wrong": any(_confidently_wrong(effect, true) for effect in answer["effects"]),
         "wrong_name": any(
@@ -262,6 +262,11 @@ def claims(answer) -> list[str]:
         else f"{c['effect']} at {c['where']}"
         for c in answer["effects"]
     ]
+
+
+def _is_detected(answer: Mapping) -> bool:
+    """Whether an answer claims anything; next to findings on the noise alone the verdict is `consistent`."""
+    return answer["verdict"] != "consistent" or bool(answer["effects"])
 
 
 def _first(answer) -> dict:

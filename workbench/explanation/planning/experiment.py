@@ -17,7 +17,7 @@ from robot_model.system import RobotChain, bind
 from workbench.core.errors import InputError
 from workbench.core.least_squares.design import choose, normal_of
 from workbench.core.least_squares.linear_algebra import solve_positive
-from workbench.core.model import Model
+from workbench.core.model import NOISE, Model
 from workbench.core.parameters import Parameters
 from workbench.core.vocabulary import Covariate
 from workbench.diagnosis.levels import UNMODELLED_LEVEL
@@ -86,7 +86,8 @@ def next_experiment(
     and not retained. A bench that knows no robot, an unnamed alternative and a missing column get their sentence
     without a computation.
     """
-    if all(term.share is not None and not term.remainder for term in terms):
+    physical = [term for term in terms if term.finding.where != NOISE]
+    if all(term.share is not None and not term.remainder for term in physical):
         few = FEW.format(poses=len(np.unique(bench.pose)))
         untested = sides_from_moves(bench.chain) if _may_be_backlash(terms) else ""
         return Experiment(

@@ -245,7 +245,7 @@ def _against_noise(
     if far:
         return f"it is {ratio:.3g} times {stated}: {advice}"
     if ratio < 1 / _RELEVANT:
-        return f"it is not larger than {stated}"
+        return f"it is not larger than {stated}, so that smaller model errors cannot be excluded"
     if ratio > _AGREES:
         return f"it is {ratio:.3g} times {stated}, a difference that is not significant"
     return f"it agrees with {stated}"

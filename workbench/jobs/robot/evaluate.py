@@ -126,17 +126,27 @@ class Evaluated:
         return (nearest >= 0) & (numbers <= runs[nearest, 1])
 
     def _fits_better_elsewhere(self) -> bool:
-        """Whether another base and tool explain materially more than chance does: F test of nested models."""
-        if self.refit != "none":
+        """Whether another base and tool explain materially more than chance does: F test of nested models.
+
+        And more than noise and uncertainty of the calibration let expect: a part of the latter acts like a move.
+        """
+        if self.refit != "none" or not self._is_improvement_significant():
             return False
         fixed, refitted = self._squares(self.residual), self._squares(self.refitted)
         degrees = self._coordinates - self.most_estimated
         if fixed / self._coordinates <= _MATERIAL**2 * refitted / degrees:
             return False
-        statistic = (
-            max(fixed - refitted, 0.0) / self.most_estimated / max(refitted / degrees, 1e-300)
-        )
+        improvement = max(fixed - refitted, 0.0) / self.most_estimated
+        statistic = improvement / max(refitted / degrees, 1e-300)
         return fisher.sf(statistic, self.most_estimated, degrees) < _MOVED_LEVEL
+
+    def _is_improvement_significant(self) -> bool:
+        """Whether base and tool estimated on the recording take up more than noise and calibration let expect."""
+        if self.recording.sigma is None:
+            return True
+        mean, spread = self._expected_squares(self.most_estimated)
+        improvement = self._squares(self.residual) - self._squares(self.refitted)
+        return bool(improvement > mean + _SIGNIFICANT * spread)
 
     @property
     def _has_moved(self) -> bool:
@@ -208,24 +218,29 @@ class Evaluated:
     def _expected(self, rms: float) -> tuple[Noise | None, bool | None]:
         """RMS error to expect from noise and calibrated parameters, and whether `rms`, mm, is significantly above it.
 
-        With variance s^2 of the noise of each coordinate, S = J C J' of the parameters and p parameters estimated on
-        the recording, the sum of squares has the mean (N - p) s^2 + tr S and the variance
-        2 ((N - p) s^4 + 2 s^2 tr S + tr S^2). `rms` and the result are enlarged by sqrt(N / (N - p)). None where the
-        noise is not stated.
+        With p parameters estimated on the recording N - p of its N coordinates are left, see `_expected_squares`.
+        `rms` and the result are enlarged by sqrt(N / (N - p)). None where the noise is not stated.
         """
         if self.recording.sigma is None:
             return None, None
-        variance = float(np.mean(np.square(self.recording.sigma)))
         count, samples = self._coordinates, self.residual.shape[1]
         degrees = count - self.estimated
-        parameters = float(np.trace(self.parameter_spread))
-        both = float(np.sum(self.parameter_spread * self.parameter_spread.T))
-        mean = degrees * variance + parameters
-        spread = np.sqrt(2 * (degrees * variance**2 + 2 * variance * parameters + both))
+        mean, spread = self._expected_squares(degrees)
         squares = rms**2 * samples * degrees / count
         is_significant = bool((squares - mean) / max(spread, 1e-300) > _SIGNIFICANT)
         expected = float(np.sqrt(mean / samples * count / degrees))
         return Noise(expected, f"{STATED}, with the uncertainty of the calibration"), is_significant
+
+    def _expected_squares(self, degrees: int) -> tuple[float, float]:
+        """Mean and standard deviation of a sum of squares (mm^2) of noise with k degrees of freedom and of parameters.
+
+        k s^2 + tr S and sqrt(2 (k s^4 + 2 s^2 tr S + tr S^2)), with the noise s of a coordinate and S = J C J'.
+        """
+        variance = float(np.mean(np.square(self.recording.sigma)))
+        parameters = float(np.trace(self.parameter_spread))
+        both = float(np.sum(self.parameter_spread * self.parameter_spread.T))
+        spread = np.sqrt(2 * (degrees * variance**2 + 2 * variance * parameters + both))
+        return degrees * variance + parameters, float(spread)
 
     def as_json(self, tolerances: Sequence[Tolerance] = ()) -> dict:
         """The answer of `workbench evaluate`."""
