@@ -17,8 +17,9 @@ from workbench.diagnosis.validation.folds import SPACE, TIME, Scheme, schemes
 from workbench.diagnosis.validation.held_out import DOUBLED, critical_t, left_out
 from workbench.diagnosis.validation.left_out_blocks import decorrelated
 from workbench.explanation import statements
-from workbench.explanation.answer import _somewhere, diagnose
+from workbench.explanation.answer import diagnose
 from workbench.explanation.result import UNEXPLAINED, Term, verdict_of
+from workbench.explanation.unexplained import unknown_terms
 from workbench.fitting.cross_validation import cross_validate
 from workbench.jobs.robot.simulate import simulate
 
@@ -330,13 +331,13 @@ def test_what_is_unexplained_is_never_a_function_with_p_1_and_no_share():
         "search. Cross-validation did not confirm it"
     )
     for gone, where, said in ((refused, "laser", likely), ((), "samples", statements.NOT_LOCATED)):
-        (term,) = _somewhere(found_with(nothing), (), gone, None)
+        (term,) = unknown_terms(found_with(nothing), (), gone, None)
         assert term.finding.where == where and term.finding.p_value == 1e-6 and term.share is None
         assert said in statements.statement(term, "the board", "px")
 
 
 def test_where_a_smooth_function_is_significant_it_is_what_is_unexplained(monkeypatch):
-    monkeypatch.setattr("workbench.explanation.answer.unrecorded", lambda problem, place: ())
+    monkeypatch.setattr("workbench.explanation.unexplained.unrecorded", lambda problem, place: ())
     places = (Located("joint-2", "joint", ("q2",), 0.4, 1e-8),)
-    (term,) = _somewhere(found_with(places), (), (), None)
+    (term,) = unknown_terms(found_with(places), (), (), None)
     assert (term.finding.where, term.share, term.finding.p_value) == ("joint-2", 0.4, 1e-8)

@@ -21,7 +21,7 @@ from workbench.diagnosis.noise.random_effects import (
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.select import _data_findings_with_functions
 from workbench.diagnosis.search.stepwise import LAW
-from workbench.explanation.answer import _of_noise
+from workbench.explanation.noise.noise_terms import noise_terms
 
 
 def _site(rng, n: int, turn: float):
@@ -119,7 +119,7 @@ def test_random_effect_is_reported_next_to_a_rejected_term_if_it_persists(moves,
         Finding("noise-heteroscedastic", "noise", "with q1", (), 1e-9, 1.0, 0.0, 0.0, ("q1",)),
     )
     found = SimpleNamespace(noise_findings=spread, p_first=1e-9)
-    assert [t.finding.where for t in _of_noise(found, (), ("refused",), problem)] == places
+    assert [t.finding.where for t in noise_terms(found, (), ("refused",), problem)] == places
 
 
 def test_what_lies_far_off_counts_without_the_weights_that_made_it_little():

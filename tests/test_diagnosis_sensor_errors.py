@@ -18,12 +18,7 @@ from workbench.diagnosis.scanner.image_jitter import find_image_jitter
 from workbench.diagnosis.scanner.predictions import Predicted, independent_errors, scored_errors
 from workbench.diagnosis.scanner.sensor_simulate import simulated
 from workbench.diagnosis.search.select import find
-from workbench.explanation.answer import (
-    _has_unexplained_structure,
-    _is_placed,
-    _is_remainder_placed,
-    _size,
-)
+from workbench.explanation.answer import _size
 from workbench.explanation.result import verdict_of
 from workbench.explanation.sensor_errors import (
     ball_centres,
@@ -34,6 +29,11 @@ from workbench.explanation.sensor_errors import (
     with_jitter,
 )
 from workbench.explanation.statements import statement
+from workbench.explanation.unexplained import (
+    contains_unexplained_structure,
+    is_remainder_located,
+    is_structure_located,
+)
 from workbench.jobs.sensor.chains import noise_scale
 
 SHIFT = 0.3  # px
@@ -116,11 +116,13 @@ def test_structure_without_a_place_and_without_a_gain_is_no_finding(bench):
     """The best of many candidates has a small p-value by chance: with no place and no gain nothing is unexplained."""
     empty = Located("sensor", "point", ("u",), 0.0, 1.0, 0.0)
     real = Located("sensor", "point", ("u",), 0.2, 1e-6, 0.1)
-    assert not _is_placed(bench, SimpleNamespace(located=(empty,)), ())
-    assert _is_placed(bench, SimpleNamespace(located=(empty, real)), ())
+    assert not is_structure_located(bench, SimpleNamespace(located=(empty,)), ())
+    assert is_structure_located(bench, SimpleNamespace(located=(empty, real)), ())
     refused = SimpleNamespace(t_fall=4.0, finding=SimpleNamespace(p_value=1e-5))
-    assert _is_placed(bench, SimpleNamespace(located=(empty,)), (refused,))
-    assert not _is_placed(bench, SimpleNamespace(located=(empty,)), (replace_t(refused, 0.3),))
+    assert is_structure_located(bench, SimpleNamespace(located=(empty,)), (refused,))
+    assert not is_structure_located(
+        bench, SimpleNamespace(located=(empty,)), (replace_t(refused, 0.3),)
+    )
     assert verdict_of((), 1e-9, is_placed=False) == "consistent"
     assert verdict_of((), 1e-9, is_placed=True) == "unexplained"
 
@@ -128,8 +130,8 @@ def test_structure_without_a_place_and_without_a_gain_is_no_finding(bench):
 def test_a_remainder_without_a_place_leaves_a_finding_as_the_explanation(bench):
     empty = Located("camera", "pixel", ("u",), 0.0, 1.0, 0.0)
     real = Located("camera", "pixel", ("u",), 0.2, 1e-6, 0.1)
-    assert not _is_remainder_placed(bench, SimpleNamespace(remainder=(empty,)))
-    assert _is_remainder_placed(bench, SimpleNamespace(remainder=(empty, real)))
+    assert not is_remainder_located(bench, SimpleNamespace(remainder=(empty,)))
+    assert is_remainder_located(bench, SimpleNamespace(remainder=(empty, real)))
 
 
 def test_structure_next_to_jitter_alone_counts_as_where_nothing_was_found(bench):
@@ -139,7 +141,7 @@ def test_structure_next_to_jitter_alone_counts_as_where_nothing_was_found(bench)
     proved = SimpleNamespace(before=0.063, after=0.063, noise=0.055)
     for p_value, expected in ((0.0062, False), (0.001, True)):
         found = SimpleNamespace(remainder=(real,), p_remainder=p_value)
-        assert _has_unexplained_structure(bench, found, jitter, proved, False) is expected
+        assert contains_unexplained_structure(bench, found, jitter, proved, False) is expected
 
 
 def replace_t(term, t):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from test_diagnosis_answer import term
-from workbench.explanation.answer import _has_unexplained_structure
 from workbench.explanation.result import Proof, has_unexplained_structure, verdict_of
+from workbench.explanation.unexplained import contains_unexplained_structure
 
 
 @pytest.mark.parametrize("p_value, left", [(0.0069, False), (0.001, True)])
@@ -17,9 +17,9 @@ def test_structure_next_to_findings_counts_as_where_nothing_was_found(p_value, l
     noise = term(0.99, effect="stated-noise")
     proof = Proof(0.2, 0.2, 0.2, 0.0, 5, 0.02, "stated", np.zeros((2, 1)), np.zeros(1))
     arm, found = SimpleNamespace(chain=object()), SimpleNamespace(p_remainder=p_value)
-    assert _has_unexplained_structure(arm, found, [noise], proof, False) is left
+    assert contains_unexplained_structure(arm, found, [noise], proof, False) is left
     law = replace(term(0.99), finding=replace(term(0.99).finding, effects=(object(),)))
-    assert _has_unexplained_structure(arm, found, [law], proof, False) is left
+    assert contains_unexplained_structure(arm, found, [law], proof, False) is left
 
 
 @pytest.mark.parametrize("after, left", [(0.03, False), (0.15, True), (0.2, True)])

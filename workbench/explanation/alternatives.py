@@ -29,10 +29,10 @@ def alternative_sets(
     estimated. chosen: indices of the named candidates. No listed set contains another.
     """
     rest = [i for i in chosen if i != member]
-    left, residual = _without(columns, white, columns[rest])
-    seen = np.linalg.norm(left, axis=1) > _DEPENDENT * np.linalg.norm(columns, axis=1)
+    orthogonal, residual = _without(columns, white, columns[rest])
+    seen = np.linalg.norm(orthogonal, axis=1) > _DEPENDENT * np.linalg.norm(columns, axis=1)
     others = [int(i) for i in np.flatnonzero(seen) if i not in chosen]
-    gram, right = left @ left.T, left @ residual
+    gram, right = orthogonal @ orthogonal.T, orthogonal @ residual
     penalty = np.log(len(white))
     named = _explained(gram, right, [(member,)])[0] - penalty
     found: list[tuple[float, tuple[int, ...]]] = []
@@ -42,14 +42,14 @@ def alternative_sets(
             break
         gains = _explained(gram, right, sets) - size * penalty
         likely = np.flatnonzero(gains - named >= 2 * np.log(_LEAST_ODDS))
-        smaller = [set(one) for _, one in found]
+        smaller = [set(indices) for _, indices in found]
         found += [
             (float(gains[k]), sets[k])
             for k in likely
-            if not any(one <= set(sets[k]) for one in smaller)
+            if not any(indices <= set(sets[k]) for indices in smaller)
         ]
     found.sort(key=lambda row: -row[0])
-    return [one for _, one in found[:_MOST_LISTED]]
+    return [indices for _, indices in found[:_MOST_LISTED]]
 
 
 def _without(columns, white, known) -> tuple[np.ndarray, np.ndarray]:

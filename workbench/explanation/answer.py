@@ -7,12 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.core.common_effects import NoiseLaw
 from workbench.core.errors import InputError
-from workbench.diagnosis.levels import DATA_FAULT_LEVEL, RANDOM_EFFECT_LEVEL, UNMODELLED_LEVEL
+from workbench.diagnosis.levels import DATA_FAULT_LEVEL, UNMODELLED_LEVEL
 from workbench.diagnosis.linear.estimates import Options, with_variation
-from workbench.diagnosis.linear.problem import Alternative, Bench, Finding, Found
-from workbench.diagnosis.noise.random_effects import find_random_effect, unrecorded
+from workbench.diagnosis.linear.problem import Bench, Finding, Found
 from workbench.diagnosis.noise.serial_correlation import SerialCorrelation
 from workbench.diagnosis.robot.bench import RobotBench, bench_of
 from workbench.diagnosis.robot.derived import DEFLECTION
@@ -30,13 +28,13 @@ from workbench.explanation.minimal_detectable_bias import minimal_detectable_bia
 from workbench.explanation.noise import replicates, stated_noise
 from workbench.explanation.noise.angular_noise import with_angular_noise
 from workbench.explanation.noise.correlated_noise import correlated_noise
+from workbench.explanation.noise.noise_terms import noise_terms
 from workbench.explanation.planning.experiment import missing_of, next_experiment
 from workbench.explanation.plausible_values import implausible_values
 from workbench.explanation.result import (
     UNEXPLAINED,
     Diagnosis,
     Term,
-    has_unexplained_structure,
     verdict_of,
     with_statements,
 )
@@ -49,6 +47,12 @@ from workbench.explanation.sensor_errors import (
     without_jitter,
 )
 from workbench.explanation.turntable import with_turntable
+from workbench.explanation.unexplained import (
+    contains_structure,
+    contains_unexplained_structure,
+    is_structure_located,
+    unknown_terms,
+)
 from workbench.files.provenance import provenance
 from workbench.machine.progress import duration, elapsed
 
@@ -57,9 +61,6 @@ NO_MASSES = (
     "The file of the robot {robot} states no masses: deflection under gravity is found only as the product of "
     "compliance and first moment. For a stiffness in N m/rad write mass_kg and com_mm of every joint."
 )
-_UNEVEN = NoiseLaw.effect
-_PLACED = 0.01  # family-wise p-value from which on a place is said to hold what is left
-_GAINED = 2.0  # t of the fall of the held-out error by a refused term from which on it counts as evidence of structure
 _LONG_S = 1.0  # a search beyond which processes are worth their start
 Say = Callable[[str], None]
 
@@ -95,9 +96,9 @@ def diagnose(
     if reference is not None:
         bench, shares = _against(bench, reference, recording)
         baseline = reference.name
-    made = _whole(recording, bench, baseline, shares, say, jobs)
-    made = replace(made, given=bench.baseline)
-    return made if reference is None else with_differences(made, reference, recording)
+    diagnosis = _whole(recording, bench, baseline, shares, say, jobs)
+    diagnosis = replace(diagnosis, given=bench.baseline)
+    return diagnosis if reference is None else with_differences(diagnosis, reference, recording)
 
 
 def _of_sensor(recording, reference, say: "_Reporter") -> Diagnosis:
@@ -109,8 +110,8 @@ def _of_sensor(recording, reference, say: "_Reporter") -> Diagnosis:
             "leave the option out."
         )
     bench = sensor.bench_of(recording, say)
-    made = _whole(recording, bench, "camera, mirror and poses", None, say)
-    return with_turntable(made, recording, say)
+    diagnosis = _whole(recording, bench, "camera, mirror and poses", None, say)
+    return with_turntable(diagnosis, recording, say)
 
 
 def _against(bench: RobotBench, reference: references.Reference, recording):
@@ -149,7 +150,7 @@ def _whole(
 ) -> Diagnosis:
     """Find, prove, say what cannot be seen and what to measure next."""
     bench, found, jobs = _searched(bench, say, jobs)
-    unit, noise = bench.unit, FinalModel(bench, found, bench.unit).noise
+    noise = FinalModel(bench, found, bench.unit).noise
     terms, refused, proved = _proved(bench, found, noise, say, jobs)
     last, correlation = _final_model(bench, found, terms)
     found, proved = last.found, last.with_variance_factors(proved)
@@ -158,45 +159,64 @@ def _whole(
     proved, terms = _with_stated_noise(last, proved, terms, refused)
     verdict = _verdict(last, terms, refused, proved)
     if verdict == UNEXPLAINED:
-        bare = last.after if terms else found.before
-        more = _somewhere(found, terms, refused, bare)
-        terms = (*terms, *(_with_equivalent_places(bench, term) for term in more))
+        terms = (*terms, *_unknowns(last, terms, refused))
     say("what these data could have shown")
     visible = _visible(bench, found)
     say("the next experiment")
-    certain = [e for t in terms if t.is_certain for e in t.finding.effects]
-    known = bench.problem(certain, tested_samples(bench))
-    experiment = next_experiment(bench, terms, known, found.p_first, refused)
-    made = Diagnosis(
-        recording.name,
-        recording.title or recording.name,
-        recording.measures,
-        found.before.n,
-        baseline,
-        unit,
-        verdict,
-        terms,
-        refused,
-        found.located,
-        found.remainder,
-        replace(proved, lack=last.lack()),
-        visible,
-        experiment,
-        found,
-        last.views(),
-        shares,
-        last.outliers(),
-        missing_of(terms),
-        _warnings(bench, recording, terms, correlation),
-        dict(provenance(recording)),
-        fixed_points(recording, bench, terms),
-        *_for_sensor(bench, recording, proved, terms, ~found.outliers),
+    by_kind, balls = _for_sensor(bench, recording, proved, terms, ~found.outliers)
+    diagnosis = Diagnosis(
+        recording=recording.name,
+        title=recording.title or recording.name,
+        measures=recording.measures,
+        samples=found.before.n,
+        baseline=baseline,
+        unit=bench.unit,
+        verdict=verdict,
+        terms=terms,
+        refused=refused,
+        located=found.located,
+        remainder=found.remainder,
+        proof=replace(proved, lack=last.lack()),
+        visible=visible,
+        experiment=_experiment(bench, found, terms, refused),
+        found=found,
+        views=last.views(),
+        shares=shares,
+        outliers=last.outliers(),
+        not_recorded=missing_of(terms),
+        warnings=_warnings(bench, recording, terms, correlation),
+        provenance=dict(provenance(recording)),
+        fixed=fixed_points(recording, bench, terms),
+        by_kind=by_kind,
+        balls=balls,
         correlation=correlation,
     )
-    point = words.TIPS.get(recording.measures, "the measured point")
-    said = [statements.statement(term, point, unit) for term in (*terms, *refused)]
-    said = [statements.with_sample_numbers(one, found.before.order, last.ids) for one in said]
-    return with_statements(made, said)
+    return _with_sentences(diagnosis, last)
+
+
+def _unknowns(last: FinalModel, terms, refused) -> tuple[Term, ...]:
+    """The term `unknown` of structure that nothing explains, with the places that are equivalent to its own."""
+    problem = last.after if terms else last.found.before
+    unknowns = unknown_terms(last.found, terms, refused, problem)
+    return tuple(_with_equivalent_places(last.bench, term) for term in unknowns)
+
+
+def _experiment(bench: Bench, found: Found, terms, refused):
+    """Plan the recording that separates what is still in doubt."""
+    certain = [e for t in terms if t.is_certain for e in t.finding.effects]
+    known = bench.problem(certain, tested_samples(bench))
+    return next_experiment(bench, terms, known, found.p_first, refused)
+
+
+def _with_sentences(diagnosis: Diagnosis, last: FinalModel) -> Diagnosis:
+    """With the statement of each term, in which samples are counted as the recording counts them."""
+    point = words.TIPS.get(diagnosis.measures, "the measured point")
+    order = diagnosis.found.before.order
+    sentences = []
+    for term in (*diagnosis.terms, *diagnosis.refused):
+        text = statements.statement(term, point, diagnosis.unit)
+        sentences.append(statements.with_sample_numbers(text, order, last.ids))
+    return with_statements(diagnosis, sentences)
 
 
 def _final_model(bench, found: Found, terms) -> tuple[FinalModel, SerialCorrelation | None]:
@@ -214,7 +234,7 @@ def _visible(bench: Bench, found: Found) -> tuple:
         problem = bench.problem((), tested_samples(bench))
     return tuple(
         minimal_detectable_biases(
-            problem, unwhitened(problem), lambda one: bench.units(one.effects)
+            problem, unwhitened(problem), lambda candidate: bench.units(candidate.effects)
         )
     )
 
@@ -222,8 +242,12 @@ def _visible(bench: Bench, found: Found) -> tuple:
 def _verdict(last: "FinalModel", terms, refused, proved) -> str:
     """The word of the contract for what was proved; last: residuals of the final model."""
     bench, found = last.bench, last.found
-    left = _has_unexplained_structure(bench, found, terms, proved, _is_above_noise(last, terms))
-    return verdict_of(terms, found.p_first, left, is_placed=_is_placed(bench, found, refused))
+    has_structure = contains_unexplained_structure(
+        bench, found, terms, proved, _is_above_noise(last, terms)
+    )
+    return verdict_of(
+        terms, found.p_first, has_structure, is_placed=is_structure_located(bench, found, refused)
+    )
 
 
 def _is_above_noise(last: "FinalModel", terms) -> bool:
@@ -247,39 +271,6 @@ def _for_sensor(bench, recording, proved, terms, inliers):
     return errors_by_kind(bench, proved, inliers), ball_centres(bench, recording, terms)
 
 
-def _has_unexplained_structure(bench, found: Found, terms, proved, is_above: bool) -> bool:
-    """Whether structure is left that the terms do not explain.
-
-    Findings on the noise alone, as image jitter or a wrong statement, take nothing off the error, so that what is left
-    cannot be compared with what they explain: structure next to them counts at the level at which it counts where
-    nothing was found.
-    """
-    placed = _is_remainder_placed(bench, found)
-    if not any(term.finding.effects for term in terms):
-        return placed and found.p_remainder < UNMODELLED_LEVEL
-    return placed and has_unexplained_structure(proved, found.p_remainder, is_above)
-
-
-def _is_remainder_placed(bench, found: Found) -> bool:
-    """Whether some place of a sensor holds a significant share of what the findings leave; see `_is_placed`."""
-    if bench.chain is not None:
-        return True
-    return any(one.p_value < _PLACED and one.share > 0 for one in found.remainder)
-
-
-def _is_placed(bench, found: Found, refused) -> bool:
-    """Whether some place holds a significant share of the residual, or what was refused is significant.
-
-    A sensor has a smooth function at every place of its chain. Where none of them is significant, a small p-value of
-    the best of many candidates is chance: nothing is there to be explained.
-    """
-    if bench.chain is not None:
-        return True
-    places = any(one.p_value < _PLACED and one.share > 0 for one in found.located)
-    gained = [term for term in refused if (term.t_fall or 0.0) > _GAINED]
-    return places or any(term.finding.p_value < _PLACED for term in gained)
-
-
 def _with_stated_noise(last: "FinalModel", proved, terms, refused):
     """Proof and terms with a wrong noise statement, where there is one; the proof then uses the noise that was found.
 
@@ -291,7 +282,7 @@ def _with_stated_noise(last: "FinalModel", proved, terms, refused):
     if compared is None:
         return proved, terms
     is_significant = any(term.finding.p_value <= UNMODELLED_LEVEL for term in refused)
-    structure_left = is_significant or _contains_structure(last.found, terms)
+    structure_left = is_significant or contains_structure(last.found, terms)
     wrong = stated_noise.compare(compared, structure_left)
     if wrong is not None:
         noise = float(
@@ -307,15 +298,6 @@ def _with_stated_noise(last: "FinalModel", proved, terms, refused):
         unknown = Finding("unknown", "samples", statements.BY_POSE, (), p, 1.0 - p, 0.0, 0.0)
         return proved, (Term(unknown),)
     return proved, terms
-
-
-def _contains_structure(found: Found, terms) -> bool:
-    """Whether the residual is more than noise: it is significant, or a term is a smooth function without a law.
-
-    Such a function only approximates what it stands for, so that its error remains in the residual.
-    """
-    unnamed = any(term.finding.effect == "unknown" for term in terms)
-    return unnamed or found.p_remainder <= UNMODELLED_LEVEL
 
 
 def _warnings(bench, recording, terms=(), correlation=None) -> tuple[str, ...]:
@@ -334,23 +316,25 @@ def _searched(bench: Bench, say: _Reporter, jobs: int) -> tuple[Bench, Found, in
     """The bench, with jitter where images have some, what the first search finds on it, and the processes for its
     repetitions: several only where it takes long."""
     start, progress = time.perf_counter(), elapsed(say, LEAST_FOLDS)
-    bench, found = with_jitter(bench, lambda one: find(one, progress=progress))
+    bench, found = with_jitter(bench, lambda sampled: find(sampled, progress=progress))
     say.first(statements.preliminary(found))
     spent = time.perf_counter() - start
     jobs = jobs if spent > _LONG_S else 1
     if found.findings:
         blocks = sum(len(scheme.folds) for scheme in schemes(bench.pose, found.before))
-        left = duration(spent * blocks / max(jobs, 1))
-        say(f"the whole search is repeated without each of {blocks} blocks, about {left} left")
+        remaining_time = duration(spent * blocks / max(jobs, 1))
+        say(
+            f"the whole search is repeated without each of {blocks} blocks, about {remaining_time} left"
+        )
     return bench, found, jobs
 
 
 def _proved(bench, found: Found, noise, say, jobs):
     """Terms that stay, terms refused, and the proof; both kinds with parameters and size."""
-    proved, kept, refused = proof.prove(bench, found, found_terms, noise, say, jobs)
-    effects = [e for term in kept for e in term.finding.effects]
-    rows = bench.parameters(effects, options=_estimated_options(kept))
-    stay = tuple(_with_numbers(bench, term, effects, rows) for term in kept)
+    proved, retained, refused = proof.prove(bench, found, found_terms, noise, say, jobs)
+    effects = [e for term in retained for e in term.finding.effects]
+    rows = bench.parameters(effects, options=_estimated_options(retained))
+    stay = tuple(_with_numbers(bench, term, effects, rows) for term in retained)
     gone = tuple(
         _with_numbers(bench, term, (*effects, *term.finding.effects), None) for term in refused
     )
@@ -367,8 +351,8 @@ def _with_numbers(bench, term: Term, effects, rows) -> Term:
     """The term with its parameters and the RMS displacement that it makes, of a deflection its variation."""
     if rows is None:
         rows = bench.parameters(list(effects), options=_estimated_options([term]))
-    own = {(e.effect, e.where) for e in term.finding.effects}
-    mine = [r for r in rows if (r["effect"], r["where"]) in own and _of(r, term, bench)]
+    effects_of_term = {(e.effect, e.where) for e in term.finding.effects}
+    mine = [r for r in rows if (r["effect"], r["where"]) in effects_of_term and _of(r, term, bench)]
     mine = with_variation(mine, term.finding.variation)
     varying = [row["size_mm"] for row in mine if row["name"] == DEFLECTION]
     size = varying[0] if len(varying) == 1 else _size(bench, effects, term)
@@ -387,79 +371,24 @@ def _of(row, term: Term, bench) -> bool:
 def _size(bench, effects, term: Term) -> float | None:
     """RMS displacement of the measured point (mm, px) that the term makes by itself, to first order."""
     problem = without_jitter(bench).problem(list(effects), hypotheses=False)
-    own = [i for i, e in enumerate(effects) if any(e is mine for mine in term.finding.effects)]
-    if not own or not problem.added:
+    parameter_places = [
+        i for i, e in enumerate(effects) if any(e is mine for mine in term.finding.effects)
+    ]
+    if not parameter_places or not problem.added:
         return None
-    moved = sum(problem.added[i] @ problem.values[i] for i in own) * unwhitened(problem)
+    moved = sum(problem.added[i] @ problem.values[i] for i in parameter_places) * unwhitened(
+        problem
+    )
     return float(np.sqrt((moved**2).sum() / problem.n))
 
 
 def _with_noise(last: FinalModel, terms, refused) -> tuple[Term, ...]:
     """The terms with findings on the data; the direction of noise only where no structure is left."""
     found, after = last.found, last.after
-    terms = (*terms, *_of_noise(found, terms, refused, after))
-    if refused or last.has_rounding or _contains_structure(found, terms):
+    terms = (*terms, *noise_terms(found, terms, refused, after))
+    if refused or last.has_rounding or contains_structure(found, terms):
         return terms
     return with_angular_noise(terms, last.bench, residuals_of(after), ~found.outliers)
-
-
-def _of_noise(found: Found, terms, refused, problem) -> tuple[Term, ...]:
-    """Findings on the noise, which have no mean to be held out: their p-value is valid over the whole search.
-
-    If a term of the mean was rejected, only outliers and a persisting random effect are kept.
-    """
-    kept = found.noise_findings
-    if refused and kept:
-        moves = find_random_effect(problem, RANDOM_EFFECT_LEVEL)
-        still = moves.site.where if moves else None
-        kept = [f for f in kept if f.effect == "outliers" or f.where == still]
-    if (
-        not terms
-        and found.p_first <= UNMODELLED_LEVEL
-        and {f.effect for f in kept} <= {_UNEVEN, "outliers"}
-    ):
-        # a mean that nothing explains makes the noise heteroscedastic, too
-        kept = [f for f in kept if f.effect != _UNEVEN]
-    return tuple(Term(finding, size=_spread_size(finding, problem)) for finding in kept)
-
-
-def _spread_size(finding: Finding, problem) -> float | None:
-    """RMS displacement (mm, px) of what a place does by chance, from its size in sigmas; None of all other noise."""
-    if not finding.size:
-        return None
-    return float(finding.size * np.sqrt((unwhitened(problem) ** 2).sum() / problem.n))
-
-
-def _somewhere(found: Found, terms, refused, problem) -> tuple[Term, ...]:
-    """What is there or left though nothing that was found carries to samples that were not fitted: where, on what.
-
-    problem: without what it is said of. Next to it, effects of covariates not recorded that could
-    cause it. If no smooth function is significant at any place, the structure is that of the first rejected term.
-    """
-    if any(term.finding.effect == "unknown" for term in terms):
-        return ()
-    places = [
-        one
-        for one in (found.remainder if terms else found.located)
-        if one.depends_on and one.p_value < _PLACED and one.share > 0
-    ]
-    if not places:
-        return (Term(_of_refused(found, refused, bool(terms)), remainder=bool(terms)),)
-    at = places[0]
-    label = "a smooth function of " + " and ".join(at.depends_on)
-    unknown = Finding(
-        "unknown",
-        at.where,
-        label,
-        (),
-        at.p_value,
-        0.0,
-        at.size,
-        0.0,
-        at.depends_on,
-        (*_refused_there(refused, at), *unrecorded(problem, at)),
-    )
-    return (Term(unknown, share=at.share, remainder=bool(terms)),)
 
 
 def _with_equivalent_places(bench, term: Term) -> Term:
@@ -467,31 +396,3 @@ def _with_equivalent_places(bench, term: Term) -> Term:
         return term
     finding = with_equivalent_places(term.finding, bench.chain.robot.joints)
     return replace(term, finding=finding)
-
-
-def _refused_there(refused, at) -> tuple[Alternative, ...]:
-    """Named effects of the first search at a place that cross-validation refused, the most probable first."""
-    named = [term.finding for term in refused if term.finding.effects]
-    there = [one for one in named if one.where == at.where and one.p_value < _PLACED]
-    return tuple(
-        Alternative(one.effect, one.where, one.label, one.probability, 1.0, statements.UNCONFIRMED)
-        for one in sorted(there, key=lambda one: -one.probability)
-    )
-
-
-def _of_refused(found: Found, refused, remainder: bool) -> Finding:
-    """The unknown of structure that no smooth function locates: at the place of the strongest refused term."""
-    p = found.p_remainder if remainder else found.p_first
-    likely = _likely(refused)
-    where = likely[0].where if likely else "samples"
-    return Finding("unknown", where, statements.NOT_LOCATED, (), p, 0.0, 0.0, 0.0, (), likely)
-
-
-def _likely(refused) -> tuple[Alternative, ...]:
-    """What an unknown most likely is: the strongest of the significant terms that were refused; () where none is."""
-    named = [term.finding for term in refused if term.finding.p_value < _PLACED]
-    if not named:
-        return ()
-    one = max(named, key=lambda one: one.gain)
-    about = (one.effect, one.where, one.label, one.probability, 1.0)
-    return (Alternative(*about, statements.UNCONFIRMED),)

@@ -62,14 +62,16 @@ def _without_duplicates(terms: Sequence[Term], calibration: Calibration) -> list
     They are variants of one effect at one place, such as backlash by gravity and by the side of approach.
     """
     taken = set(calibration.model.parameters.keys)
-    kept = []
+    distinct = []
     for term in sorted(terms, key=probability, reverse=True):
         effects = term.finding.effects
-        own = {p.key for effect in effects for p in effect.parameters(calibration.model.chain)}
-        if own.isdisjoint(taken):
-            taken |= own
-            kept.append(term)
-    return [term for term in terms if any(term is other for other in kept)]
+        parameter_keys = {
+            p.key for effect in effects for p in effect.parameters(calibration.model.chain)
+        }
+        if parameter_keys.isdisjoint(taken):
+            taken |= parameter_keys
+            distinct.append(term)
+    return [term for term in terms if any(term is other for other in distinct)]
 
 
 def probability(term: Term) -> float:
@@ -83,9 +85,9 @@ def _moments(
     wider: Calibration, effects: Sequence[Effect], chance: float
 ) -> tuple[list[str], np.ndarray]:
     """Keys (K,) of the estimated parameters of a term, and E[c c'] (K, K) where it is there by chance."""
-    own = {p.key for effect in effects for p in effect.parameters(wider.model.chain)}
+    parameter_keys = {p.key for effect in effects for p in effect.parameters(wider.model.chain)}
     solution = wider.solution
-    keys = [key for key in _free(wider) if key in own]
+    keys = [key for key in _free(wider) if key in parameter_keys]
     rows = [_free(wider).index(key) for key in keys]
     value = np.array([solution.parameters.values[solution.parameters.index[key]] for key in keys])
     second = np.outer(value, value) + solution.covariance[np.ix_(rows, rows)]

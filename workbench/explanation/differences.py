@@ -63,13 +63,13 @@ def differences(
     """
     moving = samples_of(recording)
     moving = moving.select(~np.isin(moving.sample_ids, list(outliers)))
-    own = [e for e in reference.effects if not _is_among(e, effects)]
+    reference_only = [e for e in reference.effects if not _is_among(e, effects)]
     chain = bind(reference.robot, moving)
     added = sum(len(effect.parameters(chain)) for effect in effects)
-    model = _Compared(chain, (*own, *effects), added=added)
+    model = _Compared(chain, (*reference_only, *effects), added=added)
     values = {k: v for k, v in reference.values.items() if k in model.parameters.index}
     start = model.parameters.update(values)
-    candidates = _candidates(model, start, own)
+    candidates = _candidates(model, start, reference_only)
     chosen = _selected(model, start, candidates)
     everything = solve(model, _free(model, start, candidates))
     model = replace(model, chain=_scaled(model.chain, everything.sigma_scale), _bases={})
@@ -79,18 +79,18 @@ def differences(
     return Differences(tuple(rows[:_MOST]), noise, len(candidates))
 
 
-def with_differences(made: Diagnosis, reference: Reference, recording) -> Diagnosis:
+def with_differences(diagnosis: Diagnosis, reference: Reference, recording) -> Diagnosis:
     """The diagnosis with the comparison, the reference's robot, and what the reference does not say."""
-    found = [e for term in made.terms for e in term.finding.effects]
-    extra = [e for e in made.given if not _is_among(e, reference.effects)]
-    compared = differences(reference, recording, (*extra, *found), made.outliers)
-    steps = (step_of_simulation(reference, recording), *made.views.steps)
+    found = [e for term in diagnosis.terms for e in term.finding.effects]
+    extra = [e for e in diagnosis.given if not _is_among(e, reference.effects)]
+    compared = differences(reference, recording, (*extra, *found), diagnosis.outliers)
+    steps = (step_of_simulation(reference, recording), *diagnosis.views.steps)
     return replace(
-        made,
-        views=replace(made.views, steps=steps),
+        diagnosis,
+        views=replace(diagnosis.views, steps=steps),
         robot_keys=reference.robot_keys,
         differences=compared,
-        warnings=(*made.warnings, *reference.notes),
+        warnings=(*diagnosis.warnings, *reference.notes),
     )
 
 
@@ -102,10 +102,10 @@ def _scaled(chain: RobotChain, scale: float) -> RobotChain:
     return replace(chain, sigma=chain.sigma * max(scale, 1e-12))
 
 
-def _candidates(model: _Compared, start: Parameters, own: Sequence[Effect]) -> list[str]:
+def _candidates(model: _Compared, start: Parameters, reference_only: Sequence[Effect]) -> list[str]:
     """Keys of what may differ: the geometry that can be free, and the parameters of the reference's own effects."""
     keys = [key for key in geometry_free(model.chain.robot) if key in start.index]
-    return keys + [p.key for effect in own for p in effect.parameters(model.chain)]
+    return keys + [p.key for effect in reference_only for p in effect.parameters(model.chain)]
 
 
 def _free(model: _Compared, start: Parameters, keys: Sequence[str]) -> Parameters:
@@ -118,8 +118,8 @@ def _free(model: _Compared, start: Parameters, keys: Sequence[str]) -> Parameter
 def _selected(model: _Compared, start: Parameters, candidates: Sequence[str]) -> list[str]:
     """Keys of the parameters that the data need, by stepwise selection about the solution with frames and effects."""
     placed = solve(model, _free(model, start, ())).parameters
-    names, left, rest, degrees = _projected(model, placed, candidates)
-    return [names[i] for i in _stepwise(left, rest, degrees)]
+    names, orthogonal, rest, degrees = _projected(model, placed, candidates)
+    return [names[i] for i in _stepwise(orthogonal, rest, degrees)]
 
 
 def _projected(
@@ -137,9 +137,9 @@ def _projected(
     columns = (rows / sigma).reshape(len(rows), -1) * free.typical[free.mask][:, None]
     keys = [key for key, is_free in zip(free.keys, free.mask) if is_free]
     is_candidate = np.isin(keys, candidates)
-    left, rest = _cleared(columns[~is_candidate], columns[is_candidate], white)
+    orthogonal, rest = _cleared(columns[~is_candidate], columns[is_candidate], white)
     names = [key for key, wanted in zip(keys, is_candidate) if wanted]
-    return names, left, rest, white.size - int((~is_candidate).sum())
+    return names, orthogonal, rest, white.size - int((~is_candidate).sum())
 
 
 def _cleared(always, columns, white) -> tuple[np.ndarray, np.ndarray]:
@@ -216,13 +216,13 @@ def _rows(model, start, fit: Fit, candidates, chosen) -> list[dict]:
     known = identifiability(fit.normal, fit.parameters, 1.0)
     std = dict(zip(known.keys, np.sqrt(np.diag(known.covariance))))
     alike = _confounded(model, start, fit, candidates, chosen)
-    made = []
+    parameters_of_row = []
     for key in chosen:
         at = start.index[key]
         change = float(fit.parameters.values[at] - start.values[at])
         column = model.linearise(fit.parameters.only(np.arange(len(start)) == at))[1][0, :3]
         where, _, name = key.partition(".")
-        made.append(
+        parameters_of_row.append(
             {
                 "name": name,
                 "where": where,
@@ -234,22 +234,22 @@ def _rows(model, start, fit: Fit, candidates, chosen) -> list[dict]:
                 "confounded_with": alike[key],
             }
         )
-    return sorted(made, key=lambda row: -row["sigmas"])
+    return sorted(parameters_of_row, key=lambda row: -row["sigmas"])
 
 
 def _confounded(model, start, fit: Fit, candidates, chosen) -> dict[str, list[str]]:
     """Named parameter -> what may stand in its place: single candidates and, joined by " + ", sets of two or three."""
-    names, left, white, _ = _projected(model, fit.parameters, candidates)
+    names, orthogonal, white, _ = _projected(model, fit.parameters, candidates)
     change = fit.parameters.values - start.values
     typical = fit.parameters.typical
     for key in chosen:  # the residual without the named parameters
         place = start.index[key]
-        white = white - left[names.index(key)] * change[place] / typical[place]
+        white = white - orthogonal[names.index(key)] * change[place] / typical[place]
     numbers = [names.index(key) for key in chosen]
     found = {}
     for key, number in zip(chosen, numbers):
-        sets = alternative_sets(left, white, numbers, number)
-        found[key] = [" + ".join(names[i] for i in one) for one in sets]
+        sets = alternative_sets(orthogonal, white, numbers, number)
+        found[key] = [" + ".join(names[i] for i in combination) for combination in sets]
     return found
 
 

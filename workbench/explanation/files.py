@@ -12,13 +12,13 @@ from workbench.files.results import rotation_columns
 RESIDUALS, VISIBLE, POSES = "residuals.csv", "smallest-visible.csv", "next-experiment-poses.csv"
 
 
-def save(made: Diagnosis, folder: Path) -> None:
+def save(diagnosis: Diagnosis, folder: Path) -> None:
     """Write residuals.csv, smallest-visible.csv and, where there is one, next-experiment.toml with its poses."""
     folder = Path(folder)
-    if made.views is not None:
-        (folder / RESIDUALS).write_text(_residuals(made), encoding="utf-8")
-    if made.visible:
-        rows = made.as_json()["smallest_visible"]
+    if diagnosis.views is not None:
+        (folder / RESIDUALS).write_text(_residuals(diagnosis), encoding="utf-8")
+    if diagnosis.visible:
+        rows = diagnosis.as_json()["smallest_visible"]
         keys = [key for key in rows[0] if key != "twin"]
         lines = [
             [*(row[key] for key in keys), *(row["twin"] or {"effect": "", "where": ""}).values()]
@@ -26,12 +26,12 @@ def save(made: Diagnosis, folder: Path) -> None:
         ]
         columns = [*keys, "twin", "twin_where"]
         (folder / VISIBLE).write_text(csv_text(columns, lines), encoding="utf-8")
-    _experiment(made, folder)
+    _experiment(diagnosis, folder)
 
 
-def _residuals(made: Diagnosis) -> str:
+def _residuals(diagnosis: Diagnosis) -> str:
     """One line a sample: residual before and after (predicted minus measured), held-out errors, fold, outlier."""
-    views, proof, unit = made.views, made.proof, made.unit
+    views, proof, unit = diagnosis.views, diagnosis.proof, diagnosis.unit
     names = [
         f"{when}_{name}_{unit}"
         for when in ("before", "after")
@@ -45,9 +45,9 @@ def _residuals(made: Diagnosis) -> str:
         "fold",
         "outlier",
     ]
-    out = set(made.outliers)
+    out = set(diagnosis.outliers)
     columns = np.concatenate([views.before, views.after, proof.errors])
-    for name, values in _rotation_columns(made).items():
+    for name, values in _rotation_columns(diagnosis).items():
         head.insert(-2, name)
         columns = np.concatenate([columns, values[None]])
     lines = [
@@ -57,9 +57,9 @@ def _residuals(made: Diagnosis) -> str:
     return csv_text(head, lines)
 
 
-def _rotation_columns(made: Diagnosis) -> dict[str, np.ndarray]:
+def _rotation_columns(diagnosis: Diagnosis) -> dict[str, np.ndarray]:
     """Name -> (n,) deg: residuals of the orientation and held-out angles; {} where none is measured."""
-    views, proof = made.views, made.proof
+    views, proof = diagnosis.views, diagnosis.proof
     if views.rotation is None:
         return {}
     columns = {}
@@ -70,10 +70,10 @@ def _rotation_columns(made: Diagnosis) -> dict[str, np.ndarray]:
     return columns
 
 
-def _experiment(made: Diagnosis, folder: Path) -> None:
+def _experiment(diagnosis: Diagnosis, folder: Path) -> None:
     import tomli_w
 
-    plan = made.experiment
+    plan = diagnosis.experiment
     if plan.scene is not None:
         (folder / SCENE).write_text(
             f"# {plan.sentence}\n" + tomli_w.dumps(plan.scene), encoding="utf-8"

@@ -35,21 +35,21 @@ class FinalModel:
         inliers = ~self.found.outliers
         if self.bench.chain is None:
             return self.bench.noise(inliers)
-        left = residuals_of(self.after)
-        recording, position = self.bench.recording, left[:3, inliers]
-        degrees = self.after.degrees * len(position) / len(left)
+        residuals = residuals_of(self.after)
+        recording, position = self.bench.recording, residuals[:3, inliers]
+        degrees = self.after.degrees * len(position) / len(residuals)
         pose, index = self.bench.pose[inliers], self._index()[inliers]
         sigma, rounding = stated_sigma(recording), self._rounding()
         if sigma is None or rounding is None:
             return replicates.noise(pose, index, position, sigma, degrees)
         sigma = float(np.sqrt(sigma**2 + (rounding[:3, inliers] ** 2).mean()))
-        made, source = replicates.noise(pose, index, position, sigma, degrees)
-        return made, source + WITH_ROUNDING * (source == AS_STATED)
+        noise, source = replicates.noise(pose, index, position, sigma, degrees)
+        return noise, source + WITH_ROUNDING * (source == AS_STATED)
 
     @property
     def has_rounding(self) -> bool:
         """Whether rounded readings were found: their errors have directions of their own, as noise of angles has."""
-        return any(one.effect == ReadingLattice.effect for one in self.found.noise_findings)
+        return any(finding.effect == ReadingLattice.effect for finding in self.found.noise_findings)
 
     def _rounding(self) -> np.ndarray | None:
         """(m, n) mm, standard deviation of each coordinate by the rounding of readings; None where none was found."""
@@ -72,15 +72,15 @@ class FinalModel:
             or stated_sigma(self.bench.recording) is None
         ):
             return None
-        left = residuals_of(self.after)
-        rows = slice(0, min(3, len(left)))  # of poses the position: what `sigma_mm` states
+        residuals = residuals_of(self.after)
+        rows = slice(0, min(3, len(residuals)))  # of poses the position: what `sigma_mm` states
         sigma, rounding = self.bench.chain.stated_sigma[rows, : self.before.n], self._rounding()
         if rounding is not None:
             sigma = np.hypot(sigma, rounding[rows])
-        white = left[rows] / sigma
+        white = residuals[rows] / sigma
         if not np.isfinite(white).all():
             return None
-        degrees = self.after.degrees * white.size / left.size
+        degrees = self.after.degrees * white.size / residuals.size
         return stated_noise.StatedNoise(
             white, degrees, ~self.found.outliers, self.bench.pose, self._index()
         )
@@ -117,9 +117,9 @@ class FinalModel:
             return self._sensor_views()
         chain = self.bench.chain
         model, fit, _ = self.bench.solve(self.before.effects)
-        own = fit.parameters.values[: len(chain.parameters)]
+        chain_values = fit.parameters.values[: len(chain.parameters)]
         points = model.chain.to_root(
-            own, model.chain.evaluate(own, {}), np.zeros((3, self.before.n))
+            chain_values, model.chain.evaluate(chain_values, {}), np.zeros((3, self.before.n))
         )[0]
         named = [f"joint-{k}" for k in range(1, chain.robot.joints + 1)]
         places = (

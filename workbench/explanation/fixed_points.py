@@ -118,10 +118,10 @@ def fixed_points(recording, bench, terms: Sequence[Term]) -> FixedPoints | None:
 
 def _clock_of(poses, moving, bench) -> tuple[np.ndarray, np.ndarray]:
     """(k,) clock of fixed rows of `poses`, that of the `moving` rows of the same pose; (k,) whether there are any."""
-    own, index = np.unique(moving, return_inverse=True)
+    clock_values, index = np.unique(moving, return_inverse=True)
     mean = np.bincount(index, clock(bench.chain.state)) / np.bincount(index)
-    place = np.clip(np.searchsorted(own, poses), 0, len(own) - 1)
-    return mean[place], own[place] == poses
+    place = np.clip(np.searchsorted(clock_values, poses), 0, len(clock_values) - 1)
+    return mean[place], clock_values[place] == poses
 
 
 def _predicted(bench, terms, points, time, ends):
@@ -133,10 +133,10 @@ def _predicted(bench, terms, points, time, ends):
     drift = next((e for e in effects if _is_drift(e)), None)
     if drift is None:
         return None, None
-    held = {(e.effect, e.where) for e in effects}
-    known = (one.effect for one in variants(CATALOGUE, bench.chain))
+    modelled = {(e.effect, e.where) for e in effects}
+    known = (variant.effect for variant in variants(CATALOGUE, bench.chain))
     warm = [e for e in known if "temperature" in e.reads]
-    effects += [e for e in warm if (e.effect, e.where) not in held]
+    effects += [e for e in warm if (e.effect, e.where) not in modelled]
     model, fit, _ = bench.solve(effects)
     span = model.spans[len(bench.baseline) + effects.index(drift)]
     pose = fit.parameters.values[:6]
@@ -148,8 +148,8 @@ def _predicted(bench, terms, points, time, ends):
     )
     every = _covariance(bench, model, fit)
     free = np.flatnonzero(fit.parameters.mask)
-    own = np.searchsorted(free, np.arange(span.start, span.stop))
-    covariance = by.T @ every[np.ix_(own, own)] @ by
+    columns = np.searchsorted(free, np.arange(span.start, span.stop))
+    covariance = by.T @ every[np.ix_(columns, columns)] @ by
     return fit.parameters.values[span] @ by, np.sqrt(np.maximum(np.diag(covariance), 0))
 
 

@@ -69,9 +69,9 @@ def minimal_detectable_biases(
         return []
     table = _Table(problem, sigma, every)
     seen = np.sqrt(_threshold([c.columns.shape[1] for c in every], len(every)))
-    apart, alternative = table.apart()
+    separability, alternative = table.apart()
     return [
-        _row(table, k, seen[k], apart[k], int(alternative[k]), units(every[k]))
+        _row(table, k, seen[k], separability[k], int(alternative[k]), units(every[k]))
         for k in range(len(every))
     ]
 
@@ -84,15 +84,15 @@ class _Table:
         typical = np.concatenate([c.typical for c in every])
         columns = np.concatenate([c.columns for c in every], axis=1) * typical
         orthogonal = problem.orthogonalise(columns)
-        self.gram, whole = orthogonal.T @ orthogonal, columns.T @ columns
-        for one in (columns, orthogonal):  # in place: there are hundreds of megabytes of columns
-            one *= sigma[:, None]
+        self.gram, total = orthogonal.T @ orthogonal, columns.T @ columns
+        for table in (columns, orthogonal):  # in place: there are hundreds of megabytes of columns
+            table *= sigma[:, None]
         self.first = np.concatenate([[0], np.cumsum([c.columns.shape[1] for c in every])])
         self.draws = _directions(self.first)
         self.length = self._sizes(self.gram)
         self.raw = self._sizes(columns.T @ columns) / np.sqrt(problem.n)
         self.left = self._sizes(orthogonal.T @ orthogonal) / np.sqrt(problem.n)
-        self.whole = self._sizes(whole)
+        self.whole = self._sizes(total)
         self.parameter = self._sizes(
             np.diag(typical**2 / np.repeat(np.diff(self.first), np.diff(self.first)))
         )
@@ -114,20 +114,24 @@ class _Table:
         least, alternative = np.full_like(self.length, np.inf), np.full(len(self.every), -1)
         middle = np.full(len(self.every), np.inf)
         for k, other in enumerate(self.every):
-            left = np.sqrt(np.maximum(self.length**2 - self._made_by(k), 0))
-            share = np.median(left / np.maximum(self.length, 1e-300), axis=1)
+            remaining_length = np.sqrt(np.maximum(self.length**2 - self._made_by(k), 0))
+            share = np.median(remaining_length / np.maximum(self.length, 1e-300), axis=1)
             share[[i for i, c in enumerate(self.every) if c.family == other.family]] = np.inf
             closer = share < middle
-            middle[closer], least[closer], alternative[closer] = share[closer], left[closer], k
+            middle[closer], least[closer], alternative[closer] = (
+                share[closer],
+                remaining_length[closer],
+                k,
+            )
         return least, alternative
 
     def _made_by(self, k):
         """(C, D) squared length of the part of each candidate's directions that candidate k makes at a likely size."""
-        own = slice(self.first[k], self.first[k + 1])
-        values, vectors = symmetric_eigen(self.gram[own, own])
+        columns_of_effect = slice(self.first[k], self.first[k + 1])
+        values, vectors = symmetric_eigen(self.gram[columns_of_effect, columns_of_effect])
         length = np.sqrt(np.maximum(values, 0) + _BROAD**-2)
         orthonormal = (vectors / length).T
-        shared = orthonormal @ self.gram[own]
+        shared = orthonormal @ self.gram[columns_of_effect]
         drawn = shared[:, :, None] * self.draws
         parts = np.add.reduceat(drawn, self.first[:-1], axis=1)
         return (parts**2).sum(0)
@@ -161,7 +165,7 @@ def separable_distance() -> float:
     return float(z + np.sqrt(z**2 + 2 * odds))
 
 
-def _row(table: _Table, k, seen, apart, alternative, units) -> DetectableBias:
+def _row(table: _Table, k, seen, separability, alternative, units) -> DetectableBias:
     candidate = table.every[k]
     survives = float(np.median(table.length[k] ** 2 / np.maximum(table.whole[k] ** 2, 1e-300)))
     unit = units[0] if len(set(units)) == 1 else ""
@@ -169,13 +173,15 @@ def _row(table: _Table, k, seen, apart, alternative, units) -> DetectableBias:
         table.length[k] if survives > _NOTHING else np.full_like(table.length[k], np.nan)
     )  # nothing is seen of it
     at = _median(seen / length)
-    distinct = apart > _NOTHING * table.length[k]
-    ratio = np.divide(table.length[k], apart, out=np.full_like(apart, np.inf), where=distinct)
+    distinct = separability > _NOTHING * table.length[k]
+    ratio = np.divide(
+        table.length[k], separability, out=np.full_like(separability, np.inf), where=distinct
+    )
     least = np.maximum(seen, separable_distance() * ratio)
-    same = alternative < 0 or np.median(apart / np.maximum(table.length[k], 1e-300)) < 1e-4
+    same = alternative < 0 or np.median(separability / np.maximum(table.length[k], 1e-300)) < 1e-4
     far = None if same else _median(least / length)
     other = table.every[alternative] if alternative >= 0 else None
-    raw, left, own = (
+    raw, remaining_median, explained_median = (
         float(np.median(size[k])) for size in (table.raw, table.left, table.parameter)
     )
     return DetectableBias(
@@ -183,12 +189,12 @@ def _row(table: _Table, k, seen, apart, alternative, units) -> DetectableBias:
         candidate.where,
         candidate.label,
         None if at is None else at * raw,
-        None if at is None else at * left,
+        None if at is None else at * remaining_median,
         survives,
-        None if at is None or not unit else at * own,
+        None if at is None or not unit else at * explained_median,
         unit,
         None if far is None else far * raw,
-        None if far is None or not unit else far * own,
+        None if far is None or not unit else far * explained_median,
         other.effect if other else "",
         other.where if other else "",
     )

@@ -122,10 +122,10 @@ def _from_description(simulation: Path, named: Mapping) -> Reference:
     if named.get("joints") and set(named["joints"]) <= set(tree.joints):
         keys["joints"] = list(named["joints"])
     robot = load_robot(keys, str(path))
-    held, notes = {}, ()
+    mjcf_keys, notes = {}, ()
     if is_mjcf(path):
-        held = terms_of(path)
-        notes = () if held else tuple(unread(path))
+        mjcf_keys = terms_of(path)
+        notes = () if mjcf_keys else tuple(unread(path))
     if not robot.mass.any():
         notes = (
             *notes,
@@ -134,10 +134,10 @@ def _from_description(simulation: Path, named: Mapping) -> Reference:
     if robot.joint_names and not _are_numbered(robot.joint_names):
         called = ", ".join(f"{k} {name}" for k, name in enumerate(robot.joint_names, 1))
         notes = (*notes, f"Joints are numbered along the chain of {path.name}: {called}.")
-    rows = [(row.pop("effect"), row.pop("where"), row) for row in held.get("effects", [])]
+    rows = [(row.pop("effect"), row.pop("where"), row) for row in mjcf_keys.get("effects", [])]
     effects = make_effects(CATALOGUE, rows)
     return Reference(
-        f"simulation {path}", robot, effects, held.get("values", {}), keys, None, notes
+        f"simulation {path}", robot, effects, mjcf_keys.get("values", {}), keys, None, notes
     )
 
 
@@ -182,19 +182,19 @@ def shares(
     )
     fitted = solve(model, every)
     residual = in_space(fitted.residual)
-    left = float((residual**2).sum(0).mean())
+    residual_variance = float((residual**2).sum(0).mean())
     free = fitted.residual.size - fitted.degrees
     noise = noise_mm(residual, fitted.degrees) ** 2
-    absorbed = min(noise * free / fitted.residual.size, max(total - left, 0.0))
-    noise = min(noise - absorbed, left) + absorbed
+    absorbed = min(noise * free / fitted.residual.size, max(total - residual_variance, 0.0))
+    noise = min(noise - absorbed, residual_variance) + absorbed
     placing = max(total - float((in_space(placed.residual) ** 2).sum(0).mean()), 0.0)
     return Shares(
         name,
         total,
-        total - left - absorbed,
+        total - residual_variance - absorbed,
         placing,
         noise,
-        left + absorbed - noise,
+        residual_variance + absorbed - noise,
         _moved(parameters, fitted.parameters),
     )
 
@@ -207,8 +207,8 @@ def _free(parameters: Parameters, patterns, model: Model | None = None) -> Param
     """Those of the patterns free, and of a model also what its effects bring."""
     mask = parameters.matching(*patterns)
     if model is not None:
-        own = len(model.chain.parameters)
-        mask = mask | (np.arange(len(mask)) >= own)
+        chain_size = len(model.chain.parameters)
+        mask = mask | (np.arange(len(mask)) >= chain_size)
     return parameters.only(mask)
 
 

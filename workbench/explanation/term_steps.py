@@ -29,8 +29,8 @@ def steps_of_terms(
         if number == len(moving):
             steps.append(Step(f"+ {term.title}", residuals(after)[:3]))
         elif number < _MOST:
-            made = bench.problem(list(effects), hypotheses=False)
-            steps.append(Step(f"+ {term.title}", residuals(made)[:3]))
+            problem = bench.problem(list(effects), hypotheses=False)
+            steps.append(Step(f"+ {term.title}", residuals(problem)[:3]))
     return tuple(steps)
 
 

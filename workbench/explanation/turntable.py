@@ -11,7 +11,7 @@ _NEXT = (
 )
 
 
-def with_turntable(made: Diagnosis, recording, progress) -> Diagnosis:
+def with_turntable(diagnosis: Diagnosis, recording, progress) -> Diagnosis:
     """The diagnosis with the turntable of the recording, unchanged where there is none.
 
     An error of the angles is explained by its own law: F-tests retain its terms, and the leave-one-out error states
@@ -19,11 +19,11 @@ def with_turntable(made: Diagnosis, recording, progress) -> Diagnosis:
     """
     table = turntable_of_images(recording, progress)
     if table is None:
-        return made
+        return diagnosis
     if not table.has_step_error:
-        return replace(made, turntable=table)
-    verdict = EXPLAINED if made.verdict == CONSISTENT else made.verdict
-    experiment = made.experiment
-    if made.verdict == CONSISTENT:
+        return replace(diagnosis, turntable=table)
+    verdict = EXPLAINED if diagnosis.verdict == CONSISTENT else diagnosis.verdict
+    experiment = diagnosis.experiment
+    if diagnosis.verdict == CONSISTENT:
         experiment = replace(experiment, sentence=_NEXT)
-    return replace(made, turntable=table, verdict=verdict, experiment=experiment)
+    return replace(diagnosis, turntable=table, verdict=verdict, experiment=experiment)

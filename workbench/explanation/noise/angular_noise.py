@@ -69,8 +69,8 @@ def range_test(residual: np.ndarray, distance: np.ndarray) -> tuple[float, float
     if squares < _ROUNDING * len(x):
         return 1.0, 0.0
     slope = float(x @ logs) / squares
-    left = logs - logs.mean() - slope * x
-    error = np.sqrt(float(left @ left) / (len(x) - 2) / squares)
+    remainder = logs - logs.mean() - slope * x
+    error = np.sqrt(float(remainder @ remainder) / (len(x) - 2) / squares)
     return float(2 * norm.sf(abs(slope) / error)), slope
 
 
@@ -85,7 +85,7 @@ def direction_test(residual: np.ndarray, sight: np.ndarray) -> tuple[float, floa
     first = np.cross(sight.T, helper.T).T
     first /= np.linalg.norm(first, axis=0)
     second = np.cross(sight.T, first.T).T
-    across = [(residual * one).sum(0) for one in (first, second)]
+    across = [(residual * direction).sum(0) for direction in (first, second)]
     least = _ROUNDING * float((residual**2).mean())
     logs = [np.log(part**2 + least) for part in (along, *across)]
     difference = (logs[1] + logs[2]) / 2 - logs[0]

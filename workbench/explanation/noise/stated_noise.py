@@ -103,10 +103,10 @@ def _ratio(
     """The ratio from mean squares (n,) of samples of m coordinates, in units of the stated variance."""
     factors = np.sqrt(_variances(each, m, inliers))
     agreed, factor = _agreed(factors), float(factors[1])
-    kept = each[inliers] if inliers.any() else each
+    usable = each[inliers] if inliers.any() else each
     _, group = np.unique(pose[inliers] if inliers.any() else pose, return_inverse=True)
-    sums = np.bincount(group, kept - kept.mean())  # repeats of one pose may err together
-    spread = float(np.sqrt((sums**2).sum()) / max(kept.sum(), 1e-300))
+    sums = np.bincount(group, usable - usable.mean())  # repeats of one pose may err together
+    spread = float(np.sqrt((sums**2).sum()) / max(usable.sum(), 1e-300))
     normal = float(np.sqrt(2.0 / max(degrees, 1.0)))
     relative = 0.5 * max(spread, normal)  # of the standard deviation: half of that of the variance
     t = abs(np.log(agreed)) / max(relative, 1e-300)

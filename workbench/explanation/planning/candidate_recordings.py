@@ -44,18 +44,18 @@ class CandidateRecording:
         state = with_derived(chain, np.arange(chain.n))
         if not self.sides.any():
             return state
-        made = dict(state.covariates)
+        covariates = dict(state.covariates)
         extra = np.arange(chain.n) >= chain.n - len(self.pose)
-        for name in list(made):
+        for name in list(covariates):
             known = Covariate.of(name)
             if known.kind not in ("approach", "move"):
                 continue
             is_angle = known.kind == "move" and not known.unit  # and no state from -1 to 1
             size = _MOVED_RAD if is_angle else 1.0
-            made[name] = made[name].copy()
-            made[name][extra] = size * self.sides
-        moves = np.stack([made[f"move{k}"] for k in range(1, chain.robot.joints + 1)])
-        return replace(state, covariates=made, history=MotionHistory.of(moves, clock(state)))
+            covariates[name] = covariates[name].copy()
+            covariates[name][extra] = size * self.sides
+        moves = np.stack([covariates[f"move{k}"] for k in range(1, chain.robot.joints + 1)])
+        return replace(state, covariates=covariates, history=MotionHistory.of(moves, clock(state)))
 
     def listing(self, chosen: np.ndarray) -> np.ndarray:
         """Joint readings (k, J), in the recording's own units, of the chosen poses of the pool."""
@@ -74,14 +74,14 @@ def list_candidates(bench, seed: int = 0) -> list[CandidateRecording]:
     rows = np.concatenate([np.flatnonzero(bench.pose == p) for p in pool])
     pose = np.concatenate([np.full((bench.pose == p).sum(), k) for k, p in enumerate(pool)])
     rows, pose = _once(recording, rows, pose)
-    made = [_more(bench, rows, pose, rng)]
+    candidates = [_more(bench, rows, pose, rng)]
     if bench.chain.robot.mass.any():
-        made.append(_loaded(bench, rows, pose))
+        candidates.append(_loaded(bench, rows, pose))
     if "temperature_c" in recording.columns:
-        made.append(_warmer(recording, rows, pose))
+        candidates.append(_warmer(recording, rows, pose))
     if bench.chain.variables.shape[0]:
-        made.append(_both_sides(recording, rows, pose))
-    return made
+        candidates.append(_both_sides(recording, rows, pose))
+    return candidates
 
 
 def _once(recording, rows, pose):
@@ -107,23 +107,23 @@ def _joined(recording, rows, changed=None):
 
 
 def _loaded(bench, rows, pose) -> CandidateRecording:
-    robot, held = (
+    robot, recorded_loads = (
         bench.chain.robot,
         bench.recording.columns.get("payload_kg", np.zeros(bench.recording.n)),
     )
     load = max(_LEAST_LOAD_KG, round(2 * _LOAD_SHARE * float(robot.mass.sum())) / 2)
-    joined = _joined(bench.recording, rows, {"payload_kg": held[rows] + load})
+    joined = _joined(bench.recording, rows, {"payload_kg": recorded_loads[rows] + load})
     words = f"measure {{poses}} of these poses again with {load:g} kg more on the flange"
     ids = bench.recording.sample_ids[rows]
-    scene = {"payload_kg": [float(held.min()), float(held.max()) + load]}
+    scene = {"payload_kg": [float(recorded_loads.min()), float(recorded_loads.max()) + load]}
     return CandidateRecording(LOAD, words, joined, pose, np.zeros(len(rows)), ids, scene)
 
 
 def _warmer(recording, rows, pose) -> CandidateRecording:
-    held = recording.columns["temperature_c"]
-    joined = _joined(recording, rows, {"temperature_c": held[rows] + _WARMER_K})
+    temperature = recording.columns["temperature_c"]
+    joined = _joined(recording, rows, {"temperature_c": temperature[rows] + _WARMER_K})
     words = f"measure {{poses}} of these poses again {_WARMER_K:g} K warmer"
-    scene = {"temperature_c": [float(held.min()), float(held.max()) + _WARMER_K]}
+    scene = {"temperature_c": [float(temperature.min()), float(temperature.max()) + _WARMER_K]}
     return CandidateRecording(
         WARM, words, joined, pose, np.zeros(len(rows)), recording.sample_ids[rows], scene
     )

@@ -1,0 +1,130 @@
+"""Structure of the residual that no retained term explains: tests for it, and the term `unknown` that states it."""
+
+from workbench.diagnosis.levels import UNMODELLED_LEVEL
+from workbench.diagnosis.linear.problem import Alternative, Finding, Found
+from workbench.diagnosis.noise.random_effects import unrecorded
+from workbench.explanation import statements
+from workbench.explanation.result import Term, has_unexplained_structure
+
+_PLACED = 0.01  # family-wise p-value from which on a place is said to hold what is left
+_GAINED = 2.0  # t of the fall of the held-out error by a refused term from which on it counts as evidence of structure
+
+
+def contains_unexplained_structure(bench, found: Found, terms, proved, is_above: bool) -> bool:
+    """Whether structure is left that the terms do not explain.
+
+    Findings on the noise alone, as image jitter or a wrong statement, take nothing off the error, so that what is left
+    cannot be compared with what they explain: structure next to them counts at the level at which it counts where
+    nothing was found.
+    """
+    placed = is_remainder_located(bench, found)
+    if not any(term.finding.effects for term in terms):
+        return placed and found.p_remainder < UNMODELLED_LEVEL
+    return placed and has_unexplained_structure(proved, found.p_remainder, is_above)
+
+
+def is_remainder_located(bench, found: Found) -> bool:
+    """Whether some place of a sensor holds a significant share of the remainder; see `is_structure_located`."""
+    if bench.chain is not None:
+        return True
+    return any(located.p_value < _PLACED and located.share > 0 for located in found.remainder)
+
+
+def is_structure_located(bench, found: Found, refused) -> bool:
+    """Whether some place holds a significant share of the residual, or what was refused is significant.
+
+    A sensor has a smooth function at every place of its chain. Where none of them is significant, a small p-value of
+    the best of many candidates is chance: nothing is there to be explained.
+    """
+    if bench.chain is not None:
+        return True
+    places = any(located.p_value < _PLACED and located.share > 0 for located in found.located)
+    gained = [term for term in refused if (term.t_fall or 0.0) > _GAINED]
+    return places or any(term.finding.p_value < _PLACED for term in gained)
+
+
+def contains_structure(found: Found, terms) -> bool:
+    """Whether the residual is more than noise: it is significant, or a term is a smooth function without a law.
+
+    Such a function only approximates what it stands for, so that its error remains in the residual.
+    """
+    unnamed = any(term.finding.effect == "unknown" for term in terms)
+    return unnamed or found.p_remainder <= UNMODELLED_LEVEL
+
+
+def unknown_terms(found: Found, terms, refused, problem) -> tuple[Term, ...]:
+    """What is there or left though nothing that was found carries to samples that were not fitted: where, on what.
+
+    problem: without what it is said of. Next to it, effects of covariates not recorded that could
+    cause it. If no smooth function is significant at any place, the structure is that of the first rejected term.
+    """
+    if any(term.finding.effect == "unknown" for term in terms):
+        return ()
+    places = [
+        located
+        for located in (found.remainder if terms else found.located)
+        if located.depends_on and located.p_value < _PLACED and located.share > 0
+    ]
+    if not places:
+        return (Term(_of_refused(found, refused, bool(terms)), remainder=bool(terms)),)
+    at = places[0]
+    label = "a smooth function of " + " and ".join(at.depends_on)
+    unknown = Finding(
+        "unknown",
+        at.where,
+        label,
+        (),
+        at.p_value,
+        0.0,
+        at.size,
+        0.0,
+        at.depends_on,
+        (*_refused_there(refused, at), *unrecorded(problem, at)),
+    )
+    return (Term(unknown, share=at.share, remainder=bool(terms)),)
+
+
+def _refused_there(refused, at) -> tuple[Alternative, ...]:
+    """Named effects of the first search at a place that cross-validation refused, the most probable first."""
+    named = [term.finding for term in refused if term.finding.effects]
+    there = [
+        finding for finding in named if finding.where == at.where and finding.p_value < _PLACED
+    ]
+    return tuple(
+        Alternative(
+            finding.effect,
+            finding.where,
+            finding.label,
+            finding.probability,
+            1.0,
+            statements.UNCONFIRMED,
+        )
+        for finding in sorted(there, key=lambda finding: -finding.probability)
+    )
+
+
+def _of_refused(found: Found, refused, remainder: bool) -> Finding:
+    """The unknown of structure that no smooth function locates: at the place of the strongest refused term."""
+    p = found.p_remainder if remainder else found.p_first
+    likely = _likely(refused)
+    where = likely[0].where if likely else "samples"
+    return Finding("unknown", where, statements.NOT_LOCATED, (), p, 0.0, 0.0, 0.0, (), likely)
+
+
+def _likely(refused) -> tuple[Alternative, ...]:
+    """What an unknown most likely is: the strongest of the significant terms that were refused; () where none is."""
+    named = [term.finding for term in refused if term.finding.p_value < _PLACED]
+    if not named:
+        return ()
+    finding = max(named, key=lambda finding: finding.gain)
+    about = (finding.effect, finding.where, finding.label, finding.probability, 1.0)
+    return (Alternative(*about, statements.UNCONFIRMED),)
+
+
+__all__ = [
+    "contains_structure",
+    "contains_unexplained_structure",
+    "is_remainder_located",
+    "is_structure_located",
+    "unknown_terms",
+]
