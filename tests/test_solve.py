@@ -19,7 +19,7 @@ from workbench.core.least_squares.solver import (
     pose_scores,
     solve,
 )
-from workbench.core.parameters import Parameters
+from workbench.core.parameters import Parameter, Parameters
 
 FRAMES = {
     "ball-centre": ("base.*", "sensor.*"),
@@ -192,6 +192,38 @@ def test_too_few_steps_say_so():
     free = everything(model)
     fit = solve(observed(model, moved(free, 2.0)), free, steps=1)
     assert fit.outcome == OUT_OF_STEPS and not fit.converged
+
+
+class CurvedValley:
+    """Rosenbrock's function as a sum of squares: least at (1, 1), and it hardly changes along a parabola."""
+
+    effects, spans, samples, narrow = (), (), 10_000, 100
+    parameters = Parameters.of([Parameter("x", "mm"), Parameter("y", "mm")])
+
+    def sigma(self, parameters):
+        return np.ones((2, self.samples))
+
+    def residual(self, parameters):
+        x, y = parameters.pack()
+        return np.tile([[self.narrow * (y - x * x)], [1 - x]], self.samples)
+
+    def residual_and_derivative(self, parameters):
+        x = parameters.pack()[0]
+        rows = [[[-2 * self.narrow * x], [-1.0]], [[self.narrow], [0.0]]]
+        return self.residual(parameters), lambda: np.tile(rows, self.samples)
+
+    def linearise(self, parameters):
+        residual, rows = self.residual_and_derivative(parameters)
+        return residual, rows()
+
+
+def test_damped_steps_follow_a_curved_valley():
+    """Straight damped steps need 57."""
+    model = CurvedValley()
+    start = model.parameters.free("*").unpack(np.array([-1.2, 1.44]))
+    fit = solve(model, start, steps=100)
+    assert fit.converged and len(fit.history) < 42
+    np.testing.assert_allclose(fit.parameters.pack(), 1, atol=1e-3)
 
 
 def test_nothing_free_is_a_fit_of_nothing():

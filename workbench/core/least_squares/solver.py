@@ -31,6 +31,14 @@ _FLOOR = 1e-4
 _DONE, _NEARLY = 1e-4, 1e-2
 _LEAST_FACTOR = 1 / 8
 """Of the damping after a step that lowers the cost as predicted."""
+_STRAIGHT = 10
+"""Steps of a solve before damped ones follow the curvature of the residual."""
+_CURVED_DAMPING, _LEAST_CURVED, _LEAST_CURVED_FACTOR = 1e-3, 1e-6, 1 / 3
+"""Damping of such steps, of each parameter's own information: the first, the least but none, and its least factor."""
+_PROBE = 0.1
+"""Part of a step over which the curvature of the residual is measured."""
+_MOST_BEND = 0.75
+"""Twice the acceleration over the step, above which the second-order path is not to be trusted."""
 _NOISE_ROUNDS = 3
 # Times the stated sigma: a residual of this size is rounding, and its square may be zero in floating point.
 _NO_RESIDUAL = 1e-100
@@ -103,14 +111,33 @@ class Equations:
     gradient: np.ndarray
 
 
-def _equations(rows, residual, root) -> Equations:
-    """Of rows (F, m, n), which may be whitened in place by `root` (m, n)."""
-    flat = rows.reshape(len(rows), residual.size)
-    if root.size and root.min() == root.max():  # one factor of the products instead of all rows
-        square = float(root.flat[0]) ** 2
-        return Equations(square * (flat @ flat.T), square * (flat @ residual.ravel()))
-    rows *= root
-    return Equations(flat @ flat.T, flat @ (residual * root).ravel())
+@dataclass(frozen=True)
+class _WhitenedRows:
+    """Rows (F, m n) of the derivative; times `factor` they are whitened."""
+
+    flat: np.ndarray
+    factor: float
+
+    @classmethod
+    def of(cls, rows, residual, root) -> "_WhitenedRows":
+        """Of rows (F, m, n), which may be whitened in place by `root` (m, n)."""
+        flat = rows.reshape(len(rows), residual.size)
+        if root.size and root.min() == root.max():  # one factor of the products instead of all rows
+            return cls(flat, float(root.flat[0]))
+        rows *= root
+        return cls(flat, 1.0)
+
+    def change(self, move: np.ndarray) -> np.ndarray:
+        """(m n,) of the whitened residual for a move (F,) of the parameters, to first order."""
+        return self.factor * (move @ self.flat)
+
+    def gradient(self, white: np.ndarray) -> np.ndarray:
+        """(F,) of half the sum of squares of a whitened residual (m n,)."""
+        return self.factor * (self.flat @ white)
+
+    def equations(self, white: np.ndarray) -> Equations:
+        """With the whitened residual (m n,)."""
+        return Equations(self.factor**2 * (self.flat @ self.flat.T), self.gradient(white))
 
 
 def huber(z: np.ndarray, limit: float) -> np.ndarray:
@@ -140,10 +167,12 @@ def solve(
 ) -> Fit:
     """Fit the free parameters of `parameters` to the samples of `model`.
 
-    Levenberg-Marquardt on residuals whitened by their own sigma, columns scaled by the
-    parameters' typical sizes (Nocedal & Wright, Numerical Optimization, 2nd ed., ch. 10);
-    a robust loss reweights samples, with the noise's scale from their median. Effects on the noise
-    that are free are fitted between solves of the mean.
+    Levenberg-Marquardt on residuals whitened by their own sigma, columns scaled by the parameters' typical sizes
+    (Nocedal & Wright, Numerical Optimization, 2nd ed., ch. 10). Where a full step fails, damped steps follow the
+    curvature of the residual (geodesic acceleration: Transtrum & Sethna, arXiv:1201.5885): a compliance and the mass
+    that loads it enter as a product, so that a straight step leaves the narrow valley of the cost at once.
+    A robust loss reweights samples, with the noise's scale from their median. Effects on the noise that are free are
+    fitted between solves of the mean.
 
     linearised: a fit of the same samples with the same sigma. Where it ended at `parameters`, with the same ones free,
     its normal equations replace the first linearisation. Priors may differ.
@@ -188,6 +217,7 @@ class _Problem:
         self.precision = parameters.precision[parameters.mask]
         self.nulls = parameters.nulls[parameters.mask]
         self.damping, self.outcome, self.history = 0.0, "", []
+        self.is_curved = False
 
     def start(self, linearised=None):
         self.inverse_sigma = 1 / self.model.sigma(self.parameters)
@@ -215,7 +245,10 @@ class _Problem:
         """Set the current point and compute its whitened and scaled normal equations and gradient."""
         self.parameters, self.residual, self.weights = parameters, residual, weights
         root = self.inverse_sigma if self.weigh is None else self.inverse_sigma * np.sqrt(weights)
-        equations = rows if isinstance(rows, Equations) else _equations(rows, residual, root)
+        self.root, self.rows, equations = root, None, rows
+        if not isinstance(rows, Equations):
+            self.rows = _WhitenedRows.of(rows, residual, np.broadcast_to(root, residual.shape))
+            equations = self.rows.equations((residual * root).ravel())
         self.normal = equations.normal * np.outer(self.scale, self.scale)
         self.data_gradient = equations.gradient * self.scale
         self.trust = self.trust_in_priors(residual)
@@ -263,10 +296,12 @@ class _Problem:
         """One step; the damping is increased until the cost decreases."""
         if not self.check():
             return
-        before = self.cost
-        size = len(self.gradient)
+        before, self.held = self.cost, False
+        if self.damping and not self.is_curved and len(self.history) > _STRAIGHT:
+            self.is_curved, self.damping = self.rows is not None, _CURVED_DAMPING
+        metric = np.diag(self.normal) if self.is_curved else np.ones(len(self.gradient))
         for _ in range(20):
-            damped = self.normal + (_FLOOR + self.damping) * np.eye(size)
+            damped = self.normal + np.diag(_FLOOR + self.damping * metric)
             move = _newton(damped, self.gradient)
             decrement = -float(self.gradient @ move)
             unit = max(1.0, self.cost / max(self.residual.size, 1))
@@ -276,14 +311,39 @@ class _Problem:
                 and self.finished(move, decrement, unit)
             ):
                 return
-            if self.accept(move, decrement):
+            predicted = decrement + self.damping * float(move @ (metric * move))
+            bend = self.bend(damped, move) if self.is_curved and self.damping else 0.0
+            if bend is not None and self.accept(move + bend, predicted):
                 if abs(before - self.cost) < max(
                     1e-5 * before, 0.02 * max(1.0, self.cost / self.residual.size)
                 ):
                     self.outcome = SETTLED
                 return
-            self.damping = max(4 * self.damping, 1e-9 * self.normal.max())
+            self.increase_damping()
         self.outcome = STALLED if decrement < 1e-3 * max(1.0, self.cost) else OUT_OF_STEPS
+
+    def increase_damping(self):
+        """After a step that failed."""
+        self.held = self.is_curved
+        if self.is_curved:
+            self.damping = 4 * self.damping or _CURVED_DAMPING
+        else:
+            self.damping = max(4 * self.damping, 1e-9 * self.normal.max())
+
+    def bend(self, damped, move):
+        """(F,) second-order correction of a damped move; None where it is too large for the second order to hold.
+
+        Half the acceleration along the move: the damped step for the second derivative of the residual along it.
+        """
+        ahead = self.parameters.unpack(self.parameters.pack() + _PROBE * move * self.scale)
+        change = ((self.model.residual(ahead) - self.residual) * self.root).ravel() / _PROBE
+        curvature = 2 / _PROBE * (change - self.rows.change(move * self.scale))
+        if not all_finite(curvature):
+            return None
+        acceleration = _newton(damped, self.rows.gradient(curvature) * self.scale)
+        metric = np.diag(damped)
+        ratio = 2 * np.sqrt((acceleration**2 @ metric) / (move**2 @ metric))
+        return acceleration / 2 if ratio <= _MOST_BEND else None
 
     def finished(self, move, decrement, unit):
         """True if converged; a negligible last step needs no new derivative."""
@@ -299,22 +359,24 @@ class _Problem:
         self.outcome = CONVERGED
         return True
 
-    def accept(self, move, decrement):
+    def accept(self, move, predicted):
         """Move there if that lowers the cost; the derivative is computed only then.
 
-        The damping falls by as much as the quadratic model predicted the cost: Madsen, Nielsen & Tingleff, Methods for
-        Non-Linear Least Squares Problems (2004), eq. 2.21.
+        The damping falls by as much as the cost falls as `predicted`, and stays after it had to rise: Madsen, Nielsen &
+        Tingleff, Methods for Non-Linear Least Squares Problems (2004), eq. 2.21.
         """
         candidate = self.parameters.unpack(self.parameters.pack() + move * self.scale)
         residual, derivative = self.model.residual_and_derivative(candidate)
         cost = self.cost_of(candidate, residual)
         if not cost < self.cost:
             return False
-        predicted = decrement + self.damping * float(move @ move)
         gain = (self.cost - cost) / max(predicted, 1e-300)
-        factor = max(_LEAST_FACTOR, 1 - (2 * gain - 1) ** 3)
-        self.damping = self.damping * factor if self.damping > 1e-10 * self.normal.max() else 0.0
+        least = _LEAST_CURVED_FACTOR if self.is_curved else _LEAST_FACTOR
+        factor = max(1.0 if self.held else least, 1 - (2 * gain - 1) ** 3)
+        smallest = _LEAST_CURVED if self.is_curved else 1e-10 * self.normal.max()
+        self.damping = self.damping * factor if self.damping > smallest else 0.0
         weights = self.robust_weights(residual * self.inverse_sigma)
+        self.rows = None  # before there are new ones
         self.take(candidate, residual, derivative(), weights)
         return True
 
