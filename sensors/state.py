@@ -18,7 +18,8 @@ class SensorState:
     `planes` (4, n) light plane of each, `mirror` (n,) rad; `board` (2, n) place on the board from
     its middle over half its diagonal; `normals` (3, n) unit normal of the surface, camera frame;
     `ball` (n,) number of the ball, 0 for none; `covariates` by the name of their column;
-    `target` (3, n) mm nominal place on the board, board frame, or of the ball, artefact frame.
+    `target` (3, n) mm nominal place on the board, board frame, or of the ball, artefact frame; `focus` (n,) mm depth on
+    which the lens was focused in the image of each, None where the observations are of one image or scan.
     """
 
     camera: Camera
@@ -31,6 +32,7 @@ class SensorState:
     ball: np.ndarray
     covariates: Mapping[str, np.ndarray] = field(default_factory=dict)
     target: np.ndarray | None = None
+    focus: np.ndarray | None = None
     in_order = (
         False  # images may be listed in any order: without a clock nothing stands in for time
     )
@@ -45,6 +47,14 @@ class SensorState:
         width, height = self.camera.size
         middle = np.array([[(width - 1) / 2], [(height - 1) / 2]])
         return 2 * (self.pixels - middle) / np.hypot(width, height)
+
+    @property
+    def focus_depth(self) -> np.ndarray:
+        """(n,) mm, one for each image: a lens has one focal length, on whatever part of the object it is focused."""
+        if self.focus is not None:
+            return self.focus
+        known = self.points[2][np.isfinite(self.points[2])]
+        return np.full(self.n, known.mean() if known.size else np.nan)
 
     @property
     def rays(self) -> np.ndarray:

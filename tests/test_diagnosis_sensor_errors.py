@@ -34,9 +34,13 @@ from workbench.explanation.unexplained import (
     is_remainder_located,
     is_structure_located,
 )
+from workbench.fitting.verdicts.line_doubts import LineDoubt
 from workbench.jobs.sensor.chains import noise_scale
 
 SHIFT = 0.3  # px
+DOUBT = LineDoubt(
+    "centres move with its brightness", "camera", ("line_brightness",), 1e-9, 0.05, "Expose less."
+)
 
 
 @pytest.fixture(scope="module")
@@ -335,8 +339,23 @@ def test_a_line_whose_centres_depend_on_its_brightness_is_in_doubt_and_no_jitter
     assert jitter_of(jittered) is not None
     assert image_warnings(bench, ()) == ()
     dependence = LineDependence(0.05, 1e-9, 0.04)
-    doubts = (dependence.sentence,)
-    chains = replace(jittered.chains, dependence=dependence, line_doubts=doubts)
+    chains = replace(jittered.chains, dependence=dependence, line_doubts=(DOUBT,))
     bright = sensor.SensorBench(chains)
     assert jitter_of(bright) is None
-    assert image_warnings(bright, ()) == doubts
+    assert image_warnings(bright, ()) == (DOUBT.sentence,)
+
+
+def test_structure_of_the_laser_line_is_never_consistent(bench):
+    """It is unexplained at its place, unless an effect that was found displaces the line."""
+    doubted = sensor.SensorBench(replace(bench.chains, line_doubts=(DOUBT,)))
+    problem = doubted.problem()
+    (term,) = image_terms(doubted, (), problem)
+    assert (term.finding.effect, term.finding.where) == ("unknown", "camera")
+    assert term.finding.depends_on == ("line_brightness",)
+    assert verdict_of((), 1.0) == "consistent" and verdict_of((term,), 1.0) == "unexplained"
+    said = statement(term, "the image", "px")
+    assert DOUBT.label in said and "the camera" in said
+    assert "the brightness of the laser line" in said
+    named = SimpleNamespace(finding=SimpleNamespace(effects=(CATALOGUE["plane-bow"]("laser"),)))
+    assert image_terms(doubted, (named,), problem) == ()
+    assert image_terms(bench, (), problem) == ()

@@ -91,6 +91,37 @@ def test_a_ball_of_a_wrong_radius_that_was_scanned_twice_is_found_from_either_sc
     assert [(one.effect, one.where) for one in found] == [("ball-radius", "ball-2")]
 
 
+def test_a_wrong_radius_of_balls_without_numbers_is_a_group_with_subsurface_scatter():
+    """Both make all balls seem smaller: no pose of theirs distinguishes the two."""
+    chains = sensor_virtual.chains(scans=2)
+    balls = replace(chains.balls, number=np.zeros_like(chains.balls.number))
+    effect = CATALOGUE["ball-radius"]("artefact")
+    values = {"artefact.ball-radius.growth": -0.05}
+    bench = sensor.SensorBench(simulated(replace(chains, balls=balls), (effect,), values, 8))
+    (found,) = find(bench).findings
+    assert (found.effect, found.where) == ("ball-radius", "artefact")
+    assert ("subsurface-scatter", "sensor") in [(a.effect, a.where) for a in found.alternatives]
+    assert found.probability < 0.6
+    (row,) = bench.parameters(found.effects)
+    assert row["value"] == pytest.approx(-0.05, abs=4 * row["std"])
+
+
+def test_a_lens_has_one_focal_length_in_each_image():
+    chains = sensor_virtual.chains(scans=2)
+    of_pose = {}
+    for chain in (chains.corners, chains.board_stripes):
+        label, depth = chain.labels["placement"], chain.state.focus_depth
+        for pose in np.unique(label):
+            (one,) = np.unique(depth[label == pose].round(9))
+            assert one == pytest.approx(of_pose.setdefault(pose, one), abs=1e-3)
+    assert np.ptp(list(of_pose.values())) > 1
+    balls = replace(chains.balls, scan_of=np.arange(len(chains.balls.centres)) % 2)
+    scan = balls.scan_of[balls.labels["ball"]]
+    for k in (0, 1):
+        mean = balls.centres[balls.scan_of == k, 2].mean()
+        assert balls.state.focus_depth[scan == k] == pytest.approx(mean)
+
+
 def test_variants_of_one_effect_have_labels_of_their_own():
     kind = sensor.SensorBench(true()).kind
     for effect in CATALOGUE.values():

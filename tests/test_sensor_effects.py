@@ -49,6 +49,7 @@ CASES = (
     ("board-bow", "artefact", {}),
     ("ball-position", "ball-2", {}),
     ("ball-radius", "ball-2", {}),
+    ("ball-radius", "artefact", {}),
     ("ball-form", "ball-2", {}),
     ("ball-form", "ball-2", {"degree": 3}),
     ("artefact-expansion", "artefact", {}),

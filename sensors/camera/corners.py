@@ -115,6 +115,7 @@ class Corners:
             np.zeros(n, int),
             self.covariates,
             self.points,
+            mean_by_label(board.points[2], self.labels["placement"]),
         )
 
     @cached_property
@@ -162,6 +163,12 @@ class Corners:
     def evaluate(self, values: np.ndarray, deltas: Mapping) -> "Evaluation":
         """Predicted minus measured (2, n) px at camera values (9,) or (12,) and changes of the ports."""
         return Evaluation(self, Camera.of(values, self.camera.size), deltas)
+
+
+def mean_by_label(values: np.ndarray, label: np.ndarray) -> np.ndarray:
+    """(n,) mean of the values (n,) of each sample's own label (n,)."""
+    count = np.bincount(label)
+    return (np.bincount(label, values) / np.maximum(count, 1))[label]
 
 
 class _OnBoard:

@@ -43,19 +43,53 @@ class BoardBow(Effect):
 
 
 class BallRadius(Effect):
-    """The radius of ball K on the artefact's certificate is wrong: its surface moves along the normal."""
+    """A ball's radius on the artefact's certificate is wrong: its surface moves along the normal.
+
+    Of ball K, or at the artefact of all balls, whether their numbers are known or not. `every`: ball K is the only one.
+    An error of all radii is nearly the same as light that a ball lets in, which makes all of them seem smaller.
+    """
 
     effect = "ball-radius"
     port = "target"
-    places = ("ball",)
+    places = ("ball", "artefact")
+    surface = ("ball",)
+    distinguished_by = (
+        "measure the diameter of the balls by contact, or scan an opaque ball of known size"
+    )
     equation = "dX = dr n"
     source = "radius of a sphere"
 
+    def __init__(self, where: str, every: bool = False):
+        super().__init__(where)
+        self.every = every or where == "artefact"
+
+    @property
+    def confounded_with(self):
+        """Subsurface scatter, of all balls: one ball alone is not of another material."""
+        return (("subsurface-scatter", "sensor", ""),) if self.every else ()
+
+    @classmethod
+    def candidates(cls, chain):
+        """Every ball with a number, and all balls; one where there is only one ball."""
+        numbered = chain.places("ball")
+        if len(chain.balls) == 1:
+            where = numbered[0] if numbered else "artefact"
+            yield Variant(cls(where, every=True))
+            return
+        for where in numbered:
+            yield Variant(cls(where))
+        if chain.balls:
+            yield Variant(cls("artefact"), "all balls")
+
     def table(self, chain):
-        return (self.parameter("growth", "mm", 0.01, f"the error of ball {self.number}'s radius"),)
+        whose = (
+            "the radii of all balls" if self.where == "artefact" else f"ball {self.number}'s radius"
+        )
+        return (self.parameter("growth", "mm", 0.01, f"the error of {whose}"),)
 
     def basis(self, state):
-        return np.where(state.ball == self.number, known(state.normals), 0.0)[None]
+        mine = state.ball > 0 if self.every else state.ball == self.number
+        return np.where(mine, known(state.normals), 0.0)[None]
 
 
 class BallForm(Effect):

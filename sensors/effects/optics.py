@@ -222,17 +222,18 @@ class WindowRefraction(Effect):
 
 
 class FocusBreathing(Effect):
-    """The focal length depends on the range, as of a lens that focuses on the object: it breathes.
+    """The focal length depends on the focus distance, as of a lens that focuses on the object: it breathes.
 
-    `z0` mm is the range at which the focal length is that of the camera. Of a focal length that differs from board
-    pose to board pose without a law, `sensors.camera.focal_scatter` tells.
+    Each image has one focal length. z is the depth of what the lens is focused on: the middle of the board, or the mean
+    of the balls of a scan. `z0` mm is the depth at which the focal length is that of the camera. Of a focal length
+    that differs from board pose to board pose without a law, `sensors.camera.focal_scatter` tells.
     """
 
     effect = "focus-breathing"
-    port = "ray"
+    port = "pixel"
     places = ("camera",)
     equation = (
-        "dray = -c (z - z0) (r - (r.e) e), r the ray, e the optical axis, f(z) = f (1 + c (z - z0))"
+        "du = c (z - z0) (u - cx), dv likewise; f(z) = f (1 + c (z - z0)), z = the focus distance"
     )
     source = "focal length as a function of focus: Willson, CMU-RI-TR-94-03 (1994), ch. 6"
 
@@ -240,10 +241,16 @@ class FocusBreathing(Effect):
         super().__init__(where)
         self.z0 = z0
 
+    @classmethod
+    def candidates(cls, chain):
+        """One, about the mean depth of the boards: far from it, first order would not describe the change."""
+        return [Variant(cls(where, chain.depth_mm)) for where in chain.places("camera")]
+
     def table(self, chain):
-        return (self.parameter("slope", "1/mm", 1e-5, "the focal length's change with range"),)
+        label = "the focal length's relative change with the focus distance"
+        return (self.parameter("slope", "1/mm", 1e-5, label),)
 
     def basis(self, state):
-        rays = state.rays
-        lateral = rays * np.array([[1.0], [1.0], [0.0]])
-        return known(-(state.points[2] - self.z0) * lateral)[None]
+        camera = state.camera
+        away = state.pixels - np.array([[camera.cx], [camera.cy]])
+        return known((state.focus_depth - self.z0) * away)[None]

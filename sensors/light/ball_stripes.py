@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from sensors.camera.corners import mean_by_label
 from sensors.camera.model import Camera
 from sensors.light.sight import Sight, StripeChain
 from sensors.state import SensorState, stripe_direction
@@ -32,7 +33,7 @@ class Balls(StripeChain):
     `pixels` (2, n) measured; `labels`: `ball` (n,) row of `centres` (B, 3) mm and `step` (n,) column of
     `planes` (4, S); `radii` (B,) mm as certified; `number` (B,) as on the certificate, 0 where unknown;
     `scan` (2, 1) unit vector along the line in which centres were measured; `sigma` (1, n) px. Mirror,
-    angles and `change` as in the stripe chain.
+    angles and `change` as in the stripe chain. `scan_of` (B,) number of each ball's scan, None where there is one.
     """
 
     camera: Camera
@@ -48,6 +49,7 @@ class Balls(StripeChain):
     angles: np.ndarray | None = None
     change: np.ndarray | None = None
     covariates: Mapping[str, np.ndarray] = field(default_factory=dict)
+    scan_of: np.ndarray | None = None
     _start: "Balls | None" = field(default=None, repr=False, compare=False)
     family = "ball"
     surfaces = "centres"
@@ -67,10 +69,22 @@ class Balls(StripeChain):
             self.commanded_angles,
             nowhere[:2],
             here.normal,
-            np.maximum(self.number[self.labels["ball"]], 1),
+            self._numbers[self.labels["ball"]],
             self.covariates,
             nowhere,
+            self._scan_depth[self.labels["ball"]],
         )
+
+    @property
+    def _numbers(self) -> np.ndarray:
+        """(B,) numbers of the balls; of those without one, the next that no ball has."""
+        return np.where(self.number > 0, self.number, self.number.max(initial=0) + 1)
+
+    @property
+    def _scan_depth(self) -> np.ndarray:
+        """(B,) mm, mean depth of the balls of each one's scan: the focus does not change within a scan."""
+        scan = np.zeros(len(self.centres), int) if self.scan_of is None else self.scan_of
+        return mean_by_label(self.centres[:, 2], scan)
 
     def numbers(self, place: str) -> tuple[int, ...]:
         """Numbers of the balls on their certificate."""

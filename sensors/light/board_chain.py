@@ -97,7 +97,14 @@ class BoardStripeChain(StripeChain):
             np.zeros(self.n, int),
             self.covariates,
             on_board,
+            self._middle_depth[self.labels["placement"]],
         )
+
+    @property
+    def _middle_depth(self) -> np.ndarray:
+        """(G,) mm, depth of the board's middle, on which the lens was focused."""
+        turn = rotation_matrix(self.poses[:, 3:])
+        return self.poses[:, 2] + turn[:, 2, :2] @ self.middle[:2]
 
     def at(self, samples: np.ndarray) -> "BoardStripeChain":
         """The same on some of the samples (indices or mask); poses and planes stay."""

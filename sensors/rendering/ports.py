@@ -98,11 +98,14 @@ def blank_state(camera: Camera, n: int, covariates: Mapping[str, float], **known
 
 @dataclass(frozen=True)
 class Moment:
-    """What acts while a image is taken: the effects, and the covariates' values at that instant."""
+    """What acts while a image is taken: the effects, the covariates' values at that instant, and the depth (mm) on
+    which the lens is focused, nan where no effect asks for it."""
 
     causes: Causes = Causes()
     covariates: Mapping[str, float] = field(default_factory=dict)
+    focus: float = np.nan
 
     def state(self, camera: Camera, n: int, **known) -> SensorState:
         """n observations at this moment."""
+        known = {"focus": np.broadcast_to(self.focus, n)} | known
         return blank_state(camera, n, self.covariates, **known)

@@ -1,7 +1,7 @@
 """Where each part of each pixel looks: through the true lens, to the nearest surface."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from sensors.rendering.instrument import Instrument
 from sensors.rendering.ports import Moment
 from sensors.rendering.surfaces import Surface
 
+_GRID = 32  # rays along each side of the image, on which the lens is focused
 _BLOCK = 1 << 18  # samples at a time: what stays in the processor's cache
 
 
@@ -28,11 +29,22 @@ def look(
     Observed pixel -> ideal pixel (port `pixel`) -> ray (port `ray`) -> nearest surface. What bends the ray
     may ask how far away the surface is, which the unbent ray says first.
     """
+    if moment.causes.on("pixel"):
+        moment = replace(moment, focus=_focus_depth(instrument.camera, surfaces))
     starts = range(0, max(pixels.shape[1], 1), _BLOCK)
     parts = [_look(instrument, surfaces, pixels[:, k : k + _BLOCK], moment) for k in starts]
     return Seen(
         np.concatenate([p.points for p in parts], 1), np.concatenate([p.surface for p in parts])
     )
+
+
+def _focus_depth(camera, surfaces: Sequence[Surface]) -> float:
+    """mm, mean depth of what a grid over the whole image sees, nan where nothing is."""
+    width, height = camera.size
+    grid = np.meshgrid(np.linspace(0, width - 1, _GRID), np.linspace(0, height - 1, _GRID))
+    depth = _nearest(surfaces, camera.rays(np.stack(grid).reshape(2, -1))).points[2]
+    depth = depth[np.isfinite(depth)]
+    return float(depth.mean()) if depth.size else np.nan
 
 
 def _look(instrument, surfaces, pixels, moment):

@@ -18,6 +18,7 @@ from sensors.scanner.check import LeftOut, leave_out, residuals
 from sensors.scanner.errors import Apart, field_points
 from sensors.scanner.line_dependence import LineDependence, line_dependence
 from sensors.scanner.model import Scanner
+from sensors.scanner.rejected_points import RejectedPoints, rejected_points
 from sensors.scanner.shared import own_noise, with_shared_errors
 from sensors.stripe.surface_line import LineShape
 from workbench.core.effect import Effect
@@ -55,7 +56,8 @@ class ScannerCalibration:
     `dropped` numbers of points, by reason; `volume` nearest and farthest depth, mm; `sentences` what was
     dropped, what is not determined and what was refused; `commanded` (S,) rad mirror angles of the steps as
     images.csv states them, None where it does not; `lines` of the image that were taken for the laser line;
-    `dependence` of centres on the width and brightness of the line, None where these are unknown.
+    `dependence` of centres on the width and brightness of the line, None where these are unknown; `rejected`: where
+    the wrong points lie.
     """
 
     scanner: Scanner
@@ -79,6 +81,7 @@ class ScannerCalibration:
     commanded: np.ndarray | None = None
     lines: tuple[StationaryLine, ...] = ()
     dependence: LineDependence | None = None
+    rejected: RejectedPoints = RejectedPoints(0.0, "sensor", (), 1.0)
 
     @property
     def camera(self):
@@ -246,6 +249,7 @@ def _result(camera, found, free, adjustment, checked, held_out, provenance) -> S
         found.commanded,
         found.lines,
         _dependence(found, last, pixels, good),
+        rejected_points(last, ~good, found.shape),
     )
 
 

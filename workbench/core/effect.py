@@ -110,6 +110,7 @@ class Effect:
         subsumes: Names of effects that are special cases of this one.
         confounded_with: Laws that make nearly the same of any poses and are as likely before measuring: effect, place
             and label of each. No recording distinguishes them, so that they are named and not searched.
+        distinguished_by: What to do to distinguish it from these laws, as an instruction; "" where nothing is known.
         mass_dependent: Whether its signature depends on masses, which may be uncertain.
         compliance_prior: Of a compliance, the prior probability that it is of a size worth modelling, and its typical
             size relative to the compliance of a joint; None where it has none in rad/(N m).
@@ -149,6 +150,7 @@ class Effect:
     coexists = False
     subsumes: tuple[str, ...] = ()
     confounded_with: tuple[tuple[str, str, str], ...] = ()
+    distinguished_by: str = ""
     mass_dependent = False
     compliance_prior: tuple[float, float | None] | None = None
     needs_compliance = False

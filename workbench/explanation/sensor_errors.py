@@ -18,6 +18,7 @@ from workbench.diagnosis.scanner.image_jitter import find_image_jitter, jitter_b
 from workbench.diagnosis.scanner.sensor_linear import acts
 from workbench.diagnosis.validation.held_out import rms
 from workbench.explanation.result import Proof, Term
+from workbench.explanation.statements import LINE_STRUCTURE
 from workbench.jobs.sensor.chains import at_solution
 
 _SAME_SPREAD = 0.2  # relative change of the spread of jitter below which a search is not repeated
@@ -108,15 +109,40 @@ def without_jitter(bench):
 
 
 def image_terms(bench, terms: Sequence[Term], problem: Problem) -> tuple[Term, ...]:
-    """What images show beyond the terms that were kept: displaced lines of the board, and jitter; of an arm nothing."""
+    """What images show beyond the terms that were kept: displaced lines of the board, jitter, and structure of the
+    laser line that nothing explains; of an arm nothing."""
     if bench.chain is not None:
         return ()
     effects = [effect for term in terms for effect in term.finding.effects]
     lines = displaced_line_terms(bench, effects)
     jitter = find_image_jitter(bench, effects, problem)
-    if jitter is None:
-        return lines
-    return (*lines, Term(jitter.finding, jitter.parameters, jitter.sigma_px))
+    if jitter is not None:
+        lines = (*lines, Term(jitter.finding, jitter.parameters, jitter.sigma_px))
+    return lines if effects or lines else line_structure_terms(bench)
+
+
+def line_structure_terms(bench) -> tuple[Term, ...]:
+    """Structure of the laser line that no effect of the catalogue makes: the calibration found it in the images.
+
+    Where an effect displaces the line, the calibration, which knows none, takes points of it for wrong.
+    """
+    return tuple(
+        Term(
+            Finding(
+                "unknown",
+                doubt.where,
+                LINE_STRUCTURE + doubt.label,
+                (),
+                doubt.p_value,
+                0.0,
+                0.0,
+                0.0,
+                doubt.depends_on,
+            ),
+            size=doubt.size_px,
+        )
+        for doubt in bench.chains.line_doubts
+    )
 
 
 def displaced_line_terms(bench, effects: Sequence[Effect]) -> tuple[Term, ...]:
@@ -185,7 +211,7 @@ def image_warnings(bench, terms: Sequence[Term]) -> tuple[str, ...]:
             f"The board errs ({BoardPointErrors.effect}): the calibration of the camera finds {lines}; measure or "
             "replace the board. Corners that contradict all others are left out of this diagnosis."
         )
-    said += chains.line_doubts
+    said += [doubt.sentence for doubt in chains.line_doubts]
     focal = random_focal_error(bench, terms)
     return (*said, focal) if focal else tuple(said)
 

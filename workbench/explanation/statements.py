@@ -28,6 +28,7 @@ BY_POSE = (
     "the residual is larger than the scatter of repeats of one pose, without a place or a covariate"
 )
 NOT_LOCATED = "not located: no smooth function of one or two covariates at any place is significant"
+LINE_STRUCTURE = "laser line: "
 UNCONFIRMED = "found in the first search, not confirmed by cross-validation"
 _OF_DATA = ("outliers", NoiseLaw.effect, "encoder-quantisation", ReadingLattice.effect)
 _EITHER = "with temperature, or with time where none was recorded"
@@ -75,6 +76,13 @@ def _what(term: Term, tip: str, unit: str) -> str:
     if found.label == NOT_LOCATED and _unconfirmed(found):
         text = f"The residual contains structure that is not explained ({p_text(found.p_value)}), most likely at"
         return f"{text} {place(found.where)}.{_unconfirmed(found)}"
+    if found.label.startswith(LINE_STRUCTURE):
+        depends = f" and depends on {_depends(found)}" if found.depends_on else ""
+        label = found.label.removeprefix(LINE_STRUCTURE)
+        return (
+            f"The laser line has structure that no effect of the catalogue explains: {label}. It belongs to "
+            f"{place(found.where)}{depends}. The warning says what to look for."
+        )
     if found.effect == "unknown" and found.label in (BY_POSE, NOT_LOCATED):
         return (
             "The residual contains structure that no effect of the catalogue explains: "

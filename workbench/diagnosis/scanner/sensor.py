@@ -18,6 +18,7 @@ from workbench.core.effect import Effect
 from workbench.core.least_squares.bundle import BundleFit, solve_bundle
 from workbench.core.model import Model
 from workbench.core.parameters import Parameter, Parameters
+from workbench.diagnosis.levels import MAX_ROUNDS
 from workbench.diagnosis.linear.candidates import Site
 from workbench.diagnosis.linear.estimates import Options, parameter_row
 from workbench.diagnosis.linear.problem import Bench, Found, Problem
@@ -122,8 +123,10 @@ class SensorBench(Bench):
         if named not in solved:
             chains = self.chains if samples is None else _at(self.chains, samples)
             fit = self._fit(chains, tuple(effects), _nearest(solved, named))
-            still_shared = with_remaining_shared_errors(chains, tuple(effects), fit)
-            if still_shared is not None:
+            for _ in range(MAX_ROUNDS):
+                still_shared = with_remaining_shared_errors(chains, tuple(effects), fit)
+                if still_shared is None:
+                    break
                 chains, fit = still_shared, self._fit(still_shared, tuple(effects), fit)
             solved[named] = chains, fit
         return solved[named]
@@ -328,6 +331,7 @@ def _kind(chains: Chains) -> Kind:
         spreads=_spreads(chains, varies),
         times=tuple(np.unique(times).tolist()),
         board_lines=lines,
+        depth_mm=round(float(chains.corners.state.points[2].mean()), 1),
     )
 
 

@@ -30,7 +30,8 @@ class Kind:
     those of the steps; `balls`: numbers of the balls, 0 for one without a number; `varying`: recorded columns that are
     not constant, and `spreads` their standard deviations in the images with the laser; `times` (s) of these images;
     `board_lines`: x of the columns and y of the rows of the board's points (mm); `light` (3,) mm: a place on the
-    mirror's axis, from which the light comes, and `light_axis` (3,) the axis' unit vector, camera frame.
+    mirror's axis, from which the light comes, and `light_axis` (3,) the axis' unit vector, camera frame; `depth_mm`
+    mean depth of the boards.
     """
 
     stripes: bool
@@ -43,6 +44,7 @@ class Kind:
     spreads: tuple[tuple[str, float], ...] = ()
     times: tuple[float, ...] = ()
     board_lines: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
+    depth_mm: float = 0.0
 
     def places(self, kind: str) -> tuple[str, ...]:
         """What `where` of an effect may be here; () where there is no such place."""

@@ -17,7 +17,7 @@ from workbench.core.least_squares.bundle import BundleFit, Family
 from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues
 from workbench.core.model import Evaluation, Model
 from workbench.core.parameters import Parameters
-from workbench.diagnosis.levels import ANGLE_DECIMALS, MAJORITY, NEGLIGIBLE_SHARE
+from workbench.diagnosis.levels import ANGLE_DECIMALS, NEGLIGIBLE_SHARE
 from workbench.diagnosis.linear.candidates import Candidate, Scan, Site
 from workbench.diagnosis.linear.problem import Problem, observable_basis
 from workbench.diagnosis.noise.outliers import robust_weights
@@ -28,6 +28,8 @@ from workbench.jobs.sensor.chains import Chains
 
 _VISIBLE, WIDEST = 5.0, 300.0
 """Sigmas that are just visible, and multiples of a typical size beyond which nothing is asked for."""
+_SAME_SPREAD = 0.9
+"""Share of shared errors that remain from which on an effect leaves them as they are: a spread is known to a tenth."""
 _BOARD_ONLY = "artefact"
 _FAMILIES = {
     "corners": ("placement",),
@@ -46,7 +48,7 @@ def models(chains: Chains, effects: tuple[Effect, ...]) -> tuple[Model, ...]:
 
 def acts(effect: Effect, part: str) -> bool:
     """Whether an effect acts on a part: light not on corners, balls' not on boards, nor the reverse."""
-    if effect.where.startswith("ball-"):
+    if effect.where.startswith("ball-") or "ball" in getattr(effect, "surface", ()):
         return part == "balls"
     if effect.where == _BOARD_ONLY and part == "balls":
         return False
@@ -83,7 +85,7 @@ def with_remaining_shared_errors(
         size = np.bincount(label, shape * left) / np.maximum(squares, 1e-12)
         left = left - shape * size[label]
         sigma[kind] = np.sqrt((size[squares > 0] ** 2).mean())
-    if sigma.max() > MAJORITY * together.sigma.max():
+    if sigma.max() > _SAME_SPREAD * together.sigma.max():
         return None
     remaining = replace(together, sigma=np.minimum(together.sigma, sigma))
     return replace(chains, board_stripes=replace(stripes, together=remaining))

@@ -217,7 +217,8 @@ def _missing(terms: Sequence[Term], others: bool = False) -> str:
 
 def _by_word(term: Term) -> str:
     others = [f"{one.effect} at {place(one.where)}" for one in term.finding.alternatives[:3]]
-    reads = term.finding.effects[0].reads if term.finding.effects else ()
+    own = next(iter(term.finding.effects), None)
+    reads = own.reads if own else ()
     names = sorted(term.finding.depends_on or reads)
     changed = listed([covariate(name) for name in names]) or "the covariate of this effect"
     aim = (
@@ -225,6 +226,8 @@ def _by_word(term: Term) -> str:
         if others
         else f"learn what makes {_called(term)}"
     )
+    if own and own.confounded_with and own.distinguished_by:
+        return f"To {aim}, {own.distinguished_by}."
     return f"To {aim}, measure again so that only {changed} changes."
 
 

@@ -15,6 +15,13 @@ import numpy as np
 from sensors.scanner.misfit import Misfit
 from sensors.stripe.asymmetry import Asymmetry
 from sensors.trust import Trust
+from workbench.fitting.verdicts.line_doubts import (
+    DOUBT_WORDS,
+    POOR_WORDS,
+    is_mostly_stationary,
+    is_mostly_wrong,
+    line_doubts,
+)
 from workbench.fitting.verdicts.scan_sums import POOR, BallSums
 from workbench.fitting.verdicts.verdict import (
     Noise,
@@ -36,13 +43,8 @@ _POINTS = "of the points, as the errors of sensor and pose explain it"
 # What is both so many times the noise and so many px off, or such a share of the image's width in a small image, is no
 # noise and no imperfect lens.
 _POOR_PX, _POOR_SHARE = 1.0, 5e-4
-_MOST_WRONG = 0.5
-# Of clean images 1 to 3 % are.
-_MANY_WRONG = 0.1
 _MAINLY = 0.95  # of the lack of fit
 _MODEL = "the model leaves out a part of what the images show"
-_POOR_WORDS = "DO NOT USE THIS RESULT, it is not trustworthy"
-_DOUBT_WORDS = "The stated uncertainty is not trustworthy"
 _LENS = "lens"
 _CAUSES = {
     "lines of the board": "rows or columns of the board are not where they are said to be; measure or replace it",
@@ -79,7 +81,7 @@ def camera_warnings(calibration) -> list[str]:
     if verdict.passed is not False:
         return [*_focal(calibration), *_shared(calibration)]
     return [
-        f"{_POOR_WORDS}: corners miss their predicted places by {verdict.residual:.3g} px, "
+        f"{POOR_WORDS}: corners miss their predicted places by {verdict.residual:.3g} px, "
         f"{verdict.residual_over_noise:.3g} times their noise; check kind, columns and rows under [board], that all "
         "images are of one camera with fixed focus, and that the board is flat"
     ]
@@ -100,7 +102,9 @@ def scanner_verdict(
     """
     verdict = _scanner_verdict(calibration, tolerances, misfit)
     is_poor = (
-        _poor_planes(calibration) or _mostly_wrong(calibration) or _mostly_stationary(calibration)
+        _poor_planes(calibration)
+        or is_mostly_wrong(calibration)
+        or is_mostly_stationary(calibration)
     )
     return _refused(verdict) if is_poor or _poor_camera(calibration.start) else verdict
 
@@ -144,36 +148,24 @@ def scanner_warnings(
     if _poor_planes(calibration):
         pixels = _pixel_part(calibration)
         said.append(
-            f"{_POOR_WORDS}: the laser line lies {pixels.residual:.3g} px from its light plane, "
+            f"{POOR_WORDS}: the laser line lies {pixels.residual:.3g} px from its light plane, "
             f"{pixels.residual_over_noise:.3g} times the noise of its centres; {_advice(misfit)}"
         )
-    if _mostly_wrong(calibration):
+    if is_mostly_wrong(calibration):
         wrong = float(calibration.wrong.mean())
         said.append(
-            f"{_POOR_WORDS}: {100 * wrong:.0f} % of the points of the laser line were left out as wrong; take the "
+            f"{POOR_WORDS}: {100 * wrong:.0f} % of the points of the laser line were left out as wrong; take the "
             "images with less light, without reflections, and with the line on the board"
         )
-    is_refused = any(sentence.startswith(_POOR_WORDS) for sentence in said)
+    is_refused = any(sentence.startswith(POOR_WORDS) for sentence in said)
     if misfit is not None and misfit.is_relevant and not is_refused:
-        said.append(f"{_DOUBT_WORDS}: {misfit.sentence}: {_DIAGNOSE}")
+        said.append(f"{DOUBT_WORDS}: {misfit.sentence}: {_DIAGNOSE}")
     return [*said, *line_warnings(calibration, asymmetry)]
 
 
 def line_warnings(calibration, asymmetry: Asymmetry | None = None) -> list[str]:
     """What is in doubt about the laser line itself of a `ScannerCalibration`, which no residual need show."""
-    said, wrong = [], float(calibration.wrong.mean())
-    if wrong > _MANY_WRONG and not _mostly_wrong(calibration):
-        said.append(
-            f"{_DOUBT_WORDS}: {100 * wrong:.0f} % of the points of the laser line were left out as "
-            "wrong: something displaces the line at places of the image or of the board, as a scratch or dirt on the "
-            "optics, a reflection, or a print that is glossy"
-        )
-    if asymmetry is not None and asymmetry.is_relevant(calibration.scanner.sigma_px):
-        said.append(_of_asymmetry(asymmetry))
-    if calibration.dependence is not None and calibration.dependence.is_relevant:
-        said.append(f"{_DOUBT_WORDS}: {calibration.dependence.sentence}")
-    first = _POOR_WORDS if _mostly_stationary(calibration) else _DOUBT_WORDS
-    return [*said, *(f"{first}: {line.sentence}" for line in calibration.lines)]
+    return [doubt.sentence for doubt in line_doubts(calibration, asymmetry)]
 
 
 def _focal(calibration) -> list[str]:
@@ -187,7 +179,7 @@ def _focal(calibration) -> list[str]:
         if _LENS in _large_errors(calibration)
         else ""
     )
-    return [f"{_DOUBT_WORDS}: {focal.sentence}{other}"]
+    return [f"{DOUBT_WORDS}: {focal.sentence}{other}"]
 
 
 def _shared(calibration) -> list[str]:
@@ -235,7 +227,7 @@ def repeated_warnings(trust: Trust | None, what: str) -> list[str]:
 
 
 def _repeated(warning: str, what: str) -> str:
-    for words, said in ((_POOR_WORDS, "is refused"), (_DOUBT_WORDS, "is doubtful")):
+    for words, said in ((POOR_WORDS, "is refused"), (DOUBT_WORDS, "is doubtful")):
         if warning.startswith(words):
             return f"{words}: the calibration of the {what} {said}{warning.removeprefix(words)}"
     return f"The calibration of the {what} warned: {warning}"
@@ -260,15 +252,6 @@ def _advice(misfit: Misfit | None) -> str:
     )
 
 
-def _of_asymmetry(asymmetry: Asymmetry) -> str:
-    return (
-        f"The profile of the laser line is asymmetric by {100 * asymmetry.odd:.1f} % of its peak: where brightness or "
-        f"width of the line change, its centre moves by up to {abs(asymmetry.ambiguity_px):.2g} px, which no residual "
-        "and no stated uncertainty holds; look for a second line, a reflection, blooming or overexposure in the laser "
-        "images, and focus the laser"
-    )
-
-
 def _poor_planes(calibration) -> bool:
     """Whether the laser line lies far from its light planes, in px and in multiples of its noise."""
     return _is_poor(_pixel_part(calibration), _least_px(calibration))
@@ -276,16 +259,6 @@ def _poor_planes(calibration) -> bool:
 
 def _pixel_part(calibration) -> Verdict:
     return next(part for part in _scanner_verdict(calibration, (), None).parts if part.unit == "px")
-
-
-def _mostly_wrong(calibration) -> bool:
-    return float(calibration.wrong.mean()) > _MOST_WRONG
-
-
-def _mostly_stationary(calibration) -> bool:
-    """Whether most centres on boards were of lines that stay in the image: what is left is then hardly the laser's."""
-    stationary = sum(line.centres for line in calibration.lines)
-    return stationary > _MOST_WRONG * (stationary + calibration.stripes.n)
 
 
 def _poor_camera(calibration) -> bool:
@@ -326,7 +299,7 @@ def _own_warnings(scan) -> list[str]:
     if sums.points and sums.is_poor:
         size = math.sqrt(sums.squares / sums.points)
         return [
-            f"{_POOR_WORDS}: points lie {size:.3g} mm from their balls, {sums.over_stated:.3g} times the noise; see "
+            f"{POOR_WORDS}: points lie {size:.3g} mm from their balls, {sums.over_stated:.3g} times the noise; see "
             "that the scanner file belongs to these images, and check the radii in artefact.csv"
         ]
     return [*_displaced(sums), *_other_radii(sums), *_other_distances(sums)]
@@ -342,7 +315,7 @@ def _displaced(sums: BallSums) -> list[str]:
         else ""
     )
     return [
-        f"{_DOUBT_WORDS}: in {sums.doubtful} of {sums.tested} tested balls{few}, {sums.worst.sentence}: {_DIAGNOSE}, "
+        f"{DOUBT_WORDS}: in {sums.doubtful} of {sums.tested} tested balls{few}, {sums.worst.sentence}: {_DIAGNOSE}, "
         "and check radius and form of the ball"
     ]
 
@@ -354,7 +327,7 @@ def _other_radii(sums: BallSums) -> list[str]:
         return []
     count = sums.tested + sums.untested
     return [
-        f"{_DOUBT_WORDS}: the radius of {radii.count} of {count} balls differs from the stated one ({radii.sentence}): "
+        f"{DOUBT_WORDS}: the radius of {radii.count} of {count} balls differs from the stated one ({radii.sentence}): "
         "correct the radius in artefact.csv, or look for light that enters the surface (`workbench diagnose`)"
     ]
 
@@ -371,7 +344,7 @@ def _other_distances(sums: BallSums) -> list[str]:
 
 def _refused(verdict: Verdict) -> Verdict:
     """The same as a failure: a result that is not trustworthy passes no tolerance."""
-    sentence = f"{verdict.sentence} {_POOR_WORDS}."
+    sentence = f"{verdict.sentence} {POOR_WORDS}."
     return replace(verdict, passed=False, sentence=sentence)
 
 

@@ -69,7 +69,11 @@ def balls_of(
         scans += [name] * len(found)
     if not arcs:
         return None, ()
-    return _blocks(_chain(arcs, calibration.scanner, board_stripes), size), tuple(scans)
+    chain = replace(
+        _chain(arcs, calibration.scanner, board_stripes),
+        scan_of=np.unique(scans, return_inverse=True)[1],
+    )
+    return _blocks(chain, size), tuple(scans)
 
 
 def _arcs(recording, scanner: Scanner, rows, depth, light) -> list[_Arc]:

@@ -29,7 +29,7 @@ from sensors.stripe.asymmetry import Profiles, asymmetry
 from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.model import Model
 from workbench.files.images.images import by_role
-from workbench.fitting.verdicts.sensor_verdict import line_warnings
+from workbench.fitting.verdicts.line_doubts import LineDoubt, line_doubts
 from workbench.jobs.sensor import scanner as scanners
 
 MOST_STRIPES = 6_000
@@ -51,7 +51,7 @@ class Chains:
     With a mirror where the angles were commanded, else with free planes; `gain_free`: what was
     commanded is no angle of the mirror, whose turn a command is then unknown. `placements`, `scans` names; `lines` of
     the board that the calibration of the camera found displaced; `dependence` of stripe centres on the width and
-    brightness of the line, None where these are unknown; `line_doubts`: sentences on what is in doubt about that line.
+    brightness of the line, None where these are unknown; `line_doubts`: what is in doubt about that line.
     """
 
     corners: Corners
@@ -62,7 +62,7 @@ class Chains:
     gain_free: bool = False
     lines: tuple[DisplacedLine, ...] = ()
     dependence: LineDependence | None = None
-    line_doubts: tuple[str, ...] = ()
+    line_doubts: tuple[LineDoubt, ...] = ()
 
     @property
     def parts(self) -> dict[str, Corners | BoardStripeChain | Balls]:
@@ -112,13 +112,13 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
         calibration.free.corners, board_stripes, balls, calibration.placements, scans, gain_free
     )
     shape = asymmetry(Profiles.joined(profiles)) if profiles else None
-    warnings = tuple(line_warnings(calibration, shape))
+    doubts = tuple(line_doubts(calibration, shape))
     return noisy(
         replace(
             chains,
             lines=_displaced(camera),
             dependence=calibration.dependence,
-            line_doubts=warnings,
+            line_doubts=doubts,
         )
     )
 
