@@ -12,7 +12,7 @@ def page(folder: Path, rendered: Mapping | None, table: Mapping, why: str) -> Pa
 
     folder: holds one subfolder per report; rendered, table: answers of the two calibrations.
     """
-    numbers = [("table, held-out RMS", rounded(table["held_out"]["rms_mm"]), "mm")]
+    numbers = [("from a tracker table, held-out RMS", rounded(table["held_out"]["rms_mm"]), "mm")]
     parts = [_table(folder, table, why)]
     if rendered is not None:
         numbers = [

@@ -9,21 +9,22 @@ from workbench.explanation.result import Diagnosis
 from workbench.report import style
 
 _APART = ("time", "noise", "samples")
+_DISTANCE_APART = 3.0  # between places outside the chain, so that the names of their findings fit
 _SMALL, _LARGE = 13, 46
 
 
-def chain(plot: Diagnosis) -> go.Figure:
+def chain(diagnosis: Diagnosis) -> go.Figure:
     """Joints and links in a row from the base to sensor and target; places outside the chain below."""
-    places = places_of(plot)
+    places = places_of(diagnosis)
     row = [where for where in places if where not in _APART]
-    share = {where: share_at(plot, where) for where in places}
+    share = {where: share_at(diagnosis, where) for where in places}
     x, y = _where(row, [where for where in places if where in _APART])
-    drawn = style.figure(330)
+    drawn = style.figure(350)
     _line(drawn, x, y, row)
     _marks(drawn, places, x, y, share)
-    _names(drawn, plot, places, x, y)
+    _names(drawn, diagnosis, places, x, y)
     drawn.update_xaxes(visible=False, range=[-0.7, max(x.values()) + 0.7])
-    drawn.update_yaxes(visible=False, range=[-1.35, 1.5])
+    drawn.update_yaxes(visible=False, range=[-1.75, 1.5])
     return drawn.update_layout(margin=dict(l=8, r=8, t=8, b=8), showlegend=False)
 
 
@@ -54,7 +55,7 @@ def share_at(diagnosis: Diagnosis, where: str) -> float:
 
 def _where(row, separate):
     x = {where: float(k) for k, where in enumerate(row)} | {
-        where: float(k) for k, where in enumerate(separate)
+        where: _DISTANCE_APART * k for k, where in enumerate(separate)
     }
     return x, dict.fromkeys(row, 0.0) | dict.fromkeys(separate, -1.1)
 
@@ -124,12 +125,22 @@ def side(x: float, first: float, last: float) -> str:
 
 
 def _names(drawn, diagnosis, places, x, y):
-    """Names of the findings, above their places."""
+    """Names of the findings: above their places, to the right of those outside the chain."""
     at: dict[str, list] = {}
     for term in diagnosis.terms:
         at.setdefault(term.finding.where, []).append(term.finding.effect)
     for k, where in enumerate(w for w in places if w in at):
         text, blue = "<br>".join(dict.fromkeys(at[where])), dict(size=11, color=style.BLUE)
+        if where in _APART:
+            drawn.add_annotation(
+                x=x[where] + 0.3,
+                y=y[where],
+                text=f"<b>{text}</b>",
+                showarrow=False,
+                xanchor="left",
+                font=blue,
+            )
+            continue
         drawn.add_annotation(
             x=x[where],
             y=y[where] + 0.22,

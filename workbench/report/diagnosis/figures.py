@@ -240,6 +240,17 @@ def extent(values) -> tuple[float, float]:
     return low - 0.1 * (high - low), high + 0.1 * (high - low)
 
 
+_UNITS = {
+    "tau": "N m",
+    "moment": "N m",
+    "temperature": "°C",
+    "sight_range": "m",
+    "u": "px",
+    "v": "px",
+}
+_SHOWN_UNITS = ("mm", "kg", "deg", "s")
+
+
 def covariate_name(name: str) -> str:
     """A covariate in words; the direction of a last move, too."""
     known = Covariate.of(name)
@@ -254,10 +265,11 @@ def shown_covariate(name: str, covariates: Mapping[str, np.ndarray]) -> tuple[np
     if name in ("time", "time_s"):
         return x, "time (s)" if "time_s" in covariates else "row number"
     known = Covariate.of(name)
-    if known.kind in ("q", "move") and known.place and not known.unit:
+    is_angle = known.kind in ("q", "move") and known.place and not known.unit
+    if is_angle or known.kind in ("sight_azimuth", "sight_elevation"):
         return np.rad2deg(x), f"{words} (°)"
-    unit = {"tau": " (N m)", "temperature": " (°C)"}.get(known.kind, "")
-    return x, f"{words}{unit}"
+    unit = _UNITS.get(known.kind, known.unit if known.unit in _SHOWN_UNITS else "")
+    return x, f"{words} ({unit})" if unit else words
 
 
 def _panel(drawn, k, x, row, shown, when):
