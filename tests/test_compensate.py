@@ -26,6 +26,7 @@ from workbench.jobs.robot.compensate import (
     position_covariance,
 )
 from workbench.jobs.robot.correction_limits import checked
+from workbench.jobs.robot.target_units import check_units
 
 N = 200
 
@@ -352,3 +353,28 @@ def test_targets_in_radians_or_metres_are_doubted(run, tmp_path):
         )
     path.write_text("x_mm,y_mm,z_mm,qw,qx,qy,qz\n0.4,0.1,0.3,1,0,0,0\n", encoding="utf-8")
     assert "metres" in doubts(read_programme(path, arm.robot), arm.robot)[0]
+
+
+def test_targets_in_another_unit_are_refused_where_the_recording_tells(run, made, tmp_path):
+    """An arm folds itself around its root for metres that are read as mm; small angles are in no recorded range."""
+    arm, path = read_solution(run[0]), tmp_path / "targets.csv"
+    readings = targets(made)[:4]
+    head = ",".join(f"q{k}_deg" for k in range(1, 7))
+    poses = nominal_poses(arm.robot, readings)
+    turns = Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True)
+    narrow = replace(arm, fitted_range=arm.fitted_range | {"q2_deg": (-120.0, -60.0)})
+    readings[:, 1] = np.deg2rad(-90)
+
+    def read(columns, rows):
+        np.savetxt(path, rows, delimiter=",", header=columns, comments="")
+        return read_programme(path, arm.robot)
+
+    check_units(narrow, read(head, np.rad2deg(readings)))
+    with pytest.raises(InputError, match="radians; multiply the angles by 57.29578"):
+        check_units(narrow, read(head, readings))
+    for factor, unit in ((1000.0, "metres"), (25.4, "inches")):
+        rows = np.column_stack([poses[:, :3, 3] / factor, turns])
+        with pytest.raises(InputError, match=f"if they are {unit}; multiply the positions by"):
+            check_units(arm, read("x_mm,y_mm,z_mm,qw,qx,qy,qz", rows))
+    rows = np.column_stack([poses[:, :3, 3], turns])
+    check_units(arm, read("x_mm,y_mm,z_mm,qw,qx,qy,qz", rows))

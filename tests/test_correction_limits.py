@@ -371,6 +371,16 @@ def test_a_column_that_the_model_reads_must_be_there(workbench, tmp_path):
     assert covariates_read(read_solution(solution(tmp_path / "rigid"))) == frozenset()
 
 
+def test_a_load_that_bends_the_arm_must_be_stated(workbench, tmp_path):
+    """Targets without the column would count as unloaded, although the recorded arm never was."""
+    elastic(tmp_path / "arm")
+    (tmp_path / "t.csv").write_text(f"{JOINTS}\n0,10,10,0,30,0\n")
+    done = workbench("compensate", "arm", "t.csv")
+    assert done.returncode == 2
+    assert "column payload_kg: expected this column" in done.stderr
+    assert "(0.5 to 3 in the recording)" in done.stderr
+
+
 def test_several_effects_of_one_kind_at_one_joint_are_no_obstacle(tmp_path):
     waves = [
         {"effect": "transmission-harmonic", "where": "joint-2", "order": order} for order in (1, 2)

@@ -147,3 +147,17 @@ def test_a_target_beyond_the_limits_is_distinguished_from_one_that_no_reading_re
 def test_an_arm_of_six_joints_has_six_directions(spec):
     robot = load_robot(spec)
     assert not Task.of(robot, {}).is_deficient
+
+
+def test_an_arm_on_a_track_slides_rather_than_turns_far():
+    """Where axis 4 and axis 6 are nearly aligned, the track spares the arm a large rotation of both."""
+    track = _joint(0, -90, kind="prismatic", limits=(0, 3000))
+    wrist = [_joint(0, 90, d=300), _joint(0, -90), _joint(d=80)]
+    arm_joints = [_joint(50, -90, d=300), _joint(400), _joint(40, -90), *wrist]
+    arm = calibrated({"name": "on a track", "convention": "distal", "joint": [track, *arm_joints]})
+    aligned = np.array([1500.0, *np.deg2rad([40.0, 20.0, -50.0, 30.0, 1.0, 60.0])])
+    scatter = np.random.default_rng(2).normal(0, 1, (40, 7)) * [50, 0.2, 0.2, 0.2, 0.2, 0.01, 0.2]
+    made = compensate(arm, aligned + scatter)
+    assert made.reached.all()
+    turned = np.rad2deg(np.abs(made.readings - aligned - scatter)[:, 1:])
+    assert turned.max() < 2.0

@@ -111,6 +111,7 @@ def command(
         )
         from workbench.jobs.robot.stated_configuration import configured
         from workbench.jobs.robot.switched_off import switched_off_warning
+        from workbench.jobs.robot.target_units import check_units
         from workbench.machine.progress import paced
 
         tolerances = parse_tolerances(tolerance)
@@ -118,6 +119,8 @@ def command(
         solution_keys = checked(read_solution(solution), solution, force, limits)
         arm = without_terms(solution_keys, without or (), str(solution))
         programme = read_programme(targets, arm.robot, map)
+        if not force:
+            check_units(arm, programme)
         programme, stated = configured(programme, arm, start)
         covariates = covariates_of(arm, programme)
         tick = paced(say, f"inverting the model at {len(programme.readings)} targets, step")

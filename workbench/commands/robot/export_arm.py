@@ -220,8 +220,11 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
     from workbench.jobs.robot.compensate import compensate
     from workbench.jobs.robot.correction_limits import Limits, covariates_of, judge_targets
     from workbench.jobs.robot.stated_configuration import configured
+    from workbench.jobs.robot.target_units import check_units
 
     programme = read_programme(options.targets, arm.robot, options.map)
+    if not options.force:
+        check_units(arm, programme)
     programme, said = configured(programme, arm, options.start)
     covariates = covariates_of(arm, programme)
     found = compensate(arm, programme.readings, programme.poses, covariates, programme.anywhere)

@@ -296,9 +296,13 @@ def _step(model, arm, residual):
 
 
 def _joint_weights(arm) -> np.ndarray:
-    """(J,) how readily a joint variable takes part in a correction: little where it stood still in the recording."""
+    """(J,) how readily a joint variable takes part in a correction: little where it stood still in the recording.
+
+    A slide of a lever's length counts as much as a radian: an arm on a track would else rotate rather than slide.
+    """
     has_moved = (np.abs(arm.robot.mixing) @ _moved(arm)) > 0
-    return np.where(has_moved, 1.0, _STILL_WEIGHT)
+    comparable = np.where(arm.robot.prismatic, LEVER_MM, 1.0)
+    return comparable * np.where(has_moved, 1.0, _STILL_WEIGHT)
 
 
 def _reading_weights(arm) -> np.ndarray:

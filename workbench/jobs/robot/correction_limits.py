@@ -198,7 +198,8 @@ def covariates_of(arm: CalibratedArm, programme) -> Mapping[str, np.ndarray]:
     if arm.fitted_range is None:
         return programme.covariates
     sides = set(approaches_read(arm.acting_effects))
-    for name in sorted(covariates_read(arm) - set(programme.covariates) - sides):
+    needed = covariates_read(arm) | ({_LOAD} if _reads_load(arm) else set())
+    for name in sorted(needed - set(programme.covariates) - sides):
         low, high = arm.fitted_range[name]
         raise complaint(
             f"{programme.table.called}, column {name}",
@@ -211,6 +212,12 @@ def covariates_of(arm: CalibratedArm, programme) -> Mapping[str, np.ndarray]:
         for name, values in programme.covariates.items()
         if name in {*arm.fitted_range, *sides, _LOAD}
     }
+
+
+def _reads_load(arm: CalibratedArm) -> bool:
+    """Whether the correction depends on a recorded load: without the column a target would count as unloaded."""
+    is_elastic = any(effect.elastic for effect in arm.acting_effects)
+    return is_elastic and any(arm.fitted_range.get(_LOAD, (0.0, 0.0)))
 
 
 def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judgement:
@@ -272,21 +279,22 @@ def _joint_changes(arm: CalibratedArm, programme, found, largest: float) -> list
         reasons.append(
             (
                 int(row),
-                f"its correction changes joint {joint + 1} by {changes[row, joint]:.3g} deg, above {largest:.3g} deg: "
-                f"the posture is nearly singular{_singular(arm.robot, programme.readings[row])}",
+                f"its correction changes joint {joint + 1} by {changes[row, joint]:.3g} deg, above {largest:.3g} deg"
+                f"{_singular(arm.robot, programme.readings[row])}",
             )
         )
     return reasons
 
 
 def _singular(robot, reading) -> str:
-    """The joint at its singular position, and what to do; "" where the posture has none."""
+    """That the posture is singular, the joint at its singular position, and what to do; "" where it is not."""
     joint = singular_joint(robot, reading)
     if joint is None:
         return ""
     value = reading_words(robot, reading, joint)
     return (
-        f", with joint {joint} at {value}; move joint {joint} some degrees away from this position"
+        f": the posture is nearly singular, with joint {joint} at {value}; "
+        f"move joint {joint} some degrees away from this position"
     )
 
 
