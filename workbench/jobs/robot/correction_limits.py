@@ -17,7 +17,13 @@ from robot_model.system import geometry_priors
 from workbench.core.errors import InputError
 from workbench.core.vocabulary import Covariate
 from workbench.files.solution_file import LARGEST_DEG, LARGEST_MM, CalibratedArm
-from workbench.jobs.robot.compensate import considered_covariates, covariates_read, half_loops_mm
+from workbench.jobs.robot.compensate import (
+    actual_poses,
+    considered_covariates,
+    covariates_read,
+    half_loops_mm,
+)
+from workbench.jobs.robot.recorded_turns import recorded_middle
 from workbench.jobs.robot.singularity import reading_words, singular_joint
 
 _CORRECT_THE_INPUT = "correct the recording or the robot file and calibrate again, or add --force"
@@ -41,6 +47,8 @@ _LEAST_TURN, _LEAST_SLIDE = np.deg2rad(10.0), 100.0
 LARGEST_JOINT_DEG = 10.0
 """Change of a joint angle by a correction of at most one degree: ten times as much is a nearly singular posture."""
 _LOAD = "payload_kg"
+# postures (rad about the middle of the recorded readings) at which a load must move the flange, and by how much
+_POSTURES, _LEAST_MM = 9, 1e-3
 _NAMED_TARGETS = 6
 _NO_RANGES = (
     "The solution states no ranges of load, temperature and joints, since an older version wrote it; targets are not "
@@ -215,9 +223,16 @@ def covariates_of(arm: CalibratedArm, programme) -> Mapping[str, np.ndarray]:
 
 
 def _reads_load(arm: CalibratedArm) -> bool:
-    """Whether the correction depends on a recorded load: without the column a target would count as unloaded."""
-    is_elastic = any(effect.elastic for effect in arm.acting_effects)
-    return is_elastic and any(arm.fitted_range.get(_LOAD, (0.0, 0.0)))
+    """Whether the recorded load moves the flange: without the column a target would count as unloaded."""
+    load = max(arm.fitted_range.get(_LOAD, (0.0, 0.0)))
+    if not load or not any(effect.elastic for effect in arm.acting_effects):
+        return False
+    middle = {name: sum(ends) / 2 for name, ends in arm.fitted_range.items()}
+    readings = recorded_middle(arm) + np.linspace(-0.5, 0.5, _POSTURES)[:, None]
+    loaded, unloaded = (
+        actual_poses(arm, readings, middle | {_LOAD: mass})[:, :3, 3] for mass in (load, 0.0)
+    )
+    return bool(np.abs(loaded - unloaded).max() > _LEAST_MM)
 
 
 def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judgement:
