@@ -100,7 +100,7 @@ def command(
     runs.check_place(out)
     with answer.progress(f"reading {solution}") as say:
         from workbench.files.solution_file import read_solution, without_terms
-        from workbench.files.targets import as_csv, corrected_columns, doubts, read_programme
+        from workbench.files.targets import as_csv, corrected_columns, doubts
         from workbench.fitting.verdicts.verdict import parse_tolerances
         from workbench.jobs.robot.compensate import compensate
         from workbench.jobs.robot.correction_limits import (
@@ -109,19 +109,14 @@ def command(
             covariates_of,
             judge_targets,
         )
-        from workbench.jobs.robot.stated_configuration import configured
         from workbench.jobs.robot.switched_off import switched_off_warning
-        from workbench.jobs.robot.target_units import check_units
         from workbench.machine.progress import paced
 
         tolerances = parse_tolerances(tolerance)
         limits = Limits(max_correction_mm, max_correction_deg, max_sigma_mm, max_joint_change_deg)
         solution_keys = checked(read_solution(solution), solution, force, limits)
         arm = without_terms(solution_keys, without or (), str(solution))
-        programme = read_programme(targets, arm.robot, map)
-        if not force:
-            check_units(arm, programme)
-        programme, stated = configured(programme, arm, start)
+        programme, stated = _read_targets(arm, targets, map, start, force)
         covariates = covariates_of(arm, programme)
         tick = paced(say, f"inverting the model at {len(programme.readings)} targets, step")
         found = compensate(
@@ -149,6 +144,18 @@ def command(
     _show(answer.console(json), result)
     if result["unreached_rows"] or result["refused"] or result["verdict"]["pass"] is False:
         raise typer.Exit(1)
+
+
+def _read_targets(arm, targets: Path, mapping, start, force: bool):
+    """The programme and sentences on its configurations. Raises InputError, also for a unit that cannot be."""
+    from workbench.files.targets import read_programme
+    from workbench.jobs.robot.stated_configuration import configured
+    from workbench.jobs.robot.target_units import check_units
+
+    programme = read_programme(targets, arm.robot, mapping)
+    if not force:
+        check_units(arm, programme)
+    return configured(programme, arm, start)
 
 
 def _forced(reasons: Mapping[int, list[str]]) -> list[str]:
