@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from datetime import datetime
 
 from datasets.columns import KINDS
 from datasets.errors import complaint
@@ -64,6 +65,18 @@ def _is_unit(value) -> bool:
     return _numbers(3)(value) and abs(math.hypot(*value) - 1) < 1e-3
 
 
+def _is_moment(value) -> bool:
+    return is_number(value) or (isinstance(value, str) and is_time_stamp(value))
+
+
+def is_time_stamp(text: str) -> bool:
+    """Whether a text is a date and a time of day in ISO 8601."""
+    try:
+        return datetime.fromisoformat(text) is not None
+    except ValueError:
+        return False
+
+
 def _is_count(value) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 1 <= value < 10**6
 
@@ -75,6 +88,7 @@ def _above_zero(value) -> bool:
 _SCHEMAS = {
     _is_text: {"type": "string"},
     _is_table: {"type": "object"},
+    _is_moment: {"type": ["number", "string"]},
     _is_flag: {"type": "boolean"},
     _are_names: {"type": "array", "items": {"type": "string"}},
     _is_unit: {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3},
@@ -115,6 +129,9 @@ SECTIONS = {
     "samples": {
         "file": Key(_is_text, "a file name in quotes", True),
         "small_range": Key(_is_flag, "true or false"),
+        "time_origin": Key(
+            _is_moment, 's of a clock, or a time stamp such as "2026-09-14T08:12:05"'
+        ),
     },
     "artefact": {"file": Key(_is_text, "a file name in quotes", True)},
     "images": {"file": Key(_is_text, "a file name in quotes", True)},

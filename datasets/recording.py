@@ -59,6 +59,8 @@ class Recording:
     """Sentences on what is unusual and was accepted; every command that reads the recording repeats them."""
     group_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Column of groups (reflector, pose, ...) -> its names in the file; name k stands for the number k + 1."""
+    time_origin: float | str | None = None
+    """The moment of time_s = 0: s of a numeric clock, or an ISO 8601 time stamp; None where it is unknown."""
     is_resampled: bool = False
     """True where rows were drawn with replacement (bootstrap): equal rows then count as often as they were drawn."""
 

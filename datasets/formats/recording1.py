@@ -57,6 +57,7 @@ def read_recording(folder: Path, trust_data: bool = False) -> Recording:
         sha256=_digest(folder, keys),
         warnings=warnings,
         group_names=names,
+        time_origin=keys.get("samples", {}).get("time_origin"),
     )
 
 
@@ -85,6 +86,7 @@ def read_head(folder: Path, trust_data: bool = False) -> tuple[Recording, Path, 
         folder=folder,
         source=keys.get("source", ""),
         licence=keys.get("licence", ""),
+        time_origin=keys["samples"].get("time_origin"),
     )
     path = inside(folder, keys["samples"]["file"], "key samples.file", called)
     small = keys["samples"].get("small_range", False)

@@ -77,6 +77,8 @@ def _write_files(recording: Recording, folder: Path, samples: str, copy: bool = 
     keys["robot"] = _write_robot(recording.robot, folder)
     if recording.columns:
         keys["samples"] = {"file": f"samples.{samples}"}
+        if recording.time_origin is not None:
+            keys["samples"]["time_origin"] = recording.time_origin
         writer = {"csv": write_csv, "parquet": write_parquet}[samples]
         writer(folder / f"samples.{samples}", recording.columns)
     if recording.balls:

@@ -46,6 +46,8 @@ class Table:
     """Columns of groups that hold names: name k stands for the number k + 1 in the column."""
     origin: UserColumns | None = None
     """Of a table of targets in other columns than those of the recording format; None elsewhere."""
+    time_origin: float | str | None = None
+    """Of such a table: the moment of time_s = 0, s of a numeric clock or an ISO 8601 time stamp; None without times."""
 
     def where(self, index: int, column: str) -> str:
         """Place of one cell for an error sentence."""

@@ -389,7 +389,10 @@ def _table(raw: RawTable, columns: dict[str, np.ndarray], found: Mapping) -> Tab
     made = dict(columns)
     for name, target in copied.items():
         made |= conversion.other_columns(raw, replace(found, columns={name: target}))
+    if "time_s" not in made:
+        made |= conversion.other_columns(raw, replace(found, columns={}))
+    origin = conversion.time_origin(raw, replace(found, columns=copied))
     for name, cells in raw.columns.items():
         if name not in used and name not in copied:
             made.setdefault(name, cells)
-    return Table(raw.file, made, raw.lines)
+    return Table(raw.file, made, raw.lines, time_origin=origin)

@@ -123,6 +123,7 @@ def solution_keys(calibration, noise=None) -> dict:
         "fitted_range": _fitted_range(calibration),
         "fitted_samples": _fitted_samples(calibration),
         "rows": int(recording.n),
+        "time_origin": recording.time_origin,
         "recorded_samples": _runs(recording.sample_ids),
         "configurations": _recorded_configurations(recording, calibration.model.chain.robot),
     }

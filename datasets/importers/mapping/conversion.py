@@ -13,7 +13,7 @@ from datasets.importers.mapping.joining import seconds_of
 from datasets.importers.mapping.model import Group, Mapping
 from datasets.importers.mapping.rotations import quaternion_columns
 from datasets.importers.mapping.spherical import is_spherical, points_of
-from datasets.importers.mapping.time_stamps import times_of_column
+from datasets.importers.mapping.time_stamps import clock_origin, times_of_column
 from datasets.importers.source import RawTable
 from datasets.importers.units import COVARIATE_UNITS, LENGTHS, degrees_of
 
@@ -137,6 +137,17 @@ def other_columns(table: RawTable, mapping: Mapping) -> dict[str, np.ndarray]:
     if seconds is not None and "time_s" not in columns and np.isfinite(seconds).all():
         columns["time_s"] = seconds - seconds.min()
     return columns
+
+
+def time_origin(table: RawTable, mapping: Mapping) -> float | str | None:
+    """The moment at which the times of `other_columns` are 0; None where the recording has none.
+
+    Numbers that a mapping copies into time_s stay as they are.
+    """
+    copied = [name for name, target in mapping.columns.items() if target == "time_s"]
+    if any(table.columns[name].dtype.kind == "f" for name in copied):
+        return 0.0
+    return clock_origin(table)
 
 
 def _seconds_of_stamps(table: RawTable, name: str, target: str) -> np.ndarray:

@@ -18,6 +18,7 @@ from datasets.importers.mapping.joining import seconds_of
 from datasets.importers.mapping.model import Group, Mapping
 from datasets.importers.mapping.proposal import propose
 from datasets.importers.mapping.sets import find_sets, headers_of
+from datasets.importers.mapping.time_stamps import clock_origin
 from datasets.importers.source import RawTable
 
 APPEND = "append"
@@ -218,6 +219,15 @@ def _text(cell) -> str:
     return cell if isinstance(cell, str) else f"{float(cell):.12g}"
 
 
+def sessions_origin(tables: Sequence[RawTable]) -> float | str | None:
+    """The moment at which the times of `in_recording_units` are 0; None where its table has none."""
+    if _times(tables)[0] is None:
+        return None
+    origins = [clock_origin(table) for table in tables]
+    is_one_clock = len({type(origin) for origin in origins}) == 1
+    return min(origins) if is_one_clock else None
+
+
 def _times(tables: Sequence[RawTable]) -> tuple[np.ndarray | None, tuple[str, ...]]:
     """(n,) s since the first row where the times of the tables follow each other, and a sentence where they do not."""
     parts = [seconds_of(table) for table in tables]
@@ -238,4 +248,12 @@ def _times(tables: Sequence[RawTable]) -> tuple[np.ndarray | None, tuple[str, ..
     return joined - joined.min(), ()
 
 
-__all__ = ["APPEND", "SESSION", "appended", "in_recording_units", "session_groups", "signature"]
+__all__ = [
+    "APPEND",
+    "SESSION",
+    "appended",
+    "in_recording_units",
+    "session_groups",
+    "sessions_origin",
+    "signature",
+]

@@ -47,6 +47,21 @@ def times_of(table: RawTable) -> tuple[np.ndarray | None, tuple[str, ...]]:
     return _stamps_without_header(table)
 
 
+def clock_origin(table: RawTable) -> float | str | None:
+    """The earliest time of the rows as their clock shows it: s of numbers, an ISO 8601 time stamp of dates or times.
+
+    None where the table has no times, or some that cannot be read.
+    """
+    seconds, names = times_of(table)
+    if seconds is None or not np.isfinite(seconds).all():
+        return None
+    first = float(seconds.min())
+    cells = [table.columns[name] for name in names]
+    if all(one.dtype.kind == "f" and not _is_calendar(one) for one in cells):
+        return first
+    return datetime.fromtimestamp(first).isoformat()
+
+
 def _stamps_without_header(table: RawTable) -> tuple[np.ndarray | None, tuple[str, ...]]:
     """`times_of` the first column whose cells are time stamps, whatever its header says."""
     for name, cells in table.columns.items():
@@ -155,4 +170,4 @@ def _time_factor(unit: str | None, cells: np.ndarray) -> float:
     return 1.0
 
 
-__all__ = ["seconds_of_stamps", "times_of", "times_of_column"]
+__all__ = ["clock_origin", "seconds_of_stamps", "times_of", "times_of_column"]

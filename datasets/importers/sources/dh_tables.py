@@ -2,7 +2,8 @@
 
 One row per joint, and fixed rows at either end (`dh_fixed_rows`), with theta (offset), d, a and alpha, in any order and
 with any usual header. Units come from the headers, else from the numbers. The convention (`distal`, or `craig`, the
-modified one) follows from headers such as "alpha i-1", else both are returned, and the measurements decide.
+modified one) follows from headers such as "alpha i-1", else both are returned, and the measurements decide. A theta
+with the variable of another joint ("q3 - q2 - 90") couples the two.
 """
 
 import math
@@ -21,6 +22,8 @@ from datasets.importers.sources.excel import read_excel
 from datasets.importers.sources.text_tables import read_text_table
 from datasets.importers.units import ANGLES, LENGTHS
 
+DH_TABLE = "Denavit-Hartenberg table"
+"""First words of the source of a robot from such a table."""
 EXTENSIONS = (".csv", ".tsv", ".txt", ".xlsx")
 CONVENTIONS = ("distal", "craig")
 
@@ -39,6 +42,7 @@ _PREVIOUS = re.compile(r"(?:i|k|j|n)\s*[-−_ ]\s*1|prev")
 _MODIFIED, _STANDARD = ("modified", "craig", "mdh", "proximal"), ("standard", "classic", "distal")
 _PI = re.compile(r"([+-]?\d*\.?\d*)\*?(?:pi|π)(?:/(\d+\.?\d*))?")
 _VARIABLE = re.compile(r"(?:q|θ|theta|th|t)_?\d*\*?")
+_COUPLED = re.compile(r"([+-])(\d*\.?\d*)\*?(?:q|θ|theta|th|t)_?(\d+)")
 _MOST_MM_IN_METRES = (
     20.0  # no arm has a link of 20 m, and hardly one all of whose links are below 20 mm
 )
@@ -75,7 +79,7 @@ def read_dh_table(path: Path) -> list[dict]:
     fixed = fixed_rows(table, columns["theta"].name, ["kind" in one for one in more])
     joints = []
     for k in np.flatnonzero(~fixed):
-        joint = rows[k] | more[k]
+        joint = rows[k] | more[k] | _coupling(table, columns["theta"].name, k)
         if np.isfinite(limits[k]).all() and "kind" not in more[k]:
             joint["limits_deg"] = limits[k].tolist()
         joints.append(joint)
@@ -151,8 +155,7 @@ def _cells(table: RawTable, header: Header) -> tuple[np.ndarray, bool]:
 
 def _evaluated(text: str) -> float | None:
     """The constant of a cell such as "q2 - 90°", "theta1" or "-pi/2"; None for other text."""
-    plain = text.lower().replace("°", "").replace("−", "-").replace(" ", "")
-    plain = _VARIABLE.sub("", plain, count=1) if _VARIABLE.match(plain) else plain
+    plain = _COUPLED.sub("", _without_variable(text), count=1)
     if plain in ("", "+", "-", "fixed"):
         return 0.0
     match = _PI.fullmatch(plain)
@@ -165,6 +168,21 @@ def _evaluated(text: str) -> float | None:
     except (ValueError, ZeroDivisionError):
         return None
     return value if math.isfinite(value) else None
+
+
+def _without_variable(text: str) -> str:
+    """A cell of theta in small letters and without spaces, behind its joint variable."""
+    plain = text.lower().replace("°", "").replace("−", "-").replace(" ", "")
+    return _VARIABLE.sub("", plain, count=1) if _VARIABLE.match(plain) else plain
+
+
+def _coupling(table: RawTable, theta: str, row: int) -> dict:
+    """The key `coupled` of a joint whose theta also has the variable of another joint, as in "q3 - q2 - 90"."""
+    match = _COUPLED.search(_without_variable(str(table.columns[theta][row])))
+    if match is None:
+        return {}
+    ratio = float(match[1] + (match[2] or "1"))
+    return {"coupled": {"joint": int(match[3]), "ratio": ratio}}
 
 
 def _factors(table: RawTable, columns: Mapping[str, Header], values: Mapping) -> dict[str, float]:
@@ -263,7 +281,7 @@ def _conventions(path: Path, columns: Mapping[str, Header]) -> tuple[str, ...]:
 
 
 def _robot(path: Path, joints: list[dict], convention: str, ends: Mapping[str, dict]) -> dict:
-    source = f"Denavit-Hartenberg table {path.name}"
+    source = f"{DH_TABLE} {path.name}"
     keys = {"name": path.stem, "convention": convention, "source": source, **ends, "joint": joints}
     check_robot(keys, path.name)
     return keys

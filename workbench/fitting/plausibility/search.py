@@ -19,6 +19,7 @@ from workbench.fitting.plausibility.fitting import (
 )
 from workbench.fitting.plausibility.hypotheses.artefact_corrections import artefact_corrections
 from workbench.fitting.plausibility.hypotheses.corrections import Correction, join
+from workbench.fitting.plausibility.hypotheses.coupling_corrections import coupling_corrections
 from workbench.fitting.plausibility.hypotheses.joint_corrections import (
     joint_corrections,
     order_vectors,
@@ -64,6 +65,7 @@ def single_corrections(robot, recording) -> list[Correction]:
         *row_corrections(recording),
         *artefact_corrections(recording),
         *robot_corrections(robot),
+        *coupling_corrections(robot),
     ]
 
 

@@ -2,10 +2,12 @@
 
 A drift and a shift belong to instants of the recording that was calibrated. Samples of that recording keep their
 instants. All others are later: their own row numbers, or times of a clock that was started again, would repeat the
-drift or undo the shift.
+drift or undo the shift. The times of every recording count from its own first row; where both recordings state the
+moment of that row (`Recording.time_origin`), the times of the later one are those of the calibration's clock.
 """
 
 from dataclasses import replace
+from datetime import datetime
 
 import numpy as np
 
@@ -21,12 +23,36 @@ def is_same_recording(arm: CalibratedArm, recording: Recording) -> bool:
     return bool(digest) and digest == recording.sha256
 
 
+def seconds_between(first: float | str | None, second: float | str | None) -> float | None:
+    """s from one moment to another, each the reading of a numeric clock or an ISO 8601 time stamp.
+
+    None where one is unknown, or only one of them is a time stamp.
+    """
+    if isinstance(first, str) and isinstance(second, str):
+        moments = [datetime.fromisoformat(one).replace(tzinfo=None) for one in (first, second)]
+        return (moments[1] - moments[0]).total_seconds()
+    if first is None or second is None or isinstance(first, str) or isinstance(second, str):
+        return None
+    return float(second) - float(first)
+
+
+def on_calibration_clock(arm: CalibratedArm, samples: Recording) -> Recording:
+    """The samples with times that count from the first row of the calibrated recording, as far as both state it."""
+    shift = seconds_between(arm.keys.get("time_origin"), samples.time_origin)
+    if not shift or _TIME not in samples.columns:
+        return samples
+    times = samples.columns[_TIME] + shift
+    origin = arm.keys["time_origin"]
+    return replace(samples, columns={**samples.columns, _TIME: times}, time_origin=origin)
+
+
 def on_session_clock(arm: CalibratedArm, samples: Recording, later: bool = False) -> Recording:
     """The samples with the clock of the calibrated recording in the columns `row` and `time_s`, in their own order.
 
     later: all samples are later than the calibrated ones, whatever their times. A model that was calibrated without
     times counts rows; the times of other samples then only say in which order they were measured.
     """
+    samples = on_calibration_clock(arm, samples)
     columns = dict(samples.columns)
     times = columns.get(_TIME, np.arange(samples.n, dtype=float))
     if arm.fitted_range is not None and _TIME not in arm.fitted_range:
@@ -68,13 +94,17 @@ def clock_warning(arm: CalibratedArm, samples: Recording) -> str:
     named = ", ".join(clock_effects(arm))
     if not named or is_same_recording(arm, samples):
         return ""
+    samples = on_calibration_clock(arm, samples)
     known, times = (arm.fitted_range or {}).get(_TIME), samples.columns.get(_TIME)
     if known is None or times is None:
         return (
             f"The calibrated model depends on the order of its samples ({named}). Neither recording states times that "
             "both share: all samples are taken as measured after those of the calibration."
         )
-    if times.min() > known[1]:
+    has_dates = isinstance(samples.time_origin, str) and isinstance(
+        arm.keys.get("time_origin"), str
+    )
+    if times.min() > known[1] or has_dates:
         return ""
     return (
         f"The calibrated model depends on time ({named}), and the times of this recording ({times.min():.6g} to "
@@ -84,4 +114,10 @@ def clock_warning(arm: CalibratedArm, samples: Recording) -> str:
     )
 
 
-__all__ = ["clock_effects", "clock_warning", "is_same_recording", "on_session_clock"]
+__all__ = [
+    "clock_effects",
+    "clock_warning",
+    "is_same_recording",
+    "on_session_clock",
+    "seconds_between",
+]

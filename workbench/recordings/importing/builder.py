@@ -12,6 +12,7 @@ from datasets.importers.mapping.conversion import (
     other_columns,
     point_columns,
     rotation_columns,
+    time_origin,
 )
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.source import RawTable
@@ -71,6 +72,14 @@ class Builder:
             self._others[named] = other_columns(self.table, mapping)
         return dict(self._others[named])
 
+    def _time_origin(self, mapping: Mapping) -> float | str | None:
+        """As of `time_origin`; None where the recording has no times."""
+        key = ("origin", *mapping.columns.items())
+        if key not in self._others:
+            has_times = "time_s" in self._other_columns(mapping)
+            self._others[key] = time_origin(self.table, mapping) if has_times else None
+        return self._others[key]
+
     def _recording(self, mapping: Mapping) -> Recording:
         table = self.table
         columns: dict[str, np.ndarray] = {"sample": np.arange(1, table.n + 1, dtype=float)}
@@ -93,6 +102,7 @@ class Builder:
             sigma_mm=self.options.sigma_mm,
             balls=balls,
             name=self.options.name,
+            time_origin=self._time_origin(mapping),
         )
 
 

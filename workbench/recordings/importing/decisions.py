@@ -21,13 +21,13 @@ from datasets.importers.mapping.column_units import (
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.units import DMS, LENGTHS, may_be_dms
 from datasets.recording import Recording
+from datasets.trust import naming_option
 from robot_model.chain import forward
 from robot_model.robot import Robot
 from robot_model.state import sliding
 from workbench.core.deadline import OutOfTime
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility import check_plausibility
-from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.recordings.importing.fits import CandidateFit, compare_readings
 from workbench.recordings.importing.mixed_units import (
     MOST_COLUMNS,
@@ -45,7 +45,7 @@ _SEARCHED_UNITS = 2
 _ABOUT_ONE_TURN = 7.0  # rad
 _DOUBTS = ("stuck-encoder", "copied-column")
 
-_REMEDY = (
+REMEDY = (
     "check the robot, the order and the units of the joint columns, the unit of the measured points, and that the rows "
     "belong together, or state all units in a mapping file and name it with --map"
 )
@@ -62,21 +62,30 @@ class Decision:
     fits: tuple[CandidateFit, ...]
 
 
-def decide_units(
-    robot: Robot,
-    mapping: Mapping,
-    build: Build,
-    called: str,
-    ask: Ask | None,
-    refuse: Callable[[], None] = lambda: None,
-) -> Decision:
+@dataclass(frozen=True)
+class UnitCase:
+    """One import whose units are to be decided.
+
+    build: makes the recording of positions. called: file, for sentences. trust_data: a mistake that explains a misfit
+    is left to the last check.
+    """
+
+    robot: Robot
+    mapping: Mapping
+    build: Build
+    called: str
+    ask: Ask | None = None
+    trust_data: bool = False
+
+
+def decide_units(case: UnitCase, refuse: Callable[[], None] = lambda: None) -> Decision:
     """Units of joint readings and points by the fit of the positions.
 
-    build: makes the recording of positions. called: file, for sentences. refuse: called where no reading fits, before
-    units are doubted; it raises InputError for a mistake that explains the misfit. Raises InputError where the data do
-    not decide and nobody can be asked, or where no unit fits.
+    refuse: called where no reading fits, before units are doubted; it raises InputError for a mistake that explains the
+    misfit. Raises InputError where the data do not decide and nobody can be asked, or where no unit fits.
     """
-    readings = list(unit_readings(mapping, stated_only=True))
+    robot, build, ask = case.robot, case.build, case.ask
+    readings = list(unit_readings(case.mapping, stated_only=True))
     is_stated = len(readings) == 1
     readings += _readings_with_minutes(readings, build)
     fits = compare(robot, readings, build)
@@ -84,74 +93,72 @@ def decide_units(
         others = _readings_of_slides(robot, readings)
         other_fits = compare(robot, others, build, is_good_only=True) if others else []
         if any(fit.is_good for _, fit in other_fits):
-            where = f"{called}, units of the prismatic joints"
-            return decided(others, other_fits, where, ask, _unit_lines)
+            where = f"{case.called}, units of the prismatic joints"
+            return decided(others, other_fits, where, ask, unit_lines)
         refuse()
-    case = _Case(robot, mapping, build, called, ask)
     if is_stated and not (fits and fits[0][1].is_good):
         return _contradicted_units(case, fits)
-    where = f"{called}, units of the joint readings and the point"
+    where = f"{case.called}, units of the joint readings and the point"
     if not fits or any(fit.is_good for _, fit in fits):
-        return decided(readings, fits, where, ask, _unit_lines)
+        return decided(readings, fits, where, ask, unit_lines)
     stopped = ""
     try:
-        mixed = _searched(case, readings)
-        if mixed is not None:
-            return mixed
+        found = _searched(case, readings, fits)
+        if found is not None:
+            return found
     except OutOfTime as limit:
         stopped = f" {limit}"
     try:
-        return decided(readings, fits, where, ask, _unit_lines)
+        return decided(readings, fits, where, ask, unit_lines)
     except InputError as problem:
         raise InputError(f"{problem}{stopped}") from None
 
 
-def _searched(case: "_Case", readings) -> Decision | None:
+def _searched(case: UnitCase, readings, fits) -> Decision | None:
     """The decision for columns in different units where they explain a misfit under all readings.
 
-    Raises InputError where a mistake explains it.
+    Raises InputError where a mistake explains it; trusted data are read in the units under which it does.
     """
     mixed = _mixed_units(case, range(1, MOST_COLUMNS + 1))
     if mixed is not None:
         return mixed
-    close = [readings[place][1] for place in _close_units(case, readings)]
-    warnings = _refuse_mistake(case, close)
+    close = [readings[place][1] for place in close_units(case, readings)]
+    found, warnings = _mistakes(case, close)
+    if found is not None and case.trust_data:
+        mapping, _ = found
+        ordered = sorted(fits, key=lambda item: readings[item[0]][1] != mapping)
+        return Decision(mapping, tuple(fit for _, fit in ordered))
+    if found is not None:
+        mapping, sentence = found
+        units = f" ({_unit_title(mapping)})" if len(close) > 1 else ""
+        raise InputError(naming_option(sentence.removesuffix(".") + units))
     if warnings:
         raise InputError(warnings[0].sentence)
     return None
 
 
-@dataclass(frozen=True)
-class _Case:
-    """One import whose units are to be decided; fields as the arguments of `decide_units`."""
-
-    robot: Robot
-    mapping: Mapping
-    build: Build
-    called: str
-    ask: Ask | None = None
-
-
-def _mixed_units(case: _Case, counts: Sequence[int], stated_only: bool = True) -> Decision | None:
+def _mixed_units(
+    case: UnitCase, counts: Sequence[int], stated_only: bool = True
+) -> Decision | None:
     """The answer to a question where a few joint columns in another unit make the data fit; None where none do.
 
     counts: numbers of such columns, tried in this order. Raises InputError where nobody can be asked.
     """
-    readings, close = _mixed_fits(case, counts, stated_only)
+    readings, close = mixed_fits(case, counts, stated_only)
     if not close:
         return None
     question = Question(
         f"{case.called}: expected one unit of all joint readings that fits the robot, found that none does, but that "
         f"columns in different units fit ({'; '.join(fit.words for _, fit in close)})",
         tuple(fit.words for _, fit in close),
-        tuple(_unit_lines(readings[place][1]) for place, _ in close),
+        tuple(unit_lines(readings[place][1]) for place, _ in close),
     )
     chosen = choose(question, case.ask, [place for place, _ in close])
     ordered = sorted(close, key=lambda item: item[0] != chosen)
     return Decision(readings[chosen][1], tuple(fit for _, fit in ordered))
 
 
-def _mixed_fits(case: _Case, counts: Sequence[int], stated_only: bool):
+def mixed_fits(case: UnitCase, counts: Sequence[int], stated_only: bool):
     """(title, mapping) of readings with columns in different units, and index and fit of the best ones that fit."""
     for count in counts:
         mappings = mixed_unit_mappings(case.robot, case.mapping, case.build, count, stated_only)
@@ -173,7 +180,7 @@ def _unit_title(mapping: Mapping) -> str:
     return f"{title}, point in {point}"
 
 
-def _close_units(case: _Case, readings) -> list[int]:
+def close_units(case: UnitCase, readings) -> list[int]:
     """Indices of the units to search for a mistake under: those that fit about as badly as the best ones.
 
     A wrong unit makes misfit and points small, so that the misfit is compared in relation to the extent of the points.
@@ -205,7 +212,7 @@ def _close_units(case: _Case, readings) -> list[int]:
     return close[:_SEARCHED_UNITS]
 
 
-def _scale_of_extent(case: _Case, mapping: Mapping) -> float:
+def _scale_of_extent(case: UnitCase, mapping: Mapping) -> float:
     """Logarithm of the ratio between the extents of the measured points and of the flange's places, without sign."""
     if mapping.point is None:
         return 0.0
@@ -215,7 +222,7 @@ def _scale_of_extent(case: _Case, mapping: Mapping) -> float:
     return float(abs(np.log(np.maximum(extents[0], 1e-9) / np.maximum(extents[1], 1e-9))))
 
 
-def _order_of_unit(case: _Case, mapping: Mapping) -> int:
+def _order_of_unit(case: UnitCase, mapping: Mapping) -> int:
     """How usual the unit of the joint readings is, the most usual 0."""
     if mapping.joints.unit != "rad":
         return 1
@@ -223,11 +230,11 @@ def _order_of_unit(case: _Case, mapping: Mapping) -> int:
     return 0 if widest < _ABOUT_ONE_TURN else 2
 
 
-def _refuse_mistake(case: _Case, mappings: Sequence[Mapping]) -> list[Suspicion]:
-    """Raise InputError where one mistake, such as a reversed joint or a left-handed frame, explains a bad fit.
+def _mistakes(case: UnitCase, mappings: Sequence[Mapping]):
+    """(mapping, sentence) of a mistake, such as a reversed joint, that explains a bad fit; None where none does.
 
     mappings: with each of the units that are possible; of several explanations the one with the fewest mistakes is
-    named. Returns what looks wrong without being certain, such as the column of a joint that stands still.
+    named. Also what looks wrong without being certain, such as the column of a joint that stands still.
     """
     found, warnings = [], []
     for mapping in mappings:
@@ -237,112 +244,9 @@ def _refuse_mistake(case: _Case, mappings: Sequence[Mapping]) -> list[Suspicion]
         if any(count == 0 for count, _, _ in found):
             break
     if not found:
-        return warnings
+        return None, warnings
     _, suspicion, mapping = min(found, key=lambda item: item[0])
-    units = f" ({_unit_title(mapping)})" if len(mappings) > 1 else ""
-    raise InputError(suspicion.sentence.removesuffix(".") + f"{units}.")
-
-
-def decide_robot(
-    mapping: Mapping, build_with: Callable[[str], tuple[Robot, Build]], names, where, ask
-):
-    """Name of the built-in robot that fits clearly best under any units.
-
-    build_with: robot and builder of a name. names: of robots with the right number of joints. Raises InputError where
-    none fits, or several do and nobody can be asked.
-    """
-    fits = _fits_of_robots(mapping, build_with, names)
-    good = [item for item in fits if item[1].is_good]
-    if not good:
-        _refuse_mixed_units(mapping, build_with, names, where)
-        raise InputError(
-            f"{where}: expected one of the robots ({'; '.join(names)}) to fit, found none; check units, order and "
-            "signs of the joint columns, or add --robot with a robot.toml, a URDF, an MJCF file or a "
-            "Denavit-Hartenberg table."
-        )
-    lines = [f'robot = "{name}"' for name in names]
-    return names[choose_reading(lines, good, f"{where}, robot", ask)]
-
-
-def _refuse_mixed_units(mapping: Mapping, build_with, names, where: str) -> None:
-    """Raise InputError where a robot of the library fits with one joint column in another unit than the others."""
-    found = []
-    for name in names:
-        robot, build = build_with(name)
-        readings, close = _mixed_fits(_Case(robot, mapping, build, where), (1,), stated_only=True)
-        found += [(fit, name, readings[place][1]) for place, fit in close]
-    if found:
-        fit, name, interpretation = min(found, key=lambda item: item[0].improbability)
-        raise InputError(
-            f"{where}: expected one of the robots to fit with one unit of all joint readings, found that only {name} "
-            f"with columns in different units fits ({fit.words}); name it with --robot, and add "
-            f"{_unit_lines(interpretation)} to a mapping file for --map."
-        )
-
-
-def decide_convention(
-    mapping: Mapping, build_with: Callable[[str], tuple[Robot, Build]], titles, where: str, ask
-):
-    """Title of the convention of one table under which its robot fits clearly best.
-
-    Where none fits, one mistake of the data is searched for under every convention. Raises InputError for it, as
-    `decide_robot` where the data do not decide, and where nothing fits.
-    """
-    fits = _fits_of_robots(mapping, build_with, titles)
-    good = [item for item in fits if item[1].is_good]
-    if good:
-        lines = [f'robot = "{title}"' for title in titles]
-        return titles[choose_reading(lines, good, f"{where}, robot", ask)]
-    found = []
-    for title in [titles[place] for place, _ in fits]:
-        robot, build = build_with(title)
-        found += [(title, s) for s in _mistakes_under_any_unit(robot, mapping, build)]
-        if any(suspicion.cause != "robot-file" for _, suspicion in found):
-            break
-    if found:
-        raise InputError(_mistake_sentence(found))
-    shown = "; ".join(fit.words for _, fit in fits)
-    raise InputError(
-        f"{where}: expected the robot of the table to fit under one of its conventions, found none ({shown}), and no "
-        f"single mistake in units, signs or order explains the misfit under either of them; {_REMEDY}."
-    )
-
-
-def _fits_of_robots(mapping: Mapping, build_with, names) -> list[tuple[int, CandidateFit]]:
-    """Index and best fit under any units of each robot, the most probable first."""
-    fits = []
-    for place, name in enumerate(names):
-        robot, build = build_with(name)
-        found = compare(robot, list(unit_readings(mapping, stated_only=True)), build, 1)
-        if found:
-            best = found[0][1]
-            fits.append((place, replace(best, title=f"robot {name}, {best.title}")))
-    return sorted(fits, key=lambda item: item[1].improbability)
-
-
-def _mistakes_under_any_unit(robot: Robot, mapping: Mapping, build: Build) -> list[Suspicion]:
-    """Certain mistakes that explain the misfit, under the most usual of the units that fit about equally badly.
-
-    None that includes the convention: the other convention is tried by itself.
-    """
-    readings = list(unit_readings(mapping, stated_only=True))
-    fits = compare(robot, readings, build)
-    if not fits:
-        return []
-    places = _close_units(_Case(robot, mapping, build, ""), readings) or [fits[0][0]]
-    found = check_plausibility(robot, build(readings[places[0]][1]))
-    return [s for s in found if s.certain and "convention" not in s.cause]
-
-
-def _mistake_sentence(found: Sequence[tuple[str, Suspicion]]) -> str:
-    """The mistake and the convention under which it explains the misfit; a mistake of the data before another robot."""
-    ordered = sorted(found, key=lambda item: item[1].cause == "robot-file")
-    title, suspicion = ordered[0]
-    sentence = suspicion.sentence
-    if suspicion.cause == "robot-file":
-        return sentence
-    convention = title.rpartition(", ")[2]
-    return f"{sentence} The Denavit-Hartenberg table then fits under {convention}."
+    return (mapping, suspicion.sentence), warnings
 
 
 def unit_readings(mapping: Mapping, stated_only: bool = True):
@@ -396,7 +300,8 @@ def _readings_with_minutes(readings, build: Build) -> list[tuple[str, Mapping]]:
     return interpretations
 
 
-def _unit_lines(mapping: Mapping) -> str:
+def unit_lines(mapping: Mapping) -> str:
+    """The lines of a mapping file that state the units of a reading."""
     joints = f"unit = {unit_toml(mapping.joints.unit)} under [joints]"
     if mapping.point is None:
         return joints
@@ -425,7 +330,7 @@ def compare(
     ]
 
 
-def _contradicted_units(case: _Case, fits) -> Decision:
+def _contradicted_units(case: UnitCase, fits) -> Decision:
     """Units that the headers state and that do not fit: another unit may, and is named; else the misfit is kept."""
     others = list(unit_readings(case.mapping, stated_only=False))
     better = compare(case.robot, others, case.build, is_good_only=True)
@@ -434,7 +339,7 @@ def _contradicted_units(case: _Case, fits) -> Decision:
         found = f"{fits[0][1].words}, but {better[0][1].words}" if fits else better[0][1].words
         raise InputError(
             f"{case.called}: expected the units that the headers or the mapping state to fit the robot, found {found}; "
-            f"add {_unit_lines(others[better[0][0]][1])} to a mapping file and name it with --map, or correct the "
+            f"add {unit_lines(others[better[0][0]][1])} to a mapping file and name it with --map, or correct the "
             "headers."
         )
     mixed = _mixed_units(case, (1,), stated_only=False)
@@ -453,7 +358,7 @@ def choose_reading(
     fits: Sequence[tuple[int, CandidateFit]],
     where: str,
     ask: Ask | None,
-    remedy: str = _REMEDY,
+    remedy: str = REMEDY,
 ) -> int:
     """Index of the reading that fits clearly best; where several fit about equally well, the answer to a question.
 

@@ -17,7 +17,7 @@ from robot_model import builtin_robots, load_robot
 from robot_model.state import sliding
 from workbench.core.deadline import OutOfTime, limited
 from workbench.core.errors import InputError
-from workbench.recordings.importing import decisions
+from workbench.recordings.importing import decisions, robot_decision
 from workbench.recordings.importing.builder import Builder
 from workbench.recordings.importing.final_check import check_fit
 from workbench.recordings.importing.finding import is_mapped
@@ -199,16 +199,12 @@ def _decide(builder: Builder, mapping: Mapping, options, progress) -> decisions.
     """Units and rotation convention. Raises InputError where the data do not decide and nobody can be asked."""
     progress("testing units on the robot")
     robot, table = builder.robot, builder.table
+    case = decisions.UnitCase(
+        robot, mapping, builder.positions, table.file, options.ask, options.trust_data
+    )
     try:
         with limited(_SEARCH_S, _searching(progress, "looking for the cause of the misfit")):
-            decision = decisions.decide_units(
-                robot,
-                mapping,
-                builder.positions,
-                table.file,
-                options.ask,
-                lambda: refuse_shifted_rows(builder, mapping),
-            )
+            decision = decisions.decide_units(case, lambda: refuse_shifted_rows(builder, mapping))
     except InputError:
         with _cut_short(progress, "looking for a unit that changes at a row"):
             refuse_changed_units(builder, mapping, None)
@@ -267,8 +263,9 @@ def _robot_of(candidates: dict[str, Keys], table: RawTable, mapping: Mapping, op
         robot = load_robot(candidates[title], title)
         return robot, Builder(table, candidates[title], robot, options).positions
 
-    chosen = decisions.decide_convention(
-        mapping, build_with, list(candidates), table.file, options.ask
+    titles, trust = list(candidates), options.trust_data
+    chosen = robot_decision.decide_convention(
+        mapping, build_with, titles, table.file, options.ask, trust
     )
     return candidates[chosen], (
         f"The convention of the table was open: of the two, {chosen} fits.",
@@ -294,7 +291,7 @@ def _refuse_other_kind(robot, mapping: Mapping, builder: Builder, found: Candida
 
 
 def _robot_that_fits(table: RawTable, mapping: Mapping, options) -> str:
-    """The built-in robot that fits clearly best. Raises InputError as `decisions.decide_robot`."""
+    """The built-in robot that fits clearly best. Raises InputError as `robot_decision.decide_robot`."""
 
     def build_with(name: str):
         robot = load_robot(name)
@@ -313,7 +310,7 @@ def _robot_that_fits(table: RawTable, mapping: Mapping, options) -> str:
             f"joints, found the unit {word}; correct the header, or name the file of the robot with --robot."
         )
     names = [name for name, mistake in zip(names, wrong) if not mistake]
-    return decisions.decide_robot(mapping, build_with, names, table.file, options.ask)
+    return robot_decision.decide_robot(mapping, build_with, names, table.file, options.ask)
 
 
 def _check_count(robot, mapping: Mapping, table: RawTable) -> None:

@@ -9,7 +9,12 @@ from dataclasses import replace
 
 from datasets.importers.mapping.conversion import complete_rows
 from datasets.importers.mapping.model import QUANTITIES, Join, Mapping
-from datasets.importers.mapping.sessions import APPEND, SESSION, in_recording_units
+from datasets.importers.mapping.sessions import (
+    APPEND,
+    SESSION,
+    in_recording_units,
+    sessions_origin,
+)
 from datasets.importers.source import RawTable
 from datasets.trust import naming_option
 from robot_model.state import sliding
@@ -77,7 +82,7 @@ def _together(parts: Sequence[DecidedTable], largest: int, options) -> Made:
     mappings = [part.decision.mapping for part in parts]
     table, mapping, timed = in_recording_units(tables, mappings, sliding(robot))
     joined = Builder(table, builder.keys, robot, options)
-    recording = joined.complete(mapping)
+    recording = replace(joined.complete(mapping), time_origin=sessions_origin(tables))
     fits = [fit for _, fit in compare_readings(robot, [("all tables together", recording)])]
     is_good = bool(fits) and fits[0].is_good
     if is_good:

@@ -47,9 +47,8 @@ def _known_robot(name):
 
 
 def _same_geometry(correction, other) -> bool:
-    same = correction.convention == other.convention and np.allclose(
-        correction.mixing, other.mixing
-    )
+    """Whether two arms differ in the signs and couplings of joints alone, which have corrections of their own."""
+    same = correction.convention == other.convention
     return bool(same and np.allclose(correction.geometry, other.geometry, atol=1e-3))
 
 
@@ -58,7 +57,8 @@ def _difference(robot, known) -> str:
     names = ("theta", "d", "a", "alpha", "beta")
     units = (180 / np.pi, 1.0, 1.0, 180 / np.pi, 180 / np.pi)
     different = np.argwhere(~np.isclose(robot.geometry, known.geometry, atol=1e-3))
-    if len(different) > _FEW_NUMBERS or robot.convention != known.convention:
+    same_joints = robot.convention == known.convention and np.allclose(robot.mixing, known.mixing)
+    if len(different) > _FEW_NUMBERS or not same_joints:
         return f"does not describe this arm, which is a {known.name}"
     numbers = [
         f"{names[c]}{k + 1} is {robot.geometry[k, c] * units[c]:.5g} instead of {known.geometry[k, c] * units[c]:.5g}"
