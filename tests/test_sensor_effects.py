@@ -29,6 +29,7 @@ CASES = (
     ("focus-breathing", "camera", {"z0": 120.0}),
     ("plane-bow", "laser", {}),
     ("plane-bow", "laser", {"apex_mm": [70.0, 0.0, -20.0]}),
+    ("plane-bow", "laser", {"depth_mm": 120.0}),
     ("mirror-wobble", "mirror", {}),
     ("mirror-encoder-harmonic", "mirror", {"order": 3}),
     ("mirror-hysteresis", "mirror", {}),

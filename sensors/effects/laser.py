@@ -10,6 +10,7 @@ from sensors.state import stripe_direction
 from workbench.core.covariates import known
 from workbench.core.effect import Effect, Grid, Variant
 
+_POWERS = tuple((order - j, j) for order in (2, 3) for j in range(order + 1))
 _LOW_ORDERS, _HIGHEST_ORDER = range(1, 9), 400
 
 
@@ -21,6 +22,9 @@ class PlaneBow(Effect):
     apex of the cone, its image, is farther away than the axis and may be displaced along it. Both are parameters,
     times the angle, since without a cone neither can be known; the distance to first order. `axis`: unit vector of the
     mirror's axis in the camera frame, along which s is measured; without it, across the optical axis in each plane.
+
+    Without a mirror the apex is unknown. With `depth_mm` the plane is a surface of the third order about this depth:
+    a polynomial in s and in the place t across it, of which the plane itself is the first order.
     """
 
     effect = "plane-bow"
@@ -28,7 +32,7 @@ class PlaneBow(Effect):
     places = ("laser",)
     equation = (
         "f = n.X + b + k s^2, or f = n.X + b + (a s^2 - 2 h s + q) / (2 r) - d s^2 / (2 r^2); "
-        "s, r = distance from the apex along the stripe and across it"
+        "s, r = distance from the apex along the stripe and across it; or n.X + b + sum c_ij s^i t^j, i + j = 2, 3"
     )
     source = (
         "second order of a cone about its tangent plane, first order in the distance of its apex"
@@ -39,22 +43,35 @@ class PlaneBow(Effect):
         where: str,
         apex_mm: Vector | None = None,
         axis: Vector | None = None,
+        depth_mm: Annotated[float, Field(gt=0)] | None = None,
     ):
         super().__init__(where)
-        self.apex_mm, self.axis = apex_mm, axis
+        self.apex_mm, self.axis, self.depth_mm = apex_mm, axis, depth_mm
         self.apex = None if apex_mm is None else np.array(apex_mm, float)[:, None]
-        self.components = (4,) if apex_mm is None else (3,)
+        self.components = (4,) if apex_mm is None and depth_mm is None else (3,)
 
     @classmethod
     def candidates(cls, chain):
-        """Of one curvature, and of a cone where the mirror is known."""
+        """Of one curvature, and of a cone where the mirror is known, else of the third order."""
         for where in chain.places("laser"):
             yield Variant(cls(where), "the same all along", 0.5)
             if chain.light is not None:
                 bow = cls(where, list(chain.light), list(chain.light_axis))
                 yield Variant(bow, "fanning out from the laser", 0.5)
+            elif chain.depth_mm > 0:
+                yield Variant(cls(where, depth_mm=chain.depth_mm), "of the third order", 0.5)
 
     def table(self, chain):
+        if self.depth_mm is not None:
+            return tuple(
+                self.parameter(
+                    f"s{i}t{j}",
+                    f"1/mm{'' if i + j == 2 else '^2'}",
+                    5e-5 / self.depth_mm ** (i + j - 2),
+                    f"the light plane's s^{i} t^{j}",
+                )
+                for i, j in _POWERS
+            )
         if self.apex is None:
             return (self.parameter("curvature", "1/mm", 5e-5, "the light plane's curvature"),)
         return (
@@ -67,6 +84,12 @@ class PlaneBow(Effect):
         )
 
     def basis(self, state):
+        if self.depth_mm is not None:
+            place = state.points - np.array([[0.0], [0.0], [self.depth_mm]])
+            direction = stripe_direction(state.planes)
+            along = (direction * place).sum(0)
+            across = (np.cross(state.planes[:3], direction, axis=0) * place).sum(0)
+            return known(np.stack([along**i * across**j for i, j in _POWERS]))[:, None]
         if self.apex is None:
             return np.ones((1, 1, state.n))
         place = state.points - self.apex

@@ -220,7 +220,6 @@ def _by_word(term: Term) -> str:
     own = next(iter(term.finding.effects), None)
     reads = own.reads if own else ()
     names = sorted(term.finding.depends_on or reads)
-    changed = listed([covariate(name) for name in names]) or "the covariate of this effect"
     aim = (
         f"distinguish {_called(term)} from {listed(others, 'or')}"
         if others
@@ -228,7 +227,10 @@ def _by_word(term: Term) -> str:
     )
     if own and own.confounded_with and own.distinguished_by:
         return f"To {aim}, {own.distinguished_by}."
-    return f"To {aim}, measure again so that only {changed} changes."
+    if not names:
+        return f"To {aim}, measure more poses, which fill all of the field and the working range."
+    changed = listed([covariate(name) for name in names])
+    return f"To {aim}, measure again so that only {changed} change{'s' * (len(names) == 1)}."
 
 
 def _called(term: Term) -> str:
