@@ -74,15 +74,28 @@ def last_sides(moves: np.ndarray, time: np.ndarray, travel: np.ndarray) -> np.nd
     steps = moves[:, order]
     is_new = np.ones(len(order), bool)
     is_new[1:] = (np.diff(steps, axis=1) != 0).any(0)
-    offset, side = np.zeros(len(moves)), np.zeros(len(moves))
-    reached = np.empty((int(is_new.sum()), len(moves)))
-    for k, step in enumerate(steps[:, is_new].T):
-        offset = np.clip(offset + step, -travel / 2, travel / 2)
-        side = np.where(np.abs(offset) >= travel / 2, np.sign(offset), side)
-        reached[k] = side
+    poses = steps[:, is_new]
+    sides = [_sides(row, limit / 2) for row, limit in zip(poses, travel, strict=True)]
+    reached = np.reshape(sides, poses.shape)
     out = np.empty_like(steps)
-    out[:, order] = reached[np.cumsum(is_new) - 1].T
+    out[:, order] = reached[:, np.cumsum(is_new) - 1]
     return out
+
+
+def _sides(steps: np.ndarray, half: float) -> list[float]:
+    """Output of a play operator of half width `half` > 0 for successive steps (K,): -1, 0 or 1.
+
+    Plain numbers: each value depends on the one before, and an array of a few joints costs ten times as much.
+    """
+    offset, side, sides = 0.0, 0.0, []
+    for step in steps.tolist():
+        offset += step
+        if offset >= half:
+            offset, side = half, 1.0
+        elif offset <= -half:
+            offset, side = -half, -1.0
+        sides.append(side)
+    return sides
 
 
 def reversals(side: np.ndarray, time: np.ndarray) -> int:
