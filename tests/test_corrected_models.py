@@ -20,7 +20,7 @@ from workbench.diagnosis.linear.problem import Finding
 from workbench.explanation.answer import diagnose
 from workbench.explanation.corrected_model import (
     corrected_stages,
-    with_wider_covariance,
+    estimated_std,
     write_model,
 )
 from workbench.explanation.result import Term
@@ -282,10 +282,9 @@ def test_the_model_of_images_is_said_to_be_none(run, tmp_path):
     assert result["plan"] is None and "images" in result["left_out"][0]
 
 
-def test_the_solution_has_the_uncertainty_of_an_order_that_the_diagnosis_estimated():
-    """The plan fixes the order; 3.0 of the 5.0 of a standard deviation are known without it, 4.0 come from it."""
-    keys = {"free": ["joint-1.theta1", "joint-1.wave"], "covariance": [[1.0, 2.0], [2.0, 9.0]]}
+def test_the_solution_has_the_standard_deviations_of_the_diagnosis():
+    """The plan fixes an order that the diagnosis estimated, so that the covariance of a calibration lacks its part."""
     row = {"key": "joint-1.wave", "std": 5.0, "conditional_std": 3.0}
-    derived = {"key": "joint-1.deflection", "std": 1.0}
-    term = SimpleNamespace(parameters=(row, derived))
-    assert with_wider_covariance(keys, [term])["covariance"] == [[1.0, 2.0], [2.0, 25.0]]
+    derived = {"key": "joint-1.deflection", "std": 1.0, "derived": True}
+    terms = [SimpleNamespace(parameters=(row, derived)), SimpleNamespace(parameters=())]
+    assert estimated_std(terms) == {"joint-1.wave": 5.0}

@@ -14,7 +14,7 @@ from workbench.diagnosis.linear.evidence import SIZES
 from workbench.diagnosis.linear.hypotheses import ranked_hypotheses
 from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.robot.bench import bench_of
-from workbench.diagnosis.search.findings import with_special_cases
+from workbench.diagnosis.search.findings import finding, with_special_cases
 from workbench.diagnosis.search.most_probable_set import _limit_variants
 from workbench.diagnosis.search.objective import ConditionalSolution, LogPosterior
 from workbench.diagnosis.search.options import accept_refined
@@ -245,3 +245,33 @@ def test_a_load_has_no_probability_without_a_compliance_that_it_deflects(elastic
     assert np.isfinite(rigid.most_probable_extension((carrier,), allowed)[0])
     elastic = replace(rigid, is_rigid=False, seen={}, joined={})
     assert np.isfinite(elastic.value((0,))), "the baseline may hold the compliance"
+
+
+def test_a_larger_effect_that_is_missing_is_no_alternative_to_one_that_is_found():
+    """A harmonic of joint 2 is accepted alone; that of joint 3, which is missing, explains several times as much."""
+    waves = [CATALOGUE["transmission-harmonic"](f"joint-{k}", order=o) for k, o in ((2, 3), (3, 2))]
+    bench = bench_of(recorded(31, waves, [1e-4, 1e-4, 1e-3, 0.0], n=120))
+    search = Search(bench, None, 0.005, lambda text: None)
+    search.solve()
+    named = [h for h in search.table(()) if h.key == ("transmission-harmonic", "joint-2")]
+    search.accepted = (next(h for h in named if h.label == "order 3"),)
+    search.solve()
+    wave = finding(search, 0)
+    larger = max(search.alternatives(0), key=lambda h: h.gain)
+    assert larger.where == "joint-3" and larger.gain > 3 * wave.gain
+    assert wave.probability > 0.9
+
+
+def test_a_random_walk_of_the_base_is_one_finding():
+    """Neither a function of time at the instrument nor steps take parts of it."""
+    recording, rng = recorded(7, (), [], n=150), np.random.default_rng(2)
+    walk, rest = np.zeros((recording.n, 3)), np.exp(-1 / 40)
+    for k in range(1, recording.n):
+        walk[k] = rest * walk[k - 1] + 0.1 * np.sqrt(1 - rest**2) * rng.standard_normal(3)
+    columns = dict(recording.columns) | dict(
+        zip(("x_mm", "y_mm", "z_mm"), (recording.points + walk).T)
+    )
+    terms = found_terms(bench_of(replace(recording, columns=columns)))
+    assert [(f.effect, f.where, f.label) for f in terms] == [
+        ("base-drift", "base", "as a random walk")
+    ]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import tomli_w
 
+from robot_model.effects import CATALOGUE
 from robot_model.effects.curve import JointCurve
 from robot_model.effects.transmission import TransmissionHarmonic
 from test_joint_curve import with_curves
@@ -13,6 +14,14 @@ from workbench.diagnosis.robot.bench import bench_of
 from workbench.fitting.wider_priors import widened
 from workbench.jobs.robot.simulate import simulate
 
+SCENE = {
+    "robot": "abb_irb120",
+    "samples": 100,
+    "seed": 50,
+    "sigma_mm": 0.03,
+    "reflectors": [[0.0, 30.0, 120.0]],
+    "share_of_limits": 0.6,
+}
 TYPICAL = 3e-4  # rad, of a transmission harmonic
 
 
@@ -101,3 +110,31 @@ def test_a_large_effect_that_the_geometry_resembles_has_its_size(tmp_path, seed)
     more = {"samples": 60, "seed": seed, "sigma_mm": 0.02, "share_of_limits": 0.12}
     found, sigma = solved_harmonic(tmp_path, true, 1, **more)
     assert (np.abs(found - list(true.values())) < 3 * sigma).all()
+
+
+def test_the_prior_of_an_effect_many_times_larger_than_usual_is_widened_where_it_has_a_small_share(
+    tmp_path,
+):
+    """Refraction of 30 typical sizes: the prior has 2 % of the information, and shrinks it by 1.5 sigma."""
+    values = {"gradient_x": 0.05, "gradient_y": 0.0, "gradient_z": -0.3}
+    effect = {"effect": "sight-line-refraction", "where": "instrument", "values": values}
+    scene = SCENE | {"samples": 300, "sigma_mm": 0.005, "effect": [effect]}
+    path = tmp_path / "scene.toml"
+    path.write_text(tomli_w.dumps(scene), encoding="utf-8")
+    bench = bench_of(simulate(path))
+    law = CATALOGUE["sight-line-refraction"]("instrument")
+    _, fit, _ = bench.solve((law,))
+    assert (priors_of(fit.parameters)[-3:] > 0.1).all()
+
+
+def test_sizes_are_stated_without_the_pull_of_their_priors(tmp_path):
+    """Refraction of three prior sigmas that the data determine to one: its mean error is no part of its sigma."""
+    law, deviations = CATALOGUE["sight-line-refraction"]("instrument"), []
+    values = {"gradient_x": 0.09, "gradient_y": -0.06, "gradient_z": -0.09}
+    effect = {"effect": "sight-line-refraction", "where": "instrument", "values": values}
+    for seed in range(12):
+        path = tmp_path / f"scene-{seed}.toml"
+        path.write_text(tomli_w.dumps(SCENE | {"seed": seed, "effect": [effect]}), encoding="utf-8")
+        rows = bench_of(simulate(path)).parameters((law,))
+        deviations += [(row["value"] - values[row["name"]]) / row["std"] for row in rows]
+    assert np.sqrt(np.mean(np.square(deviations))) < 1.35

@@ -11,8 +11,8 @@ from workbench.core.covariates import clock, missing_temperature, warmth, warmth
 from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
 
-# by the order of the polynomial: fewer parameters show smaller drifts
-_SHAPES = {1: "evenly", 2: "with one bend", 3: "with two bends"}
+# by the order of the polynomial: fewer parameters show smaller drifts; a random walk has all orders
+_SHAPES = {1: "evenly", 2: "with one bend", 3: "with two bends", 12: "as a random walk"}
 _MOVES_RAD = 0.2  # range of a joint below which no cycle is distinguishable
 
 
@@ -121,7 +121,11 @@ class BaseDrift(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """Polynomials of degree 1 to 3 over the recording."""
+        """Polynomials of degree 1 to 3 over the recording, and one of a degree that follows a random walk.
+
+        The coefficients of a Wiener process fall with their order k as 1 / k, and so do the typical sizes: with these
+        as its prior the polynomial is a Gaussian process in time.
+        """
         time = clock(chain.state)
         start, end = float(time.min()), float(time.max())
         if end > start:
@@ -145,7 +149,7 @@ class BaseDrift(Effect):
             ("rz", "rad", 1e-4),
         ]
         return tuple(
-            self.parameter(f"{name}_t{k}", unit, size, f"the base's drift in {name}, order {k}")
+            self.parameter(f"{name}_t{k}", unit, size / k, f"the base's drift in {name}, order {k}")
             for k in range(1, self.order + 1)
             for name, unit, size in names
         )

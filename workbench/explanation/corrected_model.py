@@ -119,7 +119,7 @@ def write_model(
         _write_plan(made, stages, folder)
         return ModelFiles(PLAN, left_out=(*without, f"no solution.json: {problem}"))
     _write_plan(made, stages, folder)
-    keys = with_wider_covariance(solution_keys(calibration), made.terms)
+    keys = solution_keys(calibration) | {"diagnosis_std": estimated_std(made.terms)}
     try:
         considered = considered_terms(made.refused, calibration, stages, _row)
     except InputError as problem:
@@ -135,21 +135,14 @@ def write_model(
     return ModelFiles(PLAN, SOLUTION, None if why else SCENE, held_out, (*without, *missing))
 
 
-def with_wider_covariance(keys: dict, terms) -> dict:
-    """Keys of a solution.json with the variances of the effects' parameters that no calibration by a given plan knows.
+def estimated_std(terms) -> dict[str, float]:
+    """Standard deviations of the effects' parameters as the diagnosis states them, by key; mm, rad.
 
     The plan fixes what the diagnosis estimated: options that are real numbers (an order, an instant), and which other
-    terms act. `std` of a term's parameters has both, `conditional_std` neither; their difference is added to the
-    variance, in mm^2 or rad^2.
+    terms act. `covariance` is that of predictions by the model as it is; a parameter by itself is less certain.
     """
-    number = {key: i for i, key in enumerate(keys["free"])}
-    covariance = np.array(keys["covariance"], float)
-    for row in (row for term in terms for row in term.parameters):
-        known = row.get("conditional_std")
-        if row.get("key") in number and known is not None and np.isfinite(row["std"]):
-            i = number[row["key"]]
-            covariance[i, i] += max(row["std"] ** 2 - known**2, 0.0)
-    return {**keys, "covariance": covariance.tolist()}
+    rows = [row for term in terms for row in term.parameters if "conditional_std" in row]
+    return {row["key"]: float(row["std"]) for row in rows if np.isfinite(row["std"])}
 
 
 def _write_plan(made: Diagnosis, stages, folder: Path) -> None:

@@ -25,7 +25,10 @@ _STEPS = np.sqrt(10.0) ** np.arange(1, 5)
 _WORTHWHILE = float(np.log(1e3))
 """Gain of log evidence from which a prior is widened."""
 _SHARE = 0.05
-"""Share of the prior in what is known of a parameter, below which its width does not matter."""
+"""Share of the prior in what is known of a parameter, below which it has no part in the standard deviation."""
+_BIAS = 0.1
+"""Standard deviations by which a prior may shrink a parameter without being tested: of an effect many times larger
+than usual a prior with a small share takes several."""
 _CANCELLING = 100.0
 """Ratio of the sum of squared changes of predictions, parameter by parameter, to the square of their sum, from which
 they cancel. Parameters that the samples distinguish have a ratio near 1, a few that are correlated up to 20; terms that
@@ -88,8 +91,11 @@ def _in_conflict(
     """
     linear = posteriors.linear
     every = _rows_of_effects(model, linear)
-    share = linear.precision * posteriors.under(linear.precision).variances(linear.noise)
-    every = [rows for rows in every if (share[rows] > _SHARE).any()]
+    variances = posteriors.under(linear.precision).variances(linear.noise)
+    share = linear.precision * variances
+    bias = linear.precision * np.abs(linear.away) * np.sqrt(variances)
+    matters = (share > _SHARE) | (bias > _BIAS)
+    every = [rows for rows in every if matters[rows].any()]
     if not every:
         return every
     weak = posteriors.under(_weakened(linear.precision, np.concatenate(every)))

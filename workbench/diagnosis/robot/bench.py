@@ -31,6 +31,7 @@ from workbench.diagnosis.robot.derived import (
     spectrum,
     variation_mm,
     with_estimated_options,
+    without_shrinkage,
 )
 from workbench.diagnosis.robot.library import compliances, names, variants
 from workbench.diagnosis.robot.linearised import solution, with_candidates, with_places
@@ -376,6 +377,7 @@ class RobotBench(Bench):
         for span in model.spans:
             prior[span] = _FAINT
         covariance = covariance_of(fit.normal * units, prior[free])
+        values = without_shrinkage(model, fit, covariance, prior)
         full_covariance = np.zeros((len(values), len(values)))
         full_covariance[np.ix_(free, free)] = covariance * units * fit.sigma_scale**2
         conditional_std = np.sqrt(np.maximum(np.diag(full_covariance), 0))

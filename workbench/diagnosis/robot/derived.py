@@ -15,7 +15,7 @@ from robot_model.effects.unknown_masses import TYPICAL_RAD
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.core.model import NOISE, STATE_PORTS
-from workbench.diagnosis.levels import CRITICAL_T
+from workbench.diagnosis.levels import CRITICAL_T, UNDETERMINED_STD
 from workbench.diagnosis.linear.estimates import Options
 
 DEFLECTION, MOVE = "deflection", "reflector"
@@ -114,6 +114,32 @@ def reflector_rows(effect: Effect, values: np.ndarray, covariance: np.ndarray, c
         numbers = {"value": float(value), "std": float(error), "unit": "mm", "typical": 0.1}
         rows.append(_derived_row(effect, chain, f"{MOVE}_{axis}", label, numbers))
     return rows
+
+
+def without_shrinkage(model, fit, covariance: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """(P,) values of all parameters, those of the linear effects without the pull of their priors towards zero.
+
+    covariance (F, F) of the F free parameters over the variance of the noise, with priors of `precision` (P,), all in
+    typical sizes: an estimate and its standard deviation then have the same priors. One step of Gauss and Newton from
+    the fit, where the pull of its priors balances the data. The scale of a curve's prior comes from the data and stays,
+    and so do the priors of an effect that the data do not determine (`UNDETERMINED_STD`).
+    """
+    parameters = fit.parameters
+    free, typical, values = parameters.mask, parameters.typical, parameters.values
+    std = np.zeros(len(values))
+    std[free] = fit.sigma_scale * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    is_pulled = np.zeros(len(values), bool)
+    for effect, span in zip(model.effects, model.spans):
+        is_determined = (std[span] < UNDETERMINED_STD).all()
+        is_pulled[span] = effect.linear and effect.port != NOISE and is_determined
+    is_pulled &= free & ~model.shrunk
+    trust = max(1.0, fit.sigma_scale**2 * fit.degrees / fit.residual.size)
+    away = (values - parameters.nulls) / typical
+    excess = trust * parameters.precision * typical**2 - precision
+    pull = np.where(is_pulled, excess * away, 0.0)
+    step = np.zeros(len(values))
+    step[free] = covariance @ pull[free]
+    return np.where(is_pulled, values + step * typical, values)
 
 
 def with_estimated_options(

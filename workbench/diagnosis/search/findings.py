@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from robot_model.effects import CATALOGUE
-from workbench.diagnosis.levels import CONFIDENCE, MOST_LISTED, RARE_PRIOR
+from workbench.diagnosis.levels import CONFIDENCE, LISTED_PROBABILITY, MOST_LISTED, RARE_PRIOR
 from workbench.diagnosis.linear.hypotheses import Hypothesis, family_wise
 from workbench.diagnosis.linear.problem import Alternative, Finding
 from workbench.diagnosis.noise.random_effects import movement, unrecorded_causes
@@ -17,7 +17,7 @@ from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.compatible import equivalent_places, same_place
 from workbench.diagnosis.search.instants import instant_of
 from workbench.diagnosis.search.options import option_of
-from workbench.diagnosis.search.posterior import EffectPosterior, is_law_of_function
+from workbench.diagnosis.search.posterior import EffectPosterior, is_law_of_function, odds_of_both
 from workbench.diagnosis.search.prior import LAW_ERROR, SECOND
 from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.search.stepwise import LAW
@@ -52,6 +52,8 @@ def finding(
     shares: Counter[tuple] = Counter()
     for h in explanations:
         shares[h.key] += float(np.exp(h.log_weight - total))
+    if not judged.smooth_covariates:
+        shares = _with_sets_of_both(search, i, explanations, shares)
     result = Finding(
         *accepted.key,
         accepted.label,
@@ -72,6 +74,25 @@ def finding(
     if not accepted.smooth_covariates:
         result = _with_unexplained_alternative(search, judged, result)
     return _with_confounded_laws(result)
+
+
+def _with_sets_of_both(
+    search: Search, i: int, explanations: Sequence[Hypothesis], shares: Counter[tuple]
+) -> Counter[tuple]:
+    """Shares of the names, where sets that hold another one in addition to the finding count for the finding.
+
+    A term that is missing next to the finding may explain more than it. Only one that makes the same signature is an
+    alternative to it: next to any other, the finding explains as much as without it.
+    """
+    key, others = search.accepted[i].key, {}
+    for h in sorted(explanations, key=lambda h: -h.log_weight):
+        if h.key != key and shares[h.key] >= LISTED_PROBABILITY:
+            others.setdefault(h.key, h)
+    odds = odds_of_both(search, i, list(others.values())) if others else ()
+    both = float(sum(shares[other] * o for other, o in zip(others, odds)))
+    out = Counter({name: share / (1 + both) for name, share in shares.items()})
+    out[key] += both / (1 + both)
+    return out
 
 
 def with_equivalent_places(finding: Finding, joints: int) -> Finding:
@@ -241,8 +262,9 @@ def _with_unexplained_alternative(search: Search, judged: Hypothesis, finding: F
     the beta distribution of a squared correlation). Next to something at a link or the base, which may move in any
     direction, a law of one joint has one direction, however many parameters its function has. What is left at the
     joint itself turns about the same axis: only the function, of r parameters, is then a coincidence.
+    All of this as far as what is left is probably at that place: one strange effect leaves something at every place.
     """
-    unexplained, moves, port = _unexplained_at_place(search, judged)
+    unexplained, moves, port, is_there = _unexplained_at_place(search, judged)
     if unexplained <= 0:
         return finding
     share = unexplained / (unexplained + judged.gain)
@@ -250,7 +272,7 @@ def _with_unexplained_alternative(search: Search, judged: Hypothesis, finding: F
     two = (1 - RARE_PRIOR) * np.exp(SECOND) / (1 if moves else places)
     directions = 1 if port == "frame" and _has_one_axis(search, judged) else judged.rank
     single = RARE_PRIOR * share ** (max(_MAX_DIRECTIONS - directions, 1) / 2)
-    sure = float(two / (two + single))
+    sure = float(1 - is_there * single / (two + single))
     other = Alternative(
         "unknown",
         finding.where,
@@ -292,22 +314,27 @@ def _has_one_axis(search: Search, judged: Hypothesis) -> bool:
     return is_of_joints and all(len(effect.port_indices(chain)) == 1 for effect in judged.effects)
 
 
-def _unexplained_at_place(search: Search, judged: Hypothesis) -> tuple[float, bool, str]:
+def _unexplained_at_place(search: Search, judged: Hypothesis) -> tuple[float, bool, str, float]:
     """Sum of squares of what is unexplained at a law's place next to it; whether it is the law's own covariate, not
-    recorded, that may make it; and through which port the largest part acts."""
+    recorded, that may make it; through which port the largest part acts; and the probability that it is there."""
     places, noise = same_place(judged), search.variance()
-    unexplained = [(0.0, "")]
-    for h in search.table(search.accepted_indices):
-        if h.smooth_covariates and h.where in places and h.p / h.weight <= search.level:
-            unexplained.append((h.gain - h.rank * noise, _port(h)))
+    unexplained = [(0.0, "", 0.0)]
+    functions = [h for h in search.table(search.accepted_indices) if h.smooth_covariates]
+    total = logsumexp([h.log_weight for h in functions]) if functions else 0.0
+    there = [h for h in functions if h.where in places]
+    probability = float(np.exp([h.log_weight - total for h in there]).sum())
+    for h in there:
+        if h.p / h.weight <= search.level:
+            unexplained.append((h.gain - h.rank * noise, _port(h), probability))
     for i, h in enumerate(search.accepted):
         if h.smooth_covariates and h.where in places:
-            unexplained.append((search.conditional_hypothesis(i).gain, _port(h)))
+            unexplained.append((search.conditional_hypothesis(i).gain, _port(h), 1.0))
     moves = search.random_effect is not None and search.random_effect.site.where in places
     if moves:
-        unexplained.append((movement(search.random_effect), search.random_effect.site.port))
-    most, port = max(unexplained)
-    return most, explains_movement(search, judged), port
+        site = search.random_effect.site
+        unexplained.append((movement(search.random_effect), site.port, 1.0))
+    most, port, is_there = max(unexplained)
+    return most, explains_movement(search, judged), port, is_there
 
 
 def _port(function: Hypothesis) -> str:

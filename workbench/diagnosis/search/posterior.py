@@ -34,6 +34,8 @@ from workbench.diagnosis.search.stepwise import Stepwise
 Key = tuple[str, str]
 _WINDOW = -float(np.log(LISTED_PROBABILITY))
 """Log posterior odds against the best set beyond which a set is left out."""
+_MOST_LOG_ODDS = 100.0
+"""Log odds from which on more make no difference."""
 _EXPANDED, _SWAPS = 8, 6
 """Sets of the window whose neighbours are weighed, and terms that are tried in place of each, the most alike first."""
 
@@ -295,15 +297,33 @@ def is_law_of_function(function: Hypothesis, law: Hypothesis) -> bool:
 
 def _raises_posterior(search, i: int, other: Hypothesis) -> bool:
     """Whether the accepted set, with signs and priors, is clearly likelier with another term in the place of one."""
-    accepted = search.current_terms()
-    objective = LogPosterior.of(
-        search.problem.conditional_on(()),
-        [*accepted, other],
-        accepted=as_solved(search, accepted),
-    )
-    present, count = search.accepted_indices, len(accepted)
-    exchanged = tuple(count if k == i else k for k in present)
+    objective, present = _objective_with(search, [other]), search.accepted_indices
+    exchanged = tuple(len(present) if k == i else k for k in present)
     return objective.value(exchanged) - objective.value(present) > LEAST_LOG_ODDS
+
+
+def _objective_with(search, others: Sequence[Hypothesis]) -> LogPosterior:
+    """The objective of sets of the accepted terms, which come first, and others."""
+    accepted = search.current_terms()
+    terms, solved = [*accepted, *others], as_solved(search, accepted)
+    return LogPosterior.of(search.problem.conditional_on(()), terms, accepted=solved)
+
+
+def odds_of_both(search, i: int, others: Sequence[Hypothesis]) -> np.ndarray:
+    """(K,) posterior odds of each other term in addition to an accepted one over the other in the place of it.
+
+    0 where the two cannot act together.
+    """
+    objective, present = _objective_with(search, others), search.accepted_indices
+    out = np.zeros(len(others))
+    for k in range(len(others)):
+        number = len(present) + k
+        both = objective.value((*present, number))
+        if not objective.compatible_pairs[number, i] or not np.isfinite(both):
+            continue
+        exchanged = objective.value(tuple(number if j == i else j for j in present))
+        out[k] = np.exp(min(both - exchanged, _MOST_LOG_ODDS))
+    return out
 
 
 def _exchange_elastic(search) -> None:
