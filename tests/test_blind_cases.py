@@ -207,7 +207,7 @@ def test_rows_of_a_withheld_approach_stand_in_no_order_that_tells_it():
             assert all(np.ptp(part) == 0 for part in np.split(reading, first[1:]))
 
 
-def test_the_size_is_what_survives_the_makers_own_baseline():
+def test_the_size_is_that_of_the_part_orthogonal_to_the_makers_own_baseline():
     """Nothing of a clean case remains; the baseline absorbs a displacement along itself completely."""
     from datasets.makers.blind import baseline_span, workplace
     from datasets.makers.blind.world import Perturbation

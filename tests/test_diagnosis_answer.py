@@ -285,7 +285,7 @@ def test_the_smallest_visible_is_found_as_often_as_is_said(bench):
     assert (gain > chi2.isf(level, 1)).mean() == pytest.approx(
         minimal_detectable_bias.POWER, abs=0.015
     )
-    assert rows[k].unit == "rad" and rows[k].surviving < rows[k].size
+    assert rows[k].unit == "rad" and rows[k].orthogonal_size < rows[k].size
 
 
 def test_separable_distance_follows_from_the_likelihood_ratio():

@@ -203,7 +203,7 @@ def test_figures_say_what_was_reached():
         + [row(outcome="missed", survives_sigma=0.2)]
     )
     result = {f.name: f for f in figures.table(rows)}
-    seen = result["detected, surviving size ≥ 0.3 σ"]
+    seen = result["detected, orthogonal size ≥ 0.3 σ"]
     assert (seen.hits, seen.cases, seen.reached) == (95, 100, True)
     assert (
         result["confidently wrong"].reached

@@ -125,7 +125,7 @@ def test_too_few_cases_reach_nothing():
 
 def test_no_finding_is_right_for_an_absorbed_effect_below_the_minimal_detectable_bias():
     small = row("swallowed", "missed", below_visible=True, wrong_name=False)
-    rest = "named, or abstained, or below the stated minimal detectable bias"
+    rest = "named, or `unexplained`, or below the stated minimal detectable bias"
 
     def held(one):
         return next(f for f in figures.table([one]) if f.name == rest).reached

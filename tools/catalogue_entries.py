@@ -11,7 +11,7 @@ import numpy as np
 from workbench.diagnosis.linear.problem import Problem
 from workbench.explanation.final_model import unwhitened
 
-SURVIVING = 6.0
+ORTHOGONAL_SIGMA = 6.0
 """Sigmas of one coordinate, RMS, that each effect is made so large as to leave."""
 _MOST = 40.0  # typical sizes: larger than that nothing is made
 _CONFOUNDED, _LEAST = 3, 0.3
@@ -22,10 +22,10 @@ FAINT = 8.0
 
 @dataclass(frozen=True)
 class Entry:
-    """One effect at one place. Sizes in `unit`; `survives` the share of the square that a fit without it leaves.
+    """One effect at one place. Sizes in `unit`; `orthogonal_share` of its square is orthogonal to the baseline.
 
-    `confounded`: (effect, share of the surviving signature that it explains). `separates`: a sentence. `problem`: of
-    the fit without it.
+    `confounded`: (effect, share of the orthogonal part of the signature that it explains). `separates`: a sentence.
+    `problem`: of the fit without it.
     `points` (3, n) mm or (2, n) px: where its samples are, for the image.
     """
 
@@ -35,7 +35,7 @@ class Entry:
     values: tuple[str, ...]
     size: float
     left: float
-    survives: float
+    orthogonal_share: float
     unit: str
     confounded: tuple[tuple[str, float], ...]
     separates: str
@@ -49,15 +49,15 @@ def direction(typical: np.ndarray) -> np.ndarray:
 
 
 def large_enough(problem: Problem, typical: np.ndarray) -> np.ndarray:
-    """(P,) values of the first added effect that leave `SURVIVING` sigmas RMS once the baseline is fitted."""
+    """(P,) values of the first added effect that leave `ORTHOGONAL_SIGMA` sigmas RMS once the baseline is fitted."""
     along = direction(typical)
     left = problem.orthogonalise(problem.added[0] @ along)
     size = float(np.sqrt((left**2).mean()))
-    return along * min(SURVIVING / max(size, 1e-12), _MOST)
+    return along * min(ORTHOGONAL_SIGMA / max(size, 1e-12), _MOST)
 
 
 def sizes(problem: Problem, values: np.ndarray) -> tuple[float, float, float]:
-    """RMS displacement of the first added effect at `values`, of what survives of it, and the share of the square.
+    """RMS of the first added effect at `values`, of its part orthogonal to the baseline, and the share of the square.
 
     problem: of the perfect recording, so that everything is linearised where nothing acts.
     """
@@ -69,7 +69,7 @@ def sizes(problem: Problem, values: np.ndarray) -> tuple[float, float, float]:
 
 
 def confounded(problem: Problem, values: np.ndarray, family: str) -> list[tuple[object, float]]:
-    """(candidate, share of the surviving signature that it explains), largest first, one per family."""
+    """(candidate, share of the orthogonal part of the signature that it explains), largest first, one per family."""
     own = problem.orthogonalise(problem.added[0] @ values)
     best: dict[str, tuple[object, float]] = {}
     for c in problem.candidates:

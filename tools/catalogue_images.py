@@ -25,7 +25,7 @@ def draw(entry: Entry, path: Path) -> None:
     _places(panels[0], entry.points, residual, entry.unit)
     values = np.sqrt(np.nansum(residual**2, 0))[None] if entry.kind.port == "noise" else residual
     for axes, name in zip(panels[1:], _telling(entry.problem, values)):
-        _over(axes, entry.problem.covariates[name], name, values, entry.unit)
+        _over(axes, entry.problem.covariates, name, values, entry.unit)
     for axes in panels:
         axes.spines[["top", "right"]].set_visible(False)
         axes.tick_params(labelsize=7)
@@ -52,8 +52,8 @@ def _explained(x, residual) -> float:
     return sum(float(np.var(binned(x, row)[1])) for row in residual)
 
 
-def _over(axes, x, name, residual, unit):
-    x, title = shown_covariate(name, x)
+def _over(axes, covariates, name, residual, unit):
+    x, title = shown_covariate(name, covariates)
     k = int(np.argmax([np.var(binned(x, row)[1]) for row in residual]))
     some = slice(None, None, max(1, len(x) // _DOTS))
     axes.plot(x[some], residual[k][some], ".", ms=2, color=_BLUE, alpha=0.45)

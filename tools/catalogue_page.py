@@ -9,7 +9,7 @@ from pathlib import Path
 
 import catalogue_robot
 import catalogue_sensor
-from catalogue_entries import SURVIVING, Entry
+from catalogue_entries import ORTHOGONAL_SIGMA, Entry
 from catalogue_images import draw
 from workbench.explanation.words import law, length
 
@@ -19,7 +19,7 @@ HEAD = f"""# Residuals of each effect
 
 This page shows the residual that each effect causes if the model does not contain it. For each effect a recording
 without noise is simulated (`python tools/catalogue_page.py` writes this page). The effect is added at the size
-whose residual is {SURVIVING:g} σ (at most 40 times its typical size), and the baseline is fitted without it:
+whose residual is {ORTHOGONAL_SIGMA:g} σ (at most 40 times its typical size), and the baseline is fitted without it:
 geometry, base and tool of an ABB IRB 120 with 240 random poses, loads of 0-2 kg, both directions of approach and 12
 K of warming; for the scanner, camera, mirror and board poses from a rendered recording. The image shows the
 residual.
@@ -58,6 +58,7 @@ def _section(entry: Entry, images: bool, prefix: str = "") -> str:
         f"; and {len(entry.values) - 3} more" if len(entry.values) > 3 else ""
     )
     size, left = (length(value, entry.unit) for value in (entry.size, entry.left))
+    share = 100 * entry.orthogonal_share
     return f"""### {entry.name}
 
 {law(entry.kind.effect, entry.where, kind=entry.kind)}: `{entry.kind.equation}`.
@@ -65,7 +66,7 @@ def _section(entry: Entry, images: bool, prefix: str = "") -> str:
 ![{entry.name}](catalogue/{file})
 
 - Here at {entry.where}: {numbers}.
-- Size {size} RMS, residual {left} RMS: {100 * entry.survives:.2g} % of its square is orthogonal to the baseline.
+- Size {size} RMS, residual {left} RMS: {share:.2g} % of its square is orthogonal to the baseline.
 - Confounded with: {confounded}.
 - Separated by: {entry.separates}
 

@@ -137,7 +137,7 @@ def _entry(name, kind) -> Entry:
     bench = _bench(
         _with(scene, name, effect, dict(zip((p.key for p in table), values.tolist()))), baseline
     )
-    whole, left, survives = sizes(start, values)
+    whole, left, orthogonal_share = sizes(start, values)
     near = confounded(start, values, f"{kind.effect} {where}")
     numbers = tuple(f"{p.label} {measured(v, None, p.unit)}" for p, v in zip(table, values))
     return Entry(
@@ -147,7 +147,7 @@ def _entry(name, kind) -> Entry:
         numbers,
         whole,
         left,
-        survives,
+        orthogonal_share,
         "mm",
         listed(near),
         _separates(perfect, effect, start, values, near),
@@ -179,7 +179,7 @@ def _spread(name, kind, where, scene) -> Entry:
         1.0,
         "mm",
         (),
-        "Nothing else: the means stay where they are, and only the scatter grows.",
+        "Nothing else: the effect changes the variance and not the mean.",
         problem,
         _flange(bench),
     )

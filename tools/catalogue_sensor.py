@@ -92,7 +92,7 @@ def _entry(perfect: SensorBench, name, kind) -> Entry:
     values = large_enough(start, np.array([row["typical"] for row in rows]))
     true = dict(zip((row["key"] for row in rows), values.tolist()))
     bench = SensorBench(simulated(perfect.chains, (effect,), true, _SEED))
-    whole, left, survives = sizes(start, values)
+    whole, left, orthogonal_share = sizes(start, values)
     near = confounded(start, values, f"{kind.effect} {where}")
     numbers = tuple(
         f"{row['label']} {measured(true[row['key']], None, row['unit'])}" for row in rows
@@ -105,7 +105,7 @@ def _entry(perfect: SensorBench, name, kind) -> Entry:
         numbers,
         whole,
         left,
-        survives,
+        orthogonal_share,
         "px",
         listed(near),
         _separates(effect, near),
@@ -117,7 +117,7 @@ def _entry(perfect: SensorBench, name, kind) -> Entry:
 def _separates(effect, near) -> str:
     """What would change for one of the two and not for the other."""
     if not near or near[0][1] < 0.5:
-        return "Nothing is needed: no other effect makes half of what it leaves."
+        return "Nothing is needed: no other effect explains half of its residual."
     other = near[0][0].effects[0]
     needs = [
         name

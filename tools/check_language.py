@@ -3,14 +3,16 @@
 `python tools/check_language.py` prints every occurrence in code, tests and documents; exit status 1 if there is
 one. Arguments limit the check to files and folders. The glossary (docs/glossary.md) lists the terms to use. A word is
 found in prose and in every part of a name (`is_told`, `ToldBy`, `told_2`), a phrase also where an underscore, a hyphen
-or the end of a line divides it. Keys of JSON and CSV files, names of suites, paths and command-line options are
-contracts; `CONTRACTS` lists where they contain such a word.
+or the end of a line divides it. Markdown pages avoid more words (`PAGE_WORDS`), except in their code. Keys of JSON and
+CSV files, names of suites, paths and command-line options are contracts; `CONTRACTS` lists where they contain such a
+word.
 """
 
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = (
@@ -70,10 +72,30 @@ WORDS = {
     r"mend(s|ed|ing)?": "fix",
     r"beside": "next to, conditional on",
     r"(of|every|each|a|the|several|some|two|three|all) placements?|placements? of (a|the) boards?": "board pose",
+    r"nod(s|ded|ding)?": "tilt about the horizontal axis",
+    r"sheets? (planes?|normals?)|(fan|plane) of light sheets?": "light plane",
+    r"abstain(s|ed|ing)?|abstention": "unexplained, reports no cause",
+    r"surviv(e|es|ed|ing) (of )?(a|an|the|its|their) ([\w-]+ )?(baseline|fit)": "orthogonal to the baseline",
+    r"surviving (size|signature|part|share)s?|what survives": "part orthogonal to the baseline",
 }
+# Words that pages of the documentation do not use; in code they have other senses.
+PAGE_WORDS = {
+    r"(?<!in\s)turn(s|ed|ing)?(?! (on|off|into|out)\b)": "rotate, rotation, revolution",
+    r"(stay|stays|leave|leaves) (\w+ )?open": "not identifiable, uncertain",
+    r"what (is|was|are) left|what (it|they|he|she) leaves?": "residual, remainder",
+    r"cannot tell|tells? which": "not identifiable, states which",
+    r"stand(s)? ([\w.]+ ){0,3}apart|σ apart": "differ by",
+    r"by itself|by themselves": "alone, separately",
+    r"all the same(?! )": "nevertheless",
+    r"whoever|anybody|nobody|somebody": "the user, every user, no one",
+    r"likelier|likeliest": "more probable",
+    r"more than luck|by luck|beyond luck": "significantly",
+}
+# Pages whose lines are data of a finished run, as they were written then.
+RECORDED_PAGES = {"scoreboard.md"}
 # Keys, suites, paths and options that other programs and files rely on; they are not prose.
 CONTRACTS = (
-    r"""(["'`])(concealed|sealed|swallowed|twins?|twin_where|t_searched_anew|told|pictures?)\1""",
+    r"""(["'`])(concealed|sealed|swallowed|twins?|twin_where|t_searched_anew|told|pictures?|abstained|nod)\1""",
     r"\bsealed/",
     r"\bswallowed(?==\d)",
     r"\bconcealed(?==\[)",
@@ -82,6 +104,7 @@ CONTRACTS = (
     r"\b(calib|light)_picture\b",
     r"(?<=\|)picture(?=\|foto\|)",  # a column name that importers accept
     r"^\| `[0-9a-f]{12}` .*",  # a case of the scoreboard: claims as they were written
+    r"(?<=\| )abstained(?= \|)",  # outcome of a case
     r"""\"(add a|every step of a) placement( once)?\"""",  # messages that name the column
     r"context manager that yields|the yielded list",  # what Python calls the value of a generator
 )
@@ -92,7 +115,7 @@ START = r"(?:(?<![A-Za-z])|(?<=(?-i:[a-z]))(?=(?-i:[A-Z])))"
 END = r"(?!(?-i:[a-z])|(?<=(?-i:[A-Z]))(?-i:[A-Z]))"
 
 
-def pattern_of(words: dict[str, str]) -> re.Pattern:
+def pattern_of(words: Mapping[str, str]) -> re.Pattern:
     """One expression for all words, with a group `w0`, `w1`, ... each."""
     groups = []
     for number, word in enumerate(words):
@@ -107,10 +130,18 @@ def blanked(text: str) -> str:
     return contracts.sub(lambda match: " " * len(match.group()), text)
 
 
-def find_in(text: str) -> Iterator[tuple[int, str, str]]:
+def prose_of(page: str) -> str:
+    """A page in Markdown without its code, which is replaced by as many blanks and line ends."""
+    code = re.compile(r"^```.*?^```|`[^`\n]+`", re.MULTILINE | re.DOTALL)
+    return code.sub(lambda match: re.sub(r"[^\n]", " ", match.group()), page)
+
+
+def find_in(
+    text: str, words: Mapping[str, str] = MappingProxyType(WORDS)
+) -> Iterator[tuple[int, str, str]]:
     """(line number, word, replacement) of every occurrence in a text."""
-    terms = list(WORDS.values())
-    for match in pattern_of(WORDS).finditer(blanked(text)):
+    terms = list(words.values())
+    for match in pattern_of(words).finditer(blanked(text)):
         line = text.count("\n", 0, match.start()) + 1
         yield line, " ".join(match.group().split()), terms[int(match.lastgroup[1:])]
 
@@ -120,8 +151,12 @@ def find_faults(paths: Iterator[Path]) -> Iterator[tuple[Path, int, str, str]]:
     for path in paths:
         for _, word, term in find_in(path.stem):
             yield path, 0, word, term
-        for line, word, term in find_in(path.read_text(encoding="utf-8")):
+        text = path.read_text(encoding="utf-8")
+        for line, word, term in find_in(text):
             yield path, line, word, term
+        if path.suffix == ".md" and path.name not in RECORDED_PAGES:
+            for line, word, term in find_in(prose_of(text), PAGE_WORDS):
+                yield path, line, word, term
 
 
 def list_texts(root: Path, wanted: list[str]) -> Iterator[Path]:

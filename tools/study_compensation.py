@@ -220,63 +220,70 @@ def collect(table: Path = TABLE) -> list[Executed]:
     return rows
 
 
-_PAGE = """# Compensation: error of the true arm against the predicted uncertainty
+_PAGE = """# Compensation: error of the true arm and predicted uncertainty
 
-Arms differ from their nominal file in up to two parameters of the geometry and up to three effects. MuJoCo
-solves them (`datasets/makers/planted.py`). Each recording of 130 poses is diagnosed, {targets} new targets are
-compensated with the result, and MuJoCo sends the true arm to the corrected readings. The ratio is the RMS error of the
-measured point over the RMS uncertainty that `compensate` predicts; 1 is expected of a model with the right terms.
-`python tools/study_compensation.py` writes this page; `compensation.csv` has a row a scene. Each population has
+This study tests whether the uncertainty that `compensate` predicts agrees with the true error after compensation.
+
+Simulated arms differ from their nominal file in up to two parameters of the geometry and up to three effects
+(`datasets/makers/planted.py`, MuJoCo). Each recording has 130 poses and is diagnosed. Then {targets} new targets are
+compensated with the result, and MuJoCo moves the true arm to the corrected readings. The ratio is the RMS error of the
+measured point over the predicted RMS uncertainty; 1 is expected of a model with the correct terms.
+`python tools/study_compensation.py` writes this page; `compensation.csv` has one row per scene. Each population has
 {count} scenes. Its seeds were fixed before the first run, and no scene is left out.
 
 ![Error of the true arm before and after compensation against the predicted uncertainty](../images/compensation.png)
 
 {figures}
 
-The models of the first four populations are those of a diagnosis. The first led to changes of the search, and all
-four to the present estimate of the error of the model (below): they are not unseen. Their predictions were computed
-again from the same models; that of scene 770104 lacks a term that was found and not retained. The models of the
-fifth population have the planted terms, without a diagnosis. Its seeds were fixed when the estimate was final, and
-it was run once. The models of the last population are those of a diagnosis on unseen scenes: its seeds were fixed
-before, and it was run once. The diagnoses name exactly the planted terms in {exact} of {diagnosed} scenes.
+- **Populations 1 to 4** use the models of a diagnosis. They influenced the development: the first led to changes of
+  the search, and all four to the present estimate of the error of the model (below). Their predictions were computed
+  again from the same models. The model of scene 770104 lacks a term that was found and not retained.
+- **Population 5** uses the planted terms, without a diagnosis. It was run once, after the estimate was final.
+- **Population 6** uses the models of a diagnosis on unseen scenes. Its seeds were fixed before, and it was run once.
 
-## What the uncertainty holds
+The diagnoses name exactly the planted terms in {exact} of {diagnosed} scenes.
 
-The predicted uncertainty combines four things: the covariance of the estimated parameters; what terms make that the
-diagnosis found and did not retain; what error curves and smooth functions leave open beyond the recorded range; and
-the error of the model, which is what the held-out error has beyond the noise and these. It does not hold an effect
-that the diagnosis did not find at all.
+## Contributions to the uncertainty
+
+The predicted uncertainty combines four contributions:
+
+- the covariance of the estimated parameters,
+- terms that the diagnosis found and did not retain,
+- the extrapolation of error curves and smooth functions beyond the recorded range,
+- the error of the model: the part of the held-out error that exceeds the noise and the other contributions.
+
+It does not contain effects that the diagnosis did not find.
 
 ## The error of the model
 
-The mean square of a held-out error from 130 poses is known to 7 %, and the uncertainty of the parameters adds 8 %
-to it. A difference of squares that is cut off at zero, as it was used before, is therefore chance in a model with
-the right terms: in 43 of the first 80 scenes it enlarged the prediction (ratios with an RMS of 0.72 to 0.90), and
-in the 37 others, whose noise happened to be small, it added nothing (RMS 1.07; 9 scenes above {limit} where 3.3
-were expected). It is now the posterior mean of the variance that is missed, with two hypotheses of equal prior
-probability: nothing is missed, or a discrepancy of half-Cauchy size in units of the noise
-(`workbench/fitting/discrepancy.py`). Where the held-out error is what noise and parameters make, it adds some 8 %
-to the predicted variance; a discrepancy that is clearly there enters whole.
+The standard uncertainty of the mean square of a held-out error is 7 % with 130 poses, and the uncertainty of the
+parameters adds 8 %. A difference of mean squares, truncated at zero, is therefore determined by chance if the model
+has the correct terms. It increased the prediction in 43 of the first 80 scenes (ratios with an RMS of 0.72 to 0.90)
+and was zero in the 37 others (RMS 1.07; 9 scenes above {limit}, expected 3.3). The error of the model is instead the
+posterior mean of the variance of the discrepancy, with two hypotheses of equal prior probability: no discrepancy, or a
+discrepancy with a half-Cauchy distribution in units of the noise (`workbench/fitting/discrepancy.py`). If the held-out
+error agrees with noise and parameters, this adds about 8 % to the predicted variance. A significant discrepancy is
+added completely.
 
-## Why a right model is not always within {limit}
+## Ratios above {limit} for correct models
 
-The prediction is a standard uncertainty (1 sigma), and the errors of all targets of a scene come from the same
-thirty or so parameters. They do not average out over the targets: with eigenvalues w of their covariance, the sum
-of squares is the sum of w times independent chi-squares. Its root scatters by about a sixth of the prediction. A
-model with the right terms is therefore above {limit} in up to {worst:.0%} of the recordings. The expected numbers
-above follow from the covariance of each scene, and from the {degrees} or so degrees of freedom that determine the
-variance factor.
+The prediction is a standard uncertainty (1 sigma). The errors of all targets of a scene depend on the same thirty
+parameters approximately, so that they do not average out over the targets. With the eigenvalues w of their covariance,
+the sum of squares is the sum of w times independent chi-squares, and the standard deviation of its root is about a
+sixth of the prediction. The ratio of a model with the correct terms is therefore above {limit} in up to {worst:.0%} of
+the recordings. The expected numbers above follow from the covariance of each scene, and from the {degrees} degrees of
+freedom, approximately, that determine the variance factor.
 
-The largest ratio, of seed 64723, is such a case. Nothing was planted there but two wrong lengths or angles, which
+The largest ratio, of seed 64723, is an example. Only two errors of the geometry were planted there, which
 the calibration estimates. With 14 other draws of the noise at the same poses, the ratios to the covariance of the
-parameters alone are 0.79 to 1.25, RMS 0.99; those of the second largest of that population, seed 64738, are 0.83 to
-1.22, RMS 1.03. Those of seed 2226011, with 12 other draws and the planted terms, are 0.68 to 1.22, RMS 0.97. The draw
-of the noise makes them, not a term that is missing. All scenes above {limit} have the planted terms and no others.
+parameters alone are 0.79 to 1.25, RMS 0.99. Those of seed 64738, the second largest of that population, are 0.83 to
+1.22, RMS 1.03. Those of seed 2226011, with 12 other draws and the planted terms, are 0.68 to 1.22, RMS 0.97. The noise
+causes these ratios, and not a missing term. All scenes above {limit} have the planted terms and no others.
 
 `compensate` also states the expanded uncertainty with the coverage factor {factor} (JCGM 100:2008, 6.2; column
-`expanded_uncertainty_mm`). A 3-D error is within it with a probability of 95.4 % if it lies in one direction, and
-99.3 % if all directions are alike. The share of single targets within it, and the scenes whose RMS error is within
-it, are in the table.
+`expanded_uncertainty_mm`). A 3-D error is within it with a probability of 95.4 % if it has one direction, and 99.3 %
+if its components are equally distributed. The table at the top states the share of single targets within it, and the
+scenes whose RMS error is within it.
 
 ## Scenes
 

@@ -18,7 +18,7 @@ alone, without the robot. If the scatter is significantly larger, alternatives a
 reversed, images are assigned to other poses, a scale of the flange positions is estimated, and a motion of the
 camera or of the board between two images is tested. A cause is reported only if its alternative fits nearly within
 the noise and the recorded data do not. If the mistake is certain, the recording is refused (exit status 2);
-`--trust-data` turns the refusal into a warning.
+With `--trust-data` the refusal becomes a warning.
 
 ![Inverted flange poses are refused](images/user-errors-hand-eye.svg)
 

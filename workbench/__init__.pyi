@@ -341,7 +341,8 @@ def compensate(
       rows, deg; mm for a prismatic joint).
     - `largest_correction_mm`: of the flange, in the base frame; `largest_correction_deg` of its
       orientation.
-    - `expected_error_mm`: RMS position error to expect at the targets.
+    - `expected_error_mm`: held-out RMS position error of the calibration, with the noise of the
+      instrument.
     - `refused`: rows without a correction, with the reason.
 
     Method: inverse kinematics of the calibrated model by damped least squares.

@@ -163,7 +163,7 @@ class BaseDrift(Effect):
 
 
 class AxisRunOut(Effect):
-    """The axis of joint K moves radially once a revolution: dx, dy across it, in the frame before the joint turns."""
+    """The axis of joint K moves radially once a revolution: dx, dy across it, in the frame before the joint rotates."""
 
     effect = "axis-run-out"
     port = "frame"
@@ -179,7 +179,7 @@ class AxisRunOut(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """At every joint that turns far enough."""
+        """At every joint that rotates far enough."""
         return [Variant(cls(where)) for where in turning_joints(chain, _MOVES_RAD)]
 
     def port_indices(self, chain):

@@ -91,7 +91,7 @@ class JointHysteresis(Effect):
 
 
 class JointTorque(Effect):
-    """A cable, a hose or a spring turns joint K by a torque that is a smooth function of its own angle.
+    """A cable, a hose or a spring exerts a torque on joint K that is a smooth function of its own angle.
 
     Legendre polynomials of degree 1 to 3 on [start, end], the visited angles (rad, mm): compliance times torque. A
     constant torque is a zero offset. A spring balancer makes a harmonic of the first order: both are confounded.

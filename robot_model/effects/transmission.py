@@ -66,7 +66,7 @@ class TransmissionHarmonic(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """The orders 1 to 4 at every joint that turns far enough."""
+        """The orders 1 to 4 at every joint that rotates far enough."""
         for where in turning_joints(chain, _MOVES_RAD):
             for order, weight in _LOW_ORDERS.items():
                 yield Variant(cls(where, float(order)), f"order {order}", weight)
@@ -91,7 +91,7 @@ class TransmissionHarmonic(Effect):
 
     @classmethod
     def planned(cls, chain):
-        """Once and twice a revolution, at every joint that turns far enough."""
+        """Once and twice a revolution, at every joint that rotates far enough."""
         for where in turning_joints(chain, _PLANNED_RAD):
             yield from ((where, {"order": order}) for order in (1, 2))
 
@@ -236,7 +236,7 @@ class Backlash(Effect):
 
     @classmethod
     def planned(cls, chain):
-        """By the recorded side of approach, at every joint that turns far enough."""
+        """By the recorded side of approach, at every joint that rotates far enough."""
         for where in turning_joints(chain, _PLANNED_RAD):
             if all(chain.varies(name) for name in cls(where).needs):
                 yield where, {}

@@ -120,7 +120,10 @@ class MirrorWobble(Effect):
     def table(self, chain):
         return tuple(
             self.parameter(
-                f"{name}_{wave}{k}", unit, size, f"the mirror's {name}, {wave} of {k} turns"
+                f"{name}_{wave}{k}",
+                unit,
+                size,
+                f"the mirror's {name}, {wave} of {k} cycles per revolution",
             )
             for k in (1, 2)
             for wave in ("cos", "sin")

@@ -141,7 +141,7 @@ class MirrorVibration(Effect):
 
 
 class RollingShutter(Effect):
-    """The rows of an image are read one after the other while the mirror turns."""
+    """The rows of an image are read one after the other while the mirror rotates."""
 
     effect = "rolling-shutter"
     port = "mirror"

@@ -27,7 +27,7 @@ class FieldBias(FieldBiasLaw, Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """None: lens and light plane, whose errors it sums up, are tested by themselves."""
+        """None: lens and light plane, whose errors it combines, are tested separately."""
         return ()
 
 

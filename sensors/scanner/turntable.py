@@ -49,7 +49,7 @@ ANGLE_ERRORS = (
         f"{STEP_ERROR}, scale",
         "dphi = (g - 1) theta",
         "ratio of gear or encoder",
-        "The table turns by a constant factor more or less than commanded.",
+        "The table rotates by a constant factor more or less than commanded.",
         _TESTED,
     ),
     AngleError(

@@ -34,7 +34,7 @@ ANSWERS: dict[str, dict[str, str]] = {
         "corrected_count": "how many have corrected joint readings; `table('corrected')` has them (n rows, deg; mm "
         "for a prismatic joint).",
         "largest_correction_mm": "of the flange, in the base frame; `largest_correction_deg` of its orientation.",
-        "expected_error_mm": "RMS position error to expect at the targets.",
+        "expected_error_mm": "held-out RMS position error of the calibration, with the noise of the instrument.",
         "refused": "rows without a correction, with the reason.",
     },
     "diagnose": {

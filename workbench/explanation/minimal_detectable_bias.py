@@ -32,9 +32,9 @@ _NOTHING = (
 class DetectableBias:
     """The smallest size of one candidate at its place.
 
-    `size`: RMS displacement of the measured point (mm, or px) that it makes by itself, and `surviving` what is left
-    of that orthogonal to the fitted baseline; `parameter`, `unit`: the same size in the parameter's
-    own unit, of several parameters their root mean square. `survives` the share of its square that survives.
+    `size`: RMS displacement of the measured point (mm, or px) that it causes, and `orthogonal_size` its part that is
+    orthogonal to the fitted baseline; `parameter`, `unit`: the same size in the parameter's own unit, of several
+    parameters their root mean square. `orthogonal_share`: share of the mean square that is orthogonal to the baseline.
     `alternative` is the candidate that it is most confounded with, `separable` the size from which the two
     are distinguishable.
     None: at no size (the baseline makes all of it; the alternative makes the same).
@@ -44,8 +44,8 @@ class DetectableBias:
     where: str
     label: str
     size: float | None
-    surviving: float | None
-    survives: float
+    orthogonal_size: float | None
+    orthogonal_share: float
     parameter: float | None
     unit: str
     separable: float | None
@@ -167,10 +167,12 @@ def separable_distance() -> float:
 
 def _row(table: _Table, k, seen, separability, alternative, units) -> DetectableBias:
     candidate = table.every[k]
-    survives = float(np.median(table.length[k] ** 2 / np.maximum(table.whole[k] ** 2, 1e-300)))
+    orthogonal_share = float(
+        np.median(table.length[k] ** 2 / np.maximum(table.whole[k] ** 2, 1e-300))
+    )
     unit = units[0] if len(set(units)) == 1 else ""
     length = (
-        table.length[k] if survives > _NOTHING else np.full_like(table.length[k], np.nan)
+        table.length[k] if orthogonal_share > _NOTHING else np.full_like(table.length[k], np.nan)
     )  # nothing is seen of it
     at = _median(seen / length)
     distinct = separability > _NOTHING * table.length[k]
@@ -190,7 +192,7 @@ def _row(table: _Table, k, seen, separability, alternative, units) -> Detectable
         candidate.label,
         None if at is None else at * raw,
         None if at is None else at * remaining_median,
-        survives,
+        orthogonal_share,
         None if at is None or not unit else at * explained_median,
         unit,
         None if far is None else far * raw,

@@ -118,7 +118,7 @@ def _library(rows):
     return [
         rate(
             "library",
-            "detected, surviving size ≥ 0.3 σ",
+            "detected, orthogonal size ≥ 0.3 σ",
             large,
             lambda r: r.get("detected"),
             "≥ 95 %",
@@ -141,7 +141,7 @@ def _library(rows):
         ),
         rate(
             "library",
-            "detected, surviving size < 0.3 σ",
+            "detected, orthogonal size < 0.3 σ",
             [r for r in rows if r not in large],
             lambda r: r.get("detected"),
         ),
@@ -155,7 +155,7 @@ def _absorbed(rows):
         rate("swallowed", "right name or declared group", rows, _right, "≥ 85 %", 0.85),
         rate(
             "swallowed",
-            "named, or abstained, or below the stated minimal detectable bias",
+            "named, or `unexplained`, or below the stated minimal detectable bias",
             rows,
             lambda r: _right(r) or r["outcome"] == "abstained" or _silent(r),
             "all",

@@ -136,7 +136,7 @@ def plant(recording, rng: np.random.Generator, times: float):
         effect, wave, unit = _drawn(recording, rng)
         if np.ptp(wave) == 0:
             continue
-        change, real = _surviving(geometry, effect, wave)
+        change, real = _orthogonal_size(geometry, effect, wave)
         if change < 1e-3 * _SMALL:
             continue
         size = times * real / change * _SMALL * float(rng.choice([-1, 1]))
@@ -201,7 +201,7 @@ class Geometry:
     basis: np.ndarray
 
 
-def _surviving(geometry: Geometry, effect, wave) -> tuple[float, float]:
+def _orthogonal_size(geometry: Geometry, effect, wave) -> tuple[float, float]:
     """RMS per coordinate, mm, after a fit of the geometry: of a small effect, and of the real residual."""
     basis, chain = geometry.basis, geometry.model.chain
     joint = Place.of(effect["where"]).number - 1

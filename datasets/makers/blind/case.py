@@ -64,7 +64,7 @@ def _planted(rng, world: World, question) -> list[Sized] | None:
         within = base if one.effect != "unknown" else uncatalogued.local_basis(world, base, one)
         sign = 1.0 if question.one_sided(name) else float(rng.choice([-1, 1]))
         at = sized(world, within, one, wanted, sign)
-        if at is None or (not one.fixed and at.survives < question.least):
+        if at is None or (not one.fixed and at.orthogonal_sigma < question.least):
             return None
         found.append(at)
     if len({(s.planted.effect, s.planted.where) for s in found}) < len(found):

@@ -34,12 +34,12 @@ class PlantedEffect:
 
 @dataclass(frozen=True)
 class Sized:
-    """A planted effect at the size of a case; `survives`: RMS orthogonal to the baseline, in sigma of a coordinate."""
+    """A planted effect at the size of a case; `orthogonal_sigma`: RMS orthogonal to the baseline, in sigma."""
 
     planted: PlantedEffect
     size: float
     push: Perturbation
-    survives: float
+    orthogonal_sigma: float
     share: float
 
     def truth(self) -> dict:
@@ -50,7 +50,7 @@ class Sized:
             "where": one.where,
             "value": self.size,
             "unit": one.unit,
-            "survives_sigma": self.survives,
+            "survives_sigma": self.orthogonal_sigma,
             "survives_share": self.share,
             "detail": dict(one.detail),
             "accept": [list(pair) for pair in one.accept],
@@ -74,11 +74,11 @@ def sized(
     size = one.trial
     for _ in range(1 if one.fixed else 3):  # a step of the encoder does not grow in proportion
         found = _at(world, base, one, size)
-        if found.share < _LEAST_SHARE or found.survives <= 0:
+        if found.share < _LEAST_SHARE or found.orthogonal_sigma <= 0:
             return None
-        if one.fixed or abs(found.survives / wanted - 1) < 0.02:
+        if one.fixed or abs(found.orthogonal_sigma / wanted - 1) < 0.02:
             break
-        size = min(size * wanted / found.survives, one.most)
+        size = min(size * wanted / found.orthogonal_sigma, one.most)
     return _at(world, base, one, sign * size)
 
 

@@ -1,7 +1,7 @@
 """Permutation and circular-shift controls: a permuted cause explains nothing, and noise makes no such change in time.
 
 Permutation: the derivative of the measurement stays as it is; only what the effect reads of its samples (angles,
-torques, sides of approach, temperatures) is given to other poses. A gain that survives this was never owed to the
+torques, sides of approach, temperatures) is given to other poses. A gain that remains was not due to the
 cause. What a permuted cause can make of the fitted effect itself it gains in any case: that is taken off.
 
 Circular shift, for what reads the clock. Its instant (or time constant) was selected, and a step shifted by a part of

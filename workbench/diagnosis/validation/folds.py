@@ -1,7 +1,7 @@
 """Ways to leave samples out: blocks of time, blocks of the workspace, and placements of a sensor in turn.
 
 Folds never part what was measured at one pose. There are two schemes for an arm, because they ask different things:
-a slow drift does not survive blocks of time, a wrong law does not survive blocks of the workspace.
+a slow drift is not predicted across blocks of time, and a wrong law is not predicted across blocks of the workspace.
 """
 
 from dataclasses import dataclass

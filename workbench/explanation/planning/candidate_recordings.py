@@ -163,7 +163,12 @@ def _more(bench, rows, pose, rng) -> CandidateRecording:
     changed = dict(zip(names, np.clip(fresh, low[:, None], high[:, None])))
     joined = _seen(bench, _joined(recording, rows, changed))
     return CandidateRecording(
-        MORE, "measure {poses} more poses, chosen for it", joined, pose, np.zeros(len(rows)), None
+        MORE,
+        "measure {poses} more poses that are selected for it",
+        joined,
+        pose,
+        np.zeros(len(rows)),
+        None,
     )
 
 

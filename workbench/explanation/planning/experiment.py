@@ -379,22 +379,22 @@ def describe_comparison(
     best, plan = rows[0]
     if best["samples_needed"] == 0:
         return (
-            f"These poses distinguish {pair.name} from {pair.other}: at the size found they are "
-            f"{best['apart_now_sigma']:.1f} σ apart ({separable_distance():.1f} σ give a probability of 95 %). "
-            "Both remain likely all the same: neither alone describes the effect. "
+            f"These poses distinguish {pair.name} from {pair.other}: at the estimated size their predictions differ "
+            f"by {best['apart_now_sigma']:.1f} σ ({separable_distance():.1f} σ give a probability of 95 %). "
+            "Both nevertheless remain likely, since neither alone describes the effect. "
             f"{_capital(plan.words.format(poses=len(best['poses'])))}."
         )
     gained = best["apart_then_sigma"] - best["apart_now_sigma"]
     if best["samples_needed"] > _MOST_EXTRA * best["samples"] or gained < _LEAST_GAINED:
         return (
-            f"No recording of the kinds that were compared distinguishes {pair.name} from {pair.other}: they move "
-            f"the measured point alike, {best['apart_now_sigma']:.1f} σ apart now and {best['apart_then_sigma']:.1f} σ "
-            f"with {best['samples']} more samples, {plan.name}. Either corrects for both."
+            f"No recording of the compared kinds distinguishes {pair.name} from {pair.other}: their predictions "
+            f"differ by {best['apart_now_sigma']:.1f} σ now and by {best['apart_then_sigma']:.1f} σ with "
+            f"{best['samples']} more samples, {plan.name}. Each of them corrects for both."
         )
     first = (
-        f"To distinguish {pair.name} from {pair.other}, {plan.words.format(poses=len(best['poses']))}. The two "
-        f"effects would then be {best['apart_then_sigma']:.1f} σ apart instead of {best['apart_now_sigma']:.1f} σ; "
-        f"{separable_distance():.1f} σ are needed for a probability of 95 %."
+        f"To distinguish {pair.name} from {pair.other}, {plan.words.format(poses=len(best['poses']))}. Their "
+        f"predictions would then differ by {best['apart_then_sigma']:.1f} σ instead of "
+        f"{best['apart_now_sigma']:.1f} σ; {separable_distance():.1f} σ are required for a probability of 95 %."
     )
     if len(rows) > 1:
         other, second = rows[1]

@@ -418,7 +418,7 @@ def _detectable(diagnosis: Diagnosis):
             said.place(detectable.where),
             rounded(detectable.size, 2),
             _parameter(detectable),
-            f"{100 * detectable.survives:.1f} %",
+            f"{100 * detectable.orthogonal_share:.1f} %",
             rounded(detectable.separable, 2),
             f"{detectable.alternative} at {said.place(detectable.alternative_where)}"
             if detectable.alternative
