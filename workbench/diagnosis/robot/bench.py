@@ -384,7 +384,8 @@ class RobotBench(Bench):
         full_covariance = with_estimated_options(
             model, fit, weights, full_covariance, options or {}
         )
-        std = np.sqrt(np.maximum(np.diag(full_covariance), 0))
+        of_masses = mass_responses.std_by_masses(model, fit, weights, covariance)
+        std = np.hypot(np.sqrt(np.maximum(np.diag(full_covariance), 0)), of_masses)
         masses = mass_rows(model, values, full_covariance)
         rows = []
         first = len(self.baseline)

@@ -84,6 +84,40 @@ def with_estimated_masses(law: Effect, state) -> ComplianceWithMasses | None:
     )
 
 
+def std_by_masses(model, fit, weights: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(P,) standard deviation that first moments off as in `nearly_known` give to each elastic law's parameters.
+
+    0 for all others. weights (n,): of the samples; covariance (F, F) of the F free parameters over the variance of the
+    noise, in typical sizes. Columns X of the free parameters and D of the moments' changes: the shift is C X'D.
+    """
+    parameters = fit.parameters
+    laws = [(e, span) for e, span in zip(model.effects, model.spans) if e.mass_dependent]
+    out = np.zeros(len(parameters))
+    if not laws:
+        return out
+    wider = model.with_effects(*(MassResponse(e.where, e) for e, _ in laws))
+    start = wider.parameters.take_over(parameters)
+    is_moment = np.arange(len(start)) >= len(parameters)
+    white = np.sqrt(weights) / model.sigma(parameters)
+    changes = (wider.linearise(start.only(is_moment))[1] * white).reshape(is_moment.sum(), -1)
+    total, first = 0.0, 0
+    for _, span in laws:
+        values = parameters.values[span]
+        count = len(changes) * len(values) // sum(s.stop - s.start for _, s in laws)
+        of_law = changes[first : first + count].reshape(len(values), -1, changes.shape[1])
+        total, first = total + np.einsum("pmk,p->mk", of_law, values), first + count
+    free = parameters.mask
+    typical = parameters.typical[free]
+    columns = (model.linearise(parameters)[1] * white).reshape(len(typical), -1)
+    shift = covariance @ ((columns @ total.T) * typical[:, None])
+    spread = np.sqrt((shift**2).sum(1)) * typical
+    out[free] = spread
+    is_law = np.zeros(len(out), bool)
+    for _, span in laws:
+        is_law[span] = True
+    return np.where(is_law, out, 0.0)
+
+
 def nearly_known(state) -> np.ndarray:
     """(3 J + 3,) kg mm: standard deviation of each first moment where masses are stated but not measured."""
     masses, centres = _bodies(state)
