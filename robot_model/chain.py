@@ -84,10 +84,13 @@ def forward(
     if turns is None or geometry.ndim > 2 or robot.prismatic.any():
         cosines, sines = np.cos(angles), np.sin(angles)
     else:
-        c, s = np.cos(geometry[:, :1]), np.sin(geometry[:, :1])
-        cosines, sines = c * turns[0] - s * turns[1], s * turns[0] + c * turns[1]
+        c = np.cos(geometry[:, :1])
+        s = np.sin(geometry[:, :1])
+        cosines = c * turns[0] - s * turns[1]
+        sines = s * turns[0] + c * turns[1]
     step = walk.distal if robot.convention == "distal" else walk.craig
-    twist_cosines, twist_sines = np.cos(geometry[:, ALPHA:]), np.sin(geometry[:, ALPHA:])
+    twist_cosines = np.cos(geometry[:, ALPHA:])
+    twist_sines = np.sin(geometry[:, ALPHA:])
     tilted = geometry[:, BETA].reshape(joints, -1).any(1)
     for k in range(joints):
         beta = (twist_cosines[k, 1], twist_sines[k, 1]) if tilted[k] else None
@@ -104,9 +107,11 @@ def forward(
 
 def _angles_and_shifts(robot, variables, geometry):
     """theta + q and d + q, (J, n) or broadcastable to it."""
-    theta, d = geometry[:, THETA], geometry[:, D]
+    theta = geometry[:, THETA]
+    d = geometry[:, D]
     if geometry.ndim == 2:
-        theta, d = theta[:, None], d[:, None]
+        theta = theta[:, None]
+        d = d[:, None]
     if not robot.prismatic.any():
         varies = d.shape[1] > 1
         shifts = np.broadcast_to(d, variables.shape) if varies else d
@@ -121,8 +126,10 @@ def _tips(robot, geometry) -> np.ndarray:
     """(J, 3) or (J, 3, n) mm, the end of each link in the frame after its joint: the last one's is the flange."""
     tips = np.zeros((len(geometry), 3, *geometry.shape[2:]))
     if robot.convention == "craig":
-        beta, length = geometry[1:, BETA], geometry[1:, A]
-        tips[:-1, 0], tips[:-1, 2] = length * np.cos(beta), -length * np.sin(beta)
+        beta = geometry[1:, BETA]
+        length = geometry[1:, A]
+        tips[:-1, 0] = length * np.cos(beta)
+        tips[:-1, 2] = -length * np.sin(beta)
     tips[-1] = robot.flange[:3, 3].reshape(3, *(1,) * (geometry.ndim - 2))
     return tips
 
@@ -178,8 +185,10 @@ class _Walk:
 
     def turn(self, about, c, s):
         """Right-multiply by an elementary rotation: mixes the other two axes."""
-        i, j = (about + 1) % 3, (about + 2) % 3
-        first, second = self.axes[i], self.axes[j]
+        i = (about + 1) % 3
+        j = (about + 2) % 3
+        first = self.axes[i]
+        second = self.axes[j]
         self.axes[i], self.axes[j] = c * first, c * second
         self.axes[i] += s * second
         self.axes[j] -= s * first
@@ -209,7 +218,8 @@ class _Walk:
         self.origin = pivot + shift + lever
 
     def finish(self, flange):
-        rotation, offset = flange[:3, :3], flange[:3, 3]
+        rotation = flange[:3, :3]
+        offset = flange[:3, 3]
         if not np.array_equal(flange, np.eye(4)):
             self.origin = self.origin + sum(axis * t for axis, t in zip(self.axes, offset))
             self.axes = [
@@ -292,7 +302,8 @@ def frame_rows(
     rows = np.empty((len(port_indices), 3, point.shape[1]))
     for p in np.unique(place):
         mine = place == p
-        shifts, turns = mine & (kind < 3), mine & (kind >= 3)
+        shifts = mine & (kind < 3)
+        turns = mine & (kind >= 3)
         rows[shifts] = frames.link[p][kind[shifts]]
         if turns.any():
             lever = point - _moved_pivot(frames, p, twists)

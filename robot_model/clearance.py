@@ -22,7 +22,8 @@ def segment_distance(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray)
     uu = np.maximum((u * u).sum(0), 1e-12)
     vv = np.maximum((v * v).sum(0), 1e-12)
     uv = (u * v).sum(0)
-    uw, vw = (u * w).sum(0), (v * w).sum(0)
+    uw = (u * w).sum(0)
+    vw = (v * w).sum(0)
     # the nearest point of the first line to the second one; parallel lines may start anywhere
     determinant = uu * vv - uv**2
     is_parallel = determinant <= 1e-9 * uu * vv

@@ -37,7 +37,8 @@ def parts_like_controller(robot: Robot, maker: str) -> tuple[bool, bool]:
     growing = frames.z[:, :, 0] * np.sign(np.diag(robot.mixing))[:, None]
     is_same = (growing * AXES[maker]).sum(1) > _ALIGNED
     points = frames.z_origin[:, :, 0]
-    upper, forearm = points[2] - points[1], points[4] - points[2]
+    upper = points[2] - points[1]
+    forearm = points[4] - points[2]
     is_straight = upper @ _UPPER_ARM[maker] > _ALIGNED * np.linalg.norm(upper)
     is_ahead = forearm @ _X > _ALONG * np.linalg.norm(forearm)
     return bool(is_same[:3].all() and is_straight and is_ahead), bool(is_same[3:].all())

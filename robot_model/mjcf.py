@@ -213,7 +213,8 @@ class MjcfTree(Tree):
 
     def _shape(self, geom, body, kind: str) -> tuple[float, np.ndarray]:
         """kg of a shape of a body and its centre (3,) mm in the body's frame."""
-        keys, where = self._defaults.of(geom, kind), self._where(body)
+        keys = self._defaults.of(geom, kind)
+        where = self._where(body)
         ends = shape_ends(keys, where)
         centre = self._place(geom, keys)[:3, 3] if ends is None else _MM * ends.mean(0)
         return shape_mass(keys, where), centre
@@ -231,7 +232,8 @@ class MjcfTree(Tree):
                         "another one",
                         "take it out",
                     )
-                ratio, zeros = float(poly[1]), self._references
+                ratio = float(poly[1])
+                zeros = self._references
                 offset = zeros.get(first, 0.0) + float(poly[0]) - ratio * zeros.get(second, 0.0)
                 self.mimic.setdefault(first, (second, ratio, offset))
 

@@ -141,14 +141,16 @@ class State:
         3 k + c, change of the first moment (kg mm) of body k along axis c of its own frame; body J
         is the load, in the flange frame. Component 3 J + 3: change of the load's mass (kg), at the flange's origin.
         """
-        gravity, moments = self.gravity.copy(), np.zeros((3 * self.robot.joints + 4, self.n))
+        gravity = self.gravity.copy()
+        moments = np.zeros((3 * self.robot.joints + 4, self.n))
         for port, port_indices, delta in changes:
             for port_index, change in zip(port_indices, delta):
                 if port == "gravity":
                     gravity[port_index] += change[0]
                 else:
                     moments[port_index] += change
-        mass, moments = moments[-1], moments[:-1].reshape(-1, 3, self.n)
+        mass = moments[-1]
+        moments = moments[:-1].reshape(-1, 3, self.n)
         of_link = (np.arange(self.robot.joints + 1) < self.robot.joints)[:, None, None]
         of_links = self._more(self.link_levers, np.where(of_link, moments, 0))
         of_load = self._more(self.load_levers, np.where(of_link, 0, moments))

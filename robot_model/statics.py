@@ -50,11 +50,10 @@ def link_levers(robot: Robot, frames: Frames) -> Levers:
 
 def load_levers(robot: Robot, frames: Frames, mass: np.ndarray, centre: np.ndarray) -> Levers:
     """Levers of a load `mass` (n,) kg with its centre at `centre` (3,) mm in the flange frame."""
-    masses, moments = (
-        np.zeros((robot.joints + 1, len(mass))),
-        np.zeros((robot.joints + 1, 3, len(mass))),
-    )
-    masses[-1], moments[-1] = mass, mass * frames.point(centre)
+    masses = np.zeros((robot.joints + 1, len(mass)))
+    moments = np.zeros((robot.joints + 1, 3, len(mass)))
+    masses[-1] = mass
+    moments[-1] = mass * frames.point(centre)
     return _levers(robot, frames, masses, moments)
 
 

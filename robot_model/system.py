@@ -56,7 +56,8 @@ class RobotChain:
             [*base, *_geometry_parameters(self.robot), *self.measurement.parameters()]
         )
         values, size = parameters.values.copy(), self.base_size
-        values[:size], values[size + 5 * self.robot.joints :] = self.start[:size], self.start[size:]
+        values[:size] = self.start[:size]
+        values[size + 5 * self.robot.joints :] = self.start[size:]
         return replace(parameters, values=values)
 
     @property
@@ -137,7 +138,8 @@ class RobotChain:
         """
         if not self.places("instrument"):
             return False
-        points, root = self.state.measured, self.start[:3]
+        points = self.state.measured
+        root = self.start[:3]
         from_root = np.linalg.norm(points - root[:, None], axis=0)
         is_outside = np.linalg.norm(root) > 0.5 * np.median(from_root)
         return bool(is_outside and (points.mean(1) @ points).min() > 0)
@@ -166,7 +168,8 @@ class RobotChain:
 
     def split(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Base pose (6,), geometry (J, 5) and the measurement's own values."""
-        base, end = self.base_size, self.base_size + 5 * self.robot.joints
+        base = self.base_size
+        end = self.base_size + 5 * self.robot.joints
         return (
             values[:base] if base else np.zeros(_BASE),
             values[base:end].reshape(-1, 5),
@@ -215,7 +218,8 @@ class Evaluation:
         rows = np.empty((len(indices), *self.residual.shape))
         is_base, is_tool = indices < base, indices >= end
         is_geometry = ~(is_base | is_tool)
-        first, last = is_base.sum(), len(indices) - is_tool.sum()
+        first = is_base.sum()
+        last = len(indices) - is_tool.sum()
         if is_base.any():
             rows[:first] = self._base_rows()[indices[is_base]]
         if is_geometry.any():
@@ -233,10 +237,8 @@ class Evaluation:
         if port == "joint":
             port_indices = 5 * port_indices + np.where(robot.prismatic[port_indices], D, 0)
         if port in ("joint", "geometry"):
-            moved, turned = (
-                kinematics.geometry_rows(robot, frames, point, port_indices),
-                kinematics.geometry_turns,
-            )
+            moved = kinematics.geometry_rows(robot, frames, point, port_indices)
+            turned = kinematics.geometry_turns
             return self._mapped(moved, lambda: turned(frames, port_indices))
         frames = self._with_links()
         moved = kinematics.frame_rows(frames, point, port_indices, self.twists)

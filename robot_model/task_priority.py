@@ -56,7 +56,8 @@ class Task:
 def _movable_ranks(robot: Robot, point) -> tuple[int, int]:
     low, high = robot.limits.T
     ends = np.where(sliding(robot), LEVER_MM, np.pi)
-    low, high = np.where(np.isnan(low), -ends, low), np.where(np.isnan(high), ends, high)
+    low = np.where(np.isnan(low), -ends, low)
+    high = np.where(np.isnan(high), ends, high)
     readings = np.random.default_rng(0).uniform(low, high, (_CONFIGURATIONS, len(low)))
     jacobian = _reading_jacobian(robot, forward(robot, robot.mixing @ readings.T), point)
     _, moved, directions = np.linalg.svd(jacobian[:, :3])
@@ -74,7 +75,8 @@ def _reading_jacobian(robot: Robot, frames, point) -> np.ndarray:
 
 def geometric_jacobian(robot: Robot, frames, point) -> np.ndarray:
     """(n, 6, J) change of a point (mm, flange frame) and of the orientation (rad) by each joint variable (rad, mm)."""
-    axes, lever = frames.z, frames.point(point) - frames.z_origin
+    axes = frames.z
+    lever = frames.point(point) - frames.z_origin
     slides = robot.prismatic[:, None, None]
     moved = np.where(slides, axes, np.cross(axes, lever, axis=1))
     rotated = np.where(slides, 0.0, axes)
@@ -127,7 +129,8 @@ def priority_step(jacobian: np.ndarray, error: np.ndarray, ranks: tuple[int, int
     in as many directions as `ranks` says. The rest is the larger of the two parts, the rotation at a lever of 200 mm;
     it is zero at the optimum.
     """
-    place, turn = error[:3].T, error[3:].T
+    place = error[:3].T
+    turn = error[3:].T
     inverse, still, movable = _ranked(jacobian[:, :3], ranks[0])
     first = _times(inverse, place)
     inner, _, turnable = _ranked(jacobian[:, 3:] @ still, ranks[1])
@@ -145,7 +148,8 @@ def _ranked(matrix, rank: int) -> tuple:
     v = np.swapaxes(vt, 1, 2)
     rows = np.swapaxes(u, 1, 2)[:, :rank]
     null_space = v[:, :, rank:]
-    retained, largest = s[:, :rank], s[:, :1]
+    retained = s[:, :rank]
+    largest = s[:, :1]
     gains = retained / (retained**2 + _DAMPING * largest**2 + 1e-300)
     inverse = (v[:, :, :rank] * gains[:, None]) @ rows
     return inverse, null_space, rows

@@ -91,7 +91,9 @@ def _denavit(
         lines.append((place[:3, 3], place[:3, :3] @ joint.axis))
     end = tree.places[tip]
     lines.append((end[:3, 3], end[:3, 2]))
-    frames, rows, hayati = [_first_frame(*lines[0])], [], []
+    frames = [_first_frame(*lines[0])]
+    rows = []
+    hayati = []
     for point, axis in lines[1:]:
         here = frames[-1]
         inward = here[:3, :3].T
@@ -191,7 +193,8 @@ def _mixing(
         raise wrong(
             f"{tree.file}: joints", "joints that move the tip", ", ".join(idle), "leave them out"
         )
-    mixing, offsets = np.zeros((len(moving), len(readings))), np.zeros(len(moving))
+    mixing = np.zeros((len(moving), len(readings)))
+    offsets = np.zeros(len(moving))
     for k, joint in enumerate(moving):
         name, ratio, offset = drives[joint.name]
         mixing[k, readings.index(name)] = ratio * joint.unit / tree.joints[name].unit
@@ -205,7 +208,8 @@ def _masses(
     """(J,) kg and (J, 3) mm in frame k of everything that moves with joint k."""
     number = {joint.name: k for k, joint in enumerate(moving, 1)}
     body = {tree.root: 0}
-    mass, moment = np.zeros(len(frames)), np.zeros((len(frames), 3))
+    mass = np.zeros(len(frames))
+    moment = np.zeros((len(frames), 3))
     for link in tree.places:
         if link in tree.into:
             body[link] = number.get(tree.into[link].name, body[tree.into[link].parent])

@@ -113,7 +113,8 @@ class JointCurve(Effect):
         margin = MARGIN / (1 + 2 * MARGIN) * (self.end - self.start)
         inner = self.start + margin, self.end - margin
         low, high = (recorded or {}).get(f"q{self.number}", inner)
-        low, high = max(low, self.start), min(high, self.end)
+        low = max(low, self.start)
+        high = min(high, self.end)
         return (low, high) if low < high else inner
 
     def cosines(self, angle: np.ndarray) -> np.ndarray:
@@ -163,7 +164,8 @@ def periodic_share(effect: JointCurve, coefficients: np.ndarray, cycles: list[Cy
 
     Any curve has a spectrum. A sinusoid with less than two periods on the domain describes a bend, and no period.
     """
-    error, angle = effect.curve(coefficients, _grid(effect)), _grid(effect)
+    error = effect.curve(coefficients, _grid(effect))
+    angle = _grid(effect)
     least = 2 * np.pi * _REPEATS / float(np.ptp(angle))
     columns = [np.ones(_GRID)]
     for cycle in cycles:
@@ -188,7 +190,8 @@ def _cycles(
     Matching pursuit (Mallat & Zhang, IEEE Trans. Signal Process. 41 (1993) 3397) over sinusoids from half a cycle per
     domain to the resolution of the series; it ends where less than 5 % of the variance is left.
     """
-    span, angle = effect.end - effect.start, _grid(effect)
+    span = effect.end - effect.start
+    angle = _grid(effect)
     remainder = error - error.mean()
     total_power = float(remainder @ remainder)
     step = 2 * np.pi / span / _OVERSAMPLING
@@ -222,7 +225,8 @@ def resolved_terms(angle: np.ndarray, numbers: int) -> int:
     next to one that is visited, too. It is the poses that count and not the half waves: a few poses far from the others
     leave a gap, which the prior bridges, and take nothing from the resolution where the others are.
     """
-    low, high = float(angle.min()), float(angle.max())
+    low = float(angle.min())
+    high = float(angle.max())
     terms = MOST_TERMS
     while terms >= _LEAST_TERMS:
         visits = np.histogram(angle, bins=terms + 1, range=(low, high))[0]
@@ -238,7 +242,8 @@ def resolved_terms(angle: np.ndarray, numbers: int) -> int:
 
 def curve_options(angle: np.ndarray, terms: int) -> dict:
     """Options of a `JointCurve` of a joint with visited angles (n,) in rad (mm)."""
-    low, high = float(angle.min()), float(angle.max())
+    low = float(angle.min())
+    high = float(angle.max())
     margin = MARGIN * (high - low)
     return {
         "start": float(np.round(low - margin, 6)),

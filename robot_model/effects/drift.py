@@ -127,7 +127,8 @@ class BaseDrift(Effect):
         as its prior the polynomial is a Gaussian process in time.
         """
         time = clock(chain.state)
-        start, end = float(time.min()), float(time.max())
+        start = float(time.min())
+        end = float(time.max())
         if end > start:
             for order, shape in _SHAPES.items():
                 yield Variant(cls("base", start, end, order), shape)

@@ -200,7 +200,8 @@ class YeCompliance(Effect):
         out[1, 1] += (p[6] * upper + p[7] * forearm) * 1e-3
         out[2, 2] -= p[7] * forearm * 1e-3
         out[6, 1] = p[1] * upper * 1e-3
-        out[7, 1], out[7, 2] = p[1] * forearm * 1e-3, -p[2] * forearm * 1e-3
+        out[7, 1] = p[1] * forearm * 1e-3
+        out[7, 2] = -p[2] * forearm * 1e-3
         return out
 
     def _sines(self, state):

@@ -69,7 +69,8 @@ class Payload(Effect):
         label, suffix = "the load", ""
         if self.after is not None:
             instant = instant_format(chain.state).format(self.after)
-            label, suffix = f"the load added after {instant}", f"_after_{self.after:g}"
+            label = f"the load added after {instant}"
+            suffix = f"_after_{self.after:g}"
         moments = [
             self.parameter(
                 f"m{axis}{suffix}",
@@ -136,9 +137,11 @@ class LoadDeflection(Effect):
         least = np.array([_LEVER_M, *3 * [_LEVER_M / _OFF_CENTRE_M]])
         parts, joints = np.nonzero(np.ptp(torques, axis=2) > least[:, None])
         if len(between) and len(parts):
-            even, label = np.ones(len(between)), f"after {instant_format(chain.state)}"
+            even = np.ones(len(between))
+            label = f"after {instant_format(chain.state)}"
             sizes = _DEFLECTION * np.array([1.0, *3 * [_OFF_CENTRE_M]])
-            port_indices, factor = tuple(joints.tolist()), torques[parts, joints]
+            port_indices = tuple(joints.tolist())
+            factor = torques[parts, joints]
             typical = tuple(sizes[parts].tolist())
             scanned = ("step", "time", between, even, typical, label, factor, port_indices)
             yield Grid(cls, "tool", "after", *scanned, centred=True)

@@ -49,12 +49,14 @@ def _combined(pairs, values, covariance) -> tuple[float, float] | None:
     """(kg, std) from pairs of numbers of parameters, deflection and compliance; None where no compliance is known."""
     ratios, rows = [], []
     for deflection, compliance in pairs:
-        size, sigma = values[compliance], np.sqrt(covariance[compliance, compliance])
+        size = values[compliance]
+        sigma = np.sqrt(covariance[compliance, compliance])
         if not size > _DETERMINED * sigma:
             continue
         ratio = values[deflection] / size
         row = np.zeros(len(values))
-        row[deflection], row[compliance] = 1 / size, -ratio / size
+        row[deflection] = 1 / size
+        row[compliance] = -ratio / size
         ratios.append(ratio)
         rows.append(row)
     if not ratios:

@@ -56,7 +56,8 @@ def functions(
         degrees = [_degree(name, fine) for name in names]
         return _pair(*scaled, degrees, _FINE_PAIR if fine else _PAIR_DEGREE)
     degree = _degree(names[0], fine)
-    waves, sizes = legvander(scaled[0], degree).T[1:], 1 / np.arange(1, degree + 1)
+    waves = legvander(scaled[0], degree).T[1:]
+    sizes = 1 / np.arange(1, degree + 1)
     low, high = spans[0]
     if names[0].startswith(_SIGNED) and low < 0 < high:
         half = (high - low) / 2
@@ -85,7 +86,8 @@ def _pair(a, b, most, together):
     degree = first + second
     is_kept = (degree > 0) & (degree <= together) & (first <= most[0]) & (second <= most[1])
     first, second = first[is_kept], second[is_kept]
-    of_a, of_b = legvander(a, together).T, legvander(b, together).T
+    of_a = legvander(a, together).T
+    of_b = legvander(b, together).T
     return of_a[first] * of_b[second], 1 / degree[is_kept]
 
 

@@ -56,7 +56,8 @@ class Shift(Effect):
         between = instants_between(chain.state)
         last = f"link-{chain.robot.joints}"
         for where in (w for place in cls.places for w in chain.places(place) if w != last):
-            even, sizes = np.ones(len(between)), tuple(size for _, _, size in _TWIST)
+            even = np.ones(len(between))
+            sizes = tuple(size for _, _, size in _TWIST)
             if len(between):
                 label = f"after {instant_format(chain.state)}"
                 yield Grid(cls, where, "after", "step", "time", between, even, sizes, label)
@@ -116,7 +117,8 @@ class Loosening(Effect):
 def warm_up_variants(kind, chain) -> list[Variant]:
     """Time constants of a share of the recording's length at every place, where no temperature is recorded."""
     time = clock(chain.state)
-    start, span = float(time.min()), float(np.ptp(time))
+    start = float(time.min())
+    span = float(np.ptp(time))
     if span <= 0 or any("temperature" in name for name in chain.state.covariates):
         return []
     mass, found = 1 / len(_TIME_CONSTANTS), []

@@ -87,8 +87,10 @@ def _moved_by_centre(model, parameters) -> dict[str, np.ndarray]:
 
 
 def _row(effect, chain, parameters, first: int, std) -> StiffnessRow | None:
-    key, unit = parameters.table[first].key, parameters.table[first].unit
-    value, sigma = float(parameters.values[first]), std.get(key)
+    key = parameters.table[first].key
+    unit = parameters.table[first].unit
+    value = float(parameters.values[first])
+    sigma = std.get(key)
     is_clear = sigma is not None and value > _SIGNIFICANT * sigma
     if isinstance(effect, GravityCompliance):
         return StiffnessRow(effect.where, PRODUCT, value, sigma, unit, is_clear)

@@ -95,7 +95,8 @@ def base_columns(robot: Robot, first: int, whole: bool = False) -> tuple[tuple[i
         columns = [_unit_moment(frames, robot.gravity, *name).ravel() for name in names]
     else:
         columns = [_unit_torque(frames, robot.gravity, first, *name) for name in names]
-    independent, basis = [], np.zeros((len(columns[0]) if columns else 0, 0))
+    independent = []
+    basis = np.zeros((len(columns[0]) if columns else 0, 0))
     for name, column in zip(names, columns):
         remainder = column - basis @ (basis.T @ column)
         size = float(np.linalg.norm(remainder))
@@ -219,7 +220,8 @@ def _same_moments(names, shares: float, other: GravityCompliance, chain) -> np.n
 
 def _tilt_table(effect: Effect, chain, said: str) -> tuple[Parameter, ...]:
     """Parameters of what tilts: under uniform bars, and under the first moments of the base set."""
-    label, shares = f"{said} {effect.where} under the links", effect.shares(chain.robot)
+    label = f"{said} {effect.where} under the links"
+    shares = effect.shares(chain.robot)
     total_length = max(shares.sum(), _NO_BAR_MM)
     table = [effect.parameter("tilt", "rad", _TILT_RAD, label, 10 * _TILT_RAD)]
     for body, axis in base_columns(chain.robot, effect.first(), whole=True):
@@ -302,7 +304,8 @@ class GravityBearing(Effect):
         return chain.port_indices("frame", f"link-{self.number}")
 
     def basis(self, state):
-        world, z = _tilt_moments(state, self), state.frames.z[self.number - 1]
+        world = _tilt_moments(state, self)
+        z = state.frames.z[self.number - 1]
         across = world - z * (world * z).sum(1, keepdims=True)
         turns = _in_frame(state, self.number, across)
         return about_axis(state, self.number, turns)

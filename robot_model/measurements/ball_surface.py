@@ -70,7 +70,8 @@ class BallSurface:
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
         """(1, n) distance from the ball's surface, outwards, mm; the world is the artefact."""
         turn = rotation_matrix(values[3:])
-        seen, centre = self.measured, self.balls[self.index, :3].T
+        seen = self.measured
+        centre = self.balls[self.index, :3].T
         if "sensor" in deltas:  # what was measured is the true point and the sensor's error
             seen = _moved(seen, deltas["sensor"], -1)
         if "target" in deltas:
@@ -110,7 +111,8 @@ class BallSurface:
                 f"ball-surface: expected at least 4 poses with 4 points of a ball that are not in one plane, found "
                 f"{usable.sum()}; measure more points a pose, or find the hand-eye with `workbench handeye` first"
             )
-        rows, ball = first[usable], self.index[first[usable]]
+        rows = first[usable]
+        ball = self.index[first[usable]]
         seen = np.unique(ball)
         centre = BallCentre(
             centres[:, usable],

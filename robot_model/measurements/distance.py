@@ -38,7 +38,8 @@ def paired(recording):
         )
     rows = np.argsort(group.ravel(), kind="stable").reshape(-1, 2)
     rows = rows[np.argsort(rows[:, 0])]  # in the order in which they were measured
-    first, second = recording.select(rows[:, 0]), recording.select(rows[:, 1])
+    first = recording.select(rows[:, 0])
+    second = recording.select(rows[:, 1])
     columns = dict(first.columns) | {
         OTHER + name: column for name, column in second.columns.items()
     }
@@ -103,7 +104,8 @@ class Distance:
 
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
         """(1, 2 N): half of predicted minus measured length at either end, mm, which add up to the whole."""
-        axes, point = np.stack(frames.end), frames.point(self.targets(values))
+        axes = np.stack(frames.end)
+        point = frames.point(self.targets(values))
         if "target" in deltas:
             port_indices, change = deltas["target"]
             point = point + sum(axes[s] * c for s, c in zip(port_indices, change))
@@ -132,7 +134,8 @@ class Distance:
         """Reflectors by Gauss-Newton from where the squared lengths, with products as unknowns, put one for all."""
         turns, origins = flange_matrices(frames), frames.end_origin.T
         half = len(self.lengths)
-        turn, shift = turns[half:] - turns[:half], origins[half:] - origins[:half]
+        turn = turns[half:] - turns[:half]
+        shift = origins[half:] - origins[:half]
         values = np.tile(_lifted(turn, shift, self.lengths), len(self.ids))
         return np.zeros(0), self._refined(frames, values)
 

@@ -60,11 +60,9 @@ class ExternalPose:
         """(6, n): point difference in mm, then the rotation vector from measured to predicted (rad)."""
         from scipy.spatial.transform import Rotation
 
-        point, tool, axes = (
-            frames.point(values[:3]),
-            rotation_matrix(values[3:]),
-            np.stack(frames.end),
-        )
+        point = frames.point(values[:3])
+        tool = rotation_matrix(values[3:])
+        axes = np.stack(frames.end)
         if "target" in deltas:
             port_indices, change = deltas["target"]
             point = point + sum(axes[s] * c for s, c in zip(port_indices, change))

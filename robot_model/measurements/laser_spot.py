@@ -133,14 +133,13 @@ class LaserSpot:
     def _points(self, values):
         """(3, K) places of the points, root frame, and (P, 3, K) their derivative by `values`."""
         spheres = values[: 4 * self.spheres].reshape(-1, 4)
-        points, rows, at = (
-            np.zeros((3, len(self.ids))),
-            np.zeros((len(values), 3, len(self.ids))),
-            4 * self.spheres,
-        )
+        points = np.zeros((3, len(self.ids)))
+        rows = np.zeros((len(values), 3, len(self.ids)))
+        at = 4 * self.spheres
         for k, s in enumerate(self.sphere):  # points, not samples: a few dozen
             if s < 0:
-                points[:, k], rows[at : at + 3, :, k] = values[at : at + 3], np.eye(3)
+                points[:, k] = values[at : at + 3]
+                rows[at : at + 3, :, k] = np.eye(3)
                 at += 3
                 continue
             tilt = np.array([*values[at : at + 2], 0.0])
@@ -200,7 +199,8 @@ class LaserSpot:
     def _nearest_points(self, origins, directions):
         """(K, 3) points nearest to the beams that pass each."""
         flat = np.eye(3) - np.einsum("ni,nj->nij", directions, directions)
-        normal, right = np.zeros((len(self.ids), 3, 3)), np.zeros((len(self.ids), 3))
+        normal = np.zeros((len(self.ids), 3, 3))
+        right = np.zeros((len(self.ids), 3))
         np.add.at(normal, self.index, flat)
         np.add.at(right, self.index, np.einsum("nij,nj->ni", flat, origins))
         return np.einsum("kij,kj->ki", np.linalg.pinv(normal), right)

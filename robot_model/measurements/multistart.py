@@ -111,7 +111,8 @@ class RotationSystem:
         for done in range(_ROUNDS):
             reduced = _Reduced(self, weights, centre)
             begin = reduced.screened() if found is None else np.stack([s.rotations for s in found])
-            before, found = found, reduced.minima(begin, is_near=found is not None)
+            before = found
+            found = reduced.minima(begin, is_near=found is not None)
             if before is not None and found[0].is_near(before[0]):
                 break
             weights = self._robust_weights(found[0])
@@ -188,7 +189,8 @@ class _Reduced:
         prior[:, -1] = -centre / system.prior
         triangle = np.linalg.qr(np.concatenate([rows, prior]), mode="r")
         self.rows = triangle[free:, free:]
-        self._translation, self._coupling = triangle[:free, :free], triangle[:free, free:]
+        self._translation = triangle[:free, :free]
+        self._coupling = triangle[:free, free:]
 
     def translations(self, rotations: np.ndarray) -> np.ndarray:
         """(F,) best translations for rotations (K, 3, 3); the prior keeps the triangle regular."""
@@ -246,7 +248,8 @@ class _Reduced:
         order = np.argsort(self._rounded_cost(rotations), kind="stable")
         rotations = rotations[order]
         differs = _angle_between(rotations[:, None], rotations) > _SAME_RAD
-        is_candidate, distinct = np.ones(len(rotations), bool), []
+        is_candidate = np.ones(len(rotations), bool)
+        distinct = []
         while is_candidate.any():
             distinct.append(int(np.argmax(is_candidate)))
             is_candidate &= differs[distinct[-1]]
@@ -308,7 +311,8 @@ class _Reduced:
         by_newton: with the second derivatives of the residual where they leave the cost convex. Large residuals, as of
         a hypothesis that does not hold, otherwise make the last digits slow.
         """
-        found, moving = rotations.copy(), np.arange(len(rotations))
+        found = rotations.copy()
+        moving = np.arange(len(rotations))
         state = _Descent(rotations, self._products(rotations), np.full(len(rotations), 1e-3))
         for _ in range(steps):
             second = self._second_order(state.rotations) if by_newton else 0.0
@@ -404,7 +408,8 @@ def _damped_move(
 
     second (S, 3 K, 3 K), or 0: added to the normal matrix where the sum is positive definite.
     """
-    normal, gradient = products[:, :-1, :-1], products[:, :-1, -1]
+    normal = products[:, :-1, :-1]
+    gradient = products[:, :-1, -1]
     size = gradient.shape[1]
     scale = np.maximum(np.trace(normal, axis1=1, axis2=2), 1e-12) / size
     if np.ndim(second):

@@ -81,18 +81,18 @@ class PartialPose:
         The logarithm on the unit sphere: its length is the angle from 0 to pi. The sines alone would be
         zero again for an axis that points the other way.
         """
-        point, tool, axes = (
-            frames.point(values[:3]),
-            rotation_matrix(values[3:]),
-            np.stack(frames.end),
-        )
+        point = frames.point(values[:3])
+        tool = rotation_matrix(values[3:])
+        axes = np.stack(frames.end)
         if "target" in deltas:
             port_indices, change = deltas["target"]
             point = point + sum(axes[s] * c for s, c in zip(port_indices, change))
         predicted = add_delta(point, deltas["sensor"]) if "sensor" in deltas else point
-        axis, across = np.einsum("fcn,f->cn", axes, tool[:, self.which]), self.across
+        axis = np.einsum("fcn,f->cn", axes, tool[:, self.which])
+        across = self.across
 
-        sines, cosine = np.einsum("acn,cn->an", across, axis), (self.axis * axis).sum(0)
+        sines = np.einsum("acn,cn->an", across, axis)
+        cosine = (self.axis * axis).sum(0)
         is_opposite = (np.abs(sines).max(0) < 1e-12) & (cosine < 0)
         sines[0, is_opposite] = 1e-12  # half a turn about any axis across
         leaning = _logarithm(sines, cosine)

@@ -63,11 +63,9 @@ class PlaneTouch:
 
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
         """(1, n) distance of the tip from its plane, along the plane's normal, mm."""
-        tip, planes, axes = (
-            frames.point(values[:3]),
-            values[3:].reshape(-1, 3),
-            np.stack(frames.end),
-        )
+        tip = frames.point(values[:3])
+        planes = values[3:].reshape(-1, 3)
+        axes = np.stack(frames.end)
         if "target" in deltas:
             port_indices, change = deltas["target"]
             tip = tip + sum(axes[s] * c for s, c in zip(port_indices, change))

@@ -68,7 +68,8 @@ class TouchPoint:
 
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
         """(3, n) tip minus point, mm, root frame."""
-        tip, points = frames.point(values[:3]), values[3:].reshape(-1, 3)[self.index].T
+        tip = frames.point(values[:3])
+        points = values[3:].reshape(-1, 3)[self.index].T
         axes = np.stack(frames.end)
         if "target" in deltas:
             port_indices, change = deltas["target"]

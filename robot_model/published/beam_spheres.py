@@ -148,10 +148,14 @@ class _Pairs:
 def _crossings(origins, directions, pairs: _Pairs) -> np.ndarray:
     """The middles (P, 3) of the common perpendiculars of all pairs of beams."""
     i, j = pairs.first, pairs.second
-    u, v, between = directions[i], directions[j], origins[j] - origins[i]
+    u = directions[i]
+    v = directions[j]
+    between = origins[j] - origins[i]
     c = (u * v).sum(1)
-    a, b = (u * between).sum(1), (v * between).sum(1)
-    s, t = (a - c * b) / (1 - c**2), (c * a - b) / (1 - c**2)
+    a = (u * between).sum(1)
+    b = (v * between).sum(1)
+    s = (a - c * b) / (1 - c**2)
+    t = (c * a - b) / (1 - c**2)
     return (origins[i] + s[:, None] * u + origins[j] + t[:, None] * v) / 2
 
 

@@ -72,7 +72,8 @@ def _start(server, port: int) -> None:
 
     from workbench.core.errors import InputError
 
-    words, sys.argv = sys.argv, sys.argv[:1]
+    words = sys.argv
+    sys.argv = sys.argv[:1]
     try:
         server.start(
             port=port,

@@ -98,7 +98,8 @@ class Workspace:
 
     def select_box(self, name: str, x_range, y_range, kind: str = "", mode: str = REPLACE) -> None:
         """Select all samples in a rectangle of the chart of the residual over the quantity `name`."""
-        x, y = self.quantities[name], self.lengths(kind)
+        x = self.quantities[name]
+        y = self.lengths(kind)
         self.select(np.flatnonzero(within(x, y, x_range, y_range)), mode)
 
     def select_lengths(self, low: float, high: float, kind: str = "", mode: str = REPLACE) -> None:

@@ -172,7 +172,8 @@ class Model:
         self, evaluation: Evaluation, parameters: Parameters, rows: np.ndarray
     ) -> np.ndarray:
         """Into `rows` (F, m, n) the derivative of the residual of `evaluation`, made at `parameters`."""
-        chain_size, values = len(self.chain.parameters), parameters.values
+        chain_size = len(self.chain.parameters)
+        values = parameters.values
         filled = parameters.mask[:chain_size].sum()
         rows[:filled] = evaluation.own_rows(np.flatnonzero(parameters.mask[:chain_size]))
         evaluation = _Once(evaluation, self._indices_by_port)
@@ -362,7 +363,8 @@ class Model:
 
     def _keep_changes(self, cause: Effect, effects: list[Effect]) -> None:
         """Keep the changes of the factors of elastic effects per unit of a cause: one altered state serves them all."""
-        state, port_indices = self.chain.state, cause.port_indices(self.chain)
+        state = self.chain.state
+        port_indices = cause.port_indices(self.chain)
         sizes = [p.typical for p in cause.parameters(self.chain)]
         changes = {effect: [] for effect in effects}
         for move in np.diag(sizes):
@@ -411,7 +413,8 @@ class _Once:
     def rows(self, port, port_indices):
         if port not in self._rows:
             self._rows[port] = self._evaluation.rows(port, self._port_indices[port])
-        rows, first = self._rows[port], np.searchsorted(self._port_indices[port], port_indices)
+        rows = self._rows[port]
+        first = np.searchsorted(self._port_indices[port], port_indices)
         return rows[first[0], None] if len(first) == 1 else rows[first]
 
 

@@ -148,7 +148,8 @@ class Parameters:
         values, mask = self.values.copy(), self.mask.copy()
         for k, key in enumerate(self.keys):
             if key in other.index:
-                values[k], mask[k] = other.values[other.index[key]], other.mask[other.index[key]]
+                values[k] = other.values[other.index[key]]
+                mask[k] = other.mask[other.index[key]]
         return replace(self, values=values, mask=mask)
 
     def to_toml(self) -> str:

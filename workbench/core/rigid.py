@@ -41,9 +41,11 @@ def unit_quaternion(matrix: np.ndarray) -> np.ndarray:
     table[..., 0, 0] = 1 + trace
     diagonal = np.diagonal(matrix, axis1=-2, axis2=-1)
     for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
+        j = (i + 1) % 3
+        k = (i + 2) % 3
         table[..., i + 1, i + 1] = 1 + 2 * diagonal[..., i] - trace
-        odd, even = matrix[..., k, j] - matrix[..., j, k], matrix[..., k, j] + matrix[..., j, k]
+        odd = matrix[..., k, j] - matrix[..., j, k]
+        even = matrix[..., k, j] + matrix[..., j, k]
         table[..., 0, i + 1] = table[..., i + 1, 0] = odd
         table[..., j + 1, k + 1] = table[..., k + 1, j + 1] = even
     largest = np.diagonal(table, axis1=-2, axis2=-1).argmax(-1)
@@ -56,7 +58,8 @@ def unit_quaternion(matrix: np.ndarray) -> np.ndarray:
 def icosahedral_rotations() -> np.ndarray:
     """(60, 3, 3) rotations of the icosahedron: evenly spread over all rotations, none farther than 45 deg from one."""
     golden = (1 + np.sqrt(5)) / 2
-    corner, face = np.array([0, 1, golden]), np.ones(3)
+    corner = np.array([0, 1, golden])
+    face = np.ones(3)
     fifth = rotation_matrix(2 * np.pi / 5 * corner / np.linalg.norm(corner))
     third = rotation_matrix(2 * np.pi / 3 * face / np.linalg.norm(face))
     found = [np.eye(3)]
@@ -71,7 +74,9 @@ def skew(vector: np.ndarray) -> np.ndarray:
     """(..., 3, 3) matrix of `vector x`."""
     vector = np.asarray(vector, float)
     matrix = np.zeros((*vector.shape, 3))
-    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
+    x = vector[..., 0]
+    y = vector[..., 1]
+    z = vector[..., 2]
     matrix[..., 2, 1], matrix[..., 1, 2] = x, -x
     matrix[..., 0, 2], matrix[..., 2, 0] = y, -y
     matrix[..., 1, 0], matrix[..., 0, 1] = z, -z
@@ -84,7 +89,8 @@ def left_jacobian(vector: np.ndarray) -> np.ndarray:
     Barfoot, State Estimation for Robotics (2017), eq. 7.77.
     """
     vector = np.asarray(vector, float)
-    angle, turn = np.linalg.norm(vector, axis=-1)[..., None, None], skew(vector)
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    turn = skew(vector)
     small = angle < 1e-4
     safe = np.where(small, 1.0, angle)
     first = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)

@@ -56,7 +56,8 @@ def parameter_rows(solution) -> list[dict]:
     `workbench.core.least_squares.single_parameters`.
     """
     parameters, single = solution.parameters, solution.single
-    known, sure = frozenset(single.known.keys), solution.determined
+    known = frozenset(single.known.keys)
+    sure = solution.determined
     tied, std = single.tied(), _standard_deviations(solution)
     rows = []
     for p, value, free in zip(

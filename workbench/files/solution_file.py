@@ -359,7 +359,8 @@ def _read(path: Path) -> dict:
 
 def _trust(keys) -> tuple[bool, str]:
     """Whether a calibration may be used without being forced, and the sentence if not."""
-    held_out, nominal = keys["held_out"]["rms_mm"], keys["nominal"]["rms_mm"]
+    held_out = keys["held_out"]["rms_mm"]
+    nominal = keys["nominal"]["rms_mm"]
     if not keys["converged"]:
         return False, f"the solve {keys['outcome']}"
     if held_out is None:

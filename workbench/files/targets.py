@@ -61,7 +61,8 @@ def read_programme(path: Path, robot: Robot, mapping: Path | None = None) -> Pro
 
 def _programme(path: Path, table: Table, robot: Robot) -> Programme:
     """The targets of one table. Raises InputError."""
-    joints, wants = joint_columns(table.columns), set(POINT + QUATERNION) & set(table.columns)
+    joints = joint_columns(table.columns)
+    wants = set(POINT + QUATERNION) & set(table.columns)
     if wants and len(wants) < 7:
         missing = sorted(set(POINT + QUATERNION) - wants)[0]
         raise complaint(

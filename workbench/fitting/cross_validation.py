@@ -188,7 +188,8 @@ def cross_validate(
     residual, located = no_residual(model), {}
     numbers = np.unique(fold[fold >= 0])
     for done, k in enumerate(numbers, 1):
-        test, fit_on = fold == k, (fold >= 0) & (fold != k)
+        test = fold == k
+        fit_on = (fold >= 0) & (fold != k)
         residual[:, test], found = _predict(model, start, test, fit_on, loss, steps, settle)
         located |= found
         tick(done, len(numbers))

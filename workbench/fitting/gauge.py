@@ -49,7 +49,8 @@ def resized(parameters: Parameters, size: str) -> Parameters:
     """
     mask = parameters.mask & np.array([p.unit == "mm" for p in parameters.table])
     mask[parameters.index[size]] = True
-    values, precision = parameters.values[mask], parameters.precision[mask]
+    values = parameters.values[mask]
+    precision = parameters.precision[mask]
     square = precision @ values**2
     if not square > 0:  # no length has a prior and a value: there is no size to keep
         return parameters

@@ -69,7 +69,8 @@ def _linearised(model: Model, parameters: Parameters, curves) -> _Linear:
     sigma = np.broadcast_to(part.sigma(parameters), residual.shape)
     baseline = rows * parameters.typical[parameters.mask][:, None, None]
     evaluation = part.evaluate(parameters)
-    columns, group = [baseline], [np.full(len(baseline), -1)]
+    columns = [baseline]
+    group = [np.full(len(baseline), -1)]
     names: dict[str, int] = {}
     for curve in curves:
         typical = np.array([p.typical for p in curve.parameters(part.chain)])

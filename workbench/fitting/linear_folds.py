@@ -45,7 +45,9 @@ def cross_validate_linearised(
     folds = _Folds.at(model, start, fold)
     is_linear = len(folds.blocks) > 1 and not noise_mask(model, start).any()
     for k in range(len(folds.blocks)):
-        test, near, found = fold == folds.numbers[k], start, None
+        test = fold == folds.numbers[k]
+        near = start
+        found = None
         if is_linear:
             known = folds.without(k)
             fitted = folds.fitted(known, settle)
@@ -72,7 +74,8 @@ class _Block:
     @classmethod
     def of(cls, rows: np.ndarray, residual: np.ndarray) -> "_Block":
         """Of whitened rows (F, m, n) and residuals (m, n)."""
-        flat, right = rows.reshape(len(rows), residual.size), residual.ravel()
+        flat = rows.reshape(len(rows), residual.size)
+        right = residual.ravel()
         return cls(flat @ flat.T, flat @ right, float(right @ right), right.size)
 
     def __add__(self, other: "_Block") -> "_Block":
@@ -115,7 +118,8 @@ class _Folds:
 
     @classmethod
     def at(cls, model: Model, start: Parameters, fold: np.ndarray) -> "_Folds":
-        part, fold = model.part(fold >= 0), fold[fold >= 0]
+        part = model.part(fold >= 0)
+        fold = fold[fold >= 0]
         numbers = np.unique(fold)
         residual, rows = part.linearise(start)
         white = np.broadcast_to(1 / part.sigma(start), residual.shape)

@@ -77,7 +77,8 @@ def rescaled(
 
 def _families(model, parameters) -> np.ndarray:
     """(F,) number of the family of each free parameter, -1 for those of the chain, of noise and of laws not linear."""
-    family, names = np.full(len(parameters), -1), {}
+    family = np.full(len(parameters), -1)
+    names = {}
     for effect, span in zip(model.effects, model.spans):
         if effect.linear and effect.port != NOISE:
             groups = effect.shrinkage_groups() or [""] * (span.stop - span.start)
@@ -98,7 +99,8 @@ def _scaled(normal, away, precision, least, family):
 
     precision: under which `away` solves the normal equations; least (F,): those of the effects' own priors.
     """
-    right, precision = normal @ away + precision * away, precision.copy()
+    right = normal @ away + precision * away
+    precision = precision.copy()
     members = [family == k for k in range(family.max() + 1) if (family == k).any()]
     for _ in range(_ROUNDS):
         away, variances = posterior_of(normal, precision + 1e-9, right)

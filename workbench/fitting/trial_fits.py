@@ -31,7 +31,8 @@ def fit_with_noise(
     for _ in range(NOISE_ROUNDS if is_redundant else 2):
         trial = solve(part, start, stage.loss, stage.steps, trial)
         start = widened(part, trial)
-        is_same_prior, stated = start is trial.parameters, part.chain
+        is_same_prior = start is trial.parameters
+        stated = part.chain
         chain, part = _with_noise(chain, part, trial, fitted)
         trial = trial.with_sigma(stated.sigma, part.chain.sigma)
         if is_same_prior and is_settled(stated, part.chain):

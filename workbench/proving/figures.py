@@ -52,7 +52,8 @@ def wilson(hits: int, cases: int) -> tuple[float, float]:
     """95 % interval of a rate: Wilson, J. Am. Stat. Assoc. 22 (1927). (0, 1) without cases."""
     if not cases:
         return 0.0, 1.0
-    rate, square = hits / cases, _Z**2 / cases
+    rate = hits / cases
+    square = _Z**2 / cases
     middle = (rate + square / 2) / (1 + square)
     half = _Z / (1 + square) * np.sqrt(rate * (1 - rate) / cases + square / (4 * cases))
     return float(max(middle - half, 0.0)), float(min(middle + half, 1.0))
@@ -69,7 +70,8 @@ def rate(
     least: int = 0,
 ) -> Figure:
     """Share of rows for which `hit` is true. It is `within` if at least (`at_most`: at most) the limit."""
-    hits, cases = sum(bool(hit(row)) for row in rows), len(rows)
+    hits = sum(bool(hit(row)) for row in rows)
+    cases = len(rows)
     value = hits / cases if cases else None
     within = (
         None if limit is None or value is None else value <= limit if at_most else value >= limit
@@ -251,7 +253,8 @@ def _withheld(rows):
 
 
 def _sensor(rows):
-    flawed, flawless = [r for r in rows if r["effects"]], [r for r in rows if not r["effects"]]
+    flawed = [r for r in rows if r["effects"]]
+    flawless = [r for r in rows if not r["effects"]]
     return [
         rate("sensor", "right name or declared group", flawed, _right, "≥ 85 %", 0.85),
         rate("sensor", "located", flawed, _located, "≥ 95 %", 0.95),
@@ -385,7 +388,8 @@ def _median(suite, name, values, limit) -> Figure:
     if not n:
         return Figure(suite, name, None, 0, None, None, None, f"≥ {limit:g}", None)
     off = _Z * np.sqrt(n) / 2
-    low, high = values[max(int(n / 2 - off), 0)], values[min(int(np.ceil(n / 2 + off)), n - 1)]
+    low = values[max(int(n / 2 - off), 0)]
+    high = values[min(int(np.ceil(n / 2 + off)), n - 1)]
     middle = float(np.median(values))
     return Figure(
         suite, name, None, n, middle, float(low), float(high), f"≥ {limit:g}", middle >= limit
@@ -430,7 +434,8 @@ def detection(
         in_bin = [r for r in single if low <= r["survives_sigma"] < high]
         if in_bin:
             count = len(in_bin)
-            seen, named = sum(bool(r.get("detected")) for r in in_bin), sum(map(_right, in_bin))
+            seen = sum(bool(r.get("detected")) for r in in_bin)
+            named = sum(map(_right, in_bin))
             log_sizes = np.log([r["survives_sigma"] for r in in_bin])
             rows_of_size.append(
                 {

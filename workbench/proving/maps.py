@@ -52,6 +52,7 @@ def _map(exam, row) -> Map:
 
     answer = protocol.read_object(exam.answer(row["case"]))["answer"]
     bench = Bench(datasets.read(exam.recording(row["case"])), answer["baseline"])
-    before, after = bench.predicted(()), bench.predicted(claimed_rows(answer))
+    before = bench.predicted(())
+    after = bench.predicted(claimed_rows(answer))
     title = f"{row['suite']} {row['index']}: {'; '.join(row['concealed'])}, {row['survives_sigma']:.1f} σ"
     return Map(title, bench.recording.points.T, np.sqrt(before.squares), np.sqrt(after.squares))

@@ -329,7 +329,8 @@ def _patience() -> Iterator[None]:
     ):
         yield
         return
-    processor, clock = (signal.SIGPROF, signal.ITIMER_PROF), (signal.SIGALRM, signal.ITIMER_REAL)
+    processor = (signal.SIGPROF, signal.ITIMER_PROF)
+    clock = (signal.SIGALRM, signal.ITIMER_REAL)
     alarms = ((*processor, PATIENCE_S), (*clock, _WAIT * PATIENCE_S))
     before = [signal.signal(kind, _too_long) for kind, *_ in alarms]
     for _, timer, seconds in alarms:

@@ -100,7 +100,8 @@ def bring(exam: protocol.BenchmarkRun, own_data: Path) -> list[str]:
         )
     checksums = _sums(own_data / "SHA256SUMS")
     for path in truths:
-        name, source = path.stem, own_data / "recordings" / path.stem
+        name = path.stem
+        source = own_data / "recordings" / path.stem
         if not (source / "recording.toml").exists():
             raise InputError(
                 f"--folder {own_data}: sealed/{path.name} has no recordings/{name}/recording.toml. "

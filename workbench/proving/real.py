@@ -150,7 +150,8 @@ def _planted(index: int, seed: int):
 
     here = present(PLANTED_SETS)
     which = index % len(here)
-    recording, original = _thinned(here[which]), name_of("real-planted", which, seed)
+    recording = _thinned(here[which])
+    original = name_of("real-planted", which, seed)
     rng = np.random.default_rng([seed, 77, index])
     if index < len(here):
         return recording, {"rule": "as-it-is", "effects": [], "set": here[which]}

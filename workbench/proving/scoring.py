@@ -225,7 +225,8 @@ def _visible(truth: Mapping, answer: Mapping) -> dict:
 
     `below_visible`: True if the effect is smaller; None if the answer has no row for it.
     """
-    planted, sigma = truth["effects"][0], truth.get("sigma_mm")
+    planted = truth["effects"][0]
+    sigma = truth.get("sigma_mm")
     if len(truth["effects"]) > 1 or planted.get("survives_sigma") is None or sigma is None:
         return {}
     order = planted.get("detail", {}).get("order")

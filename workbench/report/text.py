@@ -116,7 +116,8 @@ def axis_label(axis) -> str:
     """A varied parameter of a study with its unit: the stated one, else that of its name or path."""
     if axis.unit:
         return f"{axis.name.replace('_', ' ')} ({axis.unit})"
-    said, unit = column_label(axis.name), Covariate.of(_key(axis.paths[0])).unit
+    said = column_label(axis.name)
+    unit = Covariate.of(_key(axis.paths[0])).unit
     if said.endswith(")") or not unit:
         return said
     return f"{said} ({_UNITS_OF_COLUMNS.get(unit, unit)})"

@@ -86,7 +86,8 @@ def carry_out(
 
     for k, (rows, spent) in _results(remaining_parts, submit, executor, 2 * workers + 1):
         write_part(folder, k, rows)
-        seconds, rows_written = seconds + spent, rows_written + len(rows)
+        seconds = seconds + spent
+        rows_written = rows_written + len(rows)
         tick(done + rows_written, total)
     return Done(total, rows_written, seconds, time.perf_counter() - start, workers)
 

@@ -49,7 +49,8 @@ def world(study: Study, seed: int) -> World:
     wanted = study.test.samples
     scene = keys.model_copy(update={"samples": keys.samples + wanted})
     truth = truth_from(scene, Path("study"))
-    residual, sigma = truth.model.residual(truth.parameters), truth.model.sigma(truth.parameters)
+    residual = truth.model.residual(truth.parameters)
+    sigma = truth.model.sigma(truth.parameters)
     noisy = residual + truth.rng.normal(size=residual.shape) * sigma
     shown = truth.shown
     every = replace(

@@ -41,7 +41,8 @@ def figures(study: Study, seed: int) -> Row:
     """Errors of the balls of one run. Raises InputError."""
     scene = scene_of(study, seed)
     with tempfile.TemporaryDirectory(prefix="workbench-study-") as home:
-        images, clouds = Path(home) / "images", Path(home) / "clouds"
+        images = Path(home) / "images"
+        clouds = Path(home) / "clouds"
         images.mkdir()
         clouds.mkdir()
         recording = make_recording(scene, images)
@@ -150,7 +151,8 @@ def _by_incidence(balls: list[Ball]) -> Row:
 def _calibration(found: Scans, scene: Scene) -> Row:
     """Results of the calibration from the boards: errors of the camera and residuals of the stripes."""
     camera, true = found.scanner.camera, scene.sees
-    first, second = camera.values[:4], true.values[:4]
+    first = camera.values[:4]
+    second = true.values[:4]
     row: Row = {
         f"{name}_error_px": float(a - b)
         for name, a, b in zip(("fx", "fy", "cx", "cy"), first, second)

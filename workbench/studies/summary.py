@@ -16,7 +16,8 @@ _QUANTILES = {"min": 0, "p5": 5, "median": 50, "p95": 95, "max": 100}
 
 def summary(study_run) -> dict:
     """The answer of `workbench study` for a `workbench.studies.study.Finished` with its table."""
-    study, names = study_run.study, tables.column_names(study_run.path)
+    study = study_run.study
+    names = tables.column_names(study_run.path)
     outcomes = tables.columns(study_run.path, ["outcome"])["outcome"]
     done = int((outcomes == "done").sum())
     if not done:

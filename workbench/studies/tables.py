@@ -119,7 +119,8 @@ def put_together(folder: Path, parts: int) -> None:
 
 def _schema(pa, schemas):
     """All columns in order of appearance, each with the widest type of its parts (text, float, integer)."""
-    rank, kinds = [pa.int64(), pa.float64(), pa.string()], {}
+    rank = [pa.int64(), pa.float64(), pa.string()]
+    kinds = {}
     for schema in schemas:
         for field in schema:
             kinds[field.name] = max(kinds.get(field.name, 0), rank.index(field.type))

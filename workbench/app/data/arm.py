@@ -79,7 +79,8 @@ def reach(opened: Opened, with_outer: bool) -> tuple[np.ndarray, np.ndarray]:
     if outer is not None:
         seen.append(_outer_outline(opened, outer))
     points = np.concatenate(seen, axis=1)
-    low, high = np.nanmin(points, axis=1), np.nanmax(points, axis=1)
+    low = np.nanmin(points, axis=1)
+    high = np.nanmax(points, axis=1)
     margin = _MARGIN * float(np.linalg.norm(high - low))
     return low - margin, high + margin
 
@@ -114,7 +115,8 @@ def joint_coverage(opened: Opened) -> list[dict]:
         unit = "mm" if name.endswith("_mm") else "deg"
         scale = 1.0 if unit == "mm" else 180 / np.pi
         limits = opened.robot.limits[k] * scale if opened.robot is not None else np.full(2, np.nan)
-        low, high = float(values.min()), float(values.max())
+        low = float(values.min())
+        high = float(values.max())
         ends = [
             limits[0] if np.isfinite(limits[0]) else low,
             limits[1] if np.isfinite(limits[1]) else high,

@@ -37,7 +37,8 @@ def _nearest_steps(opened: Opened) -> dict[int, int]:
     if scanner is None or not set(_POINT) <= set(columns):
         return {}
     points = np.stack([columns[name][opened.rows] for name in _POINT])
-    normals, offsets = scanner.planes[:3], scanner.planes[3]
+    normals = scanner.planes[:3]
+    offsets = scanner.planes[3]
     distances = normals.T @ points + offsets[:, None]
     nearest = np.asarray(scanner.steps)[np.abs(distances).argmin(axis=0)]
     first_of_each = np.unique(opened.edit_ids, return_index=True)[1]

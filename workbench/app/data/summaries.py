@@ -60,7 +60,8 @@ class Summaries:
 
     def means(self, name: str, kind: str, excluded: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean quantity and mean length over bins of about equal count, without the rows `excluded` (k,)."""
-        x, y = self.quantities[name], self.lengths(kind)
+        x = self.quantities[name]
+        y = self.lengths(kind)
         place = self.memo.get(("bins", name), lambda: bins_of(x))
         total = self.memo.get(("sums", name, kind), lambda: sums_in(place, x, y))
         left_out = sums_in(place[excluded], x[excluded], y[excluded], total.shape[1])

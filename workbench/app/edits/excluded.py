@@ -85,7 +85,8 @@ def _excluded_poses(session: Session, recording, most: int | None) -> list[Exclu
     labels = recording.poses
     is_listed = np.zeros(labels.max() + 1, bool)
     is_listed[in_order] = True
-    here, is_shown = np.flatnonzero(is_listed[labels]), is_listed[given_labels]
+    here = np.flatnonzero(is_listed[labels])
+    is_shown = is_listed[given_labels]
     samples_at = _numbers_by_label(labels[here], recording.sample_ids[here])
     given_at = _numbers_by_label(given_labels[is_shown], given[is_shown])
     reasons = _reasons(session, POSES, given[is_shown].tolist())

@@ -99,5 +99,6 @@ def rounded(places: np.ndarray) -> np.ndarray:
 def shafts(x, y, z) -> np.ndarray:
     """(3, 3 k) mm: from the vertices of needles, the measured point, the tip and a gap (nan) of each."""
     found = np.array([x, y, z], float).reshape(3, -1, CORNERS)
-    base, tip = found[:, :, :3].mean(axis=2), found[:, :, 3]
+    base = found[:, :, :3].mean(axis=2)
+    tip = found[:, :, 3]
     return np.stack([base, tip, np.full_like(tip, np.nan)], axis=2).reshape(3, -1)

@@ -119,7 +119,8 @@ def next_poses(opened: Opened, poses: NextPoses | None) -> go.Figure:
     links = _links(robot, poses.readings)
     _add_arms(plot, links)
     _add_numbers(plot, links[-1], poses)
-    low, high = links.min(axis=(0, 2)), links.max(axis=(0, 2))
+    low = links.min(axis=(0, 2))
+    high = links.max(axis=(0, 2))
     margin = _MARGIN * float(np.linalg.norm(high - low))
     return style.framed(plot, low - margin, high + margin)
 

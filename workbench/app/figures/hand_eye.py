@@ -76,7 +76,8 @@ def scene(work: Workspace) -> go.Figure:
         seen += [np.array([point.x, point.y, point.z], float) for point in plot.data[-2:]]
     _axes(plot, now, _AXIS * size)
     points = np.concatenate(seen, axis=1)
-    low, high = np.nanmin(points, axis=1), np.nanmax(points, axis=1)
+    low = np.nanmin(points, axis=1)
+    high = np.nanmax(points, axis=1)
     margin = max(_MARGIN * float(np.linalg.norm(high - low)), _AXIS * size)
     return style.framed(plot, low - margin, high + margin)
 

@@ -54,7 +54,8 @@ def arrows(work: Workspace) -> go.Figure:
     drawn = work.drawn(MOST_ARROWS)
     low, high = _box(work)
     scale = _enlargement(work)
-    places, vectors = residuals.points[:, drawn], scale * residuals.arrows[:, drawn]
+    places = residuals.points[:, drawn]
+    vectors = scale * residuals.arrows[:, drawn]
     needles = Needles(places, vectors, drawn, work.opened.edit_ids[drawn], residuals.shown[drawn])
     add_needles(plot, needles, float(np.linalg.norm(high - low)), showlegend=True)
     arrow_marks(work).add_legend(plot)
@@ -119,7 +120,8 @@ def _add_excluded(marks: Overlay, work: Workspace) -> None:
 
 def chart(work: Workspace, name: str, kind: str) -> go.Figure:
     """Length of the residual over one quantity, without what a selection or an edit changes."""
-    label, unit = kind_label(work.opened.residuals, kind), unit_of(kind)
+    label = kind_label(work.opened.residuals, kind)
+    unit = unit_of(kind)
     plot = style.plane(style.plain(name), f"residual, {label} ({unit})", f"chart-{name}-{kind}")
     plot.update_layout(clickmode="event", dragmode=False)
     plot.update_layout(xaxis_type="linear", yaxis_type="linear")  # plotly finds out in 14 ms else
@@ -146,7 +148,8 @@ def chart_marks(work: Workspace, name: str, kind: str) -> Overlay:
     marks = Overlay()
     if name not in work.quantities:
         return marks
-    x, y = work.quantities[name], work.lengths(kind)
+    x = work.quantities[name]
+    y = work.lengths(kind)
     drawn = work.drawn(MOST_POINTS, kind or "")
     chosen = np.union1d(drawn[work.selected[drawn]], work.selected_rows[: MOST_POINTS // 4])
     groups = {"excluded": drawn[~work.kept[drawn]], "selected": chosen}
@@ -242,7 +245,8 @@ def _add_bins(plot: go.Figure, counted: Histogram, kind: str, unit: str) -> None
     """
     all_counts = np.array(list(counted.counts.values()))
     names = [_NAMES[kind_name.removesuffix(ROTATION)] for kind_name in counted.counts]
-    lows, highs = counted.edges[:-1].tolist(), counted.edges[1:].tolist()
+    lows = counted.edges[:-1].tolist()
+    highs = counted.edges[1:].tolist()
     texts = [
         f"{low:.4f} to {high:.4f} {unit}: "
         + ", ".join(f"{name} {count:,}" for name, count in zip(names, counts))
@@ -296,7 +300,8 @@ def side_by_side(work: Workspace) -> go.Figure:
         for share in (0, scale)
     ]
     places = np.concatenate(ends, axis=1)
-    low, high = np.nanmin(places, axis=1), np.nanmax(places, axis=1)
+    low = np.nanmin(places, axis=1)
+    high = np.nanmax(places, axis=1)
     for k, (name, found) in enumerate(runs):
         drawn = thinned(len(found.shown), MOST_ARROWS // 2, found.shown)
         vectors = scale * found.arrows[:, drawn]

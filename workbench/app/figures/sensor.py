@@ -135,7 +135,8 @@ def planes(opened: Opened) -> go.Figure:
     )
     space.lines(plot, space.pyramid(scanner.camera, near)[None], "camera", style.INK, 3)
     if scanner.mirror is not None:
-        axis, point = np.asarray(scanner.mirror.axis), np.asarray(scanner.mirror.point)
+        axis = np.asarray(scanner.mirror.axis)
+        point = np.asarray(scanner.mirror.point)
         ends = np.stack([point - 25 * axis, point + 25 * axis])
         space.lines(plot, ends[None], "mirror axis", style.VIOLET, 7)
     return plot
@@ -187,7 +188,8 @@ def ball_map(opened: Opened, place: int) -> go.Figure:
     if found is None:
         return plot
     on = np.isfinite(found.deviation)
-    points, deviation = found.points[:, on], 1000 * found.deviation[on]
+    points = found.points[:, on]
+    deviation = 1000 * found.deviation[on]
     top = _colour_range(deviation)
     for ball in found.balls:
         angles, near = _directions(points, ball)

@@ -47,11 +47,13 @@ class _View:
         axes = (scene.xaxis, scene.yaxis, scene.zaxis)
         self.low, self.high = np.array([axis.range for axis in axes], float).T
         self.ratio = _vector(scene.aspectratio)
-        eye, centre = _vector(scene.camera.eye), _vector(scene.camera.center)
+        eye = _vector(scene.camera.eye)
+        centre = _vector(scene.camera.center)
         back = (eye - centre) / np.linalg.norm(eye - centre)
         right = np.cross([0.0, 0.0, 1.0], back)
         right /= np.linalg.norm(right)
-        self.eye, self.turn = eye, np.stack([right, np.cross(back, right), back])
+        self.eye = eye
+        self.turn = np.stack([right, np.cross(back, right), back])
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """(2, n) positions in the image of points (3, n) mm; y points down."""

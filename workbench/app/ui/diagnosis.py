@@ -184,7 +184,8 @@ class DiagnosisTab(Tab):
         state.places = [place.name for place in found]
         if state.place not in state.places:
             state.place = max(found, key=lambda place: (bool(place.found), place.share)).name
-        state.verdict_text, state.diagnosis_run = _verdict(answer), f"Run {opened.folder.name}"
+        state.verdict_text = _verdict(answer)
+        state.diagnosis_run = f"Run {opened.folder.name}"
         terms = [*answer["effects"], *answer["refused"]]
         state.terms = [_term_row(term, k < len(answer["effects"])) for k, term in enumerate(terms)]
         self._show_place(found)
@@ -197,7 +198,8 @@ class DiagnosisTab(Tab):
 
     def _show_next(self, opened) -> None:
         """Poses of the next experiment in space and as a table."""
-        state, poses = self.state, data.next_poses(opened.folder, opened.robot)
+        state = self.state
+        poses = data.next_poses(opened.folder, opened.robot)
         state.has_next = poses is not None
         if poses is None:
             return
@@ -264,7 +266,8 @@ class DiagnosisTab(Tab):
 def _verdict(answer) -> str:
     held_out = answer["held_out"]
     unit = "mm" if "before_mm" in held_out else "px"
-    before, after = held_out[f"before_{unit}"], held_out[f"after_{unit}"]
+    before = held_out[f"before_{unit}"]
+    after = held_out[f"after_{unit}"]
     return f"{answer['verdict'].capitalize()}: held-out RMS error {before:.4g} {unit} before, {after:.4g} {unit} after"
 
 

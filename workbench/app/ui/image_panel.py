@@ -36,7 +36,8 @@ class ImagePanel:
 
     def show(self, index: int) -> None:
         """Show the image at a place of images.csv, in the background where it is another one."""
-        opened, excluded = self.tab.work.opened, self.tab.work.session.excluded("images")
+        opened = self.tab.work.opened
+        excluded = self.tab.work.session.excluded("images")
         key = (opened, index, opened.recording.images[index]["image"] in excluded)
         if key != self._shown:
             self._shown = key

@@ -292,7 +292,8 @@ class ResidualsTab(Tab):
             self.panel.show(index)
 
     def _row(self, row: int) -> dict:
-        work, found = self.work, self.work.opened.residuals
+        work = self.work
+        found = self.work.opened.residuals
         pose = work.pose_of(row)
         number = int(work.opened.edit_ids[row])
         lengths = {} if found is None else found.lengths

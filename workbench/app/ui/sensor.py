@@ -183,7 +183,8 @@ class SensorTab(Tab):
         self.state.scan_text = f"Scan {row['scan']}: {row['points']} points. {row['outcome']}"
 
     def _show_image(self) -> None:
-        opened, place = self.work.opened, self._image_place(self.state.sensor_image)
+        opened = self.work.opened
+        place = self._image_place(self.state.sensor_image)
         excluded = self.work.session.excluded(IMAGES)
         self.state.sensor_image_on = opened.recording.images[place]["image"] not in excluded
         self.panel.show(place)

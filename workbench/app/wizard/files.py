@@ -31,7 +31,8 @@ class Dropped:
         A file of the same name is replaced.
         """
         for file in files:
-            name, content = safe_name(file.get("name")), _content(file)
+            name = safe_name(file.get("name"))
+            content = _content(file)
             taken = sum(path.stat().st_size for path in self.folder.iterdir())
             if taken + len(content) > MOST_BYTES:
                 raise InputError(

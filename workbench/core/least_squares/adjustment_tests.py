@@ -231,7 +231,8 @@ def regression_test(
     )
     explained = float(((added.T @ rest) ** 2).sum())
     total = float(rest @ rest)
-    first, second = added.shape[1], len(residual) - base.shape[1] - added.shape[1]
+    first = added.shape[1]
+    second = len(residual) - base.shape[1] - added.shape[1]
     if first < 1 or second < 1 or total <= 0:
         return RegressionTest(1.0, 1.0, 0.0)
     remaining_variance = max(total - explained, 1e-300) / second

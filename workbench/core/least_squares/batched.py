@@ -109,10 +109,12 @@ def _craig(frame, origin, turn, shift, a, alpha, beta):
 
 def _turned(frame, about, angle):
     """The frame times an elementary rotation about one of its axes."""
-    i, j = (about + 1) % 3, (about + 2) % 3
+    i = (about + 1) % 3
+    j = (about + 2) % 3
     c, s = angle.cos(), angle.sin()
     rotated = list(frame)
-    rotated[i], rotated[j] = c * frame[i] + s * frame[j], c * frame[j] - s * frame[i]
+    rotated[i] = c * frame[i] + s * frame[j]
+    rotated[j] = c * frame[j] - s * frame[i]
     return rotated
 
 
@@ -178,7 +180,8 @@ def normal_equations(
     size = 6 + 5 * len(arm.geometry) + 3 * len(tool) + len(bent)
     # sums in double precision: a million of singles lose what the inverse needs
     normal = torch.zeros((size, size), dtype=torch.float64, device=like["device"])
-    gradient, squares = torch.zeros(size, dtype=torch.float64, device=like["device"]), 0.0
+    gradient = torch.zeros(size, dtype=torch.float64, device=like["device"])
+    squares = 0.0
     chunk = CHUNK["cpu" if like["device"] == "cpu" else "cuda"]
     for first in range(0, variables.shape[1], chunk):
         part = slice(first, first + chunk)

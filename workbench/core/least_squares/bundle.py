@@ -300,7 +300,8 @@ class _Problem:
         solved = solve_positive(damped, right)
         # all groups' own unknowns one below the other: (G L, D)
         shape = damped.shape[0] * damped.shape[1], len(self.scale)
-        flat_cross, flat_solved = cross.reshape(shape), solved[..., :-1].reshape(shape)
+        flat_cross = cross.reshape(shape)
+        flat_solved = solved[..., :-1].reshape(shape)
         return shared - flat_cross.T @ flat_solved, solved
 
     def newton(self, damping):
@@ -457,7 +458,8 @@ def _layout(parameters, families, eliminate):
     offset, start = {}, int(parameters.mask.sum())
     for name, family in families.items():
         if name != eliminate:
-            offset[name], start = start, start + np.size(family.values)
+            offset[name] = start
+            start = start + np.size(family.values)
     lengths = {name: family.length for name, family in families.items()}
     return Layout(
         int(parameters.mask.sum()), eliminate if eliminate in families else None, offset, lengths

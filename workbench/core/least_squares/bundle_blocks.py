@@ -89,7 +89,8 @@ def tiles_of(labels: Mapping[str, np.ndarray], n: int) -> Tiles:
     order = every if (code[1:] >= code[:-1]).all() else np.argsort(code, kind="stable")
     ordered = code if order is every else code[order]
     new = np.flatnonzero(np.r_[True, ordered[1:] != ordered[:-1]])
-    counts, codes = np.diff(new, append=n), ordered[new]
+    counts = np.diff(new, append=n)
+    codes = ordered[new]
     groups = dict(zip(labels, np.unravel_index(codes, sizes)))
     length = _tile_length(counts)
     tiles = -(-counts // length)
@@ -97,11 +98,9 @@ def tiles_of(labels: Mapping[str, np.ndarray], n: int) -> Tiles:
     if order is every and (counts == length).all():
         return Tiles(every, np.ones(n, bool), every, length, start, groups)
     position = every + np.repeat(start * length - new, counts)
-    index, live, place = (
-        np.repeat(order[new], tiles * length),
-        np.zeros(tiles.sum() * length, bool),
-        np.empty(n, int),
-    )
+    index = np.repeat(order[new], tiles * length)
+    live = np.zeros(tiles.sum() * length, bool)
+    place = np.empty(n, int)
     index[position], live[position], place[order] = order, True, position
     return Tiles(index, live, place, length, start, groups)
 
@@ -146,7 +145,8 @@ class Blocks:
         self, dense: np.ndarray, own: np.ndarray, pull: np.ndarray, factor: np.ndarray
     ) -> None:
         """One product a group: rows (G, D) and (G, L), the residual's part `pull` (G,), each times `factor` (G,)."""
-        far, near = factor[:, None] * dense, factor[:, None] * own
+        far = factor[:, None] * dense
+        near = factor[:, None] * own
         self.dense -= dense.T @ far
         self.gradient -= pull @ far
         self.cross -= own[:, :, None] * far[:, None]
@@ -198,10 +198,8 @@ class Part:
             raise InputError(
                 f"bundle: expected a parameter {missing[0]} in the shared table, found none; add it"
             )
-        self.table, self.places = (
-            table,
-            np.array([parameters.index[key] for key in table.keys], int),
-        )
+        self.table = table
+        self.places = np.array([parameters.index[key] for key in table.keys], int)
         self.columns = (np.cumsum(parameters.mask) - 1)[self.places][parameters.mask[self.places]]
 
     def at(
@@ -266,7 +264,8 @@ class Part:
         With the shape b (N,) and the variance t^2 of a group's error, the inverse of V = D + t^2 b b' is that of D
         less D^-1 b b' D^-1 t^2 / (1 + t^2 b' D^-1 b), so that of the normal equations one product a group goes off.
         """
-        shape, groups = shape * root[0], self.tiles.groups[self.layout.eliminate]
+        shape = shape * root[0]
+        groups = self.tiles.groups[self.layout.eliminate]
         sums = np.add.reduceat(
             (rows[:, 0] * shape).reshape(len(rows), -1, self.tiles.length).sum(-1),
             self.tiles.start,
@@ -274,17 +273,13 @@ class Part:
         )
         known = np.add.reduceat((shape**2).reshape(-1, self.tiles.length).sum(-1), self.tiles.start)
         factor = variance / (1 + variance * np.bincount(groups, known, len(blocks.own)))
-        dense, x = (
-            np.zeros((len(blocks.own), len(blocks.dense))),
-            np.zeros(blocks.own_gradient.shape),
-        )
+        dense = np.zeros((len(blocks.own), len(blocks.dense)))
+        x = np.zeros(blocks.own_gradient.shape)
         np.add.at(dense, (groups[:, None], self.columns), sums[: len(self.columns)].T)
         first = len(self.columns)
         for name in self.families:
-            mine, first = (
-                sums[first : first + self.layout.length[name]].T,
-                first + self.layout.length[name],
-            )
+            mine = sums[first : first + self.layout.length[name]].T
+            first = first + self.layout.length[name]
             if name == self.layout.eliminate:
                 np.add.at(x, groups, mine)
             else:
@@ -358,7 +353,8 @@ class _Place:
                 gram,
             )
         elif other != self.layout.eliminate:
-            rows, columns = self.columns(self.name, self.groups), self.columns(other, groups)
+            rows = self.columns(self.name, self.groups)
+            columns = self.columns(other, groups)
             np.add.at(self.blocks.dense, (rows[:, :, None], columns[:, None]), gram)
 
 

@@ -80,7 +80,8 @@ def choose(
     downwards = criterion == "task"
     several = [rng.choice(len(rows), n, replace=False) for _ in range(draws)]
     random = np.array([worth(some) for some in several])
-    chosen, comparisons = search.exchange(search.grow(n)), {}
+    chosen = search.exchange(search.grow(n))
+    comparisons = {}
     if downwards and bounded:
         grams = np.swapaxes(rows, 1, 2) @ rows
         shares, bound = least_error(grams, n, weight, ridge, repeats)
@@ -111,10 +112,13 @@ def least_error(grams, n: int, weight, ridge, repeats: int = 1) -> tuple[np.ndar
     Torsney, Communications in Statistics A 7 (1978) 1379), held below their limit
     (Wynn, Statistical Decision Theory and Related Topics III, 1982).
     """
-    flat, shares, bound = grams.reshape(len(grams), -1), np.full(len(grams), n / len(grams)), 0.0
+    flat = grams.reshape(len(grams), -1)
+    shares = np.full(len(grams), n / len(grams))
+    bound = 0.0
     for _ in range(_SHARES):
         inverse = inverse_positive((shares @ flat).reshape(ridge.shape) + ridge)
-        value, slope = float((inverse * weight).sum()), flat @ (inverse @ weight @ inverse).ravel()
+        value = float((inverse * weight).sum())
+        slope = flat @ (inverse @ weight @ inverse).ravel()
         cycle, part = divmod(n, repeats)
         best = np.sort(slope)[::-1]
         most = repeats * best[:cycle].sum() + (part * best[cycle] if part else 0.0)
@@ -158,7 +162,8 @@ def _criterion(name, n, rows, ridge, weight) -> tuple[Callable, Callable]:
         )
     if name == "D":
         return _volume, lambda members: _volumes_with(normal_of(rows[members]) + ridge, rows)
-    index, grams = int(name[1:]) - 1, np.swapaxes(rows, 1, 2) @ rows
+    index = int(name[1:]) - 1
+    grams = np.swapaxes(rows, 1, 2) @ rows
 
     def score(normals):
         s = np.sqrt(np.maximum(symmetric_eigenvalues(normals), 1e-300))
@@ -171,7 +176,8 @@ def _criterion(name, n, rows, ridge, weight) -> tuple[Callable, Callable]:
 
 def observability(s: np.ndarray, n: int) -> tuple[np.ndarray, ...]:
     """O1 ... O5 (...,) of singular values s (..., F), ascending, of n poses; Sun & Hollerbach, ICRA 2008."""
-    low, high = s[..., 0], s[..., -1]
+    low = s[..., 0]
+    high = s[..., -1]
     return (
         np.exp(np.log(s).mean(-1)) / np.sqrt(n),
         low / high,

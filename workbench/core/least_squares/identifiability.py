@@ -126,7 +126,8 @@ class Identifiability:
         k = self.keys.index(key)
         if self.weight[k] < _NO_EFFECT:
             return f"{self.labels[k]} has no effect on these measurements"
-        size, unit = self.typical[k] / self.weight[k], self.units[k]
+        size = self.typical[k] / self.weight[k]
+        unit = self.units[k]
         if unit == "rad" and size < 1e-3:
             size, unit = 1e3 * size, "mrad"
         least = f"{size:.2g} {unit}"
@@ -142,7 +143,8 @@ class Identifiability:
         s = self.singular[len(self.keys) - self.rank :]
         if not s.size:
             return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
-        low, high = float(s[0]), float(s[-1])
+        low = float(s[0])
+        high = float(s[-1])
         mean = float(np.exp(np.log(s).mean()) / np.sqrt(samples))
         return {
             "O1": mean,

@@ -109,7 +109,8 @@ def solve_positive(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     directions that the matrix does not determine. right (..., F, K), or (F,) for one matrix. Raises InputError
     where an entry is not finite.
     """
-    matrix, right = np.asarray(matrix, float), np.asarray(right, float)
+    matrix = np.asarray(matrix, float)
+    right = np.asarray(right, float)
     if right.ndim == 1:
         return solve_positive(matrix, right[:, None])[:, 0]
     check_finite(matrix, right)

@@ -64,7 +64,8 @@ class SingleParameters:
 
     def from_held(self) -> dict[str, float]:
         """Key of every free parameter -> the part of its variance that the held ones cause (law of total variance)."""
-        free, held = np.flatnonzero(self.free), np.flatnonzero(~self.free)
+        free = np.flatnonzero(self.free)
+        held = np.flatnonzero(~self.free)
         cross = self.known.covariance[np.ix_(free, held)]
         held_covariance = self.known.covariance[np.ix_(held, held)]
         part = (cross * solve_positive(held_covariance, cross.T).T).sum(1)

@@ -268,7 +268,8 @@ class _Problem:
         size = len(self.scale)
         self.trust, self.gradient = self.precision, np.zeros(size)
         self.data_gradient = np.zeros(size)
-        self.prior, self.data_normal = self.trust * self.scale**2, np.zeros((size, size))
+        self.prior = self.trust * self.scale**2
+        self.data_normal = np.zeros((size, size))
         return False
 
     def trust_in_priors(self, residual):

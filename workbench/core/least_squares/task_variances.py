@@ -49,7 +49,8 @@ class TaskVariances:
 
     def _update(self, k: int, sign: int) -> bool:
         """Add (1) or remove (-1) a candidate; False where its rows alone determine a direction."""
-        row, product = self._rows[k], self._products[k].copy()
+        row = self._rows[k]
+        product = self._products[k].copy()
         inner = np.eye(len(row)) + sign * row @ product.T
         if np.linalg.eigvalsh((inner + inner.T) / 2)[0] < _SINGULAR:
             return False

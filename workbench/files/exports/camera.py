@@ -115,10 +115,8 @@ def as_held(camera: Camera, name: str) -> tuple[Camera, float]:
     ).reshape(2, -1)
     flat = camera.normalised(pixels)
     seen = np.isfinite(flat).all(0)
-    points, found = (
-        np.vstack([flat, np.ones(flat.shape[1])])[:, seen],
-        Camera.of([*camera.values[:8], 0], camera.size),
-    )
+    points = np.vstack([flat, np.ones(flat.shape[1])])[:, seen]
+    found = Camera.of([*camera.values[:8], 0], camera.size)
     for _ in range(_STEPS):
         rows = found.project_rows(points)[2][:8].reshape(8, -1)
         step = least_squares(rows.T, (pixels[:, seen] - found.project(points)).ravel())

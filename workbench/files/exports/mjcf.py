@@ -69,7 +69,8 @@ def mjcf(arm: CalibratedArm) -> str:
     ET.SubElement(custom, "text", name=TERMS, data=json.dumps(terms(arm)))
     world = ET.SubElement(root, "worldbody")
     found = compliances_of(arm)
-    parent, servos = _pedestal(world, found.pedestal, arm.robot.base), ET.Element("actuator")
+    parent = _pedestal(world, found.pedestal, arm.robot.base)
+    servos = ET.Element("actuator")
     before, after = around_joints(arm)
     here = np.eye(4) if any(found.pedestal) else arm.robot.base
     onward = [*before[1:], arm.robot.flange]
@@ -256,7 +257,8 @@ def _flange(parent, here, arm: CalibratedArm) -> None:
 
 
 def _joint(body, robot, k, stiffness: float) -> None:
-    slides, sign = robot.prismatic[k], joint_signs(robot)[k]
+    slides = robot.prismatic[k]
+    sign = joint_signs(robot)[k]
     unit = 1e-3 if slides else 1.0
     keys = {"name": robot.joint_name(k), "type": "slide" if slides else "hinge"}
     bounds = robot.limits[k] * unit if k < len(robot.limits) and not is_coupled(robot) else [np.nan]

@@ -74,7 +74,8 @@ def _at_rest(text: str, targets: np.ndarray, load: float) -> np.ndarray:
 
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
-    body, site = model.body("load").id, model.site("flange").id
+    body = model.body("load").id
+    site = model.site("flange").id
     model.body_mass[body] = max(load, model.body_mass[body])
     mujoco.mj_setConst(model, data)
     driven = model.jnt_qposadr[model.actuator_trnid[:, 0]]

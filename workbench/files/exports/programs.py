@@ -59,7 +59,8 @@ def program_text(program: Program, language: str) -> str:
             f"--out {program.name}: expected a file name that is a program name (a letter, then letters, digits and _, "
             "24 at most), found another; rename it"
         )
-    turning, slides = program.axes_deg.shape[1], program.external_mm.shape[1]
+    turning = program.axes_deg.shape[1]
+    slides = program.external_mm.shape[1]
     if turning != _AXES or slides > _MOST_EXTERNAL:
         raise InputError(
             f"--to {language}: expected an arm with six joints that turn, and at most six linear axes, found "

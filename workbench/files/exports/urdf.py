@@ -106,7 +106,8 @@ def around_joints(arm) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """J transforms (4, 4) mm each: from frame k-1 to the joint's axis, and from there to frame k."""
     before, after = [], []
     for theta, d, a, alpha, beta in calibrated_geometry(arm)[:, [THETA, D, A, ALPHA, BETA]]:
-        screw, twist = placed("z", theta, (0, 0, d)), placed("xy", [alpha, beta])
+        screw = placed("z", theta, (0, 0, d))
+        twist = placed("xy", [alpha, beta])
         along = placed("x", 0.0, (a, 0, 0))
         if arm.robot.convention == "distal":
             before.append(np.eye(4))

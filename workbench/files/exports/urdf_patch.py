@@ -82,7 +82,8 @@ def _described_arm(arm: CalibratedArm, spec: dict, file: Path) -> np.ndarray:
         )
     readings = np.random.default_rng(0).uniform(-1, 1, (24, described_arm.mixing.shape[1]))
     readings = np.vstack([np.zeros(described_arm.mixing.shape[1]), readings])
-    theirs, ours = _flanges(described_arm, readings), _flanges(arm.robot, readings)
+    theirs = _flanges(described_arm, readings)
+    ours = _flanges(arm.robot, readings)
     # T_urdf(q) = A T(q) B with constant A and B: relative motions are conjugate by A
     remainder = _conjugation(theirs @ np.linalg.inv(theirs[0]), ours @ np.linalg.inv(ours[0]))
     right = np.linalg.inv(remainder @ ours[0]) @ theirs[0]
@@ -151,7 +152,8 @@ def _origins(tree: Tree, path: list[Joint], moving: list[Joint], moves) -> dict[
 
     A fixed joint keeps its origin, but for the last one before the tip, which takes what the flange moves by.
     """
-    place, origins = {tree.root: np.eye(4)}, {}
+    place = {tree.root: np.eye(4)}
+    origins = {}
     number = {joint.name: k for k, joint in enumerate(moving)}
     fixed_after = path[-1] if path[-1].name not in number else None
     for joint in path:
@@ -215,7 +217,8 @@ def _attribute(tag: str, name: str, numbers) -> str:
     text = " ".join(f"{number:.12g}" for number in numbers)
     for found in _ATTRIBUTE.finditer(tag):
         if found.group(1) == name:
-            start, end = found.start(2) + 1, found.end(2) - 1
+            start = found.start(2) + 1
+            end = found.end(2) - 1
             return tag[:start] + text + tag[end:]
     return re.sub(r"\s*/?>$", lambda end: f' {name}="{text}"{end.group()}', tag, count=1)
 

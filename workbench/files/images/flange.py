@@ -36,7 +36,8 @@ def flange_poses(recording: Recording) -> np.ndarray:
 
 def rows_of_samples(recording: Recording, samples: Sequence[float]) -> np.ndarray:
     """(k,) row of samples.csv of each sample number (k,). Raises InputError for one that is not there."""
-    wanted, there = np.asarray(samples).astype(int), recording.sample_ids
+    wanted = np.asarray(samples).astype(int)
+    there = recording.sample_ids
     missing = wanted[~np.isin(wanted, there)]
     if missing.size:
         raise InputError(

@@ -27,7 +27,8 @@ def centre_errors(scans: Sequence[Mapping], truth: Mapping) -> dict:
     if len(pairs) < 3:
         return {"balls": len(pairs), "rms_mm": None, "max_mm": None}
     true, found = np.array(pairs, float).transpose(1, 2, 0)
-    middle, other = true.mean(1, keepdims=True), found.mean(1, keepdims=True)
+    middle = true.mean(1, keepdims=True)
+    other = found.mean(1, keepdims=True)
     turn = nearest_rotation((true - middle) @ (found - other).T)
     distance = np.linalg.norm(turn @ (found - other) - (true - middle), axis=0)
     return {

@@ -31,7 +31,8 @@ def on_balls(points: np.ndarray, radii, steps=None) -> tuple[np.ndarray, np.ndar
 
     steps (n,): light plane of each point.
     """
-    normals, ball = np.full(points.shape, np.nan), np.zeros(points.shape[1], int)
+    normals = np.full(points.shape, np.nan)
+    ball = np.zeros(points.shape[1], int)
     seen = np.flatnonzero(np.isfinite(points).all(0))
     steps_of_points = None if steps is None else np.asarray(steps)[seen]
     found = (
@@ -40,5 +41,6 @@ def on_balls(points: np.ndarray, radii, steps=None) -> tuple[np.ndarray, np.ndar
     for number, fit in enumerate(found, start=1):
         on = seen[fit.reason != ELSEWHERE]
         outward = points[:, on] - fit.centre[:, None]
-        normals[:, on], ball[on] = outward / np.linalg.norm(outward, axis=0), number
+        normals[:, on] = outward / np.linalg.norm(outward, axis=0)
+        ball[on] = number
     return normals, ball

@@ -83,7 +83,8 @@ def _lines(robot, recording, link_radius):
     values = chain.parameters.values
     frames, _ = chain.frames(values, {})
     base, _, hand = chain.split(values)
-    eye, target = frames.point(hand[:3]), chain.measurement.targets(hand)
+    eye = frames.point(hand[:3])
+    target = chain.measurement.targets(hand)
     balls = np.array([recording.balls[i] for i in chain.measurement.ids])
     hidden = hidden_by_others(eye, target, balls[:, :3], balls[:, 3], chain.measurement.index)
     into_root = rotation_matrix(base[3:]).T

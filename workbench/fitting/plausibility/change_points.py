@@ -92,7 +92,8 @@ class _System:
     def __init__(self, robot, recording, fit):
         model, parameters = model_at(robot, recording, fit.parameters.values)
         parameters = parameters.only(fit.parameters.mask)
-        lever, prior = lever_of(robot, recording), geometry_prior(robot, recording, parameters)
+        lever = lever_of(robot, recording)
+        prior = geometry_prior(robot, recording, parameters)
         residual, rows = model.linearise(parameters)
         residual[POSITION:] *= lever
         rows[:, POSITION:] *= lever
@@ -172,10 +173,8 @@ def find_new_setup(robot, recording, good: float) -> ChangePoint | None:
     limit = _EXTREME * max(good, first.core, last.core)
     costs = [np.cumsum(np.minimum(part, limit) ** 2) for part in (early, late)]
     split = int(np.argmin(costs[0] + costs[1][-1] - costs[1]))
-    before, after = (
-        np.median(early[: split + 1]),
-        np.median(late[split + 1 :]) if split + 1 < ordered.n else np.inf,
-    )
+    before = np.median(early[: split + 1])
+    after = np.median(late[split + 1 :]) if split + 1 < ordered.n else np.inf
     if not max(before, after) < 3 * good or split + 1 > ordered.n - 4:
         return None
     place, shift = _what_moved(robot, ordered, (first, last), split + 1)

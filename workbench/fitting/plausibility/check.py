@@ -168,7 +168,8 @@ def _majority_fit(robot, recording, good, share: float) -> Fit | None:
 
 
 def _outlying(recording, outliers, reason, named) -> Suspicion:
-    rows, off = outliers.rows, outliers.mismatch[outliers.rows]
+    rows = outliers.rows
+    off = outliers.mismatch[outliers.rows]
     size = f"{off.min():.3g} to {off.max():.3g} mm" if len(rows) > 1 else f"{off[0]:.3g} mm"
     are = "are" if len(rows) > 1 else "is"
     samples = named_samples(recording, rows, outliers.mismatch)

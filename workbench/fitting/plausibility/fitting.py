@@ -161,7 +161,8 @@ def nominal_scales(cases: Sequence[tuple[Robot, Recording]]) -> list[float]:
 
 
 def _scales_of_some(cases: Sequence[tuple[Robot, Recording]]) -> list[float]:
-    scales, systems = [np.inf] * len(cases), {}
+    scales = [np.inf] * len(cases)
+    systems = {}
     for k, case in enumerate(cases):
         try:
             system = _nominal_system(*case)

@@ -151,7 +151,8 @@ def _wrong_geometry(robot, recording, recorded, good) -> Suspicion | None:
     """
     chosen = recording.select(even_rows(recording, _ROWS))
     keys = [key for key in geometry_free(robot) if ".alpha" not in key and ".beta" not in key]
-    released, nominal = (), model_at(robot, chosen)[1].values
+    released = ()
+    nominal = model_at(robot, chosen)[1].values
     for _ in range(_MOST_RELEASED):
         fits = {
             key: _released(robot, chosen, recorded, (*released, key), nominal)

@@ -74,7 +74,8 @@ def _change_from(robot, moved, steps: Sequence[int], half, good: float) -> _Chan
     change = _least_cost_change(costs, steps)
     if change.before == change.after:
         return None
-    first, last = steps.index(change.before), steps.index(change.after)
+    first = steps.index(change.before)
+    last = steps.index(change.after)
     fits = np.concatenate([costs[first, : change.row], costs[last, change.row :]]) < 1.0
     parts = (fits[: change.row], fits[change.row :])
     is_proven = all(len(part) >= _LEAST_PART and part.mean() > 0.5 for part in parts)

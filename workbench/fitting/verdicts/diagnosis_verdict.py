@@ -63,12 +63,11 @@ def check_diagnosis(diagnosis, recording, tolerances: Sequence[Tolerance] = ()) 
         else None
     )
     if any(effect["effect"] == _STATED_NOISE for effect in answer["effects"]):
-        above, expected = None, Noise(held_out[f"noise_{unit}"], held_out["noise_from"])
+        above = None
+        expected = Noise(held_out[f"noise_{unit}"], held_out["noise_from"])
     else:
-        above, expected = (
-            None if noise is None else noise.is_above,
-            _expected(noise, held_out, unit),
-        )
+        above = None if noise is None else noise.is_above
+        expected = _expected(noise, held_out, unit)
     error = Residual(held_out[f"after_{unit}"], unit, "held-out RMS error", is_significant=above)
     return DiagnosisCheck(judge(error, expected, tolerances, _advice(diagnosis, noise)), noise)
 
@@ -93,7 +92,8 @@ def noise_of(diagnosis, recording, held_out: Mapping) -> NoiseReport | None:
     usual = ~np.isin(moving.sample_ids, diagnosis.outliers) & np.isfinite(residual).all(0)
     if residual.shape[1] != moving.n or not usual.any():
         return None
-    remaining, components = residual[:, usual], len(residual)
+    remaining = residual[:, usual]
+    components = len(residual)
     squares = (remaining**2).sum(0)
     sigma = None if moving.sigma is None else moving.sigma[usual]
     if sigma is not None and diagnosis.views.rounding is not None:

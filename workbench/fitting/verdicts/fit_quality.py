@@ -37,7 +37,8 @@ def noise_report(calibration) -> NoiseReport:
     everyone = np.ones(calibration.recording.n, bool)
     fitted = everyone if calibration.fitted is None else calibration.fitted
     recording = calibration.recording.select(fitted)
-    model, fit = calibration.model.at(fitted), calibration.solution.fit
+    model = calibration.model.at(fitted)
+    fit = calibration.solution.fit
     position = fit.residual[:3]
     degrees = fit.degrees * position.size / fit.residual.size
     stated = None if model.chain.sigma_unknown else model.chain.stated_sigma[:3]
@@ -117,7 +118,8 @@ def _outlying(model: Model, fit: Fit, stated: np.ndarray | None, above: bool) ->
             return nobody
         scale = robust_sigma((white[:, ~wrong] ** 2).sum(0), len(white))
         rest = solve(_with_scale(model, scale).at(~wrong), robust.parameters)
-        before, wrong = wrong, _tested(_with_scale(model, scale), rest, stated, wrong)
+        before = wrong
+        wrong = _tested(_with_scale(model, scale), rest, stated, wrong)
         if np.array_equal(before, wrong):
             break
     return wrong if wrong.mean() <= _MOST_OUTLYING else nobody

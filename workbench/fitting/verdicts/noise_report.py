@@ -360,7 +360,8 @@ def _replicates_disagree(found: Findings) -> str:
     """Stated noise against that of replicates, two-sided."""
     if found.stated is None or found.replicates is None:
         return ""
-    again, ratio = found.replicates, found.replicates.sigma / found.stated
+    again = found.replicates
+    ratio = found.replicates.sigma / found.stated
     statistic = again.degrees * ratio**2
     if ratio > _RELEVANT and chi2.sf(statistic, again.degrees) < _LEVEL:
         return (

@@ -182,6 +182,7 @@ def _waves(chain) -> np.ndarray:
     """(J, 4, n) sine and cosine of every joint, once and twice per revolution; the travel of a slide is half a turn."""
     angles = chain.variables.copy()
     for k in np.flatnonzero(chain.robot.prismatic):
-        low, high = angles[k].min(), angles[k].max()
+        low = angles[k].min()
+        high = angles[k].max()
         angles[k] = np.pi * (angles[k] - low) / max(high - low, 1e-9)
     return np.stack([np.sin(angles), np.cos(angles), np.sin(2 * angles), np.cos(2 * angles)], 1)

@@ -107,7 +107,8 @@ class BallSums:
         ball, other = pair
         stated = np.subtract(known[ball.number][:3], known[other.number][:3])
         line = ball.fit.centre - other.fit.centre
-        measured, certified = float(np.linalg.norm(line)), float(np.linalg.norm(stated))
+        measured = float(np.linalg.norm(line))
+        certified = float(np.linalg.norm(stated))
         both = ball.fit.covariance[:3, :3] + other.fit.covariance[:3, :3]
         sigma = float(np.sqrt(line @ both @ line)) / measured
         if abs(measured - certified) > _GROSS * sigma:

@@ -135,7 +135,8 @@ def _parse_tolerance(text: str, units: Sequence[str]) -> Tolerance:
             f"--tolerance {text}: expected a positive number, with its unit where it is not {units[0]} "
             f"({allowed}), such as 0.1{units[0]}; found '{text}'; correct it"
         )
-    value, unit = float(match[1]), match[2] or units[0]
+    value = float(match[1])
+    unit = match[2] or units[0]
     if not math.isfinite(value) or value <= 0:
         raise InputError(
             f"--tolerance {text}: expected a number above 0, found {value:g}; correct it"

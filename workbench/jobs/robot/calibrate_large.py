@@ -121,7 +121,9 @@ class Stream:
     def by_fold(self, parameters: Parameters, fold: np.ndarray, folds: int):
         """Residual (m, n), and (folds, F, F), (folds, F) normal matrices and gradients of the samples of each fold."""
         size = int(parameters.mask.sum())
-        normal, gradient, parts = np.zeros((folds, size, size)), np.zeros((folds, size)), []
+        normal = np.zeros((folds, size, size))
+        gradient = np.zeros((folds, size))
+        parts = []
         for columns, model in self.models():
             residual, rows = model.linearise(parameters)
             rows /= model.chain.sigma

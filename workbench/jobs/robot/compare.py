@@ -204,10 +204,8 @@ def compare(
     )
     if is_separated:
         block[block >= 0] = blocks(found[0].recording.poses[block >= 0], _BLOCKS)
-    names, choosing = (
-        tuple(Path(name).stem for name in plans),
-        tuple(_chooses(name) for name in plans),
-    )
+    names = tuple(Path(name).stem for name in plans)
+    choosing = tuple(_chooses(name) for name in plans)
     return Comparison(recording, names, tuple(found), block, is_separated, choosing)
 
 
@@ -262,7 +260,8 @@ def save(comparison: Comparison, folder: Path) -> None:
         csv_text(list(rows[0]), [row.values() for row in rows]), encoding="utf-8"
     )
     ids = comparison.calibrations[0].recording.sample_ids[comparison.block >= 0]
-    errors, head = comparison.distances, [*comparison.names]
+    errors = comparison.distances
+    head = [*comparison.names]
     if comparison.measures_orientation:
         errors = np.concatenate([errors, comparison.angles])
         head += [f"{name}_rotation_deg" for name in comparison.names]
@@ -310,7 +309,8 @@ _COLOURS = ("#8c8c8c", "#1f83c4", "#12957a", "#b8649f", "#d9730d", "#5b5bd6", "#
 def _bars(axes, comparison, colours, kind):
     """Held-out RMS of every plan; kind: (what in words, unit, prefix of the keys) of the errors."""
     what, unit, prefix = kind
-    rows, place = comparison.rows(), np.arange(len(comparison.names))
+    rows = comparison.rows()
+    place = np.arange(len(comparison.names))
     values = [row[f"held_out_{prefix}rms_{unit}"] for row in rows]
     axes.barh(place, values, color=colours, height=0.62)
     fitted = [row[f"fit_{prefix}rms_{unit}"] for row in rows]

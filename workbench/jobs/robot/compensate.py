@@ -31,7 +31,8 @@ COVERAGE_FACTOR = 2
 """Expanded uncertainty over standard uncertainty (GUM, JCGM 100:2008, 6.2)."""
 _STEPS = 40
 # starts of the search for a posture, and where a joint without limits may start
-_TRIES, _OPEN = 20, (-np.pi, np.pi)
+_TRIES = 20
+_OPEN = (-np.pi, np.pi)
 # a target counts as reached within a hundredth of a micrometre, and as much a lever's length away
 _REACHED_MM = 1e-5
 _ROOT = ("joint-1.theta1", "joint-1.d1")
@@ -105,7 +106,8 @@ def compensate(
         if anywhere:
             found = nearest_turns(arm.robot, found, _turn_reference(arm, readings))
     position, rotation = pose_sizes(_deviation(_model(arm, found, wanted, covariates), arm, task))
-    best, least = found, np.full(len(found), np.inf)
+    best = found
+    least = np.full(len(found), np.inf)
     for done in range(_STEPS):
         progress(done, _STEPS)
         step, movable = _reading_step(_model(arm, found, wanted, covariates), arm, task)
@@ -257,7 +259,8 @@ def _is_frame(key: str) -> bool:
 def _off(model, arm):
     """(6, n) actual minus wanted pose, and (n,) mm: its largest of place and of turn at a lever's length."""
     residual = model.residual(_parameters(model, arm))
-    place, turn = np.linalg.norm(residual[:3], axis=0), np.linalg.norm(residual[3:], axis=0)
+    place = np.linalg.norm(residual[:3], axis=0)
+    turn = np.linalg.norm(residual[3:], axis=0)
     return residual, np.maximum(place, LEVER_MM * turn)
 
 
@@ -325,10 +328,8 @@ def _nominal_readings(robot, start, wanted, anywhere, task):
     """Readings (n, R) of the nominal arm at the wanted poses, from `start`; where that leads beyond limits and any
     posture will do, from other places within them."""
     found, good = search_readings(robot, start, wanted, task)
-    rng, (low, high) = (
-        np.random.default_rng(0),
-        np.where(np.isnan(robot.limits), _OPEN, robot.limits).T,
-    )
+    rng = np.random.default_rng(0)
+    (low, high) = np.where(np.isnan(robot.limits), _OPEN, robot.limits).T
     for _ in range(_TRIES if anywhere else 0):
         rows = np.flatnonzero(~good)
         if not rows.size:

@@ -55,7 +55,8 @@ def parse_configuration(text: str) -> ConfigurationData | None:
 
 
 def _of_kuka(status: str | None, turn: str | None) -> ConfigurationData:
-    low, high = np.full(_JOINTS, -np.inf), np.full(_JOINTS, np.inf)
+    low = np.full(_JOINTS, -np.inf)
+    high = np.full(_JOINTS, np.inf)
     sides = (0, 0, 0)
     if status is not None:
         sides = (_side(int(status) & 1), _side(int(status) & 2), _side(int(status) & 4))
@@ -68,18 +69,22 @@ def _of_kuka(status: str | None, turn: str | None) -> ConfigurationData:
 
 
 def _of_abb(numbers: list[int]) -> ConfigurationData:
-    low, high = np.full(_JOINTS, -np.inf), np.full(_JOINTS, np.inf)
+    low = np.full(_JOINTS, -np.inf)
+    high = np.full(_JOINTS, np.inf)
     for k, quadrant in zip(_REVOLVING, numbers):
-        low[k], high[k] = 90.0 * quadrant, 90.0 * (quadrant + 1)
+        low[k] = 90.0 * quadrant
+        high[k] = 90.0 * (quadrant + 1)
     sides = (_side(numbers[3] & 4), _side(not numbers[3] & 2), _side(numbers[3] & 1))
     _set_sign_of_fifth(low, high, sides[2])
     return ConfigurationData("ABB", low, high, sides)
 
 
 def _of_fanuc(flip: str, elbow: str, side: str, *revolutions: str) -> ConfigurationData:
-    low, high = np.full(_JOINTS, -np.inf), np.full(_JOINTS, np.inf)
+    low = np.full(_JOINTS, -np.inf)
+    high = np.full(_JOINTS, np.inf)
     for k, count in zip(_REVOLVING, revolutions):
-        low[k], high[k] = 360.0 * int(count) - 180, 360.0 * int(count) + 180
+        low[k] = 360.0 * int(count) - 180
+        high[k] = 360.0 * int(count) + 180
     sides = (_side(side == "B"), _side(elbow == "D"), _side(flip == "N"))
     _set_sign_of_fifth(low, high, sides[2])
     return ConfigurationData("FANUC", low, high, sides)

@@ -150,14 +150,17 @@ def _sign_changes(robot: Robot, readings: np.ndarray) -> list[str]:
         return []
     rows = np.flatnonzero(np.isfinite(readings).all(1))
     signs = configuration_signs(robot, readings[rows])
-    places, last, side = [], None, np.zeros(signs.shape[1], int)
+    places = []
+    last = None
+    side = np.zeros(signs.shape[1], int)
     for row, signs_of_row in zip(rows, signs):
         if (
             signs_of_row * side < 0
         ).any():  # a sign that is singular at a target keeps that of the targets before
             names = f"{configuration_name(side)}, then {configuration_name(signs_of_row)}"
             places.append(f"{last + 1} and {row + 1} ({names})")
-        side, last = np.where(signs_of_row == 0, side, signs_of_row), row
+        side = np.where(signs_of_row == 0, side, signs_of_row)
+        last = row
     if not places:
         return []
     return [

@@ -283,7 +283,8 @@ def _rotation_error(rows, tasks, known) -> float:
 
 def _usable(robot, recording, link_radius, sight):
     """(n,) which rows may be driven to and show what they should, and how many may not, by the first reason."""
-    remaining, taken = {}, np.zeros(recording.n, bool)
+    remaining = {}
+    taken = np.zeros(recording.n, bool)
     for end in end_recordings(recording):
         variables = robot.mixing @ end.joints.T
         reasons = {"beyond a joint's limit": _beyond(robot, end.joints)}

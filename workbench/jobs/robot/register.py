@@ -76,7 +76,8 @@ def register(source: np.ndarray, target: np.ndarray, matched: bool = True) -> Re
     matched: row k of one is row k of the other, n = m; else every source point goes with the nearest target point.
     Raises InputError for fewer than three points, points on a line, or numbers of points that differ.
     """
-    source, target = np.asarray(source, float), np.asarray(target, float)
+    source = np.asarray(source, float)
+    target = np.asarray(target, float)
     _check(source, "source")
     _check(target, "target")
     if matched and len(source) != len(target):

@@ -186,7 +186,8 @@ def image(found: Significance):
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11, 6.4), facecolor="white", layout="constrained")
-    names, unseen = [key.split(".")[1] for key in found.keys], found.unseen()
+    names = [key.split(".")[1] for key in found.keys]
+    unseen = found.unseen()
     titles = ("position of the flange", "x axis (NP)", "y axis (OP)", "z axis")
     charts = figure.subplots(2, 2, sharex=True).ravel()
     for axes, part, title, column in zip(charts, PARTS, titles, found.index.T):

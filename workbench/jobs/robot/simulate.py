@@ -30,7 +30,8 @@ def simulate(path: Path, without: Sequence[str] = ()) -> Recording:
     without: names of effects to switch off, `<place>.<effect>`, with shell wildcards.
     """
     truth = truth_from(_without_effects_named(read_scene(path), without, path), path)
-    residual, sigma = truth.model.residual(truth.parameters), truth.model.sigma(truth.parameters)
+    residual = truth.model.residual(truth.parameters)
+    sigma = truth.model.sigma(truth.parameters)
     noisy = residual + truth.rng.normal(size=residual.shape) * sigma
     columns = truth.shown.columns | truth.model.chain.measurement.columns(noisy)
     stated = truth.model.chain.stated_sigma
@@ -197,7 +198,8 @@ def _limits(robot: Robot, share: float) -> np.ndarray:
     """(R, 2) reachable readings: a share of the limits about their middle; +-180 deg, or +-300 mm, if unknown."""
     unknown = np.where(sliding(robot), 300.0, np.pi)[:, None] * [-1, 1]
     limits = np.where(np.isfinite(robot.limits), robot.limits, unknown)
-    middle, half = limits.mean(1), np.ptp(limits, axis=1) / 2
+    middle = limits.mean(1)
+    half = np.ptp(limits, axis=1) / 2
     return np.stack([middle - share * half, middle + share * half], 1)
 
 
@@ -235,7 +237,8 @@ def _looking_at_balls(scene, robot, limits, rng):
     balls = np.array(scene.balls)[:, :3] @ placed[:3, :3].T + placed[:3, 3]
     # the search is for joint angles within a box; where joints are coupled it also finds forbidden readings
     coupled = np.count_nonzero(robot.mixing) > robot.joints
-    middle, half = robot.mixing @ limits.mean(1), np.abs(robot.mixing) @ np.ptp(limits, axis=1) / 2
+    middle = robot.mixing @ limits.mean(1)
+    half = np.abs(robot.mixing) @ np.ptp(limits, axis=1) / 2
     box = np.stack([middle - half, middle + half], 1)
     angles, ball = scanning(
         rng,

@@ -97,7 +97,8 @@ def refit(step: Step, nominal: Step, retained: Sequence[Stage], split: Split) ->
     """
     residual = step.model.part(split.fit).residual(step.parameters)
     spent = step.fit.residual.size - step.fit.degrees
-    weights, degrees = np.ones(residual.shape[1]), residual.size - spent
+    weights = np.ones(residual.shape[1])
+    degrees = residual.size - spent
     before = replace(step.fit, residual=residual, weights=weights, degrees=degrees, gradient=None)
     untested = replace(split, fold=np.full(len(split.fold), -1))
     return _try(replace(step, fit=before), _merged(retained, nominal), untested)
@@ -174,7 +175,8 @@ def _try(step: Step, stage: Stage, split: Split) -> Step:
     free_of_stage = stage_mask(start, stage, effects, model.chain)
     wanted = start.only(start.mask | left_out_before | free_of_stage)
     size = size_of(model.chain, wanted) if stage.canonical else None
-    asked, wanted = int(wanted.mask.sum()), wanted if size is None else wanted.fix(size)
+    asked = int(wanted.mask.sum())
+    wanted = wanted if size is None else wanted.fix(size)
     trial, part, chain = fit_with_noise(model, split.fit, step.fit, wanted, stage)
     model, free, tied = model.with_chain(chain), trial.parameters, {}
     if stage.canonical:

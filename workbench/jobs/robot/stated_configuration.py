@@ -60,7 +60,8 @@ def with_stated_configuration(programme, arm: CalibratedArm) -> tuple:
     programme: `workbench.files.targets.Programme`. It is returned as it is where it states no configuration of this
     robot, a robot with six rotary joints. Raises InputError where the data may mean several configurations.
     """
-    column, robot = programme.table.columns.get(CONFIGURATION), arm.robot
+    column = programme.table.columns.get(CONFIGURATION)
+    robot = arm.robot
     if column is None or not programme.anywhere or not has_configurations(robot):
         return programme, []
     stated = [parse_configuration(str(text)) for text in column]
@@ -135,7 +136,8 @@ def _as_recorded(
     senses = [] if recorded is None else _senses(sides.any(0), is_alike)
     fitting = [sense for sense in senses if _are_recorded(sides * sense, recorded)]
     free = np.full((len(rows), _JOINTS), np.inf)
-    readings, is_found = np.zeros((len(rows), _JOINTS)), np.zeros(len(rows), bool)
+    readings = np.zeros((len(rows), _JOINTS))
+    is_found = np.zeros(len(rows), bool)
     if len(fitting) == 1:
         wanted = _Wanted(-free, free, sides * fitting[0])
         readings, is_found = _found(programme.poses[rows], arm.robot, wanted)
@@ -177,8 +179,10 @@ def _ambiguous(programme, maker: str, row: int, count: int) -> InputError:
 
 def _found(poses: np.ndarray, robot: Robot, wanted: _Wanted) -> tuple[np.ndarray, np.ndarray]:
     """Readings (m, 6) rad as wanted at poses (m, 4, 4), and (m,) bool: where there are some."""
-    rng, task = np.random.default_rng(0), Task.of(robot, {})
-    readings, is_found = np.zeros((len(poses), _JOINTS)), np.zeros(len(poses), bool)
+    rng = np.random.default_rng(0)
+    task = Task.of(robot, {})
+    readings = np.zeros((len(poses), _JOINTS))
+    is_found = np.zeros(len(poses), bool)
     for starts in (1, *[_STARTS] * _ROUNDS):
         unsolved = np.repeat(np.flatnonzero(~is_found), starts)
         if not unsolved.size:

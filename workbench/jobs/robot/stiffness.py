@@ -182,7 +182,8 @@ def save(
 
     readings: joint columns (n,) in file units, which the tables repeat.
     """
-    columns, readings = stiffness_columns(found, wrench), dict(readings or {})
+    columns = stiffness_columns(found, wrench)
+    readings = dict(readings or {})
     tables = {"stiffness": columns, "models": model_columns(found, wrench)}
     for name, table in tables.items():
         table_columns = readings | table

@@ -264,10 +264,8 @@ def required(scans: Scans) -> Recording:
             f"{scans.recording.name}, images.csv: expected scans that were taken at one sample each, found images of "
             "one scan at several samples; joining them assumes that the flange poses are right: use `workbench scan`"
         )
-    name, fitted = (
-        scans.recording.name,
-        sum(bool(ball.fit) for scan in scans.scans for ball in scan.balls),
-    )
+    name = scans.recording.name
+    fitted = sum(bool(ball.fit) for scan in scans.scans for ball in scan.balls)
     if not any("sample" in scan.row for scan in scans.scans):
         raise InputError(
             f"{name}, images.csv, column sample: expected the row of samples.csv that each scan belongs to, found "

@@ -123,7 +123,8 @@ def _stripes(recording, scanner, rows, depth):
 def _arc(scanner, seen, shape, points, fit, radius, number, light) -> _Arc | None:
     """A ball's points without those seen or lit too steeply, their centres straightened; None where few are left."""
     on = (np.abs(fit.residual) < 0.05 * radius) & np.isfinite(points).all(0)
-    pixels, step = seen["pixels"][:, on], seen["step"][on]
+    pixels = seen["pixels"][:, on]
+    step = seen["step"][on]
     matt = line_on_ball(
         scanner.camera,
         fit.centre,

@@ -59,7 +59,8 @@ def _with_reason(problem: InputError, found) -> InputError:
     """The same sentence, and why images were left out, which may be what is wrong."""
     if not found.rejected:
         return problem
-    first, of = found.rejected[0], len(found.views) + len(found.rejected)
+    first = found.rejected[0]
+    of = len(found.views) + len(found.rejected)
     return InputError(
         f"{str(problem).rstrip('.')} ({len(found.rejected)} of {of} images left out; {first.image}: "
         f"{first.why})"

@@ -163,7 +163,8 @@ def with_mirror(
     well = well if well.sum() >= FEWEST else np.ones_like(well)
     commanded = on_one_branch(board_stripes.planes, commanded)
     mirror, gain = start_mirror(board_stripes.planes[:, well], commanded[well])
-    angles, odd = commanded, abs(gain - 1) > _ODD
+    angles = commanded
+    odd = abs(gain - 1) > _ODD
     if odd:
         mirror, gain = start_mirror(board_stripes.planes[:, well], commanded[well], True)
         angles = commanded * gain
@@ -188,10 +189,8 @@ def at_solution(chains: Chains, fit: BundleFit) -> Chains:
         change = MovedMirror(
             board_stripes.mirror, np.array([fit.parameters[f"mirror.{name}"] for name in NAMES])
         )
-        board_stripes, mirror = (
-            replace(board_stripes, angles=board_stripes.angles * change.gain),
-            change.mirror,
-        )
+        board_stripes = replace(board_stripes, angles=board_stripes.angles * change.gain)
+        mirror = change.mirror
         planes = mirror.planes(board_stripes.angles)
     moved_chains["board_stripes"] = board_stripes.moved(
         camera, fit.values["placement"], planes, mirror
@@ -274,7 +273,8 @@ def _third_differences(residual, sigma, along, four: np.ndarray) -> np.ndarray:
     spacing[:, range(4), range(4)] = 1.0
     product = spacing.prod(2)
     usable = (product != 0).all(1)
-    weight, four = 1 / product[usable], four[usable]
+    weight = 1 / product[usable]
+    four = four[usable]
     weight = weight / np.linalg.norm(weight, axis=1, keepdims=True)
     difference = (weight * residual[:, four]).sum(-1)
     return difference / np.sqrt(((weight * sigma[:, four]) ** 2).sum(-1))

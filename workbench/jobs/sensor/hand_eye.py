@@ -308,7 +308,8 @@ def as_json(run: HandEyeRun, tolerances: Sequence[Tolerance] = ()) -> dict:
 def profiler_json(run: HandEyeRun) -> dict:
     """Of profiles: the scale of the profiler's z, as one plus it, and the ball's radius where it is fitted; sigmas None
     where a number is held."""
-    hand_eye, free = run.made, run.made if run.free is None else run.free
+    hand_eye = run.made
+    free = run.made if run.free is None else run.free
     if hand_eye.radius is None:
         return {}
     return {

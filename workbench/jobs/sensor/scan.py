@@ -268,7 +268,8 @@ class _Work:
         paths = [path_of(self.recording, row) for row in rows]
         called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
         parts, flaws, dropped, first = [], [], Counter(), 0
-        shown, scene = set(chosen_images(len(paths)).tolist()), []
+        shown = set(chosen_images(len(paths)).tolist())
+        scene = []
         for stack in stacks(paths, _FRAMES, called.get):
             flaws += [unlit(frame) for frame in stack]
             found = find_stripes(stack, self.along, saturation=self.saturation)

@@ -228,7 +228,10 @@ class _Work:
         paths = [path_of(self.recording, row) for row in rows]
         called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
         dark = read_grey(path_of(self.recording, view.row), f"{self.recording.name}/{view.image}")
-        region, first, parts, rejected = region_of(view, self.board), 0, [], []
+        region = region_of(view, self.board)
+        first = 0
+        parts = []
+        rejected = []
         profiles = []
         for stack in stacks(paths, _FRAMES, called.get):
             background = (
@@ -239,7 +242,8 @@ class _Work:
                     f"{called[paths[first]]}: expected {view.size[0]} x {view.size[1]} px as the board's "
                     f"image, found {stack.shape[2]} x {stack.shape[1]} px; take both with the same settings"
                 )
-            mine, why = rows[first : first + len(stack)], [unlit(frame) for frame in stack]
+            mine = rows[first : first + len(stack)]
+            why = [unlit(frame) for frame in stack]
             rejected += [
                 Rejected(row["image"], said, view.placement) for row, said in zip(mine, why) if said
             ]
@@ -313,8 +317,10 @@ def _outline(view: View, board: Board) -> list[np.ndarray]:
     homography, _ = cv2.findHomography(seen.T, view.pixels.T)
     if homography is None:
         return []
-    low, high = board.points[:2].min(1), board.points[:2].max(1)
-    low, high = low - _BEYOND * board.square_mm, high + _BEYOND * board.square_mm
+    low = board.points[:2].min(1)
+    high = board.points[:2].max(1)
+    low = low - _BEYOND * board.square_mm
+    high = high + _BEYOND * board.square_mm
     ends = np.array([[low[0], high[0], high[0], low[0]], [low[1], low[1], high[1], high[1]]])
     placed = homography @ np.vstack([ends, np.ones(4)])
     if (placed[2] <= 0).any():
@@ -409,7 +415,8 @@ def mirror_json(calibration: ScannerCalibration) -> dict | None:
     check = calibration.mirror
     if check is None:
         return None
-    mirror, angles = check.mirror, np.rad2deg(check.angles)
+    mirror = check.mirror
+    angles = np.rad2deg(check.angles)
     return {
         "supported": check.supported,
         "axis": mirror.axis.tolist(),

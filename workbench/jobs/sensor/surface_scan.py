@@ -106,7 +106,8 @@ def _with_expected_scatter(motion: Motion, points, pose, fit: BallFit) -> BallFi
     """The fit whose `sigma_scale` compares the distances with the noise within single poses and the stated errors of
     the flange poses together."""
     used = fit.inliers
-    residual, at = fit.residual[used], pose[used]
+    residual = fit.residual[used]
+    at = pose[used]
     outward = points[:, used] - fit.centre[:, None]
     outward = outward / np.linalg.norm(outward, axis=0)
     squares, degrees = 0.0, 0
@@ -114,7 +115,8 @@ def _with_expected_scatter(motion: Motion, points, pose, fit: BallFit) -> BallFi
         rows = outward[:, at == sphere].T
         remainder = residual[at == sphere]
         remainder = remainder - rows @ np.linalg.lstsq(rows, remainder, rcond=1e-6)[0]
-        squares, degrees = squares + float(remainder @ remainder), degrees + len(remainder) - _MOVES
+        squares = squares + float(remainder @ remainder)
+        degrees = degrees + len(remainder) - _MOVES
     noise = squares / max(degrees, 1)
     across = np.einsum("in,kin->kn", outward, motion.own_moves(points[:, used], at))
     stated = np.einsum("kn,kl,ln->n", across, motion.own_covariance, across).mean()

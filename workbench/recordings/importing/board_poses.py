@@ -143,7 +143,8 @@ def import_images(found, options, folder: Path, progress) -> Made:
 
 def _check_equal_poses(readings, views: BoardViews, rows: RawTable) -> None:
     """Raise InputError where rows have one and the same pose, although the board moved between their images."""
-    poses, seen = readings[0][2][views.rows], views.seen[0]
+    poses = readings[0][2][views.rows]
+    seen = views.seen[0]
     away = np.linalg.norm(seen[:, None, :3, 3] - seen[None, :, :3, 3], axis=-1)
     wrong = [(a, b) for a, b in equal_poses(poses) if away[a, b] > _MOVED_MM]
     if not wrong:

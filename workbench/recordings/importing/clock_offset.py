@@ -248,7 +248,8 @@ def _offset_of(
     free = fit.parameters.mask
     prior = geometry_prior(robot, recording, fit.parameters)[free]
     residual, columns = fit.model.linearise(fit.parameters)
-    residual, columns = residual[:, rows_of_lines], columns[:, :, rows_of_lines]
+    residual = residual[:, rows_of_lines]
+    columns = columns[:, :, rows_of_lines]
     squares = (residual**2).sum(0)
     size = float(np.median(squares)) / len(residual)
     if size == 0 or not velocity.any():

@@ -204,7 +204,8 @@ def _useful(source: Source, options) -> tuple[list[RawTable], list[RawTable]]:
 
     Where no header is known, all are read for the test of unknown columns on the robot. Raises InputError without one.
     """
-    mapping, robot = options.mapping, options.robot or options.mapping.robot
+    mapping = options.mapping
+    robot = options.robot or options.mapping.robot
     named = set(mapping.columns)
     for quantity in QUANTITIES:
         group = getattr(mapping, quantity)

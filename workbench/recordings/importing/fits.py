@@ -50,7 +50,8 @@ class CandidateFit:
 
     def clearly_beats(self, other: "CandidateFit") -> bool:
         """Whether the data decide against another reading: it is far less probable, and fits visibly worse."""
-        mine, its = max(self.scale, _LEAST_SCALE), max(other.scale, _LEAST_SCALE)
+        mine = max(self.scale, _LEAST_SCALE)
+        its = max(other.scale, _LEAST_SCALE)
         is_worse = its > _DECISIVE_RATIO * mine
         return is_worse and other.improbability - self.improbability > _DECISIVE_LOG
 

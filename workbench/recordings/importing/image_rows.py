@@ -114,7 +114,8 @@ def _are_shifted(first: Sequence[str], second: Sequence[str]) -> bool:
 
 
 def _by_time(images, table: RawTable) -> list[tuple[ImageFile, int]]:
-    seconds, times = seconds_of(table), image_times([image.time_s for image in images], images)
+    seconds = seconds_of(table)
+    times = image_times([image.time_s for image in images], images)
     if seconds is None or times is None or len(images) == table.n:
         return []
     pairs = []

@@ -106,7 +106,8 @@ def decide_table(found, options, progress) -> DecidedTable:
     Raises as `import_table`.
     """
     mapping, candidates, said = _with_robot(found, options, progress)
-    table, found = found.table, replace(found, mapping=mapping)
+    table = found.table
+    found = replace(found, mapping=mapping)
     clocks = _decide_clocks(found, mapping, candidates, options, progress)
     if clocks is not None:
         table, joined = found.timed.joined_at(clocks.seconds)
@@ -328,7 +329,8 @@ def _check_count(robot, mapping: Mapping, table: RawTable) -> None:
 
 def _proposed_columns(robot, mapping: Mapping, table: RawTable) -> list[str]:
     """A column for each reading, "?" where none is known: a sliding joint has a length that nothing else reads."""
-    slides, known = sliding(robot), list(mapping.joints.columns)
+    slides = sliding(robot)
+    known = list(mapping.joints.columns)
     if len(known) != int((~slides).sum()):
         return (known + ["?"] * len(slides))[: len(slides)]
     units = {name: read_header(name).unit for name in table.columns if not is_mapped(mapping, name)}

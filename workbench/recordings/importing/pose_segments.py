@@ -112,7 +112,8 @@ def _sentence(found: PoseReadings, divided: Sequence[Segment], table) -> str:
     ]
     parts = []
     for segment, said in zip(divided, words):
-        first, last = table.lines[found.rows[segment.first]], table.lines[found.rows[segment.last]]
+        first = table.lines[found.rows[segment.first]]
+        last = table.lines[found.rows[segment.last]]
         parts.append(f"{' and '.join(said[key] for key in keys)} in rows {first} to {last}")
     names = dict.fromkeys(name for key in keys for name in _columns(mappings[0], key))
     return (

@@ -188,7 +188,8 @@ def _orders_with_slides(table: RawTable, mapping: Mapping, slides) -> list[tuple
     lengths = [name for (name,) in _neighbours(table, mapping, [LENGTHS])]
     found = []
     for chosen in combinations(lengths, sum(slides)):
-        known, others = iter(mapping.joints.columns), iter(chosen)
+        known = iter(mapping.joints.columns)
+        others = iter(chosen)
         found.append(tuple(next(others if slide else known) for slide in slides))
     return found
 
@@ -234,7 +235,8 @@ def _neighbours(table: RawTable, mapping: Mapping, units) -> list[tuple[str, ...
     count = len(units)
     usable = []
     for name in table.columns:
-        cells, header = table.columns[name], headers[name]
+        cells = table.columns[name]
+        header = headers[name]
         is_number = name in unused and cells.dtype.kind == "f" and np.isfinite(cells).sum() > count
         fits = is_number and np.nanmax(cells) > np.nanmin(cells)
         said = header.is_nominal or header.is_deviation or header.kind == "time"

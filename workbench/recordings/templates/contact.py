@@ -39,7 +39,8 @@ class TrueArm:
         unknown = np.array([-np.pi, np.pi])
         found = np.where(np.isfinite(self.robot.limits), self.robot.limits, unknown)
         found = np.clip(found, -np.pi, np.pi)
-        middle, half = found.mean(1), np.ptp(found, axis=1) / 2
+        middle = found.mean(1)
+        half = np.ptp(found, axis=1) / 2
         return np.stack([middle - _SHARE_OF_LIMITS * half, middle + _SHARE_OF_LIMITS * half], 1)
 
     def solved(self, readings: np.ndarray, gap: Gap) -> tuple[np.ndarray, np.ndarray]:

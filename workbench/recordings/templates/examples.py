@@ -122,7 +122,9 @@ def ball_surface(robot: Mapping) -> Recording:
 
 def touch_point(robot: Mapping) -> Recording:
     """Four fixed points, each touched in 14 orientations."""
-    arm, rng, tip = _arm(robot), np.random.default_rng(_SEED), np.array([15.0, 0.0, 140.0])
+    arm = _arm(robot)
+    rng = np.random.default_rng(_SEED)
+    tip = np.array([15.0, 0.0, 140.0])
     parts = []
     for number, point in enumerate(_points_in_reach(arm, rng, 4), 1):
         readings = arm.poses_with(14, rng, touching_point(tip, point), _SIGMA_MM)
@@ -132,7 +134,9 @@ def touch_point(robot: Mapping) -> Recording:
 
 def plane_touch(robot: Mapping) -> Recording:
     """Three planes, each touched at 35 places."""
-    arm, rng, tip = _arm(robot), np.random.default_rng(_SEED), np.array([15.0, 0.0, 140.0])
+    arm = _arm(robot)
+    rng = np.random.default_rng(_SEED)
+    tip = np.array([15.0, 0.0, 140.0])
     normals = np.array([[0.0, 0.0, 1.0], [0.96, 0.0, 0.28], [0.0, 0.96, 0.28]])
     parts = []
     for number, (normal, point) in enumerate(zip(normals, _points_in_reach(arm, rng, 3)), 1):
@@ -145,7 +149,8 @@ def plane_touch(robot: Mapping) -> Recording:
 
 def laser_spot(robot: Mapping) -> Recording:
     """Ten points on one sphere, the beam through each in ten poses."""
-    arm, rng = _arm(robot), np.random.default_rng(_SEED)
+    arm = _arm(robot)
+    rng = np.random.default_rng(_SEED)
     axes = Rotation.from_euler("xyz", [12.0, -8.0, 0.0], degrees=True).as_matrix()
     beam = np.array([20.0, 10.0, 60.0]), axes
     centre = _points_in_reach(arm, rng, 1)[0]

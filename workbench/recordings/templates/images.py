@@ -54,7 +54,8 @@ _BOARD = transform(
 )
 _POSE_SIGMA_MM = 0.05
 _EXAMPLE_BASE, _EXAMPLE_REACH_MM = "xyz_mm = [-420.0, -30.0, -120.0]", 1004.0
-_AWAY_MM, _BELOW_MM = (420.0, 340.0, 500.0), (-120.0, 0.0, -250.0, 120.0)
+_AWAY_MM = (420.0, 340.0, 500.0)
+_BELOW_MM = (-120.0, 0.0, -250.0, 120.0)
 _SHARES = ("", "share_of_limits = 0.95\n")
 """Of the base in the frame of the balls, for the arm of the example and any arm in proportion to its reach."""
 

@@ -170,7 +170,8 @@ def _turntable(folder: Path, progress, seed: int) -> Example:
     )
     poses = board_poses(scene.placements, scene.board.pattern, scene.sees, rng)
     poses = transform(rotation_matrix(poses[:, 3:]), poses[:, :3])
-    of_boards, of_scan = np.arange(0.0, 360.0, 15.0), np.arange(0.0, 360.0, 5.0)
+    of_boards = np.arange(0.0, 360.0, 15.0)
+    of_scan = np.arange(0.0, 360.0, 5.0)
 
     def turned(commanded: np.ndarray) -> np.ndarray:
         errors = step_error * np.sin(np.deg2rad(commanded) + 0.7)
@@ -260,7 +261,8 @@ def _camera_3d(folder: Path, progress, seed: int) -> Example:
     points = []
     for pose in sensor:
         centre = pose[:3, :3].T @ (_SPHERE - pose[:3, 3])
-        tilt, about = np.arccos(rng.uniform(0.5, 1.0, 300)), rng.uniform(0, 2 * np.pi, 300)
+        tilt = np.arccos(rng.uniform(0.5, 1.0, 300))
+        about = rng.uniform(0, 2 * np.pi, 300)
         side = np.stack([np.cos(about), np.sin(about)]) * np.sin(tilt)
         cap = centre[:, None] + _RADIUS * np.stack([*side, -np.cos(tilt)])
         sight = cap / np.linalg.norm(cap, axis=0)

@@ -165,7 +165,8 @@ def _root(parts: int) -> str:
 
 def histogram(errors: Errors, held_out: dict) -> go.Figure:
     """Histogram of held-out errors, with the RMS of the noise, the RMS and the 95th percentile."""
-    distance, unit = errors.distance[errors.held], errors.kind.unit
+    distance = errors.distance[errors.held]
+    unit = errors.kind.unit
     counts, edges = np.histogram(distance, bins=_bins(distance))
     figure = style.figure(370, f"{errors.kind.what}, predicted to measured ({unit})", "samples")
     figure.add_bar(

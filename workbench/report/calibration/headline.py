@@ -56,11 +56,9 @@ def gain(calibration) -> str:
 
 def _gain(calibration, kind: Kind) -> str:
     key, unit = kind.key("rms"), kind.unit
-    nominal, fit, held_out = (
-        calibration.nominal[key],
-        calibration.fit[key],
-        calibration.held_out[key],
-    )
+    nominal = calibration.nominal[key]
+    fit = calibration.fit[key]
+    held_out = calibration.held_out[key]
     return (
         f"RMS {kind.name} error with the nominal geometry (only base and tool fitted): {rounded(nominal)} {unit}, "
         f"{rounded(nominal / held_out)} times the held-out error. "

@@ -93,7 +93,8 @@ def row(p: dict, labels: Mapping[str, str] = _NO_LABELS) -> dict:
     std = _scaled(p["std"], factor) if known else None
     decimals = None if std is None else decimals_of(std)
     digits = 3 if p["free"] else 6
-    nominal, change = _scaled(_nominal(p), factor), _scaled(_change(p), factor)
+    nominal = _scaled(_nominal(p), factor)
+    change = _scaled(_change(p), factor)
     return {
         "name": p["name"],
         "label": p["label"],

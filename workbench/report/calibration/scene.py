@@ -87,7 +87,9 @@ def arrow_step(wanted: float) -> float:
 def figure(scene: Scene, errors: Errors) -> go.Figure:
     """Arrows as lines from a coloured point; the arm as a thick line with its joints."""
     drawn = style.thinned(len(errors.held))
-    feet, tips, distance = scene.feet[:, drawn], scene.tips[:, drawn], errors.distance[drawn]
+    feet = scene.feet[:, drawn]
+    tips = scene.tips[:, drawn]
+    distance = errors.distance[drawn]
     plot = go.Figure(
         layout=dict(
             template="none",

@@ -103,7 +103,8 @@ def _spread(axes, calibration, errors):
 def _space(axes, calibration):
     scene = space.scene_of(calibration)
     rows = style.thinned(scene.feet.shape[1])[:: max(1, scene.feet.shape[1] // 600)]
-    feet, tips = scene.feet[:, rows], scene.tips[:, rows]
+    feet = scene.feet[:, rows]
+    tips = scene.tips[:, rows]
     axes.quiver(*feet, *(tips - feet), color=style.ORANGE, lw=0.8, arrow_length_ratio=0.25)
     axes.plot(*scene.links, color="#666666", lw=4, marker="o", ms=5)
     axes.set(

@@ -99,7 +99,8 @@ def over_covariates(plot: Diagnosis) -> go.Figure:
         template="none", height=70 + 230 * rows, margin=dict(l=64, r=18, t=50, b=54)
     )
     for k, name in enumerate(names):
-        row, column = k // _COLUMNS + 1, k % _COLUMNS + 1
+        row = k // _COLUMNS + 1
+        column = k % _COLUMNS + 1
         x, title = shown_covariate(name, plot.views.covariates)
         for step in plot.views.steps:
             _line(drawn, plot, step, x, (row, column))

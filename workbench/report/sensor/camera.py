@@ -231,7 +231,8 @@ def _board(calibration, prefix: str):
 def bow_surface(calibration, across: int = 25):
     """Coordinates x and y (mm), height (rows, columns) above the best-fit plane and its 1 sigma, µm."""
     board = calibration.board
-    low, high = board.points.min(1), board.points.max(1)
+    low = board.points.min(1)
+    high = board.points.max(1)
     x, y = (np.linspace(low[k], high[k], across) for k in (0, 1))
     u, v = (
         (grid.ravel() - middle) / board.half_diagonal
@@ -253,7 +254,8 @@ def bow_surface(calibration, across: int = 25):
 
 
 def _surface(place, values, called) -> go.Figure:
-    (x, y), span = place, np.ptp(place[1]) / np.ptp(place[0])
+    (x, y) = place
+    span = np.ptp(place[1]) / np.ptp(place[0])
     plot = style.figure(int(370 * min(max(span, 0.4), 1.3)) + 90, "x (mm)", "y (mm)")
     plot.add_contour(
         x=np.round(x, 2),

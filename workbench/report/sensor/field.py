@@ -27,7 +27,8 @@ def field(size: tuple[int, int], width: int = 400) -> go.Figure:
 
 def coverage(pixels: np.ndarray, view: np.ndarray, size: tuple[int, int]) -> go.Figure:
     """Every corner (2, n) px, coloured by the number (n,) of its image."""
-    plot, drawn = field(size), style.thinned(pixels.shape[1])
+    plot = field(size)
+    drawn = style.thinned(pixels.shape[1])
     u, v = np.round(pixels[:, drawn], 2)
     plot.add_scatter(
         x=u,
@@ -47,7 +48,8 @@ def arrows(
     """Residuals (2, n) px as enlarged lines from their pixels (2, n), and the enlargement."""
     plot, scale = field(size), enlargement(residual, size)
     drawn = style.thinned(pixels.shape[1])
-    foot, tip = pixels[:, drawn], pixels[:, drawn] + scale * residual[:, drawn]
+    foot = pixels[:, drawn]
+    tip = pixels[:, drawn] + scale * residual[:, drawn]
     path = np.stack([foot, tip, np.full_like(foot, np.nan)], axis=2).reshape(2, -1)
     plot.add_scatter(
         x=np.round(path[0], 2),
@@ -80,7 +82,8 @@ def cells(pixels: np.ndarray, values: np.ndarray, size: tuple[int, int], across:
     down = max(2, round(across * size[1] / size[0]))
     column = np.clip(((pixels[0] + 0.5) / size[0] * across).astype(int), 0, across - 1)
     row = np.clip(((pixels[1] + 0.5) / size[1] * down).astype(int), 0, down - 1)
-    place, cells = row * across + column, across * down
+    place = row * across + column
+    cells = across * down
     count = np.bincount(place, minlength=cells)
     mean = np.bincount(place, values, cells) / np.maximum(count, 1)
     mean = np.where(count >= _LEAST_IN_CELL, mean, np.nan).reshape(down, across)

@@ -112,7 +112,8 @@ def _flange_sentence(spread) -> str:
 
 def lead(run: HandEyeRun) -> list[str]:
     """Meaning of the numbers."""
-    hand_eye, poses = run.made, counted(len(run.flange), "pose")
+    hand_eye = run.made
+    poses = counted(len(run.flange), "pose")
     what = (
         "scatter of the estimated pose of the stationary board"
         if hand_eye.radius is None
@@ -180,7 +181,8 @@ def _poses(run):
 
 
 def _bars(run) -> go.Figure:
-    rows, place = run.made.poses, np.arange(1, len(run.made.poses) + 1)
+    rows = run.made.poses
+    place = np.arange(1, len(run.made.poses) + 1)
     figure = style.figure(340, "pose, in the order of the recording", f"RMS ({run.made.unit})")
     off = np.array([row.outlier for row in rows])
     for name, values, colour in (
@@ -244,9 +246,11 @@ def scene(run: HandEyeRun) -> go.Figure:
     hand_eye, figure = run.made, space.space()
     flange = run.flange
     if hand_eye.kind == TO_HAND:
-        sensors, boards = hand_eye.sensor[None], flange @ hand_eye.target
+        sensors = hand_eye.sensor[None]
+        boards = flange @ hand_eye.target
     else:
-        sensors, boards = flange @ hand_eye.sensor, hand_eye.target[None]
+        sensors = flange @ hand_eye.sensor
+        boards = hand_eye.target[None]
     span = float(np.median(np.linalg.norm(sensors[:1, :3, 3] - boards[:, :3, 3], axis=1))) or 100.0
     space.points(figure, flange[:, :3, 3].T, "flange", size=4, color=style.GREY)
     if run.camera is not None:

@@ -26,7 +26,8 @@ def overlay(path: Path, pixels: np.ndarray, residual: np.ndarray, scale: float) 
     small = cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
     drawn = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
     for corner, arrow in zip(pixels.T, residual.T):
-        start, end = _point(corner * shrink), _point((corner + scale * arrow) * shrink)
+        start = _point(corner * shrink)
+        end = _point((corner + scale * arrow) * shrink)
         cv2.circle(drawn, start, 4, _ORANGE, 1, cv2.LINE_AA)
         cv2.arrowedLine(drawn, start, end, _MAGENTA, 1, cv2.LINE_AA, 0, 0.25)
     code = cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, 82])[1]
@@ -48,7 +49,8 @@ def overlays(run, most: int = 6) -> list[tuple[str, str]]:
     scale = arrow_step(_ARROW * size / _LONGEST / max(length, 1e-9))
     found = []
     for k in np.argsort(-calibration.view_rms_px)[:most]:
-        view, mine = calibration.views[k], calibration.view == k
+        view = calibration.views[k]
+        mine = calibration.view == k
         source = overlay(
             run.recording.folder / view.image,
             calibration.chain.pixels[:, mine],

@@ -143,7 +143,8 @@ def _planes(calibration):
 
 def scene(calibration) -> go.Figure:
     """Camera, boards, light planes and mirror axis, camera frame, mm."""
-    scanner, plot = calibration.scanner, space.space(eye=(0.4, -1.5, -1.3))
+    scanner = calibration.scanner
+    plot = space.space(eye=(0.4, -1.5, -1.3))
     low, high = calibration.volume
     scene = plot.layout.scene
     scene.camera.up = dict(x=0, y=-1, z=0)  # the camera's y points down
@@ -191,8 +192,10 @@ def per_step(calibration) -> go.Figure:
 
 def _stripes(calibration):
     good = ~calibration.wrong
-    pixels, size = calibration.stripes.pixels[:, good], calibration.camera.size
-    residual, step = calibration.residual_px[good], calibration.stripes.labels["step"][good]
+    pixels = calibration.stripes.pixels[:, good]
+    size = calibration.camera.size
+    residual = calibration.residual_px[good]
+    step = calibration.stripes.labels["step"][good]
     yield words(
         "Stripe minus light plane, along the scan line. A pattern over the image indicates a curved light plane or an "
         "unmodelled lens effect; a deviating step indicates a mirror error."
@@ -264,7 +267,8 @@ def spread(residual: np.ndarray, unit: str = "px", of: str = "points") -> go.Fig
     """Histogram of residuals within 5 robust sigmas, and the normal curve of their RMS."""
     sigma = _rms(residual)
     counts, edges = np.histogram(residual, bins=np.linspace(-5, 5, 81) * sigma)
-    plot, middle = style.figure(330, f"residual ({unit})", of), (edges[1:] + edges[:-1]) / 2
+    plot = style.figure(330, f"residual ({unit})", of)
+    middle = (edges[1:] + edges[:-1]) / 2
     plot.add_bar(
         x=middle,
         y=counts,

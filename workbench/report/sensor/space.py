@@ -92,7 +92,8 @@ def moved(poses: np.ndarray, shape: np.ndarray) -> np.ndarray:
 def pyramid(camera, depth: float) -> np.ndarray:
     """(p, 3) mm: line path of the field of view of a camera up to `depth` mm."""
     width, height = camera.size
-    u, v = np.array([0, width, width, 0]) - 0.5, np.array([0, 0, height, height]) - 0.5
+    u = np.array([0, width, width, 0]) - 0.5
+    v = np.array([0, 0, height, height]) - 0.5
     corners = (
         np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(4)], 1) * depth
     )
@@ -117,7 +118,8 @@ def pyramid(camera, depth: float) -> np.ndarray:
 def patches(planes: np.ndarray, camera, near: float, far: float) -> np.ndarray:
     """(k, 4, 3) mm: corners of light planes (4, k), cut to the camera's field from `near` to `far` mm."""
     across = int(np.abs(planes[:2]).mean(1).argmax())  # the image axis normal to the light planes
-    other, size = 1 - across, camera.size[1 - across]
+    other = 1 - across
+    size = camera.size[1 - across]
     focal, middle = (camera.fx, camera.cx) if other == 0 else (camera.fy, camera.cy)
     corners = np.empty((planes.shape[1], 4, 3))
     for k, (depth, pixel) in enumerate([(near, 0), (near, size), (far, size), (far, 0)]):

@@ -59,7 +59,8 @@ def _upwards(plot, values):
 
 def _binned(axis, across, up):
     """Position and the 5 %, 50 % and 95 % quantiles of the runs in each bin; each listed value is a bin."""
-    values, bins = np.unique(across), int(np.clip(len(across) // _EACH, 3, _BINS))
+    values = np.unique(across)
+    bins = int(np.clip(len(across) // _EACH, 3, _BINS))
     if len(values) > _BINS:
         scale = np.log if axis.scale == "log" else np.asarray
         back = np.exp if axis.scale == "log" else np.asarray
@@ -193,10 +194,8 @@ def stated(sigma: np.ndarray, error: np.ndarray) -> go.Figure:
     fine = np.isfinite(sigma) & np.isfinite(error) & (sigma > 0) & (error > 0)
     plot = style.figure(360, "stated σ (mm)", "error of the centre (mm)")
     if fine.any():
-        low, high = (
-            min(sigma[fine].min(), error[fine].min()),
-            max(sigma[fine].max(), error[fine].max()),
-        )
+        low = min(sigma[fine].min(), error[fine].min())
+        high = max(sigma[fine].max(), error[fine].max())
         plot.add_scatter(
             x=sigma[fine],
             y=error[fine],
@@ -267,7 +266,9 @@ def coverage(rows: list[dict]) -> go.Figure:
 
 def grid_map(axes: list[Axis], columns: dict, name: str) -> go.Figure:
     """Median outcome over a grid of two parameters, as a labelled heat map."""
-    along, up, outcome = columns[axes[0].name], columns[axes[1].name], columns[name]
+    along = columns[axes[0].name]
+    up = columns[axes[1].name]
+    outcome = columns[name]
     first, second = np.unique(along), np.unique(up)
     cells = [[np.nanmedian(outcome[(along == a) & (up == b)]) for a in first] for b in second]
     plot = style.figure(400, *(axis_label(axis) for axis in axes[:2]))

@@ -75,7 +75,8 @@ _TITLES = {
 
 def _outcome(study_run, found):
     """The outcome over each parameter, and its distribution."""
-    axes, name = study_run.study.vary.parameter, found["outcome"]
+    axes = study_run.study.vary.parameter
+    name = found["outcome"]
     columns = tables.columns(study_run.path, [name, *(axis.name for axis in axes)])
     values, said = columns[name], column_label(name)
     if found["not_done"]:

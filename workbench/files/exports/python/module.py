@@ -120,7 +120,8 @@ def _left_out(arm: CalibratedArm) -> str:
 
 def _usage(arm: CalibratedArm) -> dict[str, str]:
     """Parts of the module's docstring that depend on the columns and the points of this calibration."""
-    needs, points = covariates_used(arm), list(calibrated_points(arm.values))
+    needs = covariates_used(arm)
+    points = list(calibrated_points(arm.values))
     names = ", ".join(needs)
     sentence = f" Covariates are columns by name, in file units: {names}." if needs else ""
     if sides := approaches_read(observed_effects(arm)):

@@ -73,7 +73,8 @@ class CorrectedArm:
         for name in ("limits", "gear_ratio"):
             fields[name] = np.array(fields[name], float)  # None is nan: unknown
         self.robot = Robot(**fields)
-        self.values, self.load_centre = data["values"], np.array(data["load_centre"], float)
+        self.values = data["values"]
+        self.load_centre = np.array(data["load_centre"], float)
         self.ranges, self.largest = data["ranges"], data["largest_correction"]
         self.rows = float(data["rows"])
         self.task = Task.of(self.robot, self.values)
@@ -206,9 +207,11 @@ class CorrectedArm:
         load = self.robot.payload_mass
         given = {"payload_kg": 0.0, **(covariates or {})}
         for name, values in given.items():
-            ends, values = self.ranges.get(name), np.asarray(values, float)
+            ends = self.ranges.get(name)
+            values = np.asarray(values, float)
             if name == "payload_kg" and ends is not None:
-                ends, values = [end + load for end in ends], values + load
+                ends = [end + load for end in ends]
+                values = values + load
             covered &= _is_near(values, ends, ends[1] if name == "payload_kg" and ends else 0.0)
         return covered
 
@@ -255,7 +258,8 @@ class CorrectedArm:
         columns.setdefault("row", np.full(n, self.rows))
         columns = with_history(columns, self.robot.joints, n)
         payload = self.robot.payload_mass + columns.get("payload_kg", np.zeros(n))
-        blank, ones = np.zeros((3, n)), np.ones((1, n))
+        blank = np.zeros((3, n))
+        ones = np.ones((1, n))
         state = State(
             self.robot,
             variables,
@@ -293,13 +297,15 @@ def _is_near(values, ends, least):
 
 def _size(error) -> np.ndarray:
     """(n,) mm: the larger of the shift and of the rotation at a lever's length."""
-    shift, turn = np.sqrt((error[:3] ** 2).sum(0)), np.sqrt((error[3:] ** 2).sum(0))
+    shift = np.sqrt((error[:3] ** 2).sum(0))
+    turn = np.sqrt((error[3:] ** 2).sum(0))
     return np.maximum(shift, _LEVER_MM * turn)
 
 
 def _joint_step(robot, frames, error) -> np.ndarray:
     """(J, n) change of the joint variables that makes the error: damped least squares on the geometric Jacobian."""
-    axes, lever = frames.z, frames.end_origin - frames.z_origin
+    axes = frames.z
+    lever = frames.end_origin - frames.z_origin
     turned = np.cross(axes, lever, axis=1)
     slides = robot.prismatic[:, None, None]
     moved = np.where(slides, axes, turned)
