@@ -132,7 +132,8 @@ def judged(characteristic: Characteristic, limit: float | None) -> Characteristi
         return replace(characteristic, limit=None, verdict=NOT_JUDGED)
     if not characteristic.determined:
         return replace(characteristic, limit=limit, verdict=UNKNOWN)
-    size, doubt = abs(characteristic.value), 2 * (characteristic.std or 0.0)
+    size = abs(characteristic.value)
+    doubt = 2 * (characteristic.std or 0.0)
     verdict = WITHIN if size + doubt <= limit else BEYOND if size - doubt > limit else UNDECIDED
     return replace(characteristic, limit=float(limit), verdict=verdict)
 

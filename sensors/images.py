@@ -177,7 +177,8 @@ def stacks(
     images, shape, depth = [], None, None
     for path in paths:
         grey = read_grey(path, called(path), channel)
-        shape, depth = shape or grey.shape, depth or grey.dtype
+        shape = shape or grey.shape
+        depth = depth or grey.dtype
         if grey.dtype != depth:
             raise InputError(
                 f"{called(path)}: expected {8 * depth.itemsize} bits a pixel as in the images before, "

@@ -51,7 +51,9 @@ def estimate_components(gram: np.ndarray, pull: np.ndarray, kind: np.ndarray) ->
     estimable = np.array(
         [_left(gram[np.ix_(kind == k, kind == k)]) >= _FEWEST for k in range(count)], bool
     )
-    variance, std, signed = np.zeros(count), np.full(count, np.inf), np.zeros(count)
+    variance = np.zeros(count)
+    std = np.full(count, np.inf)
+    signed = np.zeros(count)
     for _ in range(_ROUNDS):
         before = variance
         solved, said = _at(gram, pull, variance[kind])
@@ -88,7 +90,9 @@ def _scoring(solved, said, kind, count):
 
 def _stepped(variance, known, score, estimable):
     """The next variances and what they are known to; those that would be negative are 0, one after the other."""
-    free, stepped, std = estimable.copy(), np.zeros_like(variance), np.full(len(variance), np.inf)
+    free = estimable.copy()
+    stepped = np.zeros_like(variance)
+    std = np.full(len(variance), np.inf)
     wanted = known @ variance + score
     while free.any():
         inverse = pseudo_inverse(known[np.ix_(free, free)])

@@ -27,7 +27,8 @@ def seen_extent(normal, place, view):
 
 def _angle_of_share(cosine: np.ndarray, share: float) -> float:
     """Angle, rad, within which a share of those with a cosine (n,) lie; their quantile, linear between two of them."""
-    place, last = (1 - share) * (len(cosine) - 1), len(cosine) - 1
+    place = (1 - share) * (len(cosine) - 1)
+    last = len(cosine) - 1
     low = int(place)
     ordered = np.partition(cosine, (low, min(low + 1, last)))
     near, far = np.arccos(np.clip(ordered[[min(low + 1, last), low]], -1, 1))
@@ -43,9 +44,11 @@ def _sectors_about(axis, directions):
     """Number of sectors about an axis, and the sector (n,) of each direction; in a plane the two sides."""
     across = np.linalg.svd(axis[None])[2][1:] @ directions
     if len(directions) == 3:
-        sectors, turn = _SECTORS, np.arctan2(across[1], across[0])
+        sectors = _SECTORS
+        turn = np.arctan2(across[1], across[0])
     else:
-        sectors, turn = 2, np.pi * (across[0] < 0)
+        sectors = 2
+        turn = np.pi * (across[0] < 0)
     sector = np.floor(turn * (sectors / (2 * np.pi))).astype(int)
     sector[sector < 0] += sectors
     return sectors, sector

@@ -182,7 +182,8 @@ class _Task:
 
     def _refused(self, part, stated_covariance, shape, lasting) -> str:
         """Why this is no ball, "" where it is one."""
-        radius, doubt = part.values[-1], float(np.sqrt(stated_covariance[-1, -1]))
+        radius = part.values[-1]
+        doubt = float(np.sqrt(stated_covariance[-1, -1]))
         gain = part.plane_gain() / lasting
         if gain > (-(_KNOWN**2) if part.step > _SETTLED else _KNOWN**2):
             return f"no ball found: a plane fits the points as well as a ball; {_FLAT}, or another surface"
@@ -243,7 +244,8 @@ class _Failure:
     """Makes the falsy result of points that have no ball."""
 
     def __init__(self, points, present):
-        self.d, self.reason = len(points), np.where(present, OUTLIER, MISSING).astype(np.uint8)
+        self.d = len(points)
+        self.reason = np.where(present, OUTLIER, MISSING).astype(np.uint8)
 
     def __call__(self, why: str) -> BallFit:
         unknown = np.full(self.d + 1, np.nan)
@@ -285,7 +287,8 @@ class _Part:
 
     def plane_gain(self) -> float:
         """See `ball_form.plane_gain`."""
-        place, sigma = self.part.place, one_sigma(self.at.sigma)
+        place = self.part.place
+        sigma = one_sigma(self.at.sigma)
         sigma = sigma.take(place) if np.ndim(sigma) else sigma
         ball = float(np.square(self.distance.take(place) / sigma).sum())
         return plane_gain(
@@ -295,7 +298,8 @@ class _Part:
     def form(self, lasting: float) -> Form:
         """See `ball_form.low_orders`; of the points' own errors."""
         some = some_of(self.part.place)
-        normal, rows = self.at.normal[:, some], self.at.rows[:, some]
+        normal = self.at.normal[:, some]
+        rows = self.at.rows[:, some]
         return low_orders(normal, self.white[some], self.at.sigma[some], rows, lasting)
 
     def covariance(self, groups, ordered, with_shared_errors):
@@ -356,7 +360,8 @@ def _misshapen(shape: Form) -> tuple[str, ...]:
 
 
 def _outcome(reason, cap, coverage, cut, shape_warnings):
-    n, used = len(reason), int((reason == USED).sum())
+    n = len(reason)
+    used = int((reason == USED).sum())
     words = [f"converged on {used} of {n} points, a cap of {np.rad2deg(cap):.0f} deg half angle"]
     if cut:
         words.append(

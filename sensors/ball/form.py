@@ -33,8 +33,10 @@ def plane_gain(
     direction (d, n): lines along which the points err. A plane that holds these lines, as the light plane of a single
     stripe does, holds the points of any surface: the next best one counts then.
     """
-    first, d = points[:, used.argmax()][:, None], len(points)
-    moments, sigma = np.zeros((d + 1, d + 1)), one_sigma(sigma)
+    first = points[:, used.argmax()][:, None]
+    d = len(points)
+    moments = np.zeros((d + 1, d + 1))
+    sigma = one_sigma(sigma)
     near = np.ones((d + 1, min(BLOCK, points.shape[1])))
     for block in blocks(points.shape[1]):
         block_sigma = sigma[block] if np.ndim(sigma) else sigma
@@ -42,7 +44,8 @@ def plane_gain(
         part = near[:, : len(weight)]
         np.subtract(points[:, block], first, out=part[:-1])
         moments += (part * weight) @ part.T
-    mean, total = moments[:-1, -1], moments[-1, -1]
+    mean = moments[:-1, -1]
+    total = moments[-1, -1]
     scatter = moments[:-1, :-1] - np.outer(mean, mean) / total
     values, normals = symmetric_eigen(scatter)
     place = 0
@@ -73,7 +76,8 @@ def low_orders(
     white = white - basis @ (basis.T @ white)
     values, vectors = symmetric_eigen(shape @ shape.T)
     is_retained = values > _RANK * max(values[-1], 1e-300)
-    count, degrees = int(is_retained.sum()), len(white) - len(rows) - int(is_retained.sum())
+    count = int(is_retained.sum())
+    degrees = len(white) - len(rows) - int(is_retained.sum())
     if degrees < 2 * (count + len(rows)):
         return Form(float("nan"), 1.0)
     modes = (vectors[:, is_retained] / np.sqrt(values[is_retained])).T @ shape

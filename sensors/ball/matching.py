@@ -35,7 +35,8 @@ def match(found: np.ndarray, artefact: np.ndarray, tolerance: float = 0.5, expec
     was thought to be. Assignments of the most balls that agree in all distances are compared by the residual of
     their rigid fit, reflections excluded; those that an F test at 0.1 % cannot tell from the best are `others`.
     """
-    found, artefact = np.asarray(found, float), np.asarray(artefact, float)
+    found = np.asarray(found, float)
+    artefact = np.asarray(artefact, float)
     assignments = _assignments(_apart(found), _apart(artefact), tolerance)
     fits = sorted(
         ((_rigid_rms(found, artefact, assignment), k) for k, assignment in enumerate(assignments))
@@ -46,7 +47,8 @@ def match(found: np.ndarray, artefact: np.ndarray, tolerance: float = 0.5, expec
         if not assignments:
             why = "no two found balls are as far apart as two of the artefact; check its file and the units"
         return Match(np.full(found.shape[1], -1), np.nan, (), (), why)
-    best, degrees = fits[0][1], max(3 * int((fits[0][1] >= 0).sum()) - 6, 1)
+    best = fits[0][1]
+    degrees = max(3 * int((fits[0][1] >= 0).sum()) - 6, 1)
     allowed = max(fits[0][0], 1e-9) * np.sqrt(f_distribution.isf(0.001, degrees, degrees))
     others = tuple(assignment for rms, assignment in fits[1:] if rms <= allowed)
     swapped = () if expected is None else _swapped(best, np.asarray(expected))
@@ -74,7 +76,8 @@ def _assignments(found, artefact, tolerance, most=50_000):
         if count + k - len(assignment) < max(size, 2):
             continue
         if len(assignment) == k:
-            complete, size = (complete if count == size else []) + [assignment], count
+            complete = (complete if count == size else []) + [assignment]
+            size = count
             continue
         placed = np.flatnonzero(assignment >= 0)
         gap = np.abs(artefact[:, assignment[placed]] - found[len(assignment), placed])
@@ -86,8 +89,10 @@ def _assignments(found, artefact, tolerance, most=50_000):
 def _rigid_rms(found, artefact, ball):
     """RMS, mm, after the best rotation and shift (Kabsch); a reflection does not count."""
     chosen = ball >= 0
-    ours, theirs = found[:, chosen], artefact[:, ball[chosen]]
-    ours, theirs = ours - ours.mean(1, keepdims=True), theirs - theirs.mean(1, keepdims=True)
+    ours = found[:, chosen]
+    theirs = artefact[:, ball[chosen]]
+    ours = ours - ours.mean(1, keepdims=True)
+    theirs = theirs - theirs.mean(1, keepdims=True)
     turned = nearest_rotation(ours @ theirs.T) @ theirs
     return float(np.sqrt(((ours - turned) ** 2).sum(0).mean()))
 
@@ -99,7 +104,8 @@ def _swapped(ball, expected):
 
 
 def _match_outcome(ball, rms, others, swapped):
-    count, distance = int((ball >= 0).sum()), f"within {rms:.3g} mm"
+    count = int((ball >= 0).sum())
+    distance = f"within {rms:.3g} mm"
     words = [f"{count} of {len(ball)} found balls belong to the artefact, {distance}"]
     if others or count < 3:
         words.append(

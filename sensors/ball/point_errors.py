@@ -32,10 +32,8 @@ def stripe_error(error: np.ndarray, steps: np.ndarray, along: np.ndarray) -> np.
     stripes, `along` (n,) px places along them.
     """
     steps = np.unique(steps, return_inverse=True)[1]
-    low, high = (
-        np.full(steps.max(initial=-1) + 1, np.inf),
-        np.full(steps.max(initial=-1) + 1, -np.inf),
-    )
+    low = np.full(steps.max(initial=-1) + 1, np.inf)
+    high = np.full(steps.max(initial=-1) + 1, -np.inf)
     np.minimum.at(low, steps, along)
     np.maximum.at(high, steps, along)
     tilt = (along - (low + high)[steps] / 2) / np.maximum((high - low)[steps] / 2, 1.0)

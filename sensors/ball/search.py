@@ -8,30 +8,25 @@ from sensors.ball.arcs import Arcs, centres_of
 from sensors.ball.fit import fit_ball
 from sensors.ball.result import ELSEWHERE, BallFit
 from sensors.ball.single_stripe import LEAST_ARC, Widths, likeliest, undetermined, unlike_few
+from sensors.ball.votes import LEAST_POINTS, MOST_POINTS, ThinnedCloud
 from workbench.core.errors import InputError
-from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
+from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues
 
-# The search goes over a thinned cloud; its cells are this part of the smallest radius.
-_CELL, _THINNED, _DRAWN, _NEIGHBOURS = 1 / 12, 40_000, 250_000, 24
 # Where no radius is known, the smallest has this many spacings of points: the neighbours that make a normal then lie
 # on a third of it.
 _SMALLEST = 5
-# Votes for one centre fall within this part of the radius when normals are good to some 0.1 rad.
-_VOTE_CELL, _RANGE_STEP = 1 / 5, 1.5
-# A ball shows at least this part of the points of a cap of 30 degrees, however it is cut.
-_LEAST_SHARE, _LEAST_POINTS, _PEAKS = 0.2, 12, 60
 # Points of a stripe below which it does not tell where a ball is.
 _LEAST_STRIPE = 5
-# About the voted centre, points may be off by this part of the radius, and later by that.
-_WIDE, _NARROW, _CONE = 0.25, 0.08, np.cos(np.deg2rad(30))
+# Points of a ball that was found are off its surface by up to this part of the radius.
+_NARROW = 0.08
 # Incidence of light and sight of points that are used where those of less determine no ball, rad.
 _STEEPEST = np.deg2rad(75)
 # Stripes among a point's neighbours below which they make no normal.
 _FEW_STRIPES = 4
 # Nothing is inside a solid ball; directions of its points spread two ways (a post's only one).
-_INSIDE, _INSIDE_SHARE, _SPREAD = 0.85, 0.1, np.sin(np.deg2rad(4)) ** 2
-# Part of the neighbours' squared distances that one ball does not explain: a post leaves half, a plane all.
-_MISFIT = 0.4
+_INSIDE = 0.85
+_INSIDE_SHARE = 0.1
+_SPREAD = np.sin(np.deg2rad(4)) ** 2
 
 
 def find_balls(
@@ -71,11 +66,11 @@ def find_balls(
     """
     points, at_limit = _flat(points, at_limit)
     present = np.flatnonzero(np.isfinite(points.sum(0)))
-    if len(present) < _LEAST_POINTS:
+    if len(present) < LEAST_POINTS:
         return []
     rays = _rays(points, view)
     known = None if radii is None else sorted({float(r) for r in np.atleast_1d(radii)})
-    cloud = _Cloud(
+    cloud = ThinnedCloud(
         points[:, present], rays[:, present], _range(points[:, present], known, between), seed
     )
     peaks = (
@@ -84,7 +79,8 @@ def find_balls(
         else cloud.of_range()
     )
     search = _Search(points, rays, at_limit, sigma, known, free, form, {**options, "seed": seed})
-    search.stripe, search.widths = None if stripe is None else np.asarray(stripe).ravel(), widths
+    search.stripe = None if stripe is None else np.asarray(stripe).ravel()
+    search.widths = widths
     found = search.confirmed(cloud, peaks)
     if known and stripe is not None:
         found = search.with_arcs(cloud, found)
@@ -132,112 +128,12 @@ def _range(points, known, between):
         )
     if known is not None or between is not None:
         return (known[0], known[-1]) if known is not None else between
-    some = np.random.default_rng(0).permutation(points.shape[1])[:_THINNED]
+    some = np.random.default_rng(0).permutation(points.shape[1])[:MOST_POINTS]
     spacing = np.median(cKDTree(points[:, some].T).query(points[:, some[:2000]].T, 2)[0][:, 1])
     spacing *= np.sqrt(len(some) / points.shape[1])  # points on surfaces
     return _SMALLEST * spacing, max(
         np.ptp(np.quantile(points, [0.01, 0.99], axis=1), axis=0).max() * 0.6, 30 * spacing
     )
-
-
-class _Cloud:
-    """A thinned cloud with normals, and what its points vote for."""
-
-    def __init__(self, points, rays, between, seed):
-        from scipy.spatial import cKDTree
-
-        self.between = between
-        chosen, self.cell = _thinned(points, between[0] * _CELL, np.random.default_rng(seed))
-        self.points, rays, self.chosen = points[:, chosen], rays[:, chosen], chosen
-        spacing, self.near = cKDTree(self.points.T).query(
-            self.points.T, min(_NEIGHBOURS, len(chosen))
-        )
-        # points scattered at random over a surface, one a cell, are half a cell from the next
-        self.cell = max(self.cell, 2 * float(np.median(spacing[:, 1])))
-        self.normals = _normals(self.points, self.near)
-        self.normals *= -np.sign(np.einsum("dn,dn->n", self.normals, rays))
-
-    def of_radius(self, radius):
-        """Candidates (centre, radius) of one known radius."""
-        return self._peaks(
-            self.points - radius * self.normals, np.full(self.points.shape[1], radius)
-        )
-
-    def of_range(self):
-        """Candidates of any radius in the range: a point and its neighbours share the ball that they lie on."""
-        offsets = self.points[:, self.near] - self.points[:, :, None]
-        turned = self.normals[:, self.near] - self.normals[:, :, None]
-        bend = (turned**2).sum((0, 2))
-        radius = (offsets * turned).sum((0, 2)) / np.maximum(bend, 1e-12)
-        misfit = ((offsets - radius[:, None] * turned) ** 2).sum((0, 2)) / np.maximum(
-            (offsets**2).sum((0, 2)), 1e-300
-        )
-        found, low = [], self.between[0]
-        while low < self.between[1]:
-            chosen = (
-                (misfit < _MISFIT)
-                & (radius > low / _RANGE_STEP**0.5)
-                & (radius < low * _RANGE_STEP**1.5)
-            )
-            found += self._peaks((self.points - radius * self.normals)[:, chosen], radius[chosen])
-            low *= _RANGE_STEP
-        return found
-
-    def _peaks(self, votes, radius):
-        """Where votes (3, m) crowd: (centre, radius), most votes first."""
-        from scipy.spatial import cKDTree
-
-        if len(radius) < _LEAST_POINTS:
-            return []
-        size = float(np.median(radius))
-        reach = _VOTE_CELL * size
-        least = max(_LEAST_POINTS, _LEAST_SHARE * 0.84 * (size / self.cell) ** 2)
-        places, counts = np.unique(
-            np.floor(votes / reach).astype(np.int64), axis=1, return_counts=True
-        )
-        places = places[:, np.argsort(-counts, kind="stable")[:_PEAKS]]
-        tree, found = cKDTree(votes.T), []
-        for centre in (places.T + 0.5) * reach:
-            for _ in range(3):
-                neighbours = tree.query_ball_point(centre, reach)
-                centre = votes[:, neighbours].mean(1) if neighbours else centre
-            if len(neighbours) >= least and all(
-                np.linalg.norm(centre - other[1]) > reach for other in found
-            ):
-                found.append((len(neighbours), centre, float(np.median(radius[neighbours]))))
-        return sorted(found, key=lambda peak: -peak[0])
-
-    def about(self, centre, radius):
-        """(m,) indices of points near this ball's surface, with normals that point away from its centre."""
-        away = self.points - centre[:, None]
-        distance = np.linalg.norm(away, axis=0)
-        facing = (away * self.normals).sum(0) > _CONE * distance
-        return np.flatnonzero(facing & (np.abs(distance - radius) < _WIDE * radius))
-
-
-def _thinned(points, cell, random):
-    """Indices of one point a cell, and the cell's size (mm), larger where there would be too many."""
-    drawn = np.arange(points.shape[1])
-    if len(drawn) > _DRAWN:
-        drawn = np.sort(random.choice(len(drawn), _DRAWN, replace=False))
-    drawn_points = points[:, drawn]
-    low = drawn_points.min(1, keepdims=True)
-    while True:
-        place = ((drawn_points - low) / cell).astype(np.int64)
-        sizes = place.max(1) + 1
-        first_of_cell = np.unique(
-            (place[0] * sizes[1] + place[1]) * sizes[2] + place[2], return_index=True
-        )[1]
-        if len(first_of_cell) <= _THINNED:
-            return drawn[first_of_cell], cell
-        cell *= 1.05 * np.sqrt(len(first_of_cell) / _THINNED)
-
-
-def _normals(points, near):
-    """(3, n) unit normals, without sense, of the planes through each point's neighbours."""
-    around = points[:, near] - points[:, near].mean(2, keepdims=True)
-    matrix = np.einsum("dnk,enk->nde", around, around, optimize=True)
-    return symmetric_eigen(matrix)[1][:, :, 0].T.copy()
 
 
 @dataclass(frozen=True)
@@ -320,14 +216,14 @@ class _Search:
         present = np.flatnonzero(np.isfinite(self.points.sum(0)))[cloud.chosen]
         near = np.sort(self.stripe[present][cloud.near], axis=1)
         stripes = 1 + (np.diff(near, axis=1) != 0).sum(1)
-        return int((unassigned[present] & (stripes < _FEW_STRIPES)).sum()) >= _LEAST_POINTS
+        return int((unassigned[present] & (stripes < _FEW_STRIPES)).sum()) >= LEAST_POINTS
 
     def without_found(self, found) -> "list[Refusal]":
         """Refused candidates on points that no ball has, of those on the same points the best supported."""
         unassigned, refused = self.left(found, _NARROW), []
         latest_first = list(self._supported(unassigned))[::-1]
         for ball, near in sorted(latest_first, key=lambda pair: -int(pair[1].sum())):
-            if (near & unassigned).sum() >= _LEAST_POINTS:
+            if (near & unassigned).sum() >= LEAST_POINTS:
                 refused.append(replace(ball, points=int(near.sum())))
                 unassigned = unassigned & ~near
         if refused or found or not self.refused:
@@ -343,7 +239,7 @@ class _Search:
     def about_peak(self, cloud, centre, radius, unassigned) -> BallFit | None:
         """The ball at a peak of votes, None where there is none."""
         about = cloud.about(centre, radius)
-        if len(about) < _LEAST_POINTS:
+        if len(about) < LEAST_POINTS:
             return self._refuse(centre, radius, len(about), "too few points face away from it")
         return self._judged(cloud, cloud.points[:, about], centre, radius, unassigned)
 
@@ -352,7 +248,7 @@ class _Search:
         free = np.flatnonzero(unassigned)
         away = np.linalg.norm(self.points[:, free] - centre[:, None], axis=0)
         about = free[np.abs(away - radius) < _NARROW * radius]
-        if len(about) < _LEAST_POINTS:
+        if len(about) < LEAST_POINTS:
             return self._refuse(centre, radius, len(about), "too few points lie near its surface")
         if alone := self._on_one_stripe(about):
             return self._refuse(centre, radius, len(about), alone)
@@ -445,7 +341,8 @@ class _Search:
     def fine(self, rough, radius, unassigned, incidence=None) -> BallFit:
         """Fit to all points near the rough ball; a result that speaks of the whole cloud. incidence: rad, of the points
         used."""
-        box, reach = np.flatnonzero(unassigned), (1 + _NARROW) * rough.radius
+        box = np.flatnonzero(unassigned)
+        reach = (1 + _NARROW) * rough.radius
         for axis, middle in zip(self.points, rough.centre):
             box = box[np.abs(axis[box] - middle) < reach]
         gap = np.abs(
@@ -469,10 +366,8 @@ class _Search:
         )
         if not fit:
             return fit
-        reason, residual = (
-            np.full(self.points.shape[1], ELSEWHERE, np.uint8),
-            np.full(self.points.shape[1], np.nan),
-        )
+        reason = np.full(self.points.shape[1], ELSEWHERE, np.uint8)
+        residual = np.full(self.points.shape[1], np.nan)
         reason[box], residual[box] = fit.reason, fit.residual
         return replace(fit, reason=reason, residual=residual)
 
@@ -483,8 +378,8 @@ class _Search:
         gap = distance - fit.radius
         shell = np.abs(gap) < _NARROW * fit.radius
         inside = int((distance < _INSIDE * fit.radius).sum())
-        if shell.sum() < _LEAST_POINTS:
-            return f"{shell.sum()} points lie near its surface, expected {_LEAST_POINTS}"
+        if shell.sum() < LEAST_POINTS:
+            return f"{shell.sum()} points lie near its surface, expected {LEAST_POINTS}"
         if inside > _INSIDE_SHARE * shell.sum():
             return f"{inside} points lie inside it, as of a surface that is no ball"
         noise = np.median(np.abs(gap - gap[cloud.near[:, 1]])[shell]) / 0.67449 / np.sqrt(2)

@@ -101,7 +101,9 @@ class Shared:
 
     def with_variances(self, variance: np.ndarray) -> "Shared":
         """The same with the variances (m,) of the unknown ones."""
-        k, m, groups = len(self.derivative), len(variance), int(self.labels.max()) + 1
+        k = len(self.derivative)
+        m = len(variance)
+        groups = int(self.labels.max()) + 1
         full = np.zeros((groups, k + m, groups, k + m))
         full[:, :k, :, :k] = self.covariance.reshape(groups, k, groups, k)
         for kind in range(m):
@@ -140,7 +142,8 @@ def solve_shared(
         return fit[:2]
     variance = np.zeros(len(shared.unknown))
     for _ in range(_ROUNDS):
-        before, variance = variance, _variances(problem, fit[0], shared, fit[2])
+        before = variance
+        variance = _variances(problem, fit[0], shared, fit[2])
         if (np.abs(variance - before) <= _STILL * (variance + before)).all():
             break
         start = replace(solved, values=fit[0].values, at=fit[0].at)
@@ -154,11 +157,11 @@ def _variances(problem, solved, shared, weight):
     R and g are those of the points' weights W, less what ball and known errors, with derivatives A and
     covariance K, take: Z'W Z - Z'W A K A'W Z and Z'W r - Z'W A K A'W r.
     """
-    known, unknown = (
-        _by_error(solved.at, shared),
-        _by_error(solved.at, replace(shared, derivative=shared.unknown)),
-    )
-    k, m, groups = len(known), len(unknown), int(shared.labels.max()) + 1
+    known = _by_error(solved.at, shared)
+    unknown = _by_error(solved.at, replace(shared, derivative=shared.unknown))
+    k = len(known)
+    m = len(unknown)
+    groups = int(shared.labels.max()) + 1
     normal = _normal(
         solved.at, problem.size, np.concatenate([known, unknown]), weight, shared.labels, k + m
     )
@@ -188,7 +191,9 @@ def _posterior(normal, covariance):
 
 def _solve(problem, solved, loss, shared, ordered):
     """The fit, its covariance, and the points' weights, with errors of known covariance alone."""
-    values, at, errors = solved.values, solved.at, np.zeros(len(shared.covariance))
+    values = solved.values
+    at = solved.at
+    errors = np.zeros(len(shared.covariance))
     by_error, keep = _by_error(at, shared), solved.keep
     k = len(by_error)
     for turn in range(_STEPS):

@@ -95,7 +95,8 @@ def centre_sigma(fit: BallFit) -> float:
 
     A form that the points follow moves it as errors do that all points share.
     """
-    count, form = int(fit.inliers.sum()), np.nan_to_num(fit.form)
+    count = int(fit.inliers.sum())
+    form = np.nan_to_num(fit.form)
     shared = 1 + count * (form / max(fit.rms, 1e-12)) ** 2
     largest = np.linalg.eigvalsh(fit.covariance[:3, :3])[-1]
     return float(np.sqrt(max(largest, 0.0) * shared))

@@ -222,7 +222,8 @@ def _newton(problem, values, loss, scale, trim):
     Block by block, so that everything stays in the processor's cache.
     """
     size, slopes, weights = problem.size, 0.0, 0.0
-    normal, pull = np.zeros((size, size)), np.zeros(size)
+    normal = np.zeros((size, size))
+    pull = np.zeros(size)
     for block in blocks(problem.points.shape[1]):
         at = linearise(problem.some(block), values)
         keep = trim(values, at.normal, block) & np.isfinite(at.residual)
@@ -233,7 +234,8 @@ def _newton(problem, values, loss, scale, trim):
         weight, slope = loss(white * (1 / max(scale, 1e-300)))
         if not keep.all():
             weight, slope = weight * keep, slope * keep
-        slopes, weights = slopes + slope.sum(), weights + weight.sum()
+        slopes = slopes + slope.sum()
+        weights = weights + weight.sum()
         rows = at.rows[:size]
         slope /= sigma**2
         normal += (rows * slope) @ rows.T
@@ -258,7 +260,9 @@ def blocks(n: int) -> Iterator[slice]:
 
 def _rounds(problem, values, loss, trim):
     """Spread and trimming, then a descent, until neither changes by more than the descent would notice."""
-    at, scale, keep = linearise(problem, values), np.nan, np.zeros(problem.points.shape[1], bool)
+    at = linearise(problem, values)
+    scale = np.nan
+    keep = np.zeros(problem.points.shape[1], bool)
     before = keep
     for _ in range(_ROUNDS):
         inliers = trim(values, at.normal)
@@ -322,10 +326,12 @@ def used_part(problem: Problem, solved: Solved, loss: Loss) -> tuple[np.ndarray,
     """Which points have a weight, (n,) bool, and what the covariances of an M-estimate are made of."""
     weight, slope = loss(solved.white / solved.spread)
     used = solved.keep & (weight > 0)
-    place, sigma = np.flatnonzero(used), one_sigma(solved.at.sigma)
+    place = np.flatnonzero(used)
+    sigma = one_sigma(solved.at.sigma)
     rows = solved.at.rows[: problem.size].take(place, 1)
     rows /= sigma.take(place) if np.ndim(sigma) else sigma
-    white, slope = solved.white.take(place), slope.take(place)
+    white = solved.white.take(place)
+    slope = slope.take(place)
     return used, Used(place, rows, weight.take(place) * white, slope, white, rows @ rows.T)
 
 
@@ -360,7 +366,8 @@ def _grouped(rows, score, slope, groups):
     Bell & McCaffrey, Survey Methodology 28, 2002), which few groups of much leverage do not make too small.
     """
     label = np.unique(groups, return_inverse=True)[1]
-    size, count = len(rows), label.max() + 1
+    size = len(rows)
+    count = label.max() + 1
     sums = np.stack([np.bincount(label, row * score) for row in rows], axis=1)
     blocks = np.array(
         [[np.bincount(label, row * other * slope) for other in rows] for row in rows]
@@ -404,7 +411,8 @@ def bias(problem: Problem, at: Linear, part: Used, radius: float, scale: float) 
     if problem.covariance is None:
         pull = (part.rows * sigma).sum(1) * (len(at.normal) - 1) / 2
     else:
-        u, full_covariance = at.normal.take(part.place, 1), problem.covariance.take(part.place, 2)
+        u = at.normal.take(part.place, 1)
+        full_covariance = problem.covariance.take(part.place, 2)
         turned = np.einsum("den,en->dn", full_covariance, u)
         across = turned - u * sigma**2
         total = np.einsum("ddn->n", full_covariance)

@@ -61,7 +61,8 @@ def _through(points, random):
     """(d + 1, tries) spheres through d + 1 random points each."""
     d, n = points.shape
     chosen = points[:, random.integers(0, n, (_TRIES, d + 1))]
-    first, rest = chosen[..., 0], chosen[..., 1:] - chosen[..., :1]
+    first = chosen[..., 0]
+    rest = chosen[..., 1:] - chosen[..., :1]
     matrix = 2 * rest.transpose(1, 2, 0)
     size = max(np.abs(matrix).max(initial=0.0), 1e-300)
     fine = (
@@ -74,7 +75,8 @@ def _through(points, random):
 def _sensible(spheres, points, radius):
     """Those no larger than a ball can be; with a known radius, moved along the line from centre to points."""
     is_sphere = np.isfinite(spheres).all(0) & (spheres[-1] > 0)
-    centres, radii = spheres[:-1, is_sphere], spheres[-1, is_sphere]
+    centres = spheres[:-1, is_sphere]
+    radii = spheres[-1, is_sphere]
     if radius is None:
         is_small = radii < _LARGEST * np.abs(points).max()
         return np.concatenate([centres, radii[None]])[:, is_small]

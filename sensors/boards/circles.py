@@ -39,7 +39,9 @@ def _moments(m: dict) -> tuple | None:
     area = m["m00"]
     if area < LEAST_AREA:
         return None
-    xx, xy, yy = m["mu20"] / area, m["mu11"] / area, m["mu02"] / area
+    xx = m["mu20"] / area
+    xy = m["mu11"] / area
+    yy = m["mu02"] / area
     product = xx * yy - xy * xy
     longer = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)
     if product <= (FLATTEST * longer) ** 2:
@@ -181,7 +183,8 @@ def lens_shift(camera, points: np.ndarray, normals: np.ndarray, radius: float) -
     D(c) + sum_k (D''(d_k, d_k) / 8 + J d_k (d_k . grad ln det J) / 4). A circle that is fitted to the disc's edge
     moves by the same.
     """
-    flat, depth = points[:2] / points[2], points[2]
+    flat = points[:2] / points[2]
+    depth = points[2]
     middle = camera.distort(flat)
     total = np.zeros_like(flat)
     for axis in _tangents(normals):

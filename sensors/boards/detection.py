@@ -153,7 +153,8 @@ def _one(
     recording: "Recording", row: Mapping, board: Board, seen: dict
 ) -> tuple[View | Rejected, tuple[int, int]]:
     """View or rejection of one image, and its size; `seen` holds the pixels that were met before."""
-    name, placement = row["image"], str(row.get("placement", ""))
+    name = row["image"]
+    placement = str(row.get("placement", ""))
     image = images.read(Path(recording.folder or ".") / name, f"{recording.name}/{name}")
     view = detect(image, board, name, placement, row)
     if isinstance(view, View):

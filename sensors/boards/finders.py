@@ -106,7 +106,8 @@ def _second_chessboard(image: np.ndarray, grid: np.ndarray) -> bool:
     rows, columns = grid.shape[:2]
     small, scale = _shrunk(image, SMALL)
     corners = (grid.reshape(-1, 2) + 0.5) / scale - 0.5
-    middle, wider = corners.mean(0), 1 + 3 / (min(rows, columns) - 1)
+    middle = corners.mean(0)
+    wider = 1 + 3 / (min(rows, columns) - 1)
     hull = cv2.convexHull(np.rint(middle + wider * (corners - middle)).astype(np.int32))
     rest = cv2.fillConvexPoly(small.copy(), hull, int(np.median(small)))
     # the quick look answers no in a hundredth of the time that the search takes
@@ -167,7 +168,8 @@ def _first_is_dark(image: np.ndarray, grid: np.ndarray) -> bool:
 
     All squares of one colour are compared with all of the other, so that a reflection on one square decides nothing.
     """
-    upper, lower = grid[:-1], grid[1:]
+    upper = grid[:-1]
+    lower = grid[1:]
     middle = (upper[:, :-1] + lower[:, :-1] + upper[:, 1:] + lower[:, 1:]) / 4
     u, v = np.rint(middle).astype(int).reshape(-1, 2).T
     height, width = image.shape
@@ -180,12 +182,14 @@ def _first_is_dark(image: np.ndarray, grid: np.ndarray) -> bool:
 
 def _larger_chessboard(image: np.ndarray, grid: np.ndarray) -> tuple[int, int]:
     """(columns, rows) of the grid and of the rows and columns of corners that go on beyond it."""
-    size, image = [grid.shape[1], grid.shape[0]], image.astype(np.float32)
+    size = [grid.shape[1], grid.shape[0]]
+    image = image.astype(np.float32)
     inner = fit_saddles(image, *_chess_frame(grid))
     for quarter in range(4):
         turned = np.rot90(grid, quarter)
         beyond = 2 * turned[0] - turned[1]
-        along, down = np.gradient(beyond, axis=0).T, (turned[0] - turned[1]).T
+        along = np.gradient(beyond, axis=0).T
+        down = (turned[0] - turned[1]).T
         is_inside = (beyond > 3).all(1) & (beyond < np.array(image.shape[::-1]) - 4).all(1)
         if is_inside.sum() < 0.5 * len(is_inside):
             continue
@@ -199,7 +203,8 @@ def _goes_on(image: np.ndarray, places: tuple[np.ndarray, ...], inner: Fit) -> b
 
     A fit where no corner is never settles; that most of them are none shows after a few steps.
     """
-    usual, sigma = np.median(np.abs(inner.values[:, 6])), np.median(inner.sigma)
+    usual = np.median(np.abs(inner.values[:, 6]))
+    sigma = np.median(inner.sigma)
     for steps in (_FEW_STEPS, STEPS):
         fit = fit_saddles(image, *places, steps=steps)
         near = np.hypot(*(fit.centre - places[0])) < 0.25 * np.hypot(*places[2])
@@ -303,7 +308,8 @@ def _circle_order(pixels: np.ndarray, board: "Board") -> np.ndarray:
 
 def _larger_grid(discs: np.ndarray, grid: np.ndarray, asymmetric: bool) -> tuple[int, int]:
     """(columns, rows) of the grid and of what goes on beyond it among the candidates (6, n)."""
-    size, step_of_columns = [grid.shape[1], grid.shape[0]], 2 if asymmetric else 1
+    size = [grid.shape[1], grid.shape[0]]
+    step_of_columns = 2 if asymmetric else 1
     for quarter in range(4):
         turned = np.rot90(grid, quarter)
         sideways = quarter % 2
@@ -369,7 +375,9 @@ def _charuco(image: np.ndarray, board: "Board") -> Found:
 
 def _another_charuco(image: np.ndarray, board: "Board", corners: int, markers: np.ndarray) -> Found:
     """Which other ChArUco board explains the markers: the one with most corners, of these the smallest."""
-    wide, high, best = board.columns, board.rows, (max(5, 1.3 * corners), 0, None)
+    wide = board.columns
+    high = board.rows
+    best = (max(5, 1.3 * corners), 0, None)
     around = {(wide + a, high + b, board.legacy) for a in (-1, 0, 1) for b in (-1, 0, 1)}
     for columns, rows, legacy in {
         *around,
@@ -463,7 +471,8 @@ def _aprilgrid(image: np.ndarray, board: "Board") -> Found:
 
 def _handedness(grid: np.ndarray) -> float:
     """Above 0 where y is clockwise from x in the image, so that the board's z points away from the camera."""
-    along, down = np.diff(grid, axis=1)[:-1], np.diff(grid, axis=0)[:, :-1]
+    along = np.diff(grid, axis=1)[:-1]
+    down = np.diff(grid, axis=0)[:, :-1]
     return float(np.sum(along[..., 0] * down[..., 1] - along[..., 1] * down[..., 0]))
 
 

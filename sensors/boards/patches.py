@@ -190,12 +190,13 @@ def _saddle(p: np.ndarray, spots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     d1, d2: distances from the two edges, positive between them; a corner blurred by a Gaussian of width s.
     """
     cx, cy, first, second, blur, level, half, right, below = p.T[:, :, None]
-    ux, uy, size = spots[0] - cx, spots[1] - cy, _size(blur)
-    (e1, slope1, d1), (e2, slope2, d2) = (
-        _edge(first, ux, uy, size, 1),
-        _edge(second, ux, uy, size, -1),
-    )
-    by1, by2 = half * e2 * slope1, half * e1 * slope2
+    ux = spots[0] - cx
+    uy = spots[1] - cy
+    size = _size(blur)
+    (e1, slope1, d1) = _edge(first, ux, uy, size, 1)
+    (e2, slope2, d2) = _edge(second, ux, uy, size, -1)
+    by1 = half * e2 * slope1
+    by2 = half * e1 * slope2
     jacobian = np.stack(
         [
             by1 * np.sin(first) - by2 * np.sin(second) - right,
@@ -236,10 +237,14 @@ def _disc(p: np.ndarray, spots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     from scipy.special import erf
 
     cx, cy, b11, b12, b22, blur, level, half, right, below = p.T[:, :, None]
-    ux, uy, size = spots[0] - cx, spots[1] - cy, _size(blur)
-    vx, vy = b11 * ux + b12 * uy, b12 * ux + b22 * uy
+    ux = spots[0] - cx
+    uy = spots[1] - cy
+    size = _size(blur)
+    vx = b11 * ux + b12 * uy
+    vy = b12 * ux + b22 * uy
     m = np.sqrt(vx * vx + vy * vy) + 1e-9
-    gx, gy = (b11 * vx + b12 * vy) / m, (b12 * vx + b22 * vy) / m
+    gx = (b11 * vx + b12 * vy) / m
+    gy = (b12 * vx + b22 * vy) / m
     steep = np.sqrt(gx * gx + gy * gy) + 1e-12
     d = (m - 1) / steep
     edge = erf(d / (np.sqrt(2) * size))
@@ -285,7 +290,8 @@ def _levenberg(model, p, seen, steps):
     """
     (spots, grey, weight), found = seen, np.copy(p)
     cost, normal, slope = all_cost, all_normal, _ = _normal(model, p, *seen)
-    damping, moving = np.full(len(p), 1e-3), np.arange(len(p))
+    damping = np.full(len(p), 1e-3)
+    moving = np.arange(len(p))
     for _ in range(steps):
         damped = normal + damping[:, None, None] * _diagonal(normal)
         step = _solved(damped, slope)
@@ -295,7 +301,8 @@ def _levenberg(model, p, seen, steps):
         p = np.where(better[:, None], p + step, p)
         normal = np.where(better[:, None, None], new_normal, normal)
         slope = np.where(better[:, None], new_slope, slope)
-        cost, damping = np.where(better, new_cost, cost), np.where(better, damping / 8, damping * 6)
+        cost = np.where(better, new_cost, cost)
+        damping = np.where(better, damping / 8, damping * 6)
         found[moving], all_cost[moving], all_normal[moving] = p, cost, normal
         length = np.abs(step[:, :2]).max(1)
         if (length < SETTLED).all():
@@ -327,11 +334,9 @@ def _normal(model, p, spots, grey, weight):
         weighted_residual = weight * (grey - value)
         jacobian = np.moveaxis(jacobian * weight, 0, 2)
         turned = jacobian.swapaxes(1, 2)
-        cost, normal, slope = (
-            (weighted_residual**2).sum(1),
-            turned @ jacobian,
-            (turned @ weighted_residual[:, :, None])[:, :, 0],
-        )
+        cost = (weighted_residual**2).sum(1)
+        normal = turned @ jacobian
+        slope = (turned @ weighted_residual[:, :, None])[:, :, 0]
     is_finite = np.isfinite(cost) & np.isfinite(normal).all((1, 2))
     return (
         np.where(is_finite, cost, np.inf),

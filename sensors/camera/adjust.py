@@ -89,7 +89,8 @@ def adjusted(
     chain, usable_views, wrong = _started(usable, few, board, size, model)
     if distinguishes_rotations(board, effects):
         chain, usable_views = _turned(chain, usable_views, board, model, effects, loss)
-    rejected, left_out = [*few, *wrong], dict.fromkeys((view.image for view in usable_views), 0)
+    rejected = [*few, *wrong]
+    left_out = dict.fromkeys((view.image for view in usable_views), 0)
     while True:
         stated = chain.sigma
         chain, fit = _best(chain, effects, loss)

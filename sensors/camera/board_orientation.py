@@ -64,9 +64,11 @@ def _own_bows(chain, fit, effects):
     # normal matrix of six of the pose, two of the bow and the residual, one for each board pose
     start = np.flatnonzero(np.diff(chain.labels["placement"], prepend=-1))
     gram = np.add.reduceat(np.einsum("amn,bmn->nab", rows, rows), start, axis=0)
-    poses, mixed = gram[:, :6, :6], gram[:, :6, 6:]
+    poses = gram[:, :6, :6]
+    mixed = gram[:, :6, 6:]
     reduced = gram[:, 6:, 6:] - gram[:, 6:, :6] @ solve_positive(poses, mixed)
-    information, gradient = reduced[:, :2, :2], reduced[:, :2, 2:]
+    information = reduced[:, :2, :2]
+    gradient = reduced[:, :2, 2:]
     change = solve_positive(information, gradient)[..., 0]
     xx, yy, xy = (fit.parameters[key] for key in _BOW)
     return np.array([(xx - yy) / 2, xy]) - change, information

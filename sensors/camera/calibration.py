@@ -174,7 +174,8 @@ class CameraCalibration:
         if not keys:
             return None
         places = [self.fit.table.index[key] for key in keys]
-        values, covariance = self.fit.table.values[places], self.covariance[np.ix_(places, places)]
+        values = self.fit.table.values[places]
+        covariance = self.covariance[np.ix_(places, places)]
         names = [key.removeprefix(_BOW) for key in keys]
         return Bow(
             dict(zip(names, values.tolist())),

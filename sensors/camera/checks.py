@@ -142,7 +142,8 @@ def opencv_camera(chain: Corners) -> Camera:
 
 def _opencv(chain, camera):
     """As `_ours`, with OpenCV's camera and poses."""
-    full_error, halved = np.empty(chain.pixels.shape), np.empty(chain.pixels.shape)
+    full_error = np.empty(chain.pixels.shape)
+    halved = np.empty(chain.pixels.shape)
     even, odd = _halves(chain)
     for g in range(len(chain.poses)):
         mine = chain.labels["placement"] == g
@@ -186,7 +187,9 @@ def projection_uncertainty(camera: Camera, covariance: np.ndarray, distance: flo
     """
     x, y, by_value, _ = _compensated(camera, distance)
     spread = np.einsum("pcn,pq,qdn->ncd", by_value, covariance, by_value)
-    across, along, both = spread[:, 0, 0], spread[:, 1, 1], spread[:, 0, 1]
+    across = spread[:, 0, 0]
+    along = spread[:, 1, 1]
+    both = spread[:, 0, 1]
     largest = (across + along) / 2 + np.hypot(
         (across - along) / 2, both
     )  # larger eigenvalue of each 2 x 2 matrix
@@ -247,7 +250,8 @@ class Halves:
 
     @property
     def sentence(self) -> str:
-        middle, worst = np.nanmedian(self.difference.value), np.nanmax(self.difference.value)
+        middle = np.nanmedian(self.difference.value)
+        worst = np.nanmax(self.difference.value)
         return (
             f"cameras from two halves of the board poses project {middle:.3f} px apart in the median of the image "
             f"and {worst:.3f} px at most, {self.ratio:.2f} times what their sigmas say"

@@ -48,9 +48,11 @@ def camera_parameters(camera: Camera) -> Parameters:
     table = []
     for name, value in zip(NAMES, camera.values.tolist()):
         if name in _ORDERS:
-            unit, typical = "1", _AT_THE_EDGE / edge ** _ORDERS[name]
+            unit = "1"
+            typical = _AT_THE_EDGE / edge ** _ORDERS[name]
         else:
-            unit, typical = "px", 0.02 * (camera.fx if name[0] == "f" else max(width, height))
+            unit = "px"
+            typical = 0.02 * (camera.fx if name[0] == "f" else max(width, height))
         table.append(Parameter(f"camera.{name}", unit, value, typical, _LABELS[name]))
     return Parameters.of(table)
 
@@ -101,7 +103,8 @@ class Corners:
         """At the poses and the camera of the start, which effects go on reading while a solve moves them."""
         if self._kept_state is not None:
             return self._kept_state
-        board, n = _OnBoard(self, self.points), self.pixels.shape[1]
+        board = _OnBoard(self, self.points)
+        n = self.pixels.shape[1]
         unknown = np.full((5, n), np.nan)
         expected = self.camera.project(board.points)
         return SensorState(

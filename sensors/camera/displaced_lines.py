@@ -73,7 +73,8 @@ def displaced_lines(
     if not len(lines) or not beyond > 0:
         return ()
     sums = sums_of_lines(lines, len(data.pull))
-    gram, pull = sums.T @ data.gram @ sums, sums.T @ data.pull
+    gram = sums.T @ data.gram @ sums
+    pull = sums.T @ data.pull
     chosen: list[int] = []
     while len(chosen) < min(_MOST, len(lines)):
         trials = [chosen + [k] for k in range(len(lines)) if k not in chosen]
@@ -107,7 +108,8 @@ def _described(gram, pull, lines, chosen, noise) -> list[DisplacedLine]:
     columns = _columns(chosen)
     inverse = np.linalg.pinv(gram[np.ix_(columns, columns)])
     # residuals are of the model less the image: a point that stands farther out makes them smaller
-    shift, std = -inverse @ pull[columns], np.sqrt(noise * np.diag(inverse))
+    shift = -inverse @ pull[columns]
+    std = np.sqrt(noise * np.diag(inverse))
     parts = zip(chosen, shift.reshape(-1, 2), std.reshape(-1, 2))
     found = [DisplacedLine(lines[k], shift, doubt) for k, shift, doubt in parts]
     return [line for line in found if line.is_sure]
@@ -133,7 +135,8 @@ class PoseTables:
 
     def reselected(self, chosen: Sequence[int], line: int, others: Sequence[int]) -> int:
         """Number of folds in which `line`, next to the other `chosen` lines, fits best of it and `others`."""
-        rest, total = [k for k in chosen if k != line], self.gram.sum(0)
+        rest = [k for k in chosen if k != line]
+        total = self.gram.sum(0)
         trials = [[*rest, k] for k in (line, *others)]
         fits = np.array([[self._fit(total - own, trial) for trial in trials] for own in self.gram])
         return int((fits.argmin(1) == 0).sum())

@@ -102,7 +102,8 @@ def _tested(chain, fit, estimates, variance, degrees) -> FocalScatter:
     change, information, good = estimates
     weight = np.where(good, information, 0.0) / variance
     away = change - np.average(change, weights=weight)
-    statistic, groups = float(weight @ away**2), int(good.sum()) - 1
+    statistic = float(weight @ away**2)
+    groups = int(good.sum()) - 1
     p_value = float(fisher.sf(statistic / groups, groups, degrees))
     unit = weight.sum() - (weight**2).sum() / weight.sum()
     share = float(np.sqrt(max(statistic - groups, 0.0) / unit))

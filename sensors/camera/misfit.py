@@ -42,7 +42,8 @@ class Misfit:
 def bundle_misfit(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> Misfit:
     """Of the corners at the solution of a bundle."""
     model = Model(chain, tuple(effects))
-    evaluation, free = model.evaluate(fit.parameters), fit.parameters.mask
+    evaluation = model.evaluate(fit.parameters)
+    free = fit.parameters.mask
     table = np.empty((int(free.sum()), *evaluation.residual.shape))
     shared = model.fill_rows(evaluation, fit.parameters, table)
     has_bow = any(isinstance(effect, BoardBow) for effect in effects)

@@ -76,7 +76,8 @@ class Camera:
         """
         if pixels.shape[1] < _MANY:
             return iterate(self, self.seen(pixels))
-        flat, workspace = np.empty(pixels.shape), self.workspace()
+        flat = np.empty(pixels.shape)
+        workspace = self.workspace()
         for first in range(0, pixels.shape[1], BLOCK):
             workspace.normalised(pixels[:, first : first + BLOCK], flat[:, first : first + BLOCK])
         return flat
@@ -106,16 +107,15 @@ class Camera:
         k1, k2, p1, p2, k3, k4, k5, k6 = (*self.distortion, 0.0, 0.0, 0.0)[:8]
         x2, y2, xy = x * x, y * y, x * y
         r2 = x2 + y2
-        radial, steep, below = (
-            1 + r2 * (k1 + r2 * (k2 + r2 * k3)),
-            k1 + r2 * (2 * k2 + 3 * r2 * k3),
-            None,
-        )
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        steep = k1 + r2 * (2 * k2 + 3 * r2 * k3)
+        below = None
         if len(self.distortion) > 5:
             below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
             radial /= below
             steep = (steep - radial * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
-        along, slope = 2 * (p1 * y + p2 * x), np.empty((2, *flat.shape))
+        along = 2 * (p1 * y + p2 * x)
+        slope = np.empty((2, *flat.shape))
         slope[0, 1] = slope[1, 0] = 2 * (steep * xy + p1 * x + p2 * y)
         slope[0, 0] = radial + 2 * steep * x2 + along + 4 * p2 * x
         slope[1, 1] = radial + 2 * steep * y2 + along + 4 * p1 * y
@@ -129,7 +129,8 @@ class Camera:
         np.multiply(rows[0], r2, out=rows[1])
         np.multiply(rows[1], r2, out=rows[4])
         rows[2, 0] = rows[3, 1] = 2 * xy
-        rows[2, 1], rows[3, 0] = r2 + 2 * flat[1] ** 2, r2 + 2 * flat[0] ** 2
+        rows[2, 1] = r2 + 2 * flat[1] ** 2
+        rows[3, 0] = r2 + 2 * flat[0] ** 2
         for k, power in zip(range(5, len(rows)), (0, 1, 4)):
             np.multiply(rows[power], -radial, out=rows[k])
         return rows

@@ -157,7 +157,8 @@ def _share(chain, fit, effects, some: int) -> _Share:
 def _blocks(chain, fit, effects, root):
     """(poses (G, 6, 6), their products with corners (G, C, 6, 2)), C_c (C, D, 2), normal (D, D), corners (C, 2, 2)."""
     model = Model(chain, tuple(effects))
-    evaluation, free = model.evaluate(fit.parameters), fit.parameters.mask
+    evaluation = model.evaluate(fit.parameters)
+    free = fit.parameters.mask
     shared = (
         model.fill_rows(
             evaluation, fit.parameters, np.empty((free.sum(), *evaluation.residual.shape))
@@ -249,10 +250,8 @@ def lens_map(chain: Corners, fit: BundleFit, printed: PrintErrors) -> LensMap:
     weight = fit.weights[0]
     total = np.maximum(np.bincount(cell, weight, len(count)), 1e-300)
     means = np.stack([np.bincount(cell, weight * row, len(count)) for row in residual]) / total
-    between, squares = (
-        float((total * (means**2).sum(0))[has_enough].sum()),
-        float((weight * (residual**2).sum(0)).sum()),
-    )
+    between = float((total * (means**2).sum(0))[has_enough].sum())
+    squares = float((weight * (residual**2).sum(0)).sum())
     degrees = 2 * int(has_enough.sum()), max(fit.degrees - spent - 2 * int(has_enough.sum()), 1)
     noise = max(squares - between, 0.0) / degrees[1]
     rms = np.sqrt(

@@ -118,7 +118,8 @@ def _points(points, by_point):
 
 
 def _point_labels(points):
-    column, row = _labels(points[0]), _labels(points[1])
+    column = _labels(points[0])
+    row = _labels(points[1])
     return np.unique(column * (row.max() + 1) + row, return_inverse=True)[1].ravel()
 
 

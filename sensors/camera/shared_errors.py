@@ -134,7 +134,8 @@ def _reduced(rows: CornerRows, precision) -> tuple[Reduced, PoseTables]:
         of_lines = table @ columns
         of_poses.append(of_lines.T @ of_lines)
         freedom.append(max(len(table) - _POSE, 0))
-    left, degrees = gram[count:, count:], sum(freedom)
+    left = gram[count:, count:]
+    degrees = sum(freedom)
     noise = gram[-1, -1] / max(degrees, 1)
     if count:
         cross = gram[:count, count:]

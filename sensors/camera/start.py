@@ -154,7 +154,8 @@ def homographies(chain: Corners, chosen: np.ndarray, new: np.ndarray) -> np.ndar
     places, board = _normalised(chain.points[:2, chosen], weight)
     pixels, image = _normalised(chain.pixels[:, chosen], weight)
     normal = _transform_normal(places, pixels, weight)
-    gram, right = normal[:, :8, :8], normal[:, :8, 8:]
+    gram = normal[:, :8, :8]
+    right = normal[:, :8, 8:]
     small = 1e-12 * np.trace(gram, axis1=1, axis2=2)
     found = solve_positive(gram + small[:, None, None] * np.eye(8), right)[..., 0]
     with_last = np.concatenate([found, np.ones((len(found), 1))], axis=1)

@@ -40,7 +40,9 @@ def is_collinear(views: Sequence["View"], board) -> np.ndarray:
 
     middle = np.stack([sums(row) for row in places]) / np.maximum(count, 1)
     x, y = places - middle[:, of_view]
-    xx, yy, xy = sums(x * x), sums(y * y), sums(x * y)
+    xx = sums(x * x)
+    yy = sums(y * y)
+    xy = sums(x * y)
     # the product of the variances along and across the corners, over the square of the larger one, which is the first
     product = xx * yy - xy * xy
     return product < _FLAT**2 * (xx + yy) ** 2

@@ -69,7 +69,8 @@ def _samples(camera):
     size = camera.size if min(camera.size) > 0 else (2 * camera.cx + 1, 2 * camera.cy + 1)
     spans = [np.linspace(-_MARGIN * s, (1 + _MARGIN) * s - 1, _GRID) for s in size]
     seen = camera.seen(np.stack(np.meshgrid(*spans)).reshape(2, -1))
-    ideal, out = iterate(camera, seen), (seen**2).sum(0)
+    ideal = iterate(camera, seen)
+    out = (seen**2).sum(0)
     lost = ~np.isfinite(ideal).all(0)
     reach = 0.95 * out[lost].min() if lost.any() else out.max()
     is_reached = out <= reach
@@ -78,7 +79,8 @@ def _samples(camera):
 
 def _basis(seen, direction, degree):
     """(2 k, degree + 5) what multiplies `radial`, `tilt` and `shift`."""
-    s, along = (seen**2).sum(0), direction @ seen
+    s = (seen**2).sum(0)
+    along = direction @ seen
     columns = [seen * s**power for power in range(degree + 1)]
     columns += [seen * along, seen * along * s, direction[:, None] * s, direction[:, None] * s**2]
     return np.stack([column.ravel() for column in columns], 1)
@@ -142,9 +144,13 @@ class Workspace:
             0.0,
             0.0,
         )[:8]
-        self.p1, self.p2, self.straight = p1, p2, not (p1 or p2)
-        self.top, self.top_slope = _trimmed(1, k1, k2, k3), _trimmed(2 * k1, 4 * k2, 6 * k3)
-        self.below, self.below_slope = _trimmed(1, k4, k5, k6), _trimmed(2 * k4, 4 * k5, 6 * k6)
+        self.p1 = p1
+        self.p2 = p2
+        self.straight = not (p1 or p2)
+        self.top = _trimmed(1, k1, k2, k3)
+        self.top_slope = _trimmed(2 * k1, 4 * k2, 6 * k3)
+        self.below = _trimmed(1, k4, k5, k6)
+        self.below_slope = _trimmed(2 * k4, 4 * k5, 6 * k6)
         self.wide = np.empty((2, 2, BLOCK)), np.empty((4, BLOCK))
         self.narrow = np.empty((4, 2, BLOCK), np.float32), np.empty((6, BLOCK), np.float32)
 
@@ -153,7 +159,8 @@ class Workspace:
         seen, gap = self.wide[0][:, :, : pixels.shape[1]]
         np.subtract(pixels, self.centre, out=seen)
         seen *= self.per_px
-        start, right = self._start(seen), self.narrow[0][0, :, : pixels.shape[1]]
+        start = self._start(seen)
+        right = self.narrow[0][0, :, : pixels.shape[1]]
         size = self.narrow[1][0, : pixels.shape[1]]
         beyond = None if size.max() < self.inverse.reach else ~(size < self.inverse.reach)
         np.copyto(out, start)
@@ -248,7 +255,8 @@ class Workspace:
         _horner(self.top_slope, r2, steep)
         if len(self.below) == 1:
             return
-        part, other = self.narrow[1][3, : len(r2)], self.narrow[1][5, : len(r2)]
+        part = self.narrow[1][3, : len(r2)]
+        other = self.narrow[1][5, : len(r2)]
         _horner(self.below_slope, r2, part)
         part *= m
         if not self.straight:  # m holds the tangential part too: taken out again

@@ -67,7 +67,8 @@ class LensResidual(Effect):
 
     def basis(self, state):
         x, y = state.field
-        z, r2 = x + 1j * y, x * x + y * y
+        z = x + 1j * y
+        r2 = x * x + y * y
         waves = np.stack(
             [_circle(z, r2, a, b) * (1j if turned else 1) for a, b, turned in self.terms]
         )
@@ -123,7 +124,8 @@ class CameraThermalDrift(WarmUpLaw, Effect):
 
     def table(self, chain):
         unit, size, prior = self.sizes(chain, 1e-5)
-        shift, wide = 1e3 * size, prior and 1e3 * prior
+        shift = 1e3 * size
+        wide = prior and 1e3 * prior
         of_focal, of_shift = ("1", "px") if unit == "1" else (f"1/{unit}", f"px/{unit}")
         return (
             self.parameter("focal", of_focal, size, "the focal length's growth", prior),

@@ -117,7 +117,8 @@ class MirrorVibration(Effect):
         times = np.unique(np.asarray(getattr(chain, "times", ()), float))
         if len(times) < 12:
             return
-        duration, step = float(np.ptp(times)), float(np.median(np.diff(times)))
+        duration = float(np.ptp(times))
+        step = float(np.median(np.diff(times)))
         spacing = 2 * np.pi / (_FINEST * duration)
         highest = min(np.pi / max(step, 1e-9), spacing * _MOST)
         values = np.arange(6 * np.pi / duration, highest, spacing)

@@ -161,7 +161,8 @@ def restricted_likelihood(
     chain, model_grams, parameters: Parameters, start: Variances
 ) -> Variances:
     """Variances at their fixed point on the linear model with Gram matrices `model_grams`."""
-    noise, spread = start.noise, np.array(start.spread)
+    noise = start.noise
+    spread = np.array(start.spread)
     for _ in range(_INNER):
         linear = solve_linear(model_grams, parameters, noise, _each(chain, spread))
         before = np.array([noise, *spread])
@@ -192,10 +193,13 @@ def _component(linear, group, sigma):
 
 def solve_linear(model_grams, parameters: Parameters, noise: float, sigma: np.ndarray) -> Linear:
     """Best shared change and pose errors of the linear model with Gram matrices `model_grams`, sigma (L,)."""
-    gram, measured = model_grams[0] / noise**2, model_grams[1].sum()
+    gram = model_grams[0] / noise**2
+    measured = model_grams[1].sum()
     free = parameters.mask
-    size, typical = int(free.sum()), parameters.typical[free]
-    group_columns, last = slice(size, size + len(sigma)), -1
+    size = int(free.sum())
+    typical = parameters.typical[free]
+    group_columns = slice(size, size + len(sigma))
+    last = -1
     inverse = covariance_of(gram[:, group_columns, group_columns], sigma**-2)
     mix = inverse @ np.concatenate(
         [gram[:, group_columns, :size], gram[:, group_columns, last:]], -1
@@ -236,9 +240,12 @@ def solve_equal(model_grams, parameters: Parameters, noise: float, sigma: np.nda
     """
     best = solve_linear(model_grams, parameters, noise, sigma)
     gram, free = model_grams[0], parameters.mask
-    size, typical = int(free.sum()), parameters.typical[free]
+    size = int(free.sum())
+    typical = parameters.typical[free]
     # blocks of the parameters, of these with the errors of the groups, and with the residual
-    plain, cross, right = gram[:, :size, :size], gram[:, :size, size:-1], gram[:, :size, -1]
+    plain = gram[:, :size, :size]
+    cross = gram[:, :size, size:-1]
+    right = gram[:, :size, -1]
     total = plain.sum(0)
     likelihood = float(np.diag(best.normal) @ typical**2)
     equal = float(np.diag(total) @ typical**2)
@@ -256,11 +263,9 @@ def solve_equal(model_grams, parameters: Parameters, noise: float, sigma: np.nda
 
 def _group_errors(group_blocks, size: int, sigma, change):
     """Errors of the groups at a change (P,) of the parameters; own: their rows of the weighted normal matrix."""
-    by_parameters, by_errors, right = (
-        group_blocks[:, :, :size],
-        group_blocks[:, :, size:-1],
-        group_blocks[:, :, -1],
-    )
+    by_parameters = group_blocks[:, :, :size]
+    by_errors = group_blocks[:, :, size:-1]
+    right = group_blocks[:, :, -1]
     right_side = right + by_parameters @ change
     normal = by_errors + np.diag(sigma**-2)
     return -solve_positive(normal, right_side[..., None])[..., 0]
@@ -281,7 +286,8 @@ def with_held_camera(adjusted: Adjusted, modes: np.ndarray) -> Adjusted:
     estimate of the camera is uncorrelated with what the images say of the board poses given the camera.
     C has to be the covariance of the adjustment alone: other contributions are added afterwards.
     """
-    old, chain = adjusted.parameters, replace(adjusted.chain, modes=modes)
+    old = adjusted.parameters
+    chain = replace(adjusted.chain, modes=modes)
     values = np.concatenate([old.values, np.zeros(modes.shape[1])])
     is_free = np.concatenate([old.mask, np.ones(modes.shape[1], bool)])
     parameters = replace(chain.parameters, values=values).only(is_free)
@@ -289,7 +295,8 @@ def with_held_camera(adjusted: Adjusted, modes: np.ndarray) -> Adjusted:
     model_grams = grams(chain.with_families(errors), parameters)
     spread = _each(chain, adjusted.variances.spread)
     normal = solve_linear(model_grams, parameters, adjusted.variances.noise, spread).normal
-    linear, size = adjusted.linear, int(old.mask.sum())
+    linear = adjusted.linear
+    size = int(old.mask.sum())
     influence = linear.covariance @ normal[:size, size:]
     covariance = linear.covariance + influence @ influence.T
     return replace(adjusted, linear=replace(linear, covariance=covariance))
@@ -331,7 +338,9 @@ def _distance(chain, model_grams, pose, linear, variances):
 
     size = len(linear.change)
     gram = model_grams[0][pose]
-    group_block, cross, said = gram[size:-1, size:-1], gram[size:-1, :size], gram[size:-1, -1]
+    group_block = gram[size:-1, size:-1]
+    cross = gram[size:-1, :size]
+    said = gram[size:-1, -1]
     spread = np.diag(_each(chain, variances.spread) ** 2)
     covariance = (
         variances.noise**2 * group_block

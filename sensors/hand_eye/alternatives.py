@@ -75,7 +75,8 @@ def scale_alternative(data: PoseData) -> Iterator[Alternative]:
     if data.count < 3:
         return
     fit = fit_poses(data, Freedom(scale=True))
-    log, std = float(np.log(fit.scale)), fit.scale_std
+    log = float(np.log(fit.scale))
+    std = fit.scale_std
     if not np.isfinite(std) or abs(log) < max(_DIFFERENT * std, _LEAST_SCALE):
         return
     seems, do = _scale_words(fit.scale, std)

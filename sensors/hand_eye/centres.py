@@ -79,7 +79,8 @@ def _solve(points, flange, ball) -> _Solution:
 
 def _design(flange, ball) -> np.ndarray:
     """(3 n, 3 + 3 K) derivative of the residual by shift and places."""
-    n, count = len(flange), int(ball.max()) + 1
+    n = len(flange)
+    count = int(ball.max()) + 1
     rows = np.zeros((n, 3, 3 + 3 * count))
     rows[:, :, :3] = flange[:, :3, :3]
     for axis in range(3):
@@ -105,7 +106,8 @@ def _descend(turn, points, flange, ball) -> _Solution:
         step = np.linalg.lstsq(rows / _scale(rows), -residual.T.ravel(), rcond=1e-10)[0]
         step = step / _scale(rows)
         turn = nearest_rotation(rotation_matrix(step[:3]) @ turn)
-        shift, places = shift + step[3:6], places + step[6:].reshape(-1, 3)
+        shift = shift + step[3:6]
+        places = places + step[6:].reshape(-1, 3)
         converged = bool(np.abs(step).max() < _SETTLED * _LEVER)
         if converged:
             break
@@ -128,7 +130,8 @@ def _linearised(turn, shift, places, points, flange, ball):
 
 
 def _result(centres, solution: _Solution, radius, residual_mm) -> HandEye:
-    rows, n = solution.rows, centres.points.shape[1]
+    rows = solution.rows
+    n = centres.points.shape[1]
     degrees = max(3 * n - rows.shape[1], 1)
     variance = float((solution.residual**2).sum()) / degrees
     covariance, loose = _covariance(rows, variance)

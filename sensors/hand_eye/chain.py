@@ -178,7 +178,8 @@ class BoardChain:
         """Points (3, n) moved by the error and carried through the flange; derivatives by the point
         and by the error (3, 3 | 6, n)."""
         flange = (inverse(self.flange) if self.kind == "in-hand" else self.flange)[self.pose]
-        error, pivot = self.errors[self.pose], self.pivot[self.pose].T
+        error = self.errors[self.pose]
+        pivot = self.pivot[self.pose].T
         turn = flange[:, :3, :3] @ rotation_matrix(error[:, 3:])
         spun = np.einsum("nij,jn->in", rotation_matrix(error[:, 3:]), placed - pivot)
         moved = (
@@ -261,7 +262,9 @@ class BallChain:
 
     def evaluate(self, values: np.ndarray, deltas=None) -> Evaluation:
         """Residual (1, n) mm, predicted minus measured, and its derivatives at shared `values`."""
-        turn, centre, seen = rotation_matrix(values[3:6]), self.centres(values), self._seen(values)
+        turn = rotation_matrix(values[3:6])
+        centre = self.centres(values)
+        seen = self._seen(values)
         cut = np.sqrt(np.maximum(values[9] ** 2 - centre[:, 1] ** 2, (_LEAST_CUT * values[9]) ** 2))
         towards = seen - centre[self.pose][:, [0, 2]].T
         length = np.hypot(*towards)

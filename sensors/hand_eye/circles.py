@@ -82,14 +82,18 @@ def fit_circles(flat, label, used, count) -> tuple[np.ndarray, np.ndarray]:
         )
     number = np.bincount(k, minlength=count)
     middle = np.stack([np.bincount(k, v, count) / number for v in (x, z)])
-    dx, dz = x - middle[0, k], z - middle[1, k]
+    dx = x - middle[0, k]
+    dz = z - middle[1, k]
     a, b, c = _solved([dx, dz, np.ones_like(dx)], (dx**2 + dz**2) / 2, k, count).T
-    centre, radius = middle + np.stack([a, b]), np.sqrt(2 * c + a**2 + b**2)
+    centre = middle + np.stack([a, b])
+    radius = np.sqrt(2 * c + a**2 + b**2)
     for _ in range(_STEPS):
-        dx, dz = x - centre[0, k], z - centre[1, k]
+        dx = x - centre[0, k]
+        dz = z - centre[1, k]
         length = np.hypot(dx, dz)
         step = _solved([dx / length, dz / length, np.ones_like(dx)], length - radius[k], k, count).T
-        centre, radius = centre + step[:2], radius + step[2]
+        centre = centre + step[:2]
+        radius = radius + step[2]
         if np.abs(step).max() < 1e-10:
             break
     return centre, radius
@@ -137,7 +141,8 @@ def _consensus(flat, noise, largest, k):
             f"profile {k}: expected an arc of a ball, found no circle smaller than {biggest:.4g} mm; "
             "check the radius or take the profile out"
         )
-    centre, radius = centre[:, fair], radius[fair]
+    centre = centre[:, fair]
+    radius = radius[fair]
     thin = flat[:, :: max(flat.shape[1] // 400, 1)]  # enough to rank circles by
     gap = np.hypot(thin[0, :, None] - centre[0], thin[1, :, None] - centre[1]) - radius
     best = int(np.argmin(np.minimum((gap / (4 * noise)) ** 2, 1).sum(0)))
@@ -193,7 +198,8 @@ def _cells_of_arc(from_centre, label, used, count, cells):
 
 
 def _words(label, used, count):
-    total, inliers = np.bincount(label, minlength=count), np.bincount(label[used], minlength=count)
+    total = np.bincount(label, minlength=count)
+    inliers = np.bincount(label[used], minlength=count)
     return tuple(
         f"profile {k}: {t - u} of {t} points left out, off the circle or at its ragged ends"
         for k, (t, u) in enumerate(zip(total.tolist(), inliers.tolist()))

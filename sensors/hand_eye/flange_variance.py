@@ -56,7 +56,8 @@ def flange_variance(adjusted: Adjusted, pivot: np.ndarray) -> FlangeVariance:
     parameters = adjusted.parameters
     model_grams = grams(chain, parameters)
     found = restricted_likelihood(chain, model_grams, parameters, adjusted.variances)
-    spread, std = np.array(found.spread), np.zeros(2)
+    spread = np.array(found.spread)
+    std = np.zeros(2)
     least = np.array([group.least for group in chain.groups])
     is_seen = np.zeros(2, bool)
     for k in range(2):
@@ -90,8 +91,10 @@ def _variance_std(model_grams, parameters, noise: float, spread: np.ndarray) -> 
     With S the variances of all pose errors and C their posterior covariance, T = S^-1 - S^-1 C S^-1, and the
     information of two groups is half the sum of the squares of their block of T (Harville 1977).
     """
-    sigma, free = np.repeat(spread, 3), parameters.mask
-    gram, size = model_grams[0] / noise**2, int(free.sum())
+    sigma = np.repeat(spread, 3)
+    free = parameters.mask
+    gram = model_grams[0] / noise**2
+    size = int(free.sum())
     group_columns = slice(size, size + len(sigma))
     shared = solve_linear(model_grams, parameters, noise, sigma).covariance
     inverse = covariance_of(gram[:, group_columns, group_columns], sigma**-2) / np.outer(

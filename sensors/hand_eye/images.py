@@ -120,7 +120,8 @@ def _best(chain, parameters, first, most, scale):
     if plain is None:
         return scaled, ()
     before, after = (_predicted(chain, found) for found in (plain, scaled))
-    scale, sigma = scaled[0].parameters[_SCALE], _scale_sigma(scaled[0])
+    scale = scaled[0].parameters[_SCALE]
+    sigma = _scale_sigma(scaled[0])
     is_kept = _is_reduced(before, after, abs(scale) > _CERTAIN * sigma)
     rms = [float(np.sqrt(np.nanmean(squares))) for squares in (before, after)]
     words = f"scale of the board {scale:+.2%} (sigma {sigma:.2%}): held-out {rms[0]:.3g} -> {rms[1]:.3g} px"

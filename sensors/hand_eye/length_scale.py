@@ -71,7 +71,8 @@ def _bounds(moments, degrees: int, level: float) -> tuple[float, float]:
 def _reduced(moved, seen) -> tuple[np.ndarray, np.ndarray, int]:
     """(3P,) mm of the flange and of the camera without what the hand-eye transform explains, and degrees of freedom."""
     turn = align(moved, seen)[0][:3, :3]
-    turns, count = moved[:, :3, :3], len(moved)
+    turns = moved[:, :3, :3]
+    count = len(moved)
     places = np.einsum("pij,pj->pi", turns @ turn, seen[:, :3, 3])
     spins = skew(places) @ turns
     fixed = np.tile(np.eye(3), (count, 1, 1))

@@ -30,7 +30,8 @@ class Reading:
 
 def pose_readings(flange: np.ndarray) -> Iterator[Reading]:
     """Every mistake that flange poses (P, 4, 4) may hold, the most frequent first."""
-    turn, place = flange[:, :3, :3], flange[:, :3, 3]
+    turn = flange[:, :3, :3]
+    place = flange[:, :3, 3]
     yield Reading(
         "inverse",
         "the poses look inverted, T_flange_base given for T_base_flange, or the sensor and the board have changed "

@@ -42,7 +42,8 @@ def motion(flange: np.ndarray, kind: str, spin: float = 0.0, shift: float = 0.0)
     moved = flange if kind != "to-hand" else inverse(flange)
     motions = inverse(moved) @ moved[:1]
     vectors = rotation_vector(motions[:, :3, :3])
-    still, mount = max(STILL, _ERRORS * spin), "base" if kind == "to-hand" else "flange"
+    still = max(STILL, _ERRORS * spin)
+    mount = "base" if kind == "to-hand" else "flange"
     axes = thin_svd(vectors)[2]
     near = max(_AT_REST, _ERRORS * shift)
     if np.linalg.norm(vectors, axis=1).max() < still and (
@@ -110,7 +111,8 @@ def _along(axis):
 
 def _motion(moved, twists, sentence):
     """moved (P, 4, 4): from the frame of the sensor's mount into that of the target; twists (6, M) of the sensor."""
-    turn, place = moved[0, :3, :3], moved[0, :3, 3]
+    turn = moved[0, :3, :3]
+    place = moved[0, :3, 3]
     spun = turn @ twists[3:]
     carried = turn @ twists[:3] + np.cross(place, spun.T).T
     return Motion(twists, np.concatenate([carried, spun]), (sentence,))
@@ -118,7 +120,8 @@ def _motion(moved, twists, sentence):
 
 def readings(flange: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
     """Other readings of flange poses (P, 4, 4), each with its words; the simple ones first."""
-    turn, place = flange[:, :3, :3], flange[:, :3, 3]
+    turn = flange[:, :3, :3]
+    place = flange[:, :3, 3]
     yield "the positions look like metres given for millimetres", transform(turn, 1000 * place)
     yield "the positions look too large by 1000", transform(turn, place / 1000)
     for reading in pose_readings(flange):

@@ -124,7 +124,8 @@ def _closed_form_scale(moved, seen, sensor):
     (R_A - 1) t_X + s t_A = R_X t_B of all relative motions A of the flange and B of the camera.
     """
     i, j = np.triu_indices(len(moved), 1)
-    flange, camera = inverse(moved[j]) @ moved[i], seen[j] @ inverse(seen[i])
+    flange = inverse(moved[j]) @ moved[i]
+    camera = seen[j] @ inverse(seen[i])
     rows = (flange[:, :3, :3] - np.eye(3)).reshape(-1, 3)
     size = max(float(np.abs(flange[:, :3, 3]).max()), 1e-12)
     design = np.column_stack([rows, flange[:, :3, 3].reshape(-1) / size])
@@ -159,14 +160,14 @@ def replace_labels(data: PoseData, fit: PoseFit, labels: np.ndarray) -> np.ndarr
 
 def _descend(data, state, labels, freedom, steps=_STEPS) -> PoseFit:
     """Levenberg-Marquardt with Cauchy weights whose width follows the median distance."""
-    damping, cost, weight = 1e-3, np.inf, np.ones(data.count)
+    damping = 1e-3
+    cost = np.inf
+    weight = np.ones(data.count)
     rejected = False
     for step in range(steps):
         if not rejected:
-            residual, rows = (
-                _residual(data, state, labels, freedom),
-                _rows(data, state, labels, freedom),
-            )
+            residual = _residual(data, state, labels, freedom)
+            rows = _rows(data, state, labels, freedom)
             if step % 3 == 0:
                 weight = _weights(_distances(residual))
             cost = float((weight * _distances(residual) ** 2).sum())
@@ -330,7 +331,8 @@ def _moved_state(state, change, freedom) -> _State:
     scale = (
         state.scale * float(np.exp(np.clip(change[-1], -1, 1))) if freedom.scale else state.scale
     )
-    sensor, board = _nudged(state.sensor, parts[0]), _nudged(state.board, parts[1])
+    sensor = _nudged(state.sensor, parts[0])
+    board = _nudged(state.board, parts[1])
     return _State(
         sensor,
         sensor if later[0] is None else _nudged(state.later_sensor, later[0]),

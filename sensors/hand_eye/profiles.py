@@ -61,7 +61,8 @@ def hand_eye_from_profiles(
 
 
 def _checked(points, pose, flange):
-    points, pose = np.asarray(points, float), np.asarray(pose)
+    points = np.asarray(points, float)
+    pose = np.asarray(pose)
     if points.ndim != 2 or len(points) != 3 or pose.shape != points.shape[1:]:
         raise InputError(
             f"profiles: expected points (3, n) and one pose number a point, found {points.shape} and "
@@ -69,7 +70,8 @@ def _checked(points, pose, flange):
         )
     flange = checked_flange(flange, "profiles")
     finite = np.isfinite(points).all(0)
-    points, pose = points[:, finite], pose[finite].astype(int)
+    points = points[:, finite]
+    pose = pose[finite].astype(int)
     if len(flange) < _LEAST:
         raise InputError(
             f"profiles: expected at least {_LEAST} poses, found {len(flange)}; take more, with turns "

@@ -101,7 +101,8 @@ def _linear(circles, flange, radius):
         -1,
     )
     right = circles[:2].T + np.einsum("saj,pj->spa", axes, home)
-    rows, right = rows.reshape(len(axes), -1, 6), right.reshape(len(axes), -1, 1)
+    rows = rows.reshape(len(axes), -1, 6)
+    right = right.reshape(len(axes), -1, 1)
     size = np.sqrt(
         (rows**2).sum(1, keepdims=True).max(0)
     )  # what poses that never turn leave open stays small
@@ -115,7 +116,8 @@ def _linear(circles, flange, radius):
 
 def _residual(values, circles, flange, radius):
     """(S, 3, P) mm at values (S, 10): place of the circle in the plane, and distance from the ball's surface."""
-    sensor_place, sensor_turn = values[:, None, :3], values[:, 3:6]
+    sensor_place = values[:, None, :3]
+    sensor_turn = values[:, 3:6]
     ball = values[:, None, 6:9]
     flange_inverse = np.swapaxes(flange[:, :3, :3], 1, 2)
     from_flange = ball - flange[:, :3, 3]

@@ -99,7 +99,8 @@ def displacement_px(first, second) -> float:
     shared, mine, its = np.intersect1d(first.index, second.index, return_indices=True)
     if not shared.size:
         return float("nan")
-    before, after = first.pixels[:, mine], second.pixels[:, its]
+    before = first.pixels[:, mine]
+    after = second.pixels[:, its]
     away = float(np.median(np.linalg.norm(before - after, axis=0)))
     if len(shared) < len(first.index):
         return away

@@ -174,7 +174,8 @@ def _is_named(reviewed, alternative: Alternative, arm: float) -> bool:
 
 def _is_better(reviewed, alternative: Alternative, tried: int) -> bool:
     """Likelihood ratio with variances unknown, corrected for the number tried and for the parameters added."""
-    before, after = max(alternative.recorded(reviewed), 1e-12), max(alternative.misfit, 1e-12)
+    before = max(alternative.recorded(reviewed), 1e-12)
+    after = max(alternative.misfit, 1e-12)
     if not np.isfinite(after):
         return False
     numbers = 6 * len(reviewed.fit.distance)
@@ -221,7 +222,8 @@ def rotation_disagreement(data: PoseData, labels: np.ndarray) -> float:
     """deg, median difference between the angles by which flange and camera rotated (Chen, CVPR 1991)."""
     seen = data.seen[labels, np.arange(data.count)]
     i, j = np.triu_indices(data.count, 1)
-    flange, camera = inverse(data.moved[j]) @ data.moved[i], seen[j] @ inverse(seen[i])
+    flange = inverse(data.moved[j]) @ data.moved[i]
+    camera = seen[j] @ inverse(seen[i])
     alpha, beta = (
         np.linalg.norm(rotation_vector(motions[:, :3, :3]), axis=1) for motions in (flange, camera)
     )

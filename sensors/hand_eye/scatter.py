@@ -79,7 +79,8 @@ def least_scatter(chain, points, values, used) -> dict[str, float]:
 
     Each board's pose from its image alone, camera as found; started at the hand-eye of `values`.
     """
-    seen, flange = _seen(chain, values)[used], chain.flange[used]
+    seen = _seen(chain, values)[used]
+    flange = chain.flange[used]
     away = deviations(
         placed_boards(flange, _least(flange, seen, chain.kind, values[:6]), seen, chain.kind),
         points,
@@ -89,7 +90,9 @@ def least_scatter(chain, points, values, used) -> dict[str, float]:
 
 def held_least(chain, points, values, used) -> dict[str, float]:
     """The same with every used pose's hand-eye and mean from the others alone."""
-    seen, flange, rows = _seen(chain, values)[used], chain.flange[used], []
+    seen = _seen(chain, values)[used]
+    flange = chain.flange[used]
+    rows = []
     for k in range(len(flange)):
         others = np.arange(len(flange)) != k
         placed = placed_boards(
@@ -129,7 +132,8 @@ def scattered(values: np.ndarray, flange: np.ndarray, seen: np.ndarray) -> np.nd
 
 def scattered_derivative(values: np.ndarray, flange: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """(6 P, 6) derivative of `scattered` with respect to the values."""
-    sensor, turn = placement(values), flange[:, :3, :3]
+    sensor = placement(values)
+    turn = flange[:, :3, :3]
     arm = (sensor[:3, :3] @ seen[:, :3, 3, None])[..., 0]
     moved = [_centred(turn), -_centred(turn @ skew(arm))]
     mean, away = _from_mean((flange @ sensor @ seen)[:, :3, :3])

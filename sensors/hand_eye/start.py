@@ -191,7 +191,8 @@ def align(moved: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, float, np.nd
     distance.
     """
     flange, camera = _pairs(moved, seen)
-    alpha, beta = rotation_vector(flange[:, :3, :3]), rotation_vector(camera[:, :3, :3])
+    alpha = rotation_vector(flange[:, :3, :3])
+    beta = rotation_vector(camera[:, :3, :3])
     angles = np.linalg.norm(np.stack([alpha, beta]), axis=2)
     sure = (angles < _HALF_TURN).all(0)
     reach = np.median(np.linalg.norm(seen[:, :3, 3], axis=1))

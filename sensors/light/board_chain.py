@@ -127,7 +127,8 @@ class Evaluation(Sight):
 
     def _hit(self):
         """Where the rays of the pixels meet the boards."""
-        chain, group = self.chain, self.chain.labels["placement"]
+        chain = self.chain
+        group = self.chain.labels["placement"]
         normals = rotation_matrix(chain.poses[:, 3:])[:, :, 2]
         self.normal = normals[group].T
         self.facing = (self.normal * self.ray).sum(0)
@@ -139,7 +140,8 @@ class Evaluation(Sight):
         """How far the hits miss their planes, mm, and the slope of that."""
         self.place = self.hits + self._delta("point")
         change = self._delta("plane")
-        self.plane, curvature = self._planes() + change[:4], change[4]
+        self.plane = self._planes() + change[:4]
+        curvature = change[4]
         self.slope = self.plane[:3]
         self.miss = (self.slope * self.place).sum(0) + self.plane[3]
         if curvature.any():
@@ -161,7 +163,8 @@ class Evaluation(Sight):
     @property
     def on_board(self) -> np.ndarray:
         """(3, n) mm, the hits in the frame of their board."""
-        poses, group = self.chain.poses, self.chain.labels["placement"]
+        poses = self.chain.poses
+        group = self.chain.labels["placement"]
         turn = rotation_matrix(poses[:, 3:])[group]
         return np.einsum("nij,in->jn", turn, self.hits - poses[group, :3].T)
 
@@ -177,7 +180,8 @@ class Evaluation(Sight):
         return (self._pose_rows() / self.gain)[:, None] if name == "placement" else self.step_rows()
 
     def _pose_rows(self):
-        poses, group = self.chain.poses, self.chain.labels["placement"]
+        poses = self.chain.poses
+        group = self.chain.labels["placement"]
         shift = self.grazing * self.normal
         lever = np.cross(self.hits - poses[group, :3].T, shift, axis=0)
         turn = left_jacobian(poses[:, 3:])[group]

@@ -87,7 +87,8 @@ class BoardStripes:
         if self.mirror is None or not np.isfinite(self.mirror).all():
             return None
         place = np.searchsorted(steps, self.step)
-        low, high = np.full(len(steps), np.inf), np.full(len(steps), -np.inf)
+        low = np.full(len(steps), np.inf)
+        high = np.full(len(steps), -np.inf)
         np.minimum.at(low, place, self.mirror)
         np.maximum.at(high, place, self.mirror)
         if (odd := np.flatnonzero(high - low > 1e-9)).size:
@@ -134,7 +135,8 @@ def on_the_board(board: Board, points: np.ndarray) -> np.ndarray:
     A chessboard reaches one square beyond its inner corners, a grid of circles half a step beyond its centres.
     """
     beyond = board.square_mm * (0.5 if board.kind.endswith("circles") else 1.0)
-    low, high = board.points.min(1)[:2] - beyond, board.points.max(1)[:2] + beyond
+    low = board.points.min(1)[:2] - beyond
+    high = board.points.max(1)[:2] + beyond
     return ((points[:2] >= low[:, None]) & (points[:2] <= high[:, None])).all(0)
 
 
@@ -149,7 +151,8 @@ def wrong_points(chain: BoardStripeChain, here: Evaluation) -> np.ndarray:
     along = chain.pixels[1] * chain.scan[0] + chain.pixels[0] * chain.scan[1]
     place = centred(along, group, count)
     shape = np.stack([np.ones_like(place), place, place**2])
-    residual, sigma = here.residual[0], np.broadcast_to(chain.sigma, (1, chain.n))[0]
+    residual = here.residual[0]
+    sigma = np.broadcast_to(chain.sigma, (1, chain.n))[0]
     away, weights = residual, np.ones(chain.n)
     for _ in range(_ROUNDS):
         centreline = _fitted(shape, residual, weights / sigma**2, group, count)
@@ -208,7 +211,8 @@ def _independent(chain: BoardStripeChain) -> int:
     """
     group, count = groups(chain.labels["placement"], chain.labels["step"])
     along = chain.pixels[1] * chain.scan[0] + chain.pixels[0] * chain.scan[1]
-    order, place = np.lexsort((along, group)), centred(along, group, count)
+    order = np.lexsort((along, group))
+    place = centred(along, group, count)
     residual = chain.evaluate(chain.parameters.values, {}).residual[0]
     sigma = np.broadcast_to(chain.sigma, (1, chain.n))[0]
     shape = np.stack([np.ones_like(place), place, place**2])

@@ -14,7 +14,8 @@ def groups(*labels: np.ndarray) -> tuple[np.ndarray, int]:
 
 def centred(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
     """(n,) values about the middle of their group (n,), of `count`, over its half width."""
-    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    low = np.full(count, np.inf)
+    high = np.full(count, -np.inf)
     np.minimum.at(low, group, values)
     np.maximum.at(high, group, values)
     return (values - (low + high)[group] / 2) / np.maximum((high - low)[group] / 2, 1e-9)

@@ -66,7 +66,8 @@ class Mirror:
 
     def by_normal(self, angles: np.ndarray, turn: np.ndarray) -> np.ndarray:
         """(..., 4, n) change of the planes for a change `turn` (..., 3, n) of the face's normals."""
-        normals, beam = self.normals(angles), self.beam[:3, None]
+        normals = self.normals(angles)
+        beam = self.beam[:3, None]
         cosine = (beam * normals).sum(0)
         reach = self.point @ normals + self.offset
         # changes of the cosine and of the reach
@@ -138,7 +139,8 @@ class MovedMirror:
 
     def _beam_normal(self):
         """(3,) unit normal of the beam and (2, 3) its derivative by cone and turn."""
-        normal, axis = self.start.beam[:3], self.start.axis
+        normal = self.start.beam[:3]
+        axis = self.start.axis
         cone = axis - (axis @ normal) * normal
         cone = cone / np.linalg.norm(cone)
         directions = np.stack([cone, np.cross(axis, normal)])
@@ -157,7 +159,8 @@ class MovedMirror:
 
     def rows(self, commanded: np.ndarray, extra: np.ndarray | float = 0.0) -> np.ndarray:
         """(10, 4, n) derivative of the planes with respect to the changes."""
-        mirror, angles = self.mirror, self.angles(commanded, extra)
+        mirror = self.mirror
+        angles = self.angles(commanded, extra)
         vector, columns = self._turn
         normals = mirror.normals(angles)
         rows = np.zeros((10, 4, len(angles)))

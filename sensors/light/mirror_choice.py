@@ -97,10 +97,8 @@ def try_mirror(
     start, gain = start_mirror(free.board_stripes.planes[:, known], commanded[known], by_step)
     said = _odd_gain(gain, by_step)
     if said:  # what was commanded is no angle of the mirror: only its steps count
-        by_step, (start, gain) = (
-            True,
-            start_mirror(free.board_stripes.planes[:, known], commanded[known], True),
-        )
+        by_step = True
+        (start, gain) = start_mirror(free.board_stripes.planes[:, known], commanded[known], True)
     angles = commanded * gain if by_step else commanded
     board_stripes = fresh_start(free, start.planes(angles), start, angles)
     names = (*_FIRST, "gain") if by_step else _FIRST

@@ -78,7 +78,8 @@ def light_origin(planes: np.ndarray) -> np.ndarray | None:
     in least squares. How far along that line the light starts is not known, and hardly changes where it falls on a
     surface across the planes.
     """
-    normals, offsets = planes[:3].T, planes[3]
+    normals = planes[:3].T
+    offsets = planes[3]
     if len(offsets) < 2:
         return None
     turned = normals * np.sign(normals @ normals[0])[:, None]

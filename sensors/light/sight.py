@@ -173,7 +173,8 @@ class Sight:
 
     def _planes(self):
         """(4, n) of each point."""
-        chain, step = self.chain, self.chain.labels["step"]
+        chain = self.chain
+        step = self.chain.labels["step"]
         if chain.mirror is not None:
             planes = self.mirror.planes(*self._angles())
             return planes if "mirror" in self.deltas else planes[:, step]

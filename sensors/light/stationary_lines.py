@@ -131,7 +131,8 @@ def _ends(line, pixels, every) -> np.ndarray:
     first, last = place.min(), place.max()
     covered = np.sort(direction @ (every - middle[:, None]))
     gaps = np.flatnonzero(np.diff(covered) > _GAP_PX)
-    starts, stops = covered[np.append(0, gaps + 1)], covered[np.append(gaps, len(covered) - 1)]
+    starts = covered[np.append(0, gaps + 1)]
+    stops = covered[np.append(gaps, len(covered) - 1)]
     first = starts[starts <= first + _ROUNDING_PX].max(initial=-np.inf)
     last = stops[stops >= last - _ROUNDING_PX].min(initial=np.inf)
     return middle[:, None] + np.outer(direction, [first, last])

@@ -40,7 +40,8 @@ def unshaded(chain: BoardStripeChain, plane_width: float, light: np.ndarray) -> 
 
 
 def _bend(chain, light) -> SurfaceLine:
-    turns, placement = rotation_matrix(chain.poses[:, 3:]), chain.labels["placement"]
+    turns = rotation_matrix(chain.poses[:, 3:])
+    placement = chain.labels["placement"]
     heights = (turns[:, :, 2] * chain.poses[:, :3]).sum(1)
     return line_on_boards(
         chain.camera,

@@ -151,7 +151,8 @@ def random_effect(spread: float, label: np.ndarray, shape: np.ndarray, weight: n
     """The factor of errors of 1 sigma `spread` that points (n,) of one label share, in proportion to `shape`."""
     from scipy.sparse import csr_array
 
-    n, count = len(label), int(label.max(initial=-1)) + 1
+    n = len(label)
+    count = int(label.max(initial=-1)) + 1
     known = np.maximum(np.bincount(label, weight * shape**2, count), 1e-300)
     lost = 1 - 1 / np.sqrt(1 + spread**2 * known)
     sums = csr_array((weight * shape, (label, np.arange(n))), shape=(count, n))

@@ -22,7 +22,8 @@ def indirect_light(instrument: Instrument, stage: Stage, found: Stripe):
     if not share or not len(found.flat):
         return None
     rows = np.searchsorted(stage.flat, found.flat)
-    points, normals = stage.points[:, :, 0], stage.normals[:, :, 0]
+    points = stage.points[:, :, 0]
+    normals = stage.normals[:, :, 0]
     bright = found.light.mean(1)
     lit = np.flatnonzero(bright > _DIM * bright.max(initial=0.0))
     if not len(lit):

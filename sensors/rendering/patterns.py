@@ -39,7 +39,8 @@ class Pattern:
     @cached_property
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest (x, y) of the board itself, mm."""
-        points, step = self.board.points[:2], self.board.square_mm
+        points = self.board.points[:2]
+        step = self.board.square_mm
         around = step * (self.margin + (0 if self.board.marks == "circles" else 1))
         return points.min(1) - around, points.max(1) + around
 
@@ -71,7 +72,8 @@ class Pattern:
 
     def _markers(self, x, y, width):
         """Ink of the ArUco markers in the light squares, from a table of their bits."""
-        column, row = np.floor(x).astype(int) + 1, np.floor(y).astype(int) + 1
+        column = np.floor(x).astype(int) + 1
+        row = np.floor(y).astype(int) + 1
         known = (
             (column >= 0) & (column <= self.board.columns) & (row >= 0) & (row <= self.board.rows)
         )
@@ -156,10 +158,8 @@ def _texture(bits, number, u, v, width):
     (left_share, right_share), (above, below_share) = _between(u, width), _between(v, width)
     for across in (0, 1):
         for down in (0, 1):
-            column, row = (
-                np.clip(left_share + across + 1, 0, side + 1),
-                np.clip(above + down + 1, 0, side + 1),
-            )
+            column = np.clip(left_share + across + 1, 0, side + 1)
+            row = np.clip(above + down + 1, 0, side + 1)
             weight = (right_share if across else 1 - right_share) * (
                 below_share if down else 1 - below_share
             )

@@ -39,10 +39,8 @@ def _values(place: Place) -> np.ndarray:
 def _random(views, middle, camera, rng, fits=None) -> np.ndarray:
     """(6,) pose that brings the object's point `middle` into the field; the first of many that `fits`."""
     tilt = np.deg2rad(views.tilt_deg) * np.sqrt(rng.uniform(size=_TRIES))
-    about, roll = (
-        rng.uniform(0, 2 * np.pi, _TRIES),
-        np.deg2rad(views.roll_deg) * rng.uniform(-1, 1, _TRIES),
-    )
+    about = rng.uniform(0, 2 * np.pi, _TRIES)
+    roll = np.deg2rad(views.roll_deg) * rng.uniform(-1, 1, _TRIES)
     tilts = Rotation.from_rotvec((tilt * np.stack([np.cos(about), np.sin(about), 0 * about])).T)
     turns = (tilts * Rotation.from_rotvec(np.outer(roll, [0, 0, 1.0]))).as_matrix()
     size = np.array(camera.size)[:, None]

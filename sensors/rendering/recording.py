@@ -125,7 +125,8 @@ def _six(poses: np.ndarray) -> np.ndarray:
 
 def _takes(scene, boards, artefacts, stations) -> Iterator[_Take]:
     """Everything in the order in which it was taken, with the clock running."""
-    rng, clock = np.random.default_rng((scene.seed, 3)), 0.0
+    rng = np.random.default_rng((scene.seed, 3))
+    clock = 0.0
     wanted = scene.placements.laser
     laser = len(boards) if wanted is None else min(wanted, len(boards))
     laser = laser if len(scene.instrument.steps) else 0
@@ -140,15 +141,14 @@ def _takes(scene, boards, artefacts, stations) -> Iterator[_Take]:
         )
         moment = Moment(scene.causes, covariates)
         if role == "scan":
-            surfaces, row = _artefact(scene, artefacts[k], moment), {"scan": k + 1}
+            surfaces = _artefact(scene, artefacts[k], moment)
+            row = {"scan": k + 1}
             is_numbered = stations is not None and stations.rows is None
             number = stations.columns["sample"][k] if is_numbered else None
         else:
             surfaces = (BoardSurface(scene.board.pattern, boards[k], scene.sees, moment),)
-            row, columns = (
-                {"placement": k + 1},
-                stations is not None and stations.board_samples is not None,
-            )
+            row = {"placement": k + 1}
+            columns = stations is not None and stations.board_samples is not None
             number = stations.board_samples[k] if columns else None
         if number is not None:
             row["sample"] = int(number)
@@ -182,7 +182,9 @@ def _covariates(scene, role, place, clock, share, rng) -> tuple[dict[str, float]
 
 def _artefact(scene, pose, moment) -> tuple[Surface, ...]:
     """Balls in view and mesh, in the camera frame."""
-    turn, camera, surfaces = rotation_matrix(pose[3:]), scene.sees, []
+    turn = rotation_matrix(pose[3:])
+    camera = scene.sees
+    surfaces = []
     if scene.balls:
         table = np.array(scene.balls).T
         centres, radii = true_balls(table[:3], table[3], camera, moment)
@@ -230,7 +232,8 @@ def _images(scene, take: _Take, folder) -> Iterator[Mapping]:
             0
         ]
     )
-    instrument, moment = scene.instrument, Moment(scene.causes, take.covariates)
+    instrument = scene.instrument
+    moment = Moment(scene.causes, take.covariates)
     common = {"role": take.role, "placement": "", "scan": "", **take.row, **take.covariates}
     if take.role == "board":
         name = f"images/board-{take.place:03d}.png"

@@ -158,11 +158,10 @@ def _spread_stripe(instrument, found: Stripe, canvas):
         return None
     rows, columns = np.divmod(found.flat, canvas.shape[1])
     reach = canvas.margin
-    top, left_column = max(rows.min() - reach, 0), max(columns.min() - reach, 0)
-    bottom, right = (
-        min(rows.max() + reach + 1, canvas.shape[0]),
-        min(columns.max() + reach + 1, canvas.shape[1]),
-    )
+    top = max(rows.min() - reach, 0)
+    left_column = max(columns.min() - reach, 0)
+    bottom = min(rows.max() + reach + 1, canvas.shape[0])
+    right = min(columns.max() + reach + 1, canvas.shape[1])
     shape = (bottom - top, right - left_column)
     place = (rows - top) * shape[1] + columns - left_column
     sigma = instrument.optics.sigma(found.depth)
@@ -172,7 +171,8 @@ def _spread_stripe(instrument, found: Stripe, canvas):
         light = _placed(found.light.mean(1) * scale, place, shape)
         return formation.defocus(light, _placed(sigma, place, shape)), spread, top, left_column
     parts = round(found.light.shape[1] ** 0.5)
-    fine, inner = (shape[0] * parts, shape[1] * parts), np.arange(parts)
+    fine = (shape[0] * parts, shape[1] * parts)
+    inner = np.arange(parts)
     corner = parts * ((rows - top) * fine[1] + columns - left_column)
     place = corner[:, None] + np.add.outer(inner * fine[1], inner).ravel()
     light = formation.defocus(

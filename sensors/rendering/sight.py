@@ -62,11 +62,13 @@ def _look(instrument, surfaces, pixels, moment):
 
 
 def _nearest(surfaces, rays):
-    best, which = np.full(rays.shape[1], np.inf), np.full(rays.shape[1], -1, np.int16)
+    best = np.full(rays.shape[1], np.inf)
+    which = np.full(rays.shape[1], -1, np.int16)
     for number, surface in enumerate(surfaces):
         distance = surface.meet(rays)
         nearer = distance < best  # nan, where there is nothing, is not
-        best, which = np.where(nearer, distance, best), np.where(nearer, number, which)
+        best = np.where(nearer, distance, best)
+        which = np.where(nearer, number, which)
     return Seen(rays * np.where(which >= 0, best, np.nan), which)
 
 

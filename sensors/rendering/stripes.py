@@ -114,7 +114,8 @@ def _reached(instrument, rough, probes, index, moment) -> np.ndarray:
         nominal[:3] @ probes + nominal[3]
     )
     pixel = np.nanmax(probes[2]) / instrument.camera.fx
-    low, high = min(moved.min(), 0), max(moved.max(), 0)
+    low = min(moved.min(), 0)
+    high = max(moved.max(), 0)
     limit = _REACH * _widest(instrument, index, probes) + pixel + 0.2 * (high - low)
     distance = nominal[:3].astype(np.float32) @ rough + np.float32(nominal[3])
     with np.errstate(invalid="ignore"):
@@ -245,7 +246,8 @@ def _specular(instrument, surfaces, index, balls, points, normals):
         return highlight
     towards = source[:, None] - points
     length = np.linalg.norm(towards, axis=0)
-    towards, back = towards / length, -points / np.linalg.norm(points, axis=0)
+    towards = towards / length
+    back = -points / np.linalg.norm(points, axis=0)
     lit = (towards * normals).sum(0) > 0
     for number, gloss in glossy.items():
         mine = lit & (balls == number)

@@ -37,7 +37,8 @@ class BoardSurface:
 
     def meet(self, rays: np.ndarray) -> np.ndarray:
         """(n,) mm along unit rays (3, n) from the camera; nan beyond the board's edge."""
-        turned, start = self.turn.T @ rays, -self.turn.T @ self.pose[:3]
+        turned = self.turn.T @ rays
+        start = -self.turn.T @ self.pose[:3]
         with np.errstate(divide="ignore", invalid="ignore"):
             flat, distance = _at_height(turned, start, 0.0)
             moved = np.zeros((3, 1))

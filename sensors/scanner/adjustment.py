@@ -52,7 +52,8 @@ class Adjustment:
 
     def joint(self) -> np.ndarray:
         """(P + 3 S, D) factor of the covariance of the camera's values and the planes' tilts (rad) and offsets (mm)."""
-        table, camera_values = self.fit.table, self.board_stripes.camera.values
+        table = self.fit.table
+        camera_values = self.board_stripes.camera.values
         rows = np.zeros((len(camera_values) + 3 * self.board_stripes.planes.shape[1], len(table)))
         for k, key in enumerate(camera_parameters(self.camera).keys):
             if key in table.index:
@@ -100,7 +101,8 @@ def stripe_model(
     board_stripes: BoardStripeChain, effects: Sequence[Effect], known: Parameters
 ) -> tuple[Model, Parameters]:
     """The model of stripes that start where they are, and its table with the effects' `known` values."""
-    model, parameters = Model(board_stripes, tuple(effects)), board_stripes.parameters
+    model = Model(board_stripes, tuple(effects))
+    parameters = board_stripes.parameters
     return model, model.parameters.take_over(known).update(
         {key: parameters[key] for key in parameters.keys}
     )
@@ -198,10 +200,8 @@ def adjust(
     where the stripes contradict them, and no noise.
     """
     adjustment = solve_once(corners, board_stripes, effects, known, free, "huber")
-    corners, board_stripes = (
-        _without_wrong(adjustment.corners, adjustment.fit, 0),
-        _without_wrong(adjustment.board_stripes, adjustment.fit, 1),
-    )
+    corners = _without_wrong(adjustment.corners, adjustment.fit, 0)
+    board_stripes = _without_wrong(adjustment.board_stripes, adjustment.fit, 1)
     progress(f"{board_stripes.n} points of stripes and {corners.pixels.shape[1]} corners are kept")
     scales = adjustment.fit.scales
     for _ in range(_ROUNDS):

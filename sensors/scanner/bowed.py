@@ -44,7 +44,8 @@ def calibrated_with_bow(calibrate: Calibrate) -> ScannerCalibration:
     bow = PlaneBow("laser")
     bowed = calibrate((bow,))
     key = bow.parameters(bowed.made.board_stripes)[0].key
-    value, std = bowed.made.parameters[key], bowed.std[key]
+    value = bowed.made.parameters[key]
+    std = bowed.std[key]
     if not (abs(value) > _SIGNIFICANT * std and _is_better(flat, bowed, misfit)):
         return flat
     sentence = (

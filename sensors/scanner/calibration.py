@@ -215,10 +215,8 @@ def _result(camera, found, free, adjustment, checked, held_out, provenance) -> S
     pixels, millimetres = residuals(adjustment, last)
     good = ~found.wrong & (np.abs(pixels) <= 5 * 1.4826 * np.median(np.abs(pixels[~found.wrong])))
     dropped = {**found.dropped, _WRONG: int((~good).sum())}
-    plane_covariances, centre = (
-        adjustment.apart(found.volume),
-        _centre_noise(last.at(good), pixels[good]),
-    )
+    plane_covariances = adjustment.apart(found.volume)
+    centre = _centre_noise(last.at(good), pixels[good])
     scanner = _scanner(adjustment, found, plane_covariances, centre, provenance)
     about_fit = (
         *camera.undetermined,
@@ -310,7 +308,8 @@ def _prepared(camera, stripes: BoardStripes, board) -> _Found:
     group = order[np.searchsorted(names[order], retained.placement)]
     here = _chain(camera, retained, board, group).at_start
     on = on_the_board(board, here.on_board) & (here.depth > 0)
-    retained, group, hits = _less(retained, on, dropped, _OFF_BOARD), group[on], here.hits[:, on]
+    retained = _less(retained, on, dropped, _OFF_BOARD)
+    group, hits = group[on], here.hits[:, on]
     _some(
         retained,
         "points of the laser's line on a board that was seen",
@@ -329,7 +328,8 @@ def _prepared(camera, stripes: BoardStripes, board) -> _Found:
     steps, step = np.unique(retained.step, return_inverse=True)
     planes, fine = _start_planes(hits, group, step, len(steps))
     on = fine[step]
-    retained, group = _less(retained, on, dropped, _NO_PLANE), group[on]
+    retained = _less(retained, on, dropped, _NO_PLANE)
+    group = group[on]
     _some(
         retained,
         f"a step seen in {_FEWEST_PLACEMENTS} board poses at different depths",
@@ -395,7 +395,8 @@ def _chain(camera, stripes, board, group, step=None, planes=None) -> BoardStripe
 
 def _start_planes(points, group, step, count):
     """(4, S) planes through the points of each step, and (S,) whether they are determined."""
-    planes, fine = np.zeros((4, count)), np.zeros(count, bool)
+    planes = np.zeros((4, count))
+    fine = np.zeros(count, bool)
     order = np.argsort(step, kind="stable")
     for k, mine in enumerate(np.split(order, np.cumsum(np.bincount(step, minlength=count))[:-1])):
         if len(mine) < _FEWEST_POINTS or len(np.unique(group[mine])) < _FEWEST_PLACEMENTS:

@@ -76,7 +76,8 @@ def leave_out(
     folds = min(_FOLDS, len(present))
     if len(present) < 3:
         return None
-    pixels, millimetres = np.full(all_stripes.n, np.nan), np.full(all_stripes.n, np.nan)
+    pixels = np.full(all_stripes.n, np.nan)
+    millimetres = np.full(all_stripes.n, np.nan)
     for fold in range(folds):
         progress(f"board poses left out, {fold + 1} of {folds}")
         out = np.isin(all_stripes.labels["placement"], present[fold::folds])

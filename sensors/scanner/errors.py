@@ -91,7 +91,8 @@ def field_points(
     )
     direction = stripe_direction(planes)[:2, :, None]
     points_in_field = np.empty((3, planes.shape[1], len(depth)))
-    points_in_field[:2], points_in_field[2] = nearest + direction * (along * reach * depth), depth
+    points_in_field[:2] = nearest + direction * (along * reach * depth)
+    points_in_field[2] = depth
     step = np.repeat(np.arange(planes.shape[1]), len(depth))
     points = points_in_field.reshape(3, -1)
     pixels = camera.project(points)
@@ -157,8 +158,10 @@ def apart_from_frame(
             "see that the line found in the images is the laser's, and no scratch, reflection or margin of the board"
         )
     some = slice(None, None, -(-len(step) // _SOME))
-    points, step = points[:, some], step[some]
-    step_planes, count = planes[:, step], len(camera.values)
+    points = points[:, some]
+    step = step[some]
+    step_planes = planes[:, step]
+    count = len(camera.values)
     moves = np.einsum(
         "pin,pd->ind", by_camera(camera, points, step_planes), joint[:count], optimize=True
     )

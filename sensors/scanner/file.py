@@ -321,7 +321,8 @@ def _short(value):
 
 def _checked_light(file, where):
     light = file.light
-    planes, steps = np.array(light.planes, float).reshape(-1, 4).T, np.array(light.steps)
+    planes = np.array(light.planes, float).reshape(-1, 4).T
+    steps = np.array(light.steps)
     if planes.shape[1] != len(steps):
         raise _wrong(
             f"{where}, key light.planes",

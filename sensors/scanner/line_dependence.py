@@ -91,7 +91,8 @@ def _tested(rows: list[np.ndarray], values: list[np.ndarray]) -> LineDependence:
     explained = float(slope @ scores.sum(0))
     spread = np.linalg.pinv(scores.T @ scores)
     wald = float(scores.sum(0) @ spread @ scores.sum(0))
-    size, rest = scores.shape[1], len(rows) - scores.shape[1]
+    size = scores.shape[1]
+    rest = len(rows) - scores.shape[1]
     # the sum of scores under no dependence: Hotelling's T^2 of their mean, whose covariance is about zero
     ratio = wald / max(1 - wald / len(rows), 1e-12) * rest / size / len(rows)
     p_value = float(fdtrc(size, rest, ratio))

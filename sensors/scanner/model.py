@@ -73,7 +73,8 @@ class Scanner:
 
         No table where the steps are in order and none is missing.
         """
-        low, span = int(self.steps.min()), int(np.ptp(self.steps))
+        low = int(self.steps.min())
+        span = int(np.ptp(self.steps))
         if span >= _WIDEST:
             return None
         if np.array_equal(self.steps, np.arange(low, low + span + 1)):
@@ -247,7 +248,8 @@ class Scanner:
         covariance = np.empty((3, 3, points.shape[1]))
         for first in range(0, points.shape[1], BLOCK):
             part = slice(first, first + BLOCK)
-            block_points, step = points[:, part], np.asarray(steps)[part]
+            block_points = points[:, part]
+            step = np.asarray(steps)[part]
             noise = self.by_stripe(block_points, step) * (
                 sigma if np.ndim(sigma) == 0 else sigma[part]
             )
@@ -284,12 +286,15 @@ def _blockwise(
     n = pixels.shape[1]
     if n < 2 * BLOCK or not (planes[3] != 0).all():
         return cut(camera.normalised(pixels), planes[:, place])
-    points, workspace = np.empty((3, n)), camera.workspace()
-    plane, part = np.empty((3, BLOCK)), np.empty(BLOCK)
+    points = np.empty((3, n))
+    workspace = camera.workspace()
+    plane = np.empty((3, BLOCK))
+    part = np.empty(BLOCK)
     inverse = -planes[:3] / planes[3]  # depth = 1 / (inverse . ray)
     for first in range(0, n, BLOCK):
         block = points[:, first : first + BLOCK]
-        block_plane, scratch = plane[:, : block.shape[1]], part[: block.shape[1]]
+        block_plane = plane[:, : block.shape[1]]
+        scratch = part[: block.shape[1]]
         workspace.normalised(pixels[:, first : first + BLOCK], block[:2])
         if inverse.shape[1] == 1:
             np.multiply(block[:2], inverse[:2], out=block_plane[:2])

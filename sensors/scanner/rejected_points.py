@@ -42,7 +42,8 @@ def rejected_points(chain, wrong: np.ndarray, shape: np.ndarray | None) -> Rejec
         p_value = min(1.0, len(groups) * float(chi2.sf(statistic, freedom)))
         score = _normal_score(statistic, freedom)
         if degrees and score > highest and p_value < _LEVEL:
-            best, highest = RejectedPoints(share, where, depends_on, max(p_value, 1e-300)), score
+            best = RejectedPoints(share, where, depends_on, max(p_value, 1e-300))
+            highest = score
     return best
 
 
@@ -96,7 +97,8 @@ def _mean_run(wrong: np.ndarray, chain) -> float:
 def _deviance(wrong: np.ndarray, label: np.ndarray) -> tuple[float, int]:
     """2 log likelihood ratio of a share for each group against one share, and its degrees of freedom."""
     _, label = np.unique(label, return_inverse=True)
-    count, bad = np.bincount(label), np.bincount(label, wrong)
+    count = np.bincount(label)
+    bad = np.bincount(label, wrong)
     each = _log_likelihood(bad, count).sum()
     return 2 * float(each - _log_likelihood(bad.sum(), count.sum())), len(count) - 1
 

@@ -57,15 +57,14 @@ def _held_by_corners(adjustment: Adjustment) -> Adjustment:
     board_stripes = replace(
         with_held_corners.board_stripes, sigma=with_held_corners.board_stripes.sigma / _LIGHT
     )
-    together, steps_left, sigma = (
-        Together.of(board_stripes.labels, board_stripes.along),
-        with_held_corners.fit.residual[1][0],
-        np.zeros(len(NAMES)),
-    )
+    together = Together.of(board_stripes.labels, board_stripes.along)
+    steps_left = with_held_corners.fit.residual[1][0]
+    sigma = np.zeros(len(NAMES))
     for kind in (2, 0):
         label = together.labels[kind]
         means = np.bincount(label, steps_left) / np.bincount(label)
-        steps_left, sigma[kind] = steps_left - means[label], np.sqrt((means**2).mean())
+        steps_left = steps_left - means[label]
+        sigma[kind] = np.sqrt((means**2).mean())
     return replace(
         with_held_corners,
         board_stripes=replace(board_stripes, together=replace(together, sigma=sigma)),
@@ -114,10 +113,8 @@ def shared_errors(adjustment: Adjustment) -> tuple[Together, float]:
     gram, pull, kind = _apart_from_all(*_left(adjustment, effects), effects.kind)
     found = estimate_components(gram / noise, pull / noise, kind)
     more = len(NAMES) - len(found.variance)  # kinds that another one is by construction
-    variance, doubt = (
-        np.append(found.expected, np.zeros(more)),
-        np.append(found.std, np.full(more, np.inf)),
-    )
+    variance = np.append(found.expected, np.zeros(more))
+    doubt = np.append(found.std, np.full(more, np.inf))
     sigma = np.sqrt(variance)
     # of a square root; of one that is 0, the sigma that two sigmas of its variance would make
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -152,7 +149,8 @@ def _apart_from_all(gram, pull, kind):
     """
     from scipy.linalg import block_diag, helmert
 
-    others, shifts = int((kind != 2).sum()), int((kind == 2).sum())
+    others = int((kind != 2).sum())
+    shifts = int((kind == 2).sum())
     if not shifts:
         return gram, pull, kind
     turn = block_diag(np.eye(others), helmert(shifts))
@@ -172,10 +170,8 @@ class _Effects:
 def _effects(board_stripes, together) -> _Effects:
     from scipy.sparse import csr_array, vstack
 
-    weight, n = (
-        np.broadcast_to(board_stripes.sigma, (1, board_stripes.n))[0] ** -2.0,
-        board_stripes.n,
-    )
+    weight = np.broadcast_to(board_stripes.sigma, (1, board_stripes.n))[0] ** -2.0
+    n = board_stripes.n
     place, step = board_stripes.labels["placement"], board_stripes.labels["step"]
     parts, plain, kinds, where = [], [], [], []
     for kind, (label, shape) in enumerate(zip(together.labels, together.shapes)):
@@ -190,7 +186,8 @@ def _effects(board_stripes, together) -> _Effects:
         parts.append(design * weight)
         kinds.append(np.full(len(chosen), kind))
         where.append(first[chosen])
-    sums, design = vstack(parts).tocsr(), vstack(plain).tocsr()
+    sums = vstack(parts).tocsr()
+    design = vstack(plain).tocsr()
     return _Effects(sums, np.concatenate(kinds), np.concatenate(where), sums @ design.T)
 
 
@@ -215,7 +212,9 @@ def _left(adjustment: Adjustment, effects: _Effects):
     independent = linearised(
         replace(adjustment, board_stripes=replace(adjustment.board_stripes, together=None))
     )
-    fit, where, residual = independent.fit, effects.placement, independent.fit.residual[1][0]
+    fit = independent.fit
+    where = effects.placement
+    residual = independent.fit.residual[1][0]
     rows, pose = _rows(independent)
     by_pose = effects.sums @ pose.T
     dense = (effects.sums @ rows).toarray() - np.einsum(
@@ -256,7 +255,8 @@ def _rows(adjustment: Adjustment):
     )
     full = np.zeros((len(adjustment.fit.table) - steps, adjustment.board_stripes.n))
     full[[column for column in columns if column is not None]] = rows
-    pose, n = evaluation.family_rows("placement")[:, 0], adjustment.board_stripes.n
+    pose = evaluation.family_rows("placement")[:, 0]
+    n = adjustment.board_stripes.n
     if not steps:
         return csr_array(full.T), pose
     step_rows = evaluation.family_rows("step")[:, 0]

@@ -104,7 +104,9 @@ def calibrate_turntable(
             f"or more, found {len(views)} images over {np.rad2deg(np.ptp(commanded)):.3g} deg; take more images"
         )
     order = np.argsort(commanded, kind="stable")
-    views, poses, commanded = [views[k] for k in order], poses[order], commanded[order]
+    views = [views[k] for k in order]
+    poses = poses[order]
+    commanded = commanded[order]
     problem = _Corners(tuple(views), board_points, camera, commanded)
     start = _start(poses, commanded)
     found = least_squares(problem.residual, start, x_scale=problem.scale, method="trf")
@@ -142,7 +144,8 @@ class _Corners:
         """(2 n + 2,) px; the last two hold the length of the axis and the place of the point along it."""
         axis, point = values[:3], values[3:6]
         unit = axis / np.linalg.norm(axis)
-        turn, place = rotation_matrix(values[9:12]), values[6:9]
+        turn = rotation_matrix(values[9:12])
+        place = values[6:9]
         angles = np.concatenate([[0.0], values[12:]])
         parts = []
         for view, angle in zip(self.views, angles):
@@ -179,7 +182,8 @@ def _start(poses: np.ndarray, commanded: np.ndarray) -> np.ndarray:
 
 
 def _result(problem: _Corners, values, covariance, rms) -> TurntableCalibration:
-    axis, point = values[:3] / np.linalg.norm(values[:3]), values[3:6]
+    axis = values[:3] / np.linalg.norm(values[:3])
+    point = values[3:6]
     angles = np.concatenate([[0.0], values[12:]])
     variance = np.concatenate([[0.0], np.diag(covariance)[12:]])
     away = angles - (problem.commanded - problem.commanded[0])
@@ -262,7 +266,8 @@ def _law(commanded, away) -> tuple[tuple[Term, ...], tuple[int, ...]]:
 
 def _test(commanded, away, chosen, order) -> Term | None:
     """F-test of one more term; None where too few positions are left to test it."""
-    before, after = _design(commanded, chosen), _design(commanded, (*chosen, order))
+    before = _design(commanded, chosen)
+    after = _design(commanded, (*chosen, order))
     free = len(away) - after.shape[1]
     if free < _FEWEST_FREE or np.linalg.cond(after / np.linalg.norm(after, axis=0)) > 1e4:
         return None
@@ -272,7 +277,8 @@ def _test(commanded, away, chosen, order) -> Term | None:
     probability = float(fisher.sf(statistic, more, free))
     solution = np.linalg.lstsq(after, away, rcond=None)[0][before.shape[1] :]
     if order == 0:
-        name, values = f"scale {solution[0]:+.3g}", (float(solution[0]), 0.0)
+        name = f"scale {solution[0]:+.3g}"
+        values = (float(solution[0]), 0.0)
     else:
         size = np.rad2deg(np.hypot(*solution))
         name = f"{size:.4f} deg, {order} cycle{'s' * (order > 1)} per revolution"

@@ -27,7 +27,8 @@ def with_unseen_steps(
     if scanner.mirror is None or not new:
         return scanner, ()
     angles = _angles(calibration, new)
-    low, high = float(scanner.angles.min()), float(scanner.angles.max())
+    low = float(scanner.angles.min())
+    high = float(scanner.angles.max())
     reach = _BEYOND * (high - low)
     in_range = {
         step: angle for step, angle in angles.items() if low - reach <= angle <= high + reach

@@ -72,7 +72,8 @@ def _without_lines(image: np.ndarray, lines: Lines) -> np.ndarray:
     window = (_WINDOW, _WINDOW)
     share = np.maximum(cv2.blur(seen, window), 1e-9)
     mean = cv2.blur(image * seen, window) / share
-    masked, place = image.astype(np.float32), np.arange(image.shape[1])
+    masked = image.astype(np.float32)
+    place = np.arange(image.shape[1])
     for line in np.flatnonzero(hidden.any(1) & ~hidden.all(1)):
         under = hidden[line] > 0
         masked[line, under] = np.interp(place[under], place[~under], mean[line, ~under])
@@ -94,7 +95,8 @@ def ambient_bias(
     if not len(images) or not pixels.shape[1]:
         return np.zeros(pixels.shape[1])
     column, row = np.rint(pixels).astype(int)
-    left_column, top = max(column.min() - _MARGIN, 0), max(row.min() - _MARGIN, 0)
+    left_column = max(column.min() - _MARGIN, 0)
+    top = max(row.min() - _MARGIN, 0)
     seen = slice(top, row.max() + _MARGIN + 1), slice(left_column, column.max() + _MARGIN + 1)
     shown = np.stack([image[seen] for image in images])
     rank = int(_QUARTILE * len(images))

@@ -105,7 +105,8 @@ def asymmetry(profiles: Profiles) -> Asymmetry | None:
     used = (profiles.weights > 0).all(1)
     if used.sum() < _FEWEST:
         return None
-    sums, weights = profiles.sums[used], profiles.weights[used]
+    sums = profiles.sums[used]
+    weights = profiles.weights[used]
     width = float(profiles.width[used].mean())
     all_images = _ambiguity(sums.sum(0), weights.sum(0))
     by_image = np.array(

@@ -56,7 +56,8 @@ def brightness_law(bend: SurfaceLine, width: np.ndarray, peak: np.ndarray) -> Br
     rows = np.stack([np.ones(usable.sum()), np.log(cosine), cosine - 1])
     level = light[usable] - rows[1]  # beyond a matt surface
     precision = np.array([0.0, *_SURFACES_VARY**-2.0])
-    found, weight = np.zeros(3), np.ones(usable.sum())
+    found = np.zeros(3)
+    weight = np.ones(usable.sum())
     for _ in range(_REWEIGHTED):
         misfit = np.abs(level - found @ rows)
         scatter = max(1.4826 * float(np.median(misfit)), _LEAST_SCATTER)

@@ -110,10 +110,13 @@ class Task:
 
     def rows(self, frames: slice, step: int = 1) -> tuple[Rows, np.ndarray]:
         """Every `step`-th row of some images, and the image (n, width) in which the line is searched."""
-        pixels, under, scale = self._cut(self.stack[frames], step), None, None
+        pixels = self._cut(self.stack[frames], step)
+        under = None
+        scale = None
         if self.background is not None:
             below = self.background[frames] if len(self.background) > 1 else self.background
-            under, scale = self._cut(below, step), self.scale[frames]
+            under = self._cut(below, step)
+            scale = self.scale[frames]
         region = None if self.region is None else self._cut(self.region[None], step)[0]
         height = pixels.shape[1]
         flat = None if under is None else under.reshape(-1, under.shape[2])
@@ -193,7 +196,8 @@ def _gauss_parts(task: Task):
     stride = max(1, sum(len(fits.row) for _, fits, *_ in parts) // SOME)
     some = _joined([fits.take(slice(None, None, stride)) for _, fits, *_ in parts])
     misfit, scale = usual_misfit(some, setting), noise_scale(some, setting)
-    noise, parts_of_fits = replace(setting.noise, read=setting.noise.read * scale), []
+    noise = replace(setting.noise, read=setting.noise.read * scale)
+    parts_of_fits = []
     for first, fits, count, pull, rows in parts:
         fits.sigma = fits.sigma * scale
         flag = flags(fits, count > 0, rows, task.height, setting, misfit, pull)

@@ -62,10 +62,8 @@ class Fits:
     def empty(cls, row: np.ndarray) -> "Fits":
         """Nothing fitted yet in rows (n,): numbers as they come, but for `strength` and `wide`, which are 0."""
         number = [np.empty(len(row), np.float32) for _ in range(5)]
-        nothing, no = (
-            [np.zeros(len(row), np.float32) for _ in range(2)],
-            np.zeros((2, len(row)), bool),
-        )
+        nothing = [np.zeros(len(row), np.float32) for _ in range(2)]
+        no = np.zeros((2, len(row)), bool)
         return cls(row, np.empty(len(row)), *number[:4], *nothing, number[4], *no)
 
 
@@ -87,7 +85,8 @@ def fit_rows(rows: Rows, row: np.ndarray, column: np.ndarray, setting: Setting, 
     if image is not None and len(steep):
         calm = without_spikes(image, row[steep], column[steep], setting.noise.read)
         hot = calm != column[steep]
-        other, calm = steep[hot], np.minimum(calm[hot], rows.width - 1)
+        other = steep[hot]
+        calm = np.minimum(calm[hot], rows.width - 1)
         again, hard[other], _ = first_step(rows, row[other], calm, setting)
         fits.put(other, again)
     keep = fits.strength > CANDIDATE
@@ -176,7 +175,8 @@ def _move(fits, place, start, width, number):
 
 def _tabulated(rows: Rows, fits: Fits, setting: Setting, todo: np.ndarray) -> np.ndarray:
     """Steps for the fits `todo` (n,) until they stand; True (n,) where the masked fit has to take over."""
-    todo, hard = np.flatnonzero(todo), np.zeros(len(fits.row), bool)
+    todo = np.flatnonzero(todo)
+    hard = np.zeros(len(fits.row), bool)
     for _ in range(_STEPS):
         if not len(todo):
             break
@@ -244,7 +244,8 @@ def smooth_log_width(fits: Fits, rows: int, typical: float, over: int = 25) -> n
 
 def _step(rows: Rows, fits: Fits, place, quiet, table: Bank, setting: Setting, hard) -> np.ndarray:
     """One tabulated step of the fits at `place`; those of them (m,) that have to go on."""
-    centre, size = fits.centre.take(place), 2 * table.half + 1
+    centre = fits.centre.take(place)
+    size = 2 * table.half + 1
     nearest_row = np.rint(centre).astype(np.intp)
     outside = (nearest_row < table.half) | (nearest_row + table.half >= rows.width)
     if outside.any():
@@ -263,8 +264,10 @@ def _step(rows: Rows, fits: Fits, place, quiet, table: Bank, setting: Setting, h
     number, match, misfit = _solve(net, phase, table)
     every = slice(None) if len(place) == len(fits.row) else place
     shift, change = _move(fits, every, nearest_row + (phase / PHASES - 0.5), table.width, number)
-    fits.background[every], fits.peak[every] = level + number[0], number[1]
-    fits.strength[every], fits.misfit[every] = match / np.sqrt(quiet), misfit / (quiet * (size - 4))
+    fits.background[every] = level + number[0]
+    fits.peak[every] = number[1]
+    fits.strength[every] = match / np.sqrt(quiet)
+    fits.misfit[every] = misfit / (quiet * (size - 4))
     wide = _uncertain(fits, every, quiet, phase, table, setting.noise)
     far = np.abs(shift) > _NEAR * table.width
     far |= np.abs(change) > (_NEAR + 4 * wide if table.even else 0.03 + wide)

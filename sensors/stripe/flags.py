@@ -70,16 +70,20 @@ def _limit(found, fits, setting, search):
 
 def _suspicious(found: Brightest, fits: Fits, limit, setting):
     """(n,) whether a pixel next to the main peak is above `limit`: pieces of the row, then what is next to the peak."""
-    length, width = found.piece, found.image.shape[1]
+    length = found.piece
+    width = found.image.shape[1]
     half = int(3 * np.minimum(fits.width, 2 * setting.width).max(initial=0)) + 3
     middle = np.rint(fits.centre).astype(np.intp)
-    pieces, every, count = found.pieces.take(fits.row, 1), np.arange(len(fits.row)), len(fits.row)
+    pieces = found.pieces.take(fits.row, 1)
+    every = np.arange(len(fits.row))
+    count = len(fits.row)
     first, last = ((middle + side) // length for side in (-half, half))
     for offset in range(int((last - first).max(initial=0)) + 1):
         touched = np.clip(np.minimum(first + offset, last), 0, len(pieces) - 1)
         pieces.reshape(-1)[touched * count + every] = floor(pieces)
     is_suspicious = pieces.max(0) > limit
-    start, size = middle - half - length, 2 * (half + length) + 1
+    start = middle - half - length
+    size = 2 * (half + length) + 1
     inner = (start >= 0) & (start + size <= width)
     is_suspicious |= ~inner
     place = slice(None) if inner.all() else np.flatnonzero(inner)

@@ -24,7 +24,8 @@ def _fit(rows, fits, setting):
     size = 2 * half + 1
     start = np.clip(np.rint(fits.centre).astype(np.intp) - half, 0, rows.width - size)
     raw, net = rows.windows(fits.row, start, size)
-    x, net = start[:, None] + np.arange(size), net.astype(float)
+    x = start[:, None] + np.arange(size)
+    net = net.astype(float)
     ambient = 2 * rows.ambient(
         fits.row, np.clip(np.rint(fits.centre), 0, rows.width - 1).astype(np.intp)
     )
@@ -93,11 +94,9 @@ def _moved(number, answer):
 
 def _read(fits, number, net, last, width, setting, ambient):
     mask, basis, variance, inverse, answer = last
-    fits.background, fits.peak, fits.centre = (
-        number[0].astype(np.float32),
-        number[1].astype(np.float32),
-        number[2],
-    )
+    fits.background = number[0].astype(np.float32)
+    fits.peak = number[1].astype(np.float32)
+    fits.centre = number[2]
     fits.width = np.exp(np.clip(number[3], -3, 5)).astype(np.float32)
     fits.sigma = (fits.width * np.sqrt(inverse[:, 2, 2]) / fits.peak).astype(np.float32)
     fits.wide = (np.sqrt(inverse[:, 3, 3]) / fits.peak).astype(np.float32)

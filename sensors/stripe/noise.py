@@ -26,7 +26,8 @@ def pixel_noise(image: np.ndarray, region: np.ndarray | None = None) -> float:
     rough = rough.ravel() if region is None or not region[:, 1:-1].any() else rough[region[:, 1:-1]]
     sigma = max(1.4826 * float(_median(rough)), 0.3)
     for _ in range(10):
-        small, before = rough[rough < _CLIP * sigma], sigma
+        small = rough[rough < _CLIP * sigma]
+        before = sigma
         sigma = max(float(np.sqrt((small**2).mean() / _KEPT)), 1e-6) if len(small) else sigma
         if sigma == before:
             break
@@ -52,13 +53,16 @@ def fitted_noise(
         return None
     y, middle, trust = squares / freedom, level.mean(), freedom**2
     x = level - middle
-    square, variance = x**2, np.full(len(squares), float(_median(y)) / 0.455)
+    square = x**2
+    variance = np.full(len(squares), float(_median(y)) / 0.455)
     for _ in range(6):
         use = (y < 20 * variance) * trust
         weight = use / variance**2
-        total, mean = weight.sum(), float(weight @ x) / weight.sum()
+        total = weight.sum()
+        mean = float(weight @ x) / weight.sum()
         power = float(weight @ square) - total * mean**2
-        weighted, first = weight * y, float(weight @ y)
+        weighted = weight * y
+        first = float(weight @ y)
         gain = (float(weighted @ x) - mean * first) / power
         # the variance of a slope's pull is the weight's square times that of y
         use *= weight
@@ -76,7 +80,8 @@ def exposure_scales(images: np.ndarray, under: np.ndarray, noise: float) -> np.n
     whatever the exposure; of the levels themselves where the background is even. 1 where it is too
     dark to tell (sigma of the scale above 0.02).
     """
-    scales, scene = np.ones(len(images), np.float32), None
+    scales = np.ones(len(images), np.float32)
+    scene = None
     for k, image in enumerate(images):
         if scene is None or len(under) > 1:
             scene = _Scene.of(_thinned(under[k % len(under)]), noise)
@@ -106,14 +111,16 @@ class _Scene:
         """Scale of grey values (n,): medians, which are slow, of some pixels find the line, all others count."""
         light = light - light.mean() if self.uneven else light
         some = slice(None, None, max(1, len(light) // _ROBUST))
-        a, b = light[some].copy(), self.below[some].copy()
+        a = light[some].copy()
+        b = self.below[some].copy()
         use = np.ones(len(a), bool)
         for _ in range(8):
             scale, offset, _ = _line_fit(a, b, use, self.uneven)
             rest = a - scale * b
             middle = _median(rest)
             spread = max(1.4826 * float(_median(np.abs(rest - middle))), 0.5 * noise, 1e-9)
-            before, use = use, np.abs(rest - middle * self.uneven) < 3 * spread
+            before = use
+            use = np.abs(rest - middle * self.uneven) < 3 * spread
             if np.array_equal(use, before):
                 break
         rest = np.float32(scale) * self.below
@@ -135,7 +142,8 @@ def _median(values: np.ndarray) -> np.floating:
 def _line_fit(a, b, use, uneven) -> tuple[float, float, float]:
     """Least squares of a = scale b + offset over `use` (n,), offset 0 unless `uneven`; (scale, offset, power of b)."""
     use = use.astype(np.float32)
-    count, used = max(float(use.sum()), 1.0), b * use
+    count = max(float(use.sum()), 1.0)
+    used = b * use
     mean_a, mean_b = (float(a @ use) / count, float(used.sum()) / count) if uneven else (0.0, 0.0)
     power = float(used @ b) - count * mean_b**2
     scale = (float(used @ a) - count * mean_a * mean_b) / power if power > 0 else 1.0
@@ -150,7 +158,9 @@ def speckle_contrast(centre, sigma, width, height, lag: int = 8) -> float:
     6 (sigma^2 + floor^2), `stripe_profile.speckle_floor`. 0 where there is no excess.
     """
     c, s, w = (np.reshape(v, (-1, height)) for v in (centre, sigma, width))
-    above, here, below = c[:, : -2 * lag], c[:, lag:-lag], c[:, 2 * lag :]
+    above = c[:, : -2 * lag]
+    here = c[:, lag:-lag]
+    below = c[:, 2 * lag :]
     variance = (below - 2 * here + above) ** 2 / 6
     seen = np.isfinite(variance)
     if seen.sum() < 50:

@@ -70,8 +70,10 @@ def first_look(rows: Rows, image: np.ndarray, saturation: float) -> tuple[Settin
         fits = fits.take((fits.strength > 7) & ~fits.cut)
         if len(fits.row) < 20:
             return setting, search
-        before, setting = setting, _learned(rows, fits, setting, _finest(rows.pixels))
-        last, search = search, search.at_width(setting.width, image, found)
+        before = setting
+        setting = _learned(rows, fits, setting, _finest(rows.pixels))
+        last = search
+        search = search.at_width(setting.width, image, found)
         if (
             abs(np.log(setting.width / before.width)) < 0.5
             and setting.noise.gain == before.noise.gain

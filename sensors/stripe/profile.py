@@ -142,7 +142,8 @@ def bank(width: int, ratio: int) -> Bank:
     basis = np.stack([np.ones_like(g), g, g * u, g * u * u], -1)
     q, r = np.linalg.qr(root[..., None] * basis)
     sign = np.sign(np.einsum("pii->pi", r))[:, None]
-    q, back = q * sign, np.linalg.inv(r) * sign
+    q = q * sign
+    back = np.linalg.inv(r) * sign
     weighted = q * root[..., None]
     table = weighted.transpose(1, 0, 2).reshape(len(pixel), -1)
     single = [_contiguous(part) for part in (table, back.reshape(-1, 16).T, weight.T)]

@@ -97,10 +97,8 @@ def _image(rows: Rows, setting: Setting, smoothing: float):
     if rows.region is not None:
         bent[~rows.region] = 0
     column = np.minimum(brightest(bent).column, rows.width - 1)
-    limit, square = (
-        setting.noise.read * kernels.noise(2, 0),
-        setting.width**2 + kernels.sigma[0] ** 2,
-    )
+    limit = setting.noise.read * kernels.noise(2, 0)
+    square = setting.width**2 + kernels.sigma[0] ** 2
     fits = _centres(smooth, np.arange(len(bent)), column, kernels, rows.width, square)
     fits.strength = (bent[fits.row, column] / limit).astype(np.float32)
     last = len(bent) - 1 - int(2.5 * smoothing)
@@ -147,8 +145,11 @@ def _crossing(d, square: float) -> np.ndarray:
     tangent through t n the row is crossed at t / nx. On a Gaussian of variance `square` (px^2) the
     quadratic Taylor polynomial overshoots: t = d / (1 - d^2 / square), solved for d.
     """
-    slope_x, slope_y = d[1, 0], d[0, 1]
-    xx, xy, yy = d[2, 0], d[1, 1], d[0, 2]
+    slope_x = d[1, 0]
+    slope_y = d[0, 1]
+    xx = d[2, 0]
+    xy = d[1, 1]
+    yy = d[0, 2]
     # curvature along one eigenvector of the Hessian; that along the other is the rest of its trace
     turn = 0.5 * np.arctan2(2 * xy, xx - yy)
     cosine, sine = np.cos(turn), np.sin(turn)
@@ -170,7 +171,8 @@ def _profile(fits, d, piece, kernels):
     """Width and height of a Gaussian line from the smoothed one: its curvature at the top and its height."""
     ends = max(1, piece.shape[1] // 10)
     ground = (piece[:, :ends].mean(1) + piece[:, -ends:].mean(1)) / 2
-    height, bent = d[0, 0] - ground, np.maximum(-d[2, 0], 1e-9)
+    height = d[0, 0] - ground
+    bent = np.maximum(-d[2, 0], 1e-9)
     across = kernels.sigma[0] ** 2
     square = np.clip(height / bent, 1.05 * across, 30 * across)
     fits.width = np.sqrt(square - across).astype(np.float32)

@@ -65,7 +65,8 @@ class Rows:
         """
         if self.under is None and self.region is None:
             return self.pixels
-        searched, exposures = np.empty_like(self.pixels), {} if exposures is None else exposures
+        searched = np.empty_like(self.pixels)
+        exposures = {} if exposures is None else exposures
         for k in range(len(self.pixels) // self.height):
             place = slice(k * self.height, (k + 1) * self.height)
             if self.under is None:
@@ -78,7 +79,8 @@ class Rows:
 
     def _exposed(self, image: int, exposures: dict) -> np.ndarray:
         """(height, width) what is under an image at its exposure, to a half of `_EXPOSURE`."""
-        scale, steps = float(self.scale[image]), round(float(self.scale[image]) / _EXPOSURE)
+        scale = float(self.scale[image])
+        steps = round(float(self.scale[image]) / _EXPOSURE)
         if len(self.under) > self.height:
             below = self.under[image * self.height :][: self.height]
             near = abs(scale - 1) < _EXPOSURE / 2
@@ -173,9 +175,11 @@ def spikes(image: np.ndarray, row: np.ndarray, column: np.ndarray, noise: float)
 
     A row's first and last pixel are never said to: there the image cuts a line.
     """
-    first, width = row * image.shape[1], image.shape[1]
+    first = row * image.shape[1]
+    width = image.shape[1]
     three = _cut(image, first + np.clip(column - 1, 0, width - 3), 3)
-    neighbour, top = np.maximum(three[:, 0], three[:, 2]), three[:, 1].astype(np.float32)
+    neighbour = np.maximum(three[:, 0], three[:, 2])
+    top = three[:, 1].astype(np.float32)
     alone = np.flatnonzero(top - neighbour > 8 * noise)
     pixels = _cut(image, first[alone] + np.clip(column[alone] - 4, 0, width - 9), 9)
     base = np.median(pixels, axis=1)
@@ -225,7 +229,8 @@ def lines_enhanced(image: np.ndarray, width: float) -> np.ndarray:
     near = 2 * int(round(1.4 * width - 0.5)) + 1
     far = 3 * near + 4
     image = image.astype(np.float32, copy=False)
-    inner, outer = cv2.blur(image, (near, 1)), cv2.blur(image, (far, 1))
+    inner = cv2.blur(image, (near, 1))
+    outer = cv2.blur(image, (far, 1))
     inner -= outer
     inner *= far / (far - near)
     return inner

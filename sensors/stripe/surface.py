@@ -26,9 +26,11 @@ def background_bias(rows: Rows, fits: Fits, noise: float) -> np.ndarray:
         return pull[0]
     bins = width_bin(np.log(np.maximum(fits.width, 0.1)))
     for key in np.flatnonzero(np.bincount(bins)):
-        table, place = bank(int(key), 0), np.flatnonzero(bins == key)
+        table = bank(int(key), 0)
+        place = np.flatnonzero(bins == key)
         if 2 * table.half + 1 <= rows.width:
-            row, centre = fits.row.take(place), fits.centre.take(place)
+            row = fits.row.take(place)
+            centre = fits.centre.take(place)
             pull[:, place] = _pull(rows, row, centre, table, noise / np.sqrt(2))
     pull, variance = cv2.blur(pull, (_OVER, 1))
     sure = np.where(pull**2 > 9 * variance / _OVER, np.abs(pull), 0)
@@ -66,5 +68,6 @@ def _pull(rows, row, centre, table, noise):
 def _answer(table: Bank, number: int) -> np.ndarray:
     """(pixels, starts) by which pixels add to one of the four numbers b, A, B, C of the fit."""
     starts = table.back.shape[1]
-    q, back = table.q.reshape(-1, starts, 4), table.back.reshape(4, 4, starts)
+    q = table.q.reshape(-1, starts, 4)
+    back = table.back.reshape(4, 4, starts)
     return np.einsum("wpk,kp->wp", q, back[number])

@@ -69,7 +69,8 @@ class SurfaceLine:
 
         ratio (n,): photon variance at the peak over that next to the line.
         """
-        square, fitted = (line.plane_width_mm / self.slope) ** 2, weighting(ratio)
+        square = (line.plane_width_mm / self.slope) ** 2
+        fitted = weighting(ratio)
         counted = fitted * np.minimum(square / width**2, 1.0)
         across = square * (self.shade - self.bend / self.slope * (3 - counted))
         return across + self._along(line.blur_px**2, square, fitted / width**2)
@@ -114,7 +115,8 @@ class SurfaceLine:
         relative = shape[:, usable] / square[usable]
         precision = np.zeros(2) if known is None else (_KNOWN_TO * known.squares) ** -2.0
         centre = np.zeros(2) if known is None else known.squares
-        found, weight = np.zeros(2), np.ones(usable.sum())
+        found = np.zeros(2)
+        weight = np.ones(usable.sum())
         for _ in range(_REWEIGHTED):
             # scale of Laplace's distribution; neighbours in a grain tell the same
             prior_precision = precision * _GRAIN / weight.mean()
@@ -202,9 +204,11 @@ def _bend(camera, surface, pixels, planes, scan, light):
     middle = at(0, 0)
     low, high, before, after = at(-1, 0), at(1, 0), at(0, -1), at(0, 1)
     mixed = at(1, 1) - at(1, -1) - at(-1, 1) + at(-1, -1)
-    by_scan, by_line = (high - low) / (2 * _STEP), (after - before) / (2 * _STEP)
+    by_scan = (high - low) / (2 * _STEP)
+    by_line = (after - before) / (2 * _STEP)
     twice, twice_line = ((ends - 2 * middle)[0] / _STEP**2 for ends in (high + low, after + before))
-    slope, crossed = by_scan[0], mixed[0] / (4 * _STEP**2)
+    slope = by_scan[0]
+    crossed = mixed[0] / (4 * _STEP**2)
     tilt = -by_line[0] / slope
     return SurfaceLine(
         slope,

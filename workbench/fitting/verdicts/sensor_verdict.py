@@ -117,7 +117,8 @@ def _scanner_verdict(calibration, tolerances, misfit) -> Verdict:
     if misfit is not None:
         sigma = sigma * (misfit.noise_px / _rms(sigma))
         significant, source = misfit.is_relevant, _NEIGHBOURS
-    pixels, millimetres = calibration.sigma_stripe_px, _rms(calibration.residual_mm[good])
+    pixels = calibration.sigma_stripe_px
+    millimetres = _rms(calibration.residual_mm[good])
     label = "RMS distance of stripe points from their light plane"
     if held_out is not None and math.isfinite(held_out.rms_mm):
         pixels, millimetres, label = held_out.rms_px, held_out.rms_mm, f"held-out {label}"
