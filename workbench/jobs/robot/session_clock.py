@@ -95,7 +95,8 @@ def clock_warning(arm: CalibratedArm, samples: Recording) -> str:
     if not named or is_same_recording(arm, samples):
         return ""
     samples = on_calibration_clock(arm, samples)
-    known, times = (arm.fitted_range or {}).get(_TIME), samples.columns.get(_TIME)
+    known = (arm.fitted_range or {}).get(_TIME)
+    times = samples.columns.get(_TIME)
     if known is None or times is None:
         return (
             f"The calibrated model depends on the order of its samples ({named}). Neither recording states times that "
