@@ -106,8 +106,7 @@ def compensate(
         if anywhere:
             found = nearest_turns(arm.robot, found, _turn_reference(arm, readings))
     position, rotation = pose_sizes(_deviation(_model(arm, found, wanted, covariates), arm, task))
-    best = found
-    least = np.full(len(found), np.inf)
+    best, least = found, np.full(len(found), np.inf)
     for done in range(_STEPS):
         progress(done, _STEPS)
         step, movable = _reading_step(_model(arm, found, wanted, covariates), arm, task)
@@ -329,7 +328,7 @@ def _nominal_readings(robot, start, wanted, anywhere, task):
     posture will do, from other places within them."""
     found, good = search_readings(robot, start, wanted, task)
     rng = np.random.default_rng(0)
-    (low, high) = np.where(np.isnan(robot.limits), _OPEN, robot.limits).T
+    low, high = np.where(np.isnan(robot.limits), _OPEN, robot.limits).T
     for _ in range(_TRIES if anywhere else 0):
         rows = np.flatnonzero(~good)
         if not rows.size:
