@@ -70,7 +70,7 @@ def view_clearance(
 
 
 def hidden_by_others(
-    eye: np.ndarray, target: np.ndarray, balls: np.ndarray, radii: np.ndarray, own: np.ndarray
+    eye: np.ndarray, target: np.ndarray, balls: np.ndarray, radii: np.ndarray, of_target: np.ndarray
 ) -> np.ndarray:
     """(n,) True where another ball stands in the line of sight.
 
@@ -79,5 +79,5 @@ def hidden_by_others(
     hidden = np.zeros(eye.shape[1], bool)
     for k, (centre, radius) in enumerate(zip(balls, radii)):
         place = np.repeat(centre[:, None], eye.shape[1], 1)
-        hidden |= (own != k) & (segment_distance(eye, target, place, place) < radius)
+        hidden |= (of_target != k) & (segment_distance(eye, target, place, place) < radius)
     return hidden

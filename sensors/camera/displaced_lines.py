@@ -87,11 +87,11 @@ def displaced_lines(
 
 def sums_of_lines(lines: Sequence[BoardLine], count: int) -> np.ndarray:
     """(count, 2 L) effects of points summed to those of lines, in x and in y."""
-    made = np.zeros((count, 2 * len(lines)))
+    sums = np.zeros((count, 2 * len(lines)))
     for k, line in enumerate(lines):
         for axis in (0, 1):
-            made[line.members[axis], 2 * k + axis] = 1.0
-    return made
+            sums[line.members[axis], 2 * k + axis] = 1.0
+    return sums
 
 
 def _columns(chosen: Sequence[int]) -> np.ndarray:
@@ -130,15 +130,17 @@ class PoseTables:
     def held_out(self, chosen: Sequence[int]) -> np.ndarray:
         """(P,) sums of squares of each pose, with camera and the chosen lines' displacements from all others."""
         total = self.gram.sum(0)
-        weights = (self._weights(total - own, chosen) for own in self.gram)
-        return np.array([w @ own @ w for w, own in zip(weights, self.gram)])
+        weights = (self._weights(total - block_gram, chosen) for block_gram in self.gram)
+        return np.array([w @ block_gram @ w for w, block_gram in zip(weights, self.gram)])
 
     def reselected(self, chosen: Sequence[int], line: int, others: Sequence[int]) -> int:
         """Number of folds in which `line`, next to the other `chosen` lines, fits best of it and `others`."""
         rest = [k for k in chosen if k != line]
         total = self.gram.sum(0)
         trials = [[*rest, k] for k in (line, *others)]
-        fits = np.array([[self._fit(total - own, trial) for trial in trials] for own in self.gram])
+        fits = np.array(
+            [[self._fit(total - block_gram, trial) for trial in trials] for block_gram in self.gram]
+        )
         return int((fits.argmin(1) == 0).sum())
 
     def _fit(self, gram: np.ndarray, chosen: Sequence[int]) -> float:
@@ -162,10 +164,12 @@ def with_held_out(
     """The displaced lines, all of `lines`, with their tests on left-out board poses."""
     if len(tables.gram) < _FEWEST_POSES:
         return tuple(found)
-    numbers = [next(k for k, line in enumerate(lines) if line is one.line) for one in found]
+    numbers = [
+        next(k for k, line in enumerate(lines) if line is displaced.line) for displaced in found
+    ]
     return tuple(
-        replace(one, held_out=_held_out(tables, numbers, k, len(lines)))
-        for one, k in zip(found, numbers)
+        replace(displaced, held_out=_held_out(tables, numbers, k, len(lines)))
+        for displaced, k in zip(found, numbers)
     )
 
 
@@ -181,6 +185,8 @@ def _held_out(tables: PoseTables, chosen: list[int], line: int, count: int) -> H
     variance = with_it.sum() / degrees
     scores = -0.5 * np.r_[with_it.sum(), without.sum(), instead] / max(variance, 1e-300)
     probability = float(np.exp(scores[0] - np.logaddexp.reduce(scores)))
-    rms = tuple(tables.sigma * float(np.sqrt(one.sum() / degrees)) for one in (without, with_it))
+    rms = tuple(
+        tables.sigma * float(np.sqrt(squares.sum() / degrees)) for squares in (without, with_it)
+    )
     t = float(falls.mean() / spread) if spread > 0 else 0.0
     return HeldOut(t, probability, rms, tables.reselected(chosen, line, others), len(falls))

@@ -134,19 +134,19 @@ def _reduced(rows: CornerRows, precision) -> tuple[Reduced, PoseTables]:
         of_lines = table @ columns
         of_poses.append(of_lines.T @ of_lines)
         freedom.append(max(len(table) - _POSE, 0))
-    left = gram[count:, count:]
+    reduced_gram = gram[count:, count:]
     degrees = sum(freedom)
     noise = gram[-1, -1] / max(degrees, 1)
     if count:
         cross = gram[:count, count:]
-        left = left - cross.T @ solve_positive(
+        reduced_gram = reduced_gram - cross.T @ solve_positive(
             gram[:count, :count] + np.diag(precision) * noise, cross
         )
     effects = rows.effects
     reduced = Reduced(
-        left[:-1, :-1],
-        left[:-1, -1],
-        max(float(left[-1, -1]), 1e-300),
+        reduced_gram[:-1, :-1],
+        reduced_gram[:-1, -1],
+        max(float(reduced_gram[-1, -1]), 1e-300),
         max(degrees - count, 1),
         effects.component,
         len(effects.names),

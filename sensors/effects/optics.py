@@ -211,13 +211,19 @@ class WindowRefraction(Effect):
         def at(x, y):
             return self._by_thickness(state, self.tilt + _STEP * np.array([x, y]))
 
-        middle, left, right, low, high = at(0, 0), at(-1, 0), at(1, 0), at(0, -1), at(0, 1)
+        middle, left_of_centre, right, low, high = (
+            at(0, 0),
+            at(-1, 0),
+            at(1, 0),
+            at(0, -1),
+            at(0, 1),
+        )
         mixed = at(1, 1) - at(1, -1) - at(-1, 1) + at(-1, -1)
         return [
             middle,
-            (right - left) / (2 * _STEP),
+            (right - left_of_centre) / (2 * _STEP),
             (high - low) / (2 * _STEP),
-            (right - 2 * middle + left) / (2 * _STEP**2),
+            (right - 2 * middle + left_of_centre) / (2 * _STEP**2),
             mixed / (4 * _STEP**2),
             (high - 2 * middle + low) / (2 * _STEP**2),
         ]

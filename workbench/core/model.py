@@ -247,11 +247,11 @@ class Model:
                 total += _contract(np.concatenate(each), rows)
         return {cause: total[a:b] for (cause, _), a, b in zip(causes, edges, edges[1:])}
 
-    def _numeric_by_load(self, effect, own, span, values):
+    def _numeric_by_load(self, effect, effect_span, span, values):
         def moved(p):
             changed = values.copy()
             changed[span] = p
-            return effect.delta(values[own], self._state(changed))
+            return effect.delta(values[effect_span], self._state(changed))
 
         return numeric_derivative(moved, values[span], 1e-3 * self.parameters.typical[span])
 
@@ -354,9 +354,9 @@ class Model:
                 effect for effect in self.effects if effect.elastic and effect.linear
             ]
             others = [
-                one
-                for one in elastic_effects
-                if one is not effect and (one, cause) not in self._bases
+                other
+                for other in elastic_effects
+                if other is not effect and (other, cause) not in self._bases
             ]
             self._keep_changes(cause, [effect, *others])
             return self._bases[effect, cause]
@@ -387,9 +387,9 @@ class Model:
 class _BasesOfPart(dict):
     """(effect, cause) -> basis on some samples, from that of a model on all of them; see `Model.basis`."""
 
-    def __init__(self, whole: Model, columns: np.ndarray):
+    def __init__(self, model: Model, columns: np.ndarray):
         super().__init__()
-        self._whole, self._columns = whole, columns
+        self._whole, self._columns = model, columns
 
     def __missing__(self, key):
         basis = self._whole.basis(*key)

@@ -60,15 +60,15 @@ class ModelFiles:
         }
 
 
-def corrected_stages(made: Diagnosis, robot) -> tuple[Stage, ...]:
+def corrected_stages(diagnosis: Diagnosis, robot) -> tuple[Stage, ...]:
     """Stages of a plan: geometry, what the baseline already held, and one a term that was kept; all of them stay."""
-    loss = "huber" if made.outliers else "linear"
+    loss = "huber" if diagnosis.outliers else "linear"
     stages = [replace(geometry(robot), loss=loss)]
-    if made.given:
-        rows = tuple(_row(effect) for effect in made.given)
-        why = f"the baseline of the diagnosis, {made.baseline}, holds these effects"
+    if diagnosis.given:
+        rows = tuple(_row(effect) for effect in diagnosis.given)
+        why = f"the baseline of the diagnosis, {diagnosis.baseline}, holds these effects"
         stages.append(Stage("baseline", why, rows, loss=loss, earn=False))
-    for term in made.terms:
+    for term in diagnosis.terms:
         rows = tuple(_row(effect) for effect in term.finding.effects)
         if rows:
             name = f"{term.finding.where}.{term.finding.effect}"
@@ -81,30 +81,30 @@ def _row(effect) -> tuple[str, str, dict]:
     return name, effect.where, dict(effect.options)
 
 
-def corrected_recording(made: Diagnosis, recording):
+def corrected_recording(diagnosis: Diagnosis, recording):
     """The recording with the robot that the diagnosis used: that of the reference, where it named one."""
-    if made.robot_keys is None:
+    if diagnosis.robot_keys is None:
         return recording
-    return replace(recording, robot=dict(made.robot_keys))
+    return replace(recording, robot=dict(diagnosis.robot_keys))
 
 
 def write_model(
-    made: Diagnosis,
+    diagnosis: Diagnosis,
     recording,
     folder: Path,
     progress: Callable[[str], None] = lambda text: None,
     trust_data: bool = False,
 ) -> ModelFiles:
     """Write plan.toml, solution.json and scene.toml of the corrected model into the run folder of a diagnosis."""
-    if made.unit != "mm":
+    if diagnosis.unit != "mm":
         return ModelFiles(left_out=(_IMAGES,))
-    recording = corrected_recording(made, recording)
+    recording = corrected_recording(diagnosis, recording)
     robot = load_robot(robot_keys(recording), "recording.toml, key robot")
-    stages = corrected_stages(made, robot)
+    stages = corrected_stages(diagnosis, robot)
     folder = Path(folder)
     without = [
         (_NO_LAW if t.finding.effect == "unknown" else _NOT_PREDICTED).format(title=t.title)
-        for t in made.terms
+        for t in diagnosis.terms
         if not t.finding.effects
     ]
     progress("the corrected model")
@@ -116,19 +116,19 @@ def write_model(
             stages = (replace(base_and_tool(), loss=stages[0].loss),)
             calibration = calibrate(recording, stages, trust_data=trust_data)
     except InputError as problem:
-        _write_plan(made, stages, folder)
+        _write_plan(diagnosis, stages, folder)
         return ModelFiles(PLAN, left_out=(*without, f"no solution.json: {problem}"))
-    _write_plan(made, stages, folder)
-    keys = solution_keys(calibration) | {"diagnosis_std": estimated_std(made.terms)}
+    _write_plan(diagnosis, stages, folder)
+    keys = solution_keys(calibration) | {"diagnosis_std": estimated_std(diagnosis.terms)}
     try:
-        considered = considered_terms(made.refused, calibration, stages, _row)
+        considered = considered_terms(diagnosis.refused, calibration, stages, _row)
     except InputError as problem:
         considered = None
         without.append(_NOT_CONSIDERED.format(problem=problem))
     if considered is not None:
         keys["considered"] = considered.as_json()
     (folder / SOLUTION).write_text(json.dumps(keys, indent=1), encoding="utf-8")
-    title = f"{made.title}: corrected by the diagnosis"
+    title = f"{diagnosis.title}: corrected by the diagnosis"
     why = write_scene(corrected_scene(calibration, title), folder)
     missing = (f"no scene.toml: {why}",) if why else ()
     held_out = calibration.held_out["rms_mm"]
@@ -145,14 +145,15 @@ def estimated_std(terms) -> dict[str, float]:
     return {row["key"]: float(row["std"]) for row in rows if np.isfinite(row["std"])}
 
 
-def _write_plan(made: Diagnosis, stages, folder: Path) -> None:
-    (folder / PLAN).write_text(plan_text(stages, _comment(made)), encoding="utf-8")
+def _write_plan(diagnosis: Diagnosis, stages, folder: Path) -> None:
+    (folder / PLAN).write_text(plan_text(stages, _comment(diagnosis)), encoding="utf-8")
 
 
-def _comment(made: Diagnosis) -> str:
-    kept = sum(bool(term.finding.effects) for term in made.terms)
+def _comment(diagnosis: Diagnosis) -> str:
+    term_count = sum(bool(term.finding.effects) for term in diagnosis.terms)
     return (
-        f"Plan of the model that `workbench diagnose` found for {made.recording}: {made.verdict}, {kept} terms.\n"
+        f"Plan of the model that `workbench diagnose` found for {diagnosis.recording}: "
+        f"{diagnosis.verdict}, {term_count} terms.\n"
         "Calibrate by it: workbench calibrate RECORDING --plan plan.toml"
     )
 

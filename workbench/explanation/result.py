@@ -124,18 +124,18 @@ class Diagnosis:
             "verdict": self.verdict,
             "unit": self.unit,
             "effects": [_effect(term, self.unit) for term in self.terms],
-            "located": [_located(one, self.unit) for one in self.located],
+            "located": [_located(located, self.unit) for located in self.located],
             "held_out": _held_out(self.proof, self.unit)
             | ({"by_kind": [dict(row) for row in self.by_kind]} if self.by_kind else {}),
             "ball_centres": None if self.balls is None else dict(self.balls),
             "turntable": self._turntable(),
-            "smallest_visible": [_visible(one, self.unit) for one in self.visible],
+            "smallest_visible": [_visible(detectable, self.unit) for detectable in self.visible],
             "next_experiment": self.experiment.sentence,
             "experiments": [dict(row) for row in self.experiment.rows],
             "refused": [
                 _effect(term, self.unit) | {"reason": term.reason} for term in self.refused
             ],
-            "left": [_located(one, self.unit) for one in self.remainder],
+            "left": [_located(located, self.unit) for located in self.remainder],
             "p_anything_missing": self.found.p_first,
             "p_anything_left": self.found.p_remainder,
             "outliers": list(self.outliers),
@@ -149,8 +149,8 @@ class Diagnosis:
         }
 
     def _turntable(self) -> dict | None:
-        made = turntable_json(self.turntable)
-        return made and made | {"statements": list(self.turntable.sentences)}
+        turntable = turntable_json(self.turntable)
+        return turntable and turntable | {"statements": list(self.turntable.sentences)}
 
     def _differences(self) -> dict | None:
         if self.differences is None:
@@ -219,7 +219,7 @@ def _effect(term: Term, unit: str) -> dict:
         "variant": found.label,
         "p_value": found.p_value,
         "probability": min(found.probability, 1.0),
-        "alternatives": [_alternative(one) for one in found.alternatives],
+        "alternatives": [_alternative(alternative) for alternative in found.alternatives],
         "parameters": [dict(row) for row in term.parameters],
         "depends_on": list(found.depends_on),
         "options": options_of(found.effects),
@@ -235,7 +235,7 @@ def _effect(term: Term, unit: str) -> dict:
             "folds": term.reselected_folds,
             "of": term.searched_folds,
         },  # the same, by its older name
-        "controls": [_control(one) for one in term.controls],
+        "controls": [_control(control) for control in term.controls],
         "alarms": list(found.alarms),
         "statement": term.statement,
     }
@@ -263,48 +263,48 @@ def _spectrum(term: Term) -> dict | None:
 
 def options_of(effects) -> dict:
     """What an effect was made with in addition to its place, as JSON: order, joint, instant, seat, width ..."""
-    held = {}
+    options = {}
     for effect in effects:
         inner = getattr(effect, "inner", effect)  # a law with jointly estimated masses is that law
-        held |= {
+        options |= {
             name: value
             for name, value in inner.options.items()
             if isinstance(value, str | bool | int | float) or name == "names"
         }
-        held |= {"masses_found": True} if inner is not effect else {}
-    return held
+        options |= {"masses_found": True} if inner is not effect else {}
+    return options
 
 
-def _alternative(one) -> dict:
+def _alternative(alternative) -> dict:
     return {
-        "effect": one.effect,
-        "where": one.where,
-        "variant": one.label,
-        "why": one.why,
-        "probability": min(one.probability, 1.0),
-        "alike": one.squared_correlation,
-        "not_recorded": one.missing_covariate,
+        "effect": alternative.effect,
+        "where": alternative.where,
+        "variant": alternative.label,
+        "why": alternative.why,
+        "probability": min(alternative.probability, 1.0),
+        "alike": alternative.squared_correlation,
+        "not_recorded": alternative.missing_covariate,
     }
 
 
-def _control(one: Control) -> dict:
+def _control(control: Control) -> dict:
     return {
-        "control": one.kind,
-        "share_of_gain_left": one.share,
-        "p_value": one.p_value,
-        "passed": one.passed,
-        "trials": one.trials,
-        "why": one.why,
+        "control": control.kind,
+        "share_of_gain_left": control.share,
+        "p_value": control.p_value,
+        "passed": control.passed,
+        "trials": control.trials,
+        "why": control.why,
     }
 
 
-def _located(one: Located, unit: str) -> dict:
+def _located(located: Located, unit: str) -> dict:
     return {
-        "where": one.where,
-        "port": one.port,
-        "depends_on": list(one.depends_on),
-        "share_of_mismatch": one.share,
-        "p_value": one.p_value,
+        "where": located.where,
+        "port": located.port,
+        "depends_on": list(located.depends_on),
+        "share_of_mismatch": located.share,
+        "p_value": located.p_value,
     }
 
 
@@ -331,19 +331,19 @@ def _angles(proof: Proof) -> dict:
     return {"before_deg": before, "after_deg": after}
 
 
-def _visible(one: DetectableBias, unit: str) -> dict:
+def _visible(detectable: DetectableBias, unit: str) -> dict:
     return {
-        "effect": one.effect,
-        "where": one.where,
-        "variant": one.label,
-        f"size_{unit}": one.size,
-        f"surviving_{unit}": one.orthogonal_size,
-        "survives": one.orthogonal_share,
-        "parameter": one.parameter,
-        "unit": one.unit,
-        f"separable_{unit}": one.separable,
-        "separable_parameter": one.separable_parameter,
-        "twin": {"effect": one.alternative, "where": one.alternative_where}
-        if one.alternative
+        "effect": detectable.effect,
+        "where": detectable.where,
+        "variant": detectable.label,
+        f"size_{unit}": detectable.size,
+        f"surviving_{unit}": detectable.orthogonal_size,
+        "survives": detectable.orthogonal_share,
+        "parameter": detectable.parameter,
+        "unit": detectable.unit,
+        f"separable_{unit}": detectable.separable,
+        "separable_parameter": detectable.separable_parameter,
+        "twin": {"effect": detectable.alternative, "where": detectable.alternative_where}
+        if detectable.alternative
         else None,
     }

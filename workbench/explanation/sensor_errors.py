@@ -67,7 +67,10 @@ def ball_centres(bench, recording: Recording, terms: Sequence[Term]) -> dict | N
         }
         for scan, number, old, new in zip(scans, numbers, before, after)
     ]
-    errors = [_distance_error(one, numbers, scans, recording.balls) for one in (before, after)]
+    errors = [
+        _distance_error(scan_errors, numbers, scans, recording.balls)
+        for scan_errors in (before, after)
+    ]
     return {
         "moved_rms_mm": float(np.sqrt((moved**2).mean())),
         "moved_largest_mm": float(moved.max()),

@@ -62,7 +62,7 @@ def statement(term: Term, tip: str, unit: str) -> str:
     sentences += [f"Alarm: {alarm}." for alarm in found.alarms]
     # what a refused term may be called instead is of no use
     sentences.append(_doubt(found) if term.kept else f"Reason: {term.reason}.")
-    return " ".join(one for one in sentences if one)
+    return " ".join(sentence for sentence in sentences if sentence)
 
 
 def _what(term: Term, tip: str, unit: str) -> str:
@@ -105,7 +105,11 @@ def _what(term: Term, tip: str, unit: str) -> str:
 
 def _places(found: Finding) -> str:
     """The places that no pose distinguishes from that of a function without a law; "" where there are none."""
-    others = [place(one.where) for one in found.alternatives if one.why == SAME_FUNCTION]
+    others = [
+        place(alternative.where)
+        for alternative in found.alternatives
+        if alternative.why == SAME_FUNCTION
+    ]
     if not others:
         return ""
     every = [place(found.where), *others]
@@ -135,7 +139,7 @@ def _of_law(term: Term, size: str) -> str:
     said = law(found.effect, found.where, label_of(found), kind)
     numbers = figures(term.parameters) if term.parameters else ""
     numbers = _IN_BRACKETS.sub("", numbers)  # the law states the instant once
-    warms_up = any(getattr(one, "time_constant_s", 0) for one in found.effects)
+    warms_up = any(getattr(effect, "time_constant_s", 0) for effect in found.effects)
     by_time = warms_up or any(row["unit"].endswith("/h") for row in term.parameters)
     said = said.replace(
         _EITHER, "with time (no temperature was recorded)" if by_time else "with temperature"
@@ -168,11 +172,12 @@ def label_of(found: Finding) -> str:
 
 def _unconfirmed(found: Finding) -> str:
     """The most probable effect at the place of an unknown, if it was found there and not retained; else ""."""
-    for one in found.alternatives:
-        if one.why == UNCONFIRMED:
-            label = f" ({one.label})" if one.label else ""
+    for alternative in found.alternatives:
+        if alternative.why == UNCONFIRMED:
+            label = f" ({alternative.label})" if alternative.label else ""
             return (
-                f" The most probable cause there is {one.effect}{label}, with a probability of {_probability(one)} in "
+                f" The most probable cause there is {alternative.effect}{label}, with a probability "
+                f"of {_probability(alternative)} in "
                 "the first search. Cross-validation did not confirm it, so it is not corrected."
             )
     return ""
@@ -222,9 +227,9 @@ def _of_data(found: Finding) -> str:
         "covariate: the residuals have the directions in which such an error moves the measured point."
     )
     could = [
-        f"{one.effect} at {place(one.where)} with {covariate(one.missing_covariate)}"
-        for one in found.alternatives
-        if one.missing_covariate
+        f"{alternative.effect} at {place(alternative.where)} with {covariate(alternative.missing_covariate)}"
+        for alternative in found.alternatives
+        if alternative.missing_covariate
     ]
     return said + (
         f" It may be {listed(could, 'or')}, none of which this recording holds." if could else ""
@@ -251,11 +256,17 @@ def _validated(term: Term, unit: str) -> str:
 
 def _doubt(found: Finding) -> str:
     """The probability of a name that is not certain, and those of the most probable other ones."""
-    others = [one for one in found.alternatives if one.why not in (UNCONFIRMED, SAME_FUNCTION)]
+    others = [
+        alternative
+        for alternative in found.alternatives
+        if alternative.why not in (UNCONFIRMED, SAME_FUNCTION)
+    ]
     if not others or found.probability >= _CLEAR:
         return ""
-    likely = [one for one in others if one.probability >= LISTED_PROBABILITY] or others[:1]
-    texts = [_other(one) for one in likely[:_MOST]]
+    likely = [
+        alternative for alternative in others if alternative.probability >= LISTED_PROBABILITY
+    ] or others[:1]
+    texts = [_other(alternative) for alternative in likely[:_MOST]]
     more = len(likely) - _MOST
     if more > 0:
         texts.append(f"{more} {'others are' if more > 1 else 'other is'} less probable")
@@ -265,25 +276,26 @@ def _doubt(found: Finding) -> str:
     )
 
 
-def _other(one) -> str:
+def _other(alternative) -> str:
     """An alternative with its probability."""
-    label = f" ({one.label})" if one.label else ""
-    name = "an unnamed effect" if one.effect == "unknown" else one.effect
+    label = f" ({alternative.label})" if alternative.label else ""
+    name = "an unnamed effect" if alternative.effect == "unknown" else alternative.effect
     missing = ""
-    if one.missing_covariate:
-        missing = (
-            f" if {covariate(one.missing_covariate)} changed, which this recording does not hold"
-        )
-    return f"{name} at {place(one.where)}{label} {_probability(one)}{missing}"
+    if alternative.missing_covariate:
+        missing = f" if {covariate(alternative.missing_covariate)} changed, which this recording does not hold"
+    return f"{name} at {place(alternative.where)}{label} {_probability(alternative)}{missing}"
 
 
-def _probability(one) -> str:
-    return f"{one.probability:.2f}" if one.probability >= 0.005 else "below 0.01"
+def _probability(finding) -> str:
+    return f"{finding.probability:.2f}" if finding.probability >= 0.005 else "below 0.01"
 
 
 def preliminary(found: Found) -> str:
     """What the first search found, before anything of it is validated."""
-    names = [f"{one.effect} at {place(one.where)} ({_probability(one)})" for one in found.findings]
+    names = [
+        f"{finding.effect} at {place(finding.where)} ({_probability(finding)})"
+        for finding in found.findings
+    ]
     if not names:
         return "First result, not yet validated: no effect is missing."
     return (

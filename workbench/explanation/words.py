@@ -256,8 +256,10 @@ def _spectrum(row: Mapping, harmonics: Sequence[Mapping] = ()) -> str:
     for order, amplitude, of_motor in row["cycles"]:
         motor = f", {of_motor} per revolution of the motor" if of_motor else ""
         waves.append(f"{order:.3g} ({measured(amplitude, None, unit)}{motor})")
-    for one in harmonics:
-        waves.append(f"{one['name'].removeprefix('cos')} ({measured(one['value'], None, unit)})")
+    for harmonic in harmonics:
+        waves.append(
+            f"{harmonic['name'].removeprefix('cos')} ({measured(harmonic['value'], None, unit)})"
+        )
     return f"{size}, cycles {per}: {listed(waves)}"
 
 
@@ -279,8 +281,10 @@ def _waves(rows):
         a, b = known[first], known[second]
         size = math.hypot(a["value"], b["value"])
         # the phase depends on an estimated order, the amplitude to first order not
-        own = [row.get("conditional_std", row["std"]) for row in (a, b)]
-        std = math.hypot(a["value"] * own[0], b["value"] * own[1]) / size if size else own[0]
+        widths = [row.get("conditional_std", row["std"]) for row in (a, b)]
+        std = (
+            math.hypot(a["value"] * widths[0], b["value"] * widths[1]) / size if size else widths[0]
+        )
         yield "amplitude", {"name": first, "value": size, "std": std, "unit": a["unit"]}
 
 

@@ -26,14 +26,14 @@ def command(
         import datasets
         from workbench.recordings.inspection import inspect_recording
 
-        made = inspect_recording(datasets.read(recording, trust_data), say)
+        inspected = inspect_recording(datasets.read(recording, trust_data), say)
         if not no_report:
             from workbench.report import inspection
             from workbench.report.page import write_sheet
 
             say("writing the report")
-            write_sheet(inspection.page(made), run.partial)
-        return {"recording": recording, **made.as_json()}
+            write_sheet(inspection.page(inspected), run.partial)
+        return {"recording": recording, **inspected.as_json()}
 
     flow.run("check", recording, out, json, work, _show)
 

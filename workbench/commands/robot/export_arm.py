@@ -241,9 +241,9 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
         )
     largest = f"{len(found.readings)} targets, largest correction {found.position_mm.max():.3g} mm."
     notes = (largest, *said, *_configuration_notes(arm, programme, found))
-    own = _own_program(arm, to, options, found, back)
-    if own is not None:
-        return ArmExport({file: own[0]}, [], (*notes, own[1]))
+    own_target_program = _own_program(arm, to, options, found, back)
+    if own_target_program is not None:
+        return ArmExport({file: own_target_program[0]}, [], (*notes, own_target_program[1]))
     if to == "fanuc":
         raise InputError(
             f"--to fanuc: expected --targets with a FANUC program as text (.ls), found {options.targets}; name the "

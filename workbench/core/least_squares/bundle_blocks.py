@@ -142,25 +142,25 @@ class Blocks:
         return cls(*(np.zeros(shape) for shape in shapes))
 
     def take_off(
-        self, dense: np.ndarray, own: np.ndarray, pull: np.ndarray, factor: np.ndarray
+        self, dense: np.ndarray, block: np.ndarray, pull: np.ndarray, factor: np.ndarray
     ) -> None:
         """One product a group: rows (G, D) and (G, L), the residual's part `pull` (G,), each times `factor` (G,)."""
         far = factor[:, None] * dense
-        near = factor[:, None] * own
+        near = factor[:, None] * block
         self.dense -= dense.T @ far
         self.gradient -= pull @ far
-        self.cross -= own[:, :, None] * far[:, None]
-        self.own -= own[:, :, None] * near[:, None]
+        self.cross -= block[:, :, None] * far[:, None]
+        self.own -= block[:, :, None] * near[:, None]
         self.own_gradient -= pull[:, None] * near
 
-    def scaled(self, dense: np.ndarray, own: np.ndarray) -> "Blocks":
+    def scaled(self, dense: np.ndarray, block: np.ndarray) -> "Blocks":
         """The same for unknowns in units of `dense` (D,) and `own` (L,)."""
         return Blocks(
             self.dense * np.outer(dense, dense),
-            self.cross * np.outer(own, dense),
-            self.own * np.outer(own, own),
+            self.cross * np.outer(block, dense),
+            self.own * np.outer(block, block),
             self.gradient * dense,
-            self.own_gradient * own,
+            self.own_gradient * block,
         )
 
 

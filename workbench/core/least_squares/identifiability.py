@@ -233,11 +233,11 @@ def independent(
     return parameters.only(mask), tied
 
 
-def _partners(part, keys, kept):
+def _partners(part, keys, retained):
     """Keys of the kept parameters that make a left-out one, the main ones first."""
     part = np.abs(part)
     return [
-        keys[kept[j]]
+        keys[retained[j]]
         for j in np.argsort(-part, kind="stable")
         if part[j] > max(_PART * part.max(), 1e-9)
     ]

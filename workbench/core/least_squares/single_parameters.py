@@ -65,9 +65,9 @@ class SingleParameters:
     def from_held(self) -> dict[str, float]:
         """Key of every free parameter -> the part of its variance that the held ones cause (law of total variance)."""
         free = np.flatnonzero(self.free)
-        held = np.flatnonzero(~self.free)
-        cross = self.known.covariance[np.ix_(free, held)]
-        held_covariance = self.known.covariance[np.ix_(held, held)]
+        held_places = np.flatnonzero(~self.free)
+        cross = self.known.covariance[np.ix_(free, held_places)]
+        held_covariance = self.known.covariance[np.ix_(held_places, held_places)]
         part = (cross * solve_positive(held_covariance, cross.T).T).sum(1)
         return {self.known.keys[k]: max(float(v), 0.0) for k, v in zip(free, part)}
 

@@ -69,10 +69,10 @@ def _text(path: Path, kind: str) -> str:
         raise ContentError("its name contains a character that no file name can have") from None
 
 
-def _parsed(parse: Callable, text: str, kind: str, own: type[Exception]):
+def _parsed(parse: Callable, text: str, kind: str, error_type: type[Exception]):
     try:
         value = parse(text)
-    except own as problem:
+    except error_type as problem:
         sentence = " ".join(str(problem).split()).rstrip(".")
         raise ContentError(f"no valid {kind}: {sentence[:200]}") from None
     except RecursionError:

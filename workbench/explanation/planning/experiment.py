@@ -99,7 +99,7 @@ def next_experiment(
         nothing = EXCEPT if untested and not refused else _nothing(refused)
         return Experiment(" ".join(filter(None, (nothing, untested))))
     untested = sides_from_moves(bench.chain) if _may_be_backlash(terms) else ""
-    asked = sorted(doubtful, key=lambda one: (not one.finding.effects, one.finding.probability))[
+    asked = sorted(doubtful, key=lambda term: (not term.finding.effects, term.finding.probability))[
         :_ASKED
     ]
     # what recordings of lengths between two poses would tell is not computed
@@ -129,17 +129,24 @@ def _confirmed(bench, term: Term, refused: Sequence[Term]) -> str:
 
     A t grows with the root of the number of poses.
     """
-    keys = {(one.effect, one.where, one.label) for one in term.finding.alternatives}
+    keys = {
+        (alternative.effect, alternative.where, alternative.label)
+        for alternative in term.finding.alternatives
+    }
     least = critical_t(bench.sigma)
     if term.finding.effect != "unknown":
         return ""
-    for one in refused:
-        found = one.finding
-        t = min(value for value in (one.t, one.t_nested, np.inf) if value is not None)
+    for refused_term in refused:
+        found = refused_term.finding
+        t = min(
+            value for value in (refused_term.t, refused_term.t_nested, np.inf) if value is not None
+        )
         if (found.effect, found.where, found.label) in keys and 0 < t < least:
             poses = len(np.unique(bench.pose))
             more = poses * min((least / t) ** 2 - 1, _MOST_EXTRA)
-            return CONFIRM.format(name=_called(one), more=max(int(np.ceil(more / 10)) * 10, 10))
+            return CONFIRM.format(
+                name=_called(refused_term), more=max(int(np.ceil(more / 10)) * 10, 10)
+            )
     return ""
 
 
@@ -157,7 +164,7 @@ def _may_be_backlash(terms: Sequence[Term]) -> bool:
 def _has_likely_law(found) -> bool:
     """Whether an unknown has an alternative that needs no other column: a law that was found and not confirmed."""
     return found.effect == "unknown" and any(
-        not one.missing_covariate for one in found.alternatives
+        not alternative.missing_covariate for alternative in found.alternatives
     )
 
 
@@ -181,7 +188,9 @@ def sides_from_moves(chain) -> str:
 
 def _asked(bench, terms, term: Term, problem: Problem, kinds: Sequence[CandidateRecording]):
     """The other terms' effects, the doubt about one, and the recordings of these kinds that might end it."""
-    others = tuple(e for one in terms if one is not term for e in one.finding.effects)
+    others = tuple(
+        e for other_term in terms if other_term is not term for e in other_term.finding.effects
+    )
     pair = _confounded_pair(bench, term, problem) if bench.chain is not None else None
     return others, pair, compared(bench, others, pair, kinds) if pair is not None else []
 
@@ -189,14 +198,17 @@ def _asked(bench, terms, term: Term, problem: Problem, kinds: Sequence[Candidate
 def missing_of(terms: Sequence[Term]) -> tuple[str, ...]:
     """Names of covariates that were not recorded and that a plausible alternative to some term would need."""
     alternatives = [
-        one for term in terms for one in term.finding.alternatives if one.missing_covariate
+        alternative
+        for term in terms
+        for alternative in term.finding.alternatives
+        if alternative.missing_covariate
     ]
     return tuple(
         sorted(
             {
-                one.missing_covariate
-                for one in alternatives
-                if one.probability >= _LIKELY or one.squared_correlation >= _ALIKE
+                alternative.missing_covariate
+                for alternative in alternatives
+                if alternative.probability >= _LIKELY or alternative.squared_correlation >= _ALIKE
             }
         )
     )
@@ -216,17 +228,20 @@ def _missing(terms: Sequence[Term], others: bool = False) -> str:
 
 
 def _by_word(term: Term) -> str:
-    others = [f"{one.effect} at {place(one.where)}" for one in term.finding.alternatives[:3]]
-    own = next(iter(term.finding.effects), None)
-    reads = own.reads if own else ()
+    others = [
+        f"{alternative.effect} at {place(alternative.where)}"
+        for alternative in term.finding.alternatives[:3]
+    ]
+    first_effect = next(iter(term.finding.effects), None)
+    reads = first_effect.reads if first_effect else ()
     names = sorted(term.finding.depends_on or reads)
     aim = (
         f"distinguish {_called(term)} from {listed(others, 'or')}"
         if others
         else f"learn what makes {_called(term)}"
     )
-    if own and own.confounded_with and own.distinguished_by:
-        return f"To {aim}, {own.distinguished_by}."
+    if first_effect and first_effect.confounded_with and first_effect.distinguished_by:
+        return f"To {aim}, {first_effect.distinguished_by}."
     if not names:
         return f"To {aim}, measure more poses, which fill all of the field and the working range."
     changed = listed([covariate(name) for name in names])
@@ -240,26 +255,32 @@ def _called(term: Term) -> str:
 
 def _confounded_pair(bench, term: Term, problem: Problem) -> ConfoundedPair | None:
     """The finding and its likeliest named alternative; None if it has none."""
-    own = [row for row in term.parameters if not row.get("derived")]  # others follow from these
-    values = np.array([row["value"] for row in own])
-    for one in term.finding.alternatives:
-        alternative = _effects_of(problem, one)
-        if alternative and len(values):
-            other = f"{one.effect}{f' ({one.label})' if one.label else ''} at {place(one.where)}"
-            return ConfoundedPair(
-                tuple(term.finding.effects), values, alternative, _called(term), other
-            )
+    estimated = [
+        row for row in term.parameters if not row.get("derived")
+    ]  # others follow from these
+    values = np.array([row["value"] for row in estimated])
+    for alternative in term.finding.alternatives:
+        effects = _effects_of(problem, alternative)
+        if effects and len(values):
+            label = f" ({alternative.label})" if alternative.label else ""
+            other = f"{alternative.effect}{label} at {place(alternative.where)}"
+            found = tuple(term.finding.effects)
+            return ConfoundedPair(found, values, effects, _called(term), other)
     return None
 
 
-def _effects_of(problem: Problem, one) -> tuple:
+def _effects_of(problem: Problem, alternative) -> tuple:
     """The effects of an alternative: the candidate, or the option of a scan, of that name and place."""
     for c in (*problem.candidates, *problem.with_masses):
-        if (c.effect, c.where, c.label) == (one.effect, one.where, one.label):
+        if (c.effect, c.where, c.label) == (
+            alternative.effect,
+            alternative.where,
+            alternative.label,
+        ):
             return c.effects
     for scan in problem.scans:
-        if (scan.effect, scan.where) == (one.effect, one.where) and scan.make:
-            hits = [v for v in scan.options if scan.word.format(v) == one.label]
+        if (scan.effect, scan.where) == (alternative.effect, alternative.where) and scan.make:
+            hits = [v for v in scan.options if scan.word.format(v) == alternative.label]
             return tuple(scan.make(float(hits[0]))) if hits else ()
     return ()
 
@@ -299,10 +320,10 @@ def _information_gain(
     bench, fitted: _Fitted, pair: ConfoundedPair, plan: CandidateRecording
 ) -> dict | None:
     """How far apart the two would stand with the plan's best poses."""
-    rows, own, prior, typical = _rows(bench, fitted, pair, plan)
+    rows, places_of_term, prior, typical = _rows(bench, fitted, pair, plan)
     n = bench.chain.n
     size = np.zeros(rows.shape[2])
-    size[own] = pair.values / typical
+    size[places_of_term] = pair.values / typical
     known = normal_of(rows[:n]) + np.diag(prior)
     blocks = _by_pose(rows[n:], plan.pose)
     count = min(POSES, len(blocks))
@@ -310,7 +331,7 @@ def _information_gain(
     task[0, 0] = size / max(np.linalg.norm(size), 1e-300)
     chosen = choose(blocks, count, "task", task, draws=20, known=known).chosen
     more = known + normal_of(blocks[chosen])
-    now, then = _separation(known, size, own), _separation(more, size, own)
+    now, then = _separation(known, size, places_of_term), _separation(more, size, places_of_term)
     gained = then**2 - now**2
     if not gained > 0:
         return None
@@ -327,12 +348,14 @@ def _information_gain(
     }
 
 
-def _separation(normal, size, own) -> float:
+def _separation(normal, size, places_of_term) -> float:
     """Sigmas between the finding's signature and all that the other columns can make of it."""
-    rest = np.setdiff1d(np.arange(len(normal)), own)
-    cross = normal[np.ix_(own, rest)]
-    left = normal[np.ix_(own, own)] - cross @ solve_positive(normal[np.ix_(rest, rest)], cross.T)
-    return float(np.sqrt(max(size[own] @ left @ size[own], 0.0)))
+    rest = np.setdiff1d(np.arange(len(normal)), places_of_term)
+    cross = normal[np.ix_(places_of_term, rest)]
+    schur_complement = normal[np.ix_(places_of_term, places_of_term)] - cross @ solve_positive(
+        normal[np.ix_(rest, rest)], cross.T
+    )
+    return float(np.sqrt(max(size[places_of_term] @ schur_complement @ size[places_of_term], 0.0)))
 
 
 def _rows(bench, fitted: _Fitted, pair: ConfoundedPair, plan: CandidateRecording):
@@ -341,21 +364,21 @@ def _rows(bench, fitted: _Fitted, pair: ConfoundedPair, plan: CandidateRecording
     chain = replace(chain, state=plan.state(chain))
     model = Model(chain, fitted.effects)
     parameters = model.parameters.take_over(fitted.parameters)
-    own = [p.key for e in pair.own for p in e.parameters(chain)]
+    keys_of_term = [p.key for e in pair.own for p in e.parameters(chain)]
     alternative = [p.key for e in pair.alternative for p in e.parameters(chain)]
-    free = parameters.only(parameters.mask | np.isin(parameters.keys, own + alternative))
+    free = parameters.only(parameters.mask | np.isin(parameters.keys, keys_of_term + alternative))
     typical = free.typical[free.mask]
     rows = model.linearise(free)[1] / fitted.sigma * typical[:, None, None]
     keys = [key for key, chosen in zip(free.keys, free.mask) if chosen]
     prior = (
         np.where(
-            np.isin(keys, own + alternative),
+            np.isin(keys, keys_of_term + alternative),
             _PRIOR_SIZES**-2,
             free.precision[free.mask] * typical**2,
         )
         + 1e-9
     )
-    mine = np.array([keys.index(key) for key in own])
+    mine = np.array([keys.index(key) for key in keys_of_term])
     return rows.transpose(2, 1, 0), mine, prior, typical[mine]
 
 
@@ -363,9 +386,9 @@ def _by_pose(rows, pose):
     """(poses, m', F) rows of one pose side by side, zeros where a pose has fewer than another."""
     counts = np.bincount(pose)
     place_in = np.arange(len(pose)) - np.repeat(np.cumsum(counts) - counts, counts)
-    made = np.zeros((len(counts), counts.max(), *rows.shape[1:]))
-    made[pose, place_in] = rows
-    return made.reshape(len(counts), -1, rows.shape[2])
+    rows_of_pose = np.zeros((len(counts), counts.max(), *rows.shape[1:]))
+    rows_of_pose[pose, place_in] = rows
+    return rows_of_pose.reshape(len(counts), -1, rows.shape[2])
 
 
 def _capital(text: str) -> str:

@@ -29,7 +29,9 @@ def seconds_between(first: float | str | None, second: float | str | None) -> fl
     None where one is unknown, or only one of them is a time stamp.
     """
     if isinstance(first, str) and isinstance(second, str):
-        moments = [datetime.fromisoformat(one).replace(tzinfo=None) for one in (first, second)]
+        moments = [
+            datetime.fromisoformat(moment).replace(tzinfo=None) for moment in (first, second)
+        ]
         return (moments[1] - moments[0]).total_seconds()
     if first is None or second is None or isinstance(first, str) or isinstance(second, str):
         return None

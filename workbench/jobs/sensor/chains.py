@@ -112,13 +112,13 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
         calibration.free.corners, board_stripes, balls, calibration.placements, scans, gain_free
     )
     shape = asymmetry(Profiles.joined(profiles)) if profiles else None
-    doubts = tuple(line_doubts(calibration, shape))
+    line_warnings = tuple(line_doubts(calibration, shape))
     return noisy(
         replace(
             chains,
             lines=_displaced(camera),
             dependence=calibration.dependence,
-            line_doubts=doubts,
+            line_doubts=line_warnings,
         )
     )
 

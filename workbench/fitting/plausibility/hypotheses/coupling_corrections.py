@@ -63,8 +63,8 @@ def _coupling(robot, place: tuple[int, int], ratio: float) -> Correction:
 def _angle(robot, place: tuple[int, int], ratio: float) -> str:
     """ "reading 3 - reading 2": how a joint's angle follows from two readings."""
     joint, other = place
-    own = "-" if robot.mixing[joint, joint] < 0 else ""
-    return f"{own}reading {joint + 1} {'+' if ratio > 0 else '-'} reading {other + 1}"
+    sign = "-" if robot.mixing[joint, joint] < 0 else ""
+    return f"{sign}reading {joint + 1} {'+' if ratio > 0 else '-'} reading {other + 1}"
 
 
 def _with_ratio(place: tuple[int, int], ratio: float):
