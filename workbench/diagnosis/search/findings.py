@@ -316,12 +316,17 @@ def _has_one_axis(search: Search, judged: Hypothesis) -> bool:
 
 def _unexplained_at_place(search: Search, judged: Hypothesis) -> tuple[float, bool, str, float]:
     """Sum of squares of what is unexplained at a law's place next to it; whether it is the law's own covariate, not
-    recorded, that may make it; through which port the largest part acts; and the probability that it is there."""
+    recorded, that may make it; through which port the largest part acts; and the probability that it is there.
+
+    A drift of the session has no exact law: what is left of it in time is the same drift.
+    """
     places, noise = same_place(judged), search.variance()
     unexplained = [(0.0, "", 0.0)]
     functions = [h for h in search.table(search.accepted_indices) if h.smooth_covariates]
     total = logsumexp([h.log_weight for h in functions]) if functions else 0.0
     there = [h for h in functions if h.where in places]
+    if judged.effects and all(e.of_session and e.reads == ("time",) for e in judged.effects):
+        there = [h for h in there if h.smooth_covariates != ("time",)]
     probability = float(np.exp([h.log_weight - total for h in there]).sum())
     for h in there:
         if h.p / h.weight <= search.level:
