@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import datasets
 from conftest import ROOT
 from datasets.trust import TRUST_DATA
 from erring_scenes import erring
+from robot_model.effects import CATALOGUE
 from workbench.core.errors import InputError
 from workbench.explanation.answer import diagnose
 from workbench.fitting.checked_samples import check_samples
@@ -148,3 +150,19 @@ def test_commands_refuse_with_status_2_and_warn_with_the_option(negated, tmp_pat
             command
         )
         assert TRUST_DATA in " ".join(trusted.stderr.split()), command
+
+
+def test_a_jump_that_the_model_makes_is_no_doubt_about_it():
+    """A tool that slipped, found and modelled, does not keep its model from being used; another jump does."""
+    robot, recording = erring("external-point", 3, n=60)
+    time = {"time_s": 10.0 * np.arange(60)}
+    checked = check_samples(replace(recording, columns={**recording.columns, **time}))
+    jumped = replace(checked, doubts=("it moved", "other"), jumps={"it moved": (30, 31)})
+
+    def doubts(*effects):
+        return jumped.doubts_about(SimpleNamespace(effects=effects))
+
+    assert doubts() == ("it moved", "other")
+    assert doubts(CATALOGUE["joint-compliance"]("joint-2")) == ("it moved", "other")
+    assert doubts(CATALOGUE["shift"]("tool", after=295.0)) == ("other",)
+    assert doubts(CATALOGUE["shift"]("tool", after=100.0)) == ("it moved", "other")

@@ -381,6 +381,24 @@ def test_a_load_that_bends_the_arm_must_be_stated(workbench, tmp_path):
     assert "(0.5 to 3 in the recording)" in done.stderr
 
 
+def test_targets_are_corrected_for_the_arm_as_the_recording_left_it(workbench, tmp_path):
+    """A program runs later: a joint that slipped has slipped, whether the table has no times, late or early ones."""
+    slipped = {"effect": "zero-shift", "where": "joint-3", "after": 500.0}
+    ranges = RANGE | {"time_s": [0.0, 1000.0], "payload_kg": [0.0, 0.0]}
+    key = "joint-3.zero-shift.shift"
+    solution(tmp_path / "arm", (slipped,), {key: 1e-3}, fitted_range=ranges)
+    row, found = "0,10,10,0,30,0", {}
+    tables = {"none": f"{JOINTS}\n{row}\n"}
+    tables |= {at: f"{JOINTS},time_s\n{row},{at}\n" for at in ("900", "90000", "100")}
+    for name, text in tables.items():
+        answer, rows, _ = answer_of(workbench, tmp_path, text, status=0)
+        found[name] = float(rows[0]["q3_deg"])
+        is_replaced = any("as it was at the end of it (1000 s" in one for one in answer["warnings"])
+        assert is_replaced == (name in ("none", "90000"))
+    assert found["none"] == found["900"] == found["90000"]
+    assert found["100"] - found["900"] == pytest.approx(np.rad2deg(1e-3), rel=0.02)
+
+
 def test_several_effects_of_one_kind_at_one_joint_are_no_obstacle(tmp_path):
     waves = [
         {"effect": "transmission-harmonic", "where": "joint-2", "order": order} for order in (1, 2)

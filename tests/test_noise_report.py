@@ -110,7 +110,7 @@ def test_noise_stated_three_times_too_small_is_a_finding_of_its_own():
     assert answer["noise"]["stated_mm"] == SIGMA
     assert answer["noise"]["from_residuals_mm"] == pytest.approx(3 * SIGMA, rel=0.25)
     (warning,) = answer["warnings"]
-    assert "A noise that is stated too small is therefore more likely" in warning
+    assert "Either the noise is stated too small" in warning and "gear orders" in warning
     assert answer["noise"]["level"] == NOTICE
 
 

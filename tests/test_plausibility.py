@@ -183,6 +183,14 @@ def test_two_swapped_balls_are_named(pair):
     assert_named(robot, swapped, f"column ball, numbers {a} and {b}", "are swapped")
 
 
+@pytest.mark.parametrize("size_deg", [0.05, 0.4])
+def test_a_joint_that_lost_counts_is_named_and_not_the_base(size_deg):
+    """Readings of joint 3 are off from sample 60 on; a motion of the base would need six numbers for it."""
+    robot, recording = erring("external-point", 6, n=120)
+    wrong = recording.columns["q3_deg"] + size_deg * (np.arange(120) >= 60)
+    assert_warned(robot, changed(recording, q3_deg=wrong), "moved", "the zero of joint 3")
+
+
 def test_single_rows_of_another_ball_are_named():
     robot, recording = erring("ball-centre", 11)
     label = recording.columns["ball"].copy()

@@ -3,8 +3,8 @@
 Every command that fits a robot starts here, so that none accepts a recording that another one refuses.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from robot_model import load_robot
 from robot_model.measurements import samples_of
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
+from workbench.core.model import Model
 from workbench.fitting.plausibility import check_plausibility
 from workbench.fitting.plausibility.far_geometry import CAUSE, OTHER_ROBOT
 from workbench.fitting.start_ambiguity import ambiguity_sentence
@@ -21,6 +22,8 @@ from workbench.fitting.start_ambiguity import ambiguity_sentence
 # Causes that leave the fit right. Faulty single rows are left out of it, and what stays is compared with the noise; a
 # wrong statement of the noise changes uncertainties, not the fit.
 _HARMLESS_TO_THE_FIT = ("blunders", "sigma")
+# intervals between samples by which the instant of an effect may differ from that of a jump
+_JUMP_SLACK = 3.0
 
 
 @dataclass(frozen=True)
@@ -30,13 +33,32 @@ class CheckedSamples:
     `doubts`: sentences on what may be wrong with the recording as a whole, for which a solution is not used
     without --force. `warnings`: these, after what reading the recording, leaving out copies and faulty single
     rows had to say. `far_geometry`: those of the doubts that say that the arm is another one than the robot file
-    describes, for the verdict.
+    describes, for the verdict. `jumps`: of those of the doubts that say that something moved between two samples, the
+    numbers of these.
     """
 
     robot: Robot
     recording: Recording
     doubts: tuple[str, ...]
     far_geometry: str = ""
+    jumps: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+
+    def doubts_about(self, model: Model) -> tuple[str, ...]:
+        """The doubts that remain with a model: not those about a jump that one of its effects makes."""
+        instants = [e.options["after"] for e in model.effects if e.options.get("after") is not None]
+        return tuple(
+            doubt
+            for doubt in self.doubts
+            if doubt not in self.jumps or not self._begins_there(self.jumps[doubt], instants)
+        )
+
+    def _begins_there(self, jump: tuple[int, int], instants: Sequence[float]) -> bool:
+        """Whether an effect begins within a few samples of a jump; instants: s, or rows where no time is recorded."""
+        rows = [int(np.flatnonzero(self.recording.sample_ids == number)[0]) for number in jump]
+        time = self.recording.columns.get("time_s", np.arange(self.recording.n, dtype=float))
+        slack = _JUMP_SLACK * float(np.median(np.diff(np.unique(time))))
+        low, high = min(time[rows]) - slack, max(time[rows]) + slack
+        return any(low <= instant <= high for instant in instants)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -60,7 +82,7 @@ def check_samples(
     if ambiguity is not None:
         samples = replace(samples, warnings=(*samples.warnings, ambiguity))
     fitted = samples.select(rows_to_fit(samples, fit_samples, test_samples))
-    suspicions, far = [], []
+    suspicions, far, jumps = [], [], {}
     for suspicion in check_plausibility(robot, fitted):
         if suspicion.certain and not trust_data:
             raise InputError(naming_option(suspicion.sentence))
@@ -68,11 +90,12 @@ def check_samples(
             far.append(suspicion.sentence)
         if suspicion.cause in _HARMLESS_TO_THE_FIT:
             samples = replace(samples, warnings=(*samples.warnings, suspicion.sentence))
-        else:
-            suspicions.append(
-                accepted_by_option(suspicion.sentence) if suspicion.certain else suspicion.sentence
-            )
-    return CheckedSamples(robot, samples, tuple(suspicions), " ".join(far))
+            continue
+        said = accepted_by_option(suspicion.sentence) if suspicion.certain else suspicion.sentence
+        suspicions.append(said)
+        if suspicion.instant is not None:
+            jumps[said] = suspicion.instant
+    return CheckedSamples(robot, samples, tuple(suspicions), " ".join(far), jumps)
 
 
 def rows_to_fit(

@@ -149,13 +149,16 @@ def command(
 def _read_targets(arm, targets: Path, mapping, start, force: bool):
     """The programme and sentences on its configurations. Raises InputError, also for a unit that cannot be."""
     from workbench.files.targets import read_programme
+    from workbench.jobs.robot.session_clock import targets_on_session_clock
     from workbench.jobs.robot.stated_configuration import configured
     from workbench.jobs.robot.target_units import check_units
 
     programme = read_programme(targets, arm.robot, mapping)
     if not force:
         check_units(arm, programme)
-    return configured(programme, arm, start)
+    programme, late = targets_on_session_clock(arm, programme)
+    programme, stated = configured(programme, arm, start)
+    return programme, [*stated, *late]
 
 
 def _forced(reasons: Mapping[int, list[str]]) -> list[str]:

@@ -219,12 +219,14 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
     from workbench.files.targets import read_programme
     from workbench.jobs.robot.compensate import compensate
     from workbench.jobs.robot.correction_limits import Limits, covariates_of, judge_targets
+    from workbench.jobs.robot.session_clock import targets_on_session_clock
     from workbench.jobs.robot.stated_configuration import configured
     from workbench.jobs.robot.target_units import check_units
 
     programme = read_programme(options.targets, arm.robot, options.map)
     if not options.force:
         check_units(arm, programme)
+    programme, late = targets_on_session_clock(arm, programme)
     programme, said = configured(programme, arm, options.start)
     covariates = covariates_of(arm, programme)
     found = compensate(arm, programme.readings, programme.poses, covariates, programme.anywhere)
@@ -240,7 +242,7 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
             f"{'; '.join(refused[row])} ({len(refused)} such targets); correct it, or see `workbench compensate`"
         )
     largest = f"{len(found.readings)} targets, largest correction {found.position_mm.max():.3g} mm."
-    notes = (largest, *said, *_configuration_notes(arm, programme, found))
+    notes = (largest, *said, *late, *_configuration_notes(arm, programme, found))
     own_target_program = _own_program(arm, to, options, found, back)
     if own_target_program is not None:
         return ArmExport({file: own_target_program[0]}, [], (*notes, own_target_program[1]))

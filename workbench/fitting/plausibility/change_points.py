@@ -1,10 +1,12 @@
-"""A sudden shift midway through a recording: the base, the instrument, the artefact or the tool has moved.
+"""A sudden shift midway through a recording: base, instrument, artefact, tool or the zero of a joint has moved.
 
-For every row k the six parameters of a rigid motion from row k on are added to the linearised fit. The reduction of
-the sum of squares is the score statistic of a change point (Csorgo & Horvath, Limit Theorems in Change-Point
-Analysis, 1997, ch. 3). Parameters of the fit are projected out, so that what the geometry absorbs is no evidence.
+For every row k the parameters of a motion from row k on, six of base or tool or one of a joint, are added to the
+linearised fit. The reduction of the sum of squares is the score statistic of a change point (Csorgo & Horvath, Limit
+Theorems in Change-Point Analysis, 1997, ch. 3). Parameters of the fit are projected out, so that what the geometry
+absorbs is no evidence.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +26,7 @@ from workbench.fitting.plausibility.fitting import (
 _LEAST_ROWS = 6
 _LEAST_GAIN = 2.0
 """Factor by which the RMS has to fall: smaller steps are a matter of the diagnosis, not of plausibility."""
+_SIMPLER = 1.2  # what a joint's zero, one number, may leave of what the six of base or tool leave
 _EXTREME = 12.0
 _MOST_ROWS = 3000
 _WORDS = {
@@ -65,19 +68,35 @@ def find_change_point(robot, recording, fit) -> ChangePoint | None:
         return None
     ordered = recording.select(order)
     system = _System(robot, ordered, fit)
-    places = [place for place in ("base", "tool") if system.columns(place).any()]
+    joints = [f"joint-{number}" for number in range(1, robot.joints + 1)]
+    places = [place for place in ("base", "tool", *joints) if system.columns(place).any()]
     scans = {place: _scan(system, place) for place in places}
-    place = max(scans, key=lambda name: scans[name][1])
+    unexplained = {place: system.squares - explained for place, (_, explained) in scans.items()}
+    place = _likeliest(unexplained, _SIMPLER**2)
     k, explained = scans[place]
-    unexplained = max(system.squares - explained, 1e-12)
+    unexplained = max(unexplained[place], 1e-12)
     gain = float(np.sqrt(system.squares / unexplained))
     if gain < _LEAST_GAIN:
         return None
-    words = _WORDS[place]
-    what = words.get(recording.measures, words[""])
+    what = _what(place, recording.measures)
     ids = ordered.sample_ids
     scale = np.sqrt(unexplained / ordered.n)
     return ChangePoint(what, int(ids[k - 1]), int(ids[k]), gain, scale, system.shift(place, k))
+
+
+def _likeliest(unexplained: Mapping[str, float], allowed: float) -> str:
+    """The place that leaves least; a joint, which has one number, where it leaves hardly more than base and tool."""
+    best = min(unexplained, key=unexplained.get)
+    joints = [place for place in unexplained if place.startswith("joint-")]
+    joint = min(joints, key=unexplained.get, default=best)
+    return joint if unexplained[joint] <= allowed * max(unexplained[best], 1e-12) else best
+
+
+def _what(place: str, measures: str) -> str:
+    """What has moved at a place, as the subject of a sentence."""
+    if place.startswith("joint-"):
+        return f"the zero of {place.replace('-', ' ')} (lost counts, a slipped belt)"
+    return _WORDS[place].get(measures, _WORDS[place][""])
 
 
 def time_order(recording) -> np.ndarray:
@@ -116,7 +135,9 @@ class _System:
         self.n = residual.shape[1]
 
     def columns(self, place):
-        """(F,) True for the pose parameters at a place: "base", or "tool" for tool and sensor."""
+        """(F,) True for the parameters at a place: pose of "base", of "tool" for tool and sensor, zero of "joint-2"."""
+        if place.startswith("joint-"):
+            return self.keys == _zero_of(place)
         wanted = ("base.",) if place == "base" else ("tool.", "sensor.")
         return np.array([key.startswith(wanted) for key in self.keys], bool)
 
@@ -178,9 +199,8 @@ def find_new_setup(robot, recording, good: float) -> ChangePoint | None:
     if not max(before, after) < 3 * good or split + 1 > ordered.n - 4:
         return None
     place, shift = _what_moved(robot, ordered, (first, last), split + 1)
-    words, ids = _WORDS[place], ordered.sample_ids
+    what, ids = _what(place, recording.measures), ordered.sample_ids
     scale = float(max(before, after))
-    what = words.get(recording.measures, words[""])
     return ChangePoint(
         what, int(ids[split]), int(ids[split + 1]), shift / max(scale, 1e-9), scale, shift
     )
@@ -195,12 +215,13 @@ def _fit_of(robot, recording, rows):
 
 
 def _what_moved(robot, recording, fits, split):
-    """ "base" or "tool", whichever explains the later rows better when only it differs from the earlier fit, and how
-    far it moves the measured points (RMS, mm)."""
+    """The base, the tool or a joint, whichever explains the later rows best when only it differs from the earlier fit,
+    and how far it moves the measured points (RMS, mm)."""
     first, _ = fits
     later = recording.select(np.arange(split, recording.n))
     unexplained = {}
-    for place, patterns in (("base", ("base.*",)), ("tool", tool_patterns(later))):
+    zeros = {f"joint-{k}": (_zero_of(f"joint-{k}"),) for k in range(1, robot.joints + 1)}
+    for place, patterns in {"base": ("base.*",), "tool": tool_patterns(later), **zeros}.items():
         try:
             start = fit_recording(robot, later).parameters
             values = np.where(start.matching(*patterns), start.values, first.parameters.values)
@@ -208,4 +229,9 @@ def _what_moved(robot, recording, fits, split):
         except (np.linalg.LinAlgError, InputError):
             unexplained[place] = np.inf
     moved = row_mismatch(robot, later, first)
-    return min(unexplained, key=unexplained.get), float(np.sqrt((moved**2).mean()))
+    return _likeliest(unexplained, _SIMPLER), float(np.sqrt((moved**2).mean()))
+
+
+def _zero_of(place: str) -> str:
+    """Key of the zero offset of a joint; of a slide it is confounded with its length and not compared."""
+    return f"{place}.theta{place.partition('-')[2]}"

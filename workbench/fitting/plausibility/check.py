@@ -147,7 +147,7 @@ def _moved_or_explained(robot, recording, fit, good, change) -> list[Suspicion]:
     """A change point, unless one correction of the data explains them better still."""
     found = explained_suspicions(robot, recording, fit, min(good, change.scale / 2))
     sentence = change_point_sentence(f"samples.csv of recording '{recording.name}'", change)
-    return found or [Suspicion(sentence, False, "moved")]
+    return found or [Suspicion(sentence, False, "moved", instant=(change.before, change.after))]
 
 
 def _majority_fit(robot, recording, good, share: float) -> Fit | None:

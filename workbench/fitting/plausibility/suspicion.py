@@ -12,7 +12,7 @@ class Suspicion:
     well as plausible geometry errors allow, and the data as recorded do not. A calibration then refuses.
     `cause`: the kind of mistake as one term, for example "joint-sign" or "rows-shifted". `alternatives`: causes that
     the sentence names as equally good explanations. `rows`: indices of the rows that the sentence names, () where it
-    is about all rows.
+    is about all rows. `instant`: sample numbers before and after a jump; None where nothing jumps.
     """
 
     sentence: str
@@ -20,3 +20,4 @@ class Suspicion:
     cause: str = ""
     alternatives: tuple[str, ...] = ()
     rows: tuple[int, ...] = ()
+    instant: tuple[int, int] | None = None

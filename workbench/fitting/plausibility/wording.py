@@ -23,11 +23,11 @@ def fit_words(fit) -> str:
 
 
 def change_point_sentence(named, change) -> str:
-    """What moved, when and how far."""
+    """What moved, when and how far, and what to do."""
     return (
-        f"{named}, samples {change.before} and {change.after}: between them {change.what} has moved by about "
-        f"{change.shift_mm:.3g} mm; one base and one tool cannot fit both parts; calibrate the parts separately, "
-        "or measure again with everything clamped."
+        f"{named}, samples {change.before} and {change.after}: between them {change.what} has moved (the measured "
+        f"points by about {change.shift_mm:.3g} mm); no single model fits both parts; find the jump with `workbench "
+        "diagnose`, calibrate the parts separately, or measure again."
     )
 
 

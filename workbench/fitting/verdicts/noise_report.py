@@ -159,7 +159,12 @@ class NoiseReport:
             return f"unmodelled effects remain, as in most real arms; {DIAGNOSE}"
         if found.is_absorbed and found.replicates is None:
             return f"an effect that is modelled only in part, or noise stated too small; {DIAGNOSE}"
-        return f"noise stated too small is more likely than an unmodelled effect; check sigma_mm, or {DIAGNOSE}"
+        if found.is_diagnosed:
+            return "noise stated too small is more likely than an unmodelled effect; check sigma_mm"
+        return (
+            "an effect without a slow dependence on the joint angles (gear orders, backlash, coupled joints), or "
+            f"noise stated too small; {DIAGNOSE} before you change sigma_mm"
+        )
 
     def as_json(self) -> dict:
         """The object `noise` of the answer; sigmas of one coordinate, mm."""
@@ -280,13 +285,17 @@ def _cause(found: Findings) -> str:
             "place of a changed load or a slipped tool), or the noise is stated too small. Run `workbench diagnose` "
             "before you change sigma_mm."
         )
-    advice = "Run `workbench diagnose`, which searches more, or measure some poses repeatedly,"
+    none = "No slow dependence of the residual on the joint angles or on the order of the samples is found."
     if found.is_diagnosed:
-        advice = "Measure some poses repeatedly"
+        return (
+            f"{none} A noise that is stated too small is therefore more likely than an unmodelled effect (the arm's "
+            "repeatability counts as noise). Measure some poses repeatedly before you state sigma_mm = "
+            f"{found.residual_rms:.2g}."
+        )
     return (
-        "No dependence of the residual on the joint angles or on the order of the samples is found. A noise that is "
-        "stated too small is therefore more likely than an unmodelled effect (the arm's repeatability counts as "
-        f"noise). {advice} before you state sigma_mm = {found.residual_rms:.2g}."
+        f"{none} Either the noise is stated too small (the arm's repeatability counts as noise), or there is an effect "
+        "that changes fast or abruptly: gear orders, backlash, coupled joints. Run `workbench diagnose`, or measure "
+        f"some poses repeatedly, before you state sigma_mm = {found.residual_rms:.2g}."
     )
 
 

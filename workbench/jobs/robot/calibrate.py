@@ -248,6 +248,7 @@ def _calibration(checked: CheckedSamples, chosen: Chosen, split: Split, progress
     rotation = {name: in_rotation(residual) for name, residual in residuals.items()}
     shown = np.where(np.isfinite(held_out.position), held_out.position, position["fit"])
     points, arrows = in_root(step.model, parameters, shown)
+    remaining_doubts = checked.doubts_about(step.model)
     return Calibration(
         recording,
         robot,
@@ -265,11 +266,11 @@ def _calibration(checked: CheckedSamples, chosen: Chosen, split: Split, progress
         points,
         arrows,
         tuple(int(i) for i in recording.sample_ids[~split.fit & ~split.test]),
-        checked.warnings,
+        (*checked.recording.warnings, *remaining_doubts),
         dict(solution.provenance),
         rotation,
         split.fit,
-        checked.doubts,
+        remaining_doubts,
         checked.far_geometry,
     )
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from datasets.recording import Recording
 from workbench.files.solution_file import CalibratedArm
+from workbench.jobs.robot.compensate import considered_covariates, covariates_read
 
 _TIME, _ROW = "time_s", "row"
 
@@ -66,6 +67,31 @@ def on_session_clock(arm: CalibratedArm, samples: Recording, later: bool = False
     if later and _TIME in columns:
         columns[_TIME] = _end(arm) + times - times.min()
     return replace(samples, columns=columns)
+
+
+def targets_on_session_clock(arm: CalibratedArm, programme):
+    """A programme of targets with times that the model knows, and sentences on times that were replaced.
+
+    programme: `workbench.files.targets.Programme`. A program runs after the recording, whether its table states times
+    or not: the arm is then as it was at the end of the recording, since no step or drift is known beyond it.
+    """
+    if arm.fitted_range is None or _TIME not in arm.fitted_range:
+        return programme, []
+    if _TIME not in covariates_read(arm) | considered_covariates(arm):
+        return programme, []
+    end, times = arm.fitted_range[_TIME][1], programme.covariates.get(_TIME)
+    late = np.full(len(programme.readings), True) if times is None else times > end
+    if not late.any():
+        return programme, []
+    known = np.full(len(late), end) if times is None else np.minimum(times, end)
+    what = (
+        f"{late.sum()} targets are" if times is not None else "The targets have no times: all are"
+    )
+    sentence = (
+        f"{what} taken as later than the recording, with the arm as it was at the end of it ({end:.6g} s; "
+        f"{', '.join(clock_effects(arm))})."
+    )
+    return replace(programme, covariates={**programme.covariates, _TIME: known}), [sentence]
 
 
 def _rows_of(arm: CalibratedArm, samples: Recording) -> np.ndarray:
@@ -123,4 +149,5 @@ __all__ = [
     "is_same_recording",
     "on_session_clock",
     "seconds_between",
+    "targets_on_session_clock",
 ]

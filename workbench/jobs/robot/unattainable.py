@@ -58,8 +58,8 @@ class Unattainable:
         if self.allowed_mm is None:
             return ""
         return (
-            f"; compared with the uncertainty of the target, {self.allowed_mm:.2g} mm "
-            "would be negligible"
+            f"; up to {self.allowed_mm:.2g} mm would be accepted, since the uncertainty of the "
+            "target is much larger"
         )
 
 
