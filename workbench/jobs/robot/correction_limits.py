@@ -24,7 +24,6 @@ from workbench.jobs.robot.compensate import (
     half_loops_mm,
 )
 from workbench.jobs.robot.recorded_turns import recorded_middle
-from workbench.jobs.robot.session_clock import seconds_between
 from workbench.jobs.robot.singularity import reading_words, singular_joint
 
 _CORRECT_THE_INPUT = "correct the recording or the robot file and calibrate again, or add --force"
@@ -47,7 +46,7 @@ _NEAR, _FAR = 0.1, 1.0
 _LEAST_TURN, _LEAST_SLIDE = np.deg2rad(10.0), 100.0
 LARGEST_JOINT_DEG = 10.0
 """Change of a joint angle by a correction of at most one degree: ten times as much is a nearly singular posture."""
-_LOAD, _TIME = "payload_kg", "time_s"
+_LOAD = "payload_kg"
 # postures (rad about the middle of the recorded readings) at which a load must move the flange, and by how much
 _POSTURES, _LEAST_MM = 9, 1e-3
 _NAMED_TARGETS = 6
@@ -217,32 +216,7 @@ def covariates_of(arm: CalibratedArm, programme) -> Mapping[str, np.ndarray]:
             "add it with the values that hold when the programme runs",
         )
     known = {*arm.fitted_range, *sides, _LOAD}
-    read = {name: values for name, values in programme.covariates.items() if name in known}
-    return _on_calibration_clock(arm, programme, read)
-
-
-def _on_calibration_clock(arm: CalibratedArm, programme, read: Mapping[str, np.ndarray]):
-    """The covariates with times that count from the first row of the calibrated recording.
-
-    Times of a table in the columns of the recording format count so already; those of a numeric clock whose reading at
-    that row is unknown are taken for such times.
-    """
-    origin = programme.table.time_origin
-    if _TIME not in read or origin is None:
-        return read
-    known = arm.keys.get("time_origin")
-    shift = seconds_between(0.0 if known is None else known, origin)
-    if shift is not None:
-        return {**read, _TIME: read[_TIME] + shift}
-    if _TIME not in covariates_read(arm):
-        return {name: values for name, values in read.items() if name != _TIME}
-    first = f"its first row is at {known}" if known is not None else "its first row has no date"
-    raise complaint(
-        f"{programme.table.called}, times of the targets",
-        f"the clock of the recording of the calibration ({first})",
-        f"another clock ({origin})",
-        f"add a column {_TIME} with the seconds since the first row of that recording instead",
-    )
+    return {name: values for name, values in programme.covariates.items() if name in known}
 
 
 def _reads_load(arm: CalibratedArm) -> bool:

@@ -73,25 +73,42 @@ def targets_on_session_clock(arm: CalibratedArm, programme):
     """A programme of targets with times that the model knows, and sentences on times that were replaced.
 
     programme: `workbench.files.targets.Programme`. A program runs after the recording, whether its table states times
-    or not: the arm is then as it was at the end of the recording, since no step or drift is known beyond it.
+    or not: the arm is then as it was at the end of the recording, since no step or drift is known beyond it. Times of
+    a clock that the recording does not share say nothing.
     """
     if arm.fitted_range is None or _TIME not in arm.fitted_range:
         return programme, []
     if _TIME not in covariates_read(arm) | considered_covariates(arm):
         return programme, []
-    end, times = arm.fitted_range[_TIME][1], programme.covariates.get(_TIME)
+    end, times = arm.fitted_range[_TIME][1], _target_times(arm, programme)
     late = np.full(len(programme.readings), True) if times is None else times > end
     if not late.any():
-        return programme, []
+        return replace(programme, covariates={**programme.covariates, _TIME: times}), []
     known = np.full(len(late), end) if times is None else np.minimum(times, end)
     what = (
-        f"{late.sum()} targets are" if times is not None else "The targets have no times: all are"
+        f"{late.sum()} targets are"
+        if times is not None
+        else "The targets have no times on the clock of the recording: all are"
     )
     sentence = (
         f"{what} taken as later than the recording, with the arm as it was at the end of it ({end:.6g} s; "
         f"{', '.join(clock_effects(arm))})."
     )
     return replace(programme, covariates={**programme.covariates, _TIME: known}), [sentence]
+
+
+def _target_times(arm: CalibratedArm, programme) -> np.ndarray | None:
+    """(n,) s of targets since the first row of the calibrated recording; None where they are not known.
+
+    Times in a table of the recording format count so already; those of a numeric clock whose reading at that row is
+    unknown are taken for such times.
+    """
+    times, origin = programme.covariates.get(_TIME), programme.table.time_origin
+    if times is None or origin is None:
+        return times
+    known = arm.keys.get("time_origin")
+    shift = seconds_between(0.0 if known is None else known, origin)
+    return None if shift is None else times + shift
 
 
 def _rows_of(arm: CalibratedArm, samples: Recording) -> np.ndarray:
