@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 
 import datasets
-from datasets.errors import InputError
 from datasets.importers.user_tables import read_targets
 from import_scenes import degrees, pose_scene, simulated, write_rows
-from workbench.jobs.robot import correction_limits
-from workbench.jobs.robot.correction_limits import covariates_of
-from workbench.jobs.robot.session_clock import clock_warning, on_session_clock, seconds_between
+from workbench.files.targets import Programme
+from workbench.jobs.robot import session_clock
+from workbench.jobs.robot.session_clock import (
+    clock_warning,
+    on_session_clock,
+    seconds_between,
+    targets_on_session_clock,
+)
 from workbench.recordings.importing import ImportOptions, import_recording
 
 SCENE = pose_scene("staubli_tx60", 24, 3, "share_of_limits = 0.4")
@@ -105,22 +109,27 @@ def test_a_time_stamp_and_a_number_have_no_difference():
 def test_targets_have_their_times_on_the_clock_of_the_calibration(
     header, times, origin, expected, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(correction_limits, "covariates_read", lambda arm: frozenset())
+    placed, said = targets_on_session_clock(
+        arm(origin), programme_of(header, times, tmp_path, monkeypatch)
+    )
+    np.testing.assert_allclose(placed.covariates["time_s"], expected)
+    assert not said
+
+
+def programme_of(header, times, folder, monkeypatch):
+    """Targets with a column of times, of a model that reads it."""
+    monkeypatch.setattr(session_clock, "covariates_read", lambda arm: frozenset({"time_s"}))
+    monkeypatch.setattr(session_clock, "considered_covariates", lambda arm: frozenset())
     names = [header, *(f"A{k} [deg]" for k in range(1, 7))]
-    path = write_rows(tmp_path / "targets.csv", names, [[t, *np.arange(6.0)] for t in times])
+    path = write_rows(folder / "targets.csv", names, [[t, *np.arange(6.0)] for t in times])
     table = read_targets(path, [False] * 6)[0]
-    programme = SimpleNamespace(table=table, covariates={"time_s": table.columns["time_s"]})
-    np.testing.assert_allclose(covariates_of(arm(origin), programme)["time_s"], expected)
+    times_read = {"time_s": table.columns["time_s"]}
+    return Programme(table, np.zeros((len(times), 6)), None, times_read)
 
 
-def test_targets_with_dates_need_the_date_of_the_calibration(tmp_path, monkeypatch):
-    names = ["time", *(f"A{k} [deg]" for k in range(1, 7))]
-    path = write_rows(tmp_path / "targets.csv", names, [["2026-09-14 08:12:15", *np.arange(6.0)]])
-    table = read_targets(path, [False] * 6)[0]
-    programme = SimpleNamespace(table=table, covariates={"time_s": table.columns["time_s"]})
-    monkeypatch.setattr(correction_limits, "covariates_read", lambda arm: frozenset({"time_s"}))
-    with pytest.raises(InputError, match="add a column time_s"):
-        covariates_of(arm(5000.0), programme)
-    # a correction that does not depend on time needs none
-    monkeypatch.setattr(correction_limits, "covariates_read", lambda arm: frozenset())
-    assert "time_s" not in covariates_of(arm(5000.0), programme)
+def test_targets_on_a_clock_that_the_recording_lacks_are_later_than_it(tmp_path, monkeypatch):
+    """Dates cannot be compared with the seconds of a stop watch: the program runs after the recording anyhow."""
+    programme = programme_of("time", ["2026-09-14 08:12:15"], tmp_path, monkeypatch)
+    placed, (sentence,) = targets_on_session_clock(arm(5000.0), programme)
+    assert placed.covariates["time_s"].tolist() == [3000.0]
+    assert "no times on the clock of the recording" in sentence
