@@ -451,7 +451,7 @@ def test_what_is_not_certain_is_never_said_to_need_nothing(bench):
         "nothing else does", ""
     )
     assert next_experiment(bench, (), problem, 1e-9).sentence.startswith("Measure more poses")
-    assert next_experiment(bench, (), problem, 0.5).sentence.startswith("Nothing is missing")
+    assert next_experiment(bench, (), problem, 0.5).sentence.startswith("None is needed")
 
 
 def test_what_was_found_and_not_retained_is_open(bench):

@@ -248,7 +248,7 @@ def test_orientations_are_compared_with_their_own_stated_noise():
     )
     wrong = geometry_of(with_columns(right, sigma_deg=np.full(60, 0.005)))
     (warning,) = wrong.noise.warnings
-    assert warning.startswith("Orientations: the fit leaves 4")
+    assert warning.startswith("Orientations: the RMS residual is 4")
 
 
 def test_a_coarse_instrument_is_no_implausible_arm():

@@ -113,7 +113,7 @@ def test_held_out_images_show_the_bow_that_opencv_has_not():
         held.opencv_rms_px > 1.5 * held.rms_px
         and held.opencv_halved_rms_px > 1.5 * held.halved_rms_px
     )
-    assert "after fitting the six numbers of their pose" in held.sentence
+    assert "with the pose of each image fitted" in held.sentence
 
 
 def test_halves_differ_by_what_their_sigmas_say():

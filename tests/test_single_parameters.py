@@ -100,6 +100,6 @@ def test_no_table_without_rows():
 def test_combinations_of_the_geometry_are_stated():
     stage = {"name": "geometry", "identifiable": 27, "free": 33}
     assert tables.combinations([stage]).startswith(
-        "27 of 33 combinations of the geometry are determined;"
+        "27 of 33 combinations of the geometry are identifiable."
     )
     assert tables.combinations([stage | {"free": 27}]) == ""

@@ -93,7 +93,7 @@ def test_without_noise_the_sentence_says_so():
     verdict = judge(Residual(0.1))
     assert verdict.residual_over_noise is None
     assert verdict.sentence.endswith(
-        "no noise is stated and too few measurements are repeated to estimate it from: 0.1 mm cannot be compared with it."
+        "the noise is unknown (not stated, and too few repeated measurements), so that 0.1 mm cannot be compared with it."
     )
 
 

@@ -69,9 +69,9 @@ class HeldOut:
     @property
     def sentence(self) -> str:
         return (
-            f"images left out in {self.folds} folds: {self.rms_px:.4f} px after fitting the six numbers of their "
-            f"pose (OpenCV {self.opencv_rms_px:.4f} px), {self.halved_rms_px:.4f} px with the pose from every second "
-            f"corner and the error on the others (OpenCV {self.opencv_halved_rms_px:.4f} px)"
+            f"held-out images, {self.folds} folds: RMS {self.rms_px:.4f} px with the pose of each image fitted "
+            f"(OpenCV {self.opencv_rms_px:.4f} px); RMS {self.halved_rms_px:.4f} px with the pose fitted to every "
+            f"second corner and tested on the others (OpenCV {self.opencv_halved_rms_px:.4f} px)"
         )
 
 

@@ -297,7 +297,7 @@ def preliminary(found: Found) -> str:
         for finding in found.findings
     ]
     if not names:
-        return "First result, not yet validated: no effect is missing."
+        return "First result, not yet validated: no unmodelled effect was found."
     return (
         f"First result with probabilities, not yet validated: {listed(names)}. Cross-validation may reject some of "
         "them."

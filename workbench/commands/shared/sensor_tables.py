@@ -27,7 +27,7 @@ def camera(console, answer: Mapping) -> None:
     ]
     grid(console, title, ["parameter", "value", "1 sigma"], rows)
     for sentence in _about_camera(answer):
-        console.print(f"- {sentence}", markup=False, soft_wrap=True)
+        console.print(f"- {sentence}", markup=False)
     console.print()
     rejected(console, answer["rejected"])
 
@@ -78,7 +78,7 @@ def scanner(console, answer: Mapping) -> None:
     if answer["left_out"]:
         console.print(answer["left_out"]["sentence"], markup=False)
     for sentence in answer["sentences"]:
-        console.print(f"- {sentence}", markup=False, soft_wrap=True)
+        console.print(f"- {sentence}", markup=False)
     console.print()
     rejected(console, answer["rejected"])
 

@@ -45,8 +45,8 @@ def combinations(stages: Sequence[Mapping]) -> str:
         return ""
     stage = stages[0]
     return (
-        f"{stage['identifiable']} of {stage['free']} combinations of the {stage['name']} are determined; the values "
-        "of single parameters of the others depend on conventions; predictions and corrections do not."
+        f"{stage['identifiable']} of {stage['free']} combinations of the {stage['name']} are identifiable. The others "
+        "have conventional values, which do not affect predictions and corrections."
     )
 
 
@@ -245,7 +245,7 @@ def _parameters(console, parameters: Sequence[Mapping], most: int = 15) -> None:
     for row in large:
         if row.get("tied_to"):
             others = ", ".join(row["tied_to"])
-            line = f"{row['where']}.{row['name']} is not identifiable alone: its value holds with {others} as stated."
+            line = f"{row['where']}.{row['name']} is identifiable only together with {others}."
             console.print(line, markup=False)
 
 
@@ -290,8 +290,8 @@ def unidentified(parameters: Sequence[Mapping]) -> str:
     )
     return (
         f"{estimated} of {len(parameters)} parameters are estimated. {len(missing) - held_count - at_zero} are not "
-        "identifiable: in the recorded poses they act like the others together, or not at all; some always do. "
-        f"{bounded}{held_count} are held by the plan. The report gives the reasons."
+        "identifiable: in these poses they are confounded with others or have no effect. "
+        f"{bounded}{held_count} are held fixed by the plan. The report page states the reasons."
     )
 
 

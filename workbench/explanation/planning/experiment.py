@@ -57,8 +57,8 @@ SIDES_FROM_MOVES = (
     "and record the side."
 )
 CLEAN = (
-    "Nothing is missing that these data can show; smallest-visible.csv in the run folder says from which size on they "
-    "would show each effect."
+    "None is needed: these data show no further effect. smallest-visible.csv in the run folder lists the minimal "
+    "detectable bias of each effect."
 )
 
 

@@ -262,7 +262,7 @@ def _above_noise(found: Findings) -> float:
 def _factor(found: Findings) -> str:
     test = found.test
     return (
-        f"The fit leaves {found.residual_rms:.3g} mm per coordinate (1 sigma), {test.factor:.3g} times the stated "
+        f"The RMS residual is {found.residual_rms:.3g} mm per coordinate, {test.factor:.3g} times the stated "
         f"noise of {found.stated:.3g} mm (chi-square test of the variance, {test.degrees:.0f} degrees of freedom, "
         f"{p_text(test.p_above)})."
     )
@@ -305,13 +305,13 @@ def _cause_by_structure(found: Findings) -> str:
     limit = _bound(found)
     ratio = limit / found.stated
     check = (
-        f", still {ratio:.3g} times the stated noise: check the stated noise as well"
+        f", {ratio:.3g} times the stated value: check the stated noise, too"
         if ratio > _STILL_LARGE
         else ""
     )
     return (
-        f"The residual depends on {listed(names)}, and noise does not: unmodelled effects remain{moved}. Noise is at "
-        f"most {limit:.3g} mm of it{check}.{_next(found, ' Run `workbench diagnose`.')}"
+        f"The residual depends on {listed(names)}, unlike noise: unmodelled effects remain{moved}. The noise is at "
+        f"most {limit:.3g} mm{check}.{_next(found, ' Run `workbench diagnose`.')}"
     )
 
 
@@ -343,19 +343,19 @@ def _agreement(found: Findings) -> str:
         return _without_statement(found)
     if _is_below(found):
         return (
-            f"The fit leaves {found.residual_rms:.3g} mm per coordinate (1 sigma), only {found.test.factor:.2g} times "
+            f"The RMS residual is {found.residual_rms:.3g} mm per coordinate, only {found.test.factor:.2g} times "
             f"the stated noise of {found.stated:.3g} mm; the noise is stated too large, or samples are copies of one "
             "another; correct sigma_mm."
         )
     agrees = "less than" if found.test.p_below < _LEVEL else "in agreement with"
     return (
-        f"The fit leaves {found.residual_rms:.3g} mm per coordinate (1 sigma), {agrees} the stated noise of "
+        f"The RMS residual is {found.residual_rms:.3g} mm per coordinate, {agrees} the stated noise of "
         f"{found.stated:.3g} mm."
     )
 
 
 def _without_statement(found: Findings) -> str:
-    sentence = f"The recording states no noise; the fit leaves {found.residual_rms:.3g} mm per coordinate (1 sigma)"
+    sentence = f"The recording states no noise; the RMS residual is {found.residual_rms:.3g} mm per coordinate"
     if found.replicates is None:
         return (
             f"{sentence}. Write sigma_mm into recording.toml (workbench import: --sigma), or measure some poses "
@@ -392,8 +392,9 @@ def _rotation(found: Findings) -> str:
         return ""
     test = found.rotation.test
     return (
-        f"Orientations: the fit leaves {test.factor:.3g} times the stated noise of {found.rotation.stated_rms_deg:.3g} "
-        f"deg ({p_text(test.p_above)}); unmodelled effects remain, or sigma_deg is stated too small."
+        f"Orientations: the RMS residual is {test.factor:.3g} times the stated noise of "
+        f"{found.rotation.stated_rms_deg:.3g} deg ({p_text(test.p_above)}); unmodelled effects remain, or sigma_deg "
+        "is stated too small."
     )
 
 

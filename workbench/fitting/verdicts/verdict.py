@@ -229,7 +229,7 @@ def _against_noise(
     if noise is None or ratio is None:
         size = f"{residual.value:.3g} {residual.unit}"
         return (
-            "no noise is stated and too few measurements are repeated to estimate it from: "
+            "the noise is unknown (not stated, and too few repeated measurements), so that "
             f"{size} cannot be compared with it"
         )
     stated = f"the noise of {noise.value:.3g} {residual.unit} ({noise.source})"
