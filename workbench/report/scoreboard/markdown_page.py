@@ -85,9 +85,11 @@ def _head(board: Board) -> Iterator[str]:
     yield "# Scoreboard of the blind benchmark"
     yield ""
     yield (
-        "Written by `workbench prove`. An engine that shares no code with the diagnosis simulates recordings with a "
-        "planted effect. The SHA-256 of each truth is published before the diagnosis receives the recording, and only "
-        "the recording. The truths are then unblinded and the answers are scored by fixed rules."
+        "This page states how often the diagnosis detects, locates and identifies effects in simulated recordings "
+        "whose true effects it does not know ([method](concepts/blind-benchmark.md)). An engine that shares no code "
+        "with the diagnosis simulates the recordings. The SHA-256 of each truth is published before the diagnosis "
+        "receives the recording, and only the recording. The truths are then unblinded and the answers are scored by "
+        "fixed rules. `workbench prove` writes this page."
     )
     yield ""
     yield (
