@@ -44,21 +44,21 @@ def terms_of(path: Path) -> dict:
 def unread(path: Path) -> list[str]:
     """Sentences for what a foreign MJCF file says and an arm of this workbench does not take over."""
     tree = MjcfTree({"urdf": str(path)}, str(path))
-    said = []
+    texts = []
     if tree.springs:
-        said.append(
+        texts.append(
             f"{Path(path).name}: springs of the joints {', '.join(tree.springs)} are taken as rigid; state them as "
             "effects of a scene to compare them, too."
         )
     if tree.has_servos:
-        said.append(
+        texts.append(
             f"{Path(path).name}: servos are taken as rigid, since their gain is that of a controller and not of a gear."
         )
     if tree.has_friction:
-        said.append(
+        texts.append(
             f"{Path(path).name}: friction of joints is left out, since the arm stands still."
         )
-    return said
+    return texts
 
 
 class MjcfTree(Tree):

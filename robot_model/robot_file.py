@@ -62,8 +62,10 @@ def _hayati(file: RobotFile, alpha: np.ndarray) -> np.ndarray:
     parallel = np.abs(np.sin(alpha)) < PARALLEL
     # the last joint (Craig: the first) has no neighbour on that side
     parallel[-1 if file.convention == "distal" else 0] = False
-    said = [j.hayati for j in file.joint]
-    return np.array([bool(guess if word is None else word) for word, guess in zip(said, parallel)])
+    hayati_values = [j.hayati for j in file.joint]
+    return np.array(
+        [bool(guess if word is None else word) for word, guess in zip(hayati_values, parallel)]
+    )
 
 
 def _mixing(joints: list[Joint]) -> np.ndarray:

@@ -95,12 +95,12 @@ def joint_part(robot, frames, error, task, weights=1.0) -> tuple:
     return step * scale, movable
 
 
-def pose_difference(actual, wanted, point=(0.0, 0.0, 0.0)) -> np.ndarray:
+def pose_difference(actual, target, point=(0.0, 0.0, 0.0)) -> np.ndarray:
     """(6, n) mm and rad: shift of a point and rotation vector that take wanted poses (n, 4, 4) to the actual ones.
 
     point (3,) mm in the frame that the poses place; shift and rotation vector are in the frame that they refer to.
     """
-    rotation = actual[:, :3, :3] @ wanted[:, :3, :3].transpose(0, 2, 1)
+    rotation = actual[:, :3, :3] @ target[:, :3, :3].transpose(0, 2, 1)
     axis = np.stack(
         [
             rotation[:, 2, 1] - rotation[:, 1, 2],
@@ -112,7 +112,7 @@ def pose_difference(actual, wanted, point=(0.0, 0.0, 0.0)) -> np.ndarray:
     cosine = (np.trace(rotation, axis1=1, axis2=2) - 1) / 2
     angle = np.arctan2(sine, cosine)
     scale = np.where(sine > 1e-9, angle / np.maximum(2 * sine, 1e-300), 0.5)
-    shift = ((actual - wanted)[:, :3] @ np.append(point, 1.0)).T
+    shift = ((actual - target)[:, :3] @ np.append(point, 1.0)).T
     return np.concatenate([shift, axis * scale])
 
 

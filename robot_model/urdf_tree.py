@@ -197,12 +197,16 @@ class Tree:
             longest = max(remaining_joints.values(), key=len)
             if arms and len(longest) < _ARM:
                 return arms
-            alike = [
+            equally_long = [
                 leaf for leaf, joints in remaining_joints.items() if len(joints) == len(longest)
             ]
-            arms.append([leaf for leaf in alike if not longest or remaining_joints[leaf] & longest])
-            taken = set().union(*(remaining_joints[leaf] for leaf in arms[-1]))
-            remaining_joints = {leaf: joints - taken for leaf, joints in remaining_joints.items()}
+            arms.append(
+                [leaf for leaf in equally_long if not longest or remaining_joints[leaf] & longest]
+            )
+            assigned = set().union(*(remaining_joints[leaf] for leaf in arms[-1]))
+            remaining_joints = {
+                leaf: joints - assigned for leaf, joints in remaining_joints.items()
+            }
 
     def drive(self, joint: Joint) -> tuple[str, float, float] | None:
         """Which reading moves a joint, by what ratio and offset (m, rad); None where it stands still."""

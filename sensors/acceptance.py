@@ -133,8 +133,14 @@ def judged(characteristic: Characteristic, limit: float | None) -> Characteristi
     if not characteristic.determined:
         return replace(characteristic, limit=limit, verdict=UNKNOWN)
     size = abs(characteristic.value)
-    doubt = 2 * (characteristic.std or 0.0)
-    verdict = WITHIN if size + doubt <= limit else BEYOND if size - doubt > limit else UNDECIDED
+    expanded_uncertainty = 2 * (characteristic.std or 0.0)
+    verdict = (
+        WITHIN
+        if size + expanded_uncertainty <= limit
+        else BEYOND
+        if size - expanded_uncertainty > limit
+        else UNDECIDED
+    )
     return replace(characteristic, limit=float(limit), verdict=verdict)
 
 
@@ -297,8 +303,8 @@ def mean_temperature(temperature) -> Characteristic:
 
 def _of_balls(of: Callable, name, symbol, vdi, balls, measure) -> Characteristic:
     """The largest over the balls of what `measure` says, mm."""
-    good = [ball for ball in balls if ball.fit and ball.fit.inliers.sum() >= _LEAST]
-    parts = {f"ball-{ball.number}": float(measure(ball)) for ball in good}
+    usable_balls = [ball for ball in balls if ball.fit and ball.fit.inliers.sum() >= _LEAST]
+    parts = {f"ball-{ball.number}": float(measure(ball)) for ball in usable_balls}
     parts = {name: value for name, value in parts.items() if np.isfinite(value)}
     if not parts:
         why = (
@@ -307,7 +313,7 @@ def _of_balls(of: Callable, name, symbol, vdi, balls, measure) -> Characteristic
             else f"no ball with {_LEAST} points or more was fitted"
         )
         return _undetermined(of, name, symbol, vdi, "mm", why)
-    n = sum(int((ball.fit.reason <= OUTLIER).sum()) for ball in good)
+    n = sum(int((ball.fit.reason <= OUTLIER).sum()) for ball in usable_balls)
     return _characteristic(of, name, symbol, vdi, parts[_worst(parts)], "mm", n, parts=parts)
 
 

@@ -260,19 +260,19 @@ def _one_channel(found: np.ndarray, channel: str) -> tuple[np.ndarray, str]:
     if found.ndim == 2:
         return found, ""
     dropped = found.shape[2] in (2, 4)
-    said = "alpha dropped" if dropped else ""
+    text = "alpha dropped" if dropped else ""
     colours = found[:, :, :3] if found.shape[2] >= 3 else found[:, :, :1]
     if colours.shape[2] == 1:
-        return np.ascontiguousarray(colours[:, :, 0]), said
+        return np.ascontiguousarray(colours[:, :, 0]), text
     if (colours[..., 0] == colours[..., 1]).all() and (colours[..., 1] == colours[..., 2]).all():
         return np.ascontiguousarray(colours[:, :, 0]), "; ".join(
-            filter(None, ("three equal channels", said))
+            filter(None, ("three equal channels", text))
         )
     if channel != "grey":
         layer = np.ascontiguousarray(colours[:, :, CHANNELS.index(channel) - 1])
         return layer, f"{channel} channel of a colour image"
     grey = cv2.cvtColor(np.ascontiguousarray(colours), cv2.COLOR_BGR2GRAY)
-    return grey, "; ".join(filter(None, ("colour converted to grey", said)))
+    return grey, "; ".join(filter(None, ("colour converted to grey", text)))
 
 
 def _full_scale(grey: np.ndarray) -> int:

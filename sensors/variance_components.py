@@ -36,8 +36,8 @@ class VarianceComponents:
 
         known = np.isfinite(self.std)
         std = np.where(known, self.std, 1.0)
-        beyond = np.exp(norm.logpdf(self.signed / std) - norm.logcdf(self.signed / std))
-        return np.where(known, np.maximum(self.signed + std * beyond, 0.0), self.variance)
+        upper_density = np.exp(norm.logpdf(self.signed / std) - norm.logcdf(self.signed / std))
+        return np.where(known, np.maximum(self.signed + std * upper_density, 0.0), self.variance)
 
 
 def estimate_components(gram: np.ndarray, pull: np.ndarray, kind: np.ndarray) -> VarianceComponents:
@@ -93,11 +93,11 @@ def _stepped(variance, known, score, estimable):
     free = estimable.copy()
     stepped = np.zeros_like(variance)
     std = np.full(len(variance), np.inf)
-    wanted = known @ variance + score
+    step_target = known @ variance + score
     while free.any():
         inverse = pseudo_inverse(known[np.ix_(free, free)])
         stepped[:], std[:] = 0, np.inf
-        stepped[free] = inverse @ wanted[free]
+        stepped[free] = inverse @ step_target[free]
         std[free] = np.sqrt(2 * np.maximum(np.diag(inverse), 1e-300))
         if (stepped >= 0).all():
             break

@@ -36,8 +36,8 @@ def bar_shares(robot: Robot) -> np.ndarray:
     Slides count with their nominal position. The sum over the links from K on normalises what joint K carries.
     """
     length = bar_lengths(robot)
-    beyond = np.cumsum(length[::-1])[::-1] - length
-    return length * (length / 2 + beyond)
+    outward_length = np.cumsum(length[::-1])[::-1] - length
+    return length * (length / 2 + outward_length)
 
 
 def _shares_from(robot: Robot, first: int) -> np.ndarray:
@@ -218,9 +218,9 @@ def _same_moments(names, shares: float, other: GravityCompliance, chain) -> np.n
     return out
 
 
-def _tilt_table(effect: Effect, chain, said: str) -> tuple[Parameter, ...]:
+def _tilt_table(effect: Effect, chain, subject: str) -> tuple[Parameter, ...]:
     """Parameters of what tilts: under uniform bars, and under the first moments of the base set."""
-    label = f"{said} {effect.where} under the links"
+    label = f"{subject} {effect.where} under the links"
     shares = effect.shares(chain.robot)
     total_length = max(shares.sum(), _NO_BAR_MM)
     table = [effect.parameter("tilt", "rad", _TILT_RAD, label, 10 * _TILT_RAD)]

@@ -104,8 +104,8 @@ class LaserSpot:
         axes = [sum(e * r for e, r in zip(frames.end, column)) for column in turn.T]
         points, point_rows = self._points(values[6:])
         point = points[:, self.index]
-        away = point - frames.point(values[:3])
-        seen = np.stack([(axis * away).sum(0) for axis in axes])
+        displacement = point - frames.point(values[:3])
+        seen = np.stack([(axis * displacement).sum(0) for axis in axes])
         about = turn.T @ left_jacobian(values[3:6])
         tool_rows = np.concatenate(
             [

@@ -74,16 +74,16 @@ def calibrate_pairs(
         [robot.geometry.ravel()[_SLOTS], start_tip(forward(robot, variables), point)]
     )
     first, second = pairs_of(point)
-    everything = np.ones(len(first), bool)
+    all_pairs = np.ones(len(first), bool)
     values, history = _marquardt(
         robot, variables, (first, second), start, steps, least_fall, damping
     )
     if radius is not None:
         gaps = _gaps(robot, variables, (first, second), values)[0]
-        everything = np.linalg.norm(gaps, axis=0) <= radius
-        near = first[everything], second[everything]
+        all_pairs = np.linalg.norm(gaps, axis=0) <= radius
+        near = first[all_pairs], second[all_pairs]
         values, history = _marquardt(robot, variables, near, values, steps, least_fall, damping)
-    return PairFit(_geometry(robot, values), values[22:], np.array(history), everything)
+    return PairFit(_geometry(robot, values), values[22:], np.array(history), all_pairs)
 
 
 def _geometry(robot, values):

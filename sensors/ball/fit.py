@@ -183,7 +183,7 @@ class _Task:
     def _refused(self, part, stated_covariance, shape, lasting) -> str:
         """Why this is no ball, "" where it is one."""
         radius = part.values[-1]
-        doubt = float(np.sqrt(stated_covariance[-1, -1]))
+        radius_std = float(np.sqrt(stated_covariance[-1, -1]))
         gain = part.plane_gain() / lasting
         if gain > (-(_KNOWN**2) if part.step > _SETTLED else _KNOWN**2):
             return f"no ball found: a plane fits the points as well as a ball; {_FLAT}, or another surface"
@@ -192,8 +192,8 @@ class _Task:
                 f"no ball found: the fit has not converged, a further step would move it by {part.step:.2g} sigma; "
                 f"the points are no ball's, or {_FLAT}"
             )
-        if self.problem.free and not doubt * _KNOWN < radius:
-            return f"{_FLAT}: radius {with_std(radius, doubt)} mm; state the radius or scan more of the ball"
+        if self.problem.free and not radius_std * _KNOWN < radius:
+            return f"{_FLAT}: radius {with_std(radius, radius_std)} mm; state the radius or scan more of the ball"
         if shape.probability < UNLIKELY and shape.rms > self.form * radius:
             return (
                 f"no ball found: the points are {shape.rms:.3g} mm RMS away from any ball in a regular form, more "

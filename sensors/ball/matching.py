@@ -89,12 +89,12 @@ def _assignments(found, artefact, tolerance, most=50_000):
 def _rigid_rms(found, artefact, ball):
     """RMS, mm, after the best rotation and shift (Kabsch); a reflection does not count."""
     chosen = ball >= 0
-    ours = found[:, chosen]
-    theirs = artefact[:, ball[chosen]]
-    ours = ours - ours.mean(1, keepdims=True)
-    theirs = theirs - theirs.mean(1, keepdims=True)
-    turned = nearest_rotation(ours @ theirs.T) @ theirs
-    return float(np.sqrt(((ours - turned) ** 2).sum(0).mean()))
+    detected = found[:, chosen]
+    reference = artefact[:, ball[chosen]]
+    detected = detected - detected.mean(1, keepdims=True)
+    reference = reference - reference.mean(1, keepdims=True)
+    turned = nearest_rotation(detected @ reference.T) @ reference
+    return float(np.sqrt(((detected - turned) ** 2).sum(0).mean()))
 
 
 def _swapped(ball, expected):

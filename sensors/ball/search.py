@@ -198,8 +198,8 @@ class _Search:
         for ball in found:
             unassigned &= ~ball.inliers
             if reach:
-                away = np.linalg.norm(self.points - ball.centre[:, None], axis=0)
-                unassigned &= ~(np.abs(away - ball.radius) < reach * ball.radius)
+                displacement = np.linalg.norm(self.points - ball.centre[:, None], axis=0)
+                unassigned &= ~(np.abs(displacement - ball.radius) < reach * ball.radius)
         return unassigned
 
     def with_arcs(self, cloud, found) -> list[BallFit]:
@@ -233,8 +233,8 @@ class _Search:
     def _supported(self, unassigned):
         """Each refused candidate with the points (n,) that are `left` near its surface."""
         for ball in self.refused:
-            away = np.linalg.norm(self.points - ball.centre[:, None], axis=0)
-            yield ball, unassigned & (np.abs(away - ball.radius) < _NARROW * ball.radius)
+            displacement = np.linalg.norm(self.points - ball.centre[:, None], axis=0)
+            yield ball, unassigned & (np.abs(displacement - ball.radius) < _NARROW * ball.radius)
 
     def about_peak(self, cloud, centre, radius, unassigned) -> BallFit | None:
         """The ball at a peak of votes, None where there is none."""
@@ -246,8 +246,8 @@ class _Search:
     def on_arcs(self, cloud, centre, radius, unassigned) -> BallFit | None:
         """The ball at a candidate from arcs, None where there is none."""
         free = np.flatnonzero(unassigned)
-        away = np.linalg.norm(self.points[:, free] - centre[:, None], axis=0)
-        about = free[np.abs(away - radius) < _NARROW * radius]
+        displacement = np.linalg.norm(self.points[:, free] - centre[:, None], axis=0)
+        about = free[np.abs(displacement - radius) < _NARROW * radius]
         if len(about) < LEAST_POINTS:
             return self._refuse(centre, radius, len(about), "too few points lie near its surface")
         if alone := self._on_one_stripe(about):
@@ -373,8 +373,8 @@ class _Search:
 
     def unlike(self, fit, cloud) -> str:
         """Which requirement of a ball a fit fails, "" for none: true to form, nothing inside, curved both ways."""
-        away = cloud.points - fit.centre[:, None]
-        distance = np.linalg.norm(away, axis=0)
+        displacement = cloud.points - fit.centre[:, None]
+        distance = np.linalg.norm(displacement, axis=0)
         gap = distance - fit.radius
         shell = np.abs(gap) < _NARROW * fit.radius
         inside = int((distance < _INSIDE * fit.radius).sum())
@@ -383,7 +383,7 @@ class _Search:
         if inside > _INSIDE_SHARE * shell.sum():
             return f"{inside} points lie inside it, as of a surface that is no ball"
         noise = np.median(np.abs(gap - gap[cloud.near[:, 1]])[shell]) / 0.67449 / np.sqrt(2)
-        spread = symmetric_eigenvalues(np.cov(away[:, shell] / distance[shell]))
+        spread = symmetric_eigenvalues(np.cov(displacement[:, shell] / distance[shell]))
         if not fit.rms**2 - noise**2 < (self.form * fit.radius) ** 2:
             return (
                 f"its points are {fit.rms:.3g} mm RMS from it, more than {100 * self.form:g} % of its radius beyond "

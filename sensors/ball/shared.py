@@ -174,9 +174,9 @@ def _variances(problem, solved, shared, weight):
         normal.pull,
         normal.pull_groups[old],
     )
-    taken = np.concatenate([normal.between[:, new], normal.groups[np.ix_(old, new)]])
-    correction = taken.T @ _posterior(part, shared.covariance)
-    new_block = normal.groups[np.ix_(new, new)] - correction @ taken
+    absorbed = np.concatenate([normal.between[:, new], normal.groups[np.ix_(old, new)]])
+    correction = absorbed.T @ _posterior(part, shared.covariance)
+    new_block = normal.groups[np.ix_(new, new)] - correction @ absorbed
     pull = normal.pull_groups[new] - correction @ np.concatenate([part.pull, part.pull_groups])
     return estimate_components(new_block, pull, kind[new] - k).expected
 
@@ -281,9 +281,9 @@ def _covariance(problem, solved, by_error, loss, shared, lasting):
         )
 
     first = normal(variance)
-    spent = np.trace(_inner(first, shared.covariance) @ first.groups)
+    degrees_used = np.trace(_inner(first, shared.covariance) @ first.groups)
     independent = used.sum() / lasting
-    variance = variance * independent / max(independent - problem.size - spent, 1)
+    variance = variance * independent / max(independent - problem.size - degrees_used, 1)
     last = normal(variance)
     mixed = last.between @ _inner(last, shared.covariance)
     ball_covariance = inverse_positive(last.ball - mixed @ last.between.T)

@@ -50,13 +50,13 @@ def likeliest(ratios: np.ndarray) -> Choice:
     offset = _medians(ratios)
     scatter = max(min(_scatter(row, middle) for row, middle in zip(ratios, offset)), _LEAST_SCATTER)
     variance = _GRAIN * scatter**2
-    away = np.clip(ratios - offset[:, None], -_CLIPPED * scatter, _CLIPPED * scatter)
-    away[np.isnan(away)] = _CLIPPED * scatter
+    deviation = np.clip(ratios - offset[:, None], -_CLIPPED * scatter, _CLIPPED * scatter)
+    deviation[np.isnan(deviation)] = _CLIPPED * scatter
     common = offset**2 / (_OFFSET**2 + variance / ratios.shape[1])
-    square = common + (away**2).sum(1) / variance
+    square = common + (deviation**2).sum(1) / variance
     order = np.argsort(square)
     best = int(order[0])
-    if common[best] + _bent(away[best]) / variance > _UNLIKE:
+    if common[best] + _bent(deviation[best]) / variance > _UNLIKE:
         return Choice(best, "the line on it is not as wide as on a ball")
     if len(order) > 1 and square[order[1]] - square[best] < _ODDS:
         return Choice(best, f"{_SHARED}; the width of the line does not distinguish them")
@@ -83,11 +83,11 @@ def _scatter(row, middle) -> float:
     return 1.4826 * float(np.median(np.abs(row[seen] - parabola)))
 
 
-def _bent(away: np.ndarray) -> float:
+def _bent(deviation: np.ndarray) -> float:
     """How much of the sum of squares a slope and a curvature along the stripe explain."""
-    place = np.linspace(-1, 1, len(away))
+    place = np.linspace(-1, 1, len(deviation))
     basis = np.linalg.qr(np.stack([np.ones_like(place), place, place**2], axis=1))[0]
-    return float(np.square(basis[:, 1:].T @ away).sum())
+    return float(np.square(basis[:, 1:].T @ deviation).sum())
 
 
 def centre_sigma(fit: BallFit) -> float:
@@ -123,9 +123,11 @@ def unlike_few(fit: BallFit, radius: float, stripe: np.ndarray, widths: Widths |
         return ""
     if abs(fit.radius - radius) > max(_ALIKE * radius, _CHANCE * float(fit.std[-1])):
         return f"its points lie on a ball of radius {fit.radius:.4g} mm"
-    beyond = int((fit.reason == OUTLIER).sum())
-    if beyond > _BEYOND * len(stripe_of_inliers):
-        return f"{beyond} points near its surface do not lie on it, {len(stripe_of_inliers)} do"
+    outlier_count = int((fit.reason == OUTLIER).sum())
+    if outlier_count > _BEYOND * len(stripe_of_inliers):
+        return (
+            f"{outlier_count} points near its surface do not lie on it, {len(stripe_of_inliers)} do"
+        )
     return undetermined(fit) or _unlike_widths(fit, stripe, widths)
 
 

@@ -71,12 +71,12 @@ class Linear:
 
 def linearise(problem: Problem, values: np.ndarray) -> Linear:
     """Residuals of the centre and radius `values` (d + 1,) and their derivative."""
-    away = problem.points - values[:-1, None]
+    displacement = problem.points - values[:-1, None]
     if problem.direction is not None:
-        return _along_lines(problem, away, values[-1])
-    distance = np.sqrt((away * away).sum(0))
+        return _along_lines(problem, displacement, values[-1])
+    distance = np.sqrt((displacement * displacement).sum(0))
     rows = np.empty((len(values), len(distance)))
-    normal = np.divide(away, np.maximum(distance, 1e-300), out=rows[:-1])
+    normal = np.divide(displacement, np.maximum(distance, 1e-300), out=rows[:-1])
     rows[-1] = 1
     sigma = problem.sigma
     if problem.covariance is not None:
@@ -84,19 +84,19 @@ def linearise(problem: Problem, values: np.ndarray) -> Linear:
     return Linear(distance - values[-1], sigma, rows, normal)
 
 
-def _along_lines(problem, away, radius) -> Linear:
+def _along_lines(problem, displacement, radius) -> Linear:
     """Residuals along the lines of error.
 
     The line does not depend on the error, so neither do the rows: unlike the distance from the
     surface, weighted by the cosine, this leaves no bias of the order of sigma^2 / radius.
     """
-    along = np.einsum("dn,dn->n", away, problem.direction)
+    along = np.einsum("dn,dn->n", displacement, problem.direction)
     side = np.where(along < 0, -1.0, 1.0)
-    inside = radius**2 - np.einsum("dn,dn->n", away, away) + along**2
+    inside = radius**2 - np.einsum("dn,dn->n", displacement, displacement) + along**2
     cosine = np.sqrt(np.maximum(inside, 0)) / radius
     hit = cosine > _GRAZING
     back = along - side * radius * cosine
-    normal = (away - back * problem.direction) / radius
+    normal = (displacement - back * problem.direction) / radius
     rows = np.concatenate([normal, np.ones((1, len(along)))]) / np.where(hit, cosine, 1)
     return Linear(np.where(hit, side * back, np.inf), problem.sigma, rows, normal)
 

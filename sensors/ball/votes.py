@@ -98,9 +98,9 @@ class ThinnedCloud:
 
     def about(self, centre, radius):
         """(m,) indices of points near this ball's surface, with normals that point away from its centre."""
-        away = self.points - centre[:, None]
-        distance = np.linalg.norm(away, axis=0)
-        facing = (away * self.normals).sum(0) > _CONE * distance
+        displacement = self.points - centre[:, None]
+        distance = np.linalg.norm(displacement, axis=0)
+        facing = (displacement * self.normals).sum(0) > _CONE * distance
         is_near = np.abs(distance - radius) < WIDE * radius
         return np.flatnonzero(facing & is_near)
 

@@ -58,12 +58,12 @@ def _once(rows: np.ndarray) -> np.ndarray:
     if len(rows) < 2:
         return rows[:, :6].T
     near = cKDTree(rows[:, :2]).query_ball_point(rows[:, :2], 0.5 * np.sqrt(rows[:, 2] / np.pi))
-    taken = np.zeros(len(rows), bool)
+    is_assigned = np.zeros(len(rows), bool)
     keep = []
     for k, others in enumerate(near):
-        if not taken[k]:
+        if not is_assigned[k]:
             keep.append(k)
-            taken[others] = True
+            is_assigned[others] = True
     return rows[keep, :6].T
 
 
@@ -153,11 +153,11 @@ def radius_mm(fit: Fit, points: np.ndarray) -> float:
     """
     import cv2
 
-    good = fit.good
-    h = cv2.findHomography(points.T[good], fit.centre.T[good], 0)[0]
+    is_usable = fit.good
+    h = cv2.findHomography(points.T[is_usable], fit.centre.T[is_usable], 0)[0]
     depth = h[2, :2] @ points + h[2, 2]
     scale = np.abs(np.linalg.det(h) / depth**3)
-    return float(np.median(np.sqrt(disc_area(fit) / np.pi / scale)[good]))
+    return float(np.median(np.sqrt(disc_area(fit) / np.pi / scale)[is_usable]))
 
 
 def centre_shift(points: np.ndarray, normal: np.ndarray, radius: float) -> np.ndarray:

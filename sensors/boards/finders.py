@@ -187,13 +187,15 @@ def _larger_chessboard(image: np.ndarray, grid: np.ndarray) -> tuple[int, int]:
     inner = fit_saddles(image, *_chess_frame(grid))
     for quarter in range(4):
         turned = np.rot90(grid, quarter)
-        beyond = 2 * turned[0] - turned[1]
-        along = np.gradient(beyond, axis=0).T
+        next_corner = 2 * turned[0] - turned[1]
+        along = np.gradient(next_corner, axis=0).T
         down = (turned[0] - turned[1]).T
-        is_inside = (beyond > 3).all(1) & (beyond < np.array(image.shape[::-1]) - 4).all(1)
+        is_inside = (next_corner > 3).all(1) & (next_corner < np.array(image.shape[::-1]) - 4).all(
+            1
+        )
         if is_inside.sum() < 0.5 * len(is_inside):
             continue
-        places = beyond.T[:, is_inside], along[:, is_inside], down[:, is_inside]
+        places = next_corner.T[:, is_inside], along[:, is_inside], down[:, is_inside]
         size[(quarter + 1) % 2] += int(_goes_on(image, places, inner))
     return size[0], size[1]
 
@@ -252,8 +254,8 @@ def _as_written(size: tuple[int, int], expected: tuple[int, int]) -> tuple[int, 
 def _leaves(grid: np.ndarray, shape: tuple[int, int]) -> bool:
     """Whether the next row or column on some side, with half a step around it, would not lie within the image."""
     edges = [2.5 * np.rot90(grid, k)[0] - 1.5 * np.rot90(grid, k)[1] for k in range(4)]
-    beyond = np.concatenate(edges)
-    return bool(((beyond < 0) | (beyond > np.array(shape[::-1]) - 1)).any())
+    boundary = np.concatenate(edges)
+    return bool(((boundary < 0) | (boundary > np.array(shape[::-1]) - 1)).any())
 
 
 def _other(board: "Board", size: tuple[int, int], cut: bool = False) -> str:
@@ -316,14 +318,14 @@ def _larger_grid(discs: np.ndarray, grid: np.ndarray, asymmetric: bool) -> tuple
         step = 1 if sideways else step_of_columns
         if turned.shape[0] <= step:
             continue
-        beyond = (
+        next_column = (
             2 * turned[0] - turned[step]
             if sideways or not asymmetric
             else turned[1] + turned[0] - turned[2]
         )
-        away = np.hypot(*(beyond.T[:, :, None] - discs[:2, None])).min(1)
+        distance = np.hypot(*(next_column.T[:, :, None] - discs[:2, None])).min(1)
         reach = 0.2 * np.hypot(*(turned[0] - turned[step]).T)
-        size[(quarter + 1) % 2] += int((away < reach).mean() > CONTINUES)
+        size[(quarter + 1) % 2] += int((distance < reach).mean() > CONTINUES)
     return size[0], size[1]
 
 

@@ -79,16 +79,20 @@ def fit_saddles(
     return _checked(fit, centres, reach, fit.values[:, 6])
 
 
-def _near_edges(away: np.ndarray, along: np.ndarray, down: np.ndarray, clear: float) -> np.ndarray:
+def _near_edges(
+    distance_from_edge: np.ndarray, along: np.ndarray, down: np.ndarray, margin: float
+) -> np.ndarray:
     """(n, m) bool: pixels less than a pixel's blur short of `clear` squares from one of the two edges."""
     area = np.abs(along[0] * down[1] - along[1] * down[0])
-    near = np.zeros(away.shape[1:], bool)
+    near = np.zeros(distance_from_edge.shape[1:], bool)
     for edge in (along, down):
         distance = (
-            np.abs(edge[0][:, None] * away[1] - edge[1][:, None] * away[0])
+            np.abs(
+                edge[0][:, None] * distance_from_edge[1] - edge[1][:, None] * distance_from_edge[0]
+            )
             / np.hypot(*edge)[:, None]
         )
-        rim = clear * area / np.hypot(*edge)
+        rim = margin * area / np.hypot(*edge)
         near |= distance <= np.maximum(rim - 1, 1.5)[:, None]
     return near
 
@@ -141,9 +145,9 @@ def _checked(fit: Fit, start: np.ndarray, reach: np.ndarray, contrast: np.ndarra
     """`good` only where the place stayed near its start and the mark stands out of what is left."""
     near = np.hypot(*(fit.centre - start)) < 0.5 * reach
     rms = fit.values[:, -1]
-    clear = np.abs(contrast) > CLEAR * rms
+    has_contrast = np.abs(contrast) > CLEAR * rms
     known = np.isfinite(fit.sigma) & (fit.sigma < 0.5)
-    return Fit(fit.centre, fit.sigma, fit.values[:, :-1], near & clear & known)
+    return Fit(fit.centre, fit.sigma, fit.values[:, :-1], near & has_contrast & known)
 
 
 def _patches(image, centres, reach, inside=None):

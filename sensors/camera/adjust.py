@@ -176,12 +176,12 @@ def _started(views, few, board, size, model):
     usable, rejected = list(views), []
     while True:
         chain = started(corner_chain(usable, board, size, model))
-        share, behind = _misfit(chain), is_behind_board(chain.poses)
+        share, is_behind = _misfit(chain), is_behind_board(chain.poses)
         bad = share > _NO_PLANE
         if bad.any():
             share = np.minimum(share, smoothness_misfit(chain))
             bad = share > max(_NO_PLANE, share.max() / 2)
-        if not (bad | behind).any():
+        if not (bad | is_behind).any():
             return chain, usable, rejected
         group = placement_groups(usable)[0]
         rejected += [
@@ -193,9 +193,9 @@ def _started(views, few, board, size, model):
                 else "its corners are those of a board seen from behind, unlike the others'",
             )
             for view, k in zip(usable, group)
-            if bad[k] or behind[k]
+            if bad[k] or is_behind[k]
         ]
-        usable = [view for view, k in zip(usable, group) if not bad[k] and not behind[k]]
+        usable = [view for view, k in zip(usable, group) if not bad[k] and not is_behind[k]]
         _enough(usable, [*few, *rejected], board)
 
 

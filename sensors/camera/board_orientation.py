@@ -47,9 +47,9 @@ def needs_quarter_turn(chain: Corners, fit: BundleFit, effects: Sequence[Effect]
         if (np.sign(projection) == sign).all():
             break
         sign = np.where(projection < 0, -1.0, 1.0)
-    sure = np.median(np.abs(4 * projection)) > _SIGNIFICANT * fit.sigma_scale**2
+    is_significant = np.median(np.abs(4 * projection)) > _SIGNIFICANT * fit.sigma_scale**2
     fewer = sign != (1.0 if (sign > 0).sum() * 2 >= len(sign) else -1.0)
-    return fewer & sure
+    return fewer & is_significant
 
 
 def _own_bows(chain, fit, effects):
@@ -82,8 +82,10 @@ def rotate_views(
     views = [relabelled(view, board, 1) if turned[k] else view for view, k in zip(views, group)]
     back, middle = _quarter(board).T, board.middle
     matrix = rotation_matrix(chain.poses[:, 3:])
-    away = chain.poses[:, :3] + (matrix @ (middle - back @ middle))
-    poses = np.where(turned[:, None], np.c_[away, rotation_vector(matrix @ back)], chain.poses)
+    translation = chain.poses[:, :3] + (matrix @ (middle - back @ middle))
+    poses = np.where(
+        turned[:, None], np.c_[translation, rotation_vector(matrix @ back)], chain.poses
+    )
     fresh = corner_chain(views, board, chain.camera.size, model)
     return replace(fresh.moved(chain.camera, poses), sigma=fresh.sigma), views
 
@@ -92,10 +94,11 @@ def _quarter(board):
     """(3, 3) that takes each corner, from the board's middle, to where its new number lies."""
     quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     turned = np.rot90(np.arange(board.count).reshape(board.rows, board.columns)).ravel()
-    away = board.points - board.middle[:, None]
-    there = away[:, np.argsort(turned)]
+    displacement = board.points - board.middle[:, None]
+    there = displacement[:, np.argsort(turned)]
     return (
         quarter
-        if np.abs(quarter @ away - there).max() < np.abs(quarter.T @ away - there).max()
+        if np.abs(quarter @ displacement - there).max()
+        < np.abs(quarter.T @ displacement - there).max()
         else quarter.T
     )

@@ -88,9 +88,10 @@ def held_out(
         training = group_subset(chain, np.setdiff1d(np.arange(len(chain.poses)), out))
         held_out_views = group_subset(chain, out)
         camera = fit_free(training, effects, known, loss).parameters
-        theirs = opencv_camera(training)
+        camera_of_opencv = opencv_camera(training)
         for part, residual in zip(
-            parts, (*_ours(held_out_views, effects, camera), *_opencv(held_out_views, theirs))
+            parts,
+            (*_ours(held_out_views, effects, camera), *_opencv(held_out_views, camera_of_opencv)),
         ):
             part.append(residual)
     return HeldOut(folds, *(rms(np.concatenate(part, axis=1)) for part in parts))
@@ -153,17 +154,19 @@ def _opencv(chain, camera):
     return full_error, halved
 
 
-def _seen_by_opencv(chain, camera, fitted, asked):
+def _seen_by_opencv(chain, camera, fitted, is_held_out):
     """(2, k) residuals of the corners asked, with the pose from those fitted."""
     import cv2
 
     lens = camera.matrix, np.array(camera.distortion)
-    _, turn, away = cv2.solvePnP(
+    _, turn, translation = cv2.solvePnP(
         chain.points[:, fitted].T.copy(), chain.pixels[:, fitted].T.copy(), *lens
     )
     return (
-        cv2.projectPoints(chain.points[:, asked].T.copy(), turn, away, *lens)[0][:, 0].T
-        - chain.pixels[:, asked]
+        cv2.projectPoints(chain.points[:, is_held_out].T.copy(), turn, translation, *lens)[0][
+            :, 0
+        ].T
+        - chain.pixels[:, is_held_out]
     )
 
 
@@ -201,12 +204,12 @@ def _compensated(camera, distance):
     x, y = (np.linspace(0, size - 1, count) for size, count in zip(camera.size, _MAP))
     pixels = np.stack([grid.ravel() for grid in np.meshgrid(x, y)])
     points = distance * camera.rays(pixels)
-    good = np.isfinite(points).all(0)
-    _, by_point, by_value = camera.project_rows(np.where(good, points, 1.0))
+    is_usable = np.isfinite(points).all(0)
+    _, by_point, by_value = camera.project_rows(np.where(is_usable, points, 1.0))
     return (
         x,
         y,
-        np.where(good, _without(by_value, motion_rows(by_point, points), good), np.nan),
+        np.where(is_usable, _without(by_value, motion_rows(by_point, points), is_usable), np.nan),
         points,
     )
 
@@ -217,10 +220,10 @@ def motion_rows(by_point: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.concatenate([by_point, np.einsum("knj,jcn->kcn", turned, by_point)])
 
 
-def _without(rows, motion, good):
+def _without(rows, motion, is_usable):
     """rows (P, 2, n) less what the motions (6, 2, n) make of them where `good`."""
-    known = motion[:, :, good].reshape(len(motion), -1).T
-    share = least_squares(known, rows[:, :, good].reshape(len(rows), -1).T)
+    known = motion[:, :, is_usable].reshape(len(motion), -1).T
+    share = least_squares(known, rows[:, :, is_usable].reshape(len(rows), -1).T)
     return rows - np.tensordot(share.T, motion, 1)
 
 
@@ -286,14 +289,16 @@ def projection_difference(first: Camera, second: Camera, distance: float) -> Fie
     x, y = (np.linspace(0, size - 1, count) for size, count in zip(first.size, _MAP))
     pixels = np.stack([grid.ravel() for grid in np.meshgrid(x, y)])
     points = distance * first.rays(pixels)
-    good = np.isfinite(points).all(0)
-    points = np.where(good, points, 1.0)
+    is_usable = np.isfinite(points).all(0)
+    points = np.where(is_usable, points, 1.0)
     for _ in range(4):
         seen, by_point, _ = second.project_rows(points)
         motion = motion_rows(by_point, points)
-        move = least_squares(motion[:, :, good].reshape(6, -1).T, (pixels - seen)[:, good].ravel())
+        move = least_squares(
+            motion[:, :, is_usable].reshape(6, -1).T, (pixels - seen)[:, is_usable].ravel()
+        )
         points = points + move[:3, None] + np.cross(move[3:], points.T).T
-    gap = np.where(good, np.hypot(*(second.project(points) - pixels)), np.nan)
+    gap = np.where(is_usable, np.hypot(*(second.project(points) - pixels)), np.nan)
     return FieldMap(x, y, gap.reshape(len(y), len(x)), distance)
 
 

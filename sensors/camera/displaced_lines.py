@@ -69,8 +69,8 @@ def displaced_lines(
     noise: variance of the independent errors. Each step takes the line whose displacement, with those chosen before,
     reduces the sum of squares most.
     """
-    beyond = data.squares - data.degrees * noise
-    if not len(lines) or not beyond > 0:
+    excess = data.squares - data.degrees * noise
+    if not len(lines) or not excess > 0:
         return ()
     sums = sums_of_lines(lines, len(data.pull))
     gram = sums.T @ data.gram @ sums
@@ -79,7 +79,7 @@ def displaced_lines(
     while len(chosen) < min(_MOST, len(lines)):
         trials = [chosen + [k] for k in range(len(lines)) if k not in chosen]
         chosen = max(trials, key=lambda trial: _explained(gram, pull, trial))
-        if _explained(gram, pull, chosen) > _SHARE * beyond:
+        if _explained(gram, pull, chosen) > _SHARE * excess:
             found = _described(gram, pull, lines, chosen, noise)
             return tuple(sorted(found, key=lambda line: -np.linalg.norm(line.shift)))
     return ()
@@ -111,7 +111,7 @@ def _described(gram, pull, lines, chosen, noise) -> list[DisplacedLine]:
     shift = -inverse @ pull[columns]
     std = np.sqrt(noise * np.diag(inverse))
     parts = zip(chosen, shift.reshape(-1, 2), std.reshape(-1, 2))
-    found = [DisplacedLine(lines[k], shift, doubt) for k, shift, doubt in parts]
+    found = [DisplacedLine(lines[k], shift, std) for k, shift, std in parts]
     return [line for line in found if line.is_sure]
 
 

@@ -66,11 +66,11 @@ def focal_scatter(
     ]
     change, information, squares, spare = np.array(parts).T
     degrees = float(np.maximum(spare, 0).sum())
-    good = information > 1e-9 * information.max(initial=0.0)
-    if good.sum() < _FEWEST_POSES or degrees < 1:
+    is_usable = information > 1e-9 * information.max(initial=0.0)
+    if is_usable.sum() < _FEWEST_POSES or degrees < 1:
         return None
     variance = squares.sum() / degrees
-    return _tested(chain, fit, (change, information, good), variance, degrees)
+    return _tested(chain, fit, (change, information, is_usable), variance, degrees)
 
 
 def _whitened(chain: Corners, fit: BundleFit, effects):
@@ -99,11 +99,11 @@ def _change(by_focal, by_pose, residual) -> tuple[float, float, float, int]:
 
 def _tested(chain, fit, estimates, variance, degrees) -> FocalScatter:
     """Method of moments: DerSimonian and Laird, Controlled Clinical Trials 7 (1986); F test of equal changes."""
-    change, information, good = estimates
-    weight = np.where(good, information, 0.0) / variance
-    away = change - np.average(change, weights=weight)
-    statistic = float(weight @ away**2)
-    groups = int(good.sum()) - 1
+    change, information, is_usable = estimates
+    weight = np.where(is_usable, information, 0.0) / variance
+    deviation = change - np.average(change, weights=weight)
+    statistic = float(weight @ deviation**2)
+    groups = int(is_usable.sum()) - 1
     p_value = float(fisher.sf(statistic / groups, groups, degrees))
     unit = weight.sum() - (weight**2).sum() / weight.sum()
     share = float(np.sqrt(max(statistic - groups, 0.0) / unit))
@@ -111,5 +111,5 @@ def _tested(chain, fit, estimates, variance, degrees) -> FocalScatter:
     middle = np.array([[camera.cx], [camera.cy]])
     reach = float(np.sqrt(((chain.pixels - middle) ** 2).mean()))
     noise = float(np.sqrt((np.asarray(chain.sigma) ** 2).mean() * variance))
-    std = np.where(good, np.sqrt(1 / np.maximum(weight, 1e-300)), np.inf)
+    std = np.where(is_usable, np.sqrt(1 / np.maximum(weight, 1e-300)), np.inf)
     return FocalScatter(share, share * reach, noise, p_value, change, std)

@@ -74,11 +74,11 @@ def print_errors(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> P
     ).reshape(-1, 2, 2)
     pull = _by_corner((rows * residual).sum(1), corner)
     seen = np.linalg.det(corner_blocks) > 0
-    taken = float(
+    reduction = float(
         (pull[seen] * solve_positive(corner_blocks[seen], pull[seen][..., None])[..., 0]).sum()
     )
     trace = float(np.trace(corner_blocks[seen], axis1=1, axis2=2).sum())
-    sums = _Sums(float((residual**2).sum()), taken, trace, int(seen.sum()))
+    sums = _Sums(float((residual**2).sum()), reduction, trace, int(seen.sum()))
     tested = _tested(fit, sums, _share(chain, fit, effects, _SOME))
     return (
         _tested(fit, sums, _share(chain, fit, effects, len(chain.poses)))
@@ -137,8 +137,8 @@ def _share(chain, fit, effects, some: int) -> _Share:
         chosen, fit, effects, np.sqrt(weights) / chosen.sigma
     )
     grow = count / len(groups)
-    good = np.linalg.det(corners) > 0
-    inverse = inverse_positive(np.where(good[:, None, None], corners, np.eye(2)))
+    is_usable = np.linalg.det(corners) > 0
+    inverse = inverse_positive(np.where(is_usable[:, None, None], corners, np.eye(2)))
     inverse_own = solve_positive(
         corner_blocks[0], np.broadcast_to(np.eye(6), corner_blocks[0].shape)
     )
@@ -146,7 +146,7 @@ def _share(chain, fit, effects, some: int) -> _Share:
         corner_blocks[1].transpose(0, 1, 3, 2) @ inverse_own[:, None] @ corner_blocks[1]
     ).sum(0)
     total = by_pose + cross.transpose(0, 2, 1) @ pseudo_inverse(normal) @ cross
-    degrees = float(np.einsum("ctu,cut->", total[good], inverse[good]))
+    degrees = float(np.einsum("ctu,cut->", total[is_usable], inverse[is_usable]))
     return _Share(
         degrees,
         grow * float(np.trace(total, axis1=1, axis2=2).sum()),
@@ -233,13 +233,13 @@ def lens_map(chain: Corners, fit: BundleFit, printed: PrintErrors) -> LensMap:
 
     residual = fit.residual[0]
     corner = chain.labels["corner"]
-    spent = 0
+    degrees_used = 0
     if printed.significant:
         count = np.maximum(np.bincount(corner), 1)
         residual = residual - np.stack(
             [(np.bincount(corner, row) / count)[corner] for row in residual]
         )
-        spent = 2 * len(np.unique(corner))
+        degrees_used = 2 * len(np.unique(corner))
     place = [
         np.clip(((row + 0.5) * count / size).astype(int), 0, count - 1)
         for row, count, size in zip(chain.pixels, _CELLS, chain.camera.size)
@@ -252,7 +252,10 @@ def lens_map(chain: Corners, fit: BundleFit, printed: PrintErrors) -> LensMap:
     means = np.stack([np.bincount(cell, weight * row, len(count)) for row in residual]) / total
     between = float((total * (means**2).sum(0))[has_enough].sum())
     squares = float((weight * (residual**2).sum(0)).sum())
-    degrees = 2 * int(has_enough.sum()), max(fit.degrees - spent - 2 * int(has_enough.sum()), 1)
+    degrees = (
+        2 * int(has_enough.sum()),
+        max(fit.degrees - degrees_used - 2 * int(has_enough.sum()), 1),
+    )
     noise = max(squares - between, 0.0) / degrees[1]
     rms = np.sqrt(
         2 * max(between - degrees[0] * noise, 0) / max(2 * float(total[has_enough].sum()), 1e-300)

@@ -179,12 +179,12 @@ def _normalised(places, weight):
     """Places (2, G, k) moved and scaled to about 1, and the matrices (G, 3, 3) that do so."""
     total = weight.sum(1)
     middle = (places * weight).sum(2) / total
-    away = places - middle[..., None]
-    size = np.sqrt(((away**2).sum(0) * weight).sum(1) / total)
+    deviation = places - middle[..., None]
+    size = np.sqrt(((deviation**2).sum(0) * weight).sum(1) / total)
     transforms = np.zeros((len(total), 3, 3))
     transforms[:, 0, 0] = transforms[:, 1, 1] = 1 / size
     transforms[:, :2, 2], transforms[:, 2, 2] = -(middle / size).T, 1
-    return away / size[:, None], transforms
+    return deviation / size[:, None], transforms
 
 
 def first_poses(maps: np.ndarray, matrix: np.ndarray) -> np.ndarray:

@@ -79,8 +79,8 @@ def smoothness_misfit(chain: Corners) -> np.ndarray:
 
 def is_behind_board(poses: np.ndarray) -> np.ndarray:
     """(G,) True where the board shows another side than in most images: corners numbered in mirror image."""
-    away = (rotation_matrix(poses[:, 3:])[:, :, 2] * poses[:, :3]).sum(1) > 0
-    return away != (2 * away.sum() > len(away))
+    side = (rotation_matrix(poses[:, 3:])[:, :, 2] * poses[:, :3]).sum(1) > 0
+    return side != (2 * side.sum() > len(side))
 
 
 def find_blunders(chain: Corners, residual: np.ndarray) -> np.ndarray:

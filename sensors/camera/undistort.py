@@ -71,8 +71,8 @@ def _samples(camera):
     seen = camera.seen(np.stack(np.meshgrid(*spans)).reshape(2, -1))
     ideal = iterate(camera, seen)
     out = (seen**2).sum(0)
-    lost = ~np.isfinite(ideal).all(0)
-    reach = 0.95 * out[lost].min() if lost.any() else out.max()
+    is_lost = ~np.isfinite(ideal).all(0)
+    reach = 0.95 * out[is_lost].min() if is_lost.any() else out.max()
     is_reached = out <= reach
     return ideal[:, is_reached], seen[:, is_reached], float(reach)
 
@@ -162,14 +162,14 @@ class Workspace:
         start = self._start(seen)
         right = self.narrow[0][0, :, : pixels.shape[1]]
         size = self.narrow[1][0, : pixels.shape[1]]
-        beyond = None if size.max() < self.inverse.reach else ~(size < self.inverse.reach)
+        outer_reach = None if size.max() < self.inverse.reach else ~(size < self.inverse.reach)
         np.copyto(out, start)
         with np.errstate(all="ignore"):
             for _ in range(_ROUNDS):
                 common, r2 = self._gap(out, seen, gap)
                 np.copyto(right, gap)
                 enough = (
-                    beyond is None
+                    outer_reach is None
                     and right.max() < self.inverse.enough
                     and right.min() > -self.inverse.enough
                 )
@@ -179,8 +179,8 @@ class Workspace:
                 if enough:
                     return
                 np.copyto(start, out)
-        if beyond is not None:
-            open_ |= beyond
+        if outer_reach is not None:
+            open_ |= outer_reach
         if open_.any():
             out[:, open_] = iterate(self.camera, seen[:, open_])
 

@@ -95,8 +95,8 @@ def _circle(z, r2, a, b):
     """Complex polynomial of leading power z^a conj(z)^b."""
     order, pairs = a - b, min(a, b)
     angular = z**order if order >= 0 else np.conj(z) ** -order
-    plain = (1.0,) + (0.0,) * pairs
-    radial = _RADIAL.get((abs(order), pairs), plain)
+    unit_radial = (1.0,) + (0.0,) * pairs
+    radial = _RADIAL.get((abs(order), pairs), unit_radial)
     return angular * np.polyval(radial, r2)
 
 
@@ -135,9 +135,9 @@ class CameraThermalDrift(WarmUpLaw, Effect):
 
     def basis(self, state):
         camera = state.camera
-        away = known(state.pixels - np.array([[camera.cx], [camera.cy]]))
-        aside = np.broadcast_to(np.eye(2)[:, :, None], (2, *away.shape))
-        return np.concatenate([away[None], aside]) * self.progress(state)
+        displacement = known(state.pixels - np.array([[camera.cx], [camera.cy]]))
+        aside = np.broadcast_to(np.eye(2)[:, :, None], (2, *displacement.shape))
+        return np.concatenate([displacement[None], aside]) * self.progress(state)
 
 
 class WindowRefraction(Effect):
@@ -260,5 +260,5 @@ class FocusBreathing(Effect):
 
     def basis(self, state):
         camera = state.camera
-        away = state.pixels - np.array([[camera.cx], [camera.cy]])
-        return known((state.focus_depth - self.z0) * away)[None]
+        displacement = state.pixels - np.array([[camera.cx], [camera.cy]])
+        return known((state.focus_depth - self.z0) * displacement)[None]

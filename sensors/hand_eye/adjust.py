@@ -142,9 +142,13 @@ def _each(chain, spread):
 def grams(chain, parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
     """(P, K, K) products of the rows [shared free, pose, residual at no pose error], and numbers (P,) measured."""
     evaluation = chain.evaluate(parameters.values)
-    plain = evaluation.residual - np.einsum("lmn,nl->mn", evaluation.pose, chain.errors[chain.pose])
+    residual_of_pose = evaluation.residual - np.einsum(
+        "lmn,nl->mn", evaluation.pose, chain.errors[chain.pose]
+    )
     rows = (
-        np.concatenate([evaluation.shared[parameters.mask], evaluation.pose, plain[None]])
+        np.concatenate(
+            [evaluation.shared[parameters.mask], evaluation.pose, residual_of_pose[None]]
+        )
         / chain.relative
     )
     tiles = tiles_of({POSE: chain.pose}, len(chain.pose))
@@ -154,7 +158,7 @@ def grams(chain, parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
     )
     total = np.zeros((len(chain.flange), *product.shape[1:]))
     total[tiles.groups[POSE]] = np.add.reduceat(product, tiles.start)
-    return total, np.bincount(chain.pose, minlength=len(total)) * len(plain)
+    return total, np.bincount(chain.pose, minlength=len(total)) * len(residual_of_pose)
 
 
 def restricted_likelihood(
@@ -215,7 +219,7 @@ def solve_linear(model_grams, parameters: Parameters, noise: float, sigma: np.nd
     solution = np.concatenate([np.tile(change, (len(gram), 1)), errors, np.ones((len(gram), 1))], 1)
     large = (np.einsum("pi,pii->p", solution**2, model_grams[0])).sum()
     squares = max(np.einsum("pi,pij,pj->", solution, model_grams[0], solution), _ROUNDING * large)
-    spent = (
+    degrees_used = (
         size
         - np.diag(covariance) @ regularisation
         + (len(sigma) - (np.diagonal(blocks, 0, 1, 2) / sigma**2).sum(1)).sum()
@@ -227,7 +231,7 @@ def solve_linear(model_grams, parameters: Parameters, noise: float, sigma: np.nd
         normal,
         covariance,
         float(squares),
-        max(measured - float(spent), 1.0),
+        max(measured - float(degrees_used), 1.0),
     )
 
 
@@ -243,10 +247,10 @@ def solve_equal(model_grams, parameters: Parameters, noise: float, sigma: np.nda
     size = int(free.sum())
     typical = parameters.typical[free]
     # blocks of the parameters, of these with the errors of the groups, and with the residual
-    plain = gram[:, :size, :size]
+    gram_of_parameters = gram[:, :size, :size]
     cross = gram[:, :size, size:-1]
     right = gram[:, :size, -1]
-    total = plain.sum(0)
+    total = gram_of_parameters.sum(0)
     likelihood = float(np.diag(best.normal) @ typical**2)
     equal = float(np.diag(total) @ typical**2)
     worth = max(likelihood, 1e-300) / max(equal, 1e-300)
@@ -340,7 +344,7 @@ def _distance(chain, model_grams, pose, linear, variances):
     gram = model_grams[0][pose]
     group_block = gram[size:-1, size:-1]
     cross = gram[size:-1, :size]
-    said = gram[size:-1, -1]
+    right_side = gram[size:-1, -1]
     spread = np.diag(_each(chain, variances.spread) ** 2)
     covariance = (
         variances.noise**2 * group_block
@@ -350,7 +354,7 @@ def _distance(chain, model_grams, pose, linear, variances):
     scale = 1 / np.sqrt(np.maximum(np.diag(covariance), 1e-18 * np.abs(covariance).max()))
     values, vectors = symmetric_eigen(covariance * np.outer(scale, scale))
     seen = values > 1e-9 * values[-1]
-    squared = float((((said * scale) @ vectors[:, seen]) ** 2 / values[seen]).sum())
+    squared = float((((right_side * scale) @ vectors[:, seen]) ** 2 / values[seen]).sum())
     numbers = int(seen.sum())
     if not numbers:  # nothing measured at this pose bears on what is adjusted
         return 0.0, 0, 1.0
@@ -368,26 +372,26 @@ def find_blunders(
     one in a thousand among as many poses (Baarda's data snooping, 1968, with the variances unknown).
     Returns Adjusted, {pose: LeftOut} of every pose, (pose, ...).
     """
-    gone: dict[int, LeftOut] = {}
+    blunders: dict[int, LeftOut] = {}
     while True:
-        remaining = chain.at(np.flatnonzero(~np.isin(chain.pose, list(gone))))
+        remaining = chain.at(np.flatnonzero(~np.isin(chain.pose, list(blunders))))
         adjusted = adjust(remaining, parameters, variances, equal)
         full = grams(remaining.with_families({POSE: adjusted.errors}), adjusted.parameters)
         seen = {k: leave_out(adjusted, k, full) for k in np.unique(remaining.pose).tolist()}
         worst = min(seen, key=lambda k: seen[k].chance)
-        if seen[worst].chance > _LEVEL / len(seen) or len(gone) >= most:
-            return adjusted, {**seen, **_again(chain, adjusted, gone)}, tuple(sorted(gone))
-        gone[worst] = seen[worst]
+        if seen[worst].chance > _LEVEL / len(seen) or len(blunders) >= most:
+            return adjusted, {**seen, **_again(chain, adjusted, blunders)}, tuple(sorted(blunders))
+        blunders[worst] = seen[worst]
         parameters = replace(parameters, values=seen[worst].values)
 
 
-def _again(chain, adjusted, gone):
+def _again(chain, adjusted, blunders):
     """The poses left out for good, seen from the final adjustment."""
-    model_grams = grams(chain, adjusted.parameters) if gone else None
+    model_grams = grams(chain, adjusted.parameters) if blunders else None
     return {
         k: LeftOut(
             adjusted.parameters.values,
             *_distance(chain, model_grams, k, adjusted.linear, adjusted.variances),
         )
-        for k in gone
+        for k in blunders
     }

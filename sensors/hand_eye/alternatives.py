@@ -95,10 +95,10 @@ def _scale_words(scale, std):
         name for value, name in _UNITS.items() if abs(np.log(factor / value)) < max(3 * std, 0.02)
     ]
     what = "flange positions" if scale > 1 else "square_mm"
-    asked = f" ({what} in {near[0]}?)" if near else ""
+    question = f" ({what} in {near[0]}?)" if near else ""
     seems = (
         f"the squares of the board look {size} times too {board}, or the flange positions {size} times too "
-        f"{flange}{asked}"
+        f"{flange}{question}"
     )
     return seems, "correct square_mm under [board], or the unit of the flange positions"
 

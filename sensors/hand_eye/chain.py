@@ -256,8 +256,8 @@ class BallChain:
 
     def centres(self, values: np.ndarray) -> np.ndarray:
         """(P, 3) mm, the ball in the profiler's frame at every pose."""
-        away = values[6:9] - self.flange[:, :3, 3] - self.errors[:, :3]
-        local = np.einsum("pji,pj->pi", self.flange[:, :3, :3], away) - values[:3]
+        displacement = values[6:9] - self.flange[:, :3, 3] - self.errors[:, :3]
+        local = np.einsum("pji,pj->pi", self.flange[:, :3, :3], displacement) - values[:3]
         return local @ rotation_matrix(values[3:6])
 
     def evaluate(self, values: np.ndarray, deltas=None) -> Evaluation:

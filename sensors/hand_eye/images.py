@@ -105,21 +105,21 @@ def hand_eye_from_views(
 
 def _best(chain, parameters, first, most, scale):
     """What `find_blunders` gives, with or without the board's scale, and what is to be said of it."""
-    plain = None if scale else find_blunders(chain, parameters, first, most)
+    without_scale = None if scale else find_blunders(chain, parameters, first, most)
     if scale is False:
-        return plain, ()
-    if plain is not None:
-        adjusted = plain[0]
+        return without_scale, ()
+    if without_scale is not None:
+        adjusted = without_scale[0]
         if motion(chain.flange, chain.kind, adjusted.variances.spread[1]).sentences:
-            return plain, ()
+            return without_scale, ()
         loose = adjust(adjusted.chain, adjusted.parameters.free(_SCALE), adjusted.variances)
         if abs(loose.parameters[_SCALE]) < _SURE * _scale_sigma(loose):
-            return plain, ()
+            return without_scale, ()
         parameters, first = loose.parameters, loose.variances
     scaled = find_blunders(chain, parameters.free(_SCALE), first, most)
-    if plain is None:
+    if without_scale is None:
         return scaled, ()
-    before, after = (_predicted(chain, found) for found in (plain, scaled))
+    before, after = (_predicted(chain, found) for found in (without_scale, scaled))
     scale = scaled[0].parameters[_SCALE]
     sigma = _scale_sigma(scaled[0])
     is_kept = _is_reduced(before, after, abs(scale) > _CERTAIN * sigma)
@@ -128,7 +128,7 @@ def _best(chain, parameters, first, most, scale):
     return (
         (scaled, (f"{words}, kept",))
         if is_kept
-        else (plain, (f"{words}, not retained by cross-validation",))
+        else (without_scale, (f"{words}, not retained by cross-validation",))
     )
 
 

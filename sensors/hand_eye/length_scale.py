@@ -60,9 +60,9 @@ def length_scale(moved: np.ndarray, seen: np.ndarray) -> LengthScale:
 
 def _bounds(moments, degrees: int, level: float) -> tuple[float, float]:
     """Least and largest ratio: confidence limits of least squares of the camera on the flange, and the reverse."""
-    sure = float(student.isf(level / 2, degrees))
+    quantile = float(student.isf(level / 2, degrees))
     square, mixed, other = moments
-    rest = np.sqrt(max(1 - mixed**2 / (square * other), 0.0) / degrees) * sure
+    rest = np.sqrt(max(1 - mixed**2 / (square * other), 0.0) / degrees) * quantile
     low = mixed / other - rest * np.sqrt(square / other)
     slope = mixed / square - rest * np.sqrt(other / square)
     return max(float(low), 0.0), float(1 / slope) if slope > 0 else np.inf

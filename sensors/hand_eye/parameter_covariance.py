@@ -35,12 +35,12 @@ class ParameterCovariance:
         """(R, R) covariance of rows @ parameters, rows (R, F): diagonal inf, other elements nan, where
         they move by more than their sigma along what is not determined."""
         covariance = rows @ self.covariance @ rows.T
-        lost = _FAR * ((rows @ self.open) ** 2).sum(1) > np.diag(covariance)
-        lost |= np.diag(covariance) > _FAR * ((rows * self.typical) ** 2).sum(
+        is_undetermined = _FAR * ((rows @ self.open) ** 2).sum(1) > np.diag(covariance)
+        is_undetermined |= np.diag(covariance) > _FAR * ((rows * self.typical) ** 2).sum(
             1
         )  # less known than before measuring
-        covariance[lost] = covariance[:, lost] = np.nan
-        covariance[lost, lost] = np.inf
+        covariance[is_undetermined] = covariance[:, is_undetermined] = np.nan
+        covariance[is_undetermined, is_undetermined] = np.inf
         return covariance
 
     def std(self) -> dict[str, float]:

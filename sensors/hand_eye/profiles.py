@@ -104,20 +104,24 @@ def _chain(flat, pose, flange, circles: Circles, start, radius_sigma, weights) -
 def _best(chain, parameters, first, weights, range_scale, most):
     """What `find_blunders` gives, with or without the scale of z, and what is to be said of it."""
     equal = weights == "equal"
-    plain = None if range_scale else find_blunders(chain, parameters, first, most, equal)
+    without_scale = None if range_scale else find_blunders(chain, parameters, first, most, equal)
     if range_scale is False:
-        return plain, ()
-    start = parameters if plain is None else replace(parameters, values=plain[0].parameters.values)
+        return without_scale, ()
+    start = (
+        parameters
+        if without_scale is None
+        else replace(parameters, values=without_scale[0].parameters.values)
+    )
     scaled = find_blunders(chain, start.free(_SCALE), first, most, equal)
-    if plain is None:
+    if without_scale is None:
         return scaled, ()
-    before, after = (_predicted(chain, found) for found in (plain, scaled))
+    before, after = (_predicted(chain, found) for found in (without_scale, scaled))
     scale = scaled[0].parameters[_SCALE]
     words = f"scale of the profiler's z {scale:+.2%}: held-out {before:.3g} -> {after:.3g} mm"
     return (
         (scaled, (f"{words}, kept",))
         if after < before
-        else (plain, (f"{words}, not retained by cross-validation",))
+        else (without_scale, (f"{words}, not retained by cross-validation",))
     )
 
 

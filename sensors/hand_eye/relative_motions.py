@@ -101,14 +101,14 @@ def displacement_px(first, second) -> float:
         return float("nan")
     before = first.pixels[:, mine]
     after = second.pixels[:, its]
-    away = float(np.median(np.linalg.norm(before - after, axis=0)))
+    distance_px = float(np.median(np.linalg.norm(before - after, axis=0)))
     if len(shared) < len(first.index):
-        return away
+        return distance_px
     between = np.linalg.norm(before[:, :, None] - after[:, None, :], axis=0)
     nearest = between.argmin(1)
     if len(np.unique(nearest)) < len(nearest):
-        return away
-    return min(away, float(np.median(between.min(1))))
+        return distance_px
+    return min(distance_px, float(np.median(between.min(1))))
 
 
 def wrong_equal_poses(flange: np.ndarray, views: Sequence) -> list[tuple[int, int, float]]:

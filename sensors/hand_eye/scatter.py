@@ -53,10 +53,15 @@ def deviations(
     return {**found, "turn_deg": np.degrees(angle)}
 
 
-def board_scatter(away: dict[str, np.ndarray]) -> dict[str, float]:
+def board_scatter(deviations_of_board: dict[str, np.ndarray]) -> dict[str, float]:
     """RMS of every one of `deviations`, and its plain mean as `mean_...`."""
-    square = {name: float(np.sqrt((values**2).mean())) for name, values in away.items()}
-    return {**square, **{f"mean_{name}": float(values.mean()) for name, values in away.items()}}
+    square = {
+        name: float(np.sqrt((values**2).mean())) for name, values in deviations_of_board.items()
+    }
+    return {
+        **square,
+        **{f"mean_{name}": float(values.mean()) for name, values in deviations_of_board.items()},
+    }
 
 
 def scatter(chain, points, values, used) -> dict[str, float]:
@@ -81,11 +86,11 @@ def least_scatter(chain, points, values, used) -> dict[str, float]:
     """
     seen = _seen(chain, values)[used]
     flange = chain.flange[used]
-    away = deviations(
+    deviations_of_board = deviations(
         placed_boards(flange, _least(flange, seen, chain.kind, values[:6]), seen, chain.kind),
         points,
     )
-    return _named(away)
+    return _named(deviations_of_board)
 
 
 def held_least(chain, points, values, used) -> dict[str, float]:
@@ -102,8 +107,8 @@ def held_least(chain, points, values, used) -> dict[str, float]:
     return _named({name: np.concatenate([row[name] for row in rows]) for name in rows[0]})
 
 
-def _named(away):
-    found = board_scatter(away)
+def _named(deviations_of_board):
+    found = board_scatter(deviations_of_board)
     return {"least_origin_mm": found["origin_mm"], "least_turn_deg": found["turn_deg"]}
 
 
@@ -126,8 +131,8 @@ def scattered(values: np.ndarray, flange: np.ndarray, seen: np.ndarray) -> np.nd
     for "to-hand", seen (P, 4, 4) T_camera_board.
     """
     placed = flange @ placement(values) @ seen
-    away = LEVER * rotation_vector(_from_mean(placed[:, :3, :3])[1])
-    return np.hstack([_centred(placed[:, :3, 3]), away]).ravel()
+    deviations_of_board = LEVER * rotation_vector(_from_mean(placed[:, :3, :3])[1])
+    return np.hstack([_centred(placed[:, :3, 3]), deviations_of_board]).ravel()
 
 
 def scattered_derivative(values: np.ndarray, flange: np.ndarray, seen: np.ndarray) -> np.ndarray:
@@ -136,11 +141,13 @@ def scattered_derivative(values: np.ndarray, flange: np.ndarray, seen: np.ndarra
     turn = flange[:, :3, :3]
     arm = (sensor[:3, :3] @ seen[:, :3, 3, None])[..., 0]
     moved = [_centred(turn), -_centred(turn @ skew(arm))]
-    mean, away = _from_mean((flange @ sensor @ seen)[:, :3, :3])
+    mean, deviations_of_board = _from_mean((flange @ sensor @ seen)[:, :3, :3])
     turned = mean.T @ turn  # a small turn of the hand-eye, about the axes of the mean board
-    with_mean = _free_trace(away.sum(0))
-    of_mean = np.linalg.pinv(with_mean) @ (_free_trace(away) @ turned).sum(0)
-    turned = LEVER * np.linalg.solve(left_jacobian(rotation_vector(away)), turned - of_mean)
+    with_mean = _free_trace(deviations_of_board.sum(0))
+    of_mean = np.linalg.pinv(with_mean) @ (_free_trace(deviations_of_board) @ turned).sum(0)
+    turned = LEVER * np.linalg.solve(
+        left_jacobian(rotation_vector(deviations_of_board)), turned - of_mean
+    )
     rows = np.concatenate([np.dstack(moved), np.dstack([0 * turned, turned])], 1)
     rows[..., 3:] = rows[..., 3:] @ left_jacobian(values[3:6])
     return rows.reshape(-1, 6)

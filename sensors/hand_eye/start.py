@@ -194,21 +194,23 @@ def align(moved: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, float, np.nd
     alpha = rotation_vector(flange[:, :3, :3])
     beta = rotation_vector(camera[:, :3, :3])
     angles = np.linalg.norm(np.stack([alpha, beta]), axis=2)
-    sure = (angles < _HALF_TURN).all(0)
+    is_determined = (angles < _HALF_TURN).all(0)
     reach = np.median(np.linalg.norm(seen[:, :3, 3], axis=1))
     found = []
     turning = (angles > STILL).all(0)
-    half = turning & ~sure
-    only_half = half.any() and not (turning & sure).any()
+    half = turning & ~is_determined
+    only_half = half.any() and not (turning & is_determined).any()
     candidates = (
         _half_turns(half, flange, camera)
         if only_half
-        else _turns(alpha[sure], beta[sure], flange, camera)
+        else _turns(alpha[is_determined], beta[is_determined], flange, camera)
     )
     for turn in candidates:
         shift, rest = _translation(turn, flange, camera)
         gap = (
-            _turned_apart(turn, flange, camera) if only_half else (alpha - beta @ turn.T)[sure]
+            _turned_apart(turn, flange, camera)
+            if only_half
+            else (alpha - beta @ turn.T)[is_determined]
         ) * reach
         found.append(
             (

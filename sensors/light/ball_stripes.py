@@ -102,9 +102,11 @@ class Evaluation(Sight):
         super().__init__(chain, values, deltas, gain)
         self._hit()
         ball = chain.labels["ball"]
-        away = self.hits - self._delta("point") - chain.centres[ball].T - self._delta("target")
-        distance = np.sqrt((away**2).sum(0))
-        self.normal = away / distance
+        displacement = (
+            self.hits - self._delta("point") - chain.centres[ball].T - self._delta("target")
+        )
+        distance = np.sqrt((displacement**2).sum(0))
+        self.normal = displacement / distance
         self.residual = ((distance - chain.radii[ball]) / gain)[None]
 
     def _hit(self):

@@ -67,8 +67,8 @@ class BoardStripeChain(StripeChain):
         """
         if self.together is None:
             return rows
-        within, beyond = self._apart
-        return decorrelated([*within, *beyond] if across else within, rows)
+        within, between_steps = self._apart
+        return decorrelated([*within, *between_steps] if across else within, rows)
 
     @property
     def across(self) -> tuple[np.ndarray, float] | None:

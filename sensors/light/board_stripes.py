@@ -134,9 +134,9 @@ def on_the_board(board: Board, points: np.ndarray) -> np.ndarray:
 
     A chessboard reaches one square beyond its inner corners, a grid of circles half a step beyond its centres.
     """
-    beyond = board.square_mm * (0.5 if board.kind.endswith("circles") else 1.0)
-    low = board.points.min(1)[:2] - beyond
-    high = board.points.max(1)[:2] + beyond
+    margin = board.square_mm * (0.5 if board.kind.endswith("circles") else 1.0)
+    low = board.points.min(1)[:2] - margin
+    high = board.points.max(1)[:2] + margin
     return ((points[:2] >= low[:, None]) & (points[:2] <= high[:, None])).all(0)
 
 
@@ -153,13 +153,13 @@ def wrong_points(chain: BoardStripeChain, here: Evaluation) -> np.ndarray:
     shape = np.stack([np.ones_like(place), place, place**2])
     residual = here.residual[0]
     sigma = np.broadcast_to(chain.sigma, (1, chain.n))[0]
-    away, weights = residual, np.ones(chain.n)
+    deviation, weights = residual, np.ones(chain.n)
     for _ in range(_ROUNDS):
         centreline = _fitted(shape, residual, weights / sigma**2, group, count)
-        away = np.abs(residual - centreline) / sigma
-        spread = max(1.4826 * np.median(away), 1e-12)
-        weights = 1 / (1 + (away / (2 * spread)) ** 2)
-    return away > _FAR * spread
+        deviation = np.abs(residual - centreline) / sigma
+        spread = max(1.4826 * np.median(deviation), 1e-12)
+        weights = 1 / (1 + (deviation / (2 * spread)) ** 2)
+    return deviation > _FAR * spread
 
 
 def _fitted(shape, values, weights, group, count):

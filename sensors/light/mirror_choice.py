@@ -95,8 +95,8 @@ def try_mirror(
     known = _well_known(free, volume)
     commanded, branches = _on_one_branch(free, commanded, by_step)
     start, gain = start_mirror(free.board_stripes.planes[:, known], commanded[known], by_step)
-    said = _odd_gain(gain, by_step)
-    if said:  # what was commanded is no angle of the mirror: only its steps count
+    refusal = _odd_gain(gain, by_step)
+    if refusal:  # what was commanded is no angle of the mirror: only its steps count
         by_step = True
         (start, gain) = start_mirror(free.board_stripes.planes[:, known], commanded[known], True)
     angles = commanded * gain if by_step else commanded
@@ -111,7 +111,7 @@ def try_mirror(
         )
     if by_step:
         gain = gain * adjustment.board_stripes.angles[-1] / angles[-1] if angles[-1] else gain
-    return adjustment, _compared(free, adjustment, gain, volume, (*branches, *said, *tied))
+    return adjustment, _compared(free, adjustment, gain, volume, (*branches, *refusal, *tied))
 
 
 def _on_one_branch(free: Adjustment, commanded, by_step: bool):
@@ -156,13 +156,13 @@ def _determined(adjustment: Adjustment, by_step):
         "face_zero"
     }
     labels = {p.key: p.label for p in full.fit.table.table}
-    said = [
+    reasons = [
         f"{labels[f'mirror.{name}']} is confounded with the others here: it keeps its start value"
         for name in every
         if name in left_out
     ]
     determined = tuple(name for name in every if name in adjustment.free or name not in left_out)
-    return determined, said
+    return determined, reasons
 
 
 def _odd_gain(gain, by_step):
@@ -179,7 +179,7 @@ def _odd_gain(gain, by_step):
     ]
 
 
-def _compared(free, with_mirror, gain, volume, said):
+def _compared(free, with_mirror, gain, volume, sentences):
     more = len(with_mirror.fit.parameters.pack()) - len(
         free.fit.parameters.pack()
     )  # the mirror's and its effects'
@@ -206,7 +206,7 @@ def _compared(free, with_mirror, gain, volume, said):
         overall,
         expected,
         each,
-        tuple(said),
+        tuple(sentences),
     )
 
 

@@ -73,8 +73,10 @@ class StripeChain:
     def expected_pixels(self) -> np.ndarray:
         """(2, n) px along the scan line from each point to where the surface must be seen at the start."""
         slope = (self.at_start.by_pixel * self.scan).sum(0)
-        away = np.divide(self.at_start.residual[0], slope, out=np.zeros(self.n), where=slope != 0)
-        return self.pixels - self.scan * np.clip(away, -_FARTHEST, _FARTHEST)
+        residual_px = np.divide(
+            self.at_start.residual[0], slope, out=np.zeros(self.n), where=slope != 0
+        )
+        return self.pixels - self.scan * np.clip(residual_px, -_FARTHEST, _FARTHEST)
 
     @property
     def commanded_angles(self) -> np.ndarray:

@@ -110,8 +110,8 @@ class Together:
 
     def steps(self, sigma: np.ndarray) -> list["Step"]:
         """Both of `steps_apart`, one after the other."""
-        within, beyond = self.steps_apart(sigma)
-        return [*within, *beyond]
+        within, between_steps = self.steps_apart(sigma)
+        return [*within, *between_steps]
 
     def steps_apart(self, sigma: np.ndarray) -> tuple[list["Step"], list["Step"]]:
         """The factors of V^-1/2 but for the division by sigma (n,) px, in their order, of the kinds that err.
@@ -154,9 +154,9 @@ def random_effect(spread: float, label: np.ndarray, shape: np.ndarray, weight: n
     n = len(label)
     count = int(label.max(initial=-1)) + 1
     known = np.maximum(np.bincount(label, weight * shape**2, count), 1e-300)
-    lost = 1 - 1 / np.sqrt(1 + spread**2 * known)
+    share_lost = 1 - 1 / np.sqrt(1 + spread**2 * known)
     sums = csr_array((weight * shape, (label, np.arange(n))), shape=(count, n))
-    return Step(sums, label, shape * (lost / known)[label])
+    return Step(sums, label, shape * (share_lost / known)[label])
 
 
 def decorrelated(steps: list[Step], rows: np.ndarray) -> np.ndarray:

@@ -153,13 +153,13 @@ def bloomed(light, chip: Chip):
     import torch
     from kornia.filters import filter2d
 
-    beyond = (light - chip.full_well_e).clamp_min(0)
+    excess = (light - chip.full_well_e).clamp_min(0)
     reach = int(np.ceil(5 * chip.spill_px))
-    away = torch.arange(-reach, reach + 1, device=light.device).abs()
-    kernel = torch.exp(-away / chip.spill_px) * (away > 0)
+    distance = torch.arange(-reach, reach + 1, device=light.device).abs()
+    kernel = torch.exp(-distance / chip.spill_px) * (distance > 0)
     kernel = (kernel / kernel.sum())[None, :, None]
     with full_precision():
-        spilled = filter2d(beyond[None, None], kernel, border_type="constant")[0, 0]
+        spilled = filter2d(excess[None, None], kernel, border_type="constant")[0, 0]
     return light + chip.blooming * spilled
 
 

@@ -48,10 +48,10 @@ def irradiance(
     irradiance_at_points = np.zeros(points.shape[1])
     for first in range(0, points.shape[1], _BLOCK):
         block = slice(first, first + _BLOCK)
-        away = patches[:, None] - points[:, block, None]
-        square = np.maximum((away**2).sum(0), 1e-12)
-        arriving = np.maximum((normals[:, block, None] * away).sum(0), 0)
-        leaving = np.maximum(-(patch_normals[:, None] * away).sum(0), 0)
+        displacement = patches[:, None] - points[:, block, None]
+        square = np.maximum((displacement**2).sum(0), 1e-12)
+        arriving = np.maximum((normals[:, block, None] * displacement).sum(0), 0)
+        leaving = np.maximum(-(patch_normals[:, None] * displacement).sum(0), 0)
         irradiance_at_points[block] = (arriving * leaving / square**2) @ power / np.pi
     return np.nan_to_num(irradiance_at_points)
 

@@ -25,8 +25,8 @@ class Optics:
 
     def sigma(self, depth: np.ndarray) -> np.ndarray:
         """Blur's 1 sigma in px at depths z in mm, any shape; nan (nothing there) counts as in focus."""
-        away = np.nan_to_num(1 - self.focus_mm / np.asarray(depth, float))
-        return np.hypot(self.blur_px, self.defocus_px * away)
+        defocus = np.nan_to_num(1 - self.focus_mm / np.asarray(depth, float))
+        return np.hypot(self.blur_px, self.defocus_px * defocus)
 
 
 @dataclass(frozen=True)
@@ -140,8 +140,8 @@ class Instrument:
             return self.laser.source
         mirror = self.mirror
         face = mirror.normals(self.angles[index : index + 1])[:, 0]
-        beyond = face @ (self.laser.source - mirror.point) - mirror.offset
-        return self.laser.source - 2 * beyond * face
+        past_mirror = face @ (self.laser.source - mirror.point) - mirror.offset
+        return self.laser.source - 2 * past_mirror * face
 
 
 def sweeping_mirror(
@@ -157,12 +157,12 @@ def sweeping_mirror(
     comes from `distance_mm` beyond it along x. Returns the mirror and the source (3,) mm.
     """
     point = np.array([baseline_mm, 0.0, 0.0])
-    away = np.array([-baseline_mm, 0.0, aim_mm]) / np.hypot(baseline_mm, aim_mm)
+    displacement = np.array([-baseline_mm, 0.0, aim_mm]) / np.hypot(baseline_mm, aim_mm)
     coming = np.array([-1.0, 0.0, 0.0])
     tilt_x, tilt_z = np.deg2rad(tilt_deg)
     axis = np.array([-np.sin(tilt_z), 1.0, np.sin(tilt_x)])
     axis /= np.linalg.norm(axis)
-    face = away - coming
+    face = displacement - coming
     face -= axis * (axis @ face)
     beam = np.array([0.0, 0.0, 1.0, 0.0])
     mirror = Mirror(axis, point, face / np.linalg.norm(face), offset_mm, beam)

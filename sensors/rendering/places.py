@@ -48,13 +48,13 @@ def _random(views, middle, camera, rng, fits=None) -> np.ndarray:
     rays = camera.rays(pixels)
     places = rays / rays[2] * rng.uniform(*views.range_mm, _TRIES)
     poses = np.concatenate([places.T - turns @ middle, rotation_vector(turns)], axis=1)
-    good = np.flatnonzero(fits(poses)) if fits else np.arange(1)
-    if not good.size:
+    is_usable = np.flatnonzero(fits(poses)) if fits else np.arange(1)
+    if not is_usable.size:
         raise InputError(
             "placements: expected a board that fits into the image, found none that does; make the "
             "board smaller, or range_mm larger, or give the places"
         )
-    return poses[good[0]]
+    return poses[is_usable[0]]
 
 
 def _in_view(poses, pattern, camera):

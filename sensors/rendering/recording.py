@@ -127,8 +127,8 @@ def _takes(scene, boards, artefacts, stations) -> Iterator[_Take]:
     """Everything in the order in which it was taken, with the clock running."""
     rng = np.random.default_rng((scene.seed, 3))
     clock = 0.0
-    wanted = scene.placements.laser
-    laser = len(boards) if wanted is None else min(wanted, len(boards))
+    laser_placements = scene.placements.laser
+    laser = len(boards) if laser_placements is None else min(laser_placements, len(boards))
     laser = laser if len(scene.instrument.steps) else 0
     order = [("board", k) for k in range(len(boards))]
     order += [("board-laser", k) for k in range(laser)] + [

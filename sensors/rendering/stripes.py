@@ -230,9 +230,9 @@ def _along(instrument, index, points):
     if source is None or not laser.uneven:
         return np.ones(points.shape[1])
     plane = instrument.nominal_planes()[:, index, None]
-    away = points - source[:, None]
-    along = (stripe_direction(plane) * away).sum(0)
-    angle = np.arcsin(np.clip(along / np.linalg.norm(away, axis=0), -1, 1))
+    displacement = points - source[:, None]
+    along = (stripe_direction(plane) * displacement).sum(0)
+    angle = np.arcsin(np.clip(along / np.linalg.norm(displacement, axis=0), -1, 1))
     wave = np.cos(2 * np.pi * angle / np.deg2rad(laser.uneven_deg))
     return np.nan_to_num(1 + laser.uneven * wave)
 

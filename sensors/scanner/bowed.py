@@ -26,10 +26,12 @@ Calibrate = Callable[[Sequence[Effect]], ScannerCalibration]
 
 def misfit_of(calibration: ScannerCalibration) -> Misfit | None:
     """Lack of fit of the stripes on boards against the light planes; None where there are too few."""
-    board_stripes, good = calibration.stripes, ~calibration.wrong
+    board_stripes, is_good = calibration.stripes, ~calibration.wrong
     labels = board_stripes.labels
     stripe = labels["placement"] * len(calibration.scanner.steps) + labels["step"]
-    return stripe_misfit(calibration.residual_px[good], stripe[good], board_stripes.along[good])
+    return stripe_misfit(
+        calibration.residual_px[is_good], stripe[is_good], board_stripes.along[is_good]
+    )
 
 
 def calibrated_with_bow(calibrate: Calibrate) -> ScannerCalibration:

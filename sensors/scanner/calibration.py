@@ -213,10 +213,12 @@ def _result(camera, found, free, adjustment, checked, held_out, provenance) -> S
     last = replace(found.whole, angles=stripes.angles)
     last = last.moved(adjustment.camera, stripes.poses, stripes.planes, stripes.mirror)
     pixels, millimetres = residuals(adjustment, last)
-    good = ~found.wrong & (np.abs(pixels) <= 5 * 1.4826 * np.median(np.abs(pixels[~found.wrong])))
-    dropped = {**found.dropped, _WRONG: int((~good).sum())}
+    is_good = ~found.wrong & (
+        np.abs(pixels) <= 5 * 1.4826 * np.median(np.abs(pixels[~found.wrong]))
+    )
+    dropped = {**found.dropped, _WRONG: int((~is_good).sum())}
     plane_covariances = adjustment.apart(found.volume)
-    centre = _centre_noise(last.at(good), pixels[good])
+    centre = _centre_noise(last.at(is_good), pixels[is_good])
     scanner = _scanner(adjustment, found, plane_covariances, centre, provenance)
     about_fit = (
         *camera.undetermined,
@@ -225,7 +227,7 @@ def _result(camera, found, free, adjustment, checked, held_out, provenance) -> S
         *_on_fit(adjustment),
     )
     step = last.labels["step"]
-    rms = [_rms(values, step, good, len(found.steps)) for values in (pixels, millimetres)]
+    rms = [_rms(values, step, is_good, len(found.steps)) for values in (pixels, millimetres)]
     return ScannerCalibration(
         scanner,
         camera,
@@ -237,7 +239,7 @@ def _result(camera, found, free, adjustment, checked, held_out, provenance) -> S
         last,
         pixels,
         millimetres,
-        ~good,
+        ~is_good,
         *rms,
         _sigma_planes(adjustment, found.volume),
         plane_covariances,
@@ -246,17 +248,19 @@ def _result(camera, found, free, adjustment, checked, held_out, provenance) -> S
         (*_on_dropped(dropped), *about_fit),
         found.commanded,
         found.lines,
-        _dependence(found, last, pixels, good),
-        rejected_points(last, ~good, found.shape),
+        _dependence(found, last, pixels, is_good),
+        rejected_points(last, ~is_good, found.shape),
     )
 
 
-def _dependence(found: "_Found", last: BoardStripeChain, pixels, good) -> LineDependence | None:
+def _dependence(found: "_Found", last: BoardStripeChain, pixels, is_good) -> LineDependence | None:
     """Of the residuals (n,) px of the points that are `good` (n,) bool."""
     if found.shape is None:
         return None
     stripe = last.labels["placement"] * len(found.steps) + last.labels["step"]
-    return line_dependence(pixels[good], stripe[good], last.along[good], found.shape[:, good])
+    return line_dependence(
+        pixels[is_good], stripe[is_good], last.along[is_good], found.shape[:, is_good]
+    )
 
 
 def _on_shared(adjustment, centre):
@@ -272,10 +276,10 @@ def _centre_noise(board_stripes, residual):
     return float(np.sqrt(variance if np.isfinite(variance) else (residual**2).mean()))
 
 
-def _rms(values, step, good, count):
+def _rms(values, step, is_good, count):
     """(S,) root of the mean square of the good ones of each step."""
-    number = np.maximum(np.bincount(step[good], minlength=count), 1)
-    return np.sqrt(np.bincount(step[good], values[good] ** 2, count) / number)
+    number = np.maximum(np.bincount(step[is_good], minlength=count), 1)
+    return np.sqrt(np.bincount(step[is_good], values[is_good] ** 2, count) / number)
 
 
 @dataclass(frozen=True)

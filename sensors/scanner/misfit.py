@@ -129,10 +129,10 @@ def _tested(stripes: list[_Stripe], stated: float) -> Misfit:
     degrees = max((count - _ORDERS * len(stripes)) / inflation, 1.0)
     p_value = float(fdtrc(independent, degrees, ratio))
     of_shift = np.array([stated, 0.0, 0.0, 0.0])
-    beyond = np.sqrt(np.maximum(explained - expected - of_shift, 0.0) / count)
-    bend = float(np.hypot(beyond[2], beyond[3]))
+    excess = np.sqrt(np.maximum(explained - expected - of_shift, 0.0) / count)
+    bend = float(np.hypot(excess[2], excess[3]))
     sigma = float(np.sqrt(max(float(noise[0]), 1e-300)))
-    return Misfit(sigma, float(beyond[0]), float(beyond[1]), bend, p_value, len(stripes))
+    return Misfit(sigma, float(excess[0]), float(excess[1]), bend, p_value, len(stripes))
 
 
 def _autocovariance(stripes: list[_Stripe]) -> np.ndarray:

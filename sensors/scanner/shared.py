@@ -74,8 +74,8 @@ def _held_by_corners(adjustment: Adjustment) -> Adjustment:
 def _settled(before: Together, now: Together) -> bool:
     """Whether variances stay, to a part of what they are known to."""
     estimated = np.isfinite(now.std)
-    doubt = (now.std * np.maximum(now.sigma, now.std))[estimated]
-    return bool((np.abs(now.sigma**2 - before.sigma**2)[estimated] <= _AGREES * doubt).all())
+    uncertainty = (now.std * np.maximum(now.sigma, now.std))[estimated]
+    return bool((np.abs(now.sigma**2 - before.sigma**2)[estimated] <= _AGREES * uncertainty).all())
 
 
 def _turned(adjustment):
@@ -114,11 +114,11 @@ def shared_errors(adjustment: Adjustment) -> tuple[Together, float]:
     found = estimate_components(gram / noise, pull / noise, kind)
     more = len(NAMES) - len(found.variance)  # kinds that another one is by construction
     variance = np.append(found.expected, np.zeros(more))
-    doubt = np.append(found.std, np.full(more, np.inf))
+    uncertainty = np.append(found.std, np.full(more, np.inf))
     sigma = np.sqrt(variance)
     # of a square root; of one that is 0, the sigma that two sigmas of its variance would make
     with np.errstate(divide="ignore", invalid="ignore"):
-        std = np.where(variance > doubt, doubt / (2 * sigma), np.sqrt(2 * doubt))
+        std = np.where(variance > uncertainty, uncertainty / (2 * sigma), np.sqrt(2 * uncertainty))
     return replace(together, sigma=sigma, std=std), float(np.sqrt(noise))
 
 
@@ -173,7 +173,7 @@ def _effects(board_stripes, together) -> _Effects:
     weight = np.broadcast_to(board_stripes.sigma, (1, board_stripes.n))[0] ** -2.0
     n = board_stripes.n
     place, step = board_stripes.labels["placement"], board_stripes.labels["step"]
-    parts, plain, kinds, where = [], [], [], []
+    parts, without_cause, kinds, where = [], [], [], []
     for kind, (label, shape) in enumerate(zip(together.labels, together.shapes)):
         count = int(label.max(initial=-1)) + 1
         if kind == 2 and count == together.labels[0].max(initial=-1) + 1:
@@ -182,12 +182,12 @@ def _effects(board_stripes, together) -> _Effects:
         design = csr_array((shape, (label, np.arange(n))), shape=(count, n))[chosen]
         first = np.zeros(count, int)
         first[label] = place
-        plain.append(design)
+        without_cause.append(design)
         parts.append(design * weight)
         kinds.append(np.full(len(chosen), kind))
         where.append(first[chosen])
     sums = vstack(parts).tocsr()
-    design = vstack(plain).tocsr()
+    design = vstack(without_cause).tocsr()
     return _Effects(sums, np.concatenate(kinds), np.concatenate(where), sums @ design.T)
 
 

@@ -67,21 +67,21 @@ class TurntableCalibration:
     @property
     def sentences(self) -> tuple[str, ...]:
         """What was found, in words."""
-        said = [
+        sentences = [
             f"turntable: axis from {len(self.commanded)} positions, corners {self.rms_px:.3f} px RMS; leave-one-out "
             f"error of a position {np.rad2deg(self.before):.4f} deg as commanded, {np.rad2deg(self.after):.4f} deg "
             "with the angle law"
         ]
         for term in self.terms:
             if term.retained:
-                said.append(f"{STEP_ERROR}: {term.name} (F-test p = {term.probability:.2g})")
+                sentences.append(f"{STEP_ERROR}: {term.name} (F-test p = {term.probability:.2g})")
         noise = float(np.sqrt(np.mean(self.sigma**2)))
         if self._is_random:
-            said.append(
+            sentences.append(
                 f"{STEP_ERROR}: random error of a position {np.rad2deg(self.table.sigma):.4f} deg, 1 sigma; "
                 f"the corners alone explain {np.rad2deg(noise):.4f} deg"
             )
-        return tuple(said)
+        return tuple(sentences)
 
 
 def calibrate_turntable(
@@ -186,13 +186,13 @@ def _result(problem: _Corners, values, covariance, rms) -> TurntableCalibration:
     point = values[3:6]
     angles = np.concatenate([[0.0], values[12:]])
     variance = np.concatenate([[0.0], np.diag(covariance)[12:]])
-    away = angles - (problem.commanded - problem.commanded[0])
+    angle_change = angles - (problem.commanded - problem.commanded[0])
     sigma = np.sqrt(variance + np.median(variance[1:]) * (np.arange(len(angles)) == 0))
-    terms, chosen = _law(problem.commanded, away)
+    terms, chosen = _law(problem.commanded, angle_change)
     design = _design(problem.commanded, chosen)
-    solution = np.linalg.lstsq(design, away, rcond=None)[0]
-    residual = away - design @ solution
-    free = len(away) - design.shape[1]
+    solution = np.linalg.lstsq(design, angle_change, rcond=None)[0]
+    residual = angle_change - design @ solution
+    free = len(angle_change) - design.shape[1]
     spread = float(residual @ residual) / free
     jitter = float(np.sqrt(max(spread - np.mean(sigma**2), 0.0)))
     harmonics = {n: tuple(_pair(solution, chosen, n)) for n in chosen if n}
@@ -205,15 +205,15 @@ def _result(problem: _Corners, values, covariance, rms) -> TurntableCalibration:
     return TurntableCalibration(
         bare,
         problem.commanded,
-        problem.commanded + away - solution[0],
+        problem.commanded + angle_change - solution[0],
         sigma,
         terms,
         rms,
         tuple(view.image for view in problem.views),
         residual,
         float(np.sqrt(spread / (2 * free))),
-        _left_out(_design(problem.commanded, ()), away),
-        _left_out(design, away),
+        _left_out(_design(problem.commanded, ()), angle_change),
+        _left_out(design, angle_change),
     )
 
 
@@ -247,14 +247,16 @@ def _design(commanded, orders) -> np.ndarray:
     return np.stack(columns, axis=1)
 
 
-def _law(commanded, away) -> tuple[tuple[Term, ...], tuple[int, ...]]:
+def _law(commanded, angle_change) -> tuple[tuple[Term, ...], tuple[int, ...]]:
     """Forward selection of the scale and of the harmonics by F-tests."""
     chosen: tuple[int, ...] = ()
     tested: dict[int, Term] = {}
     candidates = (0, *(ORDERS if np.ptp(commanded) > _SPAN else ORDERS[:1]))
     while True:
         trials = [
-            _test(commanded, away, chosen, order) for order in candidates if order not in chosen
+            _test(commanded, angle_change, chosen, order)
+            for order in candidates
+            if order not in chosen
         ]
         trials = [term for term in trials if term is not None]
         tested |= {term.order: term for term in trials}
@@ -264,18 +266,18 @@ def _law(commanded, away) -> tuple[tuple[Term, ...], tuple[int, ...]]:
         chosen = (*chosen, best.order)
 
 
-def _test(commanded, away, chosen, order) -> Term | None:
+def _test(commanded, angle_change, chosen, order) -> Term | None:
     """F-test of one more term; None where too few positions are left to test it."""
     before = _design(commanded, chosen)
     after = _design(commanded, (*chosen, order))
-    free = len(away) - after.shape[1]
+    free = len(angle_change) - after.shape[1]
     if free < _FEWEST_FREE or np.linalg.cond(after / np.linalg.norm(after, axis=0)) > 1e4:
         return None
-    first, second = _squares(before, away), _squares(after, away)
+    first, second = _squares(before, angle_change), _squares(after, angle_change)
     more = after.shape[1] - before.shape[1]
     statistic = (first - second) / more / max(second / free, 1e-300)
     probability = float(fisher.sf(statistic, more, free))
-    solution = np.linalg.lstsq(after, away, rcond=None)[0][before.shape[1] :]
+    solution = np.linalg.lstsq(after, angle_change, rcond=None)[0][before.shape[1] :]
     if order == 0:
         name = f"scale {solution[0]:+.3g}"
         values = (float(solution[0]), 0.0)

@@ -56,14 +56,14 @@ class Profiles:
     def _binned(cls, values, columns, stripes, usable, frames):
         """Sums over bins of the distance from the centre, in widths of the line; rows count by their squared peak."""
         peak = stripes.peak[usable][:, None]
-        away = (columns - stripes.centre[usable][:, None]) / stripes.width[usable][:, None]
-        bins = np.floor((away + _REACH) / (2 * _REACH) * _BINS).astype(int)
+        offset = (columns - stripes.centre[usable][:, None]) / stripes.width[usable][:, None]
+        bins = np.floor((offset + _REACH) / (2 * _REACH) * _BINS).astype(int)
         label = stripes.frame[usable][:, None] * _BINS + bins
-        good = (bins >= 0) & (bins < _BINS)
-        weight = np.broadcast_to(peak**2, values.shape)[good]
+        in_range = (bins >= 0) & (bins < _BINS)
+        weight = np.broadcast_to(peak**2, values.shape)[in_range]
         size = frames * _BINS
-        sums = np.bincount(label[good], (values * peak)[good], size)
-        weights = np.bincount(label[good], weight, size)
+        sums = np.bincount(label[in_range], (values * peak)[in_range], size)
+        weights = np.bincount(label[in_range], weight, size)
         count = np.maximum(np.bincount(stripes.frame[usable], minlength=frames), 1)
         width = np.bincount(stripes.frame[usable], stripes.width[usable], frames) / count
         return cls(sums.reshape(frames, -1), weights.reshape(frames, -1), width)

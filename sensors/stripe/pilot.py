@@ -116,10 +116,10 @@ def _search(image, found: Brightest, noise: float) -> tuple[float, Search]:
         if best is None or np.median(strength) > np.median(best[1]):
             best = width, strength, column, rough
     width, strength, column, rough = best
-    sure = strength > _SURE
-    missed = np.abs(column - seen)[sure] > 3 * width + 1
-    plain = sure.sum() > 20 and missed.mean() < 0.02
-    return width, Search(None, 0.0) if plain else Search(width, rough)
+    is_sure_line = strength > _SURE
+    missed = np.abs(column - seen)[is_sure_line] > 3 * width + 1
+    is_plain_image = is_sure_line.sum() > 20 and missed.mean() < 0.02
+    return width, Search(None, 0.0) if is_plain_image else Search(width, rough)
 
 
 def _bright_rows(found: Brightest) -> np.ndarray:

@@ -33,8 +33,8 @@ def background_bias(rows: Rows, fits: Fits, noise: float) -> np.ndarray:
             centre = fits.centre.take(place)
             pull[:, place] = _pull(rows, row, centre, table, noise / np.sqrt(2))
     pull, variance = cv2.blur(pull, (_OVER, 1))
-    sure = np.where(pull**2 > 9 * variance / _OVER, np.abs(pull), 0)
-    return _largest_around(sure, _OVER // 2)
+    is_significant = np.where(pull**2 > 9 * variance / _OVER, np.abs(pull), 0)
+    return _largest_around(is_significant, _OVER // 2)
 
 
 def _largest_around(values: np.ndarray, reach: int) -> np.ndarray:

@@ -197,8 +197,8 @@ def _bend(camera, surface, pixels, planes, scan, light):
     """Difference quotients over the 3 x 3 places (scan line, line) about each pixel."""
     along = np.array([scan[1], scan[0]])
 
-    def at(across, beyond):
-        places = pixels + _STEP * (across * scan + beyond * along)[:, None]
+    def at(across, offset):
+        places = pixels + _STEP * (across * scan + offset * along)[:, None]
         return _seen(surface, camera.rays(places), planes, light)
 
     middle = at(0, 0)
@@ -228,13 +228,13 @@ def _seen(surface, rays, planes, light):
     """(3, n) of what rays see: distance from the light plane, logarithm of the cosine of the light's incidence, and
     cosine of the incidence of sight."""
     points, normals = surface(rays)
-    away = (planes[:3] * points).sum(0) + planes[3]
+    distance = (planes[:3] * points).sum(0) + planes[3]
     facing = -(points * normals).sum(0) / np.sqrt((points**2).sum(0))
     if light is None:
-        return np.stack([away, 0 * away, facing])
+        return np.stack([distance, 0 * distance, facing])
     towards = light[:, None] - points
     cosine = (towards * normals).sum(0) / np.sqrt((towards**2).sum(0))
-    return np.stack([away, np.log(np.maximum(cosine, _STEEPEST)), facing])
+    return np.stack([distance, np.log(np.maximum(cosine, _STEEPEST)), facing])
 
 
 def weighting(ratio: np.ndarray) -> np.ndarray:

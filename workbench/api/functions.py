@@ -180,8 +180,8 @@ def load(folder: str | Path) -> Result:
             f"{path}: expected the answer of a workbench command, found {error}; name a run folder"
         ) from error
     text = Path(folder) / SUMMARY
-    said = text.read_text(encoding="utf-8") if text.exists() else ""
-    return Result(answer, Path(folder), said, commands=function)
+    stated_text = text.read_text(encoding="utf-8") if text.exists() else ""
+    return Result(answer, Path(folder), stated_text, commands=function)
 
 
 def _argument(name: str, value, folder: Path):
@@ -200,10 +200,10 @@ def _argument(name: str, value, folder: Path):
 
 def _converted(value, parameter: inspect.Parameter):
     """Text as a path or as the member of an enumeration, where the command takes one; lists likewise."""
-    wanted = plain_type(parameter)
-    kinds = {wanted, *typing.get_args(wanted)}
-    if isinstance(value, str) and isinstance(wanted, type) and issubclass(wanted, Enum):
-        return _member(value, wanted, parameter.name)
+    plain_kind = plain_type(parameter)
+    kinds = {plain_kind, *typing.get_args(plain_kind)}
+    if isinstance(value, str) and isinstance(plain_kind, type) and issubclass(plain_kind, Enum):
+        return _member(value, plain_kind, parameter.name)
     if isinstance(value, str) and Path in kinds and str not in kinds:
         return Path(value)
     if isinstance(value, list | tuple):
@@ -214,9 +214,9 @@ def _converted(value, parameter: inspect.Parameter):
     return str(value) if isinstance(value, Path) and str in kinds and Path not in kinds else value
 
 
-def _member(value: str, wanted: type[Enum], name: str) -> Enum:
+def _member(value: str, kind: type[Enum], name: str) -> Enum:
     try:
-        return wanted(value)
+        return kind(value)
     except ValueError as error:
-        known = ", ".join(str(member.value) for member in wanted)
+        known = ", ".join(str(member.value) for member in kind)
         raise InputError(f"{name}: expected one of {known}, found {value}; name one") from error

@@ -70,9 +70,9 @@ _POINTS = ("source", "target")
 
 def _written_array(values: np.ndarray, name: str, folder: Path) -> Path:
     if values.ndim != 2 or (name in _POINTS and values.shape[1] != 3):
-        wanted = "points (n, 3) in mm" if name in _POINTS else "joint readings in degrees (n, J)"
+        expected = "points (n, 3) in mm" if name in _POINTS else "joint readings in degrees (n, J)"
         raise InputError(
-            f"{name}: expected an array of {wanted}, with one row for each, found shape {values.shape}; reshape it"
+            f"{name}: expected an array of {expected}, with one row for each, found shape {values.shape}; reshape it"
         )
     header = ["x_mm", "y_mm", "z_mm"]
     if name not in _POINTS:

@@ -213,8 +213,8 @@ app.add_typer(
 )
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(is_asked: bool) -> None:
+    if is_asked:
         print(f"vision-sensor-workbench {VERSION}")
         raise typer.Exit()
 

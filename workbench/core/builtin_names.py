@@ -42,10 +42,12 @@ def check_builtin_name(
     known = known or [name for names in _stated for name in names()]
     if not known or name in known:
         return
-    wanted = str(name).lower()
-    alike = difflib.get_close_matches(wanted, known, 3, _SIMILARITY)
-    similar = [name for name in alike if _digits(name) == _digits(wanted)]
-    near = [name for name in known if _plain(wanted) in (*name.split("_"), _plain(name))] or similar
+    name_given = str(name).lower()
+    similar_names = difflib.get_close_matches(name_given, known, 3, _SIMILARITY)
+    similar = [name for name in similar_names if _digits(name) == _digits(name_given)]
+    near = [
+        name for name in known if _plain(name_given) in (*name.split("_"), _plain(name))
+    ] or similar
     meant = f"did you mean {' or '.join(near)}? Otherwise " if near else ""
     raise complaint(
         where,

@@ -22,12 +22,12 @@ class _Limit:
         self.reported = _SILENT_S - _INTERVAL_S
 
     def check(self) -> None:
-        spent = time.process_time() - self.start
-        if spent > self.seconds:
+        used_seconds = time.process_time() - self.start
+        if used_seconds > self.seconds:
             raise OutOfTime(f"The search for a cause stopped after {self.seconds:.0f} s.")
-        if spent > self.reported + _INTERVAL_S:
-            self.reported = spent
-            self.say(f"{spent:.0f} s of at most {self.seconds:.0f} s")
+        if used_seconds > self.reported + _INTERVAL_S:
+            self.reported = used_seconds
+            self.say(f"{used_seconds:.0f} s of at most {self.seconds:.0f} s")
 
 
 _current: ContextVar[_Limit | None] = ContextVar("limit", default=None)

@@ -123,8 +123,8 @@ def _sentence(error: dict, where: str) -> str:
         near = closest_key(names[-1], known) if names else None
         question = f" (did you mean {near}?)" if near else ""
         do = f"rename it to {near} and mind the unit" if near else "remove it"
-        said = f"expected one of {', '.join(known)}, found {names[-1]}"
-        return f"{key} is not known{question}: {said}; {do}."
+        text = f"expected one of {', '.join(known)}, found {names[-1]}"
+        return f"{key} is not known{question}: {text}; {do}."
     expected = error["msg"].removeprefix("Input should be ").removeprefix("Input should ")
     return str(complaint(key, expected, repr(error["input"]), "correct it"))
 

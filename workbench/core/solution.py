@@ -132,12 +132,12 @@ class Solution:
         Samples of one pose share what the model gets wrong there. Where poses have several, the
         covariance is never below the sandwich over poses (Liang & Zeger, Biometrika 73, 1986).
         """
-        plain = self.known.covariance
+        covariance_alone = self.known.covariance
         if self.scores is None:
-            return plain
-        robust = plain @ self.scores @ plain
-        wider = np.sqrt(np.maximum(np.diag(robust) / np.diag(plain), 1))
-        return plain * np.outer(wider, wider)
+            return covariance_alone
+        robust = covariance_alone @ self.scores @ covariance_alone
+        wider = np.sqrt(np.maximum(np.diag(robust) / np.diag(covariance_alone), 1))
+        return covariance_alone * np.outer(wider, wider)
 
     @cached_property
     def std(self) -> dict[str, float]:
@@ -165,7 +165,7 @@ class Solution:
         if self.redundancy <= 0:
             return frozenset()
         mine = zip(self.single.known.keys, self.single.determined & self.single.free)
-        return frozenset(key for key, sure in mine if sure) | self.shrunk
+        return frozenset(key for key, is_determined in mine if is_determined) | self.shrunk
 
     @cached_property
     def marginal_std(self) -> dict[str, float]:

@@ -66,8 +66,8 @@ def _explained(gram, right, sets) -> np.ndarray:
     members = np.array(sets)
     matrices = gram[members[:, :, None], members[:, None, :]]
     scale = np.sqrt(np.einsum("skk->sk", matrices))
-    alike = matrices / scale[:, :, None] / scale[:, None, :]
-    values, vectors = np.linalg.eigh(alike)
+    scaled = matrices / scale[:, :, None] / scale[:, None, :]
+    values, vectors = np.linalg.eigh(scaled)
     values = np.where(values > _DEPENDENT, values, np.inf)
     along = np.einsum("skj,sk->sj", vectors, right[members] / scale)
     return (along**2 / values).sum(1)

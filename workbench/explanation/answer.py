@@ -318,11 +318,11 @@ def _searched(bench: Bench, say: _Reporter, jobs: int) -> tuple[Bench, Found, in
     start, progress = time.perf_counter(), elapsed(say, LEAST_FOLDS)
     bench, found = with_jitter(bench, lambda sampled: find(sampled, progress=progress))
     say.first(statements.preliminary(found))
-    spent = time.perf_counter() - start
-    jobs = jobs if spent > _LONG_S else 1
+    used_seconds = time.perf_counter() - start
+    jobs = jobs if used_seconds > _LONG_S else 1
     if found.findings:
         blocks = sum(len(scheme.folds) for scheme in schemes(bench.pose, found.before))
-        remaining_time = duration(spent * blocks / max(jobs, 1))
+        remaining_time = duration(used_seconds * blocks / max(jobs, 1))
         say(
             f"the whole search is repeated without each of {blocks} blocks, about {remaining_time} left"
         )
@@ -335,10 +335,10 @@ def _proved(bench, found: Found, noise, say, jobs):
     effects = [e for term in retained for e in term.finding.effects]
     rows = bench.parameters(effects, options=_estimated_options(retained))
     stay = tuple(_with_numbers(bench, term, effects, rows) for term in retained)
-    gone = tuple(
+    refused_terms = tuple(
         _with_numbers(bench, term, (*effects, *term.finding.effects), None) for term in refused
     )
-    return stay, gone, proved
+    return stay, refused_terms, proved
 
 
 def _estimated_options(terms: Sequence[Term]) -> Options:

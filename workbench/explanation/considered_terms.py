@@ -61,15 +61,15 @@ def _without_duplicates(terms: Sequence[Term], calibration: Calibration) -> list
 
     They are variants of one effect at one place, such as backlash by gravity and by the side of approach.
     """
-    taken = set(calibration.model.parameters.keys)
+    used_keys = set(calibration.model.parameters.keys)
     distinct = []
     for term in sorted(terms, key=probability, reverse=True):
         effects = term.finding.effects
         parameter_keys = {
             p.key for effect in effects for p in effect.parameters(calibration.model.chain)
         }
-        if parameter_keys.isdisjoint(taken):
-            taken |= parameter_keys
+        if parameter_keys.isdisjoint(used_keys):
+            used_keys |= parameter_keys
             distinct.append(term)
     return [term for term in terms if any(term is other for other in distinct)]
 

@@ -71,11 +71,11 @@ def differences(
     start = model.parameters.update(values)
     candidates = _candidates(model, start, reference_only)
     chosen = _selected(model, start, candidates)
-    everything = solve(model, _free(model, start, candidates))
-    model = replace(model, chain=_scaled(model.chain, everything.sigma_scale), _bases={})
+    all_differences = solve(model, _free(model, start, candidates))
+    model = replace(model, chain=_scaled(model.chain, all_differences.sigma_scale), _bases={})
     fit = solve(model, _free(model, start, chosen))
     rows = _rows(model, start, fit, candidates, chosen)
-    noise = _noise(reference, moving, model.chain, everything)
+    noise = _noise(reference, moving, model.chain, all_differences)
     return Differences(tuple(rows[:_MOST]), noise, len(candidates))
 
 
@@ -138,7 +138,7 @@ def _projected(
     keys = [key for key, is_free in zip(free.keys, free.mask) if is_free]
     is_candidate = np.isin(keys, candidates)
     orthogonal, rest = _cleared(columns[~is_candidate], columns[is_candidate], white)
-    names = [key for key, wanted in zip(keys, is_candidate) if wanted]
+    names = [key for key, is_wanted in zip(keys, is_candidate) if is_wanted]
     return names, orthogonal, rest, white.size - int((~is_candidate).sum())
 
 
@@ -215,7 +215,7 @@ def _rows(model, start, fit: Fit, candidates, chosen) -> list[dict]:
     """A row a parameter: difference, standard deviation, sigmas, RMS displacement, what it is confounded with."""
     known = identifiability(fit.normal, fit.parameters, 1.0)
     std = dict(zip(known.keys, np.sqrt(np.diag(known.covariance))))
-    alike = _confounded(model, start, fit, candidates, chosen)
+    confounded_terms = _confounded(model, start, fit, candidates, chosen)
     parameters_of_row = []
     for key in chosen:
         at = start.index[key]
@@ -231,7 +231,7 @@ def _rows(model, start, fit: Fit, candidates, chosen) -> list[dict]:
                 "sigmas": abs(change) / max(float(std[key]), 1e-300),
                 "unit": start.table[at].unit,
                 "size_mm": float(np.sqrt(((column * change) ** 2).sum(0).mean())),
-                "confounded_with": alike[key],
+                "confounded_with": confounded_terms[key],
             }
         )
     return sorted(parameters_of_row, key=lambda row: -row["sigmas"])

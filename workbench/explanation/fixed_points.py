@@ -50,18 +50,18 @@ class FixedPoints:
     def sentence(self) -> str:
         """What they say."""
         movement = _um(self.measured, self.std)
-        said = (
+        sentence = (
             f"{len(self.reflectors)} fixed reflectors, which no fit has used, moved by {movement} µm from the first to "
             "the last fifth of the recording"
         )
         if self.found is None:
-            return f"{said} ({length(float(np.linalg.norm(self.measured)))}); no drift of the base was claimed."
+            return f"{sentence} ({length(float(np.linalg.norm(self.measured)))}); no drift of the base was claimed."
         found = _um(self.found, self.found_std)
         free = "found without them, with links and joints free to warm as well,"
-        return f"{said}; the drift that was {free} says {found} µm: {self._verdict()}."
+        return f"{sentence}; the drift that was {free} says {found} µm: {self._verdict()}."
 
     def _verdict(self) -> str:
-        off = [name for name, good in zip("xyz", self._near()) if not good]
+        off = [name for name, is_within in zip("xyz", self._near()) if not is_within]
         if not off:
             return "they agree"
         return (
@@ -74,14 +74,14 @@ class FixedPoints:
 
     def as_json(self) -> dict:
         """Keys with their unit."""
-        plain = {
+        values = {
             "reflectors": list(self.reflectors),
             "measured_mm": self.measured,
             "measured_std_mm": self.std,
             "found_mm": self.found,
             "found_std_mm": self.found_std,
         }
-        return plain | {"agrees": self.agrees, "statement": self.sentence}
+        return values | {"agrees": self.agrees, "statement": self.sentence}
 
 
 def _um(values, stds) -> str:

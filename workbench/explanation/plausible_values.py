@@ -19,16 +19,16 @@ def implausible_values(rows: Sequence[Mapping], size: float | None) -> tuple[str
     found = []
     for row in rows:
         value, std, prior = row["value"], row["std"], row.get("prior")
-        said = measured(value, std, row["unit"])
+        value_text = measured(value, std, row["unit"])
         if prior and abs(value) > max(_FAR * prior, CRITICAL_T * std):
             expected = measured(prior, None, row["unit"])
             found.append(
-                f"{row['label']} is {said}, which is not plausible (expected before measuring: 0 ± {expected}): "
+                f"{row['label']} is {value_text}, which is not plausible (expected before measuring: 0 ± {expected}): "
                 "another cause may stand behind it"
             )
         elif row["name"] == DEFLECTION and size and value < CRITICAL_T * std:
             found.append(
-                f"the deflection of {said} is not significant in these poses, although the term makes "
+                f"the deflection of {value_text} is not significant in these poses, although the term makes "
                 f"{length(size)}: other causes explain the poses as well"
             )
     return tuple(found)

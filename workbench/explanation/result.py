@@ -203,9 +203,9 @@ def has_unexplained_structure(
 
 def with_statements(diagnosis: Diagnosis, statements) -> Diagnosis:
     """The diagnosis with a statement for each of its terms, then of those refused."""
-    said = iter(statements)
+    texts = iter(statements)
     fresh = [
-        tuple(replace(term, statement=next(said)) for term in some)
+        tuple(replace(term, statement=next(texts)) for term in some)
         for some in (diagnosis.terms, diagnosis.refused)
     ]
     return replace(diagnosis, terms=fresh[0], refused=fresh[1])

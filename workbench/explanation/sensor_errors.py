@@ -133,18 +133,18 @@ def line_structure_terms(bench) -> tuple[Term, ...]:
         Term(
             Finding(
                 "unknown",
-                doubt.where,
-                LINE_STRUCTURE + doubt.label,
+                line_doubt.where,
+                LINE_STRUCTURE + line_doubt.label,
                 (),
-                doubt.p_value,
+                line_doubt.p_value,
                 0.0,
                 0.0,
                 0.0,
-                doubt.depends_on,
+                line_doubt.depends_on,
             ),
-            size=doubt.size_px,
+            size=line_doubt.size_px,
         )
-        for doubt in bench.chains.line_doubts
+        for line_doubt in bench.chains.line_doubts
     )
 
 
@@ -207,16 +207,16 @@ def _of_line(found: DisplacedLine, px_per_mm: float) -> tuple[tuple[str, float],
 def image_warnings(bench, terms: Sequence[Term]) -> tuple[str, ...]:
     """What is in doubt about images: displaced lines of the board, the laser line itself, and a focal length that
     differs from board pose to board pose."""
-    chains, said = bench.chains, []
+    chains, warnings = bench.chains, []
     if chains.lines:
         lines = ", ".join(line.sentence for line in chains.lines)
-        said.append(
+        warnings.append(
             f"The board errs ({BoardPointErrors.effect}): the calibration of the camera finds {lines}; measure or "
             "replace the board. Corners that contradict all others are left out of this diagnosis."
         )
-    said += [doubt.sentence for doubt in chains.line_doubts]
+    warnings += [line_doubt.sentence for line_doubt in chains.line_doubts]
     focal = random_focal_error(bench, terms)
-    return (*said, focal) if focal else tuple(said)
+    return (*warnings, focal) if focal else tuple(warnings)
 
 
 def random_focal_error(bench, terms: Sequence[Term]) -> str:

@@ -136,15 +136,19 @@ def _of_law(term: Term, size: str) -> str:
     """A law of the catalogue with its parameters."""
     found = term.finding
     kind = type(found.effects[0]) if found.effects else None
-    said = law(found.effect, found.where, label_of(found), kind)
+    sentence = law(found.effect, found.where, label_of(found), kind)
     numbers = figures(term.parameters) if term.parameters else ""
     numbers = _IN_BRACKETS.sub("", numbers)  # the law states the instant once
     warms_up = any(getattr(effect, "time_constant_s", 0) for effect in found.effects)
     by_time = warms_up or any(row["unit"].endswith("/h") for row in term.parameters)
-    said = said.replace(
+    sentence = sentence.replace(
         _EITHER, "with time (no temperature was recorded)" if by_time else "with temperature"
     )
-    return f"{said}: {', '.join(filter(None, (numbers, size)))}." if numbers or size else f"{said}."
+    return (
+        f"{sentence}: {', '.join(filter(None, (numbers, size)))}."
+        if numbers or size
+        else f"{sentence}."
+    )
 
 
 def _of_structure(term: Term) -> str:
@@ -222,7 +226,7 @@ def _of_data(found: Finding) -> str:
             "The joints were read at differing moments before the arm stood still: the residuals point back along the "
             "last moves, by another share of them each time."
         )
-    said = (
+    sentence = (
         f"{_with_random_error(found.where)} a random error from sample to sample, which depends on no recorded "
         "covariate: the residuals have the directions in which such an error moves the measured point."
     )
@@ -231,7 +235,7 @@ def _of_data(found: Finding) -> str:
         for alternative in found.alternatives
         if alternative.missing_covariate
     ]
-    return said + (
+    return sentence + (
         f" It may be {listed(could, 'or')}, none of which this recording holds." if could else ""
     )
 

@@ -104,17 +104,17 @@ def law(effect: str, where: str, label: str = "", kind: type | None = None) -> s
         kind = _kind(effect, where)
     if kind is None:
         return f"{effect} at {place(where)}"
-    said = (
+    sentence = (
         " ".join((kind.__doc__ or "").split("\n\n")[0].split())
         .rstrip(".")
         .replace(_PART, _capital(place(where)))
     )
-    is_said = label.removeprefix("of its ").strip() in said
-    return _placed(said, where) + (f" ({label})" if label and not is_said else "")
+    is_said = label.removeprefix("of its ").strip() in sentence
+    return _placed(sentence, where) + (f" ({label})" if label and not is_said else "")
 
 
-def _capital(said: str) -> str:
-    return said[0].upper() + said[1:]
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]
 
 
 def _kind(effect, where):
@@ -129,17 +129,17 @@ def _kind(effect, where):
     return (fitting or kinds or [None])[0]
 
 
-def _placed(said: str, where: str) -> str:
+def _placed(text: str, where: str) -> str:
     known = Place.of(where)
     if known.number is None:
-        return said
+        return text
     kind, number = known.kind, known.number
     there = f"{kind} {number}"
-    said = re.sub(
-        rf"\b(?:the {kind}|an? {kind}|this {kind}|{kind} K)\b", there, said, flags=re.IGNORECASE
+    text = re.sub(
+        rf"\b(?:the {kind}|an? {kind}|this {kind}|{kind} K)\b", there, text, flags=re.IGNORECASE
     )
-    said = re.sub(rf"\b{kind.capitalize()} {number}\b|\b{kind} {number}\b", there, said)
-    return said[0].upper() + said[1:]
+    text = re.sub(rf"\b{kind.capitalize()} {number}\b|\b{kind} {number}\b", there, text)
+    return text[0].upper() + text[1:]
 
 
 def measured(value: float, std: float | None, unit: str) -> str:
@@ -207,11 +207,11 @@ def figures(rows: Sequence[Mapping]) -> str:
         (_name(row), row)
         for row in sorted(rows, key=lambda row: (not row.get("derived"), -_surety(row)))
     ]
-    said = _listed_figures(parts)
+    text = _listed_figures(parts)
     if vague:
         combined = f"{listed([row['name'] for row in vague])} identifiable only in combination"
-        said = f"{said} ({combined})" if said else combined
-    return said + (
+        text = f"{text} ({combined})" if text else combined
+    return text + (
         f" (with {len(masses)} numbers for masses that the data sheet does not know)"
         if masses and not has_deflection
         else ""

@@ -57,13 +57,13 @@ def parameter_rows(solution) -> list[dict]:
     """
     parameters, single = solution.parameters, solution.single
     known = frozenset(single.known.keys)
-    sure = solution.determined
+    is_determined = solution.determined
     tied, std = single.tied(), _standard_deviations(solution)
     rows = []
     for p, value, free in zip(
         parameters.table, parameters.values.tolist(), parameters.mask.tolist()
     ):
-        judged = std.get(p.key), p.key in sure, p.key in known
+        judged = std.get(p.key), p.key in is_determined, p.key in known
         row = _row(p, value, free, judged, tied.get(p.key, []))
         rows.append(row | _AT_ZERO if p.key in solution.at_zero else row)
     return rows
@@ -73,9 +73,9 @@ def _standard_deviations(solution) -> dict[str, float]:
     """Key -> std of determined parameters, of others that with the held ones exactly at their values."""
     if solution.redundancy <= 0:
         return {}
-    sure = solution.determined
+    is_determined = solution.determined
     return solution.std | {
-        key: value for key, value in solution.marginal_std.items() if key in sure
+        key: value for key, value in solution.marginal_std.items() if key in is_determined
     }
 
 
@@ -83,27 +83,27 @@ def _row(parameter, value, free, judged, others):
     """judged: (std or None, whether determined by itself, whether any stage asks about it)."""
     where, _, name = parameter.key.partition(".")
     std, determined, is_asked = judged
-    sure = bool(free and determined and std is not None)
+    is_determined = bool(free and determined and std is not None)
     return {
         "name": name,
         "where": where,
         "value": value,
         "unit": parameter.unit,
-        "std": std if sure else None,
+        "std": std if is_determined else None,
         "nominal": parameter.null,
-        "identifiable": sure,
+        "identifiable": is_determined,
         "tied_to": others,
         "free": bool(free),
         "label": parameter.label,
-        "std_given_tied": None if sure else std,
-        "why": _why(free, sure, std, others, is_asked, value == parameter.null),
-        "status": _status(free, sure, others),
+        "std_given_tied": None if is_determined else std,
+        "why": _why(free, is_determined, std, others, is_asked, value == parameter.null),
+        "status": _status(free, is_determined, others),
         "deviation": _deviation(where, name, value, parameter.null),
     }
 
 
-def _status(free: bool, sure: bool, others: list[str]) -> str:
-    if sure:
+def _status(free: bool, is_determined: bool, others: list[str]) -> str:
+    if is_determined:
         return ESTIMATED
     return NOT_IDENTIFIABLE if free or others else HELD
 
@@ -114,8 +114,8 @@ def _deviation(where: str, name: str, value: float, nominal: float) -> float | N
     return value - nominal if has_nominal else None
 
 
-def _why(free, sure, std, others, is_asked, is_nominal):
-    if sure:
+def _why(free, is_determined, std, others, is_asked, is_nominal):
+    if is_determined:
         return ""
     if free and std is None:
         return "no redundancy: as many parameters as measured numbers"

@@ -162,12 +162,12 @@ def _fitted_range(calibration) -> dict[str, list[float]]:
     found: dict[str, list[float]] = {}
     for name in names:
         values = recording.columns[name][is_in_fit]
-        plain = name.removeprefix(
+        short_name = name.removeprefix(
             OTHER
         )  # the second end of a length is a pose of the arm like the first
-        low, high = found.get(plain, (math.inf, -math.inf))
-        if values.size and plain not in BOOKKEEPING | MEASURED:
-            found[plain] = [min(low, float(values.min())), max(high, float(values.max()))]
+        low, high = found.get(short_name, (math.inf, -math.inf))
+        if values.size and short_name not in BOOKKEEPING | MEASURED:
+            found[short_name] = [min(low, float(values.min())), max(high, float(values.max()))]
     return found
 
 

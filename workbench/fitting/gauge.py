@@ -13,7 +13,7 @@ from robot_model.system import RobotChain
 from workbench.core.parameters import Parameters
 
 
-def size_of(chain: RobotChain, wanted: Parameters) -> str | None:
+def size_of(chain: RobotChain, gauge_parameters: Parameters) -> str | None:
     """Key of the free length that is to give the arm its size; None where a length is measured or held.
 
     It is the longest nominal length between the first joint and the last, whose own lengths only
@@ -22,8 +22,16 @@ def size_of(chain: RobotChain, wanted: Parameters) -> str | None:
     if not chain.measurement.grounded or chain.measurement.measured.any():
         return None
     inner = [f"joint-{k}.{name}{k}" for k in range(2, chain.robot.joints) for name in "ad"]
-    longest = max(inner, key=lambda key: abs(wanted.nulls[wanted.index[key]]), default=None)
-    return longest if longest is not None and wanted.mask[wanted.index[longest]] else None
+    longest = max(
+        inner,
+        key=lambda key: abs(gauge_parameters.nulls[gauge_parameters.index[key]]),
+        default=None,
+    )
+    return (
+        longest
+        if longest is not None and gauge_parameters.mask[gauge_parameters.index[longest]]
+        else None
+    )
 
 
 def non_negligible_lengths(parameters: Parameters, size: str) -> list[str]:

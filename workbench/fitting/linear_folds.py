@@ -96,10 +96,10 @@ class _Block:
         squares: of the residuals; where they exceed their stated sigma, the priors weigh so much more, as in `solve`.
         """
         size = parameters.typical[parameters.mask]
-        away = start.pack() - parameters.nulls[parameters.mask]
+        from_null = start.pack() - parameters.nulls[parameters.mask]
         weight = parameters.precision[parameters.mask] * max(1.0, squares / self.count)
         information = self.normal * np.outer(size, size) + np.diag(weight * size**2 + _DAMPING)
-        return -size * solve_positive(information, size * (self.gradient + weight * away))
+        return -size * solve_positive(information, size * (self.gradient + weight * from_null))
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ class LinearFit:
         parameters = fit.parameters
         size = parameters.typical[parameters.mask]
         precision = parameters.precision[parameters.mask] * size**2
-        away = (parameters.pack() - parameters.nulls[parameters.mask]) / size
+        from_null = (parameters.pack() - parameters.nulls[parameters.mask]) / size
         has_prior = precision > 0
         normal, eliminated = without_free(fit.normal * np.outer(size, size), has_prior)
         squares = fit.sigma_scale**2 * fit.degrees
@@ -51,10 +51,10 @@ class LinearFit:
         return cls(
             np.flatnonzero(parameters.mask)[has_prior],
             precision[has_prior],
-            away[has_prior],
+            from_null[has_prior],
             normal,
             # where a solve ends, the gradient of the whole cost is zero
-            -trust * (precision * away)[has_prior],
+            -trust * (precision * from_null)[has_prior],
             eliminated,
             squares,
             fit.residual.size,
@@ -101,8 +101,8 @@ class Posterior:
 
     def next_noise(self, noise: float) -> float:
         """Variance of the residuals about the solution that the variance `noise` leads to."""
-        spent = self._linear.eliminated + (1 - self._shrinkage(noise)).sum()
-        return self._squares(self._step(noise)) / max(self._linear.count - spent, 1.0)
+        degrees_used = self._linear.eliminated + (1 - self._shrinkage(noise)).sum()
+        return self._squares(self._step(noise)) / max(self._linear.count - degrees_used, 1.0)
 
     def evidence(self, starts: Sequence[float]) -> float:
         """Log evidence, up to a constant, at the best variance of the residuals that is reached from some starts."""

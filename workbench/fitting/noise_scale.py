@@ -33,11 +33,11 @@ def noise_scaled(
     stated = 0 * chain.stated_sigma if chain.sigma_unknown else chain.stated_sigma
     of_fit = stated if fitted is None else stated[:, fitted]
     sigma = chain.sigma.copy()
-    spent = fit.residual.size / fit.degrees
+    degrees_used = fit.residual.size / fit.degrees
     weights = fit.weights / fit.weights.mean()
     scales = may_shrink and len(fit.residual) > 3 and not chain.sigma_unknown
     for rows in (slice(0, 3), slice(3, 6)):  # positions, and orientations where they are measured
-        squares = fit.residual[rows] ** 2 * weights * spent
+        squares = fit.residual[rows] ** 2 * weights * degrees_used
         if squares.size:
             share = float((squares / of_fit[rows] ** 2).mean()) if scales else 1.0
             share = np.clip(share, _LEAST_SHARE, 1.0)

@@ -60,7 +60,7 @@ def rescaled(
     size = parameters.typical[parameters.mask]
     normal = normal_matrix(model, parameters) if normal is None else normal
     normal = normal * np.outer(size, size)
-    away = (parameters.pack() - parameters.nulls[parameters.mask]) / size
+    from_null = (parameters.pack() - parameters.nulls[parameters.mask]) / size
     present, widest = (
         table.precision[parameters.mask] * size**2 for table in (parameters, model.parameters)
     )
@@ -70,7 +70,7 @@ def rescaled(
     reduced, _ = without_free(normal, has_prior)
     precision = present.copy()
     precision[has_prior] = _scaled(
-        reduced, away[has_prior], present[has_prior], least[has_prior], family[has_prior]
+        reduced, from_null[has_prior], present[has_prior], least[has_prior], family[has_prior]
     )
     return _with_priors(parameters, family, size / np.sqrt(np.maximum(precision, 1e-300)))
 
@@ -94,30 +94,32 @@ def _renumbered(family: np.ndarray) -> np.ndarray:
     return np.where(family < 0, -1, np.searchsorted(numbers, family))
 
 
-def _scaled(normal, away, precision, least, family):
+def _scaled(normal, from_null, precision, least, family):
     """(F,) precisions in which those of each family agree and the evidence is largest; the others' stay.
 
     precision: under which `away` solves the normal equations; least (F,): those of the effects' own priors.
     """
-    right = normal @ away + precision * away
+    right = normal @ from_null + precision * from_null
     precision = precision.copy()
     members = [family == k for k in range(family.max() + 1) if (family == k).any()]
     for _ in range(_ROUNDS):
-        away, variances = posterior_of(normal, precision + 1e-9, right)
+        from_null, variances = posterior_of(normal, precision + 1e-9, right)
         before = precision.copy()
-        spent = 1 - precision * variances  # share of each number that the data determine
+        degrees_used = 1 - precision * variances  # share of each number that the data determine
         for mine in members:
-            square = max((away[mine] ** 2).sum() / max(spent[mine].sum(), 1e-3), _LEAST**2)
+            square = max(
+                (from_null[mine] ** 2).sum() / max(degrees_used[mine].sum(), 1e-3), _LEAST**2
+            )
             precision[mine] = np.maximum(1 / square, least[mine])
         changes = np.abs(np.log(np.maximum(precision, 1e-12) / np.maximum(before, 1e-12)))
-        if all(_is_same(changes[mine], spent[mine]) for mine in members):
+        if all(_is_same(changes[mine], degrees_used[mine]) for mine in members):
             break
     return precision
 
 
-def _is_same(changes: np.ndarray, spent: np.ndarray) -> bool:
+def _is_same(changes: np.ndarray, degrees_used: np.ndarray) -> bool:
     """Whether changes (K,) of a family's log precision no longer matter; spent (K,): its effective parameters."""
-    return bool(changes.max() * min(spent.sum(), 1.0) <= _SAME)
+    return bool(changes.max() * min(degrees_used.sum(), 1.0) <= _SAME)
 
 
 def _with_priors(parameters, family, prior):

@@ -35,8 +35,8 @@ def partial_f_p_value(residuals, sigma: np.ndarray, degrees: tuple[float, float]
     A larger model spends at least one degree of freedom: terms that their prior shrinks to nothing spend a small part
     of one, and so small a gain is no evidence. Source: Seber & Lee, Linear Regression Analysis (2003), sec. 4.3.
     """
-    spent = max(degrees[0] - degrees[1], 1.0)
+    degrees_used = max(degrees[0] - degrees[1], 1.0)
     remaining_degrees = max(degrees[1], 1.0)
     before, after = (float(((residual / sigma) ** 2).sum()) for residual in residuals)
-    ratio = max(before - after, 0.0) / spent / max(after / remaining_degrees, 1e-300)
-    return float(fisher.sf(ratio, spent, remaining_degrees))
+    ratio = max(before - after, 0.0) / degrees_used / max(after / remaining_degrees, 1e-300)
+    return float(fisher.sf(ratio, degrees_used, remaining_degrees))

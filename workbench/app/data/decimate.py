@@ -66,13 +66,13 @@ def histogram_without(ordered: dict[str, np.ndarray], left_out: dict[str, np.nda
     ordered: kind -> (k,) all finite values, ascending; left_out: kind -> (l,) those not counted, nan among them.
     The time is that of the values left out, not that of all values.
     """
-    gone = {name: np.sort(row[np.isfinite(row)]) for name, row in left_out.items()}
-    counts_left = [len(row) - len(gone[name]) for name, row in ordered.items()]
-    largest = [_largest_left(row, gone[name]) for name, row in ordered.items()]
+    excluded_values = {name: np.sort(row[np.isfinite(row)]) for name, row in left_out.items()}
+    counts_left = [len(row) - len(excluded_values[name]) for name, row in ordered.items()]
+    largest = [_largest_left(row, excluded_values[name]) for name, row in ordered.items()]
     edges = _edges(max(counts_left, default=1), largest, None)
     counts = {}
     for name, row in ordered.items():
-        below = np.searchsorted(row, edges) - np.searchsorted(gone[name], edges)
+        below = np.searchsorted(row, edges) - np.searchsorted(excluded_values[name], edges)
         counts[name] = np.diff(below)
     return Histogram(edges, counts)
 
@@ -91,13 +91,13 @@ def _largest(values: np.ndarray) -> float:
     return float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
 
 
-def _largest_left(ordered: np.ndarray, gone: np.ndarray) -> float:
+def _largest_left(ordered: np.ndarray, excluded_values: np.ndarray) -> float:
     """The largest of the ascending values that are not among `gone`, ascending too; nan where none is left."""
-    at = len(ordered) - len(gone)
+    at = len(ordered) - len(excluded_values)
     if at == 0:
         return np.nan
     tail = ordered[at - 1 :]  # one more than are gone
-    missing = tail[1:] != gone if len(gone) else np.zeros(0, bool)
+    missing = tail[1:] != excluded_values if len(excluded_values) else np.zeros(0, bool)
     last_kept = np.flatnonzero(missing)
     return float(tail[1 + last_kept[-1]]) if len(last_kept) else float(tail[0])
 

@@ -62,7 +62,7 @@ def overlay(recording, index: int) -> Overlay:
         )
     image = read(path, f"{recording.name}/{row['image']}")
     corners, index, why = _corners(recording, row, image)
-    stripe, lost = _stripe(row, image)
+    stripe, is_lost = _stripe(row, image)
     return Overlay(
         row["image"],
         row.get("role", ""),
@@ -70,7 +70,7 @@ def overlay(recording, index: int) -> Overlay:
         image.size,
         corners,
         stripe,
-        why or lost,
+        why or is_lost,
         index,
     )
 

@@ -26,10 +26,10 @@ def stage_items(
     rows = {row["name"]: row for run in earlier for row in _stages(run)}
     fitted = {row["name"]: row for row in _stages(opened)}
     added = {ADDED} if session.added_effects else set()
-    wanted = sorted((out | added) - rows.keys() - fitted.keys())
+    missing_keys = sorted((out | added) - rows.keys() - fitted.keys())
     stages = [
         {"name": name, "why": row.get("why", ""), "state": _state(fitted.get(name), name in out)}
-        for name, row in (rows | fitted | {name: {} for name in wanted}).items()
+        for name, row in (rows | fitted | {name: {} for name in missing_keys}).items()
     ]
     for stage in stages:
         stage["on"] = stage["name"] not in out

@@ -77,8 +77,8 @@ def read_residuals(folder: Path) -> Residuals | None:
 def _check_columns(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     """Raise InputError where no column is a residual with its unit, or a vector lacks a component."""
     vectors = [name.removesuffix("_x_mm") for name in columns if name.endswith("_x_mm")]
-    wanted = [f"{name}_{axis}_mm" for name in vectors for axis in "xyz"]
-    missing = [name for name in wanted if name not in columns]
+    needed_columns = [f"{name}_{axis}_mm" for name in vectors for axis in "xyz"]
+    missing = [name for name in needed_columns if name not in columns]
     if not any(name.endswith(_UNITS) for name in columns):
         missing = ["fit_x_mm"]
     if missing:

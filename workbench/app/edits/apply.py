@@ -95,8 +95,8 @@ class EditedPlan:
         from workbench.fitting.plans import default_plan, read_plan
 
         base = read_plan(Path(self.session.plan)) if self.session.plan else default_plan(chain)
-        taken = _keys_of(self._kept_additions(), chain)
-        return self.edited(base, lambda row: bool(taken & _keys_of([effect_row(row)], chain)))
+        taken_keys = _keys_of(self._kept_additions(), chain)
+        return self.edited(base, lambda row: bool(taken_keys & _keys_of([effect_row(row)], chain)))
 
     def edited(
         self,

@@ -53,11 +53,11 @@ def excluded_numbers(session: Session, recording) -> np.ndarray:
 
 def _reasons(session: Session, kind: str, numbers: Iterable[int]) -> dict[int, str]:
     """Number -> why the last change excluded it."""
-    wanted = frozenset(numbers)
+    row_numbers = frozenset(numbers)
     found: dict[int, str] = {}
     for change in session.changes:
         if (change.action, change.kind) == (EXCLUDE, kind):
-            found |= dict.fromkeys(wanted.intersection(change.items), change.why)
+            found |= dict.fromkeys(row_numbers.intersection(change.items), change.why)
     return found
 
 

@@ -234,8 +234,8 @@ def _counted_kinds(residuals: Residuals, end: str) -> list[str]:
     """Kinds of residual that a histogram shows over one another; of a diagnosis the held-out ones where it has them."""
     if not end and HELD_OUT_AFTER in residuals.lengths:
         return [HELD_OUT_BEFORE, HELD_OUT_AFTER]
-    wanted = [f"{kind}{end}" for kind in (FIT, HELD_OUT, "before", "after")]
-    return [kind for kind in wanted if kind in residuals.lengths]
+    kinds_needed = [f"{kind}{end}" for kind in (FIT, HELD_OUT, "before", "after")]
+    return [kind for kind in kinds_needed if kind in residuals.lengths]
 
 
 def _add_bins(plot: go.Figure, counted: Histogram, kind: str, unit: str) -> None:

@@ -215,10 +215,10 @@ def ball_map(opened: Opened, place: int) -> go.Figure:
 def _directions(points: np.ndarray, ball: Mapping) -> tuple[np.ndarray, np.ndarray]:
     """(2, k) deg directions of the points near a ball from its centre, and (n,) bool which points these are."""
     centre = np.array([[ball["x_mm"]], [ball["y_mm"]], [ball["z_mm"]]])
-    away = points - centre
-    length = np.linalg.norm(away, axis=0)
+    displacement = points - centre
+    length = np.linalg.norm(displacement, axis=0)
     near = np.abs(length - ball["radius_mm"]) < _NEAR_MM
-    unit = away[:, near] / length[near]
+    unit = displacement[:, near] / length[near]
     return np.rad2deg(np.arctan2(unit[:2], -unit[2])), near
 
 

@@ -408,9 +408,9 @@ def points_of(*names: str) -> str:
     While a request is in progress, trame sends a click at once and the fields later. An event therefore carries the
     fields that it depends on.
     """
-    plain = "typeof value === 'object' && value ? Array.from(value) : value"
+    script = "typeof value === 'object' && value ? Array.from(value) : value"
     points = "($event && $event.points ? $event.points : [])"
-    marks = f"{points}.map((point) => point.customdata).map((value) => {plain})"
+    marks = f"{points}.map((point) => point.customdata).map((value) => {script})"
     return f"[{', '.join([marks, *names])}]"
 
 

@@ -299,19 +299,19 @@ class ImportTab(Tab):
 
     async def _test(self) -> None:
         """Test the newest mapping in the background; what was changed meanwhile is tested by a later task."""
-        wanted = self.draft.changes
+        latest_changes = self.draft.changes
         await asyncio.sleep(_PAUSE_S)
-        if wanted != self.draft.changes:
+        if latest_changes != self.draft.changes:
             return
         async with self._lock:
-            if wanted != self.draft.changes or self.draft.trial is not None:
+            if latest_changes != self.draft.changes or self.draft.trial is not None:
                 return
             with self.state:
                 self.state.import_busy = True
             trial = await asyncio.get_running_loop().run_in_executor(None, self._tested)
             with self.state:
                 self.state.import_busy = False
-                if wanted == self.draft.changes:
+                if latest_changes == self.draft.changes:
                     self.draft.trial = trial
                     self._show_trial()
 

@@ -77,8 +77,8 @@ def moved_camera(camera: object, action: str) -> dict:
             math.sin(angle) * x + math.cos(angle) * y,
         )
     distance = math.hypot(x, y, z) or 1.0
-    wanted = distance * {ZOOM_IN: 1 / _ZOOM, ZOOM_OUT: _ZOOM}.get(action, 1.0)
-    factor = min(max(wanted, _NEAREST), _FARTHEST) / distance
+    new_distance = distance * {ZOOM_IN: 1 / _ZOOM, ZOOM_OUT: _ZOOM}.get(action, 1.0)
+    factor = min(max(new_distance, _NEAREST), _FARTHEST) / distance
     moved = [b + factor * a for a, b in zip((x, y, z), centre)]
     return {"eye": dict(zip("xyz", moved)), "center": dict(zip("xyz", centre))}
 

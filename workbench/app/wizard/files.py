@@ -33,8 +33,8 @@ class Dropped:
         for file in files:
             name = safe_name(file.get("name"))
             content = _content(file)
-            taken = sum(path.stat().st_size for path in self.folder.iterdir())
-            if taken + len(content) > MOST_BYTES:
+            used_bytes = sum(path.stat().st_size for path in self.folder.iterdir())
+            if used_bytes + len(content) > MOST_BYTES:
                 raise InputError(
                     f"{name}: expected at most {MOST_BYTES >> 20} MiB in all, found more; use workbench import"
                 )

@@ -97,8 +97,8 @@ def other_rows(keys: Mapping, table: RawTable | None) -> list[dict]:
     """
     if table is None:
         return []
-    taken = {name for row in form_rows(keys, None) for name in row["columns"]}
-    remaining = [name for name in table.columns if name not in taken]
+    used_names = {name for row in form_rows(keys, None) for name in row["columns"]}
+    remaining = [name for name in table.columns if name not in used_names]
     named = keys.get("columns", {})
     times = () if "time" in keys else time_columns(table)
     return [

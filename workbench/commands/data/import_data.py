@@ -179,8 +179,8 @@ def _propose(sources: Sequence[Path], file: Path, options, json: str | None) -> 
     found, guess = _guessed(found, options)
     unread = never_read(found, found.mapping, with_times=True)
     unused = ", ".join(f"'{name}'" for name in unread) or "none"
-    said = (*found.warnings, *found.left_out())
-    lines = ["Proposed from the headers. Columns that are not used: " + unused, *said, *guess]
+    notes = (*found.warnings, *found.left_out())
+    lines = ["Proposed from the headers. Columns that are not used: " + unused, *notes, *guess]
     comment = "".join(f"# {line}\n" for line in lines)
     example = _example(found, options)
     if example:
@@ -190,9 +190,9 @@ def _propose(sources: Sequence[Path], file: Path, options, json: str | None) -> 
     else:
         write_mapping(found.mapping, file, comment)
     result = {"command": "import", "mapping": found.mapping.as_keys(), "file": file}
-    answer.deliver({**result, "unused_columns": list(unread), "warnings": list(said)}, json)
+    answer.deliver({**result, "unused_columns": list(unread), "warnings": list(notes)}, json)
     console = answer.console(json)
-    for sentence in said:
+    for sentence in notes:
         console.print(f"Warning: {sentence}", style="bold red", markup=False, soft_wrap=True)
     console.print(str(file), markup=False, soft_wrap=True)
 
@@ -223,12 +223,12 @@ def _guessed(found, options):
         return found, ()
     try:
         with answer.progress("testing columns on the robot") as say, limited(_GUESS_S, say):
-            mapping, said = with_unnamed_columns(found, replace(options, ask=None), say)
+            mapping, notes = with_unnamed_columns(found, replace(options, ask=None), say)
     except (InputError, OutOfTime):
         return found, ()
-    if not said:
+    if not notes:
         return found, ()
-    guess = f"CHECK, a guess from the fit to the robot: {' '.join(said)}"
+    guess = f"CHECK, a guess from the fit to the robot: {' '.join(notes)}"
     return replace(found, mapping=replace(mapping, robot=options.robot or mapping.robot)), (guess,)
 
 

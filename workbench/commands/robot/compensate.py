@@ -124,14 +124,14 @@ def command(
         )
         judged = judge_targets(arm, programme, found, limits)
         refused, forced = ({}, judged.refused) if force else (judged.refused, {})
-        said = [*stated, *judged.warnings, *_changes(arm, programme, found), *_forced(forced)]
+        notes = [*stated, *judged.warnings, *_changes(arm, programme, found), *_forced(forced)]
         if off := switched_off_warning(solution_keys, arm, found.readings, covariates):
-            said.append(off)
+            notes.append(off)
         with runs.opened("compensate", targets.stem, out) as run:
             result = {
                 **_summary(arm, found, refused),
                 "configurations": _configurations(arm, programme, found),
-                "warnings": [*doubts(programme, arm.robot), *said],
+                "warnings": [*doubts(programme, arm.robot), *notes],
                 "unattainable": _unattainable(arm, programme, found, covariates),
                 "verdict": _verdict(arm, found, refused, tolerances).as_json(),
                 **{"targets": targets, "solution": solution, "run": run.path},

@@ -82,14 +82,14 @@ def command(
         tolerances = _tolerances(tolerance, criterion)
         rows = _terms(candidates, without)
         found = _read(candidates, trust_data)
-        wanted = None if tasks is None else _read(tasks, trust_data)
+        tasks_read = None if tasks is None else _read(tasks, trust_data)
         say("choosing")
         sight = Sight(stand_off, field, cap)
         chosen = choose_poses(
             found,
             count,
             criterion,
-            wanted,
+            tasks_read,
             rows or effects,
             link_radius,
             seed,

@@ -141,7 +141,7 @@ def _balls(scan_answer: Mapping) -> list[list]:
     for ball in scan_answer["balls"]:
         remarks = {"cut": ball["cut_by_field"], "too far": ball["beyond_calibrated_depths"]}
         place, spread = (ball["x_mm"], ball["y_mm"], ball["z_mm"]), max(ball["std_mm"])
-        reasons = ", ".join(doubt for doubt, applies in remarks.items() if applies)
+        reasons = ", ".join(remark for remark, applies in remarks.items() if applies)
         figures = (
             *(measured(value, spread)[0] for value in place),
             number(ball["rms_mm"], 2),

@@ -76,10 +76,10 @@ def identifiability(console, answer: Mapping) -> None:
         head,
         rows,
     )
-    said: set[str] = set()
+    known_texts: set[str] = set()
     for stage in answer["stages"]:
-        more = [sentence for sentence in stage["undetermined"] if sentence not in said]
-        said.update(more)
+        more = [sentence for sentence in stage["undetermined"] if sentence not in known_texts]
+        known_texts.update(more)
         if more:
             _listing(console, f"not identifiable with {stage['name']}", more)
 
@@ -144,9 +144,9 @@ def _column_widths(head, rows: Sequence[Sequence], texts: Sequence[bool], most: 
         return full
     least = [_least_width(head[k], rows, k, texts[k]) for k in range(len(head))]
     spare = max(most - sum(least) - _GAP * (len(least) - 1), 0)
-    wanted = [wide - narrow for wide, narrow in zip(full, least)]
-    for k in sorted(range(len(head)), key=lambda k: (not texts[k], wanted[k])):
-        given = min(wanted[k], spare)
+    needed_widths = [wide - narrow for wide, narrow in zip(full, least)]
+    for k in sorted(range(len(head)), key=lambda k: (not texts[k], needed_widths[k])):
+        given = min(needed_widths[k], spare)
         least[k] += given
         spare -= given
     return least
@@ -200,8 +200,8 @@ def _stiffness(console, stiffness: Sequence[Mapping]) -> None:
         return
     title, head, rows = stiffness_table(stiffness)
     grid(console, title, head, rows, left=3)
-    if said := holds_for(stiffness):
-        console.print(f"{said.replace('`', '')}\n", markup=False)
+    if validity := holds_for(stiffness):
+        console.print(f"{validity.replace('`', '')}\n", markup=False)
 
 
 def _key(row: Mapping) -> str:

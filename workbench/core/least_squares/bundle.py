@@ -190,7 +190,7 @@ class _Problem:
 
     def scales(self, parameters):
         """Typical sizes, precisions of priors and their centres, of the dense and the eliminated unknowns."""
-        gone = self.families.get(self.layout.eliminate)
+        eliminated = self.families.get(self.layout.eliminate)
         dense_families = [
             family for name, family in self.families.items() if name != self.layout.eliminate
         ]
@@ -202,9 +202,11 @@ class _Problem:
         self.centre = np.concatenate(
             [parameters.nulls[free], *(np.ravel(f.values) for f in dense_families)]
         )
-        self.own_scale = np.ones(0) if gone is None else np.asarray(gone.typical, float)
-        self.own_precision = np.zeros(0) if gone is None else gone.precision
-        self.own_centre = np.zeros((0, 0)) if gone is None else np.array(gone.values, float)
+        self.own_scale = np.ones(0) if eliminated is None else np.asarray(eliminated.typical, float)
+        self.own_precision = np.zeros(0) if eliminated is None else eliminated.precision
+        self.own_centre = (
+            np.zeros((0, 0)) if eliminated is None else np.array(eliminated.values, float)
+        )
 
     def dense(self, point):
         """(D,) dense unknowns of a point."""
@@ -423,7 +425,7 @@ class _Problem:
             for w, z, share in zip(self.point.weights, self.point.squares, variance_left)
         ]
         counts = [part.tiles.live.sum() * len(s) for part, s in zip(self.parts, self.inverse_sigma)]
-        spent = degrees / max(self.measured, 1)
+        degrees_used = degrees / max(self.measured, 1)
         place = [part.tiles.place for part in self.parts]
         move, own_move = self.newton(_FLOOR)
         return BundleFit(
@@ -431,7 +433,7 @@ class _Problem:
             self.point.values,
             tuple(r[:, p] for r, p in zip(self.point.residuals, place)),
             tuple(w[p] for w, p in zip(self.point.weights, place)),
-            tuple(float(np.sqrt(q / max(c * spent, 1))) for q, c in zip(squares, counts)),
+            tuple(float(np.sqrt(q / max(c * degrees_used, 1))) for q, c in zip(squares, counts)),
             normal / np.outer(self.scale, self.scale),
             self.table(),
             float(np.sqrt(sum(squares) / degrees)),

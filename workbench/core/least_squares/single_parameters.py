@@ -90,7 +90,7 @@ class SingleParameters:
     def sentences(self) -> list[str]:
         """Combinations that are not identifiable, in words; then the parameters that keep their prior values."""
         label = dict(zip(self.known.keys, self.known.labels))
-        said = [
+        parts = [
             self.known.alone(group[0])
             if len(group) == 1
             else confounded_sentence([label[key] for key in group])
@@ -98,13 +98,15 @@ class SingleParameters:
         ]
         for members in self._weak():
             count = self.combinations_of(members)
-            said.append(_weak_sentence([label[key] for key in members], count))
+            parts.append(_weak_sentence([label[key] for key in members], count))
         covered = {key for group in self.groups() for key in group}
         alone = [key for key in self._open() if key not in covered]
-        return said + ([_prior_sentence([label[key] for key in alone])] if alone else [])
+        return parts + ([_prior_sentence([label[key] for key in alone])] if alone else [])
 
     def _open(self) -> list[str]:
-        return [key for key, sure in zip(self.known.keys, self.determined) if not sure]
+        return [
+            key for key, is_determined in zip(self.known.keys, self.determined) if not is_determined
+        ]
 
     def _exact(self) -> list[list[str]]:
         """Members of each direction without any effect that holds a parameter which is not determined."""

@@ -44,13 +44,13 @@ def csv_text(header: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
 
 def write_rows(file: TextIO, rows: Iterable[Iterable[object]]) -> None:
     """Write rows of cells; open the file with newline="" so that line ends inside cells stay what they are."""
-    plain = csv.writer(file, lineterminator="\n")
+    writer = csv.writer(file, lineterminator="\n")
     quoted = csv.writer(file, lineterminator="\n", quoting=csv.QUOTE_ALL)
     for row in rows:
         cells = [protect_cell(cell) for cell in row]
         # Python before 3.13 leaves a cell with a lone carriage return unquoted, and readers end the row there.
         has_return = any(isinstance(cell, str) and "\r" in cell for cell in cells)
-        (quoted if has_return else plain).writerow(cells)
+        (quoted if has_return else writer).writerow(cells)
 
 
 def protect_text_columns(table):

@@ -46,8 +46,8 @@ def stiffness_text(row: Mapping) -> str:
         return "not determined"
     unit, factor = ("mrad", 1e3) if row["unit"] == "rad" else ("µrad/(N m)", 1e6)
     spread = "" if row["std"] is None else f" ± {row['std'] * factor:.2g}"
-    doubt = "" if row["clear"] else ", not significant"
-    return f"{row['value'] * factor:.3g}{spread} {unit}{doubt}"
+    note = "" if row["clear"] else ", not significant"
+    return f"{row['value'] * factor:.3g}{spread} {unit}{note}"
 
 
 def _whole(value: float, std: float | None) -> str:

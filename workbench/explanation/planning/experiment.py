@@ -99,20 +99,20 @@ def next_experiment(
         nothing = EXCEPT if untested and not refused else _nothing(refused)
         return Experiment(" ".join(filter(None, (nothing, untested))))
     untested = sides_from_moves(bench.chain) if _may_be_backlash(terms) else ""
-    asked = sorted(doubtful, key=lambda term: (not term.finding.effects, term.finding.probability))[
-        :_ASKED
-    ]
+    doubtful_terms = sorted(
+        doubtful, key=lambda term: (not term.finding.effects, term.finding.probability)
+    )[:_ASKED]
     # what recordings of lengths between two poses would tell is not computed
     is_planned = bench.chain is not None and bench.chain.poses_per_sample == 1
     kinds = list_candidates(bench) if is_planned else []
-    tried = [_asked(bench, terms, term, problem, kinds) for term in asked]
+    tried = [_asked(bench, terms, term, problem, kinds) for term in doubtful_terms]
     open_yet = [
         k for k, (_, _, rows) in enumerate(tried) if rows and rows[0][0]["samples_needed"] > 0
     ]
     k = (
         open_yet[0] if open_yet else 0
     )  # rather one that these poses leave open than one that they tell already
-    term, (others, pair, rows) = asked[k], tried[k]
+    term, (others, pair, rows) = doubtful_terms[k], tried[k]
     if not rows:
         asked_for = _confirmed(bench, term, refused) or _missing(doubtful) or _by_word(term)
         return Experiment(" ".join(filter(None, (asked_for, untested))))

@@ -16,7 +16,7 @@ from workbench.jobs.robot.corrected_scene import (
 SCENE, ROBOT = "next-experiment.toml", "next-experiment.robot.toml"
 
 
-def scene_of(bench, others, doubt, plan, poses: int) -> tuple[dict | None, dict | None]:
+def scene_of(bench, others, doubtful, plan, poses: int) -> tuple[dict | None, dict | None]:
     """Keys of a scene, and of the robot's file that it names; None where a scene cannot hold this recording.
 
     The whole recording as it would be with the further poses: the fitted base and tool, the findings with a name and
@@ -25,7 +25,7 @@ def scene_of(bench, others, doubt, plan, poses: int) -> tuple[dict | None, dict 
     recording = bench.recording
     if recording.measures not in KINDS:
         return None, None
-    model, fit, _ = bench.solve((*others, *doubt.own))
+    model, fit, _ = bench.solve((*others, *doubtful.own))
     values = fit.parameters
     robot = robot_keys(recording)
     keys = {
@@ -42,7 +42,7 @@ def scene_of(bench, others, doubt, plan, poses: int) -> tuple[dict | None, dict 
         **plan.scene,
         "effect": [
             effect_keys(e, values, model.chain)
-            for e in (*bench.baseline, *others, *doubt.own)
+            for e in (*bench.baseline, *others, *doubtful.own)
             if _named(e)
         ],
     }

@@ -51,8 +51,8 @@ def check_urdf(arm: CalibratedArm, text: str) -> None:
     )
     # joints that are coupled stand in the URDF as angles of their own
     variables = readings if is_coupled(arm.robot) else readings @ arm.robot.mixing.T
-    wanted = _flanges(arm.robot, variables, calibrated_geometry(arm))
-    if np.abs(_flanges(again, readings @ again.mixing.T) - wanted).max() > _SAME_MM:
+    expected_poses = _flanges(arm.robot, variables, calibrated_geometry(arm))
+    if np.abs(_flanges(again, readings @ again.mixing.T) - expected_poses).max() > _SAME_MM:
         raise _Differs("the URDF read back puts the flange elsewhere")
     _check_limits(arm, again)
 
@@ -89,7 +89,7 @@ def check_python(arm: CalibratedArm, text: str) -> None:
 
     module: dict = {"__name__": "exported_arm"}
     exec(compile(text, "exported_arm.py", "exec"), module)
-    plain = CorrectedArm(arm_data(arm), arm.acting_effects, observed_effects(arm))
+    reference_arm = CorrectedArm(arm_data(arm), arm.acting_effects, observed_effects(arm))
     readings = _checked_readings(arm)
     ranges = arm.fitted_range or {}
     used = covariates_used(arm)
@@ -97,8 +97,8 @@ def check_python(arm: CalibratedArm, text: str) -> None:
         return  # an older version did not write in which range its covariates are
     covariates = {name: sum(ranges[name]) / 2 for name in used}
     given = {"covariates": covariates} if covariates else {}
-    wanted = plain.flange_poses(readings, covariates)
-    if np.abs(module["flange_poses"](readings, **given) - wanted).max() > _SAME_MM:
+    expected_poses = reference_arm.flange_poses(readings, covariates)
+    if np.abs(module["flange_poses"](readings, **given) - expected_poses).max() > _SAME_MM:
         raise _Differs("the Python module executed puts the flange elsewhere")
     point = {} if calibrated_points(arm.values) else {"tool_point": np.zeros(3)}
     answers = {
@@ -133,11 +133,13 @@ def check_patched_urdf(arm: CalibratedArm, content: bytes, spec: dict, exact: bo
         again = load_robot({**spec, "urdf": str(path)})
     readings = np.random.default_rng(0).uniform(-1, 1, (16, again.mixing.shape[1]))
     found = _flanges(again, readings @ again.mixing.T)
-    wanted = _flanges(arm.robot, readings @ arm.robot.mixing.T, calibrated_geometry(arm))
+    expected_poses = _flanges(arm.robot, readings @ arm.robot.mixing.T, calibrated_geometry(arm))
     if not exact:
-        found, wanted = (part @ np.linalg.inv(part[0]) for part in (found, wanted))
-        found, wanted = (np.trace(part, axis1=1, axis2=2) for part in (found, wanted))
-    if np.abs(found - wanted).max() > _SAME_MM:
+        found, expected_poses = (part @ np.linalg.inv(part[0]) for part in (found, expected_poses))
+        found, expected_poses = (
+            np.trace(part, axis1=1, axis2=2) for part in (found, expected_poses)
+        )
+    if np.abs(found - expected_poses).max() > _SAME_MM:
         raise _Differs("the patched URDF read back puts the flange elsewhere")
 
 
@@ -173,12 +175,15 @@ def check_patched_program(
                 shutil.copyfile(half, copy.with_name(half.name))
         copy.write_bytes(content)
         again = read_programme(copy, arm.robot, mapping)
-    wanted = _flanges(arm.robot, readings @ arm.robot.mixing.T)
+    expected_poses = _flanges(arm.robot, readings @ arm.robot.mixing.T)
     found = again.poses
     if found is None:
         found = _flanges(arm.robot, again.readings @ arm.robot.mixing.T)
     allowed = _FANUC_MM if path.suffix.lower() == ".ls" else _PROGRAM_MM
-    if found.shape != wanted.shape or np.abs(found - wanted).max(initial=0) > allowed:
+    if (
+        found.shape != expected_poses.shape
+        or np.abs(found - expected_poses).max(initial=0) > allowed
+    ):
         raise _Differs("the patched program read back sends the flange elsewhere")
 
 

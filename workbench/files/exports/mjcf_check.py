@@ -39,13 +39,15 @@ def _check_rest(arm: CalibratedArm, text: str) -> None:
     ranges = arm.fitted_range or {}
     load = float(ranges.get(_LOAD, (0.0, 0.0))[1])
     readings = _readings(arm, ranges)
-    beyond = {id(effect) for effect in control_terms(arm)}
+    observed_effects_ids = {id(effect) for effect in control_terms(arm)}
     missing = set(left_out(arm))
     expected_effects = [
-        e for e in arm.acting_effects if id(e) not in beyond and e.title not in missing
+        e
+        for e in arm.acting_effects
+        if id(e) not in observed_effects_ids and e.title not in missing
     ]
     model = CorrectedArm(arm_data(arm), expected_effects, expected_effects)
-    wanted = model.flange_poses(readings, {_LOAD: load})[:, :3, 3]
+    expected_poses = model.flange_poses(readings, {_LOAD: load})[:, :3, 3]
     rigid = CorrectedArm(arm_data(arm), (), ()).flange_poses(readings)[:, :3, 3]
     targets = CorrectedArm(arm_data(arm), expected_effects, expected_effects).servo_targets(
         readings, {_LOAD: load}
@@ -53,8 +55,8 @@ def _check_rest(arm: CalibratedArm, text: str) -> None:
     found = _at_rest(text, targets, load)
     if not np.isfinite(found).all():
         raise _Differs("the MJCF file is unstable in MuJoCo")
-    off = np.linalg.norm(found - wanted, axis=1)
-    allowed = _REST_MM + _REST_SHARE * np.linalg.norm(wanted - rigid, axis=1)
+    off = np.linalg.norm(found - expected_poses, axis=1)
+    allowed = _REST_MM + _REST_SHARE * np.linalg.norm(expected_poses - rigid, axis=1)
     if (off > allowed).any():
         raise _Differs(
             f"MuJoCo at rest is {off.max():.3g} mm away from the model under {load:g} kg"

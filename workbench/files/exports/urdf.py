@@ -48,8 +48,8 @@ def _note(arm):
         else ""
     )
     source = "fitted to the complete model, whose" if out else "as calibrated; its"
-    said = f" Geometry {source} held-out RMS is {arm.held_out_mm:.4g} mm.{more}{sums} "
-    return said.replace("--", "-")
+    note = f" Geometry {source} held-out RMS is {arm.held_out_mm:.4g} mm.{more}{sums} "
+    return note.replace("--", "-")
 
 
 def joint_signs(robot) -> np.ndarray:

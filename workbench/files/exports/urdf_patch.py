@@ -82,12 +82,15 @@ def _described_arm(arm: CalibratedArm, spec: dict, file: Path) -> np.ndarray:
         )
     readings = np.random.default_rng(0).uniform(-1, 1, (24, described_arm.mixing.shape[1]))
     readings = np.vstack([np.zeros(described_arm.mixing.shape[1]), readings])
-    theirs = _flanges(described_arm, readings)
-    ours = _flanges(arm.robot, readings)
+    described_poses = _flanges(described_arm, readings)
+    calibrated_poses = _flanges(arm.robot, readings)
     # T_urdf(q) = A T(q) B with constant A and B: relative motions are conjugate by A
-    remainder = _conjugation(theirs @ np.linalg.inv(theirs[0]), ours @ np.linalg.inv(ours[0]))
-    right = np.linalg.inv(remainder @ ours[0]) @ theirs[0]
-    off = np.abs(theirs - remainder @ ours @ right)[:, :3, 3].max()
+    remainder = _conjugation(
+        described_poses @ np.linalg.inv(described_poses[0]),
+        calibrated_poses @ np.linalg.inv(calibrated_poses[0]),
+    )
+    right = np.linalg.inv(remainder @ calibrated_poses[0]) @ described_poses[0]
+    off = np.abs(described_poses - remainder @ calibrated_poses @ right)[:, :3, 3].max()
     if not off < _SAME_ARM_MM:
         raise wrong(
             file,
@@ -98,12 +101,14 @@ def _described_arm(arm: CalibratedArm, spec: dict, file: Path) -> np.ndarray:
     return remainder
 
 
-def _conjugation(theirs: np.ndarray, ours: np.ndarray) -> np.ndarray:
+def _conjugation(described_poses: np.ndarray, calibrated_poses: np.ndarray) -> np.ndarray:
     """(4, 4) A with theirs = A ours A^-1 for relative motions (n, 4, 4): A X = X' A (Park & Martin 1994)."""
-    rotations = [Rotation.from_matrix(m[:, :3, :3]).as_rotvec() for m in (theirs, ours)]
+    rotations = [
+        Rotation.from_matrix(m[:, :3, :3]).as_rotvec() for m in (described_poses, calibrated_poses)
+    ]
     rotation = Rotation.align_vectors(*rotations)[0].as_matrix()
-    rows = theirs[:, :3, :3] - np.eye(3)
-    right = np.einsum("ij,nj->ni", rotation, ours[:, :3, 3]) - theirs[:, :3, 3]
+    rows = described_poses[:, :3, :3] - np.eye(3)
+    right = np.einsum("ij,nj->ni", rotation, calibrated_poses[:, :3, 3]) - described_poses[:, :3, 3]
     shift = np.linalg.lstsq(rows.reshape(-1, 3), right.ravel(), rcond=None)[0]
     return transform(rotation, shift)
 
@@ -129,10 +134,10 @@ def _links(arm: CalibratedArm, geometry) -> list[np.ndarray]:
         for k in range(len(geometry))
         for c, n in enumerate(names)
     }
-    plain = CalibratedArm(
+    arm_without_effects = CalibratedArm(
         arm.robot, (), values, (), np.zeros((0, 0)), np.zeros(3), 0.0, True, "", {}
     )
-    before, after = around_joints(plain)
+    before, after = around_joints(arm_without_effects)
     here, links_placed = arm.robot.base, []
     for k in range(arm.robot.joints):
         here = here @ before[k]

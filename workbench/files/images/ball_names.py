@@ -47,14 +47,14 @@ def by_sample(recording: Recording, row: Mapping) -> int | None:
 
 def by_radius(known: Mapping[int, tuple], radii: Sequence[float]) -> list[int] | None:
     """Numbers of balls no two of which are of one size; None where some are."""
-    alike = [
+    candidates_by_radius = [
         [number for number, ball in known.items() if abs(ball[3] - radius) < _ALIKE * ball[3]]
         for radius in radii
     ]
-    sure = all(len(names_of_ball) == 1 for names_of_ball in alike) and len(
-        {names_of_ball[0] for names_of_ball in alike}
-    ) == len(alike)
-    return [names_of_ball[0] for names_of_ball in alike] if sure else None
+    is_unique = all(len(names_of_ball) == 1 for names_of_ball in candidates_by_radius) and len(
+        {names_of_ball[0] for names_of_ball in candidates_by_radius}
+    ) == len(candidates_by_radius)
+    return [names_of_ball[0] for names_of_ball in candidates_by_radius] if is_unique else None
 
 
 def by_distance(
@@ -64,12 +64,12 @@ def by_distance(
     places = {number: np.array(ball[:3]) for number, ball in known.items()}
     numbers: list[int | None] = [first]
     for centre in centres[1:]:
-        away = np.linalg.norm(centre - centres[0])
+        distances = np.linalg.norm(centre - centres[0])
         fits = [
             number
             for number, place in places.items()
             if number not in numbers
-            and abs(np.linalg.norm(place - places[first]) - away) < _NEAR_MM
+            and abs(np.linalg.norm(place - places[first]) - distances) < _NEAR_MM
         ]
         numbers.append(fits[0] if len(fits) == 1 else None)
     return numbers

@@ -36,13 +36,13 @@ def flange_poses(recording: Recording) -> np.ndarray:
 
 def rows_of_samples(recording: Recording, samples: Sequence[float]) -> np.ndarray:
     """(k,) row of samples.csv of each sample number (k,). Raises InputError for one that is not there."""
-    wanted = np.asarray(samples).astype(int)
+    sample_numbers = np.asarray(samples).astype(int)
     there = recording.sample_ids
-    missing = wanted[~np.isin(wanted, there)]
+    missing = sample_numbers[~np.isin(sample_numbers, there)]
     if missing.size:
         raise InputError(
             f"{recording.name}, images.csv, column sample: expected a row of samples.csv, found "
             f"{missing[0]}, which it does not have; correct the number"
         )
     order = np.argsort(there)
-    return order[np.searchsorted(there, wanted, sorter=order)]
+    return order[np.searchsorted(there, sample_numbers, sorter=order)]

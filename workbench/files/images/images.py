@@ -75,11 +75,11 @@ def streamed(rows: Sequence, work: Callable, tick: Callable[[int, int], None]) -
     waiting: deque = deque()
     cores = os.cpu_count() or 1
     with ThreadPoolExecutor(max_workers=cores) as pool:
-        for taken, row in enumerate(rows, start=1):
+        for rows_read, row in enumerate(rows, start=1):
             waiting.append(pool.submit(work, row))
             if len(waiting) > cores:
                 yield waiting.popleft().result()
-                tick(taken - len(waiting), len(rows))
+                tick(rows_read - len(waiting), len(rows))
         while waiting:
             yield waiting.popleft().result()
             tick(len(rows) - len(waiting), len(rows))

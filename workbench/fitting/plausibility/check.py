@@ -57,17 +57,19 @@ def check_plausibility(robot, recording) -> tuple[Suspicion, ...]:
     return tuple(sorted(found, key=lambda suspicion: not suspicion.certain))
 
 
-def _fit_suspicions(robot, recording, fit: Fit, good) -> list[Suspicion]:
-    if fit.core > good:
+def _fit_suspicions(robot, recording, fit: Fit, scale_of_good_fit) -> list[Suspicion]:
+    if fit.core > scale_of_good_fit:
         fit = _converged(robot, recording, fit)
-    if fit.core > good:
-        return list(_badly_fitting(robot, recording, fit, good))
+    if fit.core > scale_of_good_fit:
+        return list(_badly_fitting(robot, recording, fit, scale_of_good_fit))
     if np.abs(fit.deviations).max(initial=0.0) > FAR:
         # the data fit, but only with a geometry that no arm has: another explanation may need none of it
-        found = explained_suspicions(robot, recording, fit, good)
+        found = explained_suspicions(robot, recording, fit, scale_of_good_fit)
         if found:
             return found
-    return list(_well_fitting(robot, recording, fit, good)) or small_mistakes(robot, recording, fit)
+    return list(_well_fitting(robot, recording, fit, scale_of_good_fit)) or small_mistakes(
+        robot, recording, fit
+    )
 
 
 def _converged(robot, recording, fit: Fit) -> Fit:
@@ -89,21 +91,21 @@ def good_scale(robot, recording) -> float:
     )
 
 
-def _well_fitting(robot, recording, fit: Fit, good) -> Iterator[Suspicion]:
+def _well_fitting(robot, recording, fit: Fit, scale_of_good_fit) -> Iterator[Suspicion]:
     """Structure in the residuals of a recording most of whose rows fit."""
     named = f"samples.csv of recording '{recording.name}'"
     # unmodelled effects of a sound arm reach a few times the usual scale at single poses
-    outliers = find_outliers(robot, recording, fit, floor=_EFFECT * good)
+    outliers = find_outliers(robot, recording, fit, floor=_EFFECT * scale_of_good_fit)
     reason = None if outliers is None else outlier_reason(robot, recording, fit, outliers)
     change = find_change_point(robot, recording, fit)
     if reason is not None and reason.is_specific:
         yield _outlying(recording, outliers, reason, named)
     elif change is not None:
-        yield from _moved_or_explained(robot, recording, fit, good, change)
+        yield from _moved_or_explained(robot, recording, fit, scale_of_good_fit, change)
     elif reason is not None:
         # where all rows of one target are off, the order of rows or the labels may be wrong instead
         found = (
-            explained_suspicions(robot, recording, fit, good)
+            explained_suspicions(robot, recording, fit, scale_of_good_fit)
             if reason.cause == "wrong-target"
             else []
         )
@@ -112,45 +114,45 @@ def _well_fitting(robot, recording, fit: Fit, good) -> Iterator[Suspicion]:
     yield from _sigma_too_large(recording, fit)
     if (far := far_geometry(robot, recording, fit)) is not None:
         yield far.suspicion(recording)
-        yield from doubtful_columns(recording, fit, good)
+        yield from doubtful_columns(recording, fit, scale_of_good_fit)
 
 
-def _badly_fitting(robot, recording, fit: Fit, good) -> Iterator[Suspicion]:
+def _badly_fitting(robot, recording, fit: Fit, scale_of_good_fit) -> Iterator[Suspicion]:
     """The mistake that explains a recording that does not fit, or a warning that nothing does."""
     named = f"samples.csv of recording '{recording.name}'"
-    nearly_all = _majority_fit(robot, recording, good, _NEARLY_ALL)
+    nearly_all = _majority_fit(robot, recording, scale_of_good_fit, _NEARLY_ALL)
     if nearly_all is not None:
-        yield from _well_fitting(robot, recording, nearly_all, good)
+        yield from _well_fitting(robot, recording, nearly_all, scale_of_good_fit)
         return
     change = find_change_point(robot, recording, fit)
-    if change is None or change.scale > good:
-        change = find_new_setup(robot, recording, good)
+    if change is None or change.scale > scale_of_good_fit:
+        change = find_new_setup(robot, recording, scale_of_good_fit)
     if change is not None:
-        yield from _moved_or_explained(robot, recording, fit, good, change)
+        yield from _moved_or_explained(robot, recording, fit, scale_of_good_fit, change)
         return
     rounded = list(_rounded(robot, recording, fit, named))
     if rounded:
         yield from rounded
         return
-    majority = _majority_fit(robot, recording, good, _MAJORITY)
+    majority = _majority_fit(robot, recording, scale_of_good_fit, _MAJORITY)
     if majority is not None:
-        yield from _well_fitting(robot, recording, majority, good)
+        yield from _well_fitting(robot, recording, majority, scale_of_good_fit)
         return
-    shifted = row_shift_suspicions(robot, recording, good)
+    shifted = row_shift_suspicions(robot, recording, scale_of_good_fit)
     if shifted:
         yield from shifted
         return
-    yield from misfit_suspicions(robot, recording, fit, good)
+    yield from misfit_suspicions(robot, recording, fit, scale_of_good_fit)
 
 
-def _moved_or_explained(robot, recording, fit, good, change) -> list[Suspicion]:
+def _moved_or_explained(robot, recording, fit, scale_of_good_fit, change) -> list[Suspicion]:
     """A change point, unless one correction of the data explains them better still."""
-    found = explained_suspicions(robot, recording, fit, min(good, change.scale / 2))
+    found = explained_suspicions(robot, recording, fit, min(scale_of_good_fit, change.scale / 2))
     sentence = change_point_sentence(f"samples.csv of recording '{recording.name}'", change)
     return found or [Suspicion(sentence, False, "moved", instant=(change.before, change.after))]
 
 
-def _majority_fit(robot, recording, good, share: float) -> Fit | None:
+def _majority_fit(robot, recording, scale_of_good_fit, share: float) -> Fit | None:
     """A fit of half of the rows that more than a share of all agree with: the others had led the robust fit astray."""
     order = time_order(recording)
     for rows in np.array_split(order, 2):
@@ -162,7 +164,11 @@ def _majority_fit(robot, recording, good, share: float) -> Fit | None:
         except (np.linalg.LinAlgError, InputError, ValueError):
             continue
         plausible = np.abs(fit.deviations).max(initial=0.0) < FAR
-        if plausible and np.isfinite(fit.scale) and (mismatch < 3 * good).mean() > share:
+        if (
+            plausible
+            and np.isfinite(fit.scale)
+            and (mismatch < 3 * scale_of_good_fit).mean() > share
+        ):
             return fit
     return None
 

@@ -115,6 +115,6 @@ def _alike(robot: Robot) -> Iterator[tuple[str, Robot]]:
         is_same = known.convention == robot.convention and np.array_equal(
             known.geometry, robot.geometry
         )
-        alike = np.array_equal(known.prismatic, robot.prismatic)
-        if alike and known.mixing.shape == robot.mixing.shape and not is_same:
+        has_same_kinds = np.array_equal(known.prismatic, robot.prismatic)
+        if has_same_kinds and known.mixing.shape == robot.mixing.shape and not is_same:
             yield name, known

@@ -302,29 +302,29 @@ class _Problem:
         m, n = self.residual.shape
         matrix = self.data + np.diag(self.precision)
         scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-12))
-        spent = np.trace(
+        degrees_used = np.trace(
             np.linalg.lstsq(
                 matrix * np.outer(scale, scale), self.data * np.outer(scale, scale), rcond=1e-10
             )[0]
         )
-        degrees = m * n - float(spent)
+        degrees = m * n - float(degrees_used)
         mismatch = np.sqrt((self.residual**2).sum(0))
         best_rows = np.argsort(mismatch)[: max(int(np.ceil(_KEPT * n)), 1)]
-        lost = np.sqrt(m * n / degrees) if degrees >= _LEAST_SPARE else np.inf
+        inflation = np.sqrt(m * n / degrees) if degrees >= _LEAST_SPARE else np.inf
         position = float(np.sqrt((self.residual[:POSITION, best_rows] ** 2).sum(0).mean()))
         turns = self.residual[POSITION:, best_rows] / self.lever
         rotation = float(np.rad2deg(np.sqrt((turns**2).sum(0).mean()))) if len(turns) else np.nan
         core = float(np.median(mismatch) / np.sqrt(_MEDIAN_CHI2[m] / m))
         deviations = (self.parameters.pack() - self.nulls) * np.sqrt(self.precision)
         residual = np.concatenate([self.residual[:POSITION], self.residual[POSITION:] / self.lever])
-        scale_of_best = float(np.sqrt((mismatch[best_rows] ** 2).mean())) * lost
+        scale_of_best = float(np.sqrt((mismatch[best_rows] ** 2).mean())) * inflation
         return Fit(
             self.model,
             self.parameters,
             residual,
             mismatch,
             scale_of_best,
-            core * lost,
+            core * inflation,
             position,
             rotation,
             deviations,

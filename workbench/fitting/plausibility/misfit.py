@@ -43,30 +43,32 @@ _PERMUTATIONS = 3
 _MOST_RELEASED, _RELEASE_STEPS = 2, 40
 
 
-def misfit_suspicions(robot, recording, recorded: Fit, good: float) -> Iterator[Suspicion]:
+def misfit_suspicions(
+    robot, recording, recorded: Fit, scale_of_good_fit: float
+) -> Iterator[Suspicion]:
     """The best explanation of a misfit, or warnings on what else could be wrong.
 
     recorded: fit of the data as they are. good: scale in mm of a good fit.
     """
     search = search_singles(robot, recording)
-    found = _accepted(search.explanations, recorded, good)
+    found = _accepted(search.explanations, recorded, scale_of_good_fit)
     if not found:
-        wrong_geometry = _wrong_geometry(robot, recording, recorded, good)
+        wrong_geometry = _wrong_geometry(robot, recording, recorded, scale_of_good_fit)
         if wrong_geometry is not None:
             yield wrong_geometry
-            yield from doubtful_columns(recording, recorded, good)
+            yield from doubtful_columns(recording, recorded, scale_of_good_fit)
             return
-        search = search_further(robot, recording, search, good)
-        found = _accepted(search.explanations, recorded, good)
+        search = search_further(robot, recording, search, scale_of_good_fit)
+        found = _accepted(search.explanations, recorded, scale_of_good_fit)
     if found:
-        yield _explained(robot, recording, recorded, found, good)
+        yield _explained(robot, recording, recorded, found, scale_of_good_fit)
     else:
-        yield from _unexplained(robot, recording, recorded, good)
+        yield from _unexplained(robot, recording, recorded, scale_of_good_fit)
 
 
-def _accepted(explanations, recorded: Fit, good) -> list[Explanation]:
+def _accepted(explanations, recorded: Fit, scale_of_good_fit) -> list[Explanation]:
     """Explanations that fit well with plausible geometry where the recorded data do not, the plainest first."""
-    plausible = [e for e in explanations if _is_accepted(e, recorded, good)]
+    plausible = [e for e in explanations if _is_accepted(e, recorded, scale_of_good_fit)]
     if not plausible:
         return []
     best = min(e.fit.scale for e in plausible)
@@ -89,7 +91,7 @@ def rank(explanation) -> int:
     return _COMMON.index(cause) if cause in _COMMON else len(_COMMON)
 
 
-def _is_accepted(explanation, recorded, good):
+def _is_accepted(explanation, recorded, scale_of_good_fit):
     """Whether a correction leaves a good fit with plausible geometry, and the data as recorded do not.
 
     The worse the corrected fit, the more the correction has to lower the misfit.
@@ -97,9 +99,9 @@ def _is_accepted(explanation, recorded, good):
     fit = explanation.fit
     if _worst(fit) > _PLAUSIBLE:
         return False
-    falls = _FALLS * max(1.0, fit.scale / good) ** 2
+    falls = _FALLS * max(1.0, fit.scale / scale_of_good_fit) ** 2
     gain = recorded.improbability - fit.improbability
-    needless = fit.scale <= good and _worst(recorded) > _PLAUSIBLE and gain > _EVIDENCE
+    needless = fit.scale <= scale_of_good_fit and _worst(recorded) > _PLAUSIBLE and gain > _EVIDENCE
     return needless or falls * explanation.correction.comparable(fit.scale) < recorded.scale
 
 
@@ -108,19 +110,25 @@ def _worst(fit):
     return np.abs(fit.deviations).max(initial=0.0)
 
 
-def explained_suspicions(robot, recording, recorded: Fit, good: float) -> list[Suspicion]:
+def explained_suspicions(
+    robot, recording, recorded: Fit, scale_of_good_fit: float
+) -> list[Suspicion]:
     """The best single correction that explains the data better than the recorded data do, or nothing."""
-    found = _accepted(search_singles(robot, recording).explanations, recorded, good)
-    return [_explained(robot, recording, recorded, found, good)] if found else []
+    found = _accepted(search_singles(robot, recording).explanations, recorded, scale_of_good_fit)
+    return [_explained(robot, recording, recorded, found, scale_of_good_fit)] if found else []
 
 
-def _explained(robot, recording, recorded, found, good) -> Suspicion:
+def _explained(robot, recording, recorded, found, scale_of_good_fit) -> Suspicion:
     best = found[0]
     others = [e.correction for e in found[1:] if e.correction.parts == best.correction.parts]
     recorded = _best_recorded(robot, recording, recorded, best)
     degrees = min(recorded.degrees, best.fit.degrees)
     gain = recorded.improbability - best.fit.improbability
-    certain = gain > _EVIDENCE and degrees >= _LEAST_DEGREES and _is_accepted(best, recorded, good)
+    certain = (
+        gain > _EVIDENCE
+        and degrees >= _LEAST_DEGREES
+        and _is_accepted(best, recorded, scale_of_good_fit)
+    )
     sentence = correction_sentence(recording, recorded, best, others)
     alternatives = tuple(dict.fromkeys(other.cause for other in others[:1]))
     return Suspicion(sentence, certain, best.correction.cause, alternatives)
@@ -144,7 +152,7 @@ def _best_recorded(robot, recording, recorded: Fit, explanation) -> Fit:
     return min(fits, key=lambda fit: fit.improbability / max(fit.degrees, 1))
 
 
-def _wrong_geometry(robot, recording, recorded, good) -> Suspicion | None:
+def _wrong_geometry(robot, recording, recorded, scale_of_good_fit) -> Suspicion | None:
     """One or two numbers of the robot file that are far off: freeing them makes the recording fit.
 
     Forward selection: the number whose release lowers the misfit most, then a second one in addition to it.
@@ -161,7 +169,7 @@ def _wrong_geometry(robot, recording, recorded, good) -> Suspicion | None:
         }
         best = min(fits, key=lambda key: fits[key].scale)
         released = (*released, best)
-        if fits[best].scale <= good and _FALLS * fits[best].scale < recorded.scale:
+        if fits[best].scale <= scale_of_good_fit and _FALLS * fits[best].scale < recorded.scale:
             fit = fit_recording(
                 robot, chosen, fits[best].parameters.values, steps=0
             )  # deviations from all priors
@@ -207,23 +215,27 @@ def _named(recording) -> str:
     return f"samples.csv of recording '{recording.name}'"
 
 
-def _fits(recorded, good) -> str:
+def _fits(recorded, scale_of_good_fit) -> str:
     return (
         f"base, tool and plausible geometry errors fit the measurements to {fit_words(recorded)} only, where at most "
-        f"about {good:.2g} mm are expected"
+        f"about {scale_of_good_fit:.2g} mm are expected"
     )
 
 
-def doubtful_columns(recording, recorded, good) -> Iterator[Suspicion]:
+def doubtful_columns(recording, recorded, scale_of_good_fit) -> Iterator[Suspicion]:
     """A warning for each joint column that does not move as the others do."""
     for part, cause in _columns_to_doubt(recording):
-        yield Suspicion(f"{_named(recording)}, {part}; {_fits(recorded, good)}.", False, cause)
+        yield Suspicion(
+            f"{_named(recording)}, {part}; {_fits(recorded, scale_of_good_fit)}.", False, cause
+        )
 
 
-def _unexplained(robot, recording, recorded, good) -> Iterator[Suspicion]:
-    named, fits = _named(recording), _fits(recorded, good)
+def _unexplained(robot, recording, recorded, scale_of_good_fit) -> Iterator[Suspicion]:
+    named, fits = _named(recording), _fits(recorded, scale_of_good_fit)
     sentences = (
-        list(doubtful_columns(recording, recorded, good)) if recorded.scale > _FAR * good else []
+        list(doubtful_columns(recording, recorded, scale_of_good_fit))
+        if recorded.scale > _FAR * scale_of_good_fit
+        else []
     )
     yield from sentences
     if _in_no_order(robot, recording, recorded):
@@ -234,7 +246,7 @@ def _unexplained(robot, recording, recorded, good) -> Iterator[Suspicion]:
             False,
             "rows-shuffled",
         )
-    elif not sentences and recorded.scale > _FAR * good:
+    elif not sentences and recorded.scale > _FAR * scale_of_good_fit:
         yield from _unknown_cause(robot, recording, recorded, named, fits)
 
 

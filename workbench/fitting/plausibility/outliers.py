@@ -249,15 +249,15 @@ def _lost_decimal_points(robot, recording, fit, outliers, near):
             cells.setdefault(k, (name, values[k]))
     if not cells:
         return None
-    said = [
+    sentences = [
         f"sample {wrong.sample_ids[k]} fits with {name} {value:.8g} in place of {wrong.columns[name][k]:.8g}"
         for k, (name, value) in sorted(cells.items())
     ]
-    more = [f"{len(said) - _NAMED} more"] if len(said) > _NAMED else []
+    more = [f"{len(sentences) - _NAMED} more"] if len(sentences) > _NAMED else []
     rest = len(outliers.rows) - len(cells)
     others = f"; for the other {rest}, {outliers.likely_cause}" if rest else ""
     return Reason(
-        f"a decimal point is lost or misplaced: {listed([*said[:_NAMED], *more])}{others}",
+        f"a decimal point is lost or misplaced: {listed([*sentences[:_NAMED], *more])}{others}",
         "decimal-point",
     )
 

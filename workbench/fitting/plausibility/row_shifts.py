@@ -36,7 +36,7 @@ class _Change:
     after: int
 
 
-def row_shift_suspicions(robot, recording, good: float) -> list[Suspicion]:
+def row_shift_suspicions(robot, recording, scale_of_good_fit: float) -> list[Suspicion]:
     """A suspicion that names the row at which measurements begin to be displaced; [] where nothing does.
 
     good: mm of a good fit.
@@ -48,7 +48,7 @@ def row_shift_suspicions(robot, recording, good: float) -> list[Suspicion]:
     moved = [_displaced(recording, names, step) for step in steps]
     for half in np.array_split(np.arange(recording.n), 2):
         for shifted in moved:
-            change = _change_from(robot, moved, steps, shifted.select(half), good)
+            change = _change_from(robot, moved, steps, shifted.select(half), scale_of_good_fit)
             if change is not None:
                 return [_suspicion(recording, change)]
     return []
@@ -61,16 +61,18 @@ def _displaced(recording, names: Sequence[str], step: int):
     return replace(recording, columns=columns)
 
 
-def _change_from(robot, moved, steps: Sequence[int], half, good: float) -> _Change | None:
+def _change_from(
+    robot, moved, steps: Sequence[int], half, scale_of_good_fit: float
+) -> _Change | None:
     """The change that makes nearly all rows fit with the frames and the geometry of one half; None where none does."""
     try:
         fit = fit_recording(robot, half.select(even_rows(half, _ROWS)))
-        if not fit.core <= good:
+        if not fit.core <= scale_of_good_fit:
             return None
         mismatch = np.array([row_mismatch(robot, shifted, fit) for shifted in moved])
     except FAILURES:
         return None
-    costs = np.minimum(mismatch / (_FITTING * good), 1.0) ** 2
+    costs = np.minimum(mismatch / (_FITTING * scale_of_good_fit), 1.0) ** 2
     change = _least_cost_change(costs, steps)
     if change.before == change.after:
         return None
@@ -102,14 +104,14 @@ def _suspicion(recording, change: _Change) -> Suspicion:
         (f"samples {ids[0]} to {ids[change.row - 1]}", change.before),
         (f"samples {ids[change.row]} to {ids[-1]}", change.after),
     )
-    said = [
+    sentences = [
         f"{rows} {f'hold the measurement of {place_of_measurement(step)}' if step else 'fit as they are'}"
         for rows, step in parts
     ]
     late = change.after - change.before
     rows = f"{abs(late)} row{'s' * (abs(late) > 1)}"
     return Suspicion(
-        f"samples.csv of recording '{recording.name}': {' and '.join(said)}. From sample {ids[change.row]} on the "
+        f"samples.csv of recording '{recording.name}': {' and '.join(sentences)}. From sample {ids[change.row]} on the "
         f"measurements are {rows} {'late' if late > 0 else 'early'} against the joint readings: "
         f"{'joint readings' if late > 0 else 'measurements'} of {rows} are missing there, or "
         f"{'measurements' if late > 0 else 'joint readings'} are too many; move the measured columns of one part by "

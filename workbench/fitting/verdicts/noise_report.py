@@ -140,8 +140,8 @@ class NoiseReport:
         is_missed = has_structure if found.replicates is None else _exceeds_replicates(found)
         if not (self.is_above and is_missed):
             return 0.0
-        beyond = max(found.residual_rms**2 - sigma**2, 0.0)
-        return float(np.sqrt(found.components * beyond))
+        unexplained_square = max(found.residual_rms**2 - sigma**2, 0.0)
+        return float(np.sqrt(found.components * unexplained_square))
 
     @property
     def advice(self) -> str:

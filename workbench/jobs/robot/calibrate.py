@@ -277,16 +277,18 @@ def _calibration(checked: CheckedSamples, chosen: Chosen, split: Split, progress
 
 def _all_known(step: Step, parameters: Parameters, split: Split) -> Identifiability:
     """What the data determine of all that any stage freed, also of what was then held, and what Hayati's rows hold."""
-    asked = parameters.mask | np.isin(parameters.keys, list(step.tied))
-    everything = parameters.only(
-        asked & ~step.model.shrunk
+    is_asked = parameters.mask | np.isin(parameters.keys, list(step.tied))
+    all_known_parameters = parameters.only(
+        is_asked & ~step.model.shrunk
     )  # the terms of a series have no sentence of their own
     robot = step.model.chain.robot
     if set(geometry_free(robot)) <= {
-        key for key, free in zip(everything.keys, everything.mask) if free
+        key for key, free in zip(all_known_parameters.keys, all_known_parameters.mask) if free
     }:
-        everything = everything.free(*held_by_convention(robot))
-    return identifiability(normal_matrix(step.model.part(split.fit), everything), everything)
+        all_known_parameters = all_known_parameters.free(*held_by_convention(robot))
+    return identifiability(
+        normal_matrix(step.model.part(split.fit), all_known_parameters), all_known_parameters
+    )
 
 
 def _held_out_summary(held_out: HeldOut) -> dict:

@@ -175,9 +175,9 @@ class ChunkedCalibration:
 
     def as_json(self) -> dict:
         """The object of `calibrate --json`, of all samples; `stages` are as the thinned samples chose them."""
-        said = self.thin.as_json()
+        answer = self.thin.as_json()
         known = self.solution.known
-        return said | {
+        return answer | {
             "command": "calibrate-large",
             "recording": self.chunks.head.name,
             "samples": self.chunks.n,
@@ -215,14 +215,14 @@ def calibrate_chunks(
     progress(f"stages on {chunks.thin.n:,} of {chunks.n:,} samples")
     thin = calibrate(chunks.thin, plan, folds=folds, progress=progress, trust_data=trust_data)
     stream = stream_of(chunks, thin, progress)
-    wanted = _wanted(thin, stream)
+    estimable = _wanted(thin, stream)
     free, _ = independent(
-        stream.linearise(wanted)[1].normal, wanted, redundant=redundant_geometry(thin.robot)
+        stream.linearise(estimable)[1].normal, estimable, redundant=redundant_geometry(thin.robot)
     )
     fit = solve(stream, free)
     held_out = _held_out(stream, fit, _folds(chunks.pose, folds), folds)
-    everything = wanted.take_over(fit.parameters).only(wanted.mask)
-    known = identifiability(stream.linearise(everything)[1].normal, everything)
+    full_fit = estimable.take_over(fit.parameters).only(estimable.mask)
+    known = identifiability(stream.linearise(full_fit)[1].normal, full_fit)
     provenance = dict(thin.provenance) | {"samples": str(chunks.n)}
     solution = Solution(fit.parameters, fit, known, provenance)
     nominal = error_summary(_nominal(stream))

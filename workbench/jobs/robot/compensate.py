@@ -98,18 +98,18 @@ def compensate(
     steps so far and at most.
     """
     nominal = nominal_poses(arm.robot, readings)
-    wanted = nominal if poses is None else np.asarray(poses, float)
+    target = nominal if poses is None else np.asarray(poses, float)
     found = np.array(readings, float)
     task = Task.of(arm.robot, arm.values)
     if poses is not None:
-        found = _nominal_readings(arm.robot, found, wanted, anywhere, task)
+        found = _nominal_readings(arm.robot, found, target, anywhere, task)
         if anywhere:
             found = nearest_turns(arm.robot, found, _turn_reference(arm, readings))
-    position, rotation = pose_sizes(_deviation(_model(arm, found, wanted, covariates), arm, task))
+    position, rotation = pose_sizes(_deviation(_model(arm, found, target, covariates), arm, task))
     best, least = found, np.full(len(found), np.inf)
     for done in range(_STEPS):
         progress(done, _STEPS)
-        step, movable = _reading_step(_model(arm, found, wanted, covariates), arm, task)
+        step, movable = _reading_step(_model(arm, found, target, covariates), arm, task)
         # a step next to a singular posture may lead away: the nearest readings are kept
         best = np.where((movable < least)[:, None], found, best)
         least = np.fmin(movable, least)
@@ -117,18 +117,18 @@ def compensate(
             break
         found = found - np.clip(step, -_reach(arm.robot), _reach(arm.robot))
     found = best
-    model = _model(arm, found, wanted, covariates)
+    model = _model(arm, found, target, covariates)
     position_left, rotation_left = pose_sizes(_deviation(model, arm, task))
-    sigma = _sigma(arm, found, wanted, covariates)
+    sigma = _sigma(arm, found, target, covariates)
     uncertainty = np.hypot(sigma, remaining_error_mm(arm))
     is_solved = _reading_step(model, arm, task)[1] < negligible_mm(uncertainty)
-    beyond = is_solved & ~_within(arm.robot, found)
-    reached = is_solved & ~beyond
+    outside_limits = is_solved & ~_within(arm.robot, found)
+    reached = is_solved & ~outside_limits
     # what an inversion that failed ends with is no place to send an arm to
     readings = np.where(reached[:, None], found, np.nan)
     return Compensated(
         readings,
-        wanted,
+        target,
         _larger(position, rotation),
         position,
         rotation,
@@ -136,7 +136,7 @@ def compensate(
         sigma,
         uncertainty,
         reached,
-        beyond,
+        outside_limits,
         position_left,
         rotation_left,
         task.is_deficient,
@@ -214,7 +214,7 @@ class _Recorder(dict):
         return self[name] if name in self else default
 
 
-def _model(arm, readings, wanted, covariates) -> Model:
+def _model(arm, readings, target, covariates) -> Model:
     """The calibrated arm at readings, measured from its own root against the wanted poses."""
     variables = arm.robot.mixing @ np.asarray(readings, float).T
     n = variables.shape[1]
@@ -224,7 +224,7 @@ def _model(arm, readings, wanted, covariates) -> Model:
     covariates.setdefault("row", np.full(n, float(arm.rows)))  # after the recording
     covariates = with_history(covariates, arm.robot.joints, n)
     payload = arm.robot.payload_mass + covariates.get("payload_kg", np.zeros(n))
-    measurement = ExternalPose(wanted[:, :3, 3].T.copy(), wanted[:, :3, :3])
+    measurement = ExternalPose(target[:, :3, 3].T.copy(), target[:, :3, :3])
     blank = np.zeros((3, n))
     state = State(
         arm.robot,
@@ -323,18 +323,18 @@ def _moved(arm) -> np.ndarray:
     return moved
 
 
-def _nominal_readings(robot, start, wanted, anywhere, task):
+def _nominal_readings(robot, start, target, anywhere, task):
     """Readings (n, R) of the nominal arm at the wanted poses, from `start`; where that leads beyond limits and any
     posture will do, from other places within them."""
-    found, good = search_readings(robot, start, wanted, task)
+    found, is_reached = search_readings(robot, start, target, task)
     rng = np.random.default_rng(0)
     low, high = np.where(np.isnan(robot.limits), _OPEN, robot.limits).T
     for _ in range(_TRIES if anywhere else 0):
-        rows = np.flatnonzero(~good)
+        rows = np.flatnonzero(~is_reached)
         if not rows.size:
             break
-        found[rows], good[rows] = search_readings(
-            robot, rng.uniform(low, high, (len(rows), len(low))), wanted[rows], task
+        found[rows], is_reached[rows] = search_readings(
+            robot, rng.uniform(low, high, (len(rows), len(low))), target[rows], task
         )
     return found
 
@@ -345,20 +345,20 @@ def _turn_reference(arm: CalibratedArm, start: np.ndarray) -> np.ndarray:
     return np.where(is_stated[:, None], start, recorded_middle(arm))
 
 
-def search_readings(robot, start, wanted, task):
+def search_readings(robot, start, target, task):
     """Readings (n, R) of the nominal arm nearest to the wanted poses, and (n,) whether it may and does get there."""
     bare = CalibratedArm(robot, (), {}, (), np.zeros((0, 0)), np.zeros(3), 0.0, True, "", {})
     found = best = start
     least = np.full(len(start), np.inf)
     for _ in range(3 * _STEPS):
-        step, movable = _reading_step(_model(bare, found, wanted, None), bare, task)
+        step, movable = _reading_step(_model(bare, found, target, None), bare, task)
         best = np.where((movable < least)[:, None], found, best)
         least = np.fmin(movable, least)
         if movable.max(initial=0) < 1e-3:
             break
         found = found - np.clip(step, -0.3 * _reach(robot), 0.3 * _reach(robot))
     found = _turned_back(robot, best)
-    movable = _reading_step(_model(bare, found, wanted, None), bare, task)[1]
+    movable = _reading_step(_model(bare, found, target, None), bare, task)[1]
     return found, (movable < 1e-2) & _within(robot, found)
 
 
@@ -383,15 +383,15 @@ def _within(robot, readings):
     ).all(1)
 
 
-def _sigma(arm, readings, wanted, covariates) -> np.ndarray:
+def _sigma(arm, readings, target, covariates) -> np.ndarray:
     """(n,) mm: 1 sigma of the measured point's 3-D place in the world, from the covariance of all parameters.
 
     Those of considered terms are among them, at the worst value of a column that is missing. And from what empirical
     functions leave open beyond the range that they were fitted on, and from loops of hysteresis whose side is unknown.
     """
-    worst = _with_worst_covariates(arm, readings, wanted, covariates)
+    worst = _with_worst_covariates(arm, readings, target, covariates)
     loops = half_loops_mm(arm, readings, covariates)
-    return np.hypot(_sigma_at(arm, readings, wanted, worst), loops)
+    return np.hypot(_sigma_at(arm, readings, target, worst), loops)
 
 
 def half_loops_mm(arm: CalibratedArm, readings: np.ndarray, covariates=None) -> np.ndarray:
@@ -409,16 +409,16 @@ def half_loops_mm(arm: CalibratedArm, readings: np.ndarray, covariates=None) -> 
     return np.sqrt(squares)
 
 
-def _sigma_at(arm, readings, wanted, covariates) -> np.ndarray:
-    model = _model(arm, readings, wanted, covariates)
+def _sigma_at(arm, readings, target, covariates) -> np.ndarray:
+    model = _model(arm, readings, target, covariates)
     arm = with_considered(arm, model.chain.state)
-    model = _model(arm, readings, wanted, covariates)
+    model = _model(arm, readings, target, covariates)
     rows, covariance, parameters = _uncertain(model, arm)
     variance = np.einsum("fmn,fg,gmn->n", rows, covariance, rows)
     return np.hypot(np.sqrt(np.maximum(variance, 0)), extrapolation_mm(model, parameters, arm))
 
 
-def _with_worst_covariates(arm, readings, wanted, covariates) -> dict:
+def _with_worst_covariates(arm, readings, target, covariates) -> dict:
     """The covariates with those that considered terms read and nobody states, at the worst end of their ranges.
 
     The worst is that with the largest sigma, target by target and one column after the other.
@@ -432,8 +432,8 @@ def _with_worst_covariates(arm, readings, wanted, covariates) -> dict:
     history = set(approaches_read((*arm.acting_effects, *considered))) - set(found) - set(missing)
     found |= {name: low for name, (low, _) in ends.items()} | dict.fromkeys(history, 1.0)
     for name, (low, high) in ends.items():
-        at_low = _sigma_at(arm, readings, wanted, found | {name: low})
-        at_high = _sigma_at(arm, readings, wanted, found | {name: high})
+        at_low = _sigma_at(arm, readings, target, found | {name: low})
+        at_high = _sigma_at(arm, readings, target, found | {name: high})
         found[name] = np.where(at_high > at_low, high, low)
     return found
 
@@ -444,10 +444,10 @@ def position_covariance(arm: CalibratedArm, readings: np.ndarray, covariates=Non
     From the covariance of the parameters, whose errors all places share: a difference or a mean over places has its
     own uncertainty from this matrix. covariates: as of `compensate`.
     """
-    wanted = nominal_poses(arm.robot, readings)
-    covariates = _with_worst_covariates(arm, readings, wanted, covariates)
-    arm = with_considered(arm, _model(arm, readings, wanted, covariates).chain.state)
-    rows, covariance, _ = _uncertain(_model(arm, readings, wanted, covariates), arm)
+    target = nominal_poses(arm.robot, readings)
+    covariates = _with_worst_covariates(arm, readings, target, covariates)
+    arm = with_considered(arm, _model(arm, readings, target, covariates).chain.state)
+    rows, covariance, _ = _uncertain(_model(arm, readings, target, covariates), arm)
     columns = rows.transpose(0, 2, 1).reshape(len(rows), 3 * rows.shape[2])
     return columns.T @ covariance @ columns
 

@@ -89,9 +89,9 @@ def _nearest_readings(poses: np.ndarray, robot: Robot, name: str) -> np.ndarray:
     recorded = _usable_readings(recording, recorded, robot, name)
     seen = nominal_poses(robot, recorded)
     best = np.empty(len(poses), int)
-    for k, wanted in enumerate(poses):
-        place = np.linalg.norm(seen[:, :3, 3] - wanted[:3, 3], axis=1)
-        relative = wanted[:3, :3].T @ seen[:, :3, :3]
+    for k, target in enumerate(poses):
+        place = np.linalg.norm(seen[:, :3, 3] - target[:3, 3], axis=1)
+        relative = target[:3, :3].T @ seen[:, :3, :3]
         angle = np.linalg.norm(rotation_vector(relative), axis=1)
         best[k] = int(np.argmin(np.hypot(place, LEVER_MM * angle)))
     return recorded[best]
@@ -110,14 +110,14 @@ def _usable_readings(recording, recorded: np.ndarray, robot: Robot, name: str) -
                 "another, or state readings"
             )
     low, high = robot.limits.T
-    beyond = (recorded < low - LIMIT_SLACK) | (recorded > high + LIMIT_SLACK)
-    if beyond.any(1).all():
-        joint = int(np.argmax(beyond.sum(0))) + 1
+    is_outside = (recorded < low - LIMIT_SLACK) | (recorded > high + LIMIT_SLACK)
+    if is_outside.any(1).all():
+        joint = int(np.argmax(is_outside.sum(0))) + 1
         raise InputError(
             f"--start {name}: expected samples within the limits of the joints, found none, most often for joint "
             f"{joint}; name another recording, or state readings"
         )
-    return recorded[~beyond.any(1)]
+    return recorded[~is_outside.any(1)]
 
 
 def configurations_json(robot: Robot, readings: np.ndarray) -> list[dict]:

@@ -94,18 +94,18 @@ class Evaluated:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Sentences on what limits the comparison."""
-        said = [*self.recording.warnings]
+        sentences = [*self.recording.warnings]
         if self.is_fitted_data:
             count, samples = int(self.fitted.sum()), self.recording.n
             share = "this recording" if count == samples else f"{count} of these {samples} samples"
-            said.append(_FITTED.format(share=share))
+            sentences.append(_FITTED.format(share=share))
         if self._fits_better_elsewhere():
-            said.append(self._better_elsewhere())
+            sentences.append(self._better_elsewhere())
         if self.outside:
-            said.append(
+            sentences.append(
                 f"Beyond the range of the calibration: {', '.join(self.outside)}. The model is extrapolated there."
             )
-        return tuple(said)
+        return tuple(sentences)
 
     @property
     def is_fitted_data(self) -> bool:
@@ -160,14 +160,14 @@ class Evaluated:
     def _better_elsewhere(self) -> str:
         """What the better fit with another base and tool says, and what to do."""
         errors, refitted = error_summary(self.residual), error_summary(self.refitted)
-        said = (
+        text = (
             f"The RMS position error is {errors['rms_mm']:.3g} mm with base and tool of the calibration, and "
             f"{refitted['rms_mm']:.3g} mm with both estimated on this recording"
         )
         if self._has_moved:
-            return f"{said}: {_MOVED}."
+            return f"{text}: {_MOVED}."
         return (
-            f"{said}: base and tool alone do not explain it (the calibration states "
+            f"{text}: base and tool alone do not explain it (the calibration states "
             f"{self.arm.keys['held_out']['rms_mm']:.3g} mm). Look for another load, other units, another arm or a "
             "change of the arm; `workbench check` tests the recording."
         )
@@ -298,8 +298,8 @@ def evaluate(
     nominal = _predicted(replace(arm, values={}), samples, (), both)
     _check_number(samples, len(nominal[:3]), most)
     warnings = check_samples(recording, trust_data).doubts
-    if not later and (doubt := clock_warning(arm, samples)):
-        warnings = (*warnings, doubt)
+    if not later and (clock_doubt := clock_warning(arm, samples)):
+        warnings = (*warnings, clock_doubt)
     recording = replace(samples, warnings=tuple(dict.fromkeys((*samples.warnings, *warnings))))
     samples = on_session_clock(arm, samples, later)
     free = _patterns(samples, refit)
@@ -404,8 +404,8 @@ def _parameter_spread(arm: CalibratedArm, samples: Recording, free: tuple[str, .
     estimated = np.array([key in known for key in parameters.keys]) & ~again
     columns = _lengths_by(model, parameters.only(estimated))
     if again.any():
-        taken = _orthonormal_basis(_lengths_by(model, parameters.only(again)))
-        columns = columns - taken @ (taken.T @ columns)
+        basis = _orthonormal_basis(_lengths_by(model, parameters.only(again)))
+        columns = columns - basis @ (basis.T @ columns)
     keys = [key for key, is_one in zip(parameters.keys, estimated) if is_one]
     places = [known[key] for key in keys]
     return arm.covariance[np.ix_(places, places)] @ (columns.T @ columns)

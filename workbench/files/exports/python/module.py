@@ -177,17 +177,19 @@ def covariates_used(arm: CalibratedArm) -> list[str]:
     if arm.fitted_range is None:
         return sorted(needed | ({_LOAD} if any(e.elastic for e in effects) else set()))
     candidates = [name for name in arm.fitted_range if not _JOINT.fullmatch(name)]
-    plain = runtime.CorrectedArm(arm_data(arm), arm.acting_effects, effects)
-    return sorted(needed | {name for name in candidates if _changes(arm, plain, name)})
+    reference_arm = runtime.CorrectedArm(arm_data(arm), arm.acting_effects, effects)
+    return sorted(needed | {name for name in candidates if _changes(arm, reference_arm, name)})
 
 
-def _changes(arm: CalibratedArm, plain, name: str) -> bool:
+def _changes(arm: CalibratedArm, reference_arm, name: str) -> bool:
     """Whether a column changes a point on the tool between the ends of its recorded range."""
     rng = np.random.default_rng(0)
     drawn = {key: rng.uniform(*ends, _DRAWS) for key, ends in arm.fitted_range.items()}
     readings = np.stack([drawn[key] for key in drawn if _JOINT.fullmatch(key)], 1)
     low, high = (
-        plain.measured_points(readings, [0.0, 0.0, 100.0], drawn | {name: np.full(_DRAWS, end)})
+        reference_arm.measured_points(
+            readings, [0.0, 0.0, 100.0], drawn | {name: np.full(_DRAWS, end)}
+        )
         for end in arm.fitted_range[name]
     )
     return bool(np.abs(high - low).max() > 0)
