@@ -1,5 +1,7 @@
 """Options that are real numbers: what lies between two values of the grid is one finding, its value right within 3 sigma."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from test_diagnosis_engine import SIGMA, recorded
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.scanner import sensor
 from workbench.diagnosis.scanner.sensor_simulate import simulated
+from workbench.diagnosis.search import options
 from workbench.diagnosis.search.select import find
 from workbench.explanation.statements import label_of
 
@@ -130,3 +133,22 @@ def test_a_warm_up_is_not_over_before_the_second_image():
     constants, start = time_constants(times)
     assert start == 0 and np.exp(-times[1] / constants[0]) > 0.04
     assert time_constants(0.5 * np.arange(400))[0][0] == pytest.approx(200 / 60, rel=0.01)
+
+
+def test_options_that_lead_back_to_one_another_end_the_refinement(monkeypatch):
+    """Two rounded values, each of which is the likeliest about the solution with the other."""
+    terms = {label: SimpleNamespace(key=("wave", "joint-2"), label=label) for label in ("a", "b")}
+    search = SimpleNamespace(accepted=(terms["a"],), solved=0, other_indices=lambda i: ())
+
+    def solve_feasible():
+        search.solved += 1
+
+    def refined(likelihood, term):
+        return terms["b" if term.label == "a" else "a"]
+
+    search.solve_feasible = solve_feasible
+    monkeypatch.setattr(options._Profile, "of", lambda *about: None)
+    monkeypatch.setattr(options, "_refined", refined)
+    options.refine_options(search)
+    assert search.solved == 1
+    assert search.accepted == (terms["b"],)

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -316,7 +317,13 @@ def _searched(bench: Bench, say: _Reporter, jobs: int) -> tuple[Bench, Found, in
     """The bench, with jitter where images have some, what the first search finds on it, and the processes for its
     repetitions: several only where it takes long."""
     start, progress = time.perf_counter(), elapsed(say, LEAST_FOLDS)
-    bench, found = with_jitter(bench, lambda sampled: find(sampled, progress=progress))
+
+    def announce(terms):
+        say.first(statements.first_terms(terms))
+
+    bench, found = with_jitter(
+        bench, lambda sampled: find(sampled, progress=progress, first=announce)
+    )
     say.first(statements.preliminary(found))
     used_seconds = time.perf_counter() - start
     jobs = jobs if used_seconds > _LONG_S else 1
@@ -331,7 +338,8 @@ def _searched(bench: Bench, say: _Reporter, jobs: int) -> tuple[Bench, Found, in
 
 def _proved(bench, found: Found, noise, say, jobs):
     """Terms that stay, terms refused, and the proof; both kinds with parameters and size."""
-    proved, retained, refused = proof.prove(bench, found, found_terms, noise, say, jobs)
+    search = partial(found_terms, start=found.terms)
+    proved, retained, refused = proof.prove(bench, found, search, noise, say, jobs)
     effects = [e for term in retained for e in term.finding.effects]
     rows = bench.parameters(effects, options=_estimated_options(retained))
     stay = tuple(_with_numbers(bench, term, effects, rows) for term in retained)

@@ -1,6 +1,7 @@
 """One paragraph on each finding: what it is, how large, how it was validated, and what else explains these poses."""
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -8,6 +9,7 @@ from robot_model.effects.friction import ReadingLattice
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.least_squares.adjustment_tests import p_text
 from workbench.diagnosis.levels import LISTED_PROBABILITY
+from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Finding, Found
 from workbench.diagnosis.noise.random_effects import ALONG
 from workbench.diagnosis.robot.derived import DEFLECTION
@@ -292,6 +294,12 @@ def _other(alternative) -> str:
 
 def _probability(finding) -> str:
     return f"{finding.probability:.2f}" if finding.probability >= 0.005 else "below 0.01"
+
+
+def first_terms(terms: Sequence[Hypothesis]) -> str:
+    """The first terms of a search, long before it ends."""
+    names = dict.fromkeys(f"{one.effect} at {place(one.where)}" for one in terms)
+    return f"First terms of the search, still refined: {listed(list(names))}."
 
 
 def preliminary(found: Found) -> str:

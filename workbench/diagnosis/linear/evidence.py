@@ -105,7 +105,7 @@ class Projected:
 
         def coupling():
             return np.einsum("cnp,n->cp", columns, self._y()), _projections(
-                self._columns(), columns
+                self._basis_of_effects(), columns
             )
 
         return self._conditional({} if name is None else self.cache, (name,), first, coupling)
@@ -113,40 +113,39 @@ class Projected:
     def _conditional(self, cache: dict, name: tuple, first, coupling) -> Moments:
         """Moments conditional on the retained effects, of columns that `cache` knows by `name`.
 
-        first() gives gram (C, P, P) on the baseline and `raw` (C,), coupling() score (C, P) and cross (C, P, A) there.
-        Where most effects are retained, moments conditional on all effects are made once and corrected for the few
-        directions that are not: these are a small part of all.
+        first() gives gram (C, P, P) on the baseline and `raw` (C,); coupling() score (C, P) there and cross (C, P, W)
+        with the basis of all effects. Where most of these are retained, moments conditional on all of them are made
+        once, and corrected for the few directions that are not.
         """
         gram, largest = cached(cache, (*name, "gram"), first)
         score, cross = cached(cache, (*name, "added"), coupling)
         retained = self.retained
         if retained is None or not retained.mixing.shape[1]:
             return Moments(gram, score, largest)
-        if 2 * retained.mixing.shape[1] < retained.added.whole.mixing.shape[1]:
-            projections = _product(cross, retained.mixing)
+        whole = retained.added.whole
+        if 2 * retained.mixing.shape[1] < cross.shape[2]:
+            projections = _product(cross, retained.within_whole)
             remaining = _without_projections(gram, projections)
             return Moments(remaining, score - projections @ retained.score, largest)
 
         def given_all():
-            whole = retained.added.whole
-            projections = _product(cross, whole.mixing)
-            return _without_projections(gram, projections), score - projections @ whole.score
+            return _without_projections(gram, cross), score - cross @ whole.score
 
         remaining, remaining_score = cached(cache, (*name, "whole"), given_all)
-        if retained.omitted.shape[1]:
-            projections = _product(cross, retained.omitted)
-            omitted_score = retained.omitted.T @ retained.added.score
+        if retained.mixing.shape[1] < cross.shape[2]:
+            omitted = retained.omitted
+            projections = _product(cross, omitted)
             remaining = remaining + projections @ projections.swapaxes(1, 2)
-            remaining_score = remaining_score + projections @ omitted_score
+            remaining_score = remaining_score + projections @ (omitted.T @ whole.score)
         return Moments(remaining, remaining_score, largest)
 
     def _y(self) -> np.ndarray:
         """(N,) the residual, orthogonal to the baseline alone."""
         return self.y if self.retained is None else self.retained.added.y
 
-    def _columns(self) -> np.ndarray:
-        """(N, A) columns of all added effects, orthogonal to the baseline."""
-        return np.zeros((len(self.y), 0)) if self.retained is None else self.retained.added.columns
+    def _basis_of_effects(self) -> np.ndarray:
+        """(N, W) orthonormal basis of the columns of all added effects, orthogonal to the baseline."""
+        return np.zeros((len(self.y), 0)) if self.retained is None else self.retained.added.basis
 
     def sample_sums(self, rows: np.ndarray, name: tuple) -> "SampleSums":
         """Sums over each sample's coordinates of rows (k, N) of the problem; `name` as of `SampleSums`."""
@@ -220,9 +219,9 @@ def _without_projections(gram: np.ndarray, projections: np.ndarray) -> np.ndarra
 class SampleSums:
     """What is left of k components with `rows` (k, E N) once the coordinates of a sample are summed, made on demand.
 
-    `score` (E n, k) with the residual, `added` (k, E n, A) with the columns of added effects, `basis` (k, E n, R) with
-    the baseline's basis, `squares` (k, E n, k) with one another. `name`: under which what depends on these alone is
-    kept. A column is a function of the arm pose times a row, summed over the E poses of a sample.
+    `score` (E n, k) with the residual, `added` (k, E n, W) with the basis of all added effects, `basis` (k, E n, R)
+    with that of the baseline, `squares` (k, E n, k) with one another. `name`: under which what depends on these alone
+    is kept. A column is a function of the arm pose times a row, summed over the E poses of a sample.
     """
 
     rows: np.ndarray
@@ -236,7 +235,7 @@ class SampleSums:
 
     @cached_property
     def added(self) -> np.ndarray:
-        return self._with(self.projected.problem.ends.repeated(self.projected._columns()))
+        return self._with(self.projected.problem.ends.repeated(self.projected._basis_of_effects()))
 
     @cached_property
     def basis(self) -> np.ndarray:

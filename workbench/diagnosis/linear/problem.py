@@ -399,6 +399,7 @@ class Found:
     p-value that anything at all is missing; `p_remainder` that anything is left at the end. `located`:
     of the baseline's mismatch, and of what is left (`remainder`). `outliers`: (n,) bool. `noise_findings`:
     findings on the variance. `history`: lines that say what was tried and why.
+    `terms`: the accepted hypotheses without columns, from which the search inside a fold starts.
     """
 
     findings: tuple[Finding, ...]
@@ -411,3 +412,4 @@ class Found:
     outliers: np.ndarray
     noise_findings: tuple[Finding, ...] = ()
     history: tuple[str, ...] = field(default_factory=tuple)
+    terms: tuple = ()

@@ -52,6 +52,11 @@ class AddedEffects:
         """Column space of all effects."""
         return self.subspace(range(len(self.start) - 1))
 
+    @cached_property
+    def basis(self) -> np.ndarray:
+        """(N, W) orthonormal basis of the column space of all effects."""
+        return self.whole.basis
+
     def subspace(self, effects: Sequence[int]) -> "RetainedSubspace":
         """Column space of some of the effects, which are given by their indices."""
         parts = [np.arange(self.start[i], self.start[i + 1]) for i in effects]
@@ -110,17 +115,18 @@ class RetainedSubspace:
         return mixing
 
     @cached_property
+    def within_whole(self) -> np.ndarray:
+        """(W, R) coordinates of the basis in that of all effects."""
+        return (self.added.whole.mixing.T @ self.added.gram) @ self.mixing
+
+    @cached_property
     def omitted(self) -> np.ndarray:
-        """(A, R) mixing of the directions that the column space of all effects has beyond this one."""
+        """(W, W - R) orthonormal coordinates of what the space of all effects has beyond this one, as above."""
         whole = self.added.whole.mixing
-        count = whole.shape[1] - self.mixing.shape[1]
-        if not count:
-            return np.zeros((len(whole), 0))
-        within = (whole.T @ self.added.gram) @ self.mixing  # orthonormal, as the two bases are
         numbers = np.setdiff1d(np.arange(len(whole)), self.column_numbers)
         others = whole.T @ self.added.gram[:, numbers]
-        others -= within @ (within.T @ others)
-        return whole @ thin_svd(others)[0][:, :count]
+        others -= self.within_whole @ (self.within_whole.T @ others)
+        return thin_svd(others)[0][:, : whole.shape[1] - self.mixing.shape[1]]
 
     @property
     def y(self) -> np.ndarray:

@@ -28,7 +28,7 @@ from workbench.diagnosis.linear.evidence import Projected, log_null
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.search.compatible import compatible
-from workbench.diagnosis.search.most_probable_set import as_solved, order_by_gain, record_terms
+from workbench.diagnosis.search.most_probable_set import as_solved, order_by_gain
 from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members
 from workbench.diagnosis.search.prior import DEFLECTS
 from workbench.diagnosis.search.state import Search, name_of
@@ -56,7 +56,7 @@ def accept_constant_loads(search: Search) -> None:
         if trial is not None and _gain(search, trial) > LEAST_LOG_ODDS:
             search.accepted = trial.accepted
             search.infeasible = trial.infeasible
-            record_terms(search, search.accepted)
+            search.record_terms(search.accepted)
             search.solve()
             order_by_gain(search)
 

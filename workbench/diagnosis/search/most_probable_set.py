@@ -46,17 +46,12 @@ def accept_most_probable_set(search: Search, thorough: bool = True) -> None:
             break
         tried.append(names)
         search.accepted = tuple(_with_effect(search.bench, h) for h in chosen)
-        record_terms(search, chosen)
+        search.record_terms(chosen)
         search.solve_feasible()
         order_by_gain(search)
         refine_options(search, is_first=len(tried) == 1 and not thorough)
         refine_instants(search)
     order_by_gain(search)
-
-
-def record_terms(search: Search, terms: Sequence[Hypothesis]) -> None:
-    """A line with what is accepted now."""
-    search.log_step("; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in terms))
 
 
 def as_solved(search: Search, terms: Sequence[Hypothesis]) -> Accepted:

@@ -132,15 +132,22 @@ def refine_options(search, is_first: bool = False) -> None:
     """Give the options of all accepted hypotheses the values that the data determine, and solve with them.
 
     Conditional on all others. is_first: on those before it alone, in the order in which they explain most. What
-    explains less may be what an option that is not known yet leaves, and would keep it from its value.
+    explains less may be what an option that is not known yet leaves, and would keep it from its value. A value that
+    the solution with another one leads back to is as good as that.
     """
+    tried = []
     for _ in range(1 if is_first else MAX_ROUNDS):
         refined = []
         for i, h in enumerate(search.accepted):
             others = tuple(range(i)) if is_first else search.other_indices(i)
             refined.append(_refined(_Profile.of(search, i, others), h))
-        if not accept_refined(search, refined):
+        tried.append(_names(search.accepted))
+        if _names(refined) in tried or not accept_refined(search, refined):
             return
+
+
+def _names(terms: Sequence[Hypothesis]) -> set[tuple]:
+    return {(h.key, h.label) for h in terms}
 
 
 def with_estimated_options(

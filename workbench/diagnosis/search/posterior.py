@@ -24,7 +24,7 @@ from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.constant_load import accept_constant_loads
 from workbench.diagnosis.search.instants import refine_instants
-from workbench.diagnosis.search.most_probable_set import as_solved, order_by_gain, record_terms
+from workbench.diagnosis.search.most_probable_set import as_solved, order_by_gain
 from workbench.diagnosis.search.objective import LogPosterior, Members
 from workbench.diagnosis.search.options import refine_options
 from workbench.diagnosis.search.prior import LAW_ERROR, is_elastic
@@ -354,7 +354,7 @@ def _exchange_elastic(search) -> None:
             break
         tried.append(names)
         search.accepted = tuple(chosen)
-        record_terms(search, chosen)
+        search.record_terms(chosen)
         search.solve_feasible()
     if len(tried) > 1:
         order_by_gain(search)

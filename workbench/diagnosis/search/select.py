@@ -5,13 +5,18 @@ the noise turns out to depend on a covariate, or a place to have a random effect
 probabilities. What the set is worth is not judged here but by nested cross-validation (`proof`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from workbench.diagnosis.levels import RANDOM_EFFECT_LEVEL, UNMODELLED_LEVEL
-from workbench.diagnosis.linear.hypotheses import family_wise, located, ranked_hypotheses
+from workbench.diagnosis.linear.hypotheses import (
+    Hypothesis,
+    family_wise,
+    located,
+    ranked_hypotheses,
+)
 from workbench.diagnosis.linear.problem import Bench, Finding, Found, Problem
 from workbench.diagnosis.noise.data_findings import (
     find_data_faults,
@@ -37,6 +42,7 @@ from workbench.diagnosis.search.findings import (
 from workbench.diagnosis.search.most_probable_set import accept_most_probable_set
 from workbench.diagnosis.search.posterior import effect_posteriors, exchange_terms
 from workbench.diagnosis.search.prior import LAW_ERROR
+from workbench.diagnosis.search.start import start_from, without_samples
 from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.search.stepwise import LAW
 from workbench.diagnosis.validation.folds import MAX_TESTED_SAMPLES, thinned
@@ -50,12 +56,14 @@ def find(
     *,
     level: float = UNMODELLED_LEVEL,
     progress: Callable[[str], None] = lambda text: None,
+    first: Callable[[Sequence[Hypothesis]], None] = lambda terms: None,
 ) -> Found:
     """What the baseline of a bench leaves out, on `samples` (n,) bool (None: all).
 
-    level: chance of a false alarm on the whole search. Raises what the bench's solve raises.
+    level: chance of a false alarm on the whole search. first: called with the first set of terms, long before the
+    search ends. Raises what the bench's solve raises.
     """
-    search = Search(bench, samples, level, progress)
+    search = Search(bench, samples, level, progress, first=first)
     count = len(bench.pose) if samples is None else int(samples.sum())
     if count > _MANY and not bench.needs_all_samples:
         return _search_on_subset(search, samples)
@@ -63,23 +71,34 @@ def find(
     return bench.reviewed(_found(search), samples)
 
 
-def found_terms(bench: Bench, samples: np.ndarray | None = None) -> list[Finding]:
-    """The terms of `find` alone, without probabilities, alternatives and noise: what a fold of a proof asks for."""
+def found_terms(
+    bench: Bench, samples: np.ndarray | None = None, start: Sequence[Hypothesis] = ()
+) -> list[Finding]:
+    """The terms of `find` alone, without probabilities, alternatives and noise: what a fold of a proof asks for.
+
+    start: terms of a search on other samples, from which this one starts.
+    """
     search = Search(bench, samples, UNMODELLED_LEVEL, lambda text: None)
-    search.solve()
+    start_from(search, start)
     _accept_terms(search)
     exchange_terms(search)
     return with_special_cases([bare_finding(h) for h in search.accepted])
 
 
 def _accept_terms(search: Search) -> tuple[float, bool]:
-    """Accept the likeliest set with the noise of the samples; the p-value of no term, and whether a place moves."""
-    first = _test_and_search(search, thorough=False)
+    """Accept the likeliest set with the noise of the samples; the p-value of no term, and whether a place moves.
+
+    A search that starts from terms has in them what is needed to judge the noise.
+    """
+    has_start = bool(search.accepted)
+    first = 1.0 if has_start else _test_and_search(search, thorough=False)
     search.noise_factors = relative_noise(search.problem.conditional_on())
     if search.noise_factors is not None:
         # noise that grows with a covariate passes for a function of it
         search.log_step("the noise is not the same everywhere")
         first = _repeat_search(search)
+    elif has_start:
+        first = _test_and_search(search)
     elif search.accepted:
         accept_most_probable_set(search)
     moving = _prefer_random_effect(search)
@@ -135,6 +154,7 @@ def _found(search: Search) -> Found:
         outliers,
         data,
         tuple(search.history),
+        without_samples(search.accepted),
     )
 
 

@@ -1,6 +1,6 @@
 """A search under way: what is accepted so far, the problem solved with it, and all else judged conditional on it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,7 +25,7 @@ class Search:
     `infeasible`: names of hypotheses whose fitted values no machine has.
     `screened`: what is likely with no other term, under this noise; judged at the first solution, as it hardly changes
     after that. `screening_conditions`: spread, random effect and whether a compliance is accepted, for which it holds.
-    `always_listed`: hypotheses that every table holds, however unlikely they are.
+    `always_listed`: hypotheses that every table holds, however unlikely they are. `first`: called with the first terms.
     """
 
     bench: Bench
@@ -43,6 +43,14 @@ class Search:
     screened: list[Hypothesis] = field(default_factory=list)
     screening_conditions: tuple = (None, None, False)
     always_listed: tuple[Hypothesis, ...] = ()
+    first: Callable[[Sequence[Hypothesis]], None] | None = None
+
+    def record_terms(self, terms: Sequence[Hypothesis]) -> None:
+        """A line with what is accepted now."""
+        if self.first is not None:
+            self.first(terms)
+            self.first = None
+        self.log_step("; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in terms))
 
     def log_step(self, line: str):
         """A line for the trail and for whoever waits."""
