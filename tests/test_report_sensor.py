@@ -147,7 +147,7 @@ def test_text_of_a_recording_cannot_become_markup(pages):
 def test_camera_page_says_what_opencv_counts_and_what_is_held_out(pages):
     text = own_text(pages("camera"))
     assert (
-        "RMS distance (OpenCV)" in text
+        "RMS reprojection error (2-D, as in OpenCV)" in text
         and "cv2.calibrateCamera" in text
         and "Height difference between highest and lowest point" in text
     )

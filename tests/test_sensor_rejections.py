@@ -63,7 +63,7 @@ def test_laser_images_without_a_line_or_a_board_are_named(spoilt):
     assert set(found["shared_px"]) == {"stripe", "tilt", "placement"}
     place = Path(found["run"])
     page = (place / "report.html").read_text(encoding="utf-8")
-    assert "saturated: 100 %" in page and "points of a stripe err together" in page.lower()
+    assert "saturated: 100 %" in page and "errors that points of a stripe share" in page.lower()
     assert (place / "summary.png").stat().st_size > 20_000
 
 

@@ -198,7 +198,7 @@ def test_wrong_points_are_left_out_and_counted(truth, made):
     found = calibrated(truth, stripes=replace(stripes, pixels=pixels))
     assert found.wrong.sum() > 0.9 * bad.sum()
     assert aligned(truth, found.camera, found.scanner.planes, steps=found.scanner.steps)[0] < 0.0015
-    assert any("far from the course of their stripe" in sentence for sentence in found.sentences)
+    assert any("far from their stripe centreline" in sentence for sentence in found.sentences)
 
 
 def test_stripes_where_no_board_is_are_dropped_counted_and_reported(truth):

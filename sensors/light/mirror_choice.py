@@ -157,7 +157,7 @@ def _determined(adjustment: Adjustment, by_step):
     }
     labels = {p.key: p.label for p in full.fit.table.table}
     reasons = [
-        f"{labels[f'mirror.{name}']} is confounded with the others here: it keeps its start value"
+        f"{labels[f'mirror.{name}']} is not identifiable from these images: it keeps its start value"
         for name in every
         if name in left_out
     ]

@@ -56,8 +56,8 @@ class Together:
                 "do not hold it"
             )
         return (
-            "points of a stripe err together too, in 0.001 px (1 sigma): "
-            f"{', '.join(components)}; it is in the sigmas"
+            "errors that points of a stripe share (1 sigma, in 0.001 px): "
+            f"{', '.join(components)}; the standard deviations include them"
         )
 
     def too_much(self, centre_px: float) -> list[str]:

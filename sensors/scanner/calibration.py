@@ -37,7 +37,7 @@ _NO_BOARD = "no board: no usable image of the board in their pose"
 _OFF_BOARD = "off the board"
 _FIXED = "next to a line that stays at one place of the image: a scratch or a reflection"
 _NO_PLANE = "their step's plane is not determined: fewer than two board poses, or one line"
-_WRONG = "wrong: far from the course of their stripe or from its plane"
+_WRONG = "wrong: far from their stripe centreline or from its light plane"
 _STILL = 1e-6  # rad, below which commanded angles say nothing of how the mirror turns
 _LINE = 0.02  # second over first spread of a step's points below which they lie on one line, and make no plane
 
@@ -461,9 +461,9 @@ def _on_mirror(check: MirrorCheck | None):
     if check is None:
         return []
     first = (
-        f"one mirror with {len(check.fitted)} numbers instead of free planes: chi-square grows by {check.excess:.0f} "
-        f"on {check.degrees} degrees of freedom (probability {check.probability:.2g} for a true mirror), planes differ "
-        f"by {check.difference_mm:.5f} mm RMS, expected {check.expected_mm:.5f} mm; {check.verdict}"
+        f"one mirror ({len(check.fitted)} parameters) instead of independent light planes: chi-square increases by "
+        f"{check.excess:.0f} with {check.degrees} degrees of freedom (p = {check.probability:.2g} for a true mirror); "
+        f"the planes differ by {check.difference_mm:.4f} mm RMS, by chance {check.expected_mm:.4f} mm; {check.verdict}"
     )
     return [first, *check.sentences]
 

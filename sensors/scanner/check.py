@@ -53,9 +53,9 @@ class LeftOut:
     @property
     def sentence(self) -> str:
         return (
-            f"stripes of board poses left out, in {self.folds} folds: {self.rms_mm:.4f} mm from the light plane "
-            f"({self.rms_px:.3f} px along the scan line), {100 * self.share:.1f} % within three robust sigmas; "
-            f"{self.rms_all_mm:.4f} mm with all points"
+            f"held-out board poses, {self.folds} folds: RMS distance of stripe points from their light plane "
+            f"{self.rms_mm:.4f} mm ({self.rms_px:.3f} px along the scan line) of the {100 * self.share:.1f} % within "
+            f"three robust standard deviations, {self.rms_all_mm:.4f} mm of all points"
         )
 
 

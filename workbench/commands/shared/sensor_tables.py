@@ -13,8 +13,9 @@ _SENTENCES = 12  # largest number of different sentences on scans or images
 def camera(console, answer: Mapping) -> None:
     """Errors and parameters of a camera; `answer`: the object of `camera --json`."""
     title = (
-        f"{answer['recording']}: {answer['views']} images, RMS distance {number(answer['rms_px'])} px (OpenCV), "
-        f"{number(answer['rms_coordinate_px'])} px per coordinate"
+        f"{answer['recording']}: camera from {answer['views']} images; RMS reprojection error "
+        f"{number(answer['rms_px'])} px (2-D distance, as in OpenCV), {number(answer['rms_coordinate_px'])} px per "
+        "coordinate"
     )
     std = answer["std"]
     rows = [

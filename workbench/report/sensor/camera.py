@@ -31,8 +31,8 @@ def page(run: CameraRun) -> Page:
     calibration = run.calibration
     held_out = calibration.held_out
     numbers = [
-        ("RMS per coordinate", rounded(calibration.rms_coordinate_px), "px"),
-        ("RMS distance (OpenCV)", rounded(calibration.rms_px), "px"),
+        ("RMS reprojection error per coordinate", rounded(calibration.rms_coordinate_px), "px"),
+        ("RMS reprojection error (2-D, as in OpenCV)", rounded(calibration.rms_px), "px"),
         (
             "focal length",
             _with_sigma(calibration.camera.fx, calibration.std.get("camera.fx")),
@@ -40,7 +40,7 @@ def page(run: CameraRun) -> Page:
         ),
     ]
     if held_out:
-        numbers.append(("held-out RMS distance", rounded(held_out.halved_rms_px), "px"))
+        numbers.append(("held-out RMS reprojection error", rounded(held_out.halved_rms_px), "px"))
     return Page(
         "Camera calibration",
         run.recording.title or run.recording.name,
