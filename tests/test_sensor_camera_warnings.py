@@ -47,6 +47,17 @@ def test_a_misprinted_row_of_the_board_is_named(seed):
     assert "row 3 of its points (y = 10 mm) by 0.0" in said and " mm in x and 0.0" in said
 
 
+def test_a_row_so_far_off_that_its_corners_pass_for_blunders_is_named_too():
+    displaced = BOARD.points.copy()
+    displaced[1, displaced[1] == np.unique(displaced[1])[3]] += 0.4
+    (said,) = warned(2, displaced)
+    assert "The board errs: the images show row 4 of its points (y = 15 mm) by 0." in said
+    assert "contradict all others and are left out" in said
+    displaced[1] = BOARD.points[1] + 0.4 * (BOARD.points[1] == np.unique(BOARD.points[1])[5])
+    refused, said = warned(1, displaced)
+    assert refused.startswith("DO NOT USE") and "row 6 of its points (y = 25 mm) by" in said
+
+
 def test_displaced_lines_have_their_size_and_are_silent_where_no_line_is_displaced():
     """Six points on two rows: size and standard uncertainty are those of least squares."""
     random, design = np.random.default_rng(3), np.random.default_rng(4).normal(size=(400, 14))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sensors.camera.adjust import PARALLEL, adjusted, tilts
+from sensors.camera.adjust import PARALLEL, Adjusted, adjusted, tilts
 from sensors.camera.checks import (
     FieldMap,
     Halves,
@@ -20,11 +20,12 @@ from sensors.camera.checks import (
 )
 from sensors.camera.corners import Corners
 from sensors.camera.curvature import Curved, curved
+from sensors.camera.displaced_lines import DisplacedLine
 from sensors.camera.focal_scatter import FocalScatter, focal_scatter
-from sensors.camera.misfit import Misfit, bundle_misfit
+from sensors.camera.misfit import Misfit, bundle_misfit, lines_left_out
 from sensors.camera.model import Camera
 from sensors.camera.shared import UNLIKELY, LensMap, PrintErrors, lens_map, print_errors
-from sensors.camera.start import MODELS, placement_groups
+from sensors.camera.start import MODELS, corner_chain, placement_groups
 from sensors.camera.suspect_views import FAR
 from sensors.effects.artefact import BoardBow
 from workbench.core.effect import Effect
@@ -61,8 +62,9 @@ class CameraCalibration:
     `fit` of the bundle and the `chain` of corners (sorted by board pose) at its solution; `views` that
     were used, `rejected` those that were not, `left_out` how many corners of a image, by its name;
     `undetermined` and `remarks` sentences; `printed` errors of the board's corners, `lens` what the
-    model leaves of it, `curved` where sigmas do not hold, `focal` whether the focal length is constant; the checks,
-    None where there are too few board poses. RMS are of the residuals of all corners used, none weighted down.
+    model leaves of it, `curved` where sigmas do not hold, `focal` whether the focal length is constant;
+    `left_out_lines` of the board, whose corners contradict all others; the checks, None where there are too few board
+    poses. RMS are of the residuals of all corners used, none weighted down.
     """
 
     camera: Camera
@@ -82,6 +84,13 @@ class CameraCalibration:
     held_out: HeldOut | None = None
     halves: Halves | None = None
     focal: FocalScatter | None = None
+    left_out_lines: tuple[DisplacedLine, ...] = ()
+
+    @property
+    def displaced_lines(self) -> tuple[DisplacedLine, ...]:
+        """Lines of the board that are displaced beyond doubt, in the fit or left out of it."""
+        shared = self.shared is not None and self.shared.significant
+        return (*(self.shared.errors.lines if shared else ()), *self.left_out_lines)
 
     @property
     def parameters(self) -> Parameters:
@@ -227,6 +236,9 @@ def calibrate_camera(
         lens=lens_map(part.chain, part.fit, printed),
         curved=curved(part.chain, part.fit, effects),
         focal=focal_scatter(part.chain, part.fit, effects),
+        left_out_lines=lines_left_out(
+            _every_corner(part, board, size, model), part.chain, part.fit, effects
+        ),
     )
     if folds:
         known = part.fit.parameters
@@ -240,6 +252,13 @@ def calibrate_camera(
         undetermined=tuple(_undetermined(calibration)),
         remarks=tuple(_remarks(calibration, folds)),
     )
+
+
+def _every_corner(part: Adjusted, board, size, model) -> Corners:
+    """All corners of the images in a fit, also those that were left out, at its solution and of its usual sigma."""
+    chain = corner_chain(part.views, board, size, model)
+    sigma = np.full((2, 1), np.median(part.chain.sigma))
+    return replace(chain.moved(part.chain.camera, part.chain.poses), sigma=sigma)
 
 
 def _height(board, values, covariance):

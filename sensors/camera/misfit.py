@@ -1,11 +1,12 @@
 """What errors shared by the corners of many images add to the covariance of a camera."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sensors.camera.corners import Corners
+from sensors.camera.displaced_lines import DisplacedLine
 from sensors.camera.shared_effects import shared_effects
 from sensors.camera.shared_errors import (
     CornerRows,
@@ -18,6 +19,8 @@ from sensors.effects.artefact import BoardBow
 from workbench.core.effect import Effect
 from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.model import Model
+
+_FEWEST_IMAGES = 3  # in most of which a point has to be far off, to be wrong itself
 
 
 @dataclass(frozen=True)
@@ -41,23 +44,8 @@ class Misfit:
 
 def bundle_misfit(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> Misfit:
     """Of the corners at the solution of a bundle."""
-    model = Model(chain, tuple(effects))
-    evaluation = model.evaluate(fit.parameters)
     free = fit.parameters.mask
-    table = np.empty((int(free.sum()), *evaluation.residual.shape))
-    shared = model.fill_rows(evaluation, fit.parameters, table)
-    has_bow = any(isinstance(effect, BoardBow) for effect in effects)
-    by_board = evaluation.rows("target", np.arange(3))
-    # a field over the measured pixels would hold their noise, and explain it
-    expected = chain.pixels + evaluation.residual
-    rows = CornerRows(
-        shared,
-        evaluation.family_rows("placement"),
-        fit.residual[0],
-        chain.labels["placement"],
-        chain.labels["corner"],
-        shared_effects(chain.points, by_board, expected, chain.camera.size, has_bow),
-    )
+    rows = replace(_corner_rows(chain, fit, effects), residual=fit.residual[0])
     rows = scaled(rows, np.sqrt(fit.weights[0]) / chain.sigma)
     sigma = float(np.median(chain.sigma))
     errors = shared_errors(rows, fit.parameters.precision[free], sigma)
@@ -66,6 +54,50 @@ def bundle_misfit(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> 
     noise = min(errors.noise / fit.sigma_scale, 1.0)
     added = errors.covariance(influence) + noise**2 * fit.covariance
     return Misfit(errors, _at_least(added, fit.covariance))
+
+
+def lines_left_out(
+    whole: Corners, chain: Corners, fit: BundleFit, effects: Sequence[Effect]
+) -> tuple[DisplacedLine, ...]:
+    """Displaced lines of the board whose corners contradict all others, so that the fit was made without them.
+
+    whole: all corners of the images, at the solution; chain: those that were fitted. A blunder is one of a single
+    image. A point that is left out in most of the images that show it is printed at another place.
+    """
+    count = int(whole.labels["corner"].max()) + 1
+    of_whole, of_chain = (
+        one.labels["view"] * count + one.labels["corner"] for one in (whole, chain)
+    )
+    out, point = ~np.isin(of_whole, of_chain), whole.labels["corner"]
+    seen, lost = np.bincount(point), np.bincount(point, out)
+    of_board = ((seen >= _FEWEST_IMAGES) & (lost > seen / 2))[point]
+    if not of_board.any():
+        return ()
+    usable = whole.at(~out | of_board)
+    rows = scaled(_corner_rows(usable, fit, effects), 1 / usable.sigma)
+    sigma = float(np.median(usable.sigma))
+    errors = shared_errors(rows, fit.parameters.precision[fit.parameters.mask], sigma)
+    return errors.lines if errors.significant else ()
+
+
+def _corner_rows(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> CornerRows:
+    """Of corners (px) at the parameters of a fit, which these corners need not have been in."""
+    model = Model(chain, tuple(effects))
+    evaluation = model.evaluate(fit.parameters)
+    table = np.empty((int(fit.parameters.mask.sum()), *evaluation.residual.shape))
+    shared = model.fill_rows(evaluation, fit.parameters, table)
+    has_bow = any(isinstance(effect, BoardBow) for effect in effects)
+    by_board = evaluation.rows("target", np.arange(3))
+    # a field over the measured pixels would hold their noise, and explain it
+    expected = chain.pixels + evaluation.residual
+    return CornerRows(
+        shared,
+        evaluation.family_rows("placement"),
+        evaluation.residual,
+        chain.labels["placement"],
+        chain.labels["corner"],
+        shared_effects(chain.points, by_board, expected, chain.camera.size, has_bow),
+    )
 
 
 def _at_least(covariance, least):

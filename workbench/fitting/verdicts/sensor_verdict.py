@@ -79,11 +79,16 @@ def camera_warnings(calibration) -> list[str]:
     """Why a camera or its stated uncertainty is not trustworthy, if it is not."""
     verdict = camera_verdict(calibration)
     if verdict.passed is not False:
-        return [*_focal(calibration), *_shared(calibration)]
+        return [
+            *_focal(calibration),
+            *_shared(calibration),
+            *_lines(calibration.left_out_lines, "; they contradict all others and are left out"),
+        ]
     return [
         f"{POOR_WORDS}: corners miss their predicted places by {verdict.residual:.3g} px, "
         f"{verdict.residual_over_noise:.3g} times their noise; check kind, columns and rows under [board], that all "
-        "images are of one camera with fixed focus, and that the board is flat"
+        "images are of one camera with fixed focus, and that the board is flat",
+        *_lines(calibration.displaced_lines),
     ]
 
 
@@ -181,6 +186,14 @@ def _focal(calibration) -> list[str]:
         else ""
     )
     return [f"{DOUBT_WORDS}: {focal.sentence}{other}"]
+
+
+def _lines(lines, more: str = "") -> list[str]:
+    """A warning on rows or columns of the board that are displaced; more: what is said of their corners."""
+    if not lines:
+        return []
+    said = ", ".join(line.sentence for line in lines)
+    return [f"The board errs: the images show {said}{more}. Measure or replace the board"]
 
 
 def _shared(calibration) -> list[str]:

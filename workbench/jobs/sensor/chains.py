@@ -91,7 +91,7 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
     stripes = _stripes(recording, camera, progress, profiles)
     if stripes is None:
         names = tuple(camera.placements)
-        return noisy(Chains(camera.chain, placements=names, lines=_displaced(camera)))
+        return noisy(Chains(camera.chain, placements=names, lines=camera.displaced_lines))
     calibration = calibrate_scanner(
         camera.views,
         stripes,
@@ -116,17 +116,11 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
     return noisy(
         replace(
             chains,
-            lines=_displaced(camera),
+            lines=camera.displaced_lines,
             dependence=calibration.dependence,
             line_doubts=line_warnings,
         )
     )
-
-
-def _displaced(camera) -> tuple[DisplacedLine, ...]:
-    """Lines of the board that are displaced beyond doubt."""
-    is_shared = camera.shared is not None and camera.shared.significant
-    return camera.shared.errors.lines if is_shared else ()
 
 
 def _stripes(recording, camera, progress, profiles: list[Profiles]):
