@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robot_model.effects import CATALOGUE
-from robot_model.effects.curve import JointCurve, dominant_cycles, periodic_share
+from robot_model.effects.curve import JointCurve, dominant_cycles, periodic_share, reading_scale
 from test_diagnosis_engine import recorded
 from test_load_changes import COMPLIANCES, INSTANT, LOAD_KG, MOMENT
 from test_real_arm_effects import without_masses
@@ -107,6 +107,28 @@ def test_the_spectrum_of_a_joint_curve_is_in_the_answer_and_its_cycles_in_the_se
     assert spectrum["cycles"][0]["amplitude"] == pytest.approx(2e-4, rel=0.1)
     said = re.match(r"RMS (\S+) mrad, cycles per revolution: 17\S* \((\S+) mrad\)", figures(rows))
     assert said and float(said[1]) == pytest.approx(np.sqrt(0.5) * float(said[2]), rel=0.1)
+
+
+def test_a_straight_curve_is_a_reading_in_a_wrong_scale():
+    effect, coefficients = curve(lambda q: 4e-3 * q)
+    bench = bench_of(recorded(5, (effect,), coefficients))
+    rows = bench.parameters((effect,))
+    made = Finding(effect.effect, effect.where, "", (effect,), 1e-9, 1.0, 1.0, 1.0)
+    scale = _effect(Term(made, parameters=rows), "mm")["spectrum"]["reading_scale"]
+    assert 0 < scale["std"] < 1e-3
+    # the series is flat at the ends of its domain, which these readings reach: 3 % of the slope
+    assert scale["factor"] == pytest.approx(1 / 1.004, abs=2e-4)
+    assert re.search(r"the reading is 0\.99\S+ ± \S+ times the motion of the joint", figures(rows))
+
+
+@pytest.mark.parametrize(
+    "law", [lambda q: 4e-4 * q, lambda q: 4e-3 * np.sin(3 * q), lambda q: 4e-3 * np.abs(q)]
+)
+def test_other_curves_state_no_scale(law):
+    effect, coefficients = curve(law)
+    angle = np.linspace(effect.start, effect.end, 200)
+    laws, covariance = effect.cosines(angle), np.eye(effect.terms)
+    assert reading_scale(laws, coefficients, covariance, angle) is None
 
 
 def test_of_many_parameters_only_significant_ones_are_listed():

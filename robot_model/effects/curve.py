@@ -30,6 +30,9 @@ _TYPICAL = {"rad": 3e-4, "mm": 0.02}
 _WIDEST = 3.0  # typical sizes: what a term may be, 1 sigma
 _GRID = 4096
 _LEFT = 0.05  # share of a curve's variance below which further cycles are not stated
+LEAST_SCALE = 1e-3
+"""Slope from which a straight error is a reading in a wrong scale: over less than a radian, gears, encoders and gravity
+make slopes of some 0.1 mrad/rad."""
 _MOST_PER_MOTOR = 4  # cycles per revolution of a motor that gears and encoders make
 _REPEATS = 2  # periods on the visited angles from which on a sinusoid repeats
 _OVERSAMPLING = 8  # candidate orders per cycle over the domain
@@ -174,6 +177,33 @@ def periodic_share(effect: JointCurve, coefficients: np.ndarray, cycles: list[Cy
     basis = np.stack(columns, 1)
     remainder = error - basis @ np.linalg.lstsq(basis, error, rcond=None)[0]
     return float(np.clip(1 - remainder.var() / max(error.var(), 1e-300), 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class ReadingScale:
+    """A joint reading is `factor` times the motion of its joint, with the standard deviation `std` of this factor."""
+
+    factor: float
+    std: float
+
+
+def reading_scale(
+    laws: np.ndarray, coefficients: np.ndarray, covariance: np.ndarray, angle: np.ndarray
+) -> ReadingScale | None:
+    """The scale of a reading whose error is a straight line on the visited angles (n,); None for every other error.
+
+    laws (k, n): all terms of the error of a joint that are functions of its own angle, with coefficients (k,) and their
+    covariance (k, k). The line leaves at most 5 % of the variance of the error.
+    """
+    centred = angle - angle.mean()
+    weights = laws @ centred / max(float(centred @ centred), 1e-300)
+    slope = float(weights @ coefficients)
+    error = coefficients @ laws
+    beyond = error - error.mean() - slope * centred
+    if abs(slope) < LEAST_SCALE or beyond.var() > _LEFT * error.var():
+        return None
+    factor = 1 / (1 + slope)
+    return ReadingScale(factor, factor**2 * float(np.sqrt(weights @ covariance @ weights)))
 
 
 def _grid(effect: JointCurve) -> np.ndarray:
@@ -322,5 +352,6 @@ __all__ = [
     "describe_curves",
     "dominant_cycles",
     "periodic_share",
+    "reading_scale",
     "resolved_terms",
 ]

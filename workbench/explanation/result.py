@@ -258,7 +258,13 @@ def _spectrum(term: Term) -> dict | None:
         "cycles": [dict(zip(names, cycle)) for cycle in row["cycles"]],
         "periodic_share": row["periodic_share"],
         "curve_rms": row["curve_rms"],
+        "reading_scale": _scale(row.get("reading_scale")),
     }
+
+
+def _scale(scale: tuple[float, float] | None) -> dict | None:
+    """Factor of a reading whose error is a straight line, with its standard deviation."""
+    return None if scale is None else dict(zip(("factor", "std"), scale))
 
 
 def options_of(effects) -> dict:

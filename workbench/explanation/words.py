@@ -249,6 +249,12 @@ def _spectrum(row: Mapping, harmonics: Sequence[Mapping] = ()) -> str:
     """
     unit = row["unit"]
     size = f"RMS {measured(row['curve_rms'], None, unit)}"
+    if "reading_scale" in row:
+        factor = with_std(*row["reading_scale"])
+        return (
+            f"{size}, a straight line: the reading is {factor} times the motion of the joint; correct the counts per "
+            "degree or the gear constant"
+        )
     if row["periodic_share"] < MAJORITY:
         return f"{size}, not periodic on the visited angles"
     per = "per revolution" if unit == "rad" else "per mm"

@@ -270,7 +270,28 @@ def _copied(table: RawTable, measured: tuple[str, ...]) -> dict[str, str]:
         if header.kind in _COPIED and header.kind not in kept.values():
             if _fits(table, name, header):
                 kept[name] = header.kind
-    return kept
+    if measured or "pair" in kept.values():
+        return kept
+    return kept | _pairs(table, kept)
+
+
+def _pairs(table: RawTable, kept: dict[str, str]) -> dict[str, str]:
+    """The column that numbers or names the two rows of each length, whatever its header: {name: "pair"}, or {}.
+
+    Every value stands in two rows, and these have one length.
+    """
+    lengths = [name for name, target in kept.items() if target == "length_mm"]
+    if len(lengths) != 1:
+        return {}
+    found = []
+    for name, cells in table.columns.items():
+        _, label, count = np.unique(cells, return_inverse=True, return_counts=True)
+        if name in kept or len(count) < 2 or not (count == 2).all():
+            continue
+        ordered = table.columns[lengths[0]][np.argsort(label, kind="stable")].reshape(-1, 2)
+        if (ordered[:, 0] == ordered[:, 1]).all():
+            found.append(name)
+    return {found[0]: "pair"} if len(found) == 1 else {}
 
 
 def _fits(table: RawTable, name: str, header: Header) -> bool:

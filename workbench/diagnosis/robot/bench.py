@@ -28,6 +28,7 @@ from workbench.diagnosis.robot.derived import (
     deflection_row,
     mass_rows,
     reflector_rows,
+    scale_of_reading,
     spectrum,
     variation_mm,
     with_estimated_options,
@@ -401,7 +402,9 @@ class RobotBench(Bench):
             if span.start in masses:
                 rows.append(masses[span.start])
             if isinstance(effect, JointCurve):
-                rows[-effect.terms] |= spectrum(effect, values[span], self.chain)
+                first_row = rows[-effect.terms]
+                first_row |= spectrum(effect, values[span], self.chain)
+                first_row |= scale_of_reading(model, values, full_covariance, effect)
             rows += reflector_rows(effect, values[span], full_covariance[span, span], self.chain)
             deflected = deflection_row(
                 effect, values[span], full_covariance[span, span], self.chain

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robot_model.effects.curve import JointCurve, dominant_cycles, periodic_share
+from robot_model.effects.curve import JointCurve, dominant_cycles, periodic_share, reading_scale
 from robot_model.effects.load import LoadDeflection
 from robot_model.effects.load_mass import load_masses
 from robot_model.effects.steps import Shift
@@ -208,6 +208,24 @@ def linear_values(
     of_port = rows(effect.port, effect.port_indices(chain))
     contribution = rows.joined(np.einsum("kn,kmn->mn", effect.delta(p, state), of_port))
     return least_squares(columns, contribution.ravel())
+
+
+def scale_of_reading(model, values: np.ndarray, covariance: np.ndarray, curve: JointCurve) -> dict:
+    """The scale of a joint's reading where its error, of all terms of its own angle, is a straight line; else {}.
+
+    Over less than a revolution a curve and a harmonic of low order nearly cancel, and only their sum has a meaning.
+    """
+    own = [
+        (effect, np.arange(span.start, span.stop))
+        for effect, span in zip(model.effects, model.spans)
+        if (effect.port, effect.where) == ("joint", curve.where)
+        and tuple(effect.reads) == curve.reads
+    ]
+    laws = np.concatenate([effect.basis(model.chain.state)[:, 0] for effect, _ in own])
+    chosen = np.concatenate([numbers for _, numbers in own])
+    angle = model.chain.variables[curve.number - 1]
+    scale = reading_scale(laws, values[chosen], covariance[np.ix_(chosen, chosen)], angle)
+    return {} if scale is None else {"reading_scale": (scale.factor, scale.std)}
 
 
 def spectrum(effect: JointCurve, coefficients: np.ndarray, chain) -> dict:

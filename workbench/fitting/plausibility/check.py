@@ -61,7 +61,9 @@ def _fit_suspicions(robot, recording, fit: Fit, scale_of_good_fit) -> list[Suspi
     if fit.core > scale_of_good_fit:
         fit = _converged(robot, recording, fit)
     if fit.core > scale_of_good_fit:
-        return list(_badly_fitting(robot, recording, fit, scale_of_good_fit))
+        return list(_badly_fitting(robot, recording, fit, scale_of_good_fit)) or small_mistakes(
+            robot, recording, fit
+        )
     if np.abs(fit.deviations).max(initial=0.0) > FAR:
         # the data fit, but only with a geometry that no arm has: another explanation may need none of it
         found = explained_suspicions(robot, recording, fit, scale_of_good_fit)

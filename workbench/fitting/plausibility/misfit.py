@@ -20,6 +20,7 @@ from workbench.fitting.plausibility.fitting import (
     reach_of,
 )
 from workbench.fitting.plausibility.hypotheses.corrections import observed_columns
+from workbench.fitting.plausibility.reading_scales import scaled_readings
 from workbench.fitting.plausibility.sampling import even_rows
 from workbench.fitting.plausibility.search import CLOSE, Explanation, search_further, search_singles
 from workbench.fitting.plausibility.suspicion import Suspicion
@@ -51,7 +52,8 @@ def misfit_suspicions(
     recorded: fit of the data as they are. good: scale in mm of a good fit.
     """
     search = search_singles(robot, recording)
-    found = _accepted(search.explanations, recorded, scale_of_good_fit)
+    explanations = (*search.explanations, *_scaled(robot, recording))
+    found = _accepted(explanations, recorded, scale_of_good_fit)
     if not found:
         wrong_geometry = _wrong_geometry(robot, recording, recorded, scale_of_good_fit)
         if wrong_geometry is not None:
@@ -114,8 +116,14 @@ def explained_suspicions(
     robot, recording, recorded: Fit, scale_of_good_fit: float
 ) -> list[Suspicion]:
     """The best single correction that explains the data better than the recorded data do, or nothing."""
-    found = _accepted(search_singles(robot, recording).explanations, recorded, scale_of_good_fit)
+    explanations = search_singles(robot, recording).explanations
+    found = _accepted((*explanations, *_scaled(robot, recording)), recorded, scale_of_good_fit)
     return [_explained(robot, recording, recorded, found, scale_of_good_fit)] if found else []
+
+
+def _scaled(robot, recording) -> list[Explanation]:
+    """The columns of readings that are in a wrong scale."""
+    return [Explanation(one.correction, one.fit) for one in scaled_readings(robot, recording)]
 
 
 def _explained(robot, recording, recorded, found, scale_of_good_fit) -> Suspicion:

@@ -15,6 +15,7 @@ from workbench.fitting.plausibility.fitting import Fit, fit_recording, nominal_s
 from workbench.fitting.plausibility.hypotheses.corrections import Correction
 from workbench.fitting.plausibility.hypotheses.joint_corrections import joint_corrections
 from workbench.fitting.plausibility.misfit import rank
+from workbench.fitting.plausibility.reading_scales import scaled_readings
 from workbench.fitting.plausibility.sampling import even_rows
 from workbench.fitting.plausibility.search import CLOSE, SIGN, screen
 from workbench.fitting.plausibility.suspicion import Suspicion
@@ -60,7 +61,7 @@ def small_mistakes(robot, recording, recorded: Fit) -> list[Suspicion]:
         return []
     found = [
         alternative
-        for alternative in alternatives(robot, recording)
+        for alternative in (*alternatives(robot, recording), *_scaled(robot, recording))
         if _explains(alternative, noise)
     ]
     if not found:
@@ -111,6 +112,16 @@ def alternatives(robot, recording) -> list[Alternative]:
             continue
         judged.append(Alternative(correction, fit, recorded))
     return judged
+
+
+def _scaled(robot, recording) -> list[Alternative]:
+    """The columns of readings that are in a wrong scale."""
+    scales = scaled_readings(robot, recording)
+    if not scales:
+        return []
+    chosen = recording.select(even_rows(recording, _ROWS))
+    recorded = fit_recording(robot, chosen, steps=_STEPS)
+    return [Alternative(scale.correction, scale.fit, recorded) for scale in scales]
 
 
 def _is_moving(recording, correction) -> bool:

@@ -8,6 +8,7 @@ from datasets.columns import joint_columns
 from datasets.duplicates import first_of_equal_rows
 from datasets.trust import accepted_by_option, naming_option
 from robot_model.chain import forward
+from robot_model.measurements import samples_of
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility import check_plausibility
@@ -17,6 +18,7 @@ from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.fitting.plausibility.wording import listed
 from workbench.recordings.importing.fits import CandidateFit, compare_readings
 
+_SHIFTED = "rows-shifted"
 _EXTERNAL = ("external-point", "external-pose")
 _LEAST_MM, _MOST_MM = 0.003, 0.03
 _ROUNDING_FACTOR = 1.5
@@ -32,6 +34,10 @@ def check_fit(
     fits: of the readings that were compared, empty where nothing had to be decided. trust_data: a misfit is a warning.
     lines (n,): row of the user's table that each sample was read from.
     """
+    whole, recording = recording, samples_of(recording)
+    # the two rows of a length are one sample
+    place = {sample: row for row, sample in enumerate(whole.sample_ids.tolist())}
+    of_sample = lines[[place[sample] for sample in recording.sample_ids.tolist()]]
     best = fits[0] if fits else None
     if best is None:
         compared = compare_readings(robot, [("as mapped", recording)])
@@ -39,8 +45,8 @@ def check_fit(
     if best is not None and best.is_good:
         said = _calculated_points(robot, recording, trust_data)
         far = _far_geometry(robot, recording, trust_data)
-        rows = _implausible_rows(robot, recording, lines)
-        return (*said, *far, *rows, *_copied_rows(recording, lines))
+        rows = _implausible_rows(robot, recording, of_sample, trust_data)
+        return (*said, *far, *rows, *_copied_rows(whole, lines))
     found = check_plausibility(robot, recording)
     sentence = found[0].sentence if found else _sentence(robot, best)
     if best is None and not found:
@@ -50,9 +56,18 @@ def check_fit(
     return (accepted_by_option(sentence),)
 
 
-def _implausible_rows(robot: Robot, recording, lines: np.ndarray) -> tuple[str, ...]:
-    """Sentences on what `check_plausibility` finds in a recording most of whose rows fit, with the user's rows."""
+def _implausible_rows(
+    robot: Robot, recording, lines: np.ndarray, trust_data: bool
+) -> tuple[str, ...]:
+    """Sentences on what `check_plausibility` finds in a recording most of whose rows fit, with the user's rows.
+
+    Raises InputError where rows hold the measurements of their neighbours: whole poses are then wrong, and no row alone
+    is a blunder. trust_data: that is a warning, too.
+    """
     found = check_plausibility(robot, recording)
+    shifted = [one for one in found if one.cause == _SHIFTED]
+    if shifted and not trust_data:
+        raise InputError(naming_option(_with_lines(shifted[0], recording, lines)))
     return tuple(
         _with_lines(suspicion, recording, lines)
         for suspicion in found

@@ -364,6 +364,13 @@ def _without_joints(table: RawTable, mapping: Mapping) -> str:
 
 
 def _without_measurement(table: RawTable, mapping: Mapping) -> str:
+    lengths = [name for name, target in mapping.columns.items() if target == "length_mm"]
+    if lengths:
+        return (
+            f"{table.file}: expected each length (column {lengths[0]}) in two rows, with the joint readings at its two "
+            'ends and with one number in a column pair, as measures = "distance" has them, found no such column; write '
+            "the table so, or add [point] columns if it also has measured points."
+        )
     read = () if mapping.joints is None else mapping.joints.columns
     shown = ", ".join([name for name in table.columns if name not in read][:16])
     return (
