@@ -68,6 +68,15 @@ def test_residuals_are_those_of_the_stated_errors(runs, tmp_path):
     np.testing.assert_allclose(found.to_frame()["distance_mm"], distances)
 
 
+def test_a_noise_that_the_diagnosis_found_is_that_of_recordings_that_state_the_same(runs, tmp_path):
+    stated = wb.evaluate(runs / "run", str(runs / "second"), no_report=True).verdict
+    keys = json.loads((runs / "run" / "solution.json").read_text())
+    (tmp_path / "solution.json").write_text(json.dumps(keys | {"noise_factor": 3.0}))
+    found = wb.evaluate(tmp_path, str(runs / "second"), no_report=True).verdict
+    assert "times 3 as the diagnosis found" in found.sentence
+    assert 2 < found.noise / stated.noise < 3.01
+
+
 def test_an_instrument_that_was_moved_is_said_and_refitted_on_request(runs):
     fixed = wb.evaluate(runs / "run", str(runs / "moved"), no_report=True)
     assert fixed.error.rms_mm > 100

@@ -17,6 +17,7 @@ from robot_model.effects import CATALOGUE
 from workbench.core.errors import InputError
 from workbench.core.solution import Stage
 from workbench.explanation.considered_terms import considered_terms
+from workbench.explanation.noise import stated_noise
 from workbench.explanation.result import Diagnosis
 from workbench.files.solution_file import NAME as SOLUTION
 from workbench.files.solution_file import robot_keys, solution_keys
@@ -120,6 +121,7 @@ def write_model(
         return ModelFiles(PLAN, left_out=(*without, f"no solution.json: {problem}"))
     _write_plan(diagnosis, stages, folder)
     keys = solution_keys(calibration) | {"diagnosis_std": estimated_std(diagnosis.terms)}
+    keys |= _found_noise(diagnosis, keys["noise_rms_mm"])
     try:
         considered = considered_terms(diagnosis.refused, calibration, stages, _row)
     except InputError as problem:
@@ -133,6 +135,15 @@ def write_model(
     missing = (f"no scene.toml: {why}",) if why else ()
     held_out = calibration.held_out["rms_mm"]
     return ModelFiles(PLAN, SOLUTION, None if why else SCENE, held_out, (*without, *missing))
+
+
+def _found_noise(diagnosis: Diagnosis, stated_rms: float | None) -> dict:
+    """Keys of a solution.json on a noise that the diagnosis found instead of the stated one; none elsewhere."""
+    is_wrong = any(term.finding.effect == stated_noise.EFFECT for term in diagnosis.terms)
+    if not is_wrong or not stated_rms:
+        return {}
+    noise = {"rms_mm": diagnosis.proof.noise, "source": diagnosis.proof.noise_from}
+    return {"noise": noise, "noise_factor": diagnosis.proof.noise / stated_rms}
 
 
 def estimated_std(terms) -> dict[str, float]:

@@ -69,6 +69,7 @@ _COEFFICIENTS = (
     12  # parameters of a law from which on single ones say nothing: those of a polynomial
 )
 _MASSES = "_mass_"  # in the name of a law's number for a first moment
+_OTHER_JOINT, _MOVER = "joint J", re.compile(r"from (joint \d+)")
 _PART = "A part of the machine"  # in the sentence of an effect that may sit anywhere
 
 
@@ -109,7 +110,10 @@ def law(effect: str, where: str, label: str = "", kind: type | None = None) -> s
         .rstrip(".")
         .replace(_PART, _capital(place(where)))
     )
-    is_said = label.removeprefix("of its ").strip() in sentence
+    mover = _MOVER.fullmatch(label)
+    if _OTHER_JOINT in sentence:  # the label says which one it is
+        sentence = sentence.replace(_OTHER_JOINT, mover[1] if mover else "another joint")
+    is_said = label.removeprefix("of its ").strip() in sentence or (mover and mover[1] in sentence)
     return _placed(sentence, where) + (f" ({label})" if label and not is_said else "")
 
 
