@@ -21,23 +21,14 @@ from workbench.files.solution_file import CalibratedArm
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.cross_validation import error_summary
 from workbench.fitting.plausibility.fitting import base_and_tool, tool_patterns
-from workbench.fitting.verdicts.verdict import (
-    STATED,
-    Noise,
-    Residual,
-    Tolerance,
-    Verdict,
-    combine,
-    judge,
-)
+from workbench.fitting.verdicts.verdict import Noise, Residual, Tolerance, Verdict, combine, judge
 from workbench.jobs.robot.compensate import covariates_read
+from workbench.jobs.robot.model_error import noise_factor, stated_source
 from workbench.jobs.robot.session_clock import clock_warning, is_same_recording, on_session_clock
 
 REFITS = ("none", "base", "tool", "base-and-tool")
 """What is estimated again on the recording: where the instrument stands, what is on the flange, or both."""
 _BINS = 3
-_SAME_SIGMA = 0.01  # relative difference up to which two recordings state the same noise
-_FOUND = "stated, times {factor:.3g} as the diagnosis found"
 _MOVED_LEVEL = 1e-3
 """Chance of the better fit with another base and tool from which on neither has moved."""
 _MATERIAL = 1.25
@@ -231,24 +222,16 @@ class Evaluated:
         squares = rms**2 * samples * degrees / count
         is_significant = bool((squares - mean) / max(spread, 1e-300) > _SIGNIFICANT)
         expected = float(np.sqrt(mean / samples * count / degrees))
-        source = STATED if self._noise_factor == 1 else _FOUND.format(factor=self._noise_factor)
-        return Noise(expected, f"{source}, with the uncertainty of the calibration"), is_significant
-
-    @property
-    def _noise_factor(self) -> float:
-        """Noise that a diagnosis found over the stated one, where this recording states the same; 1 elsewhere."""
-        factor, known = self.arm.keys.get("noise_factor"), self.arm.keys.get("noise_rms_mm")
-        if not factor or not known:
-            return 1.0
-        stated = float(np.sqrt(3 * np.mean(np.square(self.recording.sigma))))
-        return float(factor) if np.isclose(stated, known, rtol=_SAME_SIGMA) else 1.0
+        source = f"{stated_source(self.arm, self.recording.sigma)}, with the uncertainty of the calibration"
+        return Noise(expected, source), is_significant
 
     def _expected_squares(self, degrees: int) -> tuple[float, float]:
         """Mean and standard deviation of a sum of squares (mm^2) of noise with k degrees of freedom and of parameters.
 
         k s^2 + tr S and sqrt(2 (k s^4 + 2 s^2 tr S + tr S^2)), with the noise s of a coordinate and S = J C J'.
         """
-        variance = self._noise_factor**2 * float(np.mean(np.square(self.recording.sigma)))
+        sigma = noise_factor(self.arm, self.recording.sigma) * self.recording.sigma
+        variance = float(np.mean(np.square(sigma)))
         parameters = float(np.trace(self.parameter_spread))
         both = float(np.sum(self.parameter_spread * self.parameter_spread.T))
         spread = np.sqrt(2 * (degrees * variance**2 + 2 * variance * parameters + both))

@@ -9,9 +9,10 @@ import numpy as np
 from workbench.core.distributions import chi2
 from workbench.files.solution_file import CalibratedArm
 from workbench.fitting.discrepancy import expected_discrepancy
-from workbench.fitting.verdicts.verdict import REPLICATES, Noise
+from workbench.fitting.verdicts.verdict import REPLICATES, STATED, Noise
 
 _LEVEL = 0.001
+_SAME_SIGMA = 0.01  # relative difference up to which two recordings state the same noise
 _THREE_COORDINATES = ("external-point", "external-pose")
 _MEASURED_POINTS = (*_THREE_COORDINATES, "ball-centre")
 
@@ -116,4 +117,29 @@ def _is_refuted(arm: CalibratedArm, noise: float) -> bool:
     return bool(chi2.cdf(degrees * (arm.held_out_mm / noise) ** 2, degrees) < _LEVEL)
 
 
-__all__ = ["KnownNoise", "known_noise", "model_error_mm", "remaining_error_mm"]
+def noise_factor(arm: CalibratedArm, sigma: np.ndarray) -> float:
+    """Noise that a diagnosis found over the stated one, for a recording that states the same; 1 elsewhere.
+
+    sigma: mm, what another recording states for each coordinate.
+    """
+    factor, known = arm.keys.get("noise_factor"), arm.keys.get("noise_rms_mm")
+    if not factor or not known:
+        return 1.0
+    stated = math.sqrt(3 * float(np.mean(np.square(sigma))))
+    return float(factor) if math.isclose(stated, known, rel_tol=_SAME_SIGMA) else 1.0
+
+
+def stated_source(arm: CalibratedArm, sigma: np.ndarray) -> str:
+    """How the noise of another recording is known, in words: as stated, or times what a diagnosis found."""
+    factor = noise_factor(arm, sigma)
+    return STATED if factor == 1 else f"{STATED}, times {factor:.3g} as the diagnosis found"
+
+
+__all__ = [
+    "KnownNoise",
+    "known_noise",
+    "model_error_mm",
+    "noise_factor",
+    "remaining_error_mm",
+    "stated_source",
+]
