@@ -19,8 +19,7 @@ from workbench.diagnosis.search.most_probable_set import _limit_variants
 from workbench.diagnosis.search.objective import ConditionalSolution, LogPosterior
 from workbench.diagnosis.search.options import accept_refined
 from workbench.diagnosis.search.posterior import Window
-from workbench.diagnosis.search.select import find, found_terms
-from workbench.diagnosis.search.start import start_from, without_samples
+from workbench.diagnosis.search.select import found_terms
 from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.search.stepwise import Stepwise
 
@@ -276,24 +275,3 @@ def test_a_random_walk_of_the_base_is_one_finding():
     assert [(f.effect, f.where, f.label) for f in terms] == [
         ("base-drift", "base", "as a random walk")
     ]
-
-
-def test_a_fold_starts_from_terms_without_the_samples_that_it_leaves_out():
-    """The instant of a slip inside the block left out is not handed over; a term that is not there is dropped."""
-    slip = law("zero-shift", "joint-1", after=2000.0)
-    bench = bench_of(recorded(31, slip, [3e-4], n=120))
-    found = find(bench)
-    (term,) = found.terms
-    assert term.source.rows.size == term.source.x.size == 0
-    time = bench.covariates["time"]
-    kept = (time < term.value - 300.0) | (time > term.value + 100.0)
-    fold = Search(bench, kept, 1e-3, lambda line: None)
-    start_from(fold, found.terms)
-    (started,) = fold.accepted
-    gap = time[kept & (time < term.value)].max(), time[kept & (time > term.value)].min()
-    assert started.effects[0].after == started.value == pytest.approx(np.mean(gap))
-    assert abs(started.value - term.value) > 50.0
-    wrong = next(h for h in fold.table((0,)) if h.effect == "joint-coupling")
-    for start in (found.terms, without_samples((wrong,)), ()):
-        (only,) = found_terms(bench, kept, start)
-        assert (only.effect, only.where) == ("zero-shift", "joint-1")

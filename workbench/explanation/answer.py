@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -338,8 +337,7 @@ def _searched(bench: Bench, say: _Reporter, jobs: int) -> tuple[Bench, Found, in
 
 def _proved(bench, found: Found, noise, say, jobs):
     """Terms that stay, terms refused, and the proof; both kinds with parameters and size."""
-    search = partial(found_terms, start=found.terms)
-    proved, retained, refused = proof.prove(bench, found, search, noise, say, jobs)
+    proved, retained, refused = proof.prove(bench, found, found_terms, noise, say, jobs)
     effects = [e for term in retained for e in term.finding.effects]
     rows = bench.parameters(effects, options=_estimated_options(retained))
     stay = tuple(_with_numbers(bench, term, effects, rows) for term in retained)

@@ -399,7 +399,6 @@ class Found:
     p-value that anything at all is missing; `p_remainder` that anything is left at the end. `located`:
     of the baseline's mismatch, and of what is left (`remainder`). `outliers`: (n,) bool. `noise_findings`:
     findings on the variance. `history`: lines that say what was tried and why.
-    `terms`: the accepted hypotheses without columns, from which the search inside a fold starts.
     """
 
     findings: tuple[Finding, ...]
@@ -412,4 +411,3 @@ class Found:
     outliers: np.ndarray
     noise_findings: tuple[Finding, ...] = ()
     history: tuple[str, ...] = field(default_factory=tuple)
-    terms: tuple = ()

@@ -42,7 +42,6 @@ from workbench.diagnosis.search.findings import (
 from workbench.diagnosis.search.most_probable_set import accept_most_probable_set
 from workbench.diagnosis.search.posterior import effect_posteriors, exchange_terms
 from workbench.diagnosis.search.prior import LAW_ERROR
-from workbench.diagnosis.search.start import start_from, without_samples
 from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.search.stepwise import LAW
 from workbench.diagnosis.validation.folds import MAX_TESTED_SAMPLES, thinned
@@ -71,34 +70,23 @@ def find(
     return bench.reviewed(_found(search), samples)
 
 
-def found_terms(
-    bench: Bench, samples: np.ndarray | None = None, start: Sequence[Hypothesis] = ()
-) -> list[Finding]:
-    """The terms of `find` alone, without probabilities, alternatives and noise: what a fold of a proof asks for.
-
-    start: terms of a search on other samples, from which this one starts.
-    """
+def found_terms(bench: Bench, samples: np.ndarray | None = None) -> list[Finding]:
+    """The terms of `find` alone, without probabilities, alternatives and noise: what a fold of a proof asks for."""
     search = Search(bench, samples, UNMODELLED_LEVEL, lambda text: None)
-    start_from(search, start)
+    search.solve()
     _accept_terms(search)
     exchange_terms(search)
     return with_special_cases([bare_finding(h) for h in search.accepted])
 
 
 def _accept_terms(search: Search) -> tuple[float, bool]:
-    """Accept the likeliest set with the noise of the samples; the p-value of no term, and whether a place moves.
-
-    A search that starts from terms has in them what is needed to judge the noise.
-    """
-    has_start = bool(search.accepted)
-    first = 1.0 if has_start else _test_and_search(search, thorough=False)
+    """Accept the likeliest set with the noise of the samples; the p-value of no term, and whether a place moves."""
+    first = _test_and_search(search, thorough=False)
     search.noise_factors = relative_noise(search.problem.conditional_on())
     if search.noise_factors is not None:
         # noise that grows with a covariate passes for a function of it
         search.log_step("the noise is not the same everywhere")
         first = _repeat_search(search)
-    elif has_start:
-        first = _test_and_search(search)
     elif search.accepted:
         accept_most_probable_set(search)
     moving = _prefer_random_effect(search)
@@ -154,7 +142,6 @@ def _found(search: Search) -> Found:
         outliers,
         data,
         tuple(search.history),
-        without_samples(search.accepted),
     )
 
 
