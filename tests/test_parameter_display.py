@@ -56,7 +56,7 @@ def test_sentence_counts_only_parameters_without_an_estimate(rows):
     assert f"{len(rows) - len(missing)} of {len(rows)} parameters are estimated" in said
     assert (
         f"{len(missing) - len(held)} are not identifiable" in said
-        and f"{len(held)} are held by the plan" in said
+        and f"{len(held)} are held fixed by the plan" in said
     )
     assert tables.unidentified([row for row in rows if row["identifiable"]]) == ""
 
