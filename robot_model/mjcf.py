@@ -1,4 +1,4 @@
-"""What an MJCF file (MuJoCo) says of an arm: bodies, joints, masses, limits and what moves them.
+"""Arm from an MJCF file (MuJoCo): bodies, joints, masses, limits and actuators.
 
 It is read as the tree of a URDF: a body is a link, a joint carries one link. No mesh is needed. A joint that no servo
 drives stands still at zero, where the file has servos. Ball and free joints are refused on the way to the flange;

@@ -1,4 +1,4 @@
-"""What the model knows of an arm before anything is measured."""
+"""Nominal description of an arm: geometry, limits, masses and gravity."""
 
 from dataclasses import dataclass
 

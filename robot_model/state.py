@@ -1,4 +1,4 @@
-"""What an effect may read: readings, torques, bending moments and covariates of n samples."""
+"""State that effects read: joint readings, torques, bending moments and covariates of n samples."""
 
 import re
 from collections.abc import Mapping

@@ -18,7 +18,7 @@ _MM = 1e-3
 
 @dataclass(frozen=True)
 class Levers:
-    """What some masses do, per unit direction of gravity.
+    """Torques and bending moments of some masses, per unit direction of gravity.
 
     `torque` (J, 3, n): its dot product with the direction of gravity is the torque about joint
     k in N m (for a prismatic joint the force along it in N), positive where gravity drives the

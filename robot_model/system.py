@@ -80,7 +80,7 @@ class RobotChain:
         return np.cos(self.variables), np.sin(self.variables)
 
     def columns_of(self, samples: np.ndarray) -> np.ndarray:
-        """What picks the columns of `variables` and `state` that make some samples."""
+        """Return the index of the columns of `variables` and `state` that make some samples."""
         return _columns_of(samples, self.poses_per_sample, self.n)
 
     def at(self, samples: np.ndarray) -> "RobotChain":
@@ -121,7 +121,7 @@ class RobotChain:
         return bool(self.robot.prismatic[joint - 1])
 
     def places(self, kind: str) -> tuple[str, ...]:
-        """What `where` of an effect may be here: joint-1 to joint-J, or base; () where there is no such place."""
+        """List the places that an effect may name here: joint-1 to joint-J, or base; () where there is none."""
         if kind in ("sensor", "artefact", "ball") and self.measurement.place != "sensor":
             return ()
         if kind == "instrument" and (self.measurement.place != "tool" or self.measurement.grounded):
@@ -396,7 +396,7 @@ def _checked_sigma(sigma: np.ndarray, name: str) -> np.ndarray:
 
 
 def _columns_of(samples, poses_per_sample: int, columns: int):
-    """What picks the columns of some samples, given as a mask, indices or a slice."""
+    """Return the column index of some samples, given as a mask, indices or a slice."""
     return (
         samples
         if poses_per_sample == 1
@@ -405,7 +405,7 @@ def _columns_of(samples, poses_per_sample: int, columns: int):
 
 
 def _state(robot, ends, variables, measurement, tool) -> State:
-    """What effects read; a load without a known centre hangs where the measured point is."""
+    """Build the state that effects read; a load without a known centre acts at the measured point."""
     covariates_of_ends = [end.covariates for end in ends]
     covariates = {
         name: np.concatenate([columns[name] for columns in covariates_of_ends])

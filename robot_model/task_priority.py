@@ -26,7 +26,7 @@ _DAMPING = 1e-9
 
 @dataclass(frozen=True)
 class Task:
-    """What an arm can be asked for.
+    """Task of an arm: the components of a pose that must be reached.
 
     `point` (3,) mm in the flange frame: the point whose position comes first. `ranks`: number of directions of its
     position (0 to 3), and then of the orientation while it stands still, in which the readings move the tool; (3, 3)

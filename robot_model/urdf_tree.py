@@ -1,4 +1,4 @@
-"""What a URDF file says: its links and joints, where they stand at zero, and what moves them."""
+"""Tree of links and joints of a URDF file, with their poses at zero and their actuators."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping

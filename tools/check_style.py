@@ -20,6 +20,8 @@ LONGEST_FILE = 500
 # Tables of cases make tests long without making them hard to read.
 LONGEST_TEST_FILE = 800
 DEEPEST_CLASS = 1
+# Packages whose docstrings say what a thing is or does: none begins with "What".
+WITHOUT_WHAT = ("robot_model", "workbench/core")
 TEXTS = {".py", ".toml", ".md", ".csv", ".j2", ".sh", ".yml", ".yaml", ".cfg", ""}
 SKIPPED = {".git", "runs", "build", "dist", "site", "shared", "node_modules", "__pycache__"}
 # A folder of some machine at the start of a path, and not inside an address or a longer path.
@@ -33,6 +35,9 @@ def main(root: Path) -> int:
     sources = {path: ast.parse(path.read_text(encoding="utf-8")) for path in code_files(root)}
     faults = [fault for path, tree in sources.items() for fault in file_faults(path, tree)]
     faults += class_faults(sources)
+    for path, tree in sources.items():
+        if path.relative_to(root).as_posix().startswith(WITHOUT_WHAT):
+            faults += docstring_faults(path, tree)
     faults += [fault for path in text_files(root) for fault in path_faults(path)]
     median = median_length(root, sources)
     if median >= MEDIAN_BELOW:
@@ -83,6 +88,16 @@ def file_faults(path: Path, tree: ast.Module) -> Iterator[str]:
                 f"{path}:{function.lineno}: {function.name} has {body_length(function)} lines, "
                 f"expected <= {LONGEST_FUNCTION}"
             )
+
+
+def docstring_faults(path: Path, tree: ast.Module) -> Iterator[str]:
+    """Docstrings that begin with a clause ("What a solve returns") instead of a noun or a verb."""
+    documented = ast.Module | ast.ClassDef | Function
+    for node in ast.walk(tree):
+        text = ast.get_docstring(node) if isinstance(node, documented) else None
+        if text and text.startswith("What "):
+            line = getattr(node, "lineno", 1)
+            yield f"{path}:{line}: docstring begins with 'What'; say what it is or does"
 
 
 def functions(tree: ast.AST) -> list[Function]:

@@ -46,7 +46,7 @@ def sight_covariates(points: np.ndarray) -> dict[str, np.ndarray]:
 
 
 class _AngleHarmonic:
-    """What the error curves of the two angle encoders of an instrument have in common."""
+    """Base class of the error curves of the two angle encoders of an instrument."""
 
     port = "sensor"
     of_session = True

@@ -139,7 +139,7 @@ def warm_up_progress(state, time_constant: float, start: float) -> np.ndarray:
 
 
 class WarmUpLaw:
-    """What warming up has in common wherever it acts: a steady value that is approached with one time constant."""
+    """Base class of warm-up effects: a steady value is approached with one time constant."""
 
     effect = "warm-up"
     source = "first-order lag of a thermal mass: ISO 230-3, thermal distortion of rotating axes"

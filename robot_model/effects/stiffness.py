@@ -17,7 +17,7 @@ _MOST_SAMPLES = 5000  # of these the sensitivity to the centre of the load is co
 
 @dataclass(frozen=True)
 class StiffnessRow:
-    """What is known of one joint's compliance.
+    """Estimated compliance of one joint.
 
     `known_from`: "recorded loads" or "stated masses", as uncertain as these; or "product only": compliance times first
     moment, an angle. `value`, `std` in `unit` (rad/(N m) or rad); `clear`: significantly above zero. `stiffness` and

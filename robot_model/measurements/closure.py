@@ -1,4 +1,4 @@
-"""What every kind of measurement returns, and the closed-form start that two of them share."""
+"""Result of every kind of measurement, and the closed-form start that two of them share."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

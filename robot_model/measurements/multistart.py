@@ -263,7 +263,7 @@ class _Reduced:
         return np.floor(cost / unit)
 
     def _starts(self, rotations: np.ndarray) -> list[Start]:
-        """What is known of each of S sets of rotations (S, K, 3, 3)."""
+        """Evaluate cost and curvature of each of S sets of rotations (S, K, 3, 3)."""
         values = symmetric_eigenvalues(self._products(rotations)[:, :-1, :-1])
         curvature = np.maximum(values[:, 0], 0.0) / np.maximum(values[:, -1], 1e-300)
         cost = self.cost(rotations)

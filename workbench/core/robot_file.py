@@ -48,7 +48,7 @@ class Joint(Section):
 
     @property
     def unit(self) -> float:
-        """What one unit of the joint's column is in the model: rad a degree, or mm a mm."""
+        """Return one unit of the joint's column in units of the model: rad per degree, or mm per mm."""
         return 1.0 if self.kind == "prismatic" else np.pi / 180
 
     @property

@@ -27,5 +27,5 @@ def switched_off(
 
 
 def term_names(effect: str, where: str, name: str) -> tuple[str, ...]:
-    """What a term may be called: by the vocabulary's word `effect`, or by its `name` in the catalogue."""
+    """Names of a term: by the vocabulary's word `effect`, or by its `name` in the catalogue."""
     return tuple(dict.fromkeys((f"{where}.{effect}", f"{where}.{name}")))

@@ -47,7 +47,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Covariate:
-    """What a covariate is: its `kind`, the `place` that it belongs to, and its `unit`.
+    """Kind of a covariate: its `kind`, the `place` that it belongs to, and its `unit`.
 
     `component`: axis of a vector ("x"); "" of a scalar.
     `is_signed`: a direction of motion, of which only the sign counts. `unit` "" where the name has none.

@@ -77,7 +77,7 @@ def diagnose(
     jobs: int = 1,
     trust_data: bool = False,
 ) -> Diagnosis:
-    """What physics the baseline of a recording leaves out.
+    """Find the physical effects that the baseline model of a recording lacks.
 
     baseline: "geometry" or "joint-compliance". simulation, solution: a scene or an earlier calibration to compare
     with, whose effects then belong to the baseline. scanner: a calibrated one, for a recording of scans. progress:
@@ -301,7 +301,7 @@ def _with_stated_noise(last: "FinalModel", proved, terms, refused):
 
 
 def _warnings(bench, recording, terms=(), correlation=None) -> tuple[str, ...]:
-    """What is in doubt about this recording, and what its answer cannot contain."""
+    """List what is in doubt about this recording, and what its answer cannot contain."""
     on_data, chain = bench.warnings or recording.warnings, bench.chain
     if correlation is not None:
         on_data = (*on_data, correlated_noise(correlation))

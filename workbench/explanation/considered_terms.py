@@ -27,7 +27,7 @@ _FOLDS = 2  # of a calibration whose held-out error nobody reads
 def considered_terms(
     refused: Sequence[Term], calibration: Calibration, stages: Sequence[Stage], rows_of
 ) -> Considered | None:
-    """What the refused terms add to the covariance of a calibration; None where there is nothing to add.
+    """Covariance that the refused terms add to that of a calibration; None where there is nothing to add.
 
     stages: of the calibration; rows_of: makes the row of a plan of an effect. Raises InputError where the model with
     the terms cannot be calibrated.

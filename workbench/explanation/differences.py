@@ -1,4 +1,4 @@
-"""What a recording and its simulation differ by, in three parts: parameters, noise, physics.
+"""Differences between a recording and its simulation in three parts: parameters, noise, physics.
 
 Parameters are selected stepwise. The frames (base and tool), the effects of the reference and the terms that the
 diagnosis kept are always estimated; a parameter of the geometry joins where a partial F-test says that the data need

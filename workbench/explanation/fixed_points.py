@@ -48,7 +48,7 @@ class FixedPoints:
 
     @property
     def sentence(self) -> str:
-        """What they say."""
+        """Sentence on the drift that the fixed reflectors show."""
         movement = _um(self.measured, self.std)
         sentence = (
             f"{len(self.reflectors)} fixed reflectors, which no fit has used, moved by {movement} µm from the first to "
@@ -91,7 +91,7 @@ def _um(values, stds) -> str:
 
 
 def fixed_points(recording, bench, terms: Sequence[Term]) -> FixedPoints | None:
-    """What the rows of a recording that do not move say of the base's drift; None where there are too few."""
+    """Estimate the drift of the base from the rows of a recording that do not move; None where there are too few."""
     fixed = recording.select(~recording.moving)
     if recording.measures != "external-point" or fixed.n < 2 * _LEAST or bench.chain is None:
         return None

@@ -1,4 +1,4 @@
-"""What these data would have shown: each candidate's minimal detectable and minimal separable size.
+"""Minimal detectable and minimal separable size of each candidate on these data.
 
 Both follow from the projected columns alone, before any effect is looked for. With a signature of length d sigmas
 orthogonal to the baseline, the fall of chi-square is a non-central chi-square with d^2, so that

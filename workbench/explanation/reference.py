@@ -34,7 +34,7 @@ _LENGTH_MM, _TURN_RAD = 1.0, 0.01
 
 @dataclass(frozen=True)
 class Reference:
-    """What a recording is compared with: a robot, the effects that it holds, and their values by key.
+    """Reference model of a comparison: a robot, the effects that it holds, and their values by key.
 
     `robot_keys`: what `load_robot` makes the robot of. `sigma_mm`: the noise that the reference states. `notes`:
     sentences for what its file says and the comparison does not use.

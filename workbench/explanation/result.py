@@ -1,4 +1,4 @@
-"""What a diagnosis hands on: findings that have been proved, what was refused, and the JSON of the contract."""
+"""Result of a diagnosis: validated findings, refused terms, and the JSON of the contract."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace

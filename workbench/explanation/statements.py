@@ -213,7 +213,7 @@ def _of_stated_noise(term: Term) -> str:
 
 
 def _of_data(found: Finding) -> str:
-    """What is wrong with the data, or a random effect: nothing of it can be fitted."""
+    """Sentence on a fault of the data or a random effect, which no parameter describes."""
     if found.effect == "outliers":
         return f"{found.label} samples come from another process: they lie farther off than the others' spread allows."
     if found.effect == NoiseLaw.effect:
@@ -303,7 +303,7 @@ def first_terms(terms: Sequence[Hypothesis]) -> str:
 
 
 def preliminary(found: Found) -> str:
-    """What the first search found, before anything of it is validated."""
+    """Sentence on the findings of the first search, before validation."""
     names = [
         f"{finding.effect} at {place(finding.where)} ({_probability(finding)})"
         for finding in found.findings

@@ -53,7 +53,7 @@ def contains_structure(found: Found, terms) -> bool:
 
 
 def unknown_terms(found: Found, terms, refused, problem) -> tuple[Term, ...]:
-    """What is there or left though nothing that was found carries to samples that were not fitted: where, on what.
+    """State structure that no finding predicts on held-out samples: its place and its covariates.
 
     problem: without what it is said of. Next to it, effects of covariates not recorded that could
     cause it. If no smooth function is significant at any place, the structure is that of the first rejected term.
@@ -112,7 +112,7 @@ def _of_refused(found: Found, refused, remainder: bool) -> Finding:
 
 
 def _likely(refused) -> tuple[Alternative, ...]:
-    """What an unknown most likely is: the strongest of the significant terms that were refused; () where none is."""
+    """Most probable cause of an unknown: the strongest significant term that was refused; () where none is."""
     named = [term.finding for term in refused if term.finding.p_value < _PLACED]
     if not named:
         return ()

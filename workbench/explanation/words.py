@@ -100,7 +100,7 @@ def listed(words: Sequence[str], last: str = "and") -> str:
 
 
 def law(effect: str, where: str, label: str = "", kind: type | None = None) -> str:
-    """What an effect is, with its place in it and without a full stop; its class says it."""
+    """Describe an effect in words, with its place in it and without a full stop; its class says it."""
     if kind not in (*ROBOT.values(), *SENSOR.values()):  # a wrapper of one of them, or none known
         kind = _kind(effect, where)
     if kind is None:

@@ -86,7 +86,7 @@ def _noise_keys(noise) -> dict | None:
 
 
 def solution_keys(calibration, noise=None) -> dict:
-    """What `read_solution` reads back, of a `workbench.jobs.robot.calibrate.Calibration`.
+    """Solution as `read_solution` returns it, of a `workbench.jobs.robot.calibrate.Calibration`.
 
     noise: its `NoiseReport` (`workbench.fitting.verdicts.noise_report`), where it is not that of the
     calibration's own samples.

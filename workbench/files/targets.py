@@ -197,7 +197,7 @@ def _numbers(joints) -> set[str]:
 
 
 def doubts(programme: Programme, robot: Robot) -> list[str]:
-    """What looks wrong with targets that are not impossible, and configuration data that are not read."""
+    """Warnings about targets that are possible but suspicious, and configuration data that are not read."""
     called = programme.table.called
     turning = np.rad2deg(programme.readings[:, ~sliding(robot)])
     found = []

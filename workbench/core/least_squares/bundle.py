@@ -46,7 +46,7 @@ _LEFT = {1: 0.9587, 2: 0.9720, 3: 0.9781}
 
 @dataclass(frozen=True)
 class BundleFit:
-    """What a bundle returns. D dense unknowns: the shared free parameters, then the kept families' groups.
+    """Result of a bundle adjustment. D dense unknowns: the shared free parameters, then the kept families' groups.
 
     `parameters` shared; `values` of each family (G, L); of each model `residual` (m, n) in the units
     of the measurement, `weights` (n,) of the robust loss and `scales`, its residuals over its
@@ -100,7 +100,7 @@ class BundleFit:
 
 @dataclass(frozen=True)
 class Eliminated:
-    """What the Schur complement left of G groups: `inverse` (G, L, L) and `mix` (G, L, D), their own units."""
+    """Schur complement of G eliminated groups: `inverse` (G, L, L) and `mix` (G, L, D), their own units."""
 
     inverse: np.ndarray
     mix: np.ndarray

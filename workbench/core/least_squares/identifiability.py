@@ -1,4 +1,4 @@
-"""What data can and cannot determine: rank, null space in words, observability, covariance.
+"""Identifiability of parameters: rank, null space in words, observability, covariance.
 
 All of it works on the whitened normal matrix with every column scaled by its parameter's typical
 size. A singular value s of a direction then reads: the data know it 1/s typical sizes well. Where

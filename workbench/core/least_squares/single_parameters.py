@@ -24,7 +24,7 @@ _LEAST = 1e-100  # of a prior that a fit has shrunk to nothing: its square is no
 
 @dataclass(frozen=True)
 class SingleParameters:
-    """What the data determine of F parameters, also of those that the fit holds because others carry them.
+    """Identifiability of F parameters one by one, including those held because others carry them.
 
     `known` with the covariance of all F; `before` (F,) standard deviation known before, in own units; `free` (F,)
     True for the parameters that the fit solves for.

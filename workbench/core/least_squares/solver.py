@@ -48,7 +48,7 @@ _SAME_RATIO = 1e-9
 
 @dataclass(frozen=True)
 class Fit:
-    """What a solve returns.
+    """Result of a least-squares fit.
 
     Attributes:
         parameters: At the minimum, with the free mask of the solve (F parameters free).

@@ -49,7 +49,7 @@ def closest_key(name: str, known: Iterable[str], similarity: float = 0.75) -> st
 
 
 def _concept(name: str) -> str:
-    """What a key stands for, whatever its unit and its word for it."""
+    """Return the quantity that a key names, without its unit and alternative words."""
     name = name.lower()
     for unit in UNITS:
         name = name.removesuffix(unit)

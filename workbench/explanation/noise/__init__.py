@@ -1,1 +1,1 @@
-"""What the noise of a recording is: stated, found from replicates, or growing with the distance."""
+"""Noise of a recording: stated, estimated from replicates, or growing with the distance."""

@@ -1,4 +1,4 @@
-"""What the instrument alone leaves: noise from replicates, and the lack of fit of a model against them."""
+"""Noise of the instrument from replicates, and the lack of fit of a model against them."""
 
 import numpy as np
 

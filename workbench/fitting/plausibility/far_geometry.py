@@ -66,7 +66,7 @@ class FarGeometry:
 
 
 def find_far_geometry(robot: Robot, recording) -> FarGeometry | None:
-    """What is far from the nominal robot of a recording; None where nothing is, or where no fit is possible.
+    """Report parameters far from the nominal robot of a recording; None where none is, or no fit is possible.
 
     recording: of any kind that a robot is calibrated with.
     """

@@ -45,7 +45,7 @@ class RotationNoise:
 
 @dataclass(frozen=True)
 class Findings:
-    """What is known of a fit's residual; lengths in mm, sigmas of one coordinate.
+    """Summary of a fit's residual; lengths in mm, sigmas of one coordinate.
 
     `stated` None where the recording does not say; `test` of the variance factor then None too. `residual`: sigma from
     the residuals, robust; `residual_rms` the same from their mean square, with `degrees` of freedom. `rms`: of the 3-D
@@ -103,13 +103,13 @@ class NoiseReport:
 
     @property
     def stated_rms(self) -> float | None:
-        """What the stated noise makes of the RMS distance, mm; None where none is stated."""
+        """RMS distance, mm, that the stated noise causes; None where none is stated."""
         found = self.findings
         return None if found.stated is None else float(np.sqrt(found.components) * found.stated)
 
     @property
     def replicates_rms(self) -> float | None:
-        """What the noise of replicates makes of the RMS distance, mm; None without replicates."""
+        """RMS distance, mm, that the noise of replicates causes; None without replicates."""
         found = self.findings
         if found.replicates is None:
             return None
@@ -117,7 +117,7 @@ class NoiseReport:
 
     @property
     def known_rms(self) -> tuple[float, str] | None:
-        """What the noise makes of the RMS distance, mm, and how it is known: stated, else from replicates."""
+        """RMS distance, mm, that the noise causes, and its source: stated, else from replicates."""
         found = self.findings
         if found.stated is not None:
             return float(np.sqrt(found.components) * found.stated), STATED

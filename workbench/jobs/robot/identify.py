@@ -1,4 +1,4 @@
-"""What a recording can determine, before anything is trusted: `workbench identifiability`."""
+"""Identifiability of the parameters by a recording: `workbench identifiability`."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a recording lacks for which command, with what to do about it."""
+"""List what a recording lacks for each command, with what to do about it."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
