@@ -50,6 +50,17 @@ def _load_named(path: Path, where: str) -> Robot:
     return load_robot({"builtin": str(path)})
 
 
+def whole_keys(spec: Mapping) -> dict:
+    """Keys of robot.toml of an arm, those of a built-in one in place of its name, so that others can be added."""
+    if "builtin" not in spec:
+        return dict(spec)
+    return dict(read_robot_keys(_builtin_file(spec["builtin"])))
+
+
+def _builtin_file(name: str):
+    return resources.files("robot_model").joinpath("robots", f"{name}.toml")
+
+
 def _load_builtin(spec: Mapping, where: str) -> Robot:
     name = spec["builtin"]
     if len(spec) > 1:
@@ -60,5 +71,4 @@ def _load_builtin(spec: Mapping, where: str) -> Robot:
             "remove the others",
         )
     check_builtin_name(name, f"{where}: key builtin", builtin_robots())
-    file = resources.files("robot_model").joinpath("robots", f"{name}.toml")
-    return robot_from_keys(read_robot_keys(file), f"{name}.toml")
+    return robot_from_keys(read_robot_keys(_builtin_file(name)), f"{name}.toml")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_model.effects.unknown_masses import GravityCompliance
 from workbench.core.errors import InputError
 from workbench.diagnosis.levels import DATA_FAULT_LEVEL, UNMODELLED_LEVEL
 from workbench.diagnosis.linear.estimates import Options, with_variation
@@ -362,8 +363,15 @@ def _with_numbers(bench, term: Term, effects, rows) -> Term:
     mine = with_variation(mine, term.finding.variation)
     varying = [row["size_mm"] for row in mine if row["name"] == DEFLECTION]
     size = varying[0] if len(varying) == 1 else _size(bench, effects, term)
-    alarms = (*term.finding.alarms, *implausible_values(mine, size))
+    compliances = _compliances(bench, term)
+    alarms = (*term.finding.alarms, *implausible_values(mine, size, compliances))
     return replace(term, parameters=mine, size=size, finding=replace(term.finding, alarms=alarms))
+
+
+def _compliances(bench, term: Term) -> set[str]:
+    """Keys of the compliances of a term. Without stated masses there are only products with first moments."""
+    laws = [e for e in term.finding.effects if e.elastic and e.effect != GravityCompliance.effect]
+    return {p.key for e in laws for p in e.parameters(bench.chain)[: e.nonnegative]}
 
 
 def _of(row, term: Term, bench) -> bool:

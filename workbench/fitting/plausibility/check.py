@@ -12,7 +12,14 @@ from workbench.fitting.plausibility.change_points import (
     time_order,
 )
 from workbench.fitting.plausibility.far_geometry import FAR, far_geometry
-from workbench.fitting.plausibility.fitting import Fit, fit_recording, reach_of, row_mismatch
+from workbench.fitting.plausibility.fitting import (
+    FAILURES,
+    Fit,
+    fit_recording,
+    reach_of,
+    row_mismatch,
+)
+from workbench.fitting.plausibility.gravity_direction import find_gravity, gravity_suspicion
 from workbench.fitting.plausibility.misfit import (
     doubtful_columns,
     explained_suspicions,
@@ -51,10 +58,24 @@ def check_plausibility(robot, recording) -> tuple[Suspicion, ...]:
     try:
         fit = fit_recording(robot, recording.select(even_rows(recording, _ROWS)))
         if np.isfinite(fit.scale):
-            found += _fit_suspicions(robot, recording, fit, good_scale(robot, recording))
+            found += _gravity_or_fit(robot, recording, fit, good_scale(robot, recording))
     except (np.linalg.LinAlgError, InputError):
         pass  # too little data for any fit: the calibration says which parameters are undetermined
     return tuple(sorted(found, key=lambda suspicion: not suspicion.certain))
+
+
+def _gravity_or_fit(robot, recording, fit: Fit, scale_of_good_fit) -> list[Suspicion]:
+    """What is suspicious of a fit; nothing else where another direction of gravity explains a bad fit."""
+    try:
+        gravity = find_gravity(robot, recording, fit)
+    except FAILURES:
+        gravity = None
+    if gravity is None:
+        return _fit_suspicions(robot, recording, fit, scale_of_good_fit)
+    others = []
+    if fit.core < scale_of_good_fit or gravity.held_out_mm > scale_of_good_fit:
+        others = _fit_suspicions(robot, recording, fit, scale_of_good_fit)
+    return [gravity_suspicion(robot, gravity), *others]
 
 
 def _fit_suspicions(robot, recording, fit: Fit, scale_of_good_fit) -> list[Suspicion]:

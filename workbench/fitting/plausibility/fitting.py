@@ -25,10 +25,10 @@ from workbench.fitting.plans import frames_of
 
 POSITION = 3
 """Components of a residual that are lengths in mm; further ones are rotations in rad."""
-_CAUCHY = 2.5
-_LEAST_SCALE = 0.005  # mm: below it nothing depends on the ratio of prior to data any more
+CAUCHY = 2.5
+LEAST_SCALE = 0.005  # mm: below it nothing depends on the ratio of prior to data any more
 _KEPT = 0.9
-_MEDIAN_CHI2 = {m: float(chi2.ppf(0.5, m)) for m in range(1, 7)}
+MEDIAN_CHI2 = {m: float(chi2.ppf(0.5, m)) for m in range(1, 7)}
 _LEAST_SPARE = 6.0
 _TOGETHER = 256
 """Hypotheses whose scales are found together: some tens of megabytes."""
@@ -65,7 +65,7 @@ class Fit:
     @property
     def improbability(self) -> float:
         """Negative log posterior up to a constant, the noise scale at its estimate."""
-        return self.degrees * np.log(max(self.scale, _LEAST_SCALE)) + (self.deviations**2).sum() / 2
+        return self.degrees * np.log(max(self.scale, LEAST_SCALE)) + (self.deviations**2).sum() / 2
 
 
 def reach_of(robot: Robot, recording) -> float:
@@ -277,8 +277,8 @@ class _Problem:
         self.parameters, self.residual = parameters, self.whiten(residual)
         rows[:, POSITION:] *= self.lever
         squares = (self.residual**2).sum(0)
-        self.size = max(float(np.median(squares)) / _MEDIAN_CHI2[len(residual)], _LEAST_SCALE**2)
-        self.weights = 1 / (1 + squares / (len(residual) * self.size * _CAUCHY**2))
+        self.size = max(float(np.median(squares)) / MEDIAN_CHI2[len(residual)], LEAST_SCALE**2)
+        self.weights = 1 / (1 + squares / (len(residual) * self.size * CAUCHY**2))
         root = np.sqrt(self.weights / self.size)
         flat = (rows * root).reshape(len(rows), residual.size)
         self.data = flat @ flat.T
@@ -287,7 +287,7 @@ class _Problem:
 
     def cost(self, residual, parameters):
         """Cauchy cost of the present noise scale, and the prior."""
-        limit = len(residual) * _CAUCHY**2
+        limit = len(residual) * CAUCHY**2
         data = limit * np.log1p((residual**2).sum(0) / (limit * self.size)).sum()
         return float(data + self.precision @ (parameters.pack() - self.nulls) ** 2)
 
@@ -314,7 +314,7 @@ class _Problem:
         position = float(np.sqrt((self.residual[:POSITION, best_rows] ** 2).sum(0).mean()))
         turns = self.residual[POSITION:, best_rows] / self.lever
         rotation = float(np.rad2deg(np.sqrt((turns**2).sum(0).mean()))) if len(turns) else np.nan
-        core = float(np.median(mismatch) / np.sqrt(_MEDIAN_CHI2[m] / m))
+        core = float(np.median(mismatch) / np.sqrt(MEDIAN_CHI2[m] / m))
         deviations = (self.parameters.pack() - self.nulls) * np.sqrt(self.precision)
         residual = np.concatenate([self.residual[:POSITION], self.residual[POSITION:] / self.lever])
         scale_of_best = float(np.sqrt((mismatch[best_rows] ** 2).mean())) * inflation

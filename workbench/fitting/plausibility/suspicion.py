@@ -12,7 +12,8 @@ class Suspicion:
     well as plausible geometry errors allow, and the data as recorded do not. A calibration then refuses.
     `cause`: the kind of mistake as one term, for example "joint-sign" or "rows-shifted". `alternatives`: causes that
     the sentence names as equally good explanations. `rows`: indices of the rows that the sentence names, () where it
-    is about all rows. `instant`: sample numbers before and after a jump; None where nothing jumps.
+    is about all rows. `instant`: sample numbers before and after a jump; None where nothing jumps. `gravity`: direction
+    in the root frame that explains the deflections, () where the sentence is about something else.
     """
 
     sentence: str
@@ -21,3 +22,4 @@ class Suspicion:
     alternatives: tuple[str, ...] = ()
     rows: tuple[int, ...] = ()
     instant: tuple[int, int] | None = None
+    gravity: tuple[float, ...] = ()

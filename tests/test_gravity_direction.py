@@ -1,0 +1,89 @@
+"""An arm on a wall or a ceiling is recognised by its deflections; one on the floor, stiff or not, raises no alarm."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mounted_arms import MountedArm
+from robot_model.loading import load_robot, whole_keys
+from robot_model.measurements import samples_of
+from workbench.explanation.plausible_values import implausible_values
+from workbench.fitting.checked_samples import check_samples
+from workbench.fitting.plausibility import check_plausibility
+from workbench.fitting.plausibility.gravity_direction import CAUSE
+from workbench.jobs.robot.calibrate import calibrate
+
+FLOOR, CEILING, WALL = (0.0, 0.0, -1.0), (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0)
+INCLINED = (0.0, 0.5736, -0.8192)
+
+
+def found_in(recording):
+    """Directions of gravity that the plausibility check names."""
+    samples = samples_of(recording)
+    found = check_plausibility(load_robot(recording.robot), samples)
+    return [suspicion for suspicion in found if suspicion.cause == CAUSE]
+
+
+@pytest.mark.parametrize("has_masses", [True, False])
+@pytest.mark.parametrize("gravity", [CEILING, WALL, INCLINED])
+def test_the_direction_of_another_mount_is_found(gravity, has_masses):
+    (found,) = found_in(MountedArm(gravity).recording(has_masses))
+    assert not found.certain
+    angle = np.rad2deg(np.arccos(np.clip(np.dot(found.gravity, gravity), -1, 1)))
+    assert angle < (0.1 if abs(max(gravity, key=abs)) == 1 else 5.0)
+
+
+@pytest.mark.parametrize("has_masses", [True, False])
+@pytest.mark.parametrize(
+    "arm",
+    [
+        MountedArm(FLOOR),
+        MountedArm(WALL, compliances=(0, 0, 0, 0, 0, 0)),
+        MountedArm(FLOOR, compliances=(0, 0, 0, 0, 0, 0), first_harmonic=(8e-4, 0, 6e-4, 0, 0, 0)),
+        MountedArm(FLOOR, springs=(1, -1, 1, 1, 1, 1)),
+    ],
+    ids=["compliant", "stiff", "eccentric", "counterbalanced"],
+)
+def test_other_arms_raise_no_alarm(arm, has_masses):
+    assert not found_in(arm.recording(has_masses))
+
+
+@pytest.mark.parametrize("name", ["irb120_wu_arm", "motoman_leica_ctu:right"])
+def test_real_arms_on_the_floor_raise_no_alarm(name, recording):
+    assert not found_in(recording(name))
+
+
+def test_a_calibration_uses_the_direction_and_says_so():
+    found = calibrate(MountedArm(WALL).recording(), folds=5)
+    assert any("gravity = [-1, 0, 0]" in sentence for sentence in found.warnings)
+    assert not found.doubts
+    np.testing.assert_allclose(found.recording.robot["gravity"], WALL)
+    assert found.held_out["rms_mm"] < 3 * 0.03 * np.sqrt(3)
+    assert abs(found.solution.parameters["joint-2.joint-compliance.compliance"] - 1.1e-6) < 1e-7
+
+
+def test_a_stated_direction_is_not_doubted_and_trusted_data_keep_that_of_the_file():
+    hanging = MountedArm(CEILING).recording()
+    assert check_samples(hanging, trust_data=True).robot.gravity[2] == -1
+    stated = {**hanging.robot, "gravity": [0.0, 0.0, 1.0]}
+    assert not found_in(replace(hanging, robot=stated))
+
+
+def test_a_built_in_arm_has_keys_to_which_a_direction_can_be_added():
+    keys = whole_keys({"builtin": "abb_irb120"}) | {"gravity": [0.0, 0.0, 1.0]}
+    assert load_robot(keys).gravity[2] == 1
+    assert whole_keys(keys) == keys
+
+
+def test_a_negative_compliance_and_a_large_tilt_raise_an_alarm():
+    key = "joint-2.joint-compliance.compliance"
+    row = {"key": key, "name": "compliance", "label": "joint 2's compliance", "unit": "rad/(N m)"}
+    row |= {"effect": "joint-compliance", "std": 2e-7, "prior": 3e-3}
+    assert "negative" in implausible_values([row | {"value": -3e-7}], 5.0, {key})[0]
+    assert not implausible_values([row | {"value": -1e-7}], 5.0, {key})
+    assert not implausible_values([row | {"value": -3e-7}], 5.0)
+    tilt = {"name": "tilt_1", "label": "the tilt", "unit": "rad", "effect": "mount-tilt"}
+    tilt |= {"std": 0.02, "prior": 1.0}
+    assert "no small tilt" in implausible_values([tilt | {"value": 0.3}], 0.7)[0]
+    assert not implausible_values([tilt | {"value": 0.05}], 0.7)
