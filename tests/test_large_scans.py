@@ -18,7 +18,7 @@ from workbench.machine.progress import paced
 
 def test_a_spool_is_the_sequence_that_went_in():
     things = [{"number": k, "values": np.arange(k)} for k in range(20)]
-    made = Spool(iter(things), kept=5)
+    made = Spool(iter(things), in_memory=5)
     assert len(made) == 20 and made[0] is things[0]
     assert (
         [one["number"] for one in made]
@@ -36,13 +36,15 @@ def test_a_full_disk_is_named_by_its_folder(monkeypatch, tmp_path):
         "workbench.files.spool.tempfile.TemporaryFile", lambda prefix, dir: open("/dev/full", "w+b")
     )
     with pytest.raises(InputError, match=f"{tmp_path}.*No space left.*free space"):
-        Spool(range(9), kept=2, folder=tmp_path)
+        Spool(range(9), in_memory=2, folder=tmp_path)
 
 
 def test_a_spool_holds_no_more_the_longer_it_is():
     def held(count):
         tracemalloc.start()
-        made = Spool((np.random.default_rng(k).normal(size=20_000) for k in range(count)), kept=8)
+        made = Spool(
+            (np.random.default_rng(k).normal(size=20_000) for k in range(count)), in_memory=8
+        )
         total = sum(float(one.sum()) for one in made)
         gc.collect()
         size, peak = tracemalloc.get_traced_memory()

@@ -82,7 +82,7 @@ def test_an_answer_in_parts_is_the_answer(content):
 
 def test_what_is_made_of_a_long_sequence_is_made_when_it_is_asked_for():
     asked = []
-    made = Made(Spool(range(200), kept=3), lambda k: asked.append(k) or {"k": k})
+    made = Made(Spool(range(200), in_memory=3), lambda k: asked.append(k) or {"k": k})
     assert len(made) == 200 and not asked
     assert (
         made[150] == {"k": 150}

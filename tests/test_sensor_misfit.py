@@ -11,6 +11,7 @@ from sensor_recordings import scanner_recording
 from sensors.scanner.calibration import calibrate_scanner
 from sensors.scanner.line_dependence import LineDependence
 from sensors.scanner.misfit import stripe_misfit
+from sensors.scanner.rejected_points import RejectedPoints
 from sensors.stripe.asymmetry import Profiles, asymmetry
 from sensors.stripe.find import find_stripes
 from workbench.fitting.verdicts.sensor_verdict import scanner_verdict, scanner_warnings
@@ -134,7 +135,8 @@ def test_what_displaces_the_line_where_no_residual_shows_it_is_said(run):
     blooming = replace(clean, dependence=LineDependence(0.2, 0.0, 0.1))
     (warning,) = scanner_warnings(blooming, run.misfit, run.asymmetry)
     assert "uncertainty is not trustworthy" in warning and "blooming" in warning
-    scratched = replace(clean, wrong=np.arange(clean.wrong.size) % 5 == 0)
+    left_out = RejectedPoints(0.2, "camera", ("u", "v"), 1e-9)
+    scratched = replace(clean, rejected=left_out)
     (warning,) = scanner_warnings(scratched, run.misfit, run.asymmetry)
     assert "20 % of the points" in warning and "scratch" in warning
 
