@@ -12,9 +12,9 @@ from workbench.diagnosis.search.prior import is_elastic
 
 LAW = 0.95
 """Share of what smooth nonparametric functions explain that laws must explain: no law is exact."""
-_MAX_TERMS, _MAX_SMOOTH = 30, 2
-"""Terms in a set, and smooth nonparametric functions among them, at most. The posterior ends a set of laws long before;
-a true term that found no room would be an alternative to all others."""
+_MAX_TERMS, _MAX_SMOOTH = 15, 2
+"""Terms in a set, and smooth nonparametric functions among them, at most. The posterior usually ends a set long before.
+Of a real arm whose error curves leave ever smaller waves, 18 terms take three times as long to find as 15."""
 _LEAST_RISE = 1e-6
 """Of the log posterior: less is rounding, by which moves would go in circles."""
 
