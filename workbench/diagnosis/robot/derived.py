@@ -122,16 +122,20 @@ def without_shrinkage(model, fit, covariance: np.ndarray, precision: np.ndarray)
     covariance (F, F) of the F free parameters over the variance of the noise, with priors of `precision` (P,), all in
     typical sizes: an estimate and its standard deviation then have the same priors. One step of Gauss and Newton from
     the fit, where the pull of its priors balances the data. The scale of a curve's prior comes from the data and stays,
-    and so do the priors of an effect that the data do not determine (`UNDETERMINED_STD`).
+    and so do the priors of an effect that the data do not determine (`UNDETERMINED_STD`). An unknown load and the
+    compliances that it deflects make a product: no single step leads to the values without their priors.
     """
     parameters = fit.parameters
     free, typical, values = parameters.mask, parameters.typical, parameters.values
     std = np.zeros(len(values))
     std[free] = fit.sigma_scale * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     is_pulled = np.zeros(len(values), bool)
+    has_load = any(effect.port in STATE_PORTS for effect in model.effects)
     for effect, span in zip(model.effects, model.spans):
         is_determined = (std[span] < UNDETERMINED_STD).all()
-        is_pulled[span] = effect.linear and effect.port != NOISE and is_determined
+        is_product = has_load and (effect.elastic or effect.port in STATE_PORTS)
+        is_linear = effect.linear and effect.port != NOISE and not is_product
+        is_pulled[span] = is_linear and is_determined
     is_pulled &= free & ~model.shrunk
     trust = max(1.0, fit.sigma_scale**2 * fit.degrees / fit.residual.size)
     away = (values - parameters.nulls) / typical
