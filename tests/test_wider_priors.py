@@ -138,3 +138,20 @@ def test_sizes_are_stated_without_the_pull_of_their_priors(tmp_path):
         rows = bench_of(simulate(path)).parameters((law,))
         deviations += [(row["value"] - values[row["name"]]) / row["std"] for row in rows]
     assert np.sqrt(np.mean(np.square(deviations))) < 1.35
+
+
+def test_a_load_and_the_compliances_that_it_deflects_keep_their_priors(tmp_path):
+    """Their product is determined and hardly its factors: one linear step would lead far from both."""
+    values = {"compliance": 2e-5}
+    effect = {"effect": "joint-compliance", "where": "joint-2", "values": values}
+    path = tmp_path / "scene.toml"
+    path.write_text(tomli_w.dumps(SCENE | {"effect": [effect]}), encoding="utf-8")
+    bench = bench_of(simulate(path))
+    compliance = CATALOGUE["joint-compliance"]("joint-2")
+    for effects, is_step in (
+        ((compliance,), True),
+        ((compliance, CATALOGUE["payload"]("tool")), False),
+    ):
+        _, fit, _ = bench.solve(effects)
+        row = next(row for row in bench.parameters(effects) if row["name"] == "compliance")
+        assert (row["value"] != fit.parameters[row["key"]]) == is_step
