@@ -109,8 +109,9 @@ def test_a_move_is_weighed_as_the_set_that_it_leads_to(objective):
 
 
 def test_a_compliance_that_would_be_negative_is_not_named():
-    """A joint 3 that rises under load has no compliance: its sign is wrong."""
-    answer = found(31, law("joint-compliance", "joint-3"), [-2e-5], n=120)
+    """A joint 3 that rises under load has no compliance: its sign is wrong. Joint 2 shows where gravity points."""
+    effects = law("joint-compliance", "joint-2", "joint-3")
+    answer = found(31, effects, [2e-5, -2e-5], n=120)
     assert ("joint-compliance", "joint-3") not in {(f.effect, f.where) for f in answer.findings}
 
 
