@@ -19,7 +19,7 @@ from workbench.diagnosis.search.most_probable_set import _limit_variants
 from workbench.diagnosis.search.objective import ConditionalSolution, LogPosterior
 from workbench.diagnosis.search.options import accept_refined
 from workbench.diagnosis.search.posterior import Window
-from workbench.diagnosis.search.select import found_terms
+from workbench.diagnosis.search.select import find, found_terms
 from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.search.stepwise import Stepwise
 
@@ -108,11 +108,14 @@ def test_a_move_is_weighed_as_the_set_that_it_leads_to(objective):
                 assert weights[k] == pytest.approx(objective.value((*held, int(k))), rel=1e-7)
 
 
-def test_a_compliance_that_would_be_negative_is_not_named():
-    """A joint 3 that rises under load has no compliance: its sign is wrong. Joint 2 shows where gravity points."""
-    effects = law("joint-compliance", "joint-2", "joint-3")
-    answer = found(31, effects, [2e-5, -2e-5], n=120)
-    assert ("joint-compliance", "joint-3") not in {(f.effect, f.where) for f in answer.findings}
+def test_no_compliance_is_negative():
+    """A joint 3 that rises under load is one of an arm on a ceiling: gravity points the other way in its base."""
+    bench = bench_of(recorded(31, law("joint-compliance", "joint-3"), [-2e-5], n=120))
+    np.testing.assert_allclose(bench.chain.robot.gravity, [0, 0, 1])
+    (term,) = find(bench).findings
+    (row,) = bench.parameters(term.effects)
+    assert (term.effect, term.where) == ("joint-compliance", "joint-3")
+    assert row["value"] == pytest.approx(2e-5, abs=3 * row["std"])
 
 
 def test_several_terms_of_one_joint_are_found_together():
