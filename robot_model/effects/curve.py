@@ -29,6 +29,9 @@ _MOVES = {"rad": 0.2, "mm": 20.0}  # travel below which a curve is the zero offs
 _TYPICAL = {"rad": 3e-4, "mm": 0.02}
 _WIDEST = 3.0  # typical sizes: what a term may be, 1 sigma
 _GRID = 4096
+_SIGNIFICANT_SLOPE = (
+    5.0  # standard deviations: the gear constant of a robot is not doubted for less
+)
 _LEFT = 0.05  # share of a curve's variance below which further cycles are not stated
 LEAST_SCALE = 1e-3
 """Slope from which a straight error is a reading in a wrong scale: over less than a radian, gears, encoders and gravity
@@ -193,7 +196,8 @@ def reading_scale(
     """The scale of a reading whose error is a straight line on the visited angles (n,); None for every other error.
 
     laws (k, n): all terms of the error of a joint that are functions of its own angle, with coefficients (k,) and their
-    covariance (k, k). The line leaves at most 5 % of the variance of the error.
+    covariance (k, k). The line leaves at most 5 % of the variance of the error, and its slope is significant: a long
+    wave that is poorly determined is nearly a straight line, too.
     """
     centred = angle - angle.mean()
     weights = laws @ centred / max(float(centred @ centred), 1e-300)
@@ -202,8 +206,11 @@ def reading_scale(
     beyond = error - error.mean() - slope * centred
     if abs(slope) < LEAST_SCALE or beyond.var() > _LEFT * error.var():
         return None
+    std = float(np.sqrt(weights @ covariance @ weights))
+    if abs(slope) < _SIGNIFICANT_SLOPE * std:
+        return None
     factor = 1 / (1 + slope)
-    return ReadingScale(factor, factor**2 * float(np.sqrt(weights @ covariance @ weights)))
+    return ReadingScale(factor, factor**2 * std)
 
 
 def _grid(effect: JointCurve) -> np.ndarray:
