@@ -372,6 +372,12 @@ def test_targets_in_another_unit_are_refused_where_the_recording_tells(run, made
     check_units(narrow, read(head, np.rad2deg(readings)))
     with pytest.raises(InputError, match="radians; multiply the angles by 57.29578"):
         check_units(narrow, read(head, readings))
+    with pytest.raises(
+        InputError, match="radians"
+    ):  # near zero in every joint, also where zero was recorded
+        check_units(arm, read(head, targets(made)[:4]))
+    check_units(arm, read(head, np.zeros((2, 6))))
+    check_units(arm, read(head, [[0.0, 0, 0, 0, 0, 2.0]]))
     for factor, unit in ((1000.0, "metres"), (25.4, "inches")):
         rows = np.column_stack([poses[:, :3, 3] / factor, turns])
         with pytest.raises(InputError, match=f"if they are {unit}; multiply the positions by"):

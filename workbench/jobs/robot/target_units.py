@@ -14,6 +14,11 @@ from workbench.jobs.robot.compensate import nominal_poses
 _LENGTH_UNITS = {"metres": 1000.0, "inches": 25.4}
 _DRAWN = 2000  # readings over the recorded ranges, whose flange positions are compared
 _SLACK = 0.5  # share of a distance or of a range by which targets may be outside what was recorded
+# an angle in radians is at most one revolution; a joint whose angle is below the second limit (deg) tells nothing
+_LARGEST_RAD, _LEAST_DEG = 2 * np.pi, 0.1
+_WIDE = np.deg2rad(
+    60
+)  # recorded range of a joint that is hardly kept within some degrees of zero by chance
 
 
 def check_units(arm: CalibratedArm, programme) -> None:
@@ -42,8 +47,12 @@ def _check_angles(arm: CalibratedArm, programme, readings: np.ndarray) -> None:
     slack = _SLACK * (high - low)
     as_radians = np.rad2deg(readings)
     is_explained = ((as_radians >= low - slack) & (as_radians <= high + slack)).all()
-    is_outside = ((readings < low) | (readings > high)).all(0).any()
-    if is_explained and is_outside:
+    # a joint at zero, as in a home position, says nothing: it is zero in both units
+    is_outside = ((readings < low) | (readings > high)).all(0)
+    is_inside = ((as_radians >= low) & (as_radians <= high)).all(0)
+    if is_explained and (
+        (is_outside & is_inside).any() or _are_all_near_zero(readings, high - low)
+    ):
         most = np.rad2deg(np.abs(readings).max())
         raise complaint(
             programme.table.called,
@@ -51,6 +60,13 @@ def _check_angles(arm: CalibratedArm, programme, readings: np.ndarray) -> None:
             f"none beyond {most:.3g} deg, and all in the recorded ranges if they are radians",
             "multiply the angles by 57.29578, or add --force where the targets are right",
         )
+
+
+def _are_all_near_zero(readings: np.ndarray, extent: np.ndarray) -> bool:
+    """Whether no angle (n, R) exceeds 6.3 deg, although most joints move and were recorded over wide ranges (R,)."""
+    largest = np.rad2deg(np.abs(readings).max(0))
+    moves = (largest > _LEAST_DEG) & (extent > _WIDE)
+    return bool((largest <= _LARGEST_RAD).all() and moves.mean() > 0.5)
 
 
 def _check_positions(arm: CalibratedArm, programme, positions: np.ndarray) -> None:
