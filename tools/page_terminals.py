@@ -48,6 +48,43 @@ load = {"payload_kg": [1.5], "time_s": [0.0]}
 corrected, error_mm = my_arm.corrected_readings(readings, covariates=load)
 print(corrected.round(4), error_mm)
 """
+HALVES = """
+import shutil, pandas, workbench
+samples = pandas.read_csv(workbench.load_example("elastic-arm").folder / "samples.csv")
+for first, name in enumerate(("even-samples", "odd-samples")):
+    shutil.copytree(workbench.load_example("elastic-arm").folder, name)
+    samples[first::2].to_csv(name + "/samples.csv", index=False)
+"""
+IMPORTED_ARM = (
+    ODD_UNITS
+    + """
+workbench = [sys.executable, "-m", "workbench"]
+subprocess.run([*workbench, "import", "tracker.csv", "--robot", "abb_irb120", "--out", "my-arm", "-y"], check=True)
+subprocess.run([*workbench, "calibrate", "my-arm", "--no-report", "--out", "arm"], check=True)
+"""
+)
+TRACKER_POINTS = """
+import numpy, pandas
+from scipy.spatial.transform import Rotation
+rng = numpy.random.default_rng(3)
+arm = rng.uniform(-400, 400, (8, 3)) + [600, 0, 500]
+tracker = Rotation.from_euler("z", 30, degrees=True).apply(arm) + [2500, -300, 120] + rng.normal(0, 0.02, (8, 3))
+tracker[5, 2] += 0.8
+for name, points in (("arm", arm), ("tracker", tracker)):
+    table = pandas.DataFrame(points.round(3), columns=["x_mm", "y_mm", "z_mm"])
+    table.insert(0, "point", [f"P{k}" for k in range(1, 9)])
+    table.to_csv(name + "-points.csv", index=False)
+"""
+PROGRAM = """MODULE job
+  CONST robtarget p10 := [[302.5, 40.0, 420.0], [0.0, 0.0, 1.0, 0.0], [0, 0, 0, 0], [9E9, 9E9, 9E9, 9E9, 9E9, 9E9]];
+  CONST robtarget p20 := [[310.0, -60.0, 380.0], [0.0, 0.0, 1.0, 0.0], [-1, 0, -1, 0], [9E9, 9E9, 9E9, 9E9, 9E9, 9E9]];
+  PROC main()
+    MoveJ p10, v200, fine, tool0;
+    MoveL p20, v200, fine, tool0;
+  ENDPROC
+ENDMODULE
+"""
+POSES = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,0,0,0,45,0\n30,40,-20,0,60,0\n-60,70,-40,90,30,0\n"
 CALIBRATE = "workbench calibrate elastic-arm --no-report --out arm"
 
 
@@ -100,6 +137,31 @@ TERMINALS = {
         ),
         hidden=(CALIBRATE,),
         files={"use.py": USE},
+    ),
+    "model": Terminal((CALIBRATE.replace(" --no-report", ""), "ls arm"), lines=18),
+    "evaluate": Terminal(
+        (
+            "workbench calibrate even-samples --no-report --out arm > log.txt",
+            "workbench evaluate arm odd-samples --tolerance 0.1mm --no-report --out checked",
+        ),
+        script=HALVES,
+    ),
+    "robot-program": Terminal(
+        ("cat job.mod", "workbench compensate arm job.mod --out corrected"),
+        script=IMPORTED_ARM,
+        files={"job.mod": PROGRAM},
+    ),
+    "stiffness": Terminal(
+        ("workbench stiffness arm poses.csv --wrench 100 0 0 0 0 0 --out stiff",),
+        hidden=(CALIBRATE,),
+        files={"poses.csv": POSES},
+    ),
+    "register": Terminal(
+        (
+            "head -3 arm-points.csv",
+            "workbench register arm-points.csv tracker-points.csv --out registered",
+        ),
+        script=TRACKER_POINTS,
     ),
     "api": Terminal(("cat session.py", "python3 session.py"), files={"session.py": SESSION}),
 }

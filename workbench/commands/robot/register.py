@@ -93,7 +93,7 @@ def _show(console, result) -> None:
         "std_mm": "standard deviation of the distance",
         "max_mm": f"largest distance (point {result['max_point']})",
         "sigma_mm": "standard deviation of a coordinate",
-        "left_one_out_rms_mm": "RMS distance of points left out of the fit",
+        "left_one_out_rms_mm": "leave-one-out RMS distance",
     }
     rows = [[text, result[key]] for key, text in names.items() if result[key] is not None]
     tables.grid(console, f"{result['points']} points", ["", "mm"], rows)
