@@ -9,7 +9,7 @@ from robot_model.chain import forward
 from robot_model.configuration import configuration_signs
 from robot_model.robot_file import read_robot_keys, robot_from_keys
 from workbench.files.solution_file import CalibratedArm
-from workbench.jobs.robot.compensate import nominal_poses
+from workbench.jobs.robot.compensation.compensate import nominal_poses
 
 ROBOTS = {"KUKA": "kuka_kr10_r1100", "ABB": "abb_irb120", "FANUC": "fanuc_lr_mate_200id"}
 FILES = {"KUKA": "job.dat", "ABB": "job.mod", "FANUC": "job.ls"}

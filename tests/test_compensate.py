@@ -19,14 +19,14 @@ from workbench.files.solution_file import CalibratedArm, _trust, read_solution
 from workbench.files.targets import doubts, read_programme
 from workbench.fitting.plans import geometry
 from workbench.jobs.robot.calibrate import calibrate, save
-from workbench.jobs.robot.compensate import (
+from workbench.jobs.robot.compensation.compensate import (
     actual_poses,
     compensate,
     nominal_poses,
     position_covariance,
 )
-from workbench.jobs.robot.correction_limits import checked
-from workbench.jobs.robot.target_units import check_units
+from workbench.jobs.robot.compensation.correction_limits import checked
+from workbench.jobs.robot.compensation.target_units import check_units
 
 N = 200
 

@@ -16,8 +16,8 @@ from test_correction_limits import ABB, answer_of, solution
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_vector
 from workbench.files.targets import Programme
-from workbench.jobs.robot.compensate import nominal_poses
-from workbench.jobs.robot.configurations import configuration_changes, with_start
+from workbench.jobs.robot.compensation.compensate import nominal_poses
+from workbench.jobs.robot.compensation.configurations import configuration_changes, with_start
 
 ARM = load_robot(ABB, "test")
 

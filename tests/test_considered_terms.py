@@ -19,9 +19,13 @@ from workbench.explanation.considered_terms import considered_terms
 from workbench.files.solution_file import read_solution, solution_keys
 from workbench.fitting.plans import geometry
 from workbench.jobs.robot.calibrate import calibrate
-from workbench.jobs.robot.compensate import compensate, considered_covariates, covariates_read
-from workbench.jobs.robot.correction_limits import Limits, judge_targets
-from workbench.jobs.robot.model_error import remaining_error_mm
+from workbench.jobs.robot.compensation.compensate import (
+    compensate,
+    considered_covariates,
+    covariates_read,
+)
+from workbench.jobs.robot.compensation.correction_limits import Limits, judge_targets
+from workbench.jobs.robot.compensation.model_error import remaining_error_mm
 from workbench.jobs.robot.simulate import simulate
 
 SCENE = {

@@ -28,11 +28,11 @@ from workbench.files.solution_file import read_solution, without_terms
 from workbench.fitting import plan_file
 from workbench.fitting.plans import read_plan
 from workbench.jobs.robot.calibrate import calibrate
-from workbench.jobs.robot.compensate import actual_poses, compensate
-from workbench.jobs.robot.correction_limits import checked
+from workbench.jobs.robot.compensation.compensate import actual_poses, compensate
+from workbench.jobs.robot.compensation.correction_limits import checked
+from workbench.jobs.robot.compensation.switched_off import switched_off_warning
 from workbench.jobs.robot.poses import choose_poses
 from workbench.jobs.robot.simulate import simulate
-from workbench.jobs.robot.switched_off import switched_off_warning
 
 HALF_GAP = 4e-4
 SCENE = {

@@ -13,8 +13,8 @@ from scenes import ABB, scene
 from workbench.core.errors import InputError
 from workbench.files.solution_file import read_solution
 from workbench.jobs.robot.calibrate import calibrate, save
-from workbench.jobs.robot.compensate import covariates_read
-from workbench.jobs.robot.correction_limits import (
+from workbench.jobs.robot.compensation.compensate import covariates_read
+from workbench.jobs.robot.compensation.correction_limits import (
     Limits,
     checked,
     doubt_about,

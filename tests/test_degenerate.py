@@ -21,7 +21,7 @@ from workbench.files.solution_file import read_solution, solution_keys
 from workbench.fitting import checked_samples
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.compare import compare
-from workbench.jobs.robot.compensate import compensate
+from workbench.jobs.robot.compensation.compensate import compensate
 from workbench.jobs.robot.identify import identifiability
 from workbench.jobs.robot.poses import CRITERIA, choose_poses
 from workbench.jobs.robot.significance import significance

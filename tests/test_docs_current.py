@@ -49,7 +49,7 @@ def test_the_list_of_effects_has_every_error_of_a_turntable():
 
 
 def test_the_import_page_names_every_built_in_robot_and_boards_that_are_read():
-    from workbench.recordings.importing.notation import board_keys
+    from workbench.recordings.importing.board_images.notation import board_keys
 
     page = (ROOT / "docs" / "how-to" / "import.md").read_text(encoding="utf-8")
     robots = sorted(path.stem for path in (ROOT / "robot_model" / "robots").glob("*.toml"))

@@ -24,7 +24,7 @@ from workbench.files.exports.ur_kinematics import (
     read_ur_kinematics,
     ur_kinematics_yaml,
 )
-from workbench.jobs.robot.compensate import actual_poses, compensate
+from workbench.jobs.robot.compensation.compensate import actual_poses, compensate
 
 MIXTURE = [[[10.0 * k, -5.0, 3.0 * k] for k in range(7)]]
 

@@ -70,7 +70,7 @@ def test_what_the_format_cannot_hold_is_not_fitted():
 
 
 def test_the_export_says_how_far_it_is_from_the_complete_model(tmp_path, monkeypatch):
-    from workbench.jobs.robot import correction_limits
+    from workbench.jobs.robot.compensation import correction_limits
 
     arm = harmonic_that_cancels()
     monkeypatch.setattr("workbench.files.solution_file.read_solution", lambda path: arm)

@@ -8,7 +8,7 @@ import pytest
 from export_scenes import arm_with, exported
 from robot_model import load_robot
 from scenes import ABB
-from workbench.jobs.robot.compensate import compensate
+from workbench.jobs.robot.compensation.compensate import compensate
 
 READINGS = np.array([[0.0, 10, 10, 20, 30, 40], [20.0, -10, 15, 10, 40, 5]])
 TOOL = {f"tool.{c}": 40.0 for c in "xyz"}

@@ -10,7 +10,7 @@ from scenes import ABB
 from workbench.core.errors import InputError
 from workbench.files.exports.mjcf import left_out, mjcf
 from workbench.files.exports.mjcf_check import check_mjcf
-from workbench.jobs.robot.compensate import actual_poses
+from workbench.jobs.robot.compensation.compensate import actual_poses
 
 RANGES = {f"q{k}_deg": (-40.0, 40.0) for k in range(1, 7)} | {"payload_kg": (0.0, 3.0)}
 ROWS = [

@@ -9,7 +9,7 @@ from scenes import ABB
 from test_correction_limits import solution
 from workbench.core.errors import InputError
 from workbench.files.solution_file import read_solution
-from workbench.jobs.robot.compensate import compensate
+from workbench.jobs.robot.compensation.compensate import compensate
 
 
 @pytest.mark.parametrize("ranges", [[1], {"q1_deg": 3}, {"q1_deg": ["a", "b"]}, "x"])

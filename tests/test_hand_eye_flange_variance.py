@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from hand_eye_scenes import CAMERA, board, images
 from sensors.hand_eye.adjust import Variances, adjust
-from sensors.hand_eye.flange_variance import flange_variance
 from sensors.hand_eye.images import _chain, _is_reduced, _pivot
 from sensors.hand_eye.start import board_poses, start_from_boards
+from sensors.hand_eye.uncertainty.flange_variance import flange_variance
 from workbench.core.rigid import transform
 from workbench.fitting.verdicts.hand_eye_verdict import flange_error_words
 

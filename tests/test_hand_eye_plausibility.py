@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import datasets
 import hand_eye_recordings as recordings
-from sensors.hand_eye.relative_motions import (
+from sensors.hand_eye.checks.relative_motions import (
     displacement_px,
     equal_poses,
     relative_motions,

@@ -11,10 +11,10 @@ import hand_eye_recordings as recordings
 import hand_eye_user_errors as bench
 from conftest import mostly_slow, sizes
 from hand_eye_scenes import CAMERA, HAND_EYE, board, images
+from sensors.hand_eye.checks.mistakes import Reading
+from sensors.hand_eye.checks.pose_data import Freedom, PoseData
+from sensors.hand_eye.checks.pose_fit import _moved_state, _residual, _rows, _State, fit_poses
 from sensors.hand_eye.images import hand_eye_from_views, review_views
-from sensors.hand_eye.mistakes import Reading
-from sensors.hand_eye.pose_data import Freedom, PoseData
-from sensors.hand_eye.pose_fit import _moved_state, _residual, _rows, _State, fit_poses
 from workbench.commands import cli
 from workbench.core.rigid import inverse, rotation_matrix, transform
 

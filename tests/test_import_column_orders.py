@@ -14,9 +14,10 @@ from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, wri
 from robot_model import load_robot
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility.fitting import hopeless_mm, nominal_scale
-from workbench.jobs.robot.compensate import nominal_poses
+from workbench.jobs.robot.compensation.compensate import nominal_poses
 from workbench.recordings.importing import ImportOptions, import_recording
-from workbench.recordings.importing.board_poses import BoardViews, _refuse_other_order
+from workbench.recordings.importing.board_images.board_poses import _refuse_other_order
+from workbench.recordings.importing.board_images.reading_fits import BoardViews
 
 JOINTS = [f"J{k}" for k in range(1, 7)]
 

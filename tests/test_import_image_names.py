@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from datasets.importers.source import ImageFile, RawTable
-from workbench.recordings.importing.image_rows import file_link, matched_rows
+from workbench.recordings.importing.board_images.image_rows import file_link, matched_rows
 
 NUMBERS = [k for k in range(1, 15) if k != 5]
 IMAGES = [ImageFile(Path(f"img_{k:03d}.png"), f"img_{k:03d}.png") for k in NUMBERS]

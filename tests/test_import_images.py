@@ -8,7 +8,7 @@ from import_scenes import write_rows
 from workbench.core.errors import InputError
 from workbench.jobs.sensor.render import render
 from workbench.recordings.importing import ImportOptions, import_recording
-from workbench.recordings.importing.board_poses import agreeing_labels
+from workbench.recordings.importing.board_images.reading_fits import agreeing_labels
 from workbench.recordings.templates.images import _BOARD, _BOARDS, _HAND_EYE, _pose
 
 

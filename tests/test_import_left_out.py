@@ -18,7 +18,7 @@ from import_scenes import SCENE, UR10, degrees, simulated, write_rows
 from workbench.commands.data import import_dialogue
 from workbench.core.errors import InputError
 from workbench.recordings.importing import import_recording
-from workbench.recordings.importing.image_rows import file_link
+from workbench.recordings.importing.board_images.image_rows import file_link
 from workbench.recordings.importing.user_columns import in_user_columns
 
 

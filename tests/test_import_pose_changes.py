@@ -8,12 +8,10 @@ from datasets.importers.mapping.proposal import propose
 from datasets.importers.source import RawTable
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, transform
-from workbench.recordings.importing.board_poses import (
-    BoardViews,
-    _pose_readings,
-    flange_readings,
-)
-from workbench.recordings.importing.pose_segments import refuse_changed_poses
+from workbench.recordings.importing.board_images.board_poses import _pose_readings
+from workbench.recordings.importing.board_images.pose_readings import flange_readings
+from workbench.recordings.importing.board_images.reading_fits import BoardViews
+from workbench.recordings.importing.segments.pose_segments import refuse_changed_poses
 
 COUNT = 20
 HEADERS = ("X", "Y", "Z", "A", "B", "C")

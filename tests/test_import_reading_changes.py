@@ -8,7 +8,7 @@ from conftest import mostly_slow
 from import_scenes import SCENE, UR10, degrees, simulated, write_rows
 from workbench.core.errors import InputError
 from workbench.recordings.importing import import_recording
-from workbench.recordings.importing.row_segments import least_cost_labels
+from workbench.recordings.importing.segments.row_segments import least_cost_labels
 
 READINGS = [f"J{k}" for k in range(1, 7)]
 FIRST = 18

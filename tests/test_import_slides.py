@@ -8,7 +8,7 @@ from datasets.importers.user_tables import read_targets
 from import_scenes import write_rows
 from robot_model import load_robot
 from workbench.core.errors import InputError
-from workbench.jobs.robot.compensate import nominal_poses
+from workbench.jobs.robot.compensation.compensate import nominal_poses
 from workbench.recordings.importing import ImportOptions, import_recording
 from workbench.recordings.importing.robots import robot_keys
 

@@ -13,7 +13,7 @@ from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, tra
 from workbench.commands.cli import run
 from workbench.core.errors import InputError
 from workbench.recordings.importing import ImportOptions, import_recording
-from workbench.recordings.importing.notation import board_keys
+from workbench.recordings.importing.board_images.notation import board_keys
 
 
 @pytest.fixture(scope="module")

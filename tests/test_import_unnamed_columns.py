@@ -9,7 +9,7 @@ from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, wri
 from robot_model import load_robot
 from workbench.commands.cli import run
 from workbench.core.errors import InputError
-from workbench.jobs.robot.compensate import nominal_poses
+from workbench.jobs.robot.compensation.compensate import nominal_poses
 from workbench.recordings.importing import ImportOptions, import_recording
 
 JOINTS = ["Grundachse", "Schulter", "Ellbogen", "Hand A", "Hand B", "Hand C"]

@@ -8,7 +8,7 @@ from datasets.importers.mapping.sets import find_sets
 from datasets.importers.source import RawTable
 from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, write_rows
 from workbench.recordings.importing import import_recording
-from workbench.recordings.importing.turn_misfits import measured_rotations
+from workbench.recordings.importing.interpretation.orientation_misfits import measured_rotations
 
 JOINTS = [f"J{k}" for k in range(1, 7)]
 

@@ -22,7 +22,7 @@ from workbench.explanation.reference import reference_of
 from workbench.files.exports.mdh import calibrated_geometry
 from workbench.files.exports.mjcf import mjcf
 from workbench.files.exports.urdf import urdf
-from workbench.jobs.robot.compensate import actual_poses
+from workbench.jobs.robot.compensation.compensate import actual_poses
 from workbench.jobs.robot.simulate import simulate
 
 MJCF_CELL = """<mujoco model="cell">

@@ -250,7 +250,7 @@ def test_a_dropped_mjcf_file_is_a_robot_and_other_xml_a_table():
 
 def test_an_arm_of_an_mjcf_file_is_exported_as_a_bare_urdf(scene, tmp_path, monkeypatch):
     """There is no URDF to patch, unless one is named."""
-    from workbench.jobs.robot import correction_limits
+    from workbench.jobs.robot.compensation import correction_limits
 
     arm = arm_with({"urdf": str(scene)}, [])
     monkeypatch.setattr("workbench.files.solution_file.read_solution", lambda path: arm)

@@ -16,8 +16,8 @@ from workbench.commands.robot.export_arm import ArmOptions, export_arm
 from workbench.core.errors import InputError
 from workbench.files.solution_file import read_solution
 from workbench.files.targets import read_programme
-from workbench.jobs.robot.compensate import compensate, nominal_poses
-from workbench.jobs.robot.stated_configuration import with_stated_configuration
+from workbench.jobs.robot.compensation.compensate import compensate, nominal_poses
+from workbench.jobs.robot.compensation.stated_configuration import with_stated_configuration
 
 ROBOT = load_robot(ABB)
 READINGS = np.array(

@@ -11,7 +11,7 @@ from scenes import ABB
 from test_correction_limits import solution
 from workbench.commands.robot.export_arm import ArmOptions, export_arm
 from workbench.files.solution_file import read_solution
-from workbench.jobs.robot.compensate import compensate, nominal_poses
+from workbench.jobs.robot.compensation.compensate import compensate, nominal_poses
 
 READINGS = np.array(
     [[0.0, 10, 10, 0, 30, 0], [40, -20, 25, 30, -50, 10], [-30, 5, -5, -60, 70, 90]]

@@ -6,8 +6,8 @@ import numpy as np
 
 from counted_robots import arm, counted
 from robot_model import load_robot
-from workbench.jobs.robot.compensate import nominal_poses
-from workbench.jobs.robot.recorded_turns import nearest_turns, recorded_middle
+from workbench.jobs.robot.compensation.compensate import nominal_poses
+from workbench.jobs.robot.compensation.revolutions import nearest_turns, recorded_middle
 
 ROBOT = counted("ABB")
 OPEN = replace(ROBOT, limits=np.full((6, 2), np.nan))

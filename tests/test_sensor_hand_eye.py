@@ -13,15 +13,15 @@ from sensors.boards.board import Board
 from sensors.boards.detection import View, detect, relabelled
 from sensors.camera.model import Camera
 from sensors.hand_eye.chain import BallChain, BoardChain
-from sensors.hand_eye.images import hand_eye_from_views, review_views
-from sensors.hand_eye.profiles import hand_eye_from_profiles
-from sensors.hand_eye.scatter import (
+from sensors.hand_eye.checks.scatter import (
     board_scatter,
     deviations,
     placed_boards,
     scattered,
     scattered_derivative,
 )
+from sensors.hand_eye.images import hand_eye_from_views, review_views
+from sensors.hand_eye.profiles import hand_eye_from_profiles
 from sensors.hand_eye.start import board_poses, closed_forms
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, transform

@@ -13,9 +13,9 @@ from sensors.boards.detection import View
 from sensors.camera.calibration import calibrate_camera
 from sensors.hand_eye.images import hand_eye_from_views, review_views
 from sensors.hand_eye.motion import readings
-from sensors.hand_eye.parameter_covariance import _reduced_normal
 from sensors.hand_eye.profiles import hand_eye_from_profiles
 from sensors.hand_eye.start import align
+from sensors.hand_eye.uncertainty.parameter_covariance import _reduced_normal
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, transform
 

@@ -9,7 +9,7 @@ from robot_model import load_robot
 from robot_model.controller_conventions import parts_like_controller
 from workbench.core.errors import InputError
 from workbench.files.targets import doubts, read_programme
-from workbench.jobs.robot.stated_configuration import with_stated_configuration
+from workbench.jobs.robot.compensation.stated_configuration import with_stated_configuration
 
 MAKERS = ["KUKA", "ABB", "FANUC"]
 SIGNS, ZEROS = (1, 1, -1, 1, -1, -1), (0.0, 90.0, -90.0, 0.0, 0.0, 180.0)

@@ -14,7 +14,7 @@ from workbench.files.exports.python import python_module
 from workbench.files.exports.python.module import arm_data, observed_effects
 from workbench.files.exports.python.runtime import CorrectedArm
 from workbench.files.solution_file import read_solution
-from workbench.jobs.robot.compensate import actual_poses, half_loops_mm
+from workbench.jobs.robot.compensation.compensate import actual_poses, half_loops_mm
 
 HYSTERESIS = {"effect": "joint-hysteresis", "where": "joint-3", "width": 0.003}
 SIZES = {"joint-3.joint-hysteresis.wind_up": 1e-4, "joint-3.joint-hysteresis.by_load": 0.0}

@@ -5,9 +5,14 @@ import numpy as np
 from export_scenes import arm_with
 from scenes import ABB
 from test_fewer_joints import SCARA, TOOL, _joint, calibrated
-from workbench.jobs.robot.compensate import actual_poses, compensate, negligible_mm, nominal_poses
-from workbench.jobs.robot.singularity import singular_joint
-from workbench.jobs.robot.unattainable import _explained, unattainable_targets
+from workbench.jobs.robot.compensation.compensate import (
+    actual_poses,
+    compensate,
+    negligible_mm,
+    nominal_poses,
+)
+from workbench.jobs.robot.compensation.singularity import singular_joint
+from workbench.jobs.robot.compensation.unattainable import _explained, unattainable_targets
 
 SEVEN = {
     "name": "seven",

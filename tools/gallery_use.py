@@ -26,7 +26,7 @@ from workbench.core.rigid import rotation_matrix  # noqa: E402
 from workbench.files.solution_file import read_solution  # noqa: E402
 from workbench.fitting.plans import geometry  # noqa: E402
 from workbench.jobs.robot.calibrate import calibrate, save  # noqa: E402
-from workbench.jobs.robot.compensate import compensate, nominal_poses  # noqa: E402
+from workbench.jobs.robot.compensation.compensate import compensate, nominal_poses  # noqa: E402
 from workbench.jobs.robot.poses import CRITERIA, Chosen, choose_poses  # noqa: E402
 
 PAGE = ROOT / "docs" / "gallery" / "poses-and-compensation.md"

@@ -33,7 +33,7 @@ from workbench.files.solution_file import (  # noqa: E402
 )
 from workbench.fitting.plans import geometry  # noqa: E402
 from workbench.jobs.robot.calibrate import calibrate  # noqa: E402
-from workbench.jobs.robot.compensate import (  # noqa: E402
+from workbench.jobs.robot.compensation.compensate import (  # noqa: E402
     COVERAGE_FACTOR,
     compensate,
     position_covariance,

@@ -14,21 +14,21 @@ from sensors.boards.circles import centre_shift, lens_shift
 from sensors.boards.detection import relabelled
 from sensors.camera.model import Camera, StatedCamera
 from sensors.hand_eye.adjust import Variances, adjust, find_blunders, with_held_camera
-from sensors.hand_eye.alternatives import moved_of
 from sensors.hand_eye.chain import BoardChain
-from sensors.hand_eye.corner_noise import board_corners, corner_noise
-from sensors.hand_eye.flange_variance import flange_variance
-from sensors.hand_eye.misfit import image_misfit, with_misfit
-from sensors.hand_eye.mistakes import Reading, pose_readings
+from sensors.hand_eye.checks.alternatives import moved_of
+from sensors.hand_eye.checks.corner_noise import board_corners, corner_noise
+from sensors.hand_eye.checks.mistakes import Reading, pose_readings
+from sensors.hand_eye.checks.pose_data import PoseData
+from sensors.hand_eye.checks.pose_fit import robust_starts
+from sensors.hand_eye.checks.review import Named, Review, review
+from sensors.hand_eye.checks.scatter import held_least, held_scatter, least_scatter, scatter
 from sensors.hand_eye.motion import motion
-from sensors.hand_eye.parameter_covariance import parameter_covariance
-from sensors.hand_eye.pose_data import PoseData
-from sensors.hand_eye.pose_fit import robust_starts
 from sensors.hand_eye.poses import check_pixels, checked_flange
 from sensors.hand_eye.result import HandEye, PoseRow, held_row, of_block, placement, rms
-from sensors.hand_eye.review import Named, Review, review
-from sensors.hand_eye.scatter import held_least, held_scatter, least_scatter, scatter
 from sensors.hand_eye.start import board_poses, nearest_turns, start_from_boards
+from sensors.hand_eye.uncertainty.flange_variance import flange_variance
+from sensors.hand_eye.uncertainty.misfit import image_misfit, with_misfit
+from sensors.hand_eye.uncertainty.parameter_covariance import parameter_covariance
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 

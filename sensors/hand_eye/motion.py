@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sensors.hand_eye.mistakes import pose_readings
+from sensors.hand_eye.checks.mistakes import pose_readings
 from sensors.hand_eye.profiles_start import find_start
 from sensors.hand_eye.start import STILL
 from workbench.core.least_squares.linear_algebra import thin_svd

@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 
 from sensors.camera.model import Camera
-from sensors.hand_eye.misfit import Misfit
-from sensors.hand_eye.parameter_covariance import ParameterCovariance
+from sensors.hand_eye.uncertainty.misfit import Misfit
+from sensors.hand_eye.uncertainty.parameter_covariance import ParameterCovariance
 from workbench.core.parameters import Parameters
 from workbench.core.rigid import left_jacobian, rotation_matrix, transform
 

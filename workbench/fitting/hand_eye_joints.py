@@ -9,7 +9,7 @@ import numpy as np
 from datasets.columns import joint_columns, joint_number
 from datasets.recording import Recording
 from robot_model import builtin_robots, load_robot
-from sensors.hand_eye.mistakes import Reading
+from sensors.hand_eye.checks.mistakes import Reading
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse
 from workbench.files.images.flange import flange_poses

@@ -20,7 +20,7 @@ from workbench.files.solution_file import CalibratedArm
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.plans import PLAN_FILES, frames_of, geometry, plan_names
 from workbench.jobs.robot.calibrate import Calibration, calibrate
-from workbench.jobs.robot.compensate import compensate
+from workbench.jobs.robot.compensation.compensate import compensate
 from workbench.jobs.robot.simulate import Truth, truth_from
 from workbench.studies.spec import Study, Tasks, validated
 

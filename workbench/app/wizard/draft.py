@@ -11,8 +11,8 @@ from workbench.app.wizard.form import CALLED, with_cell
 from workbench.app.wizard.trial import Trial, read_proposal, try_import
 from workbench.core.errors import InputError
 from workbench.recordings.importing import ImportOptions
-from workbench.recordings.importing.notation import board_keys
-from workbench.recordings.importing.questions import Question
+from workbench.recordings.importing.board_images.notation import board_keys
+from workbench.recordings.importing.interpretation.questions import Question
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,79}")
 

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from datasets.importers.mapping.model import Mapping
 from workbench.core.errors import InputError
 from workbench.recordings.importing import ImportOptions, ImportResult, import_recording
-from workbench.recordings.importing.questions import Question
+from workbench.recordings.importing.interpretation.questions import Question
 
 _PREVIEWED = 5
 _MADE = "recording"

@@ -113,7 +113,7 @@ def command(
     from datasets.importers.mapping.model import Mapping, read_mapping
     from workbench.commands.data import import_dialogue
     from workbench.recordings.importing import ImportOptions
-    from workbench.recordings.importing.notation import board_keys
+    from workbench.recordings.importing.board_images.notation import board_keys
 
     options = ImportOptions(
         robot=robot,
@@ -164,7 +164,7 @@ def _propose(sources: Sequence[Path], file: Path, options, json: str | None) -> 
 
     from datasets.importers.mapping.model import write_mapping
     from workbench.recordings.importing.chain import find_mapping, never_read
-    from workbench.recordings.importing.unjoined import propose_unjoined
+    from workbench.recordings.importing.sources.unjoined import propose_unjoined
 
     answer.check_target(str(file), "--propose")
     with answer.progress("reading the files"), TemporaryDirectory() as scratch:
@@ -242,7 +242,7 @@ def _is_complete(mapping) -> bool:
 
 def _example(found, options) -> str:
     """A complete mapping file where the headers leave quantities of a robot open; "" where they leave none."""
-    from workbench.recordings.importing.header_problems import table_example
+    from workbench.recordings.importing.sources.header_problems import table_example
 
     if not _is_robot(found) or _is_complete(found.mapping):
         return ""

@@ -102,14 +102,14 @@ def command(
         from workbench.files.solution_file import read_solution, without_terms
         from workbench.files.targets import as_csv, corrected_columns, doubts
         from workbench.fitting.verdicts.verdict import parse_tolerances
-        from workbench.jobs.robot.compensate import compensate
-        from workbench.jobs.robot.correction_limits import (
+        from workbench.jobs.robot.compensation.compensate import compensate
+        from workbench.jobs.robot.compensation.correction_limits import (
             Limits,
             checked,
             covariates_of,
             judge_targets,
         )
-        from workbench.jobs.robot.switched_off import switched_off_warning
+        from workbench.jobs.robot.compensation.switched_off import switched_off_warning
         from workbench.machine.progress import paced
 
         tolerances = parse_tolerances(tolerance)
@@ -149,9 +149,9 @@ def command(
 def _read_targets(arm, targets: Path, mapping, start, force: bool):
     """The programme and sentences on its configurations. Raises InputError, also for a unit that cannot be."""
     from workbench.files.targets import read_programme
+    from workbench.jobs.robot.compensation.stated_configuration import configured
+    from workbench.jobs.robot.compensation.target_units import check_units
     from workbench.jobs.robot.session_clock import targets_on_session_clock
-    from workbench.jobs.robot.stated_configuration import configured
-    from workbench.jobs.robot.target_units import check_units
 
     programme = read_programme(targets, arm.robot, mapping)
     if not force:
@@ -173,7 +173,7 @@ def _forced(reasons: Mapping[int, list[str]]) -> list[str]:
 
 
 def _unattainable(arm, programme, found, covariates) -> list[str]:
-    from workbench.jobs.robot.unattainable import unattainable_targets
+    from workbench.jobs.robot.compensation.unattainable import unattainable_targets
 
     unattainable = unattainable_targets(arm, programme.readings, found, covariates)
     return [target.sentence for target in unattainable]
@@ -181,21 +181,21 @@ def _unattainable(arm, programme, found, covariates) -> list[str]:
 
 def _configurations(arm, programme, found) -> list[dict]:
     """Which configuration the targets take that are poses; targets with readings state their own."""
-    from workbench.jobs.robot.configurations import configurations_json
+    from workbench.jobs.robot.compensation.configurations import configurations_json
 
     return [] if programme.poses is None else configurations_json(arm.robot, found.readings)
 
 
 def _changes(arm, programme, found) -> list[str]:
-    from workbench.jobs.robot.configurations import configuration_changes
+    from workbench.jobs.robot.compensation.configurations import configuration_changes
 
     return [] if programme.poses is None else configuration_changes(arm.robot, found.readings)
 
 
 def _summary(arm, found, refused) -> dict:
     """The main figures; errors are 3-D, of the flange, in mm."""
-    from workbench.jobs.robot.compensate import COVERAGE_FACTOR
-    from workbench.jobs.robot.model_error import known_noise, model_error_mm
+    from workbench.jobs.robot.compensation.compensate import COVERAGE_FACTOR
+    from workbench.jobs.robot.compensation.model_error import known_noise, model_error_mm
 
     noise = known_noise(arm).noise
     reached = found.reached
@@ -244,7 +244,7 @@ def _verdict(arm, found, refused, tolerances):
     the expected error.
     """
     from workbench.fitting.verdicts.verdict import Residual, judge, no_verdict
-    from workbench.jobs.robot.model_error import known_noise, remaining_error_mm
+    from workbench.jobs.robot.compensation.model_error import known_noise, remaining_error_mm
 
     is_usable = found.reached.copy()
     is_usable[list(refused)] = False

@@ -72,7 +72,7 @@ def export_arm(
     step: called with the name of each of the `STEPS`. Raises InputError.
     """
     from workbench.files.solution_file import read_solution, without_terms
-    from workbench.jobs.robot.correction_limits import checked
+    from workbench.jobs.robot.compensation.correction_limits import checked
 
     check_options(to, options)
     step("reading the calibration")
@@ -217,11 +217,15 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
     from workbench.files.exports.check import check_program
     from workbench.files.exports.programs import Program, program_text
     from workbench.files.targets import read_programme
-    from workbench.jobs.robot.compensate import compensate
-    from workbench.jobs.robot.correction_limits import Limits, covariates_of, judge_targets
+    from workbench.jobs.robot.compensation.compensate import compensate
+    from workbench.jobs.robot.compensation.correction_limits import (
+        Limits,
+        covariates_of,
+        judge_targets,
+    )
+    from workbench.jobs.robot.compensation.stated_configuration import configured
+    from workbench.jobs.robot.compensation.target_units import check_units
     from workbench.jobs.robot.session_clock import targets_on_session_clock
-    from workbench.jobs.robot.stated_configuration import configured
-    from workbench.jobs.robot.target_units import check_units
 
     programme = read_programme(options.targets, arm.robot, options.map)
     if not options.force:
@@ -268,7 +272,7 @@ def _own_program(arm, to: str, options: ArmOptions, found, back) -> tuple[bytes,
     from datasets.importers.sources.program_patch import is_program_of, patched_program
     from datasets.importers.user_tables import frames_of
     from workbench.files.exports.check import check_patched_program
-    from workbench.jobs.robot.compensate import nominal_poses
+    from workbench.jobs.robot.compensation.compensate import nominal_poses
 
     maker = {"krl": "KUKA", "rapid": "ABB", "fanuc": "FANUC"}.get(to)
     if maker is None or options.targets is None or not is_program_of(options.targets, maker):
@@ -289,7 +293,10 @@ def _own_program(arm, to: str, options: ArmOptions, found, back) -> tuple[bytes,
 
 def _configuration_notes(arm, programme, found) -> list[str]:
     """Sentences on the configuration of the arm at targets that are poses."""
-    from workbench.jobs.robot.configurations import configuration_changes, configurations_json
+    from workbench.jobs.robot.compensation.configurations import (
+        configuration_changes,
+        configurations_json,
+    )
 
     if programme.poses is None:
         return []

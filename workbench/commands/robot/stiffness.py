@@ -93,7 +93,7 @@ def _arm(source: Path, without: list[str], force: bool):
     """The arm of a calibration, or of a file that states its stiffness, without the terms that are switched off."""
     from workbench.files.solution_file import read_solution, without_terms
     from workbench.files.stiffness_file import read_stiffness
-    from workbench.jobs.robot.correction_limits import checked
+    from workbench.jobs.robot.compensation.correction_limits import checked
 
     if source.suffix.lower() == ".toml":
         return without_terms(read_stiffness(source), without, str(source))

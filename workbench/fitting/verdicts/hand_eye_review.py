@@ -9,9 +9,9 @@ import numpy as np
 from datasets.recording import Recording
 from sensors.boards.detection import Detection, View
 from sensors.camera.calibration import calibrate_camera
+from sensors.hand_eye.checks.mistakes import pose_readings
+from sensors.hand_eye.checks.review import UNEXPLAINED, Finding, Review
 from sensors.hand_eye.images import review_views
-from sensors.hand_eye.mistakes import pose_readings
-from sensors.hand_eye.review import UNEXPLAINED, Finding, Review
 from workbench.core.errors import InputError
 from workbench.fitting.hand_eye_joints import joint_readings
 
@@ -76,7 +76,7 @@ def _review(seen: Observed, camera) -> Review:
 
 def _from_joints(seen):
     """The poses that the joint readings give, where the recording has both."""
-    from sensors.hand_eye.mistakes import Reading
+    from sensors.hand_eye.checks.mistakes import Reading
     from workbench.files.images.flange import flange_poses
 
     columns = {

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from robot_model.task_priority import LEVER_MM
+from sensors.hand_eye.checks.review import UNEXPLAINED
 from sensors.hand_eye.result import HandEye
-from sensors.hand_eye.review import UNEXPLAINED
 from workbench.fitting.verdicts.sensor_verdict import repeated_warnings
 from workbench.fitting.verdicts.verdict import (
     Noise,

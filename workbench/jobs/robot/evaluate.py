@@ -22,8 +22,8 @@ from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.cross_validation import error_summary
 from workbench.fitting.plausibility.fitting import base_and_tool, tool_patterns
 from workbench.fitting.verdicts.verdict import Noise, Residual, Tolerance, Verdict, combine, judge
-from workbench.jobs.robot.compensate import covariates_read
-from workbench.jobs.robot.model_error import noise_factor, stated_source
+from workbench.jobs.robot.compensation.compensate import covariates_read
+from workbench.jobs.robot.compensation.model_error import noise_factor, stated_source
 from workbench.jobs.robot.session_clock import clock_warning, is_same_recording, on_session_clock
 
 REFITS = ("none", "base", "tool", "base-and-tool")

@@ -13,7 +13,7 @@ import numpy as np
 
 from datasets.recording import Recording
 from workbench.files.solution_file import CalibratedArm
-from workbench.jobs.robot.compensate import considered_covariates, covariates_read
+from workbench.jobs.robot.compensation.compensate import considered_covariates, covariates_read
 
 _TIME, _ROW = "time_s", "row"
 

@@ -11,13 +11,13 @@ from sensors.boards.board import Board
 from sensors.boards.detection import Rejected, View, detect_all
 from sensors.camera.calibration import CameraCalibration, calibrate_camera
 from sensors.camera.model import Camera, StatedCamera, camera_from_keys
-from sensors.hand_eye.relative_motions import (
+from sensors.hand_eye.checks.relative_motions import (
     EQUAL_REMEDY,
     equal_poses_sentence,
     wrong_equal_poses,
 )
+from sensors.hand_eye.checks.review import Review
 from sensors.hand_eye.result import HandEye
-from sensors.hand_eye.review import Review
 from sensors.trust import Trust
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_vector

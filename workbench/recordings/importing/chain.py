@@ -19,17 +19,17 @@ from datasets.recording import Recording
 from robot_model import builtin_robots
 from workbench.core.errors import InputError
 from workbench.core.robot_description import DESCRIPTIONS, file_and_tip
-from workbench.recordings.importing.ball_clouds import with_ball_centres
-from workbench.recordings.importing.board_poses import import_images
-from workbench.recordings.importing.finding import Found, find_mapping, is_mapped
-from workbench.recordings.importing.fits import CandidateFit
-from workbench.recordings.importing.image_rows import file_link
+from workbench.recordings.importing.ball_scans.ball_clouds import with_ball_centres
+from workbench.recordings.importing.ball_scans.surface_scans import import_scans, is_scan
+from workbench.recordings.importing.board_images.board_poses import import_images
+from workbench.recordings.importing.board_images.image_rows import file_link
+from workbench.recordings.importing.interpretation.fits import CandidateFit
+from workbench.recordings.importing.interpretation.questions import Ask
 from workbench.recordings.importing.measured_robot import Made, import_table
-from workbench.recordings.importing.questions import Ask
 from workbench.recordings.importing.remarks import remarks_sentence, unused_sentence
 from workbench.recordings.importing.sessions import import_sessions
-from workbench.recordings.importing.surface_scans import import_scans, is_scan
-from workbench.recordings.importing.timed_join import ClockDecision, OffsetMode
+from workbench.recordings.importing.sources.finding import Found, find_mapping, is_mapped
+from workbench.recordings.importing.sources.timed_join import ClockDecision, OffsetMode
 from workbench.recordings.importing.user_columns import in_user_columns
 from workbench.recordings.inspection.needs import coverage_needs
 

@@ -16,7 +16,7 @@ from workbench.fitting.plausibility.far_geometry import CAUSE, OTHER_ROBOT, find
 from workbench.fitting.plausibility.fitting import nominal_scale
 from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.fitting.plausibility.wording import listed
-from workbench.recordings.importing.fits import CandidateFit, compare_readings
+from workbench.recordings.importing.interpretation.fits import CandidateFit, compare_readings
 
 _SHIFTED = "rows-shifted"
 _EXTERNAL = ("external-point", "external-pose")

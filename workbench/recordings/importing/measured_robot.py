@@ -17,21 +17,24 @@ from robot_model import builtin_robots, load_robot
 from robot_model.state import sliding
 from workbench.core.deadline import OutOfTime, limited
 from workbench.core.errors import InputError
-from workbench.recordings.importing import decisions, robot_decision
 from workbench.recordings.importing.builder import Builder
 from workbench.recordings.importing.final_check import check_fit
-from workbench.recordings.importing.finding import is_mapped
-from workbench.recordings.importing.fits import CandidateFit
-from workbench.recordings.importing.header_problems import header_error
-from workbench.recordings.importing.reading_changes import (
+from workbench.recordings.importing.interpretation import decisions, robot_decision
+from workbench.recordings.importing.interpretation.fits import CandidateFit
+from workbench.recordings.importing.interpretation.rotation_decision import decide_rotation
+from workbench.recordings.importing.interpretation.unnamed_columns import (
+    find_unnamed,
+    refuse_wrong_slides,
+)
+from workbench.recordings.importing.robots import robot_candidates, robot_keys
+from workbench.recordings.importing.segments.reading_changes import (
     refuse_changed_rotation,
     refuse_changed_units,
 )
-from workbench.recordings.importing.robots import robot_candidates, robot_keys
-from workbench.recordings.importing.rotation_decision import decide_rotation
-from workbench.recordings.importing.shifted_rows import refuse_shifted_rows
-from workbench.recordings.importing.timed_join import ClockDecision, decide_offset
-from workbench.recordings.importing.unnamed_columns import find_unnamed, refuse_wrong_slides
+from workbench.recordings.importing.segments.shifted_rows import refuse_shifted_rows
+from workbench.recordings.importing.sources.finding import is_mapped
+from workbench.recordings.importing.sources.header_problems import header_error
+from workbench.recordings.importing.sources.timed_join import ClockDecision, decide_offset
 
 _SEARCH_S = 15.0
 """Processor time of a search for the cause of a misfit."""

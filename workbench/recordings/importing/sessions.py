@@ -20,11 +20,14 @@ from datasets.trust import naming_option
 from robot_model.state import sliding
 from workbench.core.errors import InputError
 from workbench.recordings.importing.builder import Builder
-from workbench.recordings.importing.decisions import Decision
 from workbench.recordings.importing.final_check import check_fit
-from workbench.recordings.importing.fits import compare_readings
+from workbench.recordings.importing.interpretation.decisions import Decision
+from workbench.recordings.importing.interpretation.fits import compare_readings
 from workbench.recordings.importing.measured_robot import DecidedTable, Made, decide_table
-from workbench.recordings.importing.reading_changes import reading_words, refuse_changed_units
+from workbench.recordings.importing.segments.reading_changes import (
+    reading_words,
+    refuse_changed_units,
+)
 
 _FEWEST_ROWS = 12
 """Rows from which on the units of a table are tested by themselves; those of a smaller one are of the largest."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from datasets.recording import Recording
-from sensors.hand_eye.relative_motions import (
+from sensors.hand_eye.checks.relative_motions import (
     EQUAL_REMEDY,
     RelativeMotions,
     equal_poses,
@@ -109,7 +109,7 @@ def _with_camera(recording, detection, linked, early, progress) -> HandEyePlausi
 
 
 def _outliers(review, names: Sequence[str]) -> Iterator[tuple]:
-    from sensors.hand_eye.outlier_message import outlier_sentence
+    from sensors.hand_eye.checks.outlier_message import outlier_sentence
 
     sentence = outlier_sentence(review, names)
     if sentence is not None:
@@ -127,7 +127,7 @@ def _board_poses(views, board, camera, flange, kind) -> np.ndarray:
     """(P, 4, 4) T_camera_board; a symmetric board labelled in each image as it agrees with the flange."""
     from sensors.boards.detection import relabelled
     from sensors.hand_eye.start import board_poses
-    from workbench.recordings.importing.board_poses import agreeing_labels
+    from workbench.recordings.importing.board_images.reading_fits import agreeing_labels
 
     seen = []
     for turn in range(board.turns):

@@ -1,0 +1,446 @@
+"""Which calibrations and which corrected targets may be sent to an arm.
+
+A wrong correction moves a real robot into its fixture. Two questions are answered. May this calibration be used at all:
+its held-out errors and its parameters must be plausible. May this target be corrected: the correction, its standard
+uncertainty, its load, its temperature and its joint readings must stay within what the calibration covers.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from datasets.errors import complaint
+from robot_model.state import approaches_read, sliding
+from robot_model.system import geometry_priors
+from workbench.core.errors import InputError
+from workbench.core.vocabulary import Covariate
+from workbench.files.solution_file import LARGEST_DEG, LARGEST_MM, CalibratedArm
+from workbench.jobs.robot.compensation.compensate import (
+    actual_poses,
+    considered_covariates,
+    covariates_read,
+    half_loops_mm,
+)
+from workbench.jobs.robot.compensation.revolutions import recorded_middle
+from workbench.jobs.robot.compensation.singularity import reading_words, singular_joint
+
+_CORRECT_THE_INPUT = "correct the recording or the robot file and calibrate again, or add --force"
+_NOMINAL_SUFFICES = (
+    "the nominal arm is the better model: use its robot file as it is, or estimate base and tool alone with "
+    "`workbench calibrate RECORDING --plan base-and-tool`; --force uses this calibration all the same"
+)
+# No arm deviates from its model by a hundred times the noise of an instrument that is fit to measure it: noise then
+# makes less than a ten-thousandth of the mean square. The noise statement, the data or the model is wrong.
+_FAR_ABOVE_NOISE = 100.0
+# Five prior standard deviations (three typical sizes each): 6e-7 by chance for one parameter, 3e-5 for fifty.
+_FAR_FROM_NOMINAL, _FAR_PROBABILITY = 5.0, 5.7e-7
+# The data determine a parameter where they cut its prior variance to a quarter; the rest is prior or gauge.
+_DETERMINED = 0.5
+# The error to expect is then sqrt(1 + 3^2) = 3.2 times what the calibration states for the targets it was tested on.
+_SIGMA_FACTOR = 3.0
+# Outside the recorded range, in extents of that range: accepted without a word, and with a warning.
+_NEAR, _FAR = 0.1, 1.0
+# Extent of a joint that hardly moved in the recording: the correction itself moves it by part of a degree.
+_LEAST_TURN, _LEAST_SLIDE = np.deg2rad(10.0), 100.0
+LARGEST_JOINT_DEG = 10.0
+"""Change of a joint angle by a correction of at most one degree: ten times as much is a nearly singular posture."""
+_LOAD = "payload_kg"
+# postures (rad about the middle of the recorded readings) at which a load must move the flange, and by how much
+_POSTURES, _LEAST_MM = 9, 1e-3
+_NAMED_TARGETS = 6
+_NO_RANGES = (
+    "The solution states no ranges of load, temperature and joints, since an older version wrote it; targets are not "
+    "compared with them. Calibrate again."
+)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Largest plausible corrections.
+
+    `correction_mm`, `correction_deg`: of the position and the orientation of the flange. `sigma_mm`: largest standard
+    uncertainty of a corrected position; None: three times the held-out error, and never above the error of the nominal
+    arm, since a correction that is less certain than the error it removes does no good. `joint_deg`: change of a
+    programmed joint angle; next to a singular posture a small correction of the flange is a large one of joints.
+    """
+
+    correction_mm: float = LARGEST_MM
+    correction_deg: float = LARGEST_DEG
+    sigma_mm: float | None = None
+    joint_deg: float = LARGEST_JOINT_DEG
+
+    def __post_init__(self):
+        for option, value in (
+            ("--max-correction-mm", self.correction_mm),
+            ("--max-correction-deg", self.correction_deg),
+            ("--max-sigma-mm", self.sigma_mm),
+            ("--max-joint-change-deg", self.joint_deg),
+        ):
+            if value is not None and not value > 0:
+                raise InputError(
+                    f"{option} {value:g}: expected a number above 0, found another; correct it"
+                )
+
+    def largest_sigma_mm(self, arm: CalibratedArm) -> float:
+        """Standard uncertainty, mm, above which a target of this arm is refused."""
+        if self.sigma_mm is not None:
+            return self.sigma_mm
+        nominal = arm.keys.get("nominal", {}).get("rms_mm") or math.inf
+        # A held-out error below the noise that was stated is luck, or exact data.
+        expected = max(arm.held_out_mm, arm.keys.get("noise_rms_mm") or 0.0)
+        return min(_SIGMA_FACTOR * expected, nominal)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """`refused`: target index -> reasons; `warnings`: sentences about targets that are used all the same."""
+
+    refused: Mapping[int, list[str]]
+    warnings: list[str]
+
+
+def checked(arm: CalibratedArm, path, force: bool, limits: Limits | None = None) -> CalibratedArm:
+    """The arm, where its calibration may be used; InputError where it may not and nobody forces it."""
+    why = doubt_about(arm, limits or Limits())
+    if force or not why:
+        return arm
+    is_only_no_better = arm.is_no_better_than_nominal and arm.keys["converged"]
+    remedy = _NOMINAL_SUFFICES if is_only_no_better else _CORRECT_THE_INPUT
+    raise InputError(
+        f"{path}: expected a calibration that converged and is plausible on unseen samples, found that {why}; {remedy}"
+    )
+
+
+def doubt_about(arm: CalibratedArm, limits: Limits) -> str:
+    """Why this calibration should move no arm, as part of a sentence; "" where nothing speaks against it."""
+    if not arm.trusted:
+        return arm.why
+    return _implausible_error(arm, limits) or _implausible_parameters(arm)
+
+
+def _implausible_error(arm: CalibratedArm, limits: Limits) -> str:
+    """A held-out error that no use of the corrections can tolerate."""
+    if arm.held_out_mm > limits.correction_mm:
+        return (
+            f"its held-out RMS position error of {arm.held_out_mm:.3g} mm is above the largest correction of "
+            f"{limits.correction_mm:g} mm"
+        )
+    rotation = arm.keys.get("held_out", {}).get("rotation_rms_deg")
+    if rotation is not None and rotation > limits.correction_deg:
+        return (
+            f"its held-out RMS orientation error of {rotation:.3g} deg is above the largest correction of "
+            f"{limits.correction_deg:g} deg"
+        )
+    noise = arm.keys.get("noise_rms_mm")
+    if noise and arm.held_out_mm > _FAR_ABOVE_NOISE * noise:
+        return (
+            f"its held-out RMS position error of {arm.held_out_mm:.3g} mm is {arm.held_out_mm / noise:.0f} times the "
+            f"stated noise of {noise:.3g} mm"
+        )
+    return ""
+
+
+def parameter_deviations(arm: CalibratedArm) -> dict[str, float]:
+    """Deviations from nominal, in prior standard deviations, of the parameters of the arm that the data determine.
+
+    Base, tool and instrument have no nominal value. A parameter in an undetermined direction keeps most of its prior
+    variance and is left out: its value is the prior's, or a matter of gauge.
+    """
+    geometry = geometry_priors(arm.robot)
+    acting = tuple(f"{effect.where}.{effect.effect}." for effect in arm.acting_effects)
+    recorded = arm.keys.get("priors", {})
+    found = {}
+    for key, variance in zip(arm.free, np.diag(arm.covariance)):
+        if key in geometry:
+            nominal, prior = geometry[key]
+        elif key.startswith(acting) and recorded.get(key):
+            nominal, prior = 0.0, float(recorded[key])
+        else:
+            continue
+        if variance < (_DETERMINED * prior) ** 2:
+            found[key] = (arm.values[key] - nominal) / prior
+    return found
+
+
+def _implausible_parameters(arm: CalibratedArm) -> str:
+    """Parameters too far from nominal: each by itself, and all together (chi-square of the prior)."""
+    from workbench.core.distributions import chi2
+
+    deviations = parameter_deviations(arm)
+    if not deviations:
+        return ""
+    key = max(deviations, key=lambda name: abs(deviations[name]))
+    most = abs(deviations[key])
+    together = sum(value**2 for value in deviations.values())
+    is_one_far = most > _FAR_FROM_NOMINAL
+    if not is_one_far and chi2.sf(together, len(deviations)) > _FAR_PROBABILITY:
+        return ""
+    sentence = (
+        f"parameter {key} is {_amount(arm, key)} from nominal, {most:.1f} prior standard deviations"
+    )
+    if is_one_far:
+        return sentence
+    rms = math.sqrt(together / len(deviations))
+    return f"{sentence}, and all {len(deviations)} determined parameters are {rms:.1f} from nominal on average (RMS)"
+
+
+def _amount(arm: CalibratedArm, key: str) -> str:
+    """The deviation of a parameter in the unit that people read."""
+    nominal = geometry_priors(arm.robot).get(key, (0.0, 0.0))[0]
+    name = key.rpartition(".")[2].rstrip("0123456789")
+    deviation = arm.values[key] - nominal
+    if name in ("theta", "alpha", "beta"):
+        return f"{np.rad2deg(deviation):.3g} deg"
+    return f"{deviation:.3g} mm" if name in ("a", "d") else f"{deviation:.3g}"
+
+
+def covariates_of(arm: CalibratedArm, programme) -> Mapping[str, np.ndarray]:
+    """The columns of a programme that the model may read: those that the recording of the calibration had.
+
+    A model that was fitted with a temperature takes hours where it finds none, and the reverse; so a column that it
+    reads must be there; a target has no history, so that sides of approach may be left out. Raises InputError where one
+    is not.
+    """
+    if arm.fitted_range is None:
+        return programme.covariates
+    sides = set(approaches_read(arm.acting_effects))
+    needed = covariates_read(arm) | ({_LOAD} if _reads_load(arm) else set())
+    for name in sorted(needed - set(programme.covariates) - sides):
+        low, high = arm.fitted_range[name]
+        raise complaint(
+            f"{programme.table.called}, column {name}",
+            f"this column, on which the calibrated correction depends ({low:.4g} to {high:.4g} in the recording)",
+            "no such column",
+            "add it with the values that hold when the programme runs",
+        )
+    known = {*arm.fitted_range, *sides, _LOAD}
+    return {name: values for name, values in programme.covariates.items() if name in known}
+
+
+def _reads_load(arm: CalibratedArm) -> bool:
+    """Whether the recorded load moves the flange: without the column a target would count as unloaded."""
+    load = max(arm.fitted_range.get(_LOAD, (0.0, 0.0)))
+    if not load or not any(effect.elastic for effect in arm.acting_effects):
+        return False
+    middle = {name: sum(ends) / 2 for name, ends in arm.fitted_range.items()}
+    readings = recorded_middle(arm) + np.linspace(-0.5, 0.5, _POSTURES)[:, None]
+    loaded, unloaded = (
+        actual_poses(arm, readings, middle | {_LOAD: mass})[:, :3, 3] for mass in (load, 0.0)
+    )
+    return bool(np.abs(loaded - unloaded).max() > _LEAST_MM)
+
+
+def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judgement:
+    """Which targets of a programme must not be sent to the arm, and what is to be said of the others.
+
+    programme: `workbench.files.targets.Programme`; found: its `Compensated` of `compensation.compensate`.
+    """
+    refused: dict[int, list[str]] = {}
+
+    def refuse(row, reason):
+        refused.setdefault(int(row), []).append(reason)
+
+    for words, values, largest, unit in (
+        ("its correction", found.position_mm, limits.correction_mm, "mm"),
+        ("its correction", found.rotation_deg, limits.correction_deg, "deg"),
+        ("the standard uncertainty", found.sigma_mm, limits.largest_sigma_mm(arm), "mm"),
+    ):
+        for row in np.flatnonzero(found.reached & ~(values <= largest)):
+            refuse(row, f"{words} of {values[row]:.3g} {unit} exceeds {largest:.3g} {unit}")
+    for words, values, largest, unit in (
+        ("position", found.position_left_mm, limits.correction_mm, "mm"),
+        ("orientation", found.rotation_left_deg, limits.correction_deg, "deg"),
+    ):
+        for row in np.flatnonzero(found.reached & ~(values <= largest)):
+            refuse(
+                row,
+                f"its {words} is not attainable with {arm.robot.mixing.shape[1]} joints: "
+                f"{values[row]:.3g} {unit} remain, above {largest:.3g} {unit}",
+            )
+    for row, reason in _joint_changes(arm, programme, found, limits.joint_deg):
+        refuse(row, reason)
+    warnings = [
+        *_left_by_joints(arm, found),
+        *_worst_assumed(arm, programme),
+        *_unknown_sides(arm, programme, found),
+    ]
+    for covered in _coverages(arm, programme, found):
+        is_refused = found.reached & (covered.outside > _FAR) & covered.is_read
+        for row in np.flatnonzero(is_refused):
+            refuse(row, covered.reason(row))
+        warnings += covered.warning(found.reached & (covered.outside > _NEAR) & ~is_refused)
+    if arm.fitted_range is None:
+        warnings.append(_NO_RANGES)
+    return Judgement(refused, warnings)
+
+
+def _joint_changes(arm: CalibratedArm, programme, found, largest: float) -> list[tuple[int, str]]:
+    """Target and reason where a programmed joint angle would change by more than `largest`, deg."""
+    is_joint = programme.is_joint
+    if programme.poses is not None and is_joint is None:
+        return []
+    rotates = ~sliding(arm.robot)
+    changes = np.rad2deg(np.abs(found.readings - programme.readings)) * rotates
+    if is_joint is not None:
+        changes = changes * is_joint[:, None]
+    reasons = []
+    for row in np.flatnonzero(found.reached & (changes.max(1) > largest)):
+        joint = int(changes[row].argmax())
+        reasons.append(
+            (
+                int(row),
+                f"its correction changes joint {joint + 1} by {changes[row, joint]:.3g} deg, above {largest:.3g} deg"
+                f"{_singular(arm.robot, programme.readings[row])}",
+            )
+        )
+    return reasons
+
+
+def _singular(robot, reading) -> str:
+    """That the posture is singular, the joint at its singular position, and what to do; "" where it is not."""
+    joint = singular_joint(robot, reading)
+    if joint is None:
+        return ""
+    value = reading_words(robot, reading, joint)
+    return (
+        f": the posture is nearly singular, with joint {joint} at {value}; "
+        f"move joint {joint} some degrees away from this position"
+    )
+
+
+def _worst_assumed(arm: CalibratedArm, programme) -> list[str]:
+    """A sentence on columns that are missing and that only the uncertainty depends on, or none."""
+    missing = sorted(considered_covariates(arm) - set(programme.covariates))
+    if not missing:
+        return []
+    ranges = ", ".join(f"{name} ({_ends(arm.fitted_range[name])})" for name in missing)
+    return [
+        f"The targets have no column {ranges}. An effect that the diagnosis found and did not retain depends "
+        "on it; sigma_mm takes the worst end of the recorded range. Add the column with the values that hold when the "
+        "programme runs."
+    ]
+
+
+def _unknown_sides(arm: CalibratedArm, programme, found) -> list[str]:
+    """A sentence on loops of hysteresis or backlash whose side the targets do not state, or none."""
+    missing = sorted(set(approaches_read(arm.acting_effects)) - set(programme.covariates))
+    if not missing or not found.reached.any():
+        return []
+    columns = {name: values[found.reached] for name, values in programme.covariates.items()}
+    half = half_loops_mm(arm, found.readings[found.reached], columns).max()
+    terms = [effect.title for effect in arm.acting_effects if approaches_read([effect])]
+    return [
+        f"The targets do not state the side that joints come from: {', '.join(terms)} counts with the centre of its "
+        f"loop, and sigma_mm contains half the width of the loop, up to {half:.2g} mm. Add the column "
+        f"{', '.join(missing)} (-1 or 1, the sign of the last long move) to correct it as well."
+    ]
+
+
+def _ends(limits) -> str:
+    return f"{limits[0]:.4g} to {limits[1]:.4g}"
+
+
+def _left_by_joints(arm: CalibratedArm, found) -> list[str]:
+    """A sentence on what remains in the directions in which the joints cannot move the flange, or none."""
+    if not found.is_deficient or not found.reached.any():
+        return []
+    position = found.position_left_mm[found.reached].max()
+    rotation = found.rotation_left_deg[found.reached].max()
+    return [
+        f"{arm.robot.mixing.shape[1]} joints do not move the flange in all six directions: its position is corrected "
+        "first, then its orientation. Up to "
+        f"{position:.3g} mm and {rotation:.3g} deg remain in directions that the joints cannot move."
+    ]
+
+
+@dataclass(frozen=True)
+class _Coverage:
+    """One column of the targets against the range that was recorded: `values` (n,), `low` and `high` in `unit`.
+
+    `outside` (n,): distance from the range in units of its extent; `is_read`: the correction depends on the column.
+    """
+
+    name: str
+    values: np.ndarray
+    low: float
+    high: float
+    unit: str
+    outside: np.ndarray
+    is_read: bool
+
+    def reason(self, k: int) -> str:
+        return f"{self.name} of {self.values[k]:.4g} {self.unit} is far outside {self._range()}, which was recorded"
+
+    def warning(self, rows: np.ndarray) -> list[str]:
+        """A sentence on the targets outside the recorded range, or none."""
+        if not rows.any():
+            return []
+        numbers = [str(k + 1) for k in np.flatnonzero(rows)]
+        more = f" and {len(numbers) - _NAMED_TARGETS} more" if len(numbers) > _NAMED_TARGETS else ""
+        meaning = (
+            "the correction extrapolates"
+            if self.is_read
+            else "the model does not depend on it, the arm may"
+        )
+        return [
+            f"{self.name} is outside {self._range()}, which was recorded, in target "
+            f"{', '.join(numbers[:_NAMED_TARGETS])}{more}: {meaning}; record samples there or check these targets."
+        ]
+
+    def _range(self) -> str:
+        return f"{self.low:.4g} to {self.high:.4g} {self.unit}".strip()
+
+
+def _coverages(arm: CalibratedArm, programme, found) -> list[_Coverage]:
+    if arm.fitted_range is None:
+        return []
+    return [
+        _load(arm, programme, len(found.reached)),
+        *_other_covariates(arm, programme),
+        *_joints(arm, found),
+    ]
+
+
+def _load(arm, programme, n) -> _Coverage:
+    """The whole load on the flange: that of the empty tool is part of what bends the arm."""
+    tool = arm.robot.payload_mass
+    low, high = (tool + value for value in arm.fitted_range.get(_LOAD, (0.0, 0.0)))
+    values = tool + programme.covariates.get(_LOAD, np.zeros(n))
+    is_read = any(effect.elastic for effect in arm.acting_effects)
+    outside = _outside(values, low, high, max(high - low, high))
+    return _Coverage("the load on the flange", values, low, high, "kg", outside, is_read)
+
+
+def _other_covariates(arm, programme):
+    read = covariates_read(arm)
+    for name, (low, high) in arm.fitted_range.items():
+        values = programme.covariates.get(name)
+        is_temperature = Covariate.of(name).kind == "temperature"
+        if name == _LOAD or values is None or not (name in read or is_temperature):
+            continue
+        outside = _outside(values, low, high, high - low)
+        yield _Coverage(name, values, low, high, "", outside, name in read)
+
+
+def _joints(arm, found):
+    for k, slides in enumerate(sliding(arm.robot)):
+        name = f"q{k + 1}_{'mm' if slides else 'deg'}"
+        if name not in arm.fitted_range:
+            continue
+        low, high = arm.fitted_range[name]
+        values = found.readings[:, k] if slides else np.rad2deg(found.readings[:, k])
+        least = _LEAST_SLIDE if slides else np.rad2deg(_LEAST_TURN)
+        outside = _outside(values, low, high, max(high - low, least))
+        yield _Coverage(name, values, low, high, name.rpartition("_")[2], outside, True)
+
+
+def _outside(values, low, high, extent) -> np.ndarray:
+    """(n,) distance from [low, high] in extents; 0 within, inf outside a range that has none, nan for nan."""
+    distance = np.maximum(np.maximum(low - values, values - high), 0.0)
+    rounding = 1e-9 * max(abs(low), abs(high))
+    distance = np.where(distance <= rounding, 0.0, distance)
+    if extent > 0:
+        return distance / extent
+    return np.where(distance > 0, np.inf, 0.0)

@@ -1,0 +1,114 @@
+"""Why a target has no corrected readings: its distance from the nearest attainable pose, and singular postures."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from robot_model.state import sliding
+from robot_model.task_priority import LEVER_MM
+from workbench.jobs.robot.compensation.compensate import actual_poses, negligible_mm
+from workbench.jobs.robot.compensation.singularity import reading_words, singular_joint
+
+_STEP_RAD = 1e-4
+_MOST_TARGETS = 12
+_BEYOND_MM, _BEYOND_DEG = 10.0, 1.0  # farther away than any error of a calibrated arm
+
+
+@dataclass(frozen=True)
+class Unattainable:
+    """One target (index `row`) that the calibrated arm cannot take.
+
+    `distance_mm`, `rotation_deg`: what remains at the nearest attainable pose. `joint`: number of the joint that is at
+    its singular position there, None where no joint is; `reading`: its value with the unit. `allowed_mm`: what might
+    remain, conditional on the uncertainty of the target.
+    """
+
+    row: int
+    distance_mm: float
+    rotation_deg: float
+    joint: int | None
+    reading: str = ""
+    allowed_mm: float | None = None
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong and what to do."""
+        shortfall = f"{self.distance_mm:.2g} mm and {self.rotation_deg:.2g} deg"
+        if self.distance_mm > _BEYOND_MM or self.rotation_deg > _BEYOND_DEG:
+            return (
+                f"Target {self.row + 1} has no readings in corrected.csv: it is not attainable with the joints of the "
+                f"arm, and the nearest attainable pose is {shortfall} away. Move it into the workspace of the arm."
+            )
+        found = (
+            f"Target {self.row + 1} has no readings in corrected.csv: the calibrated arm differs from the nominal one, "
+            f"and its nearest attainable pose is {shortfall} away{self._limit}."
+        )
+        if self.joint is None:
+            return f"{found} Move the target into the workspace of the calibrated arm, or choose another posture."
+        return (
+            f"{found} There the posture is nearly singular (for example a stretched arm or aligned wrist axes): "
+            f"joint {self.joint} is at {self.reading}, and the arm cannot move the flange in the missing direction. "
+            f"Change the target so that joint {self.joint} is some degrees away from this position."
+        )
+
+    @property
+    def _limit(self) -> str:
+        if self.allowed_mm is None:
+            return ""
+        return (
+            f"; up to {self.allowed_mm:.2g} mm would be accepted, since the uncertainty of the "
+            "target is much larger"
+        )
+
+
+def unattainable_targets(
+    arm, readings: np.ndarray, found, covariates: Mapping[str, np.ndarray] | None
+) -> list[Unattainable]:
+    """The first unattainable targets of a programme.
+
+    readings (n, R) rad, mm: as programmed, or where the search began; found: the `Compensated` of the programme;
+    covariates: as of `compensate`.
+    """
+    rows = np.flatnonzero(~found.reached & ~found.beyond_limits)[:_MOST_TARGETS]
+    unattainable = []
+    for row in rows:
+        covariates_of_row = {
+            name: np.atleast_1d(np.broadcast_to(v, len(readings))[row])
+            for name, v in (covariates or {}).items()
+        }
+        explanation = _explained(arm, int(row), readings[row], found.poses[row], covariates_of_row)
+        allowed = float(negligible_mm(found.uncertainty_mm[row]))
+        unattainable.append(replace(explanation, allowed_mm=allowed))
+    return unattainable
+
+
+def _explained(arm, row: int, start: np.ndarray, wanted: np.ndarray, covariates) -> Unattainable:
+    from scipy.spatial.transform import Rotation
+
+    def residual(reading):
+        """(6,) mm: position, and rotation at a lever's length, of the flange relative to the target."""
+        pose = actual_poses(arm, reading[None], covariates)[0]
+        turn = Rotation.from_matrix(wanted[:3, :3].T @ pose[:3, :3]).as_rotvec()
+        return np.concatenate([pose[:3, 3] - wanted[:3, 3], LEVER_MM * turn])
+
+    def derivative(reading):
+        """(6, R) per rad, and per LEVER_MM of a slide."""
+        steps = _STEP_RAD * np.diag(scale)
+        columns = [residual(reading + step) - residual(reading - step) for step in steps]
+        return np.array(columns).T / (2 * _STEP_RAD)
+
+    scale = np.where(sliding(arm.robot), LEVER_MM, 1.0)
+    nearest = least_squares(
+        lambda move: residual(start + scale * move),
+        np.zeros(len(start)),
+        jac=lambda move: derivative(start + scale * move),
+        max_nfev=60,
+    )
+    error = nearest.fun
+    degrees = float(np.rad2deg(np.linalg.norm(error[3:]) / LEVER_MM))
+    reading = start + scale * nearest.x
+    joint = singular_joint(arm.robot, reading)
+    words = "" if joint is None else reading_words(arm.robot, reading, joint)
+    return Unattainable(row, float(np.linalg.norm(error[:3])), degrees, joint, words)

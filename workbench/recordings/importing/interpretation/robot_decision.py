@@ -1,0 +1,134 @@
+"""The robot of an import where several are possible: built-in ones, or a table under several conventions."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from datasets.importers.mapping.model import Mapping
+from datasets.trust import naming_option
+from robot_model.robot import Robot
+from workbench.core.errors import InputError
+from workbench.fitting.plausibility import check_plausibility
+from workbench.fitting.plausibility.suspicion import Suspicion
+from workbench.recordings.importing.interpretation.decisions import (
+    REMEDY,
+    Build,
+    UnitCase,
+    choose_reading,
+    close_units,
+    compare,
+    mixed_fits,
+    unit_lines,
+    unit_readings,
+)
+from workbench.recordings.importing.interpretation.fits import CandidateFit
+
+
+def decide_robot(
+    mapping: Mapping, build_with: Callable[[str], tuple[Robot, Build]], names, where, ask
+):
+    """Name of the built-in robot that fits clearly best under any units.
+
+    build_with: robot and builder of a name. names: of robots with the right number of joints. Raises InputError where
+    none fits, or several do and nobody can be asked.
+    """
+    fits = _fits_of_robots(mapping, build_with, names)
+    good = [item for item in fits if item[1].is_good]
+    if not good:
+        _refuse_mixed_units(mapping, build_with, names, where)
+        raise InputError(
+            f"{where}: expected one of the robots ({'; '.join(names)}) to fit, found none; check units, order and "
+            "signs of the joint columns, or add --robot with a robot.toml, a URDF, an MJCF file or a "
+            "Denavit-Hartenberg table."
+        )
+    lines = [f'robot = "{name}"' for name in names]
+    return names[choose_reading(lines, good, f"{where}, robot", ask)]
+
+
+def _refuse_mixed_units(mapping: Mapping, build_with, names, where: str) -> None:
+    """Raise InputError where a robot of the library fits with one joint column in another unit than the others."""
+    found = []
+    for name in names:
+        robot, build = build_with(name)
+        readings, close = mixed_fits(UnitCase(robot, mapping, build, where), (1,), stated_only=True)
+        found += [(fit, name, readings[place][1]) for place, fit in close]
+    if found:
+        fit, name, interpretation = min(found, key=lambda item: item[0].improbability)
+        raise InputError(
+            f"{where}: expected one of the robots to fit with one unit of all joint readings, found that only {name} "
+            f"with columns in different units fits ({fit.words}); name it with --robot, and add "
+            f"{unit_lines(interpretation)} to a mapping file for --map."
+        )
+
+
+def decide_convention(
+    mapping: Mapping,
+    build_with: Callable[[str], tuple[Robot, Build]],
+    titles,
+    where: str,
+    ask,
+    trust_data: bool = False,
+):
+    """Title of the convention of one table under which its robot fits clearly best.
+
+    Where none fits, one mistake of the data is searched for under every convention. Raises InputError for it, as
+    `decide_robot` where the data do not decide, and where nothing fits. trust_data: it is then the convention under
+    which the mistake explains the misfit, or that fits best, and the last check says what is wrong.
+    """
+    fits = _fits_of_robots(mapping, build_with, titles)
+    good = [item for item in fits if item[1].is_good]
+    if good:
+        lines = [f'robot = "{title}"' for title in titles]
+        return titles[choose_reading(lines, good, f"{where}, robot", ask)]
+    found = []
+    for title in [titles[place] for place, _ in fits]:
+        robot, build = build_with(title)
+        found += [(title, s) for s in _mistakes_under_any_unit(robot, mapping, build)]
+        if any(suspicion.cause != "robot-file" for _, suspicion in found):
+            break
+    # a mistake of the data before another robot
+    found.sort(key=lambda item: item[1].cause == "robot-file")
+    if trust_data and fits:
+        return found[0][0] if found else titles[fits[0][0]]
+    if found:
+        raise InputError(naming_option(_mistake_sentence(*found[0])))
+    shown = "; ".join(fit.words for _, fit in fits)
+    raise InputError(
+        f"{where}: expected the robot of the table to fit under one of its conventions, found none ({shown}), and no "
+        "single mistake in units, signs, order or coupling of joints explains the misfit under either of them; "
+        f"{REMEDY}."
+    )
+
+
+def _fits_of_robots(mapping: Mapping, build_with, names) -> list[tuple[int, CandidateFit]]:
+    """Index and best fit under any units of each robot, the most probable first."""
+    fits = []
+    for place, name in enumerate(names):
+        robot, build = build_with(name)
+        found = compare(robot, list(unit_readings(mapping, stated_only=True)), build, 1)
+        if found:
+            best = found[0][1]
+            fits.append((place, replace(best, title=f"robot {name}, {best.title}")))
+    return sorted(fits, key=lambda item: item[1].improbability)
+
+
+def _mistakes_under_any_unit(robot: Robot, mapping: Mapping, build: Build) -> list[Suspicion]:
+    """Certain mistakes that explain the misfit, under the most usual of the units that fit about equally badly.
+
+    None that includes the convention: the other convention is tried by itself.
+    """
+    readings = list(unit_readings(mapping, stated_only=True))
+    fits = compare(robot, readings, build)
+    if not fits:
+        return []
+    places = close_units(UnitCase(robot, mapping, build, ""), readings) or [fits[0][0]]
+    found = check_plausibility(robot, build(readings[places[0]][1]))
+    return [s for s in found if s.certain and "convention" not in s.cause]
+
+
+def _mistake_sentence(title: str, suspicion: Suspicion) -> str:
+    """The mistake and the convention under which it explains the misfit."""
+    sentence = suspicion.sentence
+    if suspicion.cause == "robot-file":
+        return sentence
+    convention = title.rpartition(", ")[2]
+    return f"{sentence} The Denavit-Hartenberg table then fits under {convention}."
