@@ -54,7 +54,7 @@ VOCABULARY = {
 ADDITIONS = {"first-moment", "bearing-compliance", "zero-offset", "measured-tilt", "reading-lag"}
 
 
-# Of the scanner: laws of recorded time, mirror speed and any other column, and lines of a board.
+# Of the scanner: laws of recorded time, mirror speed and any other column, lines of a board, and the line's profile.
 SCANNER_ADDITIONS = {
     "laser-drift",
     "mirror-vibration",
@@ -63,6 +63,8 @@ SCANNER_ADDITIONS = {
     "board-point-errors",
     "ball-form",
     "focus-breathing",
+    "blooming",
+    "ghost-line",
 }
 
 

@@ -26,7 +26,7 @@ from workbench.explanation.sensor_errors import (
     errors_by_kind,
     image_terms,
     image_warnings,
-    with_jitter,
+    with_random_errors,
 )
 from workbench.explanation.statements import statement
 from workbench.explanation.unexplained import (
@@ -233,7 +233,7 @@ def test_with_jitter_in_the_noise_a_search_finds_no_law_for_it():
         searched.append(one.jitter_px)
         return find(one)
 
-    wider, found = with_jitter(bench, find_once)
+    wider, found = with_random_errors(bench, find_once)
     assert searched == [wider.jitter_px]
     assert wider.jitter_px == pytest.approx(0.1, rel=0.2)
     assert not found.findings and found.p_first > 0.005

@@ -27,6 +27,10 @@ CASES = (
     ("window-refraction", "camera", {"index": 1.52, "tilt_deg": [2.0, -1.0]}),
     ("window-refraction", "camera", {"unknown_tilt": True}),
     ("focus-breathing", "camera", {"z0": 120.0}),
+    ("blooming", "camera", {}),
+    ("blooming", "camera", {"along": "columns"}),
+    ("ghost-line", "laser", {}),
+    ("ghost-line", "laser", {"offset_mm": -0.4, "angle_deg": 0.5, "width_mm": 0.1}),
     ("plane-bow", "laser", {}),
     ("plane-bow", "laser", {"apex_mm": [70.0, 0.0, -20.0]}),
     ("plane-bow", "laser", {"depth_mm": 120.0}),
@@ -63,6 +67,7 @@ CASES = (
     ("noise-heteroscedastic", "noise", {"covariate": "exposure_ms", "mean": 2.0}),
 )
 NEEDS = {
+    "blooming": "line_brightness",
     "mirror-hysteresis": "sweep",
     "frame-sync": "mirror_speed_deg_s",
     "rolling-shutter": "mirror_speed_deg_s",
@@ -105,6 +110,8 @@ def observations(n=60, seed=5) -> SensorState:
         "time_s": np.arange(n) * 1.0,
         "exposure_ms": rng.uniform(1, 3, n),
         "temperature_c": rng.uniform(18, 30, n),
+        "line_brightness": rng.normal(0, 0.5, n),
+        "line_width": rng.normal(0, 0.1, n),
     }
     board = rng.uniform(-0.7, 0.7, (2, n))
     return SensorState(

@@ -9,10 +9,18 @@ import sensor_virtual
 from sensors.boards.board import Board
 from sensors.camera.calibration import calibrate_camera
 from sensors.camera.model import Camera
+from sensors.effects.optics import FocusBreathing, LensResidual
 from test_sensor_camera_doubts import seen_by
 from workbench.diagnosis.scanner import sensor
+from workbench.diagnosis.scanner.random_focal_length import find_random_focal_length
 from workbench.diagnosis.scanner.sensor_simulate import simulated
-from workbench.explanation.sensor_errors import random_focal_error
+from workbench.diagnosis.search.select import find
+from workbench.explanation.sensor_errors import (
+    image_terms,
+    random_focal_error,
+    with_random_errors,
+)
+from workbench.explanation.statements import statement
 from workbench.fitting.verdicts.sensor_verdict import camera_warnings
 from workbench.jobs.sensor.camera import focal_json
 
@@ -71,3 +79,40 @@ def zoomed(share: float) -> sensor.SensorBench:
 def test_the_diagnosis_of_a_scanner_says_it():
     assert "differs from board pose to board pose" in random_focal_error(zoomed(2e-3), ())
     assert random_focal_error(zoomed(0.0), ()) == ""
+
+
+@pytest.mark.parametrize("share", [5e-4, 2e-3])
+def test_a_random_focal_length_is_a_finding_with_its_size(share):
+    bench = zoomed(share)
+    found = find_random_focal_length(bench)
+    true = share * np.random.default_rng(6).normal(size=len(bench.chains.corners.poses)).std(ddof=1)
+    assert found.finding.effect == "focus-breathing" and found.finding.where == "camera"
+    assert found.probability > 0.99
+    assert found.scatter.share == pytest.approx(true, abs=3 * found.scatter.share_std)
+    assert found.scatter.share_std < 0.5 * found.scatter.share
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        (FocusBreathing("camera", 125.0), {"camera.focus-breathing.slope": 2e-5}),
+        (LensResidual("camera", 4), {"camera.lens-residual.z3c1r": 0.4}),
+    ],
+)
+def test_a_law_of_the_camera_is_no_random_focal_length(effect, values):
+    chains = simulated(sensor_virtual.chains(), (effect,), values, 7)
+    assert find_random_focal_length(sensor.SensorBench(chains)) is None
+
+
+def test_a_search_next_to_a_random_focal_length_accepts_no_law_for_it():
+    bench, _ = with_random_errors(zoomed(2e-3), lambda bench: find(bench))
+    problem = bench.problem(())
+    plain = zoomed(2e-3).problem(())
+
+    def lack_of_fit(problem):
+        return float((problem.orthogonalise(problem.residual) ** 2).mean())
+
+    assert lack_of_fit(plain) > 1.5
+    assert lack_of_fit(problem) == pytest.approx(1.0, abs=0.15)
+    [term] = image_terms(bench, (), problem)
+    assert "differs at random from image to image by 0.2" in statement(term, "the ball", "px")

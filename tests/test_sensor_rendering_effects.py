@@ -69,7 +69,10 @@ RECORDED = {
     "board-point-errors",
 }
 """Effects that read columns of images.csv: tests/test_diagnosis_sensor_recorded.py."""
-ELSEWHERE = {"ball-position", "ball-radius", "ball-form", "noise-heteroscedastic"} | RECORDED
+OF_THE_LINE = {"blooming", "ghost-line"}
+"""Effects on the profile of the laser line: tests/test_sensor_line_profile.py."""
+ELSEWHERE = {"ball-position", "ball-radius", "ball-form", "noise-heteroscedastic"}
+ELSEWHERE |= RECORDED | OF_THE_LINE
 
 
 def causes(*rows) -> Causes:

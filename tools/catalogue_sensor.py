@@ -44,6 +44,8 @@ NOT_SEEN = {
     "noise-heteroscedastic": "see the robot's",
     "rolling-shutter": "it needs the column mirror_speed_deg_s, which these images do not have",
     "recorded-column": "it needs a recorded column, such as exposure_ms, which these images do not have",
+    "blooming": "it reads brightness and width of the line, which these measurements do not have",
+    "ghost-line": "light planes absorb it; the profile of the laser line shows it",
 }
 _SEED = 5
 

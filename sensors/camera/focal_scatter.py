@@ -1,15 +1,17 @@
 """Whether the focal length differs from board pose to board pose: a lens that is focused again, or a loose one.
 
-One focal length is fitted to all board poses. Each board pose alone determines a change of it by the perspective of
-its tilted board, once the six numbers of the pose are estimated too. These changes scatter by more than their own
-standard uncertainty where the focal length is not constant: a random effect of the board pose.
+One focal length is fitted to all board poses. Each board pose determines a change of it by the perspective of its
+tilted board, once the six numbers of the pose and the camera are estimated too. These changes scatter by more than
+their own standard uncertainty where the focal length is not constant: a random effect of the board pose.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from sensors.camera.corners import Corners
+from sensors.camera.model import Camera
 from workbench.core.distributions import fisher
 from workbench.core.effect import Effect
 from workbench.core.least_squares.bundle import BundleFit
@@ -19,19 +21,27 @@ _LEVEL = 1e-6  # corners of one image share small errors, which make the test to
 _RELEVANT = 1.0  # of the noise of a corner's coordinate, RMS displacement of corners by the scatter
 _POSE = 6
 _FEWEST_POSES = 4
+_DETERMINED = (
+    1e-9  # of the best determined board pose, below which a pose determines no focal length
+)
+_NONE = 1e-9  # relative focal length that is none
+_RIDGE = 1e-12
 
 
 @dataclass(frozen=True)
 class FocalScatter:
     """Random effect of the board pose on the focal length.
 
-    `share` 1 sigma, relative; `shift_px` RMS displacement of corners by it; `noise_px` 1 sigma of a coordinate;
-    `p_value` of an F test that all board poses have one focal length; `changes` (G,) relative change in each board
-    pose with `std` (G,).
+    `share` 1 sigma, relative, with its standard error `share_std`; `shift_px` RMS displacement of corners by it, and
+    `visible_px` its part that no change of the board poses makes; `noise_px` 1 sigma of a coordinate, from what the
+    changes leave; `p_value` of an F test that all board poses have one focal length; `changes` (G,) relative change in
+    each board pose that determines one, with `std` (G,) conditional on the camera.
     """
 
     share: float
+    share_std: float
     shift_px: float
+    visible_px: float
     noise_px: float
     p_value: float
     changes: np.ndarray
@@ -57,59 +67,124 @@ def focal_scatter(
     chain: Corners, fit: BundleFit, effects: tuple[Effect, ...]
 ) -> FocalScatter | None:
     """Of corners at the solution of a bundle; None where there are too few board poses."""
-    if len(chain.poses) < _FEWEST_POSES:
+    reduced = ReducedCorners.of(chain, fit, effects)
+    groups, degrees = len(reduced.focal) - 1, reduced.degrees
+    if groups < _FEWEST_POSES - 1 or degrees < 1:
         return None
-    by_focal, by_pose, residual = _whitened(chain, fit, effects)
-    parts = [
-        _change(by_focal[:, mine], by_pose[:, :, mine], residual[:, mine])
-        for mine in (chain.labels["placement"] == g for g in range(len(chain.poses)))
-    ]
-    change, information, squares, spare = np.array(parts).T
-    degrees = float(np.maximum(spare, 0).sum())
-    is_usable = information > 1e-9 * information.max(initial=0.0)
-    if is_usable.sum() < _FEWEST_POSES or degrees < 1:
-        return None
-    variance = squares.sum() / degrees
-    return _tested(chain, fit, (change, information, is_usable), variance, degrees)
+    one, own = reduced.squares(), reduced.squares(np.inf)
+    variance = own / degrees
+    p_value = float(fisher.sf((one - own) / groups / variance, groups, degrees))
+    share, share_std = reduced.likeliest_spread(variance)
+    changes, std = reduced.changes(variance)
+    middle = np.array([[chain.camera.cx], [chain.camera.cy]])
+    reach = float(np.sqrt(((chain.pixels - middle) ** 2).mean()))
+    noise = float(np.sqrt((np.asarray(chain.sigma) ** 2).mean()))
+    visible = share * noise * float(np.sqrt(reduced.focal.sum() / chain.pixels.size))
+    about = (share, share_std, share * reach, visible, noise * float(np.sqrt(variance)), p_value)
+    return FocalScatter(*about, changes, std)
+
+
+@dataclass(frozen=True)
+class ReducedCorners:
+    """Sums of squares and products of corners in units of their noise, once the pose of each board is estimated.
+
+    `gram` (K + 1, K + 1) of K derivatives by the camera and by effects, and of the residual; `by_focal` (G, K + 1) of
+    these with the derivative by the relative focal length in each of G board poses, `focal` (G,) of the latter with
+    itself; `count` coordinates less parameters of the poses.
+    """
+
+    gram: np.ndarray
+    by_focal: np.ndarray
+    focal: np.ndarray
+    count: int
+
+    @classmethod
+    def of(cls, chain: Corners, fit: BundleFit, effects: tuple[Effect, ...]) -> "ReducedCorners":
+        """At the solution of a bundle; effects that it does not hold stand at their null."""
+        rows, focal, poses = _whitened(chain, fit, effects)
+        gram, by_focal, squares = 0.0, [], []
+        for g in range(len(chain.poses)):
+            mine = chain.labels["placement"] == g
+            of_pose = poses[:, :, mine].reshape(_POSE, -1).T
+            basis = np.linalg.qr(of_pose / np.linalg.norm(of_pose, axis=0))[0]
+            joined = np.concatenate([rows[:, :, mine], focal[None, :, mine]])
+            joined = joined.reshape(len(joined), -1).T
+            joined = joined - basis @ (basis.T @ joined)
+            gram = gram + joined[:, :-1].T @ joined[:, :-1]
+            by_focal.append(joined[:, :-1].T @ joined[:, -1])
+            squares.append(float(joined[:, -1] @ joined[:, -1]))
+        squares = np.array(squares)
+        usable = squares > _DETERMINED * squares.max(initial=0.0)
+        count = chain.pixels.size - _POSE * len(squares)
+        return cls(gram, np.array(by_focal)[usable], squares[usable], count)
+
+    @property
+    def degrees(self) -> int:
+        """Degrees of freedom that a focal length of each board pose leaves."""
+        return self.count - (len(self.gram) - 1) - (len(self.focal) - 1)
+
+    def with_spread(self, spread: float) -> np.ndarray:
+        """The Gram matrix (K + 1, K + 1) where focal lengths have a random error of so many units; inf: free."""
+        share = 1 / self.focal if np.isinf(spread) else 1 / (spread**-2.0 + self.focal)
+        return self.gram - (self.by_focal.T * share) @ self.by_focal
+
+    def squares(self, spread: float = _NONE) -> float:
+        """Sum of squares that the camera and the effects leave."""
+        gram = self.with_spread(spread)
+        return float(gram[-1, -1] + gram[-1, :-1] @ _solved(gram))
+
+    def changes(self, variance: float) -> tuple[np.ndarray, np.ndarray]:
+        """(G,) relative change of the focal length in each board pose, and its standard uncertainty."""
+        solution = np.append(_solved(self.with_spread(np.inf)), 1.0)
+        return -(self.by_focal @ solution) / self.focal, np.sqrt(variance / self.focal)
+
+    def likeliest_spread(self, variance: float) -> tuple[float, float]:
+        """1 sigma of the relative focal length by restricted maximum likelihood, and its standard error.
+
+        Patterson & Thompson, Biometrika 58 (1971) 545.
+        """
+        unit = float(np.sqrt(variance))
+
+        def deviance(log_spread):
+            spread = np.exp(log_spread)
+            gram = self.with_spread(spread)
+            scale = np.sqrt(np.diag(self.gram)[:-1]).clip(1e-300)
+            scaled = gram[:-1, :-1] / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+            of_camera = np.linalg.slogdet(scaled)[1]
+            return (
+                np.log1p(spread**2 * self.focal).sum() + of_camera + self.squares(spread) / variance
+            )
+
+        widest = max(float(np.abs(self.changes(variance)[0]).max()), _NONE) / unit
+        bounds = np.log(_NONE), np.log(10 * widest)
+        spread = float(np.exp(minimize_scalar(deviance, bounds=bounds, method="bounded").x))
+        # Fisher information of the variance of a random effect with known errors
+        information = 0.5 * float(((spread**2 + 1 / self.focal) ** -2).sum())
+        return spread * unit, 0.5 / (spread * float(np.sqrt(information))) * unit
+
+
+def _solved(gram: np.ndarray) -> np.ndarray:
+    """(K,) parameters that make the residual least."""
+    scale = np.sqrt(np.diag(gram)[:-1].clip(1e-300))
+    scaled = gram[:-1, :-1] / np.outer(scale, scale)
+    return -np.linalg.lstsq(scaled, gram[:-1, -1] / scale, rcond=_RIDGE)[0] / scale
 
 
 def _whitened(chain: Corners, fit: BundleFit, effects):
-    """Derivatives (2, n) by the relative focal length and (6, 2, n) by the pose, and residuals (2, n), over sigma."""
+    """Over sigma: derivatives (K, 2, n) by camera and effects with the residual as last row, (2, n) by the relative
+    focal length, and (6, 2, n) by the pose."""
     model = Model(chain, tuple(effects))
-    here = model.evaluate(model.parameters.take_over(fit.parameters))
-    camera = chain.camera
+    table = model.parameters.take_over(fit.parameters)
+    is_free = [key in fit.table.keys or key.count(".") > 1 for key in table.keys]
+    residual, rows = model.linearise(table.only(np.array(is_free)))
+    here = model.evaluate(table)
+    sigma = np.broadcast_to(chain.sigma, residual.shape)
+    every = np.concatenate([rows, residual[None]]) / sigma
+    focal = by_focal_length(chain.camera, here) / sigma
+    return every, focal, here.family_rows("placement") / sigma
+
+
+def by_focal_length(camera: Camera, here) -> np.ndarray:
+    """(m, n) px, derivative of the residuals of an evaluation by the relative focal length."""
     by_fx, by_fy = here.own_rows(np.array([0, 1]))
-    by_focal = camera.fx * by_fx + camera.fy * by_fy
-    sigma = np.broadcast_to(chain.sigma, by_focal.shape)
-    return by_focal / sigma, here.family_rows("placement") / sigma, here.residual / sigma
-
-
-def _change(by_focal, by_pose, residual) -> tuple[float, float, float, int]:
-    """Change of one board pose, its information, sum of squares that is remainder, and its degrees of freedom."""
-    pose = by_pose.reshape(_POSE, -1).T
-    basis = np.linalg.qr(pose / np.linalg.norm(pose, axis=0))[0]
-    column, target = by_focal.ravel(), residual.ravel()
-    column = column - basis @ (basis.T @ column)
-    target = target - basis @ (basis.T @ target)
-    information = float(column @ column)
-    change = -float(column @ target) / max(information, 1e-300)
-    remainder = target + change * column
-    return change, information, float(remainder @ remainder), target.size - _POSE - 1
-
-
-def _tested(chain, fit, estimates, variance, degrees) -> FocalScatter:
-    """Method of moments: DerSimonian and Laird, Controlled Clinical Trials 7 (1986); F test of equal changes."""
-    change, information, is_usable = estimates
-    weight = np.where(is_usable, information, 0.0) / variance
-    deviation = change - np.average(change, weights=weight)
-    statistic = float(weight @ deviation**2)
-    groups = int(is_usable.sum()) - 1
-    p_value = float(fisher.sf(statistic / groups, groups, degrees))
-    unit = weight.sum() - (weight**2).sum() / weight.sum()
-    share = float(np.sqrt(max(statistic - groups, 0.0) / unit))
-    camera = chain.camera
-    middle = np.array([[camera.cx], [camera.cy]])
-    reach = float(np.sqrt(((chain.pixels - middle) ** 2).mean()))
-    noise = float(np.sqrt((np.asarray(chain.sigma) ** 2).mean() * variance))
-    std = np.where(is_usable, np.sqrt(1 / np.maximum(weight, 1e-300)), np.inf)
-    return FocalScatter(share, share * reach, noise, p_value, change, std)
+    return camera.fx * by_fx + camera.fy * by_fy

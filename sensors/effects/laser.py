@@ -103,6 +103,54 @@ class PlaneBow(Effect):
         return known(np.stack([along * slope / 2, -(slope**2) / 2, -slope, seen]))[:, None]
 
 
+class GhostLine(Effect):
+    """A second, weaker line is parallel to the laser line, from a double reflection in a cover glass or a mirror.
+
+    The copy is `offset_mm` from the line along the normal of the light plane, and is inclined by `angle_deg` to it. It
+    displaces the centre of a Gaussian of 1 sigma `width_mm` that is fitted to both. The renderer draws the copy itself.
+    """
+
+    effect = "ghost-line"
+    port = "plane"
+    places = ("laser",)
+    components = (3,)
+    nonnegative = 1
+    equation = (
+        "db = -share * d exp(-d^2 / (4 w^2)), d = offset + s tan(angle), w = 1 sigma of the line"
+    )
+    source = (
+        "least-squares centre of a line with a weak neighbour, first order in its share; ghost images of plane plates: "
+        "Hecht, Optics, 5th ed., sec. 4.6"
+    )
+
+    def __init__(
+        self,
+        where: str,
+        offset_mm: float = 0.3,
+        angle_deg: Annotated[float, Field(gt=-45, lt=45)] = 0.0,
+        width_mm: Annotated[float, Field(gt=0)] = 0.2,
+    ):
+        super().__init__(where)
+        self.offset_mm, self.angle_deg, self.width_mm = offset_mm, angle_deg, width_mm
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: light planes absorb a constant displacement; the profile of the line shows it."""
+        return ()
+
+    def table(self, chain):
+        return (self.parameter("share", "1", 0.1, "the brightness of the second line"),)
+
+    def distance(self, along: np.ndarray) -> np.ndarray:
+        """(n,) mm from the line to its copy at places `along` (n,) mm the stripe."""
+        return self.offset_mm + np.tan(np.deg2rad(self.angle_deg)) * along
+
+    def basis(self, state):
+        distance = self.distance(known((stripe_direction(state.planes) * state.points).sum(0)))
+        displaced = -distance * np.exp(-(distance**2) / (4 * self.width_mm**2))
+        return np.where(np.isnan(state.planes[3]), 0.0, displaced)[None, None]
+
+
 class MirrorWobble(Effect):
     """The mirror's axis nutates and runs out, at one and two cycles per revolution.
 

@@ -1,7 +1,7 @@
 """Effects on the way from the surface to the pixel: lens, heat, and a window before the camera."""
 
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -262,3 +262,48 @@ class FocusBreathing(Effect):
         camera = state.camera
         displacement = state.pixels - np.array([[camera.cx], [camera.cy]])
         return known((state.focus_depth - self.z0) * displacement)[None]
+
+
+class Blooming(Effect):
+    """The centre of the laser line shifts with its brightness and its width, as light overflows from full pixels.
+
+    The shift is along the line of pixels in which a centre is measured: a row of the image, or a column with `along`
+    "columns". `line_brightness` and `line_width` are the logarithms of both, less those of a usual line. A clipped or
+    asymmetric line shifts alike.
+    """
+
+    effect = "blooming"
+    port = "pixel"
+    places = ("camera",)
+    needs = ("line_brightness", "line_width")
+    equation = "du = a ln(brightness / usual brightness) + b ln(width / usual width)"
+    source = (
+        "first order in what overflows from a full well: Janesick, Scientific CCDs (2001), ch. 4"
+    )
+    reads = needs
+    of_session = True
+
+    def __init__(self, where: str, along: Literal["rows", "columns"] = "rows"):
+        super().__init__(where)
+        self.along = along
+        self.components = (0,) if along == "rows" else (1,)
+
+    @classmethod
+    def candidates(cls, chain):
+        """One, where centres depend on brightness or width of the line along single stripes."""
+        if all(chain.varies(name) for name in cls.needs):
+            for where in chain.places("camera"):
+                yield Variant(cls(where, chain.line_along))
+
+    def table(self, chain):
+        return (
+            self.parameter("brightness", "px", 0.1, "the shift by brightness"),
+            self.parameter("width", "px", 0.3, "the shift by width"),
+        )
+
+    def basis(self, state):
+        has_light = ~np.isnan(state.planes[3])
+        if not has_light.any():  # corners are seen without the laser
+            return np.zeros((2, 1, state.n))
+        rows = [np.where(has_light, state.covariate(name), 0.0) for name in self.needs]
+        return np.stack(rows)[:, None]

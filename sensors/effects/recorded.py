@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from sensors.effects.covariates import Vector, WarmUpLaw, warm_ups
+from sensors.effects.optics import Blooming
 from workbench.core.covariates import known
 from workbench.core.effect import Effect, Grid, Variant
 from workbench.core.vocabulary import Covariate
@@ -15,7 +16,7 @@ _FINEST = (
     6.0  # frequencies per 2 pi / duration: the phase is then off by at most a quarter of a radian
 )
 _MOST = 3000  # frequencies
-_KNOWN = ("time_s", "sweep", "mirror_speed_deg_s")
+_KNOWN = ("time_s", "sweep", "mirror_speed_deg_s", *Blooming.needs)
 
 
 class LaserDrift(WarmUpLaw, Effect):

@@ -7,6 +7,7 @@ import numpy as np
 
 from sensors.camera.model import Camera
 from sensors.effects import CATALOGUE
+from sensors.effects.laser import GhostLine
 from sensors.state import SensorState
 from workbench.core.effect import Effect, make_effects
 from workbench.core.errors import InputError
@@ -14,6 +15,8 @@ from workbench.core.parameters import Parameter
 
 PORTS = {"pixel": 2, "ray": 3, "mirror": 1, "plane": 5, "point": 3, "target": 3, "noise": 1}
 """Components a sample of each port."""
+DRAWN = (GhostLine,)
+"""Effects that the renderer draws as light: the law of their port is what they do to the centre of a fitted line."""
 
 
 @dataclass(frozen=True)
@@ -24,13 +27,18 @@ class Causes:
 
     def on(self, port: str) -> bool:
         """Whether anything acts on this port."""
-        return any(effect.port == port for effect, _ in self.pairs)
+        return any(effect.port == port for effect, _ in self.pairs if not isinstance(effect, DRAWN))
+
+    @property
+    def ghost_lines(self) -> tuple[tuple[GhostLine, float], ...]:
+        """Copies of the laser line, each with its share of the brightness."""
+        return tuple((e, float(v[0])) for e, v in self.pairs if isinstance(e, GhostLine))
 
     def delta(self, port: str, state: SensorState) -> np.ndarray:
         """(components, n) change of the port's components at the samples of `state`; 0 where nothing acts."""
         total = np.zeros((PORTS[port], state.n))
         for effect, values in self.pairs:
-            if effect.port == port:
+            if effect.port == port and not isinstance(effect, DRAWN):
                 total[list(effect.port_indices(_Numbering(state)))] += effect.delta(values, state)
         return total
 

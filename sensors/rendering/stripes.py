@@ -113,6 +113,9 @@ def _reached(instrument, rough, probes, index, moment) -> np.ndarray:
     moved = _plane_distance(instrument, index, probes, moment, {}) - (
         nominal[:3] @ probes + nominal[3]
     )
+    along = _along_stripe(instrument, index, probes)
+    copies = [moved - ghost.distance(along) for ghost, _ in moment.causes.ghost_lines]
+    moved = np.concatenate([moved, *copies])
     pixel = np.nanmax(probes[2]) / instrument.camera.fx
     low = min(moved.min(), 0)
     high = max(moved.max(), 0)
@@ -177,7 +180,11 @@ def stripe(
     if known["pixels"] is None:
         del known["pixels"]
     distance = _plane_distance(instrument, index, points, moment, known)
-    bright = _across(instrument, index, distance, points) * _along(instrument, index, points)
+    bright = _across(instrument, index, distance, points)
+    for ghost, share in moment.causes.ghost_lines:
+        apart = ghost.distance(_along_stripe(instrument, index, points))
+        bright = bright + share * _across(instrument, index, distance - apart, points)
+    bright = bright * _along(instrument, index, points)
     lit = np.flatnonzero(bright > 1e-6)
     there = points[:, lit], normals[:, lit]
     diffuse = stage.albedo[rows].ravel()[lit] * _arriving(instrument, surfaces, index, *there)
@@ -222,6 +229,12 @@ def _across(instrument, index, distance, points):
         return _profile(distance, laser.width_mm)
     width = laser.width(np.linalg.norm(points - source[:, None], axis=0))
     return _profile(distance, width) * np.nan_to_num(laser.width_mm / width)
+
+
+def _along_stripe(instrument, index, points):
+    """(n,) mm, place of points (3, n) along the stripe."""
+    plane = instrument.nominal_planes()[:, index, None]
+    return (stripe_direction(plane) * points).sum(0)
 
 
 def _along(instrument, index, points):

@@ -52,6 +52,12 @@ class LineDependence:
         }
 
 
+def line_covariates(shape: np.ndarray) -> dict[str, np.ndarray]:
+    """Covariates (n,) of `Blooming`: logarithms of width and brightness, `shape` (2, n) as of `Stripes.shape`."""
+    width, brightness = np.log(np.maximum(shape, 1e-6))
+    return {"line_brightness": brightness, "line_width": width}
+
+
 def line_dependence(
     residual: np.ndarray, stripe: np.ndarray, along: np.ndarray, shape: np.ndarray
 ) -> LineDependence | None:

@@ -15,9 +15,10 @@ from sensors.stripe.find import Stripes
 _REACH = 4.0  # widths each side of the centre
 _BINS = 32
 _EDGES = np.linspace(-_REACH, _REACH, _BINS + 1)
-_PLACES = (_EDGES[1:] + _EDGES[:-1]) / 2
+PLACES = (_EDGES[1:] + _EDGES[:-1]) / 2
 _NEAR = 0.8  # widths each side within which the mode is read
 _FEWEST = 8  # images
+_LEAST_STD = 1e-5  # of the peak
 _SIGNIFICANT = 5.0  # standard errors
 # Share of the noise of a single centre: an error common to all centres does not average out, as noise does.
 _RELEVANT = 0.25
@@ -102,12 +103,9 @@ class Asymmetry:
 
 def asymmetry(profiles: Profiles) -> Asymmetry | None:
     """Of the mean profile of all images; standard error by the jackknife over images. None where there are too few."""
-    used = (profiles.weights > 0).all(1)
-    if used.sum() < _FEWEST:
+    if (found := _usable(profiles)) is None:
         return None
-    sums = profiles.sums[used]
-    weights = profiles.weights[used]
-    width = float(profiles.width[used].mean())
+    sums, weights, width = found
     all_images = _ambiguity(sums.sum(0), weights.sum(0))
     by_image = np.array(
         [
@@ -118,6 +116,29 @@ def asymmetry(profiles: Profiles) -> Asymmetry | None:
     std = np.sqrt((len(by_image) - 1) * by_image.var())
     odd = np.abs(_odd(sums.sum(0) / weights.sum(0))).max()
     return Asymmetry(float(all_images * width), float(std * width), float(odd))
+
+
+def mean_odd_profile(profiles: Profiles) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """Odd part (bins,) of the mean profile, its standard errors by jackknife over images, and the mean width, px."""
+    if (found := _usable(profiles)) is None:
+        return None
+    sums, weights, width = found
+    by_image = np.array(
+        [
+            _odd((sums.sum(0) - image_sums) / (weights.sum(0) - weight))
+            for image_sums, weight in zip(sums, weights)
+        ]
+    )
+    std = np.sqrt((len(by_image) - 1) * by_image.var(0))
+    return _odd(sums.sum(0) / weights.sum(0)), np.maximum(std, _LEAST_STD), width
+
+
+def _usable(profiles: Profiles) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """Sums and weights (F, bins) of the images that hold all bins, and the mean width; None where there are too few."""
+    used = (profiles.weights > 0).all(1)
+    if used.sum() < _FEWEST:
+        return None
+    return profiles.sums[used], profiles.weights[used], float(profiles.width[used].mean())
 
 
 def _odd(profile: np.ndarray) -> np.ndarray:
@@ -131,7 +152,7 @@ def _ambiguity(sums: np.ndarray, weights: np.ndarray) -> float:
     The mode of g + o is at o'(0), since g'' = -1 there; the centroid at the first moment of o over sqrt(2 pi).
     """
     odd = _odd(sums / weights)
-    near = np.abs(_PLACES) < _NEAR
-    slope = (odd[near] @ _PLACES[near]) / (_PLACES[near] @ _PLACES[near])
-    moment = (odd @ _PLACES) * (_EDGES[1] - _EDGES[0]) / np.sqrt(2 * np.pi)
+    near = np.abs(PLACES) < _NEAR
+    slope = (odd[near] @ PLACES[near]) / (PLACES[near] @ PLACES[near])
+    moment = (odd @ PLACES) * (_EDGES[1] - _EDGES[0]) / np.sqrt(2 * np.pi)
     return float(moment - slope)

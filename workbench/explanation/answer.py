@@ -44,7 +44,7 @@ from workbench.explanation.sensor_errors import (
     errors_by_kind,
     image_terms,
     image_warnings,
-    with_jitter,
+    with_random_errors,
     without_jitter,
 )
 from workbench.explanation.turntable import with_turntable
@@ -321,7 +321,7 @@ def _searched(bench: Bench, say: _Reporter, jobs: int) -> tuple[Bench, Found, in
     def announce(terms):
         say.first(statements.first_terms(terms))
 
-    bench, found = with_jitter(
+    bench, found = with_random_errors(
         bench, lambda sampled: find(sampled, progress=progress, first=announce)
     )
     say.first(statements.preliminary(found))

@@ -7,21 +7,24 @@ from scipy.special import chdtrc
 
 from datasets.recording import Recording
 from sensors.camera.displaced_lines import DisplacedLine
-from sensors.camera.focal_scatter import focal_scatter
-from sensors.effects.optics import LensResidual
+from sensors.effects.laser import GhostLine
+from sensors.effects.optics import Blooming, LensResidual
 from sensors.effects.recorded import BoardPointErrors
 from workbench.core.effect import Effect
 from workbench.diagnosis.levels import CONFIDENCE, CRITICAL_T
 from workbench.diagnosis.linear.estimates import parameter_row
 from workbench.diagnosis.linear.problem import Alternative, Finding, Found, Problem
 from workbench.diagnosis.scanner.image_jitter import find_image_jitter, jitter_before_proof
-from workbench.diagnosis.scanner.sensor_linear import acts
+from workbench.diagnosis.scanner.random_focal_length import (
+    find_random_focal_length,
+    scatter_next_to,
+)
 from workbench.diagnosis.validation.held_out import rms
 from workbench.explanation.result import Proof, Term
 from workbench.explanation.statements import LINE_STRUCTURE
-from workbench.jobs.sensor.chains import at_solution
 
 _SAME_SPREAD = 0.2  # relative change of the spread of jitter below which a search is not repeated
+_SAME_PROFILE = "makes nearly the same profile of the line"
 _AS_WELL = "predicts left-out board poses nearly as well"
 _KINDS = {"corners": "corners", "board_stripes": "stripes on boards", "balls": "stripes on balls"}
 
@@ -81,15 +84,19 @@ def ball_centres(bench, recording: Recording, terms: Sequence[Term]) -> dict | N
     }
 
 
-def with_jitter(bench, find: Callable[..., Found]) -> tuple[object, Found]:
-    """A bench that counts random displacement of whole stripes where there is some, and what a search finds on it.
+def with_random_errors(bench, find: Callable[..., Found]) -> tuple[object, Found]:
+    """A bench that counts random errors of single images, and what a search finds on it.
 
-    The displacement is tested before the search: against noise alone, jitter passes for many laws of what was recorded,
-    none of which predicts another board pose, and a search that accepts them is long. It is tested again next to what
-    the search found; only where the spread differs from the first is the search repeated with the new one.
+    A focal length that differs at random from image to image is tested once, before the search. Random displacement of
+    whole stripes is tested before the search, too: against noise alone, jitter passes for many laws of what was
+    recorded, none of which predicts another board pose, and a search that accepts them is long. It is tested again next
+    to what the search found; only where the spread differs from the first is the search repeated with the new one.
     """
     if bench.chain is not None:
         return bench, find(bench)
+    focal = find_random_focal_length(bench)
+    if focal is not None:
+        bench = bench.with_random_focal_length(focal)
     first = find_image_jitter(bench, (), bench.problem(()))
     start = bench if first is None else bench.with_jitter(first.sigma_px)
     found = find(start)
@@ -121,31 +128,73 @@ def image_terms(bench, terms: Sequence[Term], problem: Problem) -> tuple[Term, .
     jitter = find_image_jitter(bench, effects, problem)
     if jitter is not None:
         lines = (*lines, Term(jitter.finding, jitter.parameters, jitter.sigma_px))
-    return lines if effects or lines else line_structure_terms(bench)
+    focal = bench.focal
+    if focal is not None:
+        lines = (*lines, Term(focal.finding, focal.parameters, focal.scatter.shift_px))
+    if lines or effects:
+        return (*lines, *ghost_line_terms(bench, effects))
+    return (*ghost_line_terms(bench, effects), *line_structure_terms(bench))
 
 
 def line_structure_terms(bench) -> tuple[Term, ...]:
     """Structure of the laser line that no effect of the catalogue makes: the calibration found it in the images.
 
-    Where an effect displaces the line, the calibration, which knows none, takes points of it for wrong.
+    Where an effect displaces the line, the calibration, which knows none, takes points of it for wrong. An asymmetric
+    profile is a ghost line, see `ghost_line_terms`.
     """
-    return tuple(
-        Term(
-            Finding(
-                "unknown",
-                line_doubt.where,
-                LINE_STRUCTURE + line_doubt.label,
-                (),
-                line_doubt.p_value,
-                0.0,
-                0.0,
-                0.0,
-                line_doubt.depends_on,
-            ),
-            size=line_doubt.size_px,
-        )
-        for line_doubt in bench.chains.line_doubts
+    doubts = [doubt for doubt in bench.chains.line_doubts if not doubt.is_asymmetry]
+    return tuple(_of_doubt(doubt) for doubt in doubts)
+
+
+def _of_doubt(doubt) -> Term:
+    about = (doubt.where, LINE_STRUCTURE + doubt.label, (), doubt.p_value, 0.0, 0.0, 0.0)
+    return Term(Finding("unknown", *about, doubt.depends_on), size=doubt.size_px)
+
+
+def ghost_line_terms(bench, effects: Sequence[Effect]) -> tuple[Term, ...]:
+    """A second line where the profile of the laser line is asymmetric, unless blooming makes it so.
+
+    A beam that is itself asymmetric makes nearly the same profile: it is the alternative.
+    """
+    second = bench.chains.second_line
+    doubts = [doubt for doubt in bench.chains.line_doubts if doubt.is_asymmetry]
+    if second is None or not doubts or any(isinstance(e, Blooming) for e in effects):
+        return ()
+    ghost = GhostLine("laser")
+    scale = float(np.median(bench.covariates["range"])) / bench.chains.corners.camera.fx
+    sizes = (
+        ("share", "brightness over that of the line", "1", second.share, second.std[0]),
+        ("offset", "distance from the line", "px", second.offset_px, second.std[1]),
+        (
+            "offset_mm",
+            "the same at the middle range",
+            "mm",
+            scale * second.offset_px,
+            scale * second.std[1],
+        ),
     )
+    rows = tuple(
+        {
+            "key": f"laser.{ghost.effect}.{name}",
+            "name": name,
+            "where": "laser",
+            "label": label,
+            "effect": ghost.effect,
+            "value": float(value),
+            "std": float(std),
+            "unit": unit,
+            "typical": 0.1,
+            "size_px": abs(second.shift_px),
+        }
+        for name, label, unit, value, std in sizes
+    )
+    beam = Alternative(
+        "unknown", "laser", "an asymmetric beam", 1 - second.probability, 1.0, _SAME_PROFILE
+    )
+    others = (beam,) if second.probability < CONFIDENCE else ()
+    about = (ghost.effect, "laser", "", (), doubts[0].p_value, second.probability, 0.0, 0.0)
+    finding = Finding(*about, depends_on=doubts[0].depends_on, alternatives=others)
+    return (Term(finding, rows, abs(second.shift_px)),)
 
 
 def displaced_line_terms(bench, effects: Sequence[Effect]) -> tuple[Term, ...]:
@@ -221,15 +270,13 @@ def image_warnings(bench, terms: Sequence[Term]) -> tuple[str, ...]:
 
 def random_focal_error(bench, terms: Sequence[Term]) -> str:
     """A sentence where the focal length differs from board pose to board pose, "" where it does not."""
-    effects = [e for term in terms for e in term.finding.effects]
-    chains, fit = bench.solve(effects)
-    on_corners = tuple(effect for effect in effects if acts(effect, "corners"))
-    found = focal_scatter(at_solution(chains, fit).corners, fit, on_corners)
+    effects = tuple(e for term in terms for e in term.finding.effects)
+    found = scatter_next_to(bench, effects)
     if found is None or not found.significant:
         return ""
     other = (
         ""
-        if any(isinstance(effect, LensResidual) for effect in effects)
+        if bench.focal is not None or any(isinstance(effect, LensResidual) for effect in effects)
         else "; or the lens is not of the model fitted, which looks alike where boards fill only a part of the image"
     )
     return f"{found.sentence[0].upper()}{found.sentence[1:]}{other}."

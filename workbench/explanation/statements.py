@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robot_model.effects.friction import ReadingLattice
+from sensors.effects.laser import GhostLine
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.least_squares.adjustment_tests import p_text
 from workbench.diagnosis.levels import LISTED_PROBABILITY
@@ -14,6 +15,7 @@ from workbench.diagnosis.linear.problem import Finding, Found
 from workbench.diagnosis.noise.random_effects import ALONG
 from workbench.diagnosis.robot.derived import DEFLECTION
 from workbench.diagnosis.scanner.image_jitter import EFFECT as JITTER
+from workbench.diagnosis.scanner.random_focal_length import LABEL as RANDOM_FOCAL_LENGTH
 from workbench.diagnosis.search.findings import SAME_FUNCTION
 from workbench.explanation.result import Term
 from workbench.explanation.words import (
@@ -75,6 +77,10 @@ def _what(term: Term, tip: str, unit: str) -> str:
         return _of_stated_noise(term)
     if found.effect == JITTER:
         return _of_jitter(term)
+    if found.effect == GhostLine.effect and not found.effects:
+        return _of_ghost_line(term)
+    if found.label == RANDOM_FOCAL_LENGTH:
+        return _of_focal_length(term)
     if found.label == NOT_LOCATED and _unconfirmed(found):
         text = f"The residual contains structure that is not explained ({p_text(found.p_value)}), most likely at"
         return f"{text} {place(found.where)}.{_unconfirmed(found)}"
@@ -197,6 +203,29 @@ def _of_jitter(term: Term) -> str:
         "(1 sigma): jitter or vibration of the mirror or the arm, or irregular timing. No recorded covariate predicts "
         "it, so no correction can remove it. Average several sweeps, let the arm settle, or record what changes "
         "between images."
+    )
+
+
+def _of_focal_length(term: Term) -> str:
+    """How far the focal length scatters, what does that, and what to do."""
+    row = term.parameters[0]
+    return (
+        f"The focal length differs at random from image to image by {100 * row['value']:.2g} ± "
+        f"{100 * row['std']:.1g} % (1 sigma), which displaces corners by {row['size_px']:.2g} px RMS: the lens is "
+        "focused again between images, or it is loose. No recorded covariate and no law of camera, window or board "
+        "predicts it, so no correction can remove it. Lock focus and zoom, and take the images again."
+    )
+
+
+def _of_ghost_line(term: Term) -> str:
+    """Brightness and distance of a second line, what makes it, and what to do."""
+    share, offset, offset_mm = term.parameters
+    return (
+        f"The profile of the laser line is that of two lines: a second one with {100 * share['value']:.0f} ± "
+        f"{100 * share['std']:.1g} % of the brightness, {measured(offset['value'], offset['std'], 'px')} "
+        f"({measured(offset_mm['value'], offset_mm['std'], 'mm')} at the middle range) from the first. It moves the "
+        f"centre by {term.size:.2g} px; light planes and scans are displaced alike as long as the line looks alike. "
+        "Look for a reflection in a cover glass, a filter or the mirror, and tilt or remove it."
     )
 
 

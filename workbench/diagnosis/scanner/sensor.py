@@ -55,7 +55,7 @@ class SensorBench(Bench):
 
     A sample is a corner or a block of a stripe; `pose` (n,): the board pose, or the scan's ball after them; `sigma`
     (n,) px its noise. `jitter_px`: 1 sigma by which whole stripes are displaced at random from image to image; the
-    linear problem is whitened by it, see `with_jitter`.
+    linear problem is whitened by it, see `with_jitter`. `focal`: `RandomFocalLength` of the images, or None.
     """
 
     unit = "px"
@@ -64,6 +64,7 @@ class SensorBench(Bench):
 
     def __init__(self, chains: Chains):
         self.jitter_px = 0.0
+        self.focal = None
         self.kind = _kind(chains)
         middle = 0.0 if not self.kind.mirror else float(np.mean(chains.board_stripes.angles))
         parts = chains.parts
@@ -92,6 +93,12 @@ class SensorBench(Bench):
         bench.jitter_px = float(sigma_px)
         return bench
 
+    def with_random_focal_length(self, focal) -> "SensorBench":
+        """The bench whose problems count each image as seen with a focal length of its own: a `RandomFocalLength`."""
+        bench = copy(self)
+        bench.focal = focal
+        return bench
+
     @property
     def of_board_stripes(self) -> slice:
         """Where stripes on boards stand among the samples."""
@@ -100,10 +107,12 @@ class SensorBench(Bench):
 
     @property
     def shared_px(self) -> np.ndarray:
-        """(n,) px, 1 sigma of what each sample shares with all others of its image; 0 of corners."""
+        """(n,) px, 1 sigma of what each sample shares with all others of its image."""
         shared = np.full(self.n, self.jitter_px)
         shared[: self.chains.counts[0]] = 0.0
-        return shared
+        return (
+            shared if self.focal is None else np.hypot(shared, self.focal.displacement(self.chains))
+        )
 
     def problem(
         self,
@@ -222,8 +231,10 @@ class SensorBench(Bench):
         components = np.repeat(of_parts, self.chains.counts)
         weight = self.sigma[inliers] ** -2.0
         shared = float(weight @ self.shared_px[inliers] ** 2)
-        source = "from neighbouring points" + (" and jitter" if self.jitter_px else "")
-        return float(np.sqrt((components[inliers].sum() + shared) / weight.sum())), source
+        source = ["neighbouring points"]
+        source += ["jitter"] * bool(self.jitter_px) + ["focal lengths"] * (self.focal is not None)
+        noise = float(np.sqrt((components[inliers].sum() + shared) / weight.sum()))
+        return noise, f"from {' and '.join(source)}"
 
     def ball_centres(self, effects: Sequence[Effect] = ()) -> np.ndarray | None:
         """(B, 3) mm, centres of the balls of all scans in the camera frame; None without balls."""
@@ -332,6 +343,7 @@ def _kind(chains: Chains) -> Kind:
         times=tuple(np.unique(times).tolist()),
         board_lines=lines,
         depth_mm=round(float(chains.corners.state.points[2].mean()), 1),
+        line_along="columns" if has_stripes and chains.board_stripes.scan[1, 0] else "rows",
     )
 
 
@@ -479,12 +491,7 @@ def _rms_of(part_models, fit, key) -> float:
     for model in part_models:
         count += model.chain.pixels.shape[1] * len(model.chain.sigma)
         if key in model.parameters.index:
-            table = _own(model, fit)
+            table = _at_fit(model, fit)
             rows = model.linearise(table.only(np.array([k == key for k in table.keys])))[1]
             squares += float((rows**2).sum())
     return float(np.sqrt(squares / max(count, 1)))
-
-
-def _own(model: Model, fit: BundleFit) -> Parameters:
-    """The model's own table at the fit's values."""
-    return model.parameters.take_over(fit.parameters)

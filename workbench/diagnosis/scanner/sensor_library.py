@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sensors.effects.optics import Blooming
+
 
 @dataclass(frozen=True)
 class Place:
@@ -31,7 +33,7 @@ class Kind:
     not constant, and `spreads` their standard deviations in the images with the laser; `times` (s) of these images;
     `board_lines`: x of the columns and y of the rows of the board's points (mm); `light` (3,) mm: a place on the
     mirror's axis, from which the light comes, and `light_axis` (3,) the axis' unit vector, camera frame; `depth_mm`
-    mean depth of the boards.
+    mean depth of the boards; `line_along`: "rows" or "columns" of the image, in which centres were measured.
     """
 
     stripes: bool
@@ -45,6 +47,7 @@ class Kind:
     times: tuple[float, ...] = ()
     board_lines: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
     depth_mm: float = 0.0
+    line_along: str = "rows"
 
     def places(self, kind: str) -> tuple[str, ...]:
         """What `where` of an effect may be here; () where there is no such place."""
@@ -69,7 +72,7 @@ class Kind:
 
 def places(kind: Kind) -> list[Place]:
     """Where something unnamed may act; a column nobody modelled may matter anywhere."""
-    more = tuple(sorted(kind.varying - {"sweep", "mirror_speed_deg_s"}))
+    more = tuple(sorted(kind.varying - {"sweep", "mirror_speed_deg_s", *Blooming.needs}))
     turning = tuple(sorted(kind.varying & {"sweep", "mirror_speed_deg_s"}))
     found = [
         Place("camera", "pixel", (0, 1), "px", 0.05, ("u", "v", *more), (("u", "v"),)),

@@ -7,8 +7,10 @@ from functools import cached_property
 import numpy as np
 
 from sensors.camera.corners import placements
+from sensors.camera.focal_scatter import by_focal_length
 from sensors.effects import CATALOGUE
 from sensors.light.ball_stripes import centres_family
+from sensors.light.grouping import groups
 from sensors.light.planes import steps_family
 from sensors.light.together import Step, Together, decorrelated, random_effect
 from sensors.scanner.adjustment import ON_BOTH
@@ -171,6 +173,10 @@ class Linear:
         self.parts = []
         for name, (model, _, noisy), noiseless in zip(solved.parts, seen, still):
             steps = _shared_errors(name, model.chain, bench.jitter_px)
+            if bench.focal is not None:
+                steps += _focal_lengths(
+                    name, noiseless[0].chain, noiseless[2], bench.focal.scatter, steps
+                )
             steps += _rounding(name, noiseless[0].chain, noiseless[2], steps)
             white = decorrelated(steps, noisy.residual) / model.chain.sigma
             self.parts.append(_Part(name, *noiseless, white, robust_weights(white), steps))
@@ -226,6 +232,8 @@ class Linear:
             columns_of_part[place] = rows * free_table.typical[free_table.mask][:, None]
             shared.append(columns_of_part)
         columns = [self.family(name, family) for name, family in families_of(self.chains).items()]
+        if self.bench.focal is not None:
+            columns.append(self.focal_lengths())
         return observable_basis(np.concatenate([np.concatenate(shared, axis=1), *columns]).T)
 
     def family(self, name: str, family: Family) -> np.ndarray:
@@ -240,6 +248,15 @@ class Linear:
                 columns_of_groups[label, :, np.arange(part.root.size)] = rows.T
             parts.append(columns_of_groups.reshape(groups * family.length, -1))
         columns = np.concatenate(parts, axis=1)
+        return columns[np.any(columns != 0, axis=1)]
+
+    def focal_lengths(self) -> np.ndarray:
+        """(G, N) whitened columns of a relative focal length for the corners of each board pose."""
+        part = self.parts[0]
+        rows = part.white(by_focal_length(part.model.chain.camera, part.here)[None])[0]
+        label = np.tile(part.model.chain.labels["placement"], len(part.root))
+        columns = np.zeros((label.max() + 1, sum(each.root.size for each in self.parts)))
+        columns[label, np.arange(rows.size)] = self.bench.focal.scatter.share * rows
         return columns[np.any(columns != 0, axis=1)]
 
     def port(self, port: str, port_indices: tuple[int, ...], where: str) -> list:
@@ -337,6 +354,17 @@ def _shared_errors(name: str, chain, sigma_px: float) -> list[Step]:
     along = (chain.pixels[::-1] * chain.scan).sum(0)
     together = replace(Together.of(labels, along), sigma=np.array([sigma_px, 0.0, 0.0]))
     return together.steps(np.broadcast_to(chain.sigma, (1, chain.n))[0])
+
+
+def _focal_lengths(name: str, chain, here: Evaluation, scatter, before: list[Step]) -> list[Step]:
+    """Factors that make points of stripes independent which a focal length of their image displaces together."""
+    if name == "corners":
+        return []
+    of_image = chain.labels["placement" if name == "board_stripes" else "ball"]
+    label = groups(of_image, chain.labels["step"])[0]
+    sigma = np.broadcast_to(chain.sigma, (1, chain.n))[0]
+    shape = decorrelated(before, by_focal_length(chain.camera, here)[0])
+    return [random_effect(scatter.share, label, shape, sigma**-2.0)]
 
 
 def _rounding(name: str, chain, evaluation: Evaluation, before: list[Step]) -> list[Step]:

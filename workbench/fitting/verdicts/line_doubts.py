@@ -31,7 +31,7 @@ _ANYWHERE = "no place of the image or of the board and no light plane holds most
 @dataclass(frozen=True)
 class LineDoubt:
     """One doubt: `label` in a few words, `where` in the vocabulary, the covariates that it `depends_on`, `p_value` of
-    chance, `size_px` where known, and the `sentence` with what to do."""
+    chance, `size_px` where known, the `sentence` with what to do, and whether it `is_asymmetry` of the profile."""
 
     label: str
     where: str
@@ -39,6 +39,7 @@ class LineDoubt:
     p_value: float
     size_px: float | None
     sentence: str
+    is_asymmetry: bool = False
 
 
 def line_doubts(calibration, asymmetry: Asymmetry | None = None) -> list[LineDoubt]:
@@ -93,4 +94,4 @@ def _of_asymmetry(asymmetry: Asymmetry) -> LineDoubt:
     # two-sided, of a normal distribution
     p_value = float(2 * norm.sf(abs(asymmetry.ambiguity_px) / max(asymmetry.std_px, 1e-300)))
     about = ("laser", ("line_width",), max(p_value, 1e-300), abs(asymmetry.ambiguity_px))
-    return LineDoubt(label, *about, sentence)
+    return LineDoubt(label, *about, sentence, True)

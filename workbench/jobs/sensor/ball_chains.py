@@ -13,6 +13,7 @@ from sensors.light.ball_stripes import Balls
 from sensors.light.board_chain import BoardStripeChain
 from sensors.light.planes import light_origin
 from sensors.scanner.calibration import ScannerCalibration
+from sensors.scanner.line_dependence import line_covariates
 from sensors.scanner.model import Scanner
 from sensors.stripe.brightness import brightness_law
 from sensors.stripe.find import find_stripes
@@ -116,6 +117,7 @@ def _stripes(recording, scanner, rows, depth):
     )
     names = recorded_columns(rows)
     covariates = {name: np.array([row[name] for row in rows], float)[frame] for name in names}
+    covariates |= line_covariates(shape[:2])
     steps = np.array([int(row.get("step", 0)) for row in rows])[frame]
     return pixels, steps, sigma, shape, covariates
 

@@ -16,6 +16,7 @@ from sensors.camera.calibration import calibrate_camera
 from sensors.camera.corners import Corners
 from sensors.camera.displaced_lines import DisplacedLine
 from sensors.camera.model import Camera
+from sensors.effects.optics import Blooming
 from sensors.light.ball_stripes import Balls
 from sensors.light.board_chain import BoardStripeChain
 from sensors.light.board_stripes import thinned
@@ -24,8 +25,9 @@ from sensors.light.mirror import NAMES, MovedMirror, on_one_branch, start_mirror
 from sensors.light.mirror_choice import FEWEST
 from sensors.light.planes import moved
 from sensors.scanner.calibration import calibrate_scanner
-from sensors.scanner.line_dependence import LineDependence
+from sensors.scanner.line_dependence import LineDependence, line_covariates
 from sensors.stripe.asymmetry import Profiles, asymmetry
+from sensors.stripe.second_line import SecondLine, second_line
 from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.model import Model
 from workbench.files.images.images import by_role
@@ -51,7 +53,8 @@ class Chains:
     With a mirror where the angles were commanded, else with free planes; `gain_free`: what was
     commanded is no angle of the mirror, whose turn a command is then unknown. `placements`, `scans` names; `lines` of
     the board that the calibration of the camera found displaced; `dependence` of stripe centres on the width and
-    brightness of the line, None where these are unknown; `line_doubts`: what is in doubt about that line.
+    brightness of the line, None where these are unknown; `line_doubts`: what is in doubt about that line;
+    `second_line` next to it where its profile is asymmetric, else None.
     """
 
     corners: Corners
@@ -63,6 +66,7 @@ class Chains:
     lines: tuple[DisplacedLine, ...] = ()
     dependence: LineDependence | None = None
     line_doubts: tuple[LineDoubt, ...] = ()
+    second_line: SecondLine | None = None
 
     @property
     def parts(self) -> dict[str, Corners | BoardStripeChain | Balls]:
@@ -108,19 +112,41 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
         board_stripes, _commanded(stripes, calibration.scanner.steps)
     )
     balls, scans = balls_of(recording, calibration, board_stripes, size, progress)
+    depends = calibration.dependence is not None and calibration.dependence.is_relevant
+    board_stripes, balls = with_line_covariates(board_stripes, balls, depends)
     chains = Chains(
         calibration.free.corners, board_stripes, balls, calibration.placements, scans, gain_free
     )
-    shape = asymmetry(Profiles.joined(profiles)) if profiles else None
-    line_warnings = tuple(line_doubts(calibration, shape))
+    every = Profiles.joined(profiles) if profiles else None
+    shape = asymmetry(every) if profiles else None
+    is_asymmetric = shape is not None and shape.is_relevant(calibration.scanner.sigma_px)
     return noisy(
         replace(
             chains,
             lines=camera.displaced_lines,
             dependence=calibration.dependence,
-            line_doubts=line_warnings,
+            line_doubts=tuple(line_doubts(calibration, shape)),
+            second_line=second_line(every) if is_asymmetric else None,
         )
     )
+
+
+def with_line_covariates(board_stripes: BoardStripeChain, balls: Balls | None, depends: bool):
+    """Stripes on boards and on balls with brightness and width of the line about their means on boards.
+
+    depends: whether centres depend on them, else without these covariates: on a symmetric line no effect reads them.
+    """
+    of_boards = board_stripes.covariates
+    means = {name: float(of_boards[name].mean()) for name in Blooming.needs if name in of_boards}
+
+    def of(chain):
+        changed = {name: chain.covariates[name] - mean for name, mean in means.items() if depends}
+        kept = {
+            name: column for name, column in chain.covariates.items() if name not in Blooming.needs
+        }
+        return replace(chain, covariates=kept | changed)
+
+    return of(board_stripes), None if balls is None else of(balls)
 
 
 def _stripes(recording, camera, progress, profiles: list[Profiles]):
@@ -136,7 +162,10 @@ def _stripes(recording, camera, progress, profiles: list[Profiles]):
     if not rows:
         return None
     usable = [(seen[name], taken) for name, taken in rows.items()]
-    return scanners.board_stripes(recording, usable, camera.board, progress, None, profiles)
+    found = scanners.board_stripes(recording, usable, camera.board, progress, None, profiles)
+    if found.shape is None:
+        return found
+    return replace(found, covariates={**found.covariates, **line_covariates(found.shape)})
 
 
 def _commanded(stripes, steps) -> np.ndarray | None:
