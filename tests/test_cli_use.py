@@ -115,6 +115,8 @@ def test_a_target_out_of_reach_keeps_no_readings_and_the_answer_is_no(run, solut
     )
     table = np.genfromtxt(tmp_path / "run" / "corrected.csv", delimiter=",", names=True)
     assert np.isfinite(table["q1_deg"]).tolist() == [True, False]
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert "1 of 2" in page and "not attainable" in page and "corrected.csv" in page
 
 
 def test_a_file_that_is_not_there_is_named_once(run, solution, tmp_path):

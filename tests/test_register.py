@@ -78,6 +78,7 @@ def test_the_command_matches_points_by_name(workbench, tmp_path):
     result = json.loads((tmp_path / "a.json").read_text())
     assert result["rms_mm"] == pytest.approx(0.2262, abs=5e-4) and result["points"] == 13
     assert len((tmp_path / "out" / "residuals.csv").read_text().splitlines()) == 14
+    assert "leave-one-out" in (tmp_path / "out" / "report.html").read_text()
     write(tmp_path / "other.csv", tracker, [*names[:-1], "Q"])
     for target, words in (
         ("other.csv", "found P12; rename"),

@@ -36,7 +36,7 @@ def write_report(
 
 
 def write_sheet(report_page: Page, folder: Path) -> Path:
-    """Write `made` as `report.html` into an existing folder. Raises InputError if it is not writable."""
+    """Write the page as `report.html` into an existing folder. Raises InputError if it is not writable."""
     path = Path(folder) / PAGE
     replace_file(path, _rendered("sheet.html.j2", page=report_page))
     return path

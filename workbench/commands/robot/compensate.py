@@ -90,6 +90,7 @@ def command(
     tolerance: answer.Tolerance = None,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
+    no_report: answer.NoReport = False,
 ) -> None:
     """Correct the targets of a robot program with a calibrated model: a table of corrected joint readings.
 
@@ -140,10 +141,19 @@ def command(
             columns = corrected_columns(programme, arm.robot, found, refused)
             runs.replace_file(run.partial / "corrected.csv", as_csv(columns))
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
+            if not no_report:
+                _write_page(run.partial, arm, programme, found, result)
     answer.deliver(result, json)
     _show(answer.console(json), result)
     if result["unreached_rows"] or result["refused"] or result["verdict"]["pass"] is False:
         raise typer.Exit(1)
+
+
+def _write_page(folder: Path, arm, programme, found, result) -> None:
+    from workbench.report.page import write_sheet
+    from workbench.report.planning import corrections
+
+    write_sheet(corrections.page(arm, programme, found, result), folder)
 
 
 def _read_targets(arm, targets: Path, mapping, start, force: bool):

@@ -32,6 +32,7 @@ def command(
     nearest: Nearest = False,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
+    no_report: answer.NoReport = False,
 ) -> None:
     """Register measured points to those of a tracker: rigid transform, and distance of each point.
 
@@ -64,6 +65,11 @@ def command(
                 "run": run.path,
             }
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
+            if not no_report:
+                from workbench.report.page import write_sheet
+                from workbench.report.planning import registration
+
+                write_sheet(registration.page(found, points, labels, result), run.partial)
     answer.deliver(result, json)
     _show(answer.console(json), result)
 
