@@ -301,6 +301,7 @@ def compensate(
     start: str | None = None,
     tolerance: Sequence[str] | str | None = None,
     out: Path | str | None = None,
+    no_report: bool = False,
 ) -> Result:
     r"""Correct the targets of a robot program with a calibrated model: a table of corrected joint
     readings.
@@ -327,6 +328,7 @@ def compensate(
         tolerance: Largest accepted error, such as 0.1mm, 0.05deg or 0.3px; `passed` is False if it
             is exceeded. One per unit.
         out: Folder to write; default: a temporary one, which is removed with the result.
+        no_report: Do not write a report page.
 
     Returns:
         The answer of the command, with the entries below.
@@ -895,6 +897,7 @@ def register(
     target: DataFrame | ndarray | Path | str,
     nearest: bool = False,
     out: Path | str | None = None,
+    no_report: bool = False,
 ) -> Result:
     r"""Register measured points to those of a tracker: rigid transform, and distance of each point.
 
@@ -907,6 +910,7 @@ def register(
         target: Points of the tracker (CSV), in the same columns.
         nearest: Match every point with the nearest one (ICP) instead of by name or row.
         out: Folder to write; default: a temporary one, which is removed with the result.
+        no_report: Do not write a report page.
 
     Returns:
         The answer of the command, with the entries below.

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from robot_model.state import sliding
-from workbench.jobs.robot.compensate import Compensated
+from workbench.jobs.robot.compensation.compensate import Compensated
 from workbench.report import style
 from workbench.report.sections import Page, Section, facts, figure, note, table, words
 from workbench.report.text import rounded, sentence
