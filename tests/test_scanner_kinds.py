@@ -18,7 +18,7 @@ from sensors.boards.detection import View
 from sensors.camera.model import Camera
 from sensors.scanner.misfit import stripe_misfit
 from sensors.scanner.motion import twists_of
-from sensors.scanner.turntable import Turntable, is_full_turn
+from sensors.scanner.turntable import Turntable, is_full_revolution
 from sensors.scanner.turntable_calibration import calibrate_turntable
 from workbench.commands import cli
 from workbench.core.errors import InputError
@@ -247,8 +247,8 @@ def test_a_board_that_does_not_turn_with_the_table_is_refused():
 
 
 def test_full_revolutions_are_distinguished_from_partial_ones():
-    assert is_full_turn(np.deg2rad(np.arange(0, 360, 5)))
-    assert not is_full_turn(np.deg2rad(np.arange(0, 300, 5)))
+    assert is_full_revolution(np.deg2rad(np.arange(0, 360, 5)))
+    assert not is_full_revolution(np.deg2rad(np.arange(0, 300, 5)))
 
 
 @pytest.mark.parametrize("kind", ["profiler", "3d-camera"])

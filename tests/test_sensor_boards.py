@@ -114,15 +114,16 @@ def test_origin_is_the_same_from_every_side(board, turn):
     h = homography(board, turn=turn, fill=0.6)
     view = detect(render(board, h, noise=1), board)
     fits = [
-        np.abs(relabelled(view, board, k).index - view.index).max() == 0 for k in range(board.turns)
+        np.abs(relabelled(view, board, k).index - view.index).max() == 0
+        for k in range(board.rotational_symmetry)
     ]
     assert fits[0] and not any(fits[1:])
     gaps = [
         np.abs(v.pixels - truth(board, h, v)).max()
-        for v in (relabelled(view, board, k) for k in range(board.turns))
+        for v in (relabelled(view, board, k) for k in range(board.rotational_symmetry))
     ]
     assert min(gaps) < 0.1
-    if board.turns == 1:
+    if board.rotational_symmetry == 1:
         return
     grid = np.full((2, board.count), np.nan)
     grid[:, view.index] = view.pixels
@@ -356,7 +357,7 @@ def test_board_of_keys_and_its_points():
     )
     assert CHESS.half_diagonal == pytest.approx(np.hypot(80, 50) / 2)
     turns = [
-        b.turns
+        b.rotational_symmetry
         for b in (
             CHESS,
             replace(CHESS, columns=8),

@@ -45,11 +45,11 @@ def _sectors_about(axis, directions):
     across = np.linalg.svd(axis[None])[2][1:] @ directions
     if len(directions) == 3:
         sectors = _SECTORS
-        turn = np.arctan2(across[1], across[0])
+        azimuth = np.arctan2(across[1], across[0])
     else:
         sectors = 2
-        turn = np.pi * (across[0] < 0)
-    sector = np.floor(turn * (sectors / (2 * np.pi))).astype(int)
+        azimuth = np.pi * (across[0] < 0)
+    sector = np.floor(azimuth * (sectors / (2 * np.pi))).astype(int)
     sector[sector < 0] += sectors
     return sectors, sector
 

@@ -93,8 +93,8 @@ def _rigid_rms(found, artefact, ball):
     reference = artefact[:, ball[chosen]]
     detected = detected - detected.mean(1, keepdims=True)
     reference = reference - reference.mean(1, keepdims=True)
-    turned = nearest_rotation(detected @ reference.T) @ reference
-    return float(np.sqrt(((detected - turned) ** 2).sum(0).mean()))
+    aligned = nearest_rotation(detected @ reference.T) @ reference
+    return float(np.sqrt(((detected - aligned) ** 2).sum(0).mean()))
 
 
 def _swapped(ball, expected):

@@ -196,15 +196,15 @@ def _solve(problem, solved, loss, shared, ordered):
     errors = np.zeros(len(shared.covariance))
     by_error, keep = _by_error(at, shared), solved.keep
     k = len(by_error)
-    for turn in range(_STEPS):
+    for iteration in range(_STEPS):
         whitened = at.residual / at.sigma - _shift(by_error, errors, shared.labels)
-        if turn < _SETTLE:
+        if iteration < _SETTLE:
             keep = solved.keep & np.isfinite(whitened)
             scale = max(spread(whitened[keep], problem.size), 1e-12 * values[-1])
         weight = loss(whitened / scale)[0]
-        if turn < _SETTLE:
+        if iteration < _SETTLE:
             # at first the groups' errors are still in the residuals, and last as long as a stripe
-            lasting = memory(whitened[keep & (weight > 0)]) if ordered and turn > 0 else 1.0
+            lasting = memory(whitened[keep & (weight > 0)]) if ordered and iteration > 0 else 1.0
         weight = keep * weight / (scale**2 * lasting)
         normal = _normal(at, problem.size, by_error, weight, shared.labels, k)
         move, errors = _move(normal, shared.covariance)
@@ -213,7 +213,7 @@ def _solve(problem, solved, loss, shared, ordered):
         at = linearise(problem, values)
         keep = keep & np.isfinite(at.residual)
         step = float(np.sqrt(move @ normal.ball @ move))
-        if step < 3e-3 and turn > 1:
+        if step < 3e-3 and iteration > 1:
             break
     whitened = at.residual / at.sigma - _shift(by_error, errors, shared.labels)
     with_errors = Solved(values, scale, keep, at, whitened, step)

@@ -413,10 +413,10 @@ def bias(problem: Problem, at: Linear, part: Used, radius: float, scale: float) 
     else:
         u = at.normal.take(part.place, 1)
         full_covariance = problem.covariance.take(part.place, 2)
-        turned = np.einsum("den,en->dn", full_covariance, u)
-        across = turned - u * sigma**2
+        covariance_normal = np.einsum("den,en->dn", full_covariance, u)
+        across = covariance_normal - u * sigma**2
         total = np.einsum("ddn->n", full_covariance)
-        bent = (total - sigma**2) / 2 - 2 * (turned * across).sum(0) / sigma**2
+        bent = (total - sigma**2) / 2 - 2 * (covariance_normal * across).sum(0) / sigma**2
         pull = part.rows @ (bent / sigma)
         pull[: len(u)] += across @ sigma**-2
     return solve_positive(part.normal, pull / radius) * scale**2

@@ -65,10 +65,10 @@ class ThinnedCloud:
     def _local_radii(self):
         """(n,) mm radius of the ball through each point and its neighbours, and (n,) its relative misfit."""
         offsets = self.points[:, self.near] - self.points[:, :, None]
-        turned = self.normals[:, self.near] - self.normals[:, :, None]
-        bend = (turned**2).sum((0, 2))
-        radius = (offsets * turned).sum((0, 2)) / np.maximum(bend, 1e-12)
-        remainder = offsets - radius[:, None] * turned
+        normal_change = self.normals[:, self.near] - self.normals[:, :, None]
+        bend = (normal_change**2).sum((0, 2))
+        radius = (offsets * normal_change).sum((0, 2)) / np.maximum(bend, 1e-12)
+        remainder = offsets - radius[:, None] * normal_change
         distances = (offsets**2).sum((0, 2))
         misfit = (remainder**2).sum((0, 2)) / np.maximum(distances, 1e-300)
         return radius, misfit

@@ -52,10 +52,10 @@ def ordered_corners(tags: Tags, points: np.ndarray, index: np.ndarray) -> tuple[
     points: (2, N) mm of the grid. A detector starts each tag at the same corner of its code; which one that is on the
     board follows from how the tags lie to one another.
     """
-    turned = [np.roll(tags.corners, turn, axis=1) for turn in range(4)]
-    misfits = [_misfit(points[:, index.ravel()], corners.reshape(-1, 2).T) for corners in turned]
+    rotated = [np.roll(tags.corners, shift, axis=1) for shift in range(4)]
+    misfits = [_misfit(points[:, index.ravel()], corners.reshape(-1, 2).T) for corners in rotated]
     best = int(np.argmin(misfits))
-    return turned[best], misfits[best]
+    return rotated[best], misfits[best]
 
 
 def other_columns(tags: Tags, marker: float, pitch: float, rows: int) -> int | None:

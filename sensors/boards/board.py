@@ -90,8 +90,8 @@ class Board:
         return float(np.linalg.norm(np.ptp(self.points, axis=1)) / 2)
 
     @property
-    def turns(self) -> int:
-        """In how many ways the board can be laid on itself by turning: 1 (its origin is seen), 2 or 4."""
+    def rotational_symmetry(self) -> int:
+        """In how many ways the board can be laid on itself by rotation: 1 (its origin is seen), 2 or 4."""
         even = (self.columns + self.rows) % 2 == 0
         square = self.columns == self.rows
         if self.kind == "chessboard":

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class View:
     """One image of a board: `pixels` (2, k) of the board's corners `index` (k,), `sigma` (k,) px of a coordinate.
 
-    Where the board looks the same after a turn, x points as far right in the image as it can. `radius_mm`:
+    Where the board looks the same after a rotation, x points as far right in the image as it can. `radius_mm`:
     of the discs, for `circles.centre_shift`, 0 without; `row`: what images.csv says of the image.
     """
 
@@ -203,8 +203,8 @@ def _nothing(where: str, board: Board, rejected: tuple[Rejected, ...], count: in
     )
 
 
-def relabelled(view: View, board: Board, turn: int) -> View:
-    """The same image with the board turned by `turn` of its `turns` steps: other indices, the same pixels."""
+def relabelled(view: View, board: Board, rotation: int) -> View:
+    """The same image with the board rotated by `rotation` of its `rotational_symmetry` steps: other indices."""
     grid = np.arange(board.count).reshape(board.rows, board.columns)
-    turned = np.rot90(grid, turn * 4 // board.turns).ravel()
-    return replace(view, index=np.argsort(turned)[view.index])
+    rotated = np.rot90(grid, rotation * 4 // board.rotational_symmetry).ravel()
+    return replace(view, index=np.argsort(rotated)[view.index])

@@ -89,7 +89,7 @@ def _chessboard(image: np.ndarray, board: "Board") -> Found:
     if corners is None:
         return _another_chessboard(image, board)
     grid = _upright(
-        corners.reshape(board.rows, board.columns, 2), _chess_turns(image, corners, board)
+        corners.reshape(board.rows, board.columns, 2), _chess_rotations(image, corners, board)
     )
     larger = _larger_chessboard(image, grid)
     if larger != (board.columns, board.rows):
@@ -155,12 +155,12 @@ def _shrunk(image: np.ndarray, longest: int) -> tuple[np.ndarray, float]:
     ), scale
 
 
-def _chess_turns(image: np.ndarray, corners: np.ndarray, board: "Board") -> list[int]:
-    """Quarter turns after which the square between corners 0, 1, columns and columns + 1 is dark."""
-    turns = (0, 1, 2, 3) if board.columns == board.rows else (0, 2)
+def _chess_rotations(image: np.ndarray, corners: np.ndarray, board: "Board") -> list[int]:
+    """Rotations by 90 deg after which the square between corners 0, 1, columns and columns + 1 is dark."""
+    rotations = (0, 1, 2, 3) if board.columns == board.rows else (0, 2)
     grid = _right_handed(corners.reshape(board.rows, board.columns, 2))
-    dark = [k for k in turns if _first_is_dark(image, np.rot90(grid, k))]
-    return dark or list(turns)
+    dark = [k for k in rotations if _first_is_dark(image, np.rot90(grid, k))]
+    return dark or list(rotations)
 
 
 def _first_is_dark(image: np.ndarray, grid: np.ndarray) -> bool:
@@ -186,10 +186,10 @@ def _larger_chessboard(image: np.ndarray, grid: np.ndarray) -> tuple[int, int]:
     image = image.astype(np.float32)
     inner = fit_saddles(image, *_chess_frame(grid))
     for quarter in range(4):
-        turned = np.rot90(grid, quarter)
-        next_corner = 2 * turned[0] - turned[1]
+        rotated = np.rot90(grid, quarter)
+        next_corner = 2 * rotated[0] - rotated[1]
         along = np.gradient(next_corner, axis=0).T
-        down = (turned[0] - turned[1]).T
+        down = (rotated[0] - rotated[1]).T
         is_inside = (next_corner > 3).all(1) & (next_corner < np.array(image.shape[::-1]) - 4).all(
             1
         )
@@ -303,8 +303,8 @@ def _circle_order(pixels: np.ndarray, board: "Board") -> np.ndarray:
     if _handedness(grid) < 0:
         # Of an asymmetric grid only the rows can be reversed: reversed columns are another pattern.
         order = order[::-1] if board.kind == "asymmetric-circles" else order[:, ::-1]
-    turns = range(0, 4, 4 // board.turns)
-    shape = [np.rot90(order, k) for k in turns if np.rot90(order, k).shape == order.shape]
+    rotations = range(0, 4, 4 // board.rotational_symmetry)
+    shape = [np.rot90(order, k) for k in rotations if np.rot90(order, k).shape == order.shape]
     return max(shape, key=lambda o: _rightward(pixels.T[o])).ravel()
 
 
@@ -313,18 +313,18 @@ def _larger_grid(discs: np.ndarray, grid: np.ndarray, asymmetric: bool) -> tuple
     size = [grid.shape[1], grid.shape[0]]
     step_of_columns = 2 if asymmetric else 1
     for quarter in range(4):
-        turned = np.rot90(grid, quarter)
+        rotated = np.rot90(grid, quarter)
         sideways = quarter % 2
         step = 1 if sideways else step_of_columns
-        if turned.shape[0] <= step:
+        if rotated.shape[0] <= step:
             continue
         next_column = (
-            2 * turned[0] - turned[step]
+            2 * rotated[0] - rotated[step]
             if sideways or not asymmetric
-            else turned[1] + turned[0] - turned[2]
+            else rotated[1] + rotated[0] - rotated[2]
         )
         distance = np.hypot(*(next_column.T[:, :, None] - discs[:2, None])).min(1)
-        reach = 0.2 * np.hypot(*(turned[0] - turned[step]).T)
+        reach = 0.2 * np.hypot(*(rotated[0] - rotated[step]).T)
         size[(quarter + 1) % 2] += int((distance < reach).mean() > CONTINUES)
     return size[0], size[1]
 
@@ -486,7 +486,7 @@ def _rightward(grid: np.ndarray) -> float:
     return float(np.sum(np.diff(grid, axis=1)[..., 0]) / (grid.shape[1] - 1))
 
 
-def _upright(grid: np.ndarray, turns: list[int]) -> np.ndarray:
+def _upright(grid: np.ndarray, rotations: list[int]) -> np.ndarray:
     """The grid after that one of the allowed quarter turns in which x points farthest to the right."""
-    turned = [np.rot90(_right_handed(grid), k) for k in turns]
-    return max(turned, key=_rightward)
+    rotated = [np.rot90(_right_handed(grid), k) for k in rotations]
+    return max(rotated, key=_rightward)

@@ -107,9 +107,9 @@ def fit_discs(
     B22 with |B (pixel - centre)| = 1 on the edge, log blur (px), grey level, half the contrast
     (positive where the disc is dark), and the slope of the light.
     """
-    axes, turn = np.linalg.eigh(np.moveaxis(spread, 2, 0))
+    axes, eigenvectors = np.linalg.eigh(np.moveaxis(spread, 2, 0))
     half = 2 * np.sqrt(axes)
-    bend = np.einsum("nij,nj,nkj->nik", turn, 1 / half, turn)
+    bend = np.einsum("nij,nj,nkj->nik", eigenvectors, 1 / half, eigenvectors)
     width = np.clip(np.minimum(margin, 0.6 * half[:, 0]), 1.5, REACH)
     spots, grey, weight = _patches(image, centres, half[:, 1] + width, half[:, 0] - width)
     u = spots - centres[:, :, None]
@@ -337,10 +337,10 @@ def _normal(model, p, spots, grey, weight):
         value, jacobian = model(p, spots)
         weighted_residual = weight * (grey - value)
         jacobian = np.moveaxis(jacobian * weight, 0, 2)
-        turned = jacobian.swapaxes(1, 2)
+        transposed = jacobian.swapaxes(1, 2)
         cost = (weighted_residual**2).sum(1)
-        normal = turned @ jacobian
-        slope = (turned @ weighted_residual[:, :, None])[:, :, 0]
+        normal = transposed @ jacobian
+        slope = (transposed @ weighted_residual[:, :, None])[:, :, 0]
     is_finite = np.isfinite(cost) & np.isfinite(normal).all((1, 2))
     return (
         np.where(is_finite, cost, np.inf),

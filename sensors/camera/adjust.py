@@ -8,7 +8,7 @@ import numpy as np
 
 from sensors.camera.board_orientation import (
     distinguishes_rotations,
-    needs_quarter_turn,
+    needs_quarter_rotation,
     rotate_views,
 )
 from sensors.camera.checks import fit_free, group_subset
@@ -88,7 +88,7 @@ def adjusted(
     _enough(usable, few, board)
     chain, usable_views, wrong = _started(usable, few, board, size, model)
     if distinguishes_rotations(board, effects):
-        chain, usable_views = _turned(chain, usable_views, board, model, effects, loss)
+        chain, usable_views = _with_rotated_boards(chain, usable_views, board, model, effects, loss)
     rejected = [*few, *wrong]
     left_out = dict.fromkeys((view.image for view in usable_views), 0)
     while True:
@@ -210,11 +210,11 @@ def _misfit(chain):
     return np.sqrt(np.bincount(group, (residual**2).sum(0), few) / np.maximum(extent, 1e-300))
 
 
-def _turned(chain, views, board, model, effects, loss):
+def _with_rotated_boards(chain, views, board, model, effects, loss):
     """Chain, near its solution, and views with the board of each pose rotated so that it fits its bow."""
     for _ in range(_TURNINGS):
         solved, fit = _best(chain, effects, loss)
-        other = needs_quarter_turn(solved, fit, effects)
+        other = needs_quarter_rotation(solved, fit, effects)
         chain = replace(solved, sigma=chain.sigma)
         if not other.any():
             break

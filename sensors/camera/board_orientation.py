@@ -28,14 +28,16 @@ _ROUNDS = 20
 
 
 def distinguishes_rotations(board: "Board", effects: Sequence[Effect]) -> bool:
-    """Whether the bow distinguishes rotations of this board: a half turn leaves a quadratic bow as it is."""
-    return board.turns == 4 and any(isinstance(effect, BoardBow) for effect in effects)
+    """Whether the bow distinguishes rotations of this board: a rotation by 180 deg leaves a quadratic bow as it is."""
+    return board.rotational_symmetry == 4 and any(
+        isinstance(effect, BoardBow) for effect in effects
+    )
 
 
-def needs_quarter_turn(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> np.ndarray:
-    """(G,) True for board poses whose corners fit a common bow better after a quarter turn of the board.
+def needs_quarter_rotation(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> np.ndarray:
+    """(G,) True for board poses whose corners fit a common bow better after a rotation of the board by 90 deg.
 
-    A quarter turn of the board changes the sign of the two numbers of its bow that are not round. Of
+    A rotation of the board by 90 deg changes the sign of the two numbers of its bow that are not round. Of
     each board pose they are found by themselves, camera held; their common size and each one's sign are
     then chosen in turn until nothing changes. All False where the bow is too small to decide.
     """
@@ -75,16 +77,16 @@ def _own_bows(chain, fit, effects):
 
 
 def rotate_views(
-    chain: Corners, views: Sequence["View"], board: "Board", turned: np.ndarray, model: str
+    chain: Corners, views: Sequence["View"], board: "Board", is_rotated: np.ndarray, model: str
 ):
-    """Chain and views with the board in the poses `turned` (G,) laid on itself by a quarter turn."""
+    """Chain and views with the board in the poses `is_rotated` (G,) laid on itself by a rotation by 90 deg."""
     group = placement_groups(views)[0]
-    views = [relabelled(view, board, 1) if turned[k] else view for view, k in zip(views, group)]
+    views = [relabelled(view, board, 1) if is_rotated[k] else view for view, k in zip(views, group)]
     back, middle = _quarter(board).T, board.middle
     matrix = rotation_matrix(chain.poses[:, 3:])
     translation = chain.poses[:, :3] + (matrix @ (middle - back @ middle))
     poses = np.where(
-        turned[:, None], np.c_[translation, rotation_vector(matrix @ back)], chain.poses
+        is_rotated[:, None], np.c_[translation, rotation_vector(matrix @ back)], chain.poses
     )
     fresh = corner_chain(views, board, chain.camera.size, model)
     return replace(fresh.moved(chain.camera, poses), sigma=fresh.sigma), views
@@ -93,9 +95,9 @@ def rotate_views(
 def _quarter(board):
     """(3, 3) that takes each corner, from the board's middle, to where its new number lies."""
     quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    turned = np.rot90(np.arange(board.count).reshape(board.rows, board.columns)).ravel()
+    rotated = np.rot90(np.arange(board.count).reshape(board.rows, board.columns)).ravel()
     displacement = board.points - board.middle[:, None]
-    there = displacement[:, np.argsort(turned)]
+    there = displacement[:, np.argsort(rotated)]
     return (
         quarter
         if np.abs(quarter @ displacement - there).max()

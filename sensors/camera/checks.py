@@ -159,11 +159,11 @@ def _seen_by_opencv(chain, camera, fitted, is_held_out):
     import cv2
 
     lens = camera.matrix, np.array(camera.distortion)
-    _, turn, translation = cv2.solvePnP(
+    _, rotation, translation = cv2.solvePnP(
         chain.points[:, fitted].T.copy(), chain.pixels[:, fitted].T.copy(), *lens
     )
     return (
-        cv2.projectPoints(chain.points[:, is_held_out].T.copy(), turn, translation, *lens)[0][
+        cv2.projectPoints(chain.points[:, is_held_out].T.copy(), rotation, translation, *lens)[0][
             :, 0
         ].T
         - chain.pixels[:, is_held_out]
@@ -215,9 +215,9 @@ def _compensated(camera, distance):
 
 
 def motion_rows(by_point: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(6, 2, n) by a shift (mm) and a turn (rad) of points (3, n), from the derivative by the point (3, 2, n)."""
-    turned = np.cross(np.eye(3)[:, None], points.T[None], axis=-1)  # (3, n, 3)
-    return np.concatenate([by_point, np.einsum("knj,jcn->kcn", turned, by_point)])
+    """(6, 2, n) by a shift (mm) and a rotation (rad) of points (3, n), from the derivative by the point (3, 2, n)."""
+    by_rotation = np.cross(np.eye(3)[:, None], points.T[None], axis=-1)  # (3, n, 3)
+    return np.concatenate([by_point, np.einsum("knj,jcn->kcn", by_rotation, by_point)])
 
 
 def _without(rows, motion, is_usable):

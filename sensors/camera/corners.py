@@ -175,21 +175,24 @@ def mean_by_label(values: np.ndarray, label: np.ndarray) -> np.ndarray:
 
 
 class _OnBoard:
-    """Points of the boards in the camera frame: `turned` (3, n) without, `points` (3, n) with the shift."""
+    """Points of the boards in the camera frame: `rotated` (3, n) without, `points` (3, n) with the shift."""
 
     def __init__(self, chain, nominal):
         self.group = chain.labels["placement"]
         self.vectors = chain.poses[:, 3:]
-        self.turn = _each(rotation_matrix(self.vectors), self.group)
-        self.turned = np.stack(
-            [row[0] * nominal[0] + row[1] * nominal[1] + row[2] * nominal[2] for row in self.turn]
+        self.rotation = _each(rotation_matrix(self.vectors), self.group)
+        self.rotated = np.stack(
+            [
+                row[0] * nominal[0] + row[1] * nominal[1] + row[2] * nominal[2]
+                for row in self.rotation
+            ]
         )
-        self.points = self.turned + chain.poses[:, :3].T[:, self.group]
+        self.points = self.rotated + chain.poses[:, :3].T[:, self.group]
 
     @property
     def normals(self):
         """(3, n) the boards' z."""
-        return self.turn[:, 2]
+        return self.rotation[:, 2]
 
     @property
     def swing(self):
@@ -270,15 +273,15 @@ class Evaluation:
         if port == "ray":
             return -self._range * self._by_aim[port_indices]
         if port == "target":
-            turns = self._board.turn
-            return np.stack([_dot(self._by_point, turns[:, index]) for index in port_indices])
+            rotations = self._board.rotation
+            return np.stack([_dot(self._by_point, rotations[:, index]) for index in port_indices])
         return np.zeros((len(port_indices), 2, n))
 
     def family_rows(self, name: str) -> np.ndarray:
         """(6, 2, n) by the numbers of each sample's own board pose."""
         rows = np.empty((6, *self.residual.shape))
         rows[:3] = self._by_point
-        moment = _cross(self._board.turned, self._by_point)
+        moment = _cross(self._board.rotated, self._by_point)
         if self._radius:
             moment += _cross(self._board.normals, self._by_normal)
         swing = self._board.swing

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sensors.hand_eye.poses import checked_flange
-from sensors.hand_eye.profiles_start import turns
+from sensors.hand_eye.profiles_start import start_rotations
 from sensors.hand_eye.result import HandEye, PoseRow, placement
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
@@ -59,9 +59,9 @@ def hand_eye_from_centres(
 
 @dataclass(frozen=True)
 class _Solution:
-    """`turn` (3, 3), `shift` (3,) and `places` (K, 3) mm; residual (3, n) and rows (3 n, 6 + 3 K) there."""
+    """`rotation` (3, 3), `shift` (3,) and `places` (K, 3) mm; residual (3, n) and rows (3 n, 6 + 3 K) there."""
 
-    turn: np.ndarray
+    rotation: np.ndarray
     shift: np.ndarray
     places: np.ndarray
     residual: np.ndarray
@@ -70,8 +70,8 @@ class _Solution:
 
 
 def _solve(points, flange, ball) -> _Solution:
-    rotations = turns()
-    costs = [_linear(turn, points, flange, ball)[2] for turn in rotations]
+    rotations = start_rotations()
+    costs = [_linear(rotation, points, flange, ball)[2] for rotation in rotations]
     best = np.argsort(costs)[:_STARTS]
     solutions = [_descend(rotations[k], points, flange, ball) for k in best]
     return min(solutions, key=lambda solution: float((solution.residual**2).sum()))
@@ -88,44 +88,44 @@ def _design(flange, ball) -> np.ndarray:
     return rows.reshape(3 * n, -1)
 
 
-def _linear(turn, points, flange, ball):
+def _linear(rotation, points, flange, ball):
     """Shift (3,), places (K, 3) and sum of squares for one rotation; least length where they are not determined."""
-    moved = np.einsum("nij,jn->ni", flange[:, :3, :3] @ turn, points) + flange[:, :3, 3]
+    moved = np.einsum("nij,jn->ni", flange[:, :3, :3] @ rotation, points) + flange[:, :3, 3]
     design = _design(flange, ball)
     found = np.linalg.lstsq(design, -moved.ravel(), rcond=1e-10)[0]
     residual = moved.ravel() + design @ found
     return found[:3], found[3:].reshape(-1, 3), float(residual @ residual)
 
 
-def _descend(turn, points, flange, ball) -> _Solution:
+def _descend(rotation, points, flange, ball) -> _Solution:
     """Gauss-Newton from one rotation."""
-    shift, places, _ = _linear(turn, points, flange, ball)
+    shift, places, _ = _linear(rotation, points, flange, ball)
     converged = False
     for _ in range(_STEPS):
-        residual, rows = _linearised(turn, shift, places, points, flange, ball)
+        residual, rows = _linearised(rotation, shift, places, points, flange, ball)
         step = np.linalg.lstsq(rows / _scale(rows), -residual.T.ravel(), rcond=1e-10)[0]
         step = step / _scale(rows)
-        turn = nearest_rotation(rotation_matrix(step[:3]) @ turn)
+        rotation = nearest_rotation(rotation_matrix(step[:3]) @ rotation)
         shift = shift + step[3:6]
         places = places + step[6:].reshape(-1, 3)
         converged = bool(np.abs(step).max() < _SETTLED * _LEVER)
         if converged:
             break
-    residual, rows = _linearised(turn, shift, places, points, flange, ball)
-    return _Solution(turn, shift, places, residual, rows, converged)
+    residual, rows = _linearised(rotation, shift, places, points, flange, ball)
+    return _Solution(rotation, shift, places, residual, rows, converged)
 
 
 def _scale(rows) -> np.ndarray:
     return np.where(np.arange(rows.shape[1]) < 3, _LEVER, 1.0)
 
 
-def _linearised(turn, shift, places, points, flange, ball):
+def _linearised(rotation, shift, places, points, flange, ball):
     """Residual (3, n) mm and its derivative (3 n, 6 + 3 K) by a small rotation, the shift and the places."""
-    turned = turn @ points
-    seen = np.einsum("nij,jn->in", flange[:, :3, :3], turned + shift[:, None]) + flange[:, :3, 3].T
+    rotated = rotation @ points
+    seen = np.einsum("nij,jn->in", flange[:, :3, :3], rotated + shift[:, None]) + flange[:, :3, 3].T
     residual = seen - places[ball].T
-    by_turn = -np.einsum("nij,njk->nik", flange[:, :3, :3], skew(turned.T))
-    rows = np.concatenate([by_turn.reshape(-1, 3), _design(flange, ball)], axis=1)
+    by_rotation = -np.einsum("nij,njk->nik", flange[:, :3, :3], skew(rotated.T))
+    rows = np.concatenate([by_rotation.reshape(-1, 3), _design(flange, ball)], axis=1)
     return residual, rows
 
 
@@ -137,7 +137,9 @@ def _result(centres, solution: _Solution, radius, residual_mm) -> HandEye:
     covariance, loose = _covariance(rows, variance)
     held_out = _held_out(solution.residual, rows)
     keys = [f"sensor.{name}" for name in _NAMES] + [f"target.{name}" for name in "xyz"]
-    values = np.concatenate([solution.shift, rotation_vector(solution.turn), solution.places[0]])
+    values = np.concatenate(
+        [solution.shift, rotation_vector(solution.rotation), solution.places[0]]
+    )
     units = ("mm",) * 3 + ("rad",) * 3 + ("mm",) * 3
     sensor = np.r_[3:6, 0:3]  # x y z before the rotation
     std = np.sqrt(np.diag(covariance))
@@ -153,7 +155,7 @@ def _result(centres, solution: _Solution, radius, residual_mm) -> HandEye:
     robot = np.sqrt(max(variance - np.nan_to_num(centres.sigma) ** 2, 0.0))
     return HandEye(
         kind="clouds",
-        sensor=_matrix(solution.turn, solution.shift),
+        sensor=_matrix(solution.rotation, solution.shift),
         covariance=covariance[np.ix_(sensor, sensor)],
         target=placement(solution.places[0]),
         target_covariance=covariance[6:9, 6:9],
@@ -176,9 +178,9 @@ def _result(centres, solution: _Solution, radius, residual_mm) -> HandEye:
     )
 
 
-def _matrix(turn, shift) -> np.ndarray:
+def _matrix(rotation, shift) -> np.ndarray:
     matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = turn, shift
+    matrix[:3, :3], matrix[:3, 3] = rotation, shift
     return matrix
 
 

@@ -24,9 +24,9 @@ _WORDS = (
     "position along x",
     "position along y",
     "position along z",
-    "turn about x",
-    "turn about y",
-    "turn about z",
+    "rotation about x",
+    "rotation about y",
+    "rotation about z",
 )
 _LEAST_CUT = 0.02  # of the radius: a plane that misses the ball still has a circle, for the solve to come back
 PLACE, TURN = 10.0, 0.05
@@ -73,7 +73,7 @@ def pose_table(where: str, what: str) -> list[Parameter]:
 class BoardChain:
     """Corners or circles of a board: pixels (2, n) of board points (3, n) mm, at poses (n,).
 
-    The error of a pose (L = 6) moves the board: a shift, and a turn about `pivot` (P, 3), mm, in the
+    The error of a pose (L = 6) moves the board: a shift, and a rotation about `pivot` (P, 3), mm, in the
     base ("in-hand") or the flange ("to-hand").
     Shared: sensor, board, by how much the board is larger than it is said to be, and the camera.
     `modes` (9 or 12, M): changes of the camera's values per unit of each free camera parameter,
@@ -151,22 +151,24 @@ class BoardChain:
 
     def evaluate(self, values: np.ndarray, deltas=None) -> Evaluation:
         """Residual (2, n) px, predicted minus measured, and its derivatives at shared `values`."""
-        turns = rotation_matrix(np.stack([values[3:6], values[9:12]]))
-        carried = turns[1] @ self.board_at(values)
+        rotations = rotation_matrix(np.stack([values[3:6], values[9:12]]))
+        carried = rotations[1] @ self.board_at(values)
         moved, by_placed, by_error = self._through_flange(carried + values[6:9, None])
-        local = turns[0].T @ (moved - values[:3, None])
+        local = rotations[0].T @ (moved - values[:3, None])
         pixels, by_point, by_camera = self.camera_at(values).project_rows(local)
         by_moved = np.einsum(
-            "jcn,jk->kcn", by_point, turns[0].T
+            "jcn,jk->kcn", by_point, rotations[0].T
         )  # pixel by point in the mount's frame
         by_place = np.einsum("kcn,kjn->jcn", by_moved, by_placed)
         shared = np.concatenate(
             [
                 -by_moved,
-                np.einsum("jcn,jkn->kcn", by_point, _turned_back(local, values[3:6])),
+                np.einsum(
+                    "jcn,jkn->kcn", by_point, _by_inverse_rotation_vector(local, values[3:6])
+                ),
                 by_place,
-                np.einsum("jcn,jkn->kcn", by_place, _turned(carried, values[9:12])),
-                np.einsum("jcn,jn->cn", by_place, turns[1] @ self.board)[None],
+                np.einsum("jcn,jkn->kcn", by_place, _by_rotation_vector(carried, values[9:12])),
+                np.einsum("jcn,jn->cn", by_place, rotations[1] @ self.board)[None],
                 np.einsum("vcn,vm->mcn", by_camera, self.modes),
             ]
         )
@@ -180,15 +182,15 @@ class BoardChain:
         flange = (inverse(self.flange) if self.kind == "in-hand" else self.flange)[self.pose]
         error = self.errors[self.pose]
         pivot = self.pivot[self.pose].T
-        turn = flange[:, :3, :3] @ rotation_matrix(error[:, 3:])
+        rotation = flange[:, :3, :3] @ rotation_matrix(error[:, 3:])
         spun = np.einsum("nij,jn->in", rotation_matrix(error[:, 3:]), placed - pivot)
         moved = (
             np.einsum("nij,jn->in", flange[:, :3, :3], spun + pivot + error[:, :3].T)
             + flange[:, :3, 3].T
         )
         out = np.moveaxis(flange[:, :3, :3], 0, -1)
-        by_turn = np.einsum("ijn,jkn->ikn", out, _turned(spun, error[:, 3:]))
-        return moved, np.moveaxis(turn, 0, -1), np.concatenate([out, by_turn], 1)
+        by_rotation = np.einsum("ijn,jkn->ikn", out, _by_rotation_vector(spun, error[:, 3:]))
+        return moved, np.moveaxis(rotation, 0, -1), np.concatenate([out, by_rotation], 1)
 
 
 @dataclass(frozen=True)
@@ -262,7 +264,7 @@ class BallChain:
 
     def evaluate(self, values: np.ndarray, deltas=None) -> Evaluation:
         """Residual (1, n) mm, predicted minus measured, and its derivatives at shared `values`."""
-        turn = rotation_matrix(values[3:6])
+        rotation = rotation_matrix(values[3:6])
         centre = self.centres(values)
         seen = self._seen(values)
         cut = np.sqrt(np.maximum(values[9] ** 2 - centre[:, 1] ** 2, (_LEAST_CUT * values[9]) ** 2))
@@ -271,14 +273,16 @@ class BallChain:
         by_centre = np.stack(
             [towards[0] / length, -(centre[:, 1] / cut)[self.pose], towards[1] / length]
         )
-        by_flange = turn @ by_centre  # along the flange's axes, still by the ball's centre
+        by_flange = rotation @ by_centre  # along the flange's axes, still by the ball's centre
         by_base = np.einsum("nij,jn->in", self.flange[self.pose, :3, :3], by_flange)
-        by_turn = np.einsum(
-            "jn,jkn->kn", by_centre, _turned_back(centre.T, values[3:6])[..., self.pose]
+        by_rotation = np.einsum(
+            "jn,jkn->kn",
+            by_centre,
+            _by_inverse_rotation_vector(centre.T, values[3:6])[..., self.pose],
         )
         by_scale = -by_centre[2] * self.points[1]
         shared = np.concatenate(
-            [-by_flange, by_turn, by_base, (values[9] / cut)[None, self.pose], by_scale[None]]
+            [-by_flange, by_rotation, by_base, (values[9] / cut)[None, self.pose], by_scale[None]]
         )
         residual = cut[self.pose] + self.errors[self.pose, 3] - length
         by_error = np.concatenate([-by_base, np.ones((1, len(length)))])
@@ -295,11 +299,11 @@ class BallChain:
         return self.points * np.array([[1.0], [1 + values[10]]])
 
 
-def _turned(carried, vector):
+def _by_rotation_vector(carried, vector):
     """(3, 3, n) derivative of Exp(v) p by v, at Exp(v) p = `carried` (3, n); v (3,) or (n, 3)."""
     return -np.moveaxis(skew(carried.T) @ left_jacobian(vector), 0, -1)
 
 
-def _turned_back(local, vector):
+def _by_inverse_rotation_vector(local, vector):
     """(3, 3, n) derivative of Exp(v)^T p by v, at Exp(v)^T p = `local` (3, n); v (3,) or (n, 3)."""
     return np.moveaxis(skew(local.T) @ left_jacobian(-np.asarray(vector)), 0, -1)

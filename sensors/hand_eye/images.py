@@ -25,7 +25,7 @@ from sensors.hand_eye.checks.scatter import held_least, held_scatter, least_scat
 from sensors.hand_eye.motion import motion
 from sensors.hand_eye.poses import check_pixels, checked_flange
 from sensors.hand_eye.result import HandEye, PoseRow, held_row, of_block, placement, rms
-from sensors.hand_eye.start import board_poses, nearest_turns, start_from_boards
+from sensors.hand_eye.start import board_poses, nearest_labelling, start_from_boards
 from sensors.hand_eye.uncertainty.flange_variance import flange_variance
 from sensors.hand_eye.uncertainty.misfit import image_misfit, with_misfit
 from sensors.hand_eye.uncertainty.parameter_covariance import parameter_covariance
@@ -173,8 +173,11 @@ def review_views(
     view_camera, points = (
         camera if isinstance(camera, tuple) else (_camera(camera, None)[0], _shape(board, camera))
     )
-    turns = range(getattr(board, "turns", 1))
-    every = [[relabelled(view, board, turn) for view in views] if turn else views for turn in turns]
+    labellings = range(getattr(board, "rotational_symmetry", 1))
+    every = [
+        [relabelled(view, board, labelling) for view in views] if labelling else views
+        for labelling in labellings
+    ]
     chains = [_chain(labelled, points, view_camera, flange, kind, None) for labelled in every]
     seen = np.array(
         [board_poses(chain.board, chain.pixels, chain.pose, view_camera) for chain in chains]
@@ -211,8 +214,8 @@ def _shape(board, camera):
     """(3, N) mm of the board's points, with the bow that the camera's calibration found."""
     bow = getattr(camera, "bow", None)
     if (
-        bow is None or getattr(board, "turns", 1) > 2
-    ):  # after a quarter turn the bow would be another
+        bow is None or getattr(board, "rotational_symmetry", 1) > 2
+    ):  # after a rotation by 90 deg the bow would be another
         return board.points
     x, y = ((board.points - board.middle[:, None]) / board.half_diagonal)[:2]
     height = [bow.parameters[name] for name in ("xx", "yy", "xy")] @ np.stack([x * x, y * y, x * y])
@@ -268,27 +271,29 @@ def _shifts(views, points, pixels, pose, camera):
     radius = np.array([getattr(view, "radius_mm", 0.0) for view in views])[pose]
     if not radius.any():
         return np.zeros_like(points), np.zeros_like(pixels)
-    turn = board_poses(points, pixels, pose, camera)
-    placed = np.einsum("nij,jn->in", turn[pose, :3, :3], points) + turn[pose, :3, 3].T
-    normals = turn[pose, :3, 2].T
+    found = board_poses(points, pixels, pose, camera)
+    placed = np.einsum("nij,jn->in", found[pose, :3, :3], points) + found[pose, :3, 3].T
+    normals = found[pose, :3, 2].T
     shift = centre_shift(placed, normals, radius)
     lens = lens_shift(camera, placed + shift, normals, radius)
-    return np.einsum("nji,jn->in", turn[pose, :3, :3], shift), lens
+    return np.einsum("nji,jn->in", found[pose, :3, :3], shift), lens
 
 
 def _same_way_round(views, board, points, camera, flange, kind):
-    """Views of a board that looks the same after a turn, relabelled so that it stands still in the base.
+    """Views of a board that looks the same after a rotation, relabelled so that it stands still in the base.
 
-    The first start trusts the labels of most images; those that then lie nearer when turned, are.
+    The first start trusts the labels of most images; those that then lie nearer when rotated, are.
     """
-    turns = getattr(board, "turns", 1)
-    if turns == 1:
+    labellings = getattr(board, "rotational_symmetry", 1)
+    if labellings == 1:
         return views
-    every = [[relabelled(view, board, turn) for view in views] for turn in range(turns)]
+    every = [
+        [relabelled(view, board, labelling) for view in views] for labelling in range(labellings)
+    ]
     chains = [_chain(labelled, points, camera, flange, kind, None) for labelled in every]
     seen = np.array([board_poses(c.board, c.pixels, c.pose, camera) for c in chains])
-    best = nearest_turns(flange, seen, points, kind)
-    return [every[turn][k] for k, turn in enumerate(best)]
+    best = nearest_labelling(flange, seen, points, kind)
+    return [every[labelling][k] for k, labelling in enumerate(best)]
 
 
 def _pivot(pivot, chain, start, points):
@@ -374,8 +379,8 @@ def _result(chain, points, found, suspicions, notes):
 
 def _at_board(adjusted) -> dict[str, float]:
     """1 sigma of the pose errors at the middle of the board."""
-    place, turn = adjusted.variances.spread
-    return {"position_mm": float(place), "rotation_deg": float(np.degrees(turn))}
+    position, rotation = adjusted.variances.spread
+    return {"position_mm": float(position), "rotation_deg": float(np.degrees(rotation))}
 
 
 def _std(chain, known):

@@ -111,19 +111,19 @@ def _along(axis):
 
 def _motion(moved, twists, sentence):
     """moved (P, 4, 4): from the frame of the sensor's mount into that of the target; twists (6, M) of the sensor."""
-    turn = moved[0, :3, :3]
+    rotation = moved[0, :3, :3]
     place = moved[0, :3, 3]
-    spun = turn @ twists[3:]
-    carried = turn @ twists[:3] + np.cross(place, spun.T).T
+    spun = rotation @ twists[3:]
+    carried = rotation @ twists[:3] + np.cross(place, spun.T).T
     return Motion(twists, np.concatenate([carried, spun]), (sentence,))
 
 
 def readings(flange: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
     """Other readings of flange poses (P, 4, 4), each with its words; the simple ones first."""
-    turn = flange[:, :3, :3]
+    rotation = flange[:, :3, :3]
     place = flange[:, :3, 3]
-    yield "the positions look like metres given for millimetres", transform(turn, 1000 * place)
-    yield "the positions look too large by 1000", transform(turn, place / 1000)
+    yield "the positions look like metres given for millimetres", transform(rotation, 1000 * place)
+    yield "the positions look too large by 1000", transform(rotation, place / 1000)
     for reading in pose_readings(flange):
         yield reading.seems, reading.flange
     yield from _exchanged(flange)

@@ -17,24 +17,24 @@ def checked_flange(flange: np.ndarray, called: str) -> np.ndarray:
         raise InputError(
             f"{called}: expected finite flange poses (n, 4, 4), found shape {flange.shape}; correct them"
         )
-    turns = flange[:, :3, :3]
+    rotations = flange[:, :3, :3]
     for wrong, found in (
         (
             np.abs(flange[:, 3] - [0, 0, 0, 1]).max(1) > 1e-6,
             "a last row other than 0 0 0 1; is the matrix transposed?",
         ),
         (
-            np.abs(np.swapaxes(turns, 1, 2) @ turns - np.eye(3)).max((1, 2)) > _ROUNDED,
+            np.abs(np.swapaxes(rotations, 1, 2) @ rotations - np.eye(3)).max((1, 2)) > _ROUNDED,
             "axes that are not of unit length and at right angles; correct it",
         ),
-        (np.linalg.det(turns) < 0, "left-handed axes; correct the sign of one of them"),
+        (np.linalg.det(rotations) < 0, "left-handed axes; correct the sign of one of them"),
     ):
         if wrong.any():
             number = int(np.argmax(wrong))
             raise InputError(
                 f"{called}, flange pose {number}: expected a rotation and a place, found {found}"
             )
-    flange[:, :3, :3] = nearest_rotation(turns)
+    flange[:, :3, :3] = nearest_rotation(rotations)
     return flange
 
 

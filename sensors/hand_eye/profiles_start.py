@@ -1,7 +1,7 @@
 """A hand-eye of a profiler without a guess: from circles of one ball at several flange poses.
 
 A circle says how far the light plane is from the ball's centre, not on which side. That and the
-unknown turn make many valleys; they are all tried: for each of a fixed set of turns the rest is
+unknown rotation make many valleys; they are all tried: for each of a fixed set of rotations the rest is
 linear, and the best of them go down into their valley by least squares.
 """
 
@@ -27,7 +27,7 @@ class Start:
 
 
 @lru_cache
-def turns() -> np.ndarray:
+def start_rotations() -> np.ndarray:
     """(480, 3, 3) rotations, no rotation further than about 20 degrees from one of them."""
     twist = Rotation.from_rotvec(
         np.concatenate(
@@ -86,13 +86,15 @@ def circle_distances(
 
 
 def _linear(circles, flange, radius):
-    """(S, 10) for every turn the place of profiler and ball that fit the centres in the plane best.
+    """(S, 10) for every rotation the place of profiler and ball that fit the centres in the plane best.
 
-    With the turn X: x = X_x . (R'(c - p) - t) and the same for z: linear in c and t.
+    With the rotation X: x = X_x . (R'(c - p) - t) and the same for z: linear in c and t.
     """
     back = np.swapaxes(flange[:, :3, :3], 1, 2)
     home = (back @ flange[:, :3, 3, None])[..., 0]  # R' p
-    axes = turns()[:, :, [0, 2]].transpose(0, 2, 1)  # (S, 2, 3) the plane's axes in the flange
+    axes = start_rotations()[:, :, [0, 2]].transpose(
+        0, 2, 1
+    )  # (S, 2, 3) the plane's axes in the flange
     rows = np.concatenate(
         [
             np.broadcast_to(-axes[:, None], (len(axes), len(flange), 2, 3)),
@@ -105,10 +107,10 @@ def _linear(circles, flange, radius):
     right = right.reshape(len(axes), -1, 1)
     size = np.sqrt(
         (rows**2).sum(1, keepdims=True).max(0)
-    )  # what poses that never turn leave open stays small
+    )  # what poses that never rotate leave open stays small
     normal = (rows / size).transpose(0, 2, 1) @ (rows / size) + 1e-9 * np.eye(6)
     solved = solve_positive(normal, (rows / size).transpose(0, 2, 1) @ right)[..., 0] / size[:, 0]
-    vectors = rotation_vector(turns())
+    vectors = rotation_vector(start_rotations())
     return np.concatenate(
         [solved[:, :3], vectors, solved[:, 3:], np.full((len(axes), 1), radius)], 1
     )
@@ -117,13 +119,13 @@ def _linear(circles, flange, radius):
 def _residual(values, circles, flange, radius):
     """(S, 3, P) mm at values (S, 10): place of the circle in the plane, and distance from the ball's surface."""
     sensor_place = values[:, None, :3]
-    sensor_turn = values[:, 3:6]
+    sensor_rotation = values[:, 3:6]
     ball = values[:, None, 6:9]
     flange_inverse = np.swapaxes(flange[:, :3, :3], 1, 2)
     from_flange = ball - flange[:, :3, 3]
     in_flange = np.einsum("pij,spj->spi", flange_inverse, from_flange)
     from_sensor = in_flange - sensor_place
-    centre = np.einsum("spi,sij->spj", from_sensor, rotation_matrix(sensor_turn))
+    centre = np.einsum("spi,sij->spj", from_sensor, rotation_matrix(sensor_rotation))
     x, y, z = np.moveaxis(centre, -1, 0)
     size = values[:, 9:] if radius is None else radius
     off_surface = (y**2 + circles[2] ** 2 - size**2) / (2 * size)
@@ -152,16 +154,16 @@ def _descend(values, circles, flange, radius, steps):
 
 def _slope(values, circles, flange, radius):
     """(3, P, 10) derivative of `_residual` at values (10,)."""
-    sensor_place, sensor_turn, ball = values[:3], values[3:6], values[6:9]
-    turn = rotation_matrix(sensor_turn)
+    sensor_place, sensor_rotation, ball = values[:3], values[3:6], values[6:9]
+    rotation = rotation_matrix(sensor_rotation)
     flange_inverse = np.swapaxes(flange[:, :3, :3], 1, 2)
     from_flange = ball - flange[:, :3, 3]
     in_flange = (flange_inverse @ from_flange[..., None])[..., 0]
-    centre = (in_flange - sensor_place) @ turn
+    centre = (in_flange - sensor_place) @ rotation
     slope = np.zeros((len(flange), 3, 10))
-    slope[:, :, :3] = -turn.T
-    slope[:, :, 3:6] = skew(centre) @ left_jacobian(-sensor_turn)
-    slope[:, :, 6:9] = turn.T @ flange_inverse
+    slope[:, :, :3] = -rotation.T
+    slope[:, :, 3:6] = skew(centre) @ left_jacobian(-sensor_rotation)
+    slope[:, :, 6:9] = rotation.T @ flange_inverse
     # y, out of the profile's plane, enters by the radius of the circle that the plane cuts
     size = values[9] if radius is None else radius
     y = centre[:, 1]
@@ -172,6 +174,6 @@ def _slope(values, circles, flange, radius):
 
 
 def _elsewhere(values, top):
-    """Whether this is another hand-eye and not the same valley: another turn by more than a degree."""
+    """Whether this is another hand-eye and not the same valley: another rotation by more than a degree."""
     between = rotation_matrix(values[3:6]).T @ rotation_matrix(top[3:6])
     return np.linalg.norm(rotation_vector(between)) > 0.02

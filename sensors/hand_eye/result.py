@@ -15,14 +15,14 @@ from workbench.core.rigid import left_jacobian, rotation_matrix, transform
 @dataclass(frozen=True)
 class PoseRow:
     """One pose: `residual` RMS with the robot held exact, `held_out` RMS predicted from the other poses
-    (px of a point, or mm from the ball), `moved_mm` and `turned_deg` what the adjustment thinks the
+    (px of a point, or mm from the ball), `moved_mm` and `rotation_deg` what the adjustment thinks the
     robot was off by, `chance` of a pose that is further off, `outlier` True: left out, and `why`."""
 
     pose: int
     residual: float
     held_out: float
     moved_mm: float
-    turned_deg: float
+    rotation_deg: float
     chance: float
     outlier: bool
     why: str = ""
@@ -33,7 +33,7 @@ class HandEye:
     """Where the sensor sits.
 
     `kind`: "in-hand", "to-hand" or "profiles"; `sensor` (4, 4): T_flange_sensor, for "to-hand"
-    T_base_sensor; `covariance` (6, 6) of x y z (mm) and of a small turn about x y z (rad), along the
+    T_base_sensor; `covariance` (6, 6) of x y z (mm) and of a small rotation about x y z (rad), along the
     axes of the flange (base for "to-hand"), inf on the diagonal and nan off it where it is not determined;
     `target` (4, 4): T_base_board, for "to-hand" T_flange_board, for a ball its centre;
     `target_covariance` of the same kind, of a ball (3, 3); `noise` 1 sigma of the sensor (`unit` px, or
@@ -80,12 +80,12 @@ class HandEye:
 
 def placement(values: np.ndarray) -> np.ndarray:
     """(4, 4) of x y z (mm) and a rotation vector (rad); of three values a translation."""
-    turn = rotation_matrix(values[3:6]) if len(values) > 3 else np.eye(3)
-    return transform(turn, np.asarray(values[:3]))
+    rotation = rotation_matrix(values[3:6]) if len(values) > 3 else np.eye(3)
+    return transform(rotation, np.asarray(values[:3]))
 
 
 def of_block(adjusted, known: ParameterCovariance, where: str) -> np.ndarray:
-    """(6, 6) or (3, 3) covariance of the pose at `where`: mm, and a small turn about the outer axes."""
+    """(6, 6) or (3, 3) covariance of the pose at `where`: mm, and a small rotation about the outer axes."""
     names = [
         key
         for key in known.keys
@@ -111,7 +111,9 @@ def held_row(pose, chain, adjusted, exact, held_out, left_out, blunder) -> PoseR
     mine = chain.pose == pose
     error = adjusted.errors[pose]
     residual, other = rms(exact, mine), rms(held_out, mine)
-    turned = float(np.degrees(np.linalg.norm(error[3:6]))) if len(error) == 6 else float("nan")
+    rotation_deg = (
+        float(np.degrees(np.linalg.norm(error[3:6]))) if len(error) == 6 else float("nan")
+    )
     unit = "px" if len(exact) == 2 else "mm"
     usual = rms(held_out, ~mine)
     why = (
@@ -127,7 +129,7 @@ def held_row(pose, chain, adjusted, exact, held_out, left_out, blunder) -> PoseR
         residual,
         other,
         float(np.linalg.norm(error[:3])),
-        turned,
+        rotation_deg,
         left_out.chance,
         blunder,
         why,

@@ -8,10 +8,10 @@ from workbench.core.least_squares.linear_algebra import symmetric_eigen, thin_sv
 from workbench.core.rigid import inverse, nearest_rotation, rotation_vector, transform
 
 METHODS = ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS")
-STILL = np.radians(0.5)  # below it a turn is what an arm makes when it only moves
+STILL = np.radians(0.5)  # below it a rotation is what an arm makes when it only moves
 _ROUNDED_TURN = 1e-9  # rad, far below what is recorded and far above rounding
 _FARTHEST_MM = 1e6  # farther off, the rounding of coordinates makes all boards coincide
-_HALF_TURN = np.radians(170.0)  # near a half turn the axis of a relative rotation has no sign
+_NEAR_PI = np.radians(170.0)  # near pi the axis of a relative rotation has no sign
 
 
 def board_poses(
@@ -100,7 +100,7 @@ def start_from_boards(flange, seen, points, kind) -> tuple[np.ndarray, float]:
     candidates = [
         *closed_forms(flange, seen, kind).values(),
         *_without_one(moved, seen),
-        *_every_turn(moved, seen),
+        *_cube_rotations(moved, seen),
     ]
     corners = _corners(points)
     scored = [(*_spread(moved @ sensor @ seen, corners), sensor) for sensor in candidates]
@@ -108,15 +108,15 @@ def start_from_boards(flange, seen, points, kind) -> tuple[np.ndarray, float]:
     return np.concatenate([_values(sensor), _values(board)]), max(misfit, 1e-3)
 
 
-def nearest_turns(
+def nearest_labelling(
     flange: np.ndarray, seen: np.ndarray, points: np.ndarray, kind: str
 ) -> np.ndarray:
     """(P,) which of T readings of each image, seen (T, P, 4, 4), puts the board where the others have it.
 
     Each reading of the first image in turn is taken for right; that of the second which makes the
-    camera turn by the flange's angle, and so on: angles need no hand-eye (Chen, CVPR 1991).
+    camera rotate by the flange's angle, and so on: angles need no hand-eye (Chen, CVPR 1991).
     """
-    turns, count = seen.shape[:2]
+    labellings, count = seen.shape[:2]
     moved = flange if kind == "in-hand" else inverse(flange)
     alpha = np.linalg.norm(
         rotation_vector((inverse(moved)[None, :] @ moved[:, None])[..., :3, :3]), axis=-1
@@ -126,10 +126,10 @@ def nearest_turns(
     )  # [reading i, reading j, i, j]
     beta = np.linalg.norm(rotation_vector(relative[..., :3, :3]), axis=-1)
     difference = np.abs(beta - alpha)
-    best = [difference[:, turn, :, 0].argmin(0) for turn in range(turns)]
+    best = [difference[:, labelling, :, 0].argmin(0) for labelling in range(labellings)]
     scores = []
-    for turn, labels in enumerate(best):
-        labels[0] = turn
+    for labelling, labels in enumerate(best):
+        labels[0] = labelling
         start = start_from_boards(flange, seen[labels, np.arange(count)], points, kind)
         scores.append(start[1])
     return best[int(np.argmin(scores))]
@@ -165,13 +165,13 @@ def _without_one(moved, seen):
     )
 
 
-def _every_turn(moved, seen):
-    """The 24 turns of a cube, each with the translation that fits: where motions say little of the turn."""
+def _cube_rotations(moved, seen):
+    """The 24 rotations of a cube, each with its best translation: for motions that say little of the rotation."""
     from scipy.spatial.transform import Rotation
 
-    turns = Rotation.create_group("O").as_matrix()
+    rotations = Rotation.create_group("O").as_matrix()
     pairs = _pairs(moved, seen)
-    return [transform(turn, _translation(turn, *pairs)[0]) for turn in turns]
+    return [transform(rotation, _translation(rotation, *pairs)[0]) for rotation in rotations]
 
 
 def _pairs(moved, seen):
@@ -185,59 +185,59 @@ def _pairs(moved, seen):
 def align(moved: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
     """Hand-eye (4, 4) of all pairs by least squares, its misfit (mm), and angles (2, K) of flange and camera, rad.
 
-    Rotation: the turn that takes the camera's rotation vectors to the flange's (Park & Martin, IEEE
+    Rotation: the one that takes the camera's rotation vectors to the flange's (Park & Martin, IEEE
     Trans. Robot. Autom. 10 (1994)); where those have one direction only, or none, with what the
-    translations say of the rest; then the translation. The misfit counts a turn at the board's
+    translations say of the rest; then the translation. The misfit counts a rotation at the board's
     distance.
     """
     flange, camera = _pairs(moved, seen)
     alpha = rotation_vector(flange[:, :3, :3])
     beta = rotation_vector(camera[:, :3, :3])
     angles = np.linalg.norm(np.stack([alpha, beta]), axis=2)
-    is_determined = (angles < _HALF_TURN).all(0)
+    is_determined = (angles < _NEAR_PI).all(0)
     reach = np.median(np.linalg.norm(seen[:, :3, 3], axis=1))
     found = []
-    turning = (angles > STILL).all(0)
-    half = turning & ~is_determined
-    only_half = half.any() and not (turning & is_determined).any()
+    is_rotating = (angles > STILL).all(0)
+    half = is_rotating & ~is_determined
+    only_half = half.any() and not (is_rotating & is_determined).any()
     candidates = (
-        _half_turns(half, flange, camera)
+        _rotations_near_pi(half, flange, camera)
         if only_half
-        else _turns(alpha[is_determined], beta[is_determined], flange, camera)
+        else _rotation_candidates(alpha[is_determined], beta[is_determined], flange, camera)
     )
-    for turn in candidates:
-        shift, rest = _translation(turn, flange, camera)
+    for rotation in candidates:
+        shift, rest = _translation(rotation, flange, camera)
         gap = (
-            _turned_apart(turn, flange, camera)
+            _rotation_misfit(rotation, flange, camera)
             if only_half
-            else (alpha - beta @ turn.T)[is_determined]
+            else (alpha - beta @ rotation.T)[is_determined]
         ) * reach
         found.append(
             (
                 float(np.sqrt((gap**2).sum(1).mean() + (rest**2).sum(1).mean())),
-                transform(turn, shift),
+                transform(rotation, shift),
             )
         )
     misfit, best = min(found, key=lambda row: row[0])
     return best, misfit, angles
 
 
-def _turns(alpha, beta, flange, camera):
+def _rotation_candidates(alpha, beta, flange, camera):
     """Rotations (3, 3) to try, of which one is near, from rotation vectors (K, 3) of flange and camera."""
-    turn = nearest_rotation((alpha.T @ beta)[None])[0]
+    rotation = nearest_rotation((alpha.T @ beta)[None])[0]
     axes = thin_svd(alpha)[2]
     along = alpha @ axes[0]
     if np.linalg.norm(alpha, axis=1).max(initial=0) < STILL:  # flange and camera move alike
         return [nearest_rotation((flange[:, :3, 3].T @ camera[:, :3, 3])[None])[0]]
     if np.linalg.norm(alpha - np.outer(along, axes[0]), axis=1).max() > STILL:
-        return [turn]
-    return _about(_spun(axes[0]) @ turn, axes[0], flange, camera)
+        return [rotation]
+    return _about(_spun(axes[0]) @ rotation, axes[0], flange, camera)
 
 
-def _half_turns(half, flange, camera):
-    """Rotations to try where the only relative rotations are about half turns, `half` (K,) bool: axes without a sign.
+def _rotations_near_pi(half, flange, camera):
+    """Rotations to try where the only relative rotations are by about pi, `half` (K,) bool: axes without a sign.
 
-    A half turn about a is 2 a a' - 1, whose largest eigenvector is a up to its sign. Two axes that are far from
+    A rotation by pi about a is 2 a a' - 1, whose largest eigenvector is a up to its sign. Two axes that are far from
     parallel give a rotation for each choice of signs; of a single axis both directions are searched about it.
     """
     from scipy.spatial.transform import Rotation
@@ -250,8 +250,8 @@ def _half_turns(half, flange, camera):
     tried = []
     for sign in (1.0, -1.0):
         if single:
-            turn = Rotation.align_vectors(sign * flange_axes[:1], seen[:1])[0].as_matrix()
-            tried += _about(_spun(flange_axes[0]) @ turn, flange_axes[0], flange, camera)
+            rotation = Rotation.align_vectors(sign * flange_axes[:1], seen[:1])[0].as_matrix()
+            tried += _about(_spun(flange_axes[0]) @ rotation, flange_axes[0], flange, camera)
             continue
         for second in (1.0, -1.0):
             axes = np.stack([sign * flange_axes[0], second * flange_axes[other]]), seen[[0, other]]
@@ -260,19 +260,19 @@ def _half_turns(half, flange, camera):
 
 
 def _axis_products(motions):
-    """(K, 3, 3) products a a' of the axes of half turns (K, 4, 4)."""
-    turns = motions[:, :3, :3]
-    return (turns + np.swapaxes(turns, 1, 2)) / 4 + np.eye(3) / 2
+    """(K, 3, 3) products a a' of the axes a of rotations by pi (K, 4, 4)."""
+    rotations = motions[:, :3, :3]
+    return (rotations + np.swapaxes(rotations, 1, 2)) / 4 + np.eye(3) / 2
 
 
-def _turned_apart(turn, flange, camera):
+def _rotation_misfit(rotation, flange, camera):
     """(K, 3) rad: what a hand-eye rotation leaves between the rotations of flange and camera."""
-    predicted = turn @ camera[:, :3, :3] @ turn.T
+    predicted = rotation @ camera[:, :3, :3] @ rotation.T
     return rotation_vector(flange[:, :3, :3] @ np.swapaxes(predicted, 1, 2))
 
 
 def _spun(axis):
-    """(24, 3, 3) rotations about an axis, a whole turn of them."""
+    """(24, 3, 3) rotations about an axis, over a whole revolution."""
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_rotvec(
@@ -280,14 +280,14 @@ def _spun(axis):
     ).as_matrix()
 
 
-def _about(turns, axis, flange, camera):
-    """The best of `turns` (S, 3, 3), turned about the axis by Newton's step of the translations' misfit."""
+def _about(rotations, axis, flange, camera):
+    """The best of `rotations` (S, 3, 3), rotated about the axis by Newton's step of the translations' misfit."""
     from scipy.spatial.transform import Rotation
 
     rows = (flange[:, :3, :3] - np.eye(3)).reshape(-1, 3)
-    right = (np.einsum("sij,kj->kis", turns, camera[:, :3, 3]) - flange[:, :3, 3, None]).reshape(
-        len(rows), -1
-    )
+    right = (
+        np.einsum("sij,kj->kis", rotations, camera[:, :3, 3]) - flange[:, :3, 3, None]
+    ).reshape(len(rows), -1)
     cost = ((rows @ _solved(rows, right) - right) ** 2).sum(0)
     k = int(np.argmin(cost))
     before, at, after = (
@@ -296,15 +296,15 @@ def _about(turns, axis, flange, camera):
         cost[(k + 1) % len(cost)],
     )  # a sine of the angle, near its lowest
     bend = before - 2 * at + after
-    step = 2 * np.pi / len(turns) * (before - after) / (2 * bend) if bend > 0 else 0.0
-    near = Rotation.from_rotvec(np.outer([0, step], axis)).as_matrix() @ turns[k]
+    step = 2 * np.pi / len(rotations) * (before - after) / (2 * bend) if bend > 0 else 0.0
+    near = Rotation.from_rotvec(np.outer([0, step], axis)).as_matrix() @ rotations[k]
     return list(near)
 
 
-def _translation(turn, flange, camera):
+def _translation(rotation, flange, camera):
     """Translation (3,) with (R_A - 1) t = R_X t_B - t_A, and what is left (K, 3)."""
     rows = (flange[:, :3, :3] - np.eye(3)).reshape(-1, 3)
-    right = (camera[:, :3, 3] @ turn.T - flange[:, :3, 3]).reshape(-1)
+    right = (camera[:, :3, 3] @ rotation.T - flange[:, :3, 3]).reshape(-1)
     shift = _solved(rows, right)
     return shift, (rows @ shift - right).reshape(-1, 3)
 

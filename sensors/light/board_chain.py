@@ -103,8 +103,8 @@ class BoardStripeChain(StripeChain):
     @property
     def _middle_depth(self) -> np.ndarray:
         """(G,) mm, depth of the board's middle, on which the lens was focused."""
-        turn = rotation_matrix(self.poses[:, 3:])
-        return self.poses[:, 2] + turn[:, 2, :2] @ self.middle[:2]
+        rotation = rotation_matrix(self.poses[:, 3:])
+        return self.poses[:, 2] + rotation[:, 2, :2] @ self.middle[:2]
 
     def at(self, samples: np.ndarray) -> "BoardStripeChain":
         """The same on some of the samples (indices or mask); poses and planes stay."""
@@ -165,8 +165,8 @@ class Evaluation(Sight):
         """(3, n) mm, the hits in the frame of their board."""
         poses = self.chain.poses
         group = self.chain.labels["placement"]
-        turn = rotation_matrix(poses[:, 3:])[group]
-        return np.einsum("nij,in->jn", turn, self.hits - poses[group, :3].T)
+        rotation = rotation_matrix(poses[:, 3:])[group]
+        return np.einsum("nij,in->jn", rotation, self.hits - poses[group, :3].T)
 
     def _by_planes(self, rows):
         """(P, n) mm from changes of planes (P, 4, n)."""
@@ -184,8 +184,8 @@ class Evaluation(Sight):
         group = self.chain.labels["placement"]
         shift = self.grazing * self.normal
         lever = np.cross(self.hits - poses[group, :3].T, shift, axis=0)
-        turn = left_jacobian(poses[:, 3:])[group]
-        return np.concatenate([shift, np.einsum("nij,in->jn", turn, lever)])
+        rotation = left_jacobian(poses[:, 3:])[group]
+        return np.concatenate([shift, np.einsum("nij,in->jn", rotation, lever)])
 
     def _target_rows(self):
         return np.stack([np.zeros_like(self.grazing)] * 2 + [self.grazing])

@@ -16,11 +16,11 @@ _TABLE = (
     ("shift_face", "mm", 1.0, "the mirror axis' place along the face's normal"),
     ("shift_across", "mm", 1.0, "the mirror axis' place across it"),
     ("beam_cone", "rad", 0.01, "the beam's tilt out of the mirror axis"),
-    ("beam_turn", "rad", 0.01, "the beam's turn about the mirror axis"),
+    ("beam_turn", "rad", 0.01, "the beam's rotation about the mirror axis"),
     ("beam_shift", "mm", 1.0, "the beam's distance from the mirror axis"),
-    ("gain", "1", 0.01, "the mirror's turn per commanded turn"),
+    ("gain", "1", 0.01, "the mirror's rotation per commanded rotation"),
     ("face_offset", "mm", 1.0, "the face's distance from the mirror axis"),
-    ("face_zero", "rad", 0.01, "the face's turn at angle zero"),
+    ("face_zero", "rad", 0.01, "the face's rotation at angle zero"),
 )
 NAMES = tuple(row[0] for row in _TABLE)
 GAIN = NAMES.index("gain")
@@ -64,17 +64,17 @@ class Mirror:
         planes[3] = self.beam[3] + share * (self.point @ normals + self.offset)
         return planes
 
-    def by_normal(self, angles: np.ndarray, turn: np.ndarray) -> np.ndarray:
-        """(..., 4, n) change of the planes for a change `turn` (..., 3, n) of the face's normals."""
+    def by_normal(self, angles: np.ndarray, normal_change: np.ndarray) -> np.ndarray:
+        """(..., 4, n) change of the planes for a change `normal_change` (..., 3, n) of the face's normals."""
         normals = self.normals(angles)
         beam = self.beam[:3, None]
         cosine = (beam * normals).sum(0)
         reach = self.point @ normals + self.offset
         # changes of the cosine and of the reach
-        tilt = (beam * turn).sum(-2)
-        shift = (self.point[:, None] * turn).sum(-2)
-        rows = np.empty((*turn.shape[:-2], 4, len(angles)))
-        rows[..., :3, :] = -2 * (tilt[..., None, :] * normals + cosine * turn)
+        tilt = (beam * normal_change).sum(-2)
+        shift = (self.point[:, None] * normal_change).sum(-2)
+        rows = np.empty((*normal_change.shape[:-2], 4, len(angles)))
+        rows[..., :3, :] = -2 * (tilt[..., None, :] * normals + cosine * normal_change)
         rows[..., 3, :] = 2 * (tilt * reach + cosine * shift)
         return rows
 
@@ -102,7 +102,7 @@ def mirror_parameters(by_step: bool = False) -> Parameters:
     table = [
         Parameter(f"mirror.{name}", unit, 0.0, size, label) for name, unit, size, label in _TABLE
     ]
-    label = "the mirror's turn a step, over that of the start" if by_step else table[GAIN].label
+    label = "the mirror's rotation a step, over that of the start" if by_step else table[GAIN].label
     table[GAIN] = Parameter("mirror.gain", "1", 1.0, 0.01, label)
     return Parameters.of(table)
 
@@ -115,7 +115,7 @@ class MovedMirror:
     change: np.ndarray
 
     @property
-    def _turn(self):
+    def _rotation(self):
         """(3,) rotation vector of axis and face; columns (3, 3) are the start's face, across, axis."""
         columns = np.stack([self.start.face, self.start.across, self.start.axis], 1)
         return columns @ self.change[[0, 1, 9]], columns
@@ -127,7 +127,7 @@ class MovedMirror:
     @property
     def mirror(self) -> Mirror:
         """The mirror itself. The beam's offset is kept at its distance from the start's axis."""
-        start, (vector, columns) = self.start, self._turn
+        start, (vector, columns) = self.start, self._rotation
         rotation = rotation_matrix(vector)
         point = start.point + columns[:, :2] @ self.change[2:4]
         normal, _ = self._beam_normal()
@@ -138,7 +138,7 @@ class MovedMirror:
         )
 
     def _beam_normal(self):
-        """(3,) unit normal of the beam and (2, 3) its derivative by cone and turn."""
+        """(3,) unit normal of the beam and (2, 3) its derivative by cone and rotation."""
         normal = self.start.beam[:3]
         axis = self.start.axis
         cone = axis - (axis @ normal) * normal
@@ -161,12 +161,14 @@ class MovedMirror:
         """(10, 4, n) derivative of the planes with respect to the changes."""
         mirror = self.mirror
         angles = self.angles(commanded, extra)
-        vector, columns = self._turn
+        vector, columns = self._rotation
         normals = mirror.normals(angles)
         rows = np.zeros((10, 4, len(angles)))
-        turning = (left_jacobian(vector) @ columns).T  # (3, 3): rotation per unit of tilts and zero
+        rotation_rates = (
+            left_jacobian(vector) @ columns
+        ).T  # (3, 3): rotation per unit of tilts and zero
         rows[[0, 1, 9]] = mirror.by_normal(
-            angles, np.cross(turning[:, None], normals.T).transpose(0, 2, 1)
+            angles, np.cross(rotation_rates[:, None], normals.T).transpose(0, 2, 1)
         )
         share = 2 * (mirror.beam[:3] @ normals)
         rows[2:4, 3] = share * (columns[:, :2].T @ normals)
@@ -193,8 +195,8 @@ def start_mirror(
     the planes is taken. The shortest singular vector of the normals' differences is exact. Over a narrow sweep it is
     the direction of their noise, since normals leave the straight course by the square of the sweep only; there, the
     direction across both the mean normal and the course is near, because a fan of light holds the axis. Turn about
-    it: twice the angle. Place: b_i = c - n_i.a, linear in a and c. The face's turn at angle zero is not seen; it is
-    set so that the light plane meets the face at `incidence` (rad) in mid-sweep. Gain: turn of the mirror per
+    it: twice the angle. Place: b_i = c - n_i.a, linear in a and c. The face's rotation at angle zero is not seen; it is
+    set so that the light plane meets the face at `incidence` (rad) in mid-sweep. Gain: rotation of the mirror per
     commanded one; its sign is that of the axis.
     """
     normals = planes[:3]
@@ -209,7 +211,7 @@ def start_mirror(
 
 
 def on_one_branch(planes: np.ndarray, commanded: np.ndarray) -> np.ndarray:
-    """Commanded angles (S,) rad less whole quarter turns, where only then planes (4, S) are those of one mirror.
+    """Commanded angles (S,) rad less multiples of 90 deg, where only then planes (4, S) are those of one mirror.
 
     A mirror that is turned by 90 deg sends the light into the same plane through its axis, so that angles on two
     branches may belong to neighbouring planes.
@@ -228,7 +230,7 @@ def on_one_branch(planes: np.ndarray, commanded: np.ndarray) -> np.ndarray:
 
 
 def nearest_branch(angle, middle: float):
-    """Angles (rad) less the whole quarter turns that bring them nearest to `middle`."""
+    """Angles (rad) less the multiples of 90 deg that bring them nearest to `middle`."""
     return angle - _QUARTER * np.round((angle - middle) / _QUARTER)
 
 
@@ -246,27 +248,27 @@ def _about(axis, planes, commanded, by_step: bool, incidence: float):
     normals = planes[:3]
     middle = normals.mean(1) - (axis @ normals.mean(1)) * axis
     first = middle / np.linalg.norm(middle)
-    turns = np.arctan2(np.cross(axis, first) @ normals, first @ normals)
-    slope, at_zero = np.polyfit(commanded, turns, 1)
+    plane_angles = np.arctan2(np.cross(axis, first) @ normals, first @ normals)
+    slope, at_zero = np.polyfit(commanded, plane_angles, 1)
     if slope < 0:
         axis, slope, at_zero = -axis, -slope, -at_zero
     second = np.cross(axis, first)
     gain = slope / 2
-    shape = np.stack([-(first @ normals), -(second @ normals), np.ones(len(turns))], 1)
+    shape = np.stack([-(first @ normals), -(second @ normals), np.ones(len(plane_angles))], 1)
     x, y, distance = np.linalg.lstsq(shape, planes[3], rcond=None)[0]
     point = x * first + y * second
     scale = gain if by_step else 1.0
-    turn = at_zero + incidence + scale * commanded.mean() - np.pi
-    beam_turn = turn + scale * commanded.mean() + incidence
+    face_angle = at_zero + incidence + scale * commanded.mean() - np.pi
+    beam_angle = face_angle + scale * commanded.mean() + incidence
     mirror = _assemble(
-        axis, first, second, point, turn, beam_turn, axis @ normals.mean(1), distance
+        axis, first, second, point, face_angle, beam_angle, axis @ normals.mean(1), distance
     )
     return mirror, gain
 
 
-def _assemble(axis, first, second, point, face_turn, beam_turn, along, distance):
+def _assemble(axis, first, second, point, face_angle, beam_angle, along, distance):
     """A mirror whose face and beam stand at these turns about the axis; along: the beam's part along it."""
-    face = np.cos(face_turn) * first + np.sin(face_turn) * second
+    face = np.cos(face_angle) * first + np.sin(face_angle) * second
     flat = np.sqrt(max(1 - along**2, 0.0))
-    beam = flat * (np.cos(beam_turn) * first + np.sin(beam_turn) * second) + along * axis
+    beam = flat * (np.cos(beam_angle) * first + np.sin(beam_angle) * second) + along * axis
     return Mirror(axis, point, face, 0.0, np.append(beam, distance - beam @ point))

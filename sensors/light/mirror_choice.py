@@ -37,7 +37,7 @@ class MirrorCheck:
     """The mirror compared with the free planes.
 
     `fitted` names of the parameters that the stripes determine, with `std` in their units (rad, mm);
-    `gain` turn of the mirror per commanded turn, or rad a step where angles were not commanded;
+    `gain` rotation of the mirror per commanded rotation, or rad a step where angles were not commanded;
     `excess` of chi-square over that of the free planes, on `degrees` of freedom, and its
     probability where the mirror is true; `difference_mm` RMS distance of the two kinds of planes
     over the working volume and `expected_mm`, what it should be by their sigmas. `sentences` says

@@ -82,8 +82,8 @@ def light_origin(planes: np.ndarray) -> np.ndarray | None:
     offsets = planes[3]
     if len(offsets) < 2:
         return None
-    turned = normals * np.sign(normals @ normals[0])[:, None]
-    sides, spread, directions = thin_svd(turned)
+    aligned = normals * np.sign(normals @ normals[0])[:, None]
+    sides, spread, directions = thin_svd(aligned)
     if spread[1] / np.sqrt(len(offsets)) < _APART:
         return None
     distances = -offsets * np.sign(normals @ normals[0])

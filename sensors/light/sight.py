@@ -243,8 +243,8 @@ class Sight:
 
     def mirror_rows(self) -> np.ndarray:
         """(1, n) mm per rad of the mirror."""
-        turning = self.mirror.mirror.by_angle(self.mirror.angles(*self._angles()))
-        return self._by_planes(self._of_points(turning)[None])
+        planes_by_angle = self.mirror.mirror.by_angle(self.mirror.angles(*self._angles()))
+        return self._by_planes(self._of_points(planes_by_angle)[None])
 
     def _of_points(self, rows):
         """(..., n) of each point, of rows by its step (..., S) or by itself where effects turn the mirror."""

@@ -40,12 +40,12 @@ def unshaded(chain: BoardStripeChain, plane_width: float, light: np.ndarray) -> 
 
 
 def _bend(chain, light) -> SurfaceLine:
-    turns = rotation_matrix(chain.poses[:, 3:])
+    rotations = rotation_matrix(chain.poses[:, 3:])
     placement = chain.labels["placement"]
-    heights = (turns[:, :, 2] * chain.poses[:, :3]).sum(1)
+    heights = (rotations[:, :, 2] * chain.poses[:, :3]).sum(1)
     return line_on_boards(
         chain.camera,
-        turns[placement, :, 2].T,
+        rotations[placement, :, 2].T,
         heights[placement],
         chain.pixels,
         chain.planes[:, chain.labels["step"]],

@@ -42,12 +42,12 @@ def _random(views, middle, camera, rng, fits=None) -> np.ndarray:
     about = rng.uniform(0, 2 * np.pi, _TRIES)
     roll = np.deg2rad(views.roll_deg) * rng.uniform(-1, 1, _TRIES)
     tilts = Rotation.from_rotvec((tilt * np.stack([np.cos(about), np.sin(about), 0 * about])).T)
-    turns = (tilts * Rotation.from_rotvec(np.outer(roll, [0, 0, 1.0]))).as_matrix()
+    rotations = (tilts * Rotation.from_rotvec(np.outer(roll, [0, 0, 1.0]))).as_matrix()
     size = np.array(camera.size)[:, None]
     pixels = (size - 1) / 2 * (1 + views.aside * rng.uniform(-1, 1, (2, _TRIES)))
     rays = camera.rays(pixels)
     places = rays / rays[2] * rng.uniform(*views.range_mm, _TRIES)
-    poses = np.concatenate([places.T - turns @ middle, rotation_vector(turns)], axis=1)
+    poses = np.concatenate([places.T - rotations @ middle, rotation_vector(rotations)], axis=1)
     is_usable = np.flatnonzero(fits(poses)) if fits else np.arange(1)
     if not is_usable.size:
         raise InputError(
@@ -60,8 +60,8 @@ def _random(views, middle, camera, rng, fits=None) -> np.ndarray:
 def _in_view(poses, pattern, camera):
     """(n,) bool: the whole grid lies in the image, a little away from its border."""
     points = pattern.board.points
-    turns = Rotation.from_rotvec(poses[:, 3:]).as_matrix()
-    seen = np.einsum("nij,jk->ink", turns, points) + poses[:, :3].T[:, :, None]
+    rotations = Rotation.from_rotvec(poses[:, 3:]).as_matrix()
+    seen = np.einsum("nij,jk->ink", rotations, points) + poses[:, :3].T[:, :, None]
     pixels = camera.project(seen.reshape(3, -1)).reshape(2, len(poses), -1)
     size = np.array(camera.size)[:, None, None]
     near = 0.01 * size.max()

@@ -182,13 +182,13 @@ def _covariates(scene, role, place, clock, share, rng) -> tuple[dict[str, float]
 
 def _artefact(scene, pose, moment) -> tuple[Surface, ...]:
     """Balls in view and mesh, in the camera frame."""
-    turn = rotation_matrix(pose[3:])
+    rotation = rotation_matrix(pose[3:])
     camera = scene.sees
     surfaces = []
     if scene.balls:
         table = np.array(scene.balls).T
         centres, radii = true_balls(table[:3], table[3], camera, moment)
-        centres = turn @ centres + pose[:3, None]
+        centres = rotation @ centres + pose[:3, None]
         gloss = Gloss(scene.ball_gloss, scene.ball_gloss_exponent)
         surfaces = [
             BallSurface(centres[:, k], radii[k], k + 1, scene.ball_white, gloss)
@@ -197,7 +197,7 @@ def _artefact(scene, pose, moment) -> tuple[Surface, ...]:
         ]
     if scene.mesh:
         vertices, triangles = _mesh(scene.mesh.file)
-        surfaces.append(MeshSurface(vertices @ turn.T + pose[:3], triangles, scene.mesh.white))
+        surfaces.append(MeshSurface(vertices @ rotation.T + pose[:3], triangles, scene.mesh.white))
     return tuple(surfaces)
 
 

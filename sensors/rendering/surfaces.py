@@ -32,30 +32,30 @@ class BoardSurface:
     number = 0
 
     @cached_property
-    def turn(self) -> np.ndarray:
+    def rotation(self) -> np.ndarray:
         return rotation_matrix(self.pose[3:])
 
     def meet(self, rays: np.ndarray) -> np.ndarray:
         """(n,) mm along unit rays (3, n) from the camera; nan beyond the board's edge."""
-        turned = self.turn.T @ rays
-        start = -self.turn.T @ self.pose[:3]
+        local_rays = self.rotation.T @ rays
+        start = -self.rotation.T @ self.pose[:3]
         with np.errstate(divide="ignore", invalid="ignore"):
-            flat, distance = _at_height(turned, start, 0.0)
+            flat, distance = _at_height(local_rays, start, 0.0)
             moved = np.zeros((3, 1))
             for _ in range(_ROUNDS if self._warped else 0):
                 moved = self._moved(flat - moved[:2])
-                flat, distance = _at_height(turned, start, moved[2])
+                flat, distance = _at_height(local_rays, start, moved[2])
             inside = self.pattern.inside(*(flat - moved[:2])) & (distance > 0)
         return np.where(inside, distance, np.nan)
 
     def normals(self, points: np.ndarray) -> np.ndarray:
         """(3, n) unit normal, towards the camera."""
-        normal = self.turn[:, 2] * -np.sign(self.turn[:, 2] @ self.pose[:3])
+        normal = self.rotation[:, 2] * -np.sign(self.rotation[:, 2] @ self.pose[:3])
         return np.broadcast_to(normal[:, None], points.shape)
 
     def albedo(self, points: np.ndarray, width: np.ndarray | float) -> np.ndarray:
         """(n,) reflectance 0 to 1, averaged over `width` mm."""
-        flat = (self.turn.T @ (points - self.pose[:3, None]))[:2]
+        flat = (self.rotation.T @ (points - self.pose[:3, None]))[:2]
         return self.pattern.albedo(*self._nominal(flat), width)
 
     def blocks(self, points: np.ndarray, towards: np.ndarray) -> np.ndarray:
@@ -88,10 +88,10 @@ class BoardSurface:
         return sought
 
 
-def _at_height(turned, start, height):
+def _at_height(local_rays, start, height):
     """(2, n) places at z = height of rays (3, n) from `start` (3,), all in the board's frame, and how far along."""
-    distance = (height - start[2]) / turned[2]
-    return start[:2, None] + turned[:2] * distance, distance
+    distance = (height - start[2]) / local_rays[2]
+    return start[:2, None] + local_rays[:2] * distance, distance
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ class Cloud:
     @cached_property
     def view(self) -> np.ndarray:
         """(3, n) mm from the camera to each point, in the axes of the frame."""
-        return self._turned(self.local)
+        return self._common_directions(self.local)
 
     @property
     def stripe(self) -> np.ndarray:
@@ -56,7 +56,7 @@ class Cloud:
     @cached_property
     def error(self) -> np.ndarray:
         """(3, n) mm by which points move, in the axes of the frame, where the centre of their stripe errs by 1 px."""
-        return self._turned(self.scanner.by_stripe(self.local, self.steps))
+        return self._common_directions(self.scanner.by_stripe(self.local, self.steps))
 
     @property
     def along(self) -> np.ndarray:
@@ -68,7 +68,7 @@ class Cloud:
         """Whether centres are sought along the rows of the image."""
         return abs(self.scanner.scan[0]) >= abs(self.scanner.scan[1])
 
-    def _turned(self, vectors):
+    def _common_directions(self, vectors):
         return vectors if self.motion is None else self.motion.directions(vectors, self.image)
 
     def together(self) -> dict:

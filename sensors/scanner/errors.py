@@ -104,7 +104,7 @@ def field_points(
 
 
 def frame_moves(points: np.ndarray) -> np.ndarray:
-    """(6, 3, n) mm that points move by per unit of a shift (mm) and a turn (rad) of the frame."""
+    """(6, 3, n) mm that points move by per unit of a shift (mm) and a rotation (rad) of the frame."""
     moves = np.zeros((6, *points.shape))
     moves[[0, 1, 2], [0, 1, 2]] = 1
     moves[3:] = np.cross(np.eye(3)[:, :, None], points[None], axis=1)
@@ -112,7 +112,7 @@ def frame_moves(points: np.ndarray) -> np.ndarray:
 
 
 def plane_moves(planes: np.ndarray) -> np.ndarray:
-    """(6, 3, S) change of tilts and offset of planes (4, S) per unit of a shift (mm) and a turn (rad) of the frame.
+    """(6, 3, S) change of tilts and offset of planes (4, S) per unit of a shift (mm) and a rotation (rad) of the frame.
 
     A plane n.X + b = 0 moved by X -> X + t + w x X has n + w x n and b - n.t.
     """
@@ -209,11 +209,11 @@ def laid_over(
     # the rigid motion from the other frame into this one, about the middles of both sets of points
     middle = points[:, is_met].mean(1, keepdims=True)
     other_middle = found[:, is_met].mean(1, keepdims=True)
-    turn = nearest_rotation((points[:, is_met] - middle) @ (found[:, is_met] - other_middle).T)
-    turned = turn @ normals
-    moved_offsets = offsets + (normals * other_middle).sum(0) - (turned * middle).sum(0)
-    moved = turn @ (found - other_middle) + middle
-    return points, step, _distances(turned, moved_offsets, step, points), moved - points
+    rotation = nearest_rotation((points[:, is_met] - middle) @ (found[:, is_met] - other_middle).T)
+    rotated = rotation @ normals
+    moved_offsets = offsets + (normals * other_middle).sum(0) - (rotated * middle).sum(0)
+    moved = rotation @ (found - other_middle) + middle
+    return points, step, _distances(rotated, moved_offsets, step, points), moved - points
 
 
 def _distances(normals, offsets, step, points):

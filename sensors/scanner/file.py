@@ -214,7 +214,7 @@ def _light_keys(scanner):
     if scanner.rays is not None and np.isfinite(scanner.rays).all():
         keys["rays_covariance"] = _encoded(scanner.rays)
     if scanner.frame is not None:
-        keys["frame_covariance"] = _list(scanner.frame)  # shift mm, turn rad
+        keys["frame_covariance"] = _list(scanner.frame)  # shift mm, rotation rad
     return keys
 
 

@@ -32,7 +32,7 @@ class Scanner:
     every scan; `sigma_px` of a stripe's centre where a image does not say better.
     `covariance` (3 S, 3 S): of each plane's two tilts (rad), along the stripe and across it, and
     offset (mm), in the frame that fits best, None where unknown; `frame` (6, 6): of that frame itself
-    in the camera's, shift (mm) and turn (rad) about its origin, None where unknown; `volume` (nearest,
+    in the camera's, shift (mm) and rotation (rad) about its origin, None where unknown; `volume` (nearest,
     farthest) depth in mm that was calibrated; `scan` (2,) unit vector of the line in which centres are measured, px;
     `shared_px` 1 sigma (px) by which whole stripes on boards erred, by kind (`sensors.light.together`): it is in the
     covariance. `turntable`: that turns the object, None without one. `camera_covariance` (V, V) of the camera's values,
@@ -152,7 +152,7 @@ class Scanner:
             for port, width in corners.PORTS.items()
         }
         ray = self.camera.rays(pixels - change["pixel"]) + change["ray"]
-        plane = self._turned(place, change["mirror"]) + change["plane"][:4]
+        plane = self._moved_planes(place, change["mirror"]) + change["plane"][:4]
         along = (stripe_direction(self.planes)[:, place] * ray).sum(0)
         facing = (plane[:3] * ray).sum(0)
         # root of k s^2 d^2 + n.r d + b = 0 that becomes -b / n.r for a flat light plane
@@ -185,7 +185,7 @@ class Scanner:
                 full[list(effect.port_indices(self))] = effect.delta(values, state)
                 yield full
 
-    def _turned(self, place, extra):
+    def _moved_planes(self, place, extra):
         if not extra.any():
             return self.planes[:, place]
         if self.mirror is None:

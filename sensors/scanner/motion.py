@@ -135,9 +135,9 @@ class Motion:
         plane, of_plane = _of_planes(scanner, local, scanner.places(seen.steps))
         frame = np.zeros((6, 6)) if scanner.frame is None else scanner.frame
         camera = np.concatenate([plane, frame_moves(local)])
-        turned = np.stack([self.directions(part, seen.image) for part in camera])
+        rotated = np.stack([self.directions(part, seen.image) for part in camera])
         covariance = block_diag(of_plane, frame, self.common_covariance)
-        return np.concatenate([turned, common]), covariance
+        return np.concatenate([rotated, common]), covariance
 
 
 def _of_centre(moves, covariance, outward) -> np.ndarray:
@@ -174,13 +174,13 @@ class Seen:
 
 def _moved(twists: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(P, 3, n) mm by which points (3, n) move under twists (n, P, 6)."""
-    turned = np.cross(twists[:, :, 3:], points.T[:, None, :])
-    return (twists[:, :, :3] + turned).transpose(1, 2, 0)
+    rotated = np.cross(twists[:, :, 3:], points.T[:, None, :])
+    return (twists[:, :, :3] + rotated).transpose(1, 2, 0)
 
 
 def twists_of(poses: np.ndarray, moved: np.ndarray, step: float) -> np.ndarray:
     """(F, 6) twist (mm, rad) per unit that turns transforms `poses` (F, 4, 4) into `moved`, a small `step` away."""
     change = moved @ np.linalg.inv(poses)
     skew = (change[:, :3, :3] - change[:, :3, :3].transpose(0, 2, 1)) / 2
-    turn = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
-    return np.concatenate([change[:, :3, 3], turn], axis=1) / step
+    rotation_vectors = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+    return np.concatenate([change[:, :3, 3], rotation_vectors], axis=1) / step

@@ -38,7 +38,11 @@ def with_shared_errors(adjustment: Adjustment) -> Adjustment:
             adjustment.parameters,
             adjustment.free,
         )
-        if _settled(before, together) and abs(noise - 1) < _AGREES and not _turned(adjustment):
+        if (
+            _settled(before, together)
+            and abs(noise - 1) < _AGREES
+            and not _has_moved_mirror(adjustment)
+        ):
             break
     return adjustment
 
@@ -78,7 +82,7 @@ def _settled(before: Together, now: Together) -> bool:
     return bool((np.abs(now.sigma**2 - before.sigma**2)[estimated] <= _AGREES * uncertainty).all())
 
 
-def _turned(adjustment):
+def _has_moved_mirror(adjustment):
     """Whether the mirror's numbers, whose covariance is that about the start, ended a way off it."""
     names = [f"mirror.{name}" for name in adjustment.free]
     table = adjustment.fit.table
@@ -153,8 +157,12 @@ def _apart_from_all(gram, pull, kind):
     shifts = int((kind == 2).sum())
     if not shifts:
         return gram, pull, kind
-    turn = block_diag(np.eye(others), helmert(shifts))
-    return turn @ gram @ turn.T, turn @ pull, kind[: others + shifts - 1]
+    change_of_basis = block_diag(np.eye(others), helmert(shifts))
+    return (
+        change_of_basis @ gram @ change_of_basis.T,
+        change_of_basis @ pull,
+        kind[: others + shifts - 1],
+    )
 
 
 @dataclass(frozen=True)

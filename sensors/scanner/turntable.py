@@ -25,7 +25,7 @@ _TINY = 1e-9
 _WIDEST_GAP = 3.0  # over the usual gap between positions of a full turn
 
 
-def is_full_turn(commanded: np.ndarray) -> bool:
+def is_full_revolution(commanded: np.ndarray) -> bool:
     """Whether positions (F,) rad go all the way round, so that no image is the first or the last one."""
     around = np.sort(np.mod(commanded, 2 * np.pi))
     gaps = np.diff(around, append=around[:1] + 2 * np.pi)
@@ -101,19 +101,19 @@ class Turntable:
         change (1 + 2 H,): of gain and harmonics.
         """
         change = np.zeros(1 + 2 * len(self.harmonics)) if change is None else change
-        turned = (self.gain + change[0]) * commanded
+        angles = (self.gain + change[0]) * commanded
         for k, (order, (cosine, sine)) in enumerate(self.harmonics.items()):
-            turned = turned + (cosine + change[1 + 2 * k]) * (np.cos(order * commanded) - 1)
-            turned = turned + (sine + change[2 + 2 * k]) * np.sin(order * commanded)
-        return turned
+            angles = angles + (cosine + change[1 + 2 * k]) * (np.cos(order * commanded) - 1)
+            angles = angles + (sine + change[2 + 2 * k]) * np.sin(order * commanded)
+        return angles
 
     def poses(self, commanded: np.ndarray, change: np.ndarray | None = None) -> np.ndarray:
         """(F, 4, 4) T_frame_camera, mm, at commanded angles (F,) rad; change (P,): of the parameters."""
         change = np.zeros(5 + 2 * len(self.harmonics)) if change is None else change
         axis = rotation_matrix(change[:2] @ self.across) @ self.axis
         point = self.point + change[2:4] @ self.across
-        turn = rotation_matrix(-self.angles(commanded, change[4:])[:, None] * axis)
-        return transform(turn, point - turn @ point)
+        rotation = rotation_matrix(-self.angles(commanded, change[4:])[:, None] * axis)
+        return transform(rotation, point - rotation @ point)
 
     def motion(self, commanded: np.ndarray) -> Motion:
         """Motion of a scan whose images were taken at commanded angles (F,) rad."""
@@ -128,4 +128,6 @@ class Turntable:
         twist = np.broadcast_to(twist, (len(poses), 1, 6))
         variance = np.array([[max(self.sigma, _TINY) ** 2]])
         common = np.stack(twists, axis=1)
-        return Motion(FRAME, poses, common, covariance, twist, variance, is_full_turn(commanded))
+        return Motion(
+            FRAME, poses, common, covariance, twist, variance, is_full_revolution(commanded)
+        )

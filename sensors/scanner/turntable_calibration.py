@@ -144,14 +144,14 @@ class _Corners:
         """(2 n + 2,) px; the last two hold the length of the axis and the place of the point along it."""
         axis, point = values[:3], values[3:6]
         unit = axis / np.linalg.norm(axis)
-        turn = rotation_matrix(values[9:12])
+        rotation = rotation_matrix(values[9:12])
         place = values[6:9]
         angles = np.concatenate([[0.0], values[12:]])
         parts = []
         for view, angle in zip(self.views, angles):
-            standing = turn @ self.board[:, view.index] + place[:, None]
-            turned = rotation_matrix(angle * unit) @ (standing - point[:, None]) + point[:, None]
-            parts.append((self.camera.project(turned) - view.pixels).ravel())
+            standing = rotation @ self.board[:, view.index] + place[:, None]
+            rotated = rotation_matrix(angle * unit) @ (standing - point[:, None]) + point[:, None]
+            parts.append((self.camera.project(rotated) - view.pixels).ravel())
         gauge = [1e3 * (np.linalg.norm(axis) - 1), (point - place) @ unit]
         return np.concatenate([*parts, gauge])
 
@@ -170,15 +170,15 @@ def _start(poses: np.ndarray, commanded: np.ndarray) -> np.ndarray:
     """Axis and point from rotations between neighbouring positions, in closed form."""
     change = poses[1:] @ inverse(poses[:-1])
     step = np.diff(commanded)
-    turns = rotation_vector(change[:, :3, :3])
-    axis = (turns * step[:, None]).sum(0)
+    rotation_vectors = rotation_vector(change[:, :3, :3])
+    axis = (rotation_vectors * step[:, None]).sum(0)
     axis = axis / np.linalg.norm(axis)
     rows = (np.eye(3) - change[:, :3, :3]).reshape(-1, 3)
     rows = np.concatenate([rows, axis[None]])
     right = np.concatenate([change[:, :3, 3].ravel(), [axis @ poses[0, :3, 3]]])
     point = np.linalg.lstsq(rows, right, rcond=None)[0]
     first = np.concatenate([poses[0, :3, 3], rotation_vector(poses[0, :3, :3])])
-    return np.concatenate([axis, point, first, np.cumsum(turns @ axis)])
+    return np.concatenate([axis, point, first, np.cumsum(rotation_vectors @ axis)])
 
 
 def _result(problem: _Corners, values, covariance, rms) -> TurntableCalibration:

@@ -40,7 +40,7 @@ class Lines:
     is_across_columns: bool
 
     @property
-    def turned(self) -> "Lines":
+    def transposed(self) -> "Lines":
         """The same in the transposed image."""
         return Lines(self.pixels[::-1], self.width, not self.is_across_columns)
 
@@ -56,7 +56,7 @@ def scene_of(image: np.ndarray, count: int, lines: Lines) -> np.ndarray:
         return image
     if lines.is_across_columns:
         return _without_lines(image, lines)
-    return _without_lines(image.T, lines.turned).T
+    return _without_lines(image.T, lines.transposed).T
 
 
 def _without_lines(image: np.ndarray, lines: Lines) -> np.ndarray:

@@ -151,8 +151,8 @@ def _crossing(d, square: float) -> np.ndarray:
     xy = d[1, 1]
     yy = d[0, 2]
     # curvature along one eigenvector of the Hessian; that along the other is the rest of its trace
-    turn = 0.5 * np.arctan2(2 * xy, xx - yy)
-    cosine, sine = np.cos(turn), np.sin(turn)
+    angle = 0.5 * np.arctan2(2 * xy, xx - yy)
+    cosine, sine = np.cos(angle), np.sin(angle)
     first = xx * cosine * cosine + 2 * xy * cosine * sine + yy * sine * sine
     second = xx + yy - first
     is_first = first <= second

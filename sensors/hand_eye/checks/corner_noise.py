@@ -36,7 +36,7 @@ def corner_noise(chain, seen: np.ndarray, corners: np.ndarray) -> CornerNoise:
     rows = motion_rows(by_point, points)
     covariances = [_pose_covariance(rows[:, :, chain.pose == k]) for k in range(len(seen))]
     middle = corners.mean(1, keepdims=True)
-    turned = np.mean([np.trace(covariance[3:, 3:]) for covariance in covariances])
+    rotation_variance = np.mean([np.trace(covariance[3:, 3:]) for covariance in covariances])
     spread = [
         np.mean(
             [
@@ -51,7 +51,7 @@ def corner_noise(chain, seen: np.ndarray, corners: np.ndarray) -> CornerNoise:
         degrees,
         sigma * float(np.sqrt(spread[0])),
         sigma * float(np.sqrt(spread[1])),
-        sigma * float(np.degrees(np.sqrt(turned))),
+        sigma * float(np.degrees(np.sqrt(rotation_variance))),
     )
 
 
@@ -64,9 +64,9 @@ def _pose_covariance(rows):
 def _position_variance(covariance, pose, points):
     """mm^2 per px^2, mean over points (3, k) on the board of the variance of their position."""
     placed = pose[:3, :3] @ points + pose[:3, 3:]
-    turned = np.cross(np.eye(3)[:, None], placed.T[None], axis=-1)
-    shifts = np.broadcast_to(np.eye(3)[:, None], turned.shape)
-    by_motion = np.concatenate([shifts, turned])  # (6, k, 3)
+    by_rotation = np.cross(np.eye(3)[:, None], placed.T[None], axis=-1)
+    shifts = np.broadcast_to(np.eye(3)[:, None], by_rotation.shape)
+    by_motion = np.concatenate([shifts, by_rotation])  # (6, k, 3)
     return float(np.einsum("kcj,kl,lcj->", by_motion, covariance, by_motion)) / points.shape[1]
 
 

@@ -70,13 +70,13 @@ def _bounds(moments, degrees: int, level: float) -> tuple[float, float]:
 
 def _reduced(moved, seen) -> tuple[np.ndarray, np.ndarray, int]:
     """(3P,) mm of the flange and of the camera without what the hand-eye transform explains, and degrees of freedom."""
-    turn = align(moved, seen)[0][:3, :3]
-    turns = moved[:, :3, :3]
+    rotation = align(moved, seen)[0][:3, :3]
+    flange_rotations = moved[:, :3, :3]
     count = len(moved)
-    places = np.einsum("pij,pj->pi", turns @ turn, seen[:, :3, 3])
-    spins = skew(places) @ turns
+    places = np.einsum("pij,pj->pi", flange_rotations @ rotation, seen[:, :3, 3])
+    spins = skew(places) @ flange_rotations
     fixed = np.tile(np.eye(3), (count, 1, 1))
-    nuisance = np.concatenate([turns, fixed, spins], axis=2).reshape(3 * count, 9)
+    nuisance = np.concatenate([flange_rotations, fixed, spins], axis=2).reshape(3 * count, 9)
     nuisance = nuisance / np.maximum(np.linalg.norm(nuisance, axis=0), 1e-300)
     base, sizes, _ = thin_svd(nuisance)
     base = base[:, sizes > _RANK * sizes[0]]

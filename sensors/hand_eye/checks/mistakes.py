@@ -30,7 +30,7 @@ class Reading:
 
 def pose_readings(flange: np.ndarray) -> Iterator[Reading]:
     """Every mistake that flange poses (P, 4, 4) may hold, the most frequent first."""
-    turn = flange[:, :3, :3]
+    rotation = flange[:, :3, :3]
     place = flange[:, :3, 3]
     yield Reading(
         "inverse",
@@ -39,25 +39,25 @@ def pose_readings(flange: np.ndarray) -> Iterator[Reading]:
         "write T_base_flange, or name the other --kind",
         inverse(flange),
     )
-    yield from _position_readings(turn, place)
+    yield from _position_readings(rotation, place)
     yield from _order_readings(flange)
-    if _rotates(turn):  # orientations that never change say nothing of how they are written
-        yield from _quaternion_readings(turn, place)
-        yield from _angle_readings(turn, place)
+    if _rotates(rotation):  # orientations that never change say nothing of how they are written
+        yield from _quaternion_readings(rotation, place)
+        yield from _angle_readings(rotation, place)
 
 
-def _rotates(turn):
-    relative = np.swapaxes(turn[:1], 1, 2) @ turn
+def _rotates(rotation):
+    relative = np.swapaxes(rotation[:1], 1, 2) @ rotation
     return np.linalg.norm(rotation_vector(relative), axis=1).max() > STILL
 
 
-def _position_readings(turn, place) -> Iterator[Reading]:
+def _position_readings(rotation, place) -> Iterator[Reading]:
     mirror = np.diag([1.0, -1.0, 1.0])
     yield Reading(
         "mirrored",
         "the flange frame (or the image) looks mirrored, left-handed",
         "convert positions and orientations to a right-handed frame, or undo the flip of the image",
-        transform(mirror @ turn @ mirror, place @ mirror),
+        transform(mirror @ rotation @ mirror, place @ mirror),
     )
     for signs in product((1.0, -1.0), repeat=3):
         if signs != (1.0, 1.0, 1.0):
@@ -66,7 +66,7 @@ def _position_readings(turn, place) -> Iterator[Reading]:
                 "position-sign",
                 f"the sign of {names} looks reversed",
                 f"negate {names}",
-                transform(turn, place * signs),
+                transform(rotation, place * signs),
             )
     for order in permutations(range(3)):
         if order != (0, 1, 2):
@@ -75,7 +75,7 @@ def _position_readings(turn, place) -> Iterator[Reading]:
                 "position-order",
                 f"the position columns look exchanged: x y z hold {names}",
                 "put the position columns in order",
-                transform(turn, place[:, np.argsort(order)]),
+                transform(rotation, place[:, np.argsort(order)]),
             )
 
 
@@ -95,10 +95,10 @@ def _order_readings(flange) -> Iterator[Reading]:
     )
 
 
-def _quaternion_readings(turn, place) -> Iterator[Reading]:
+def _quaternion_readings(rotation, place) -> Iterator[Reading]:
     from scipy.spatial.transform import Rotation
 
-    recorded = Rotation.from_matrix(turn).as_quat()  # x, y, z, w
+    recorded = Rotation.from_matrix(rotation).as_quat()  # x, y, z, w
     for cause, seems, do, columns, signs in _quaternion_mistakes():
         true = Rotation.from_quat(recorded[:, columns] * signs).as_matrix()
         yield Reading(cause, f"flange_qw … flange_qz {seems}", do, transform(true, place))
@@ -131,15 +131,15 @@ def _quaternion_mistakes():
             yield "quaternion-sign", seems, f"negate {names}", same, (*signs, 1)
 
 
-def _angle_readings(turn, place) -> Iterator[Reading]:
+def _angle_readings(rotation, place) -> Iterator[Reading]:
     """Angles in another order, in another unit, or a rotation vector taken for angles."""
     from scipy.spatial.transform import Rotation
 
-    vector = Rotation.from_matrix(turn).as_rotvec()
+    vector = Rotation.from_matrix(rotation).as_rotvec()
     with warnings.catch_warnings():
         # Of gimbal lock: such a reading does not fit then.
         warnings.simplefilter("ignore", UserWarning)
-        angles = {order: Rotation.from_matrix(turn).as_euler(order) for order in _EULER}
+        angles = {order: Rotation.from_matrix(rotation).as_euler(order) for order in _EULER}
     mistakes = chain(_vector_mistakes(vector, angles), _order_mistakes(angles))
     for cause, seems, do, true in mistakes:
         yield Reading(cause, seems, do, transform(true.as_matrix(), place))
@@ -179,7 +179,7 @@ def _order_mistakes(angles):
 def _shorter(angles):
     """(P, 3) rad, of the two sets of angles that make one rotation the one that can be a rotation vector.
 
-    A rotation vector is not longer than a half turn; its second number may exceed the quarter turn of an angle.
+    A rotation vector is not longer than pi; its second number may exceed pi / 2, the limit of an angle.
     """
     first, second, third = angles.T
     other = np.stack([first + np.pi, np.pi - second, third + np.pi], axis=1)

@@ -63,13 +63,13 @@ def possible_labels(data: PoseData) -> np.ndarray:
     The relative rotation of flange and camera between two images has the same angle whatever the hand-eye transform
     (Chen, CVPR 1991); the other images take the label whose angle agrees best.
     """
-    turns, count = data.seen.shape[:2]
-    if turns == 1:
+    labellings, count = data.seen.shape[:2]
+    if labellings == 1:
         return np.zeros((1, count), int)
     flange = rotation_vector(data.moved[:1, :3, :3].swapaxes(1, 2) @ data.moved[:, :3, :3])
     alpha = np.linalg.norm(flange, axis=1)
     found = []
-    for first in range(turns):
+    for first in range(labellings):
         relative = data.seen[first, 0, :3, :3] @ data.seen[..., :3, :3].swapaxes(-1, -2)
         beta = np.linalg.norm(rotation_vector(relative), axis=-1)
         labels = np.abs(beta - alpha).argmin(0)
@@ -148,7 +148,8 @@ def _middle_pose(placed, corners):
 def _relabel(data, fit):
     """(P,) labels under which each image's board lies nearest to the mean board of the fit."""
     distances = [
-        replace_labels(data, fit, np.full(data.count, turn)) for turn in range(len(data.seen))
+        replace_labels(data, fit, np.full(data.count, labelling))
+        for labelling in range(len(data.seen))
     ]
     return np.argmin(distances, axis=0)
 
@@ -310,15 +311,15 @@ def _later(count, first):
     return np.zeros(count, bool) if first is None else np.arange(count) >= first
 
 
-def _motion_rows(turn, points):
+def _motion_rows(rotation, points):
     """(P, 6, 3, n) derivative of R (p + v + w x p) by v and w, for R (P, 3, 3) and p (P, 3, n)."""
-    shift = np.broadcast_to(turn.swapaxes(1, 2)[..., None], (*turn.shape, points.shape[2]))
+    shift = np.broadcast_to(rotation.swapaxes(1, 2)[..., None], (*rotation.shape, points.shape[2]))
     x, y, z = points.swapaxes(0, 1)
     zero = np.zeros_like(x)
     crossed = np.stack(
         [np.stack(row, 1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))], 1
     )
-    return np.concatenate([shift, turn[:, None] @ crossed], 1)
+    return np.concatenate([shift, rotation[:, None] @ crossed], 1)
 
 
 def _moved_state(state, change, freedom) -> _State:

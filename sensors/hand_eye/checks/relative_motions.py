@@ -83,8 +83,8 @@ def equal_poses(flange: np.ndarray) -> list[tuple[int, int]]:
     for later in range(1, len(flange)):
         gap = np.linalg.norm(flange[:later, :3, 3] - flange[later, :3, 3], axis=1)
         relative = np.swapaxes(flange[:later, :3, :3], 1, 2) @ flange[later, :3, :3]
-        turn = np.linalg.norm(rotation_vector(relative), axis=1)
-        same = np.flatnonzero((gap < _SAME_MM) & (turn < _SAME_RAD))
+        angle = np.linalg.norm(rotation_vector(relative), axis=1)
+        same = np.flatnonzero((gap < _SAME_MM) & (angle < _SAME_RAD))
         if same.size:
             pairs.append((int(same[0]), later))
     return pairs

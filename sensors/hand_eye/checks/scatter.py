@@ -6,7 +6,7 @@ three root mean squares over images: of the 3-D distance of the board's origin, 
 middle, from their mean (mm), and of the angle to the mean rotation (deg). Held out, the hand-eye
 comes from the other poses, and so does the mean.
 
-The most likely hand-eye is not the one of least scatter: it weighs turns and places by what each of
+The most likely hand-eye is not the one of least scatter: it weighs rotations and places by what each of
 them errs by. `least_scatter` is that of the hand-eye which makes the squares of both least, with a
 radian counted as `LEVER` mm; it says what other programmes' figures are to be compared with.
 """
@@ -24,7 +24,7 @@ from workbench.core.rigid import (
 )
 
 LEVER = 300.0
-"""mm of the board's origin that count as much as one radian of its turn."""
+"""mm of the board's origin that count as much as one radian of its rotation."""
 
 
 def placed_boards(
@@ -125,7 +125,7 @@ def _least(flange, seen, kind, start):
 
 
 def scattered(values: np.ndarray, flange: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """(6 P,) mm: of every board its origin from the mean, and its turn from the mean rotation times `LEVER`.
+    """(6 P,) mm: of every board its origin from the mean, and its rotation from the mean rotation times `LEVER`.
 
     values (6,) x y z (mm) and rotation vector (rad) of the hand-eye, flange (P, 4, 4) T_base_flange, or T_flange_base
     for "to-hand", seen (P, 4, 4) T_camera_board.
@@ -138,25 +138,27 @@ def scattered(values: np.ndarray, flange: np.ndarray, seen: np.ndarray) -> np.nd
 def scattered_derivative(values: np.ndarray, flange: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """(6 P, 6) derivative of `scattered` with respect to the values."""
     sensor = placement(values)
-    turn = flange[:, :3, :3]
+    rotation = flange[:, :3, :3]
     arm = (sensor[:3, :3] @ seen[:, :3, 3, None])[..., 0]
-    moved = [_centred(turn), -_centred(turn @ skew(arm))]
+    moved = [_centred(rotation), -_centred(rotation @ skew(arm))]
     mean, deviations_of_board = _from_mean((flange @ sensor @ seen)[:, :3, :3])
-    turned = mean.T @ turn  # a small turn of the hand-eye, about the axes of the mean board
+    rotated = (
+        mean.T @ rotation
+    )  # a small rotation of the hand-eye, about the axes of the mean board
     with_mean = _free_trace(deviations_of_board.sum(0))
-    of_mean = np.linalg.pinv(with_mean) @ (_free_trace(deviations_of_board) @ turned).sum(0)
-    turned = LEVER * np.linalg.solve(
-        left_jacobian(rotation_vector(deviations_of_board)), turned - of_mean
+    of_mean = np.linalg.pinv(with_mean) @ (_free_trace(deviations_of_board) @ rotated).sum(0)
+    rotated = LEVER * np.linalg.solve(
+        left_jacobian(rotation_vector(deviations_of_board)), rotated - of_mean
     )
-    rows = np.concatenate([np.dstack(moved), np.dstack([0 * turned, turned])], 1)
+    rows = np.concatenate([np.dstack(moved), np.dstack([0 * rotated, rotated])], 1)
     rows[..., 3:] = rows[..., 3:] @ left_jacobian(values[3:6])
     return rows.reshape(-1, 6)
 
 
-def _from_mean(turns):
+def _from_mean(rotations):
     """(3, 3) mean rotation in the Frobenius norm, and rotations (P, 3, 3) seen from it."""
-    mean = nearest_rotation(turns.sum(0))
-    return mean, mean.T @ turns
+    mean = nearest_rotation(rotations.sum(0))
+    return mean, mean.T @ rotations
 
 
 def _free_trace(matrix):

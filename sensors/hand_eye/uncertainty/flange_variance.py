@@ -41,12 +41,12 @@ class FlangeVariance:
 
     def as_keys(self) -> dict[str, float]:
         """Keys of `robot_sigma`."""
-        (place, turn), (place_std, turn_std) = self.spread, self.std
+        (position, rotation), (position_std, rotation_std) = self.spread, self.std
         return {
-            "flange_position_mm": float(place),
-            "flange_position_std_mm": float(place_std),
-            "flange_rotation_deg": float(np.degrees(turn)),
-            "flange_rotation_std_deg": float(np.degrees(turn_std)),
+            "flange_position_mm": float(position),
+            "flange_position_std_mm": float(position_std),
+            "flange_rotation_deg": float(np.degrees(rotation)),
+            "flange_rotation_std_deg": float(np.degrees(rotation_std)),
         }
 
 

@@ -106,8 +106,8 @@ def _rows(adjusted, size) -> CornerRows:
     """Linearised at the adjustment, errors of the poses included."""
     chain, values = adjusted.chain, adjusted.parameters.values
     evaluation = chain.with_families({"pose": adjusted.errors}).evaluate(values)
-    turn = rotation_matrix(values[9:12]) * (1 + values[12])
-    by_board = np.einsum("kcn,kj->jcn", evaluation.shared[6:9], turn)
+    rotation = rotation_matrix(values[9:12]) * (1 + values[12])
+    by_board = np.einsum("kcn,kj->jcn", evaluation.shared[6:9], rotation)
     board = chain.board if chain.printed is None else chain.printed
     # where the corners are expected: a field over the measured pixels would hold their noise, and explain it
     effects = shared_effects(board, by_board, chain.pixels + evaluation.residual, size)

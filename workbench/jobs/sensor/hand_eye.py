@@ -279,7 +279,7 @@ def as_json(run: HandEyeRun, tolerances: Sequence[Tolerance] = ()) -> dict:
                 "held_out": row.held_out,
                 "unit": hand_eye.unit,
                 "moved_mm": row.moved_mm,
-                "turned_deg": row.turned_deg,
+                "turned_deg": row.rotation_deg,
                 "outlier": row.outlier,
                 "why": row.why,
             }

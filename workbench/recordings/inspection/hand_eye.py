@@ -130,7 +130,7 @@ def _board_poses(views, board, camera, flange, kind) -> np.ndarray:
     from workbench.recordings.importing.board_images.reading_fits import agreeing_labels
 
     seen = []
-    for turn in range(board.turns):
+    for turn in range(board.rotational_symmetry):
         labelled = [relabelled(view, board, turn) for view in views]
         poses = [
             board_poses(board.points[:, v.index], v.pixels, np.zeros(len(v.index), int), camera)[0]

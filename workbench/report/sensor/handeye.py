@@ -153,7 +153,7 @@ def _poses(run):
             rounded(row.residual),
             rounded(row.held_out),
             rounded(row.moved_mm),
-            rounded(row.turned_deg) if is_seen else "–",
+            rounded(row.rotation_deg) if is_seen else "–",
         )
         for name, row in zip(run.names, hand_eye.poses)
     ]

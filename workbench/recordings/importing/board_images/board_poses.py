@@ -215,7 +215,7 @@ def _board_views(recording: Recording, options, progress) -> BoardViews:
     calibration = calibrate_camera(found.views, found.board, found.size, folds=0)
     camera = calibration.camera
     seen = []
-    for turn in range(found.board.turns):
+    for turn in range(found.board.rotational_symmetry):
         labelled = [relabelled(view, found.board, turn) for view in found.views]
         seen.append([_pose_of(view, found.board, camera) for view in labelled])
     tested = np.array([numbers[view.image] for view in found.views])
