@@ -15,11 +15,11 @@ _NUMBERED = re.compile(r"(q|tau)(\d+)|moment(\d+)_([xyz])|(down|moment|seen)_([x
 def covariate(state, name: str) -> np.ndarray:
     """(n,) a covariate that was recorded, or else one that is derived from the state of the nominal arm.
 
-    Derived: `q<k>` joint variable (rad, mm), `tau<k>` gravity torque (N m, N), `moment<k>_x` gravity moment at link k
-    in its own frame and `moment_x` at the base (N m), `down_x` direction of gravity in the flange frame, `seen_x`
-    measured point in the sensor frame (mm), `sight_azimuth` and `sight_elevation` (rad) and `sight_range` (m) as the
-    instrument sees the point, `payload` (kg), `time` (s, or the number of the row).
-    Raises InputError for a name that is neither.
+    Derived: `q<k>` angle of a joint's drive (rad, mm), `tau<k>` gravity torque on it (N m, N), `moment<k>_x`
+    gravity moment at link k in its own frame and `moment_x` at the base (N m), `down_x` direction of gravity in the
+    flange frame, `seen_x` measured point in the sensor frame (mm), `sight_azimuth` and `sight_elevation` (rad) and
+    `sight_range` (m) as the instrument sees the point, `payload` (kg), `time` (s, or the number of the row). Raises
+    InputError for a name that is neither.
     """
     if name in state.covariates:
         return state.covariates[name]
@@ -41,7 +41,8 @@ def derived(state, name: str) -> np.ndarray | None:
     kind, number, link, link_axis, vector, axis = match.groups()
     joints = state.robot.joints
     if kind and 1 <= int(number) <= joints:
-        return state.variables[int(number) - 1] if kind == "q" else state.torque[int(number) - 1]
+        of_drives = state.drive_angles if kind == "q" else state.torque
+        return of_drives[int(number) - 1]
     if link and 1 <= int(link) <= joints:
         return state.moment[int(link)][_AXES[link_axis]]
     return _component(state, vector, _AXES[axis]) if vector else None

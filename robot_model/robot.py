@@ -48,6 +48,9 @@ class Robot:
     """(4, 4) T_root_base, mm."""
     flange: np.ndarray
     """(4, 4) T_last_flange, mm: from the frame after the last joint to the flange."""
+    coupling: np.ndarray | None = None
+    """(J, J) motion of the joint variables per unit of each drive's own motion, rad and mm; None where every drive
+    moves its own joint alone. A mimic joint, which has no drive, counts as one that moves alone."""
     joint_names: tuple[str, ...] = ()
     """Names of the J joints in the URDF or MJCF file; () where the arm is of another file."""
 
@@ -58,6 +61,28 @@ class Robot:
     @property
     def joints(self) -> int:
         return len(self.geometry)
+
+    def drive_motion(self, variables: np.ndarray) -> np.ndarray:
+        """(J, n) motion of the drives, in units of their own joints, that makes joint variables (J, n)."""
+        return variables if self.coupling is None else np.linalg.solve(self.coupling, variables)
+
+    def drive_torque(self, torque: np.ndarray) -> np.ndarray:
+        """(..., J, n) torque on each drive under torques (..., J, n) about the joints, N m (N where prismatic).
+
+        A virtual motion dm of the drives moves the joints by dq = C dm and does the work tau . C dm, so that the torque
+        on the drives is C^T tau: Craig, Introduction to Robotics, sect. 5.9, with C in place of the Jacobian.
+        """
+        return torque if self.coupling is None else self.coupling.T @ torque
+
+
+def coupling_of(mixing: np.ndarray, driven: np.ndarray) -> np.ndarray | None:
+    """(J, J) `Robot.coupling` of drives that move all joints whose variables follow their readings.
+
+    mixing (J, R): joint variables of readings; driven (R,): index of the joint that is each reading's own.
+    """
+    coupling = np.eye(len(mixing))
+    coupling[:, driven] = mixing / mixing[driven, np.arange(len(driven))]
+    return None if np.array_equal(coupling, np.eye(len(mixing))) else coupling
 
 
 def wrong(where: object, expected: str, found: object, remedy: str) -> InputError:

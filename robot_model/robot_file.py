@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from robot_model.robot import PARALLEL, Robot, wrong
+from robot_model.robot import PARALLEL, Robot, coupling_of, wrong
 from workbench.core.robot_file import Joint, Payload, RobotFile, checked_robot_file
 from workbench.core.sections import Placement
 from workbench.core.text.structured_text import ContentError, read_toml
@@ -40,6 +40,7 @@ def _robot(file: RobotFile) -> Robot:
         hayati=_hayati(file, geometry[:, 3]),
         prismatic=np.array([j.kind == "prismatic" for j in joints]),
         mixing=_mixing(joints),
+        coupling=_coupling(joints),
         limits=np.array([j.limits for j in joints]),
         gear_ratio=np.array([np.nan if j.gear_ratio is None else j.gear_ratio for j in joints]),
         gravity=np.array(file.gravity) / np.linalg.norm(file.gravity),
@@ -68,11 +69,17 @@ def _hayati(file: RobotFile, alpha: np.ndarray) -> np.ndarray:
     )
 
 
-def _mixing(joints: list[Joint]) -> np.ndarray:
-    """(J, J) model variables from readings; a coupling's ratio is in the units of the files."""
+def _coupling(joints: list[Joint]) -> np.ndarray | None:
+    """`Robot.coupling` of the couplings that are stated to be mechanical."""
+    mechanical = _mixing(joints, lambda coupled: coupled.mechanical)
+    return coupling_of(mechanical, np.arange(len(joints)))
+
+
+def _mixing(joints: list[Joint], counts=lambda coupled: True) -> np.ndarray:
+    """(J, J) model variables from readings, with the couplings that count; a ratio is in the units of the files."""
     mixing = np.diag([float(j.sign) for j in joints])
     for k, joint in enumerate(joints):
-        if joint.coupled is not None:
+        if joint.coupled is not None and counts(joint.coupled):
             other = joint.coupled.joint - 1
             mixing[k, other] += joint.coupled.ratio * joint.unit / joints[other].unit
     return mixing

@@ -29,6 +29,9 @@ _TRAVEL = 1.0, 1e-3  # mm, rad in one direction from which on it is the side tha
 class State:
     """The nominal arm at the recorded readings.
 
+    Torques about joints, angles and moves of joints are those of their drives, which a coupling of joints makes
+    differ from those of the joint itself (`Robot.coupling`). Frames and bending moments are those of the links.
+
     `variables` (J, n) joint variables (rad, mm); `covariates` name -> (n,) in file units;
     `gravity` (3,) unit vector in the root frame; `payload` (n,) kg on the flange with its centre
     at `load_centre` (3,) mm in the flange frame; `measured` (3, n) mm as the instrument gave it;
@@ -76,6 +79,11 @@ class State:
         return bool(self.robot.mass.any() or self.payload.any())
 
     @cached_property
+    def drive_angles(self) -> np.ndarray:
+        """(J, n) motion of each joint's own drive, rad (mm where prismatic): the joint variables without a coupling."""
+        return self.robot.drive_motion(self.variables)
+
+    @cached_property
     def frames(self) -> Frames:
         """Nominal frames in the root frame."""
         return forward(self.robot, self.variables, links=True)
@@ -90,7 +98,7 @@ class State:
 
     @cached_property
     def torque(self) -> np.ndarray:
-        """(J, n) gravity torque of links and load about each joint, N m (N where prismatic)."""
+        """(J, n) gravity torque of links and load on the drive of each joint, N m (N where prismatic)."""
         return self._project(self.link_levers.torque + self.load_levers.torque)
 
     @cached_property
@@ -132,7 +140,8 @@ class State:
         return np.einsum("pcin,pin->pcn", self.frames.link[1:-1], across)
 
     def _project(self, levers):
-        return np.einsum("kin,i->kn", levers, self.gravity)
+        """(J, n) torque on each drive."""
+        return self.robot.drive_torque(np.einsum("kin,i->kn", levers, self.gravity))
 
     def altered(self, changes) -> "State":
         """The same under changed gravity or masses; changes: (port, components, delta (k, n)) each.

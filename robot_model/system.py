@@ -186,13 +186,22 @@ class RobotChain:
         points = evaluation.closure.point[:, : residual.shape[1]]  # of a length, its first end
         return turn.T @ (points - pose[:3, None]), turn.T @ arrows
 
+    def moved_variables(self, deltas: dict) -> np.ndarray:
+        """(J, n) joint variables with the deltas of the joints, which go through what their drives move."""
+        if "joint" not in deltas:
+            return self.variables
+        drives, change = deltas["joint"]
+        if self.robot.coupling is not None:
+            return self.variables + self.robot.coupling[:, drives] @ change
+        variables = self.variables.copy()
+        variables[drives] += change
+        return variables
+
     def frames(self, values: np.ndarray, deltas: dict) -> tuple[kinematics.Frames, dict]:
         """Frames in the world with all deltas of joints, geometry and frames; and the twists."""
         pose, geometry, _ = self.split(values)
-        variables, turns, twists = self.variables, self.turns, _twists(deltas)
-        if "joint" in deltas:
-            turns, variables = None, variables.copy()
-            variables[deltas["joint"][0]] += deltas["joint"][1]
+        variables, twists = self.moved_variables(deltas), _twists(deltas)
+        turns = None if "joint" in deltas else self.turns
         if "geometry" in deltas:
             port_indices, change = deltas["geometry"]
             geometry = np.repeat(geometry.reshape(-1, 1), self.n, 1)
@@ -234,6 +243,9 @@ class Evaluation:
         if port in self.closure.port_rows:
             return self.closure.port_rows[port][port_indices]
         robot, frames, point = self.chain.robot, self.frames, self.closure.point
+        if port == "joint" and robot.coupling is not None:
+            by_joint = self.joint_rows()
+            return np.tensordot(robot.coupling[:, port_indices].T, by_joint, 1)
         if port == "joint":
             port_indices = 5 * port_indices + np.where(robot.prismatic[port_indices], D, 0)
         if port in ("joint", "geometry"):
@@ -245,6 +257,11 @@ class Evaluation:
         return self._mapped(
             moved, lambda: kinematics.frame_turns(frames, port_indices, self.twists)
         )
+
+    def joint_rows(self) -> np.ndarray:
+        """(J, m, n) derivative of the residual with respect to every joint variable, whatever its drive moves."""
+        robot = self.chain.robot
+        return self.rows("geometry", 5 * np.arange(robot.joints) + np.where(robot.prismatic, D, 0))
 
     def _with_links(self):
         """Frames that also keep the links; made again only when no twist needed them before."""
@@ -415,7 +432,7 @@ def _state(robot, ends, variables, measurement, tool) -> State:
     history = None
     if len(ends) == 1:  # two ends of a length have no order
         time = covariates.get("time_s", covariates["row"])
-        moves, history = moved(robot, variables, time, ends[0].poses)
+        moves, history = moved(robot, robot.drive_motion(variables), time, ends[0].poses)
         covariates |= moves
     payload = robot.payload_mass + covariates.get("payload_kg", np.zeros(variables.shape[1]))
     centre = robot.payload_com if robot.payload_mass > 0 or robot.payload_com.any() else tool[:3]

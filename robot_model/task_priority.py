@@ -30,36 +30,52 @@ class Task:
 
     `point` (3,) mm in the flange frame: the point whose position comes first. `ranks`: number of directions of its
     position (0 to 3), and then of the orientation while it stands still, in which the readings move the tool; (3, 3)
-    for an arm with six joints.
+    for an arm with six joints. `held` (R,) bool: readings that no correction may change.
     """
 
     point: np.ndarray
     ranks: tuple
+    held: np.ndarray
 
     @classmethod
-    def of(cls, robot, values):
+    def of(cls, robot, values, ranges=None):
         """The task of an arm: its first calibrated point on the tool, or the origin of the flange.
 
-        values: parameters by key. The ranks are the largest of the nominal arm's over random configurations, so that a
+        values: parameters by key. ranges: column of samples.csv -> lowest and highest recorded value. The ranks are the largest of the nominal arm's over random configurations, so that a
         singular posture does not count.
         """
         points = list(calibrated_points(values).values())
         point = np.array(points[0] if points else [0.0, 0.0, 0.0])
-        return cls(point, _movable_ranks(robot, point))
+        held = held_readings(robot, ranges or {})
+        return cls(point, _movable_ranks(robot, point, held), held)
 
     @property
     def is_deficient(self) -> bool:
-        """Whether there are directions in which the joints cannot move the tool."""
-        return sum(self.ranks) < _FULL
+        """Whether there are directions in which the joints cannot move the tool, or joints that no drive moves."""
+        return sum(self.ranks) < _FULL or bool(self.held.any())
 
 
-def _movable_ranks(robot: Robot, point) -> tuple[int, int]:
+def held_readings(robot: Robot, ranges) -> np.ndarray:
+    """(R,) bool: readings of joints without a drive, such as the hand of a palletiser, which a linkage keeps level.
+
+    Such a joint is coupled to another one, and its own reading stayed at one value throughout the recording.
+    """
+    held = np.zeros(robot.mixing.shape[1], bool)
+    if robot.mixing.shape[0] != robot.mixing.shape[1]:
+        return held  # mimic joints of a URDF have no readings
+    for k, slides in enumerate(sliding(robot)):
+        low, high = ranges.get(f"q{k + 1}_{'mm' if slides else 'deg'}", (-np.inf, np.inf))
+        held[k] = np.count_nonzero(robot.mixing[k]) > 1 and high == low
+    return held
+
+
+def _movable_ranks(robot: Robot, point, held: np.ndarray) -> tuple[int, int]:
     low, high = robot.limits.T
     ends = np.where(sliding(robot), LEVER_MM, np.pi)
     low = np.where(np.isnan(low), -ends, low)
     high = np.where(np.isnan(high), ends, high)
     readings = np.random.default_rng(0).uniform(low, high, (_CONFIGURATIONS, len(low)))
-    jacobian = _reading_jacobian(robot, forward(robot, robot.mixing @ readings.T), point)
+    jacobian = _reading_jacobian(robot, forward(robot, robot.mixing @ readings.T), point) * ~held
     _, moved, directions = np.linalg.svd(jacobian[:, :3])
     place = int((moved > _MOVABLE * moved.max()).sum(1).max())
     still = np.swapaxes(directions[:, place:], 1, 2)
@@ -89,7 +105,7 @@ def joint_part(robot, frames, error, task, weights=1.0) -> tuple:
     frames: of the arm, root frame. error (6, n): of `pose_difference` at the point of the task. weights (R,): how
     readily a reading takes part where there is a choice.
     """
-    scale = np.where(sliding(robot), LEVER_MM, 1.0) * weights
+    scale = np.where(sliding(robot), LEVER_MM, 1.0) * weights * ~task.held
     jacobian = geometric_jacobian(robot, frames, task.point) @ robot.mixing * scale
     step, movable = priority_step(jacobian, error, task.ranks)
     return step * scale, movable

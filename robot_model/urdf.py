@@ -14,7 +14,7 @@ import numpy as np
 
 from robot_model.chain import THETA, D
 from robot_model.mjcf import MjcfTree, is_mjcf
-from robot_model.robot import PARALLEL, Robot, wrong
+from robot_model.robot import PARALLEL, Robot, coupling_of, wrong
 from robot_model.urdf_tree import NAMELESS, Joint, Tree
 
 LOAD = "load"
@@ -55,6 +55,7 @@ def robot_from_urdf(spec: Mapping, where: str = "robot") -> Robot:
         hayati=hayati,
         prismatic=prismatic,
         mixing=mixing,
+        coupling=coupling_of(mixing, _own_joints(readings, moving, mixing)),
         limits=np.array([tree.joints[name].limits for name in readings]),
         gear_ratio=np.full(len(rows), np.nan),
         gravity=gravity / np.linalg.norm(gravity),
@@ -200,6 +201,17 @@ def _mixing(
         mixing[k, readings.index(name)] = ratio * joint.unit / tree.joints[name].unit
         offsets[k] = offset * joint.unit
     return readings, mixing, offsets
+
+
+def _own_joints(readings: list[str], moving: list[Joint], mixing: np.ndarray) -> np.ndarray:
+    """(R,) index of the joint of each reading: that of its name, else the first that it moves.
+
+    A mimic joint is moved by the same drive through a linkage.
+    """
+    names = [joint.name for joint in moving]
+    first = np.argmax(mixing != 0, axis=0)
+    own = [names.index(name) if name in names else k for name, k in zip(readings, first)]
+    return np.array(own)
 
 
 def _masses(

@@ -30,7 +30,7 @@ def found_in(recording):
 def test_the_direction_of_another_mount_is_found(gravity, has_masses):
     (found,) = found_in(MountedArm(gravity).recording(has_masses))
     assert not found.certain
-    angle = np.rad2deg(np.arccos(np.clip(np.dot(found.gravity, gravity), -1, 1)))
+    angle = np.rad2deg(np.arccos(np.clip(np.dot(found.robot_keys["gravity"], gravity), -1, 1)))
     assert angle < (0.1 if abs(max(gravity, key=abs)) == 1 else 5.0)
 
 

@@ -99,7 +99,7 @@ class JointCurve(Effect):
         return tuple(table)
 
     def basis(self, state):
-        return self.cosines(state.variables[self.number - 1])[:, None]
+        return self.cosines(state.drive_angles[self.number - 1])[:, None]
 
     def extrapolation(self, p, state, recorded=None):
         """(1, n) from the structure function of the curve on the recorded angles.
@@ -108,7 +108,7 @@ class JointCurve(Effect):
         """
         low, high = self.supported(recorded)
         grid = np.linspace(low, high, grid_points(self.terms))
-        distance = distance_beyond(state.variables[self.number - 1], low, high)
+        distance = distance_beyond(state.drive_angles[self.number - 1], low, high)
         return extrapolation_sigma(self.curve(p, grid)[None], high - low, distance)
 
     def supported(self, recorded=None) -> tuple[float, float]:
@@ -292,7 +292,7 @@ def curve_options(angle: np.ndarray, terms: int) -> dict:
 def curve_candidates(chain) -> list[JointCurve]:
     """A curve for each joint that moves, at the resolution that the visited angles support."""
     poses = np.round(
-        chain.variables, _SAME_POSE
+        chain.state.drive_angles, _SAME_POSE
     )  # repeats count once, several reflectors of a pose do not
     visited = np.unique(poses, axis=1)
     rows = np.unique(np.concatenate([poses, chain.state.index[None]]), axis=1).shape[1]
@@ -322,7 +322,7 @@ def describe_curves(model, parameters) -> list[dict]:
         if not isinstance(effect, JointCurve):
             continue
         error = _own_error(
-            model, parameters, effect.number, model.chain.variables[effect.number - 1]
+            model, parameters, effect.number, model.chain.state.drive_angles[effect.number - 1]
         )
         ratio = model.chain.robot.gear_ratio[effect.number - 1]
         on_grid = _own_error(model, parameters, effect.number, _grid(effect))
@@ -341,8 +341,10 @@ def describe_curves(model, parameters) -> list[dict]:
 
 def _own_error(model, parameters, joint: int, angle: np.ndarray) -> np.ndarray:
     """(n,) error of a joint (rad; mm of a slide) at its angles (n,): all terms that read nothing but this angle."""
-    variables = np.zeros((model.chain.robot.joints, len(angle)))
-    variables[joint - 1] = angle
+    drives = np.zeros((model.chain.robot.joints, len(angle)))
+    drives[joint - 1] = angle
+    coupling = model.chain.robot.coupling
+    variables = drives if coupling is None else coupling @ drives
     state = replace(model.chain.state, variables=variables)
     error = np.zeros(len(angle))
     for effect, span in zip(model.effects, model.spans):

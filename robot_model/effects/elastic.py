@@ -414,8 +414,9 @@ class MountTorsion(Effect):
 
     def basis(self, state):
         across = np.linalg.svd(state.robot.gravity[None])[2][1:]
-        levers = state.link_levers.torque[0] + state.load_levers.torque[0]
-        return np.einsum("ai,in->an", across, levers)[:, None]
+        levers = state.link_levers.torque + state.load_levers.torque
+        of_first_drive = state.robot.drive_torque(levers.swapaxes(0, 1))[:, 0]
+        return np.einsum("ai,in->an", across, of_first_drive)[:, None]
 
 
 def joint_unit(chain, number: int) -> str:

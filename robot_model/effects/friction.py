@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from robot_model.effects.transmission import Backlash
-from robot_model.effects.unknown_masses import bar_moments
+from robot_model.effects.unknown_masses import bar_torque
 from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
 
@@ -83,8 +83,7 @@ class JointHysteresis(Effect):
         """(n,) gravity torque over the greatest that all masses can make, without sign: the same on any samples."""
         robot, joint = state.robot, self.number - 1
         if not robot.mass.any() and not robot.payload_mass:
-            moments, shares = bar_moments(state, joint)
-            return np.abs(np.einsum("b,bin,in->n", shares, moments, state.frames.z[joint]))
+            return np.abs(bar_torque(state, joint))
         reach = np.abs(robot.geometry[:, 1:3]).sum() * 1e-3
         greatest = 9.80665 * reach * (robot.mass[joint:].sum() + robot.payload_mass)
         return np.abs(state.torque[joint]) / max(greatest, 1.0)
@@ -129,7 +128,7 @@ class JointTorque(Effect):
         )
 
     def basis(self, state):
-        angle = state.variables[self.number - 1]
+        angle = state.drive_angles[self.number - 1]
         scaled = np.clip(2 * (angle - self.start) / (self.end - self.start) - 1, -1, 1)
         return np.polynomial.legendre.legvander(scaled, 3).T[1:, None]
 

@@ -36,8 +36,8 @@ _CLOSING, _CLOSING_WEIGHT = (0.05, 0.1, 0.2), 0.3
 class TransmissionHarmonic(Effect):
     """Joint K has a transmission error of its gear or encoder that is periodic in its angle.
 
-    Its order n is in cycles per revolution. The phase is n times the joint variable q_K, which follows from the reading
-    by sign and coupling; the offset theta is not in it.
+    Its order n is in cycles per revolution. The phase is n times the angle of the joint's drive: the joint variable
+    q_K, without what the drives of other joints move it by. The offset theta is not in it.
     """
 
     effect = "transmission-harmonic"
@@ -114,7 +114,7 @@ class TransmissionHarmonic(Effect):
         )
 
     def basis(self, state):
-        phase = self.order * state.variables[self.number - 1]
+        phase = self.order * state.drive_angles[self.number - 1]
         return np.stack([np.cos(phase), np.sin(phase)])[:, None]
 
     @property
@@ -337,7 +337,7 @@ class JointCoupling(Effect):
     @classmethod
     def candidates(cls, chain):
         """From every other joint that moves."""
-        moving = [k for k, q in enumerate(chain.variables, 1) if np.ptp(q) > 0]
+        moving = [k for k, q in enumerate(chain.state.drive_angles, 1) if np.ptp(q) > 0]
         for where in chain.places("joint"):
             for coupling in (cls(where, joint) for joint in moving):
                 if coupling.joint != coupling.number:
@@ -363,7 +363,7 @@ class JointCoupling(Effect):
         return (self.parameter(f"from{self.joint}", f"{unit}/{other}", size / per, label),)
 
     def basis(self, state):
-        return state.variables[self.joint - 1][None, None]
+        return state.drive_angles[self.joint - 1][None, None]
 
 
 class TimeOffset(Effect):
@@ -402,7 +402,7 @@ class TimeOffset(Effect):
             else np.deg2rad(state.covariate(f"qdot{k}_deg_s"))
             for k, slides in enumerate(sliding(state.robot), 1)
         ]
-        return (state.robot.mixing @ np.stack(speeds))[None]
+        return state.robot.drive_motion(state.robot.mixing @ np.stack(speeds))[None]
 
 
 class ReadingLag(Effect):
@@ -484,7 +484,7 @@ def high_orders(ratio: float) -> tuple[np.ndarray, np.ndarray]:
 
 def turning_joints(chain, least: float) -> list[str]:
     """`joint-K` of the revolute joints whose angle varies by more than `least` rad."""
-    ranges = np.ptp(chain.variables, axis=1)
+    ranges = np.ptp(chain.state.drive_angles, axis=1)
     return [
         f"joint-{k}" for k, moved in enumerate(ranges, 1) if moved > least and not chain.slides(k)
     ]

@@ -83,18 +83,21 @@ def _moments_of_bars(state, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def base_columns(robot: Robot, first: int, whole: bool = False) -> tuple[tuple[int, int], ...]:
     """(body, axis) of a minimal set of first moments in a torque, all from 0: bodies `first` ... J - 1.
 
-    Of the torque about joint `first`, or of the `whole` moment vector there. Numerically, by QR of the regressor at
-    random configurations: Gautier, J. Robotic Systems 8 (1991) 485. Bodies closer to the joint come first, so that the
-    others are grouped with them.
+    Of the torque on the drive of joint `first`, or of the `whole` moment vector there. Numerically, by QR of the
+    regressor at random configurations: Gautier, J. Robotic Systems 8 (1991) 485. Bodies closer to the joint come
+    first, so that the others are grouped with them.
     """
     rng = np.random.default_rng(0)
     variables = rng.uniform(-np.pi, np.pi, (robot.joints, _CONFIGURATIONS))
     frames = forward(robot, variables, links=True)
-    names = [(body, axis) for body in range(first, robot.joints) for axis in range(3)]
+    start = (
+        first if whole or robot.coupling is None else np.flatnonzero(robot.coupling[:, first])[0]
+    )
+    names = [(body, axis) for body in range(start, robot.joints) for axis in range(3)]
     if whole:
         columns = [_unit_moment(frames, robot.gravity, *name).ravel() for name in names]
     else:
-        columns = [_unit_torque(frames, robot.gravity, first, *name) for name in names]
+        columns = [_unit_torque(robot, frames, robot.gravity, first, *name) for name in names]
     independent = []
     basis = np.zeros((len(columns[0]) if columns else 0, 0))
     for name, column in zip(names, columns):
@@ -106,9 +109,31 @@ def base_columns(robot: Robot, first: int, whole: bool = False) -> tuple[tuple[i
     return tuple(independent)
 
 
-def _unit_torque(frames, gravity, joint: int, body: int, axis: int) -> np.ndarray:
-    """(n,) torque about a joint of a unit first moment along an axis of a body, per unit of gravity."""
-    return (frames.z[joint] * _unit_moment(frames, gravity, body, axis)).sum(0)
+def _unit_torque(robot: Robot, frames, gravity, joint: int, body: int, axis: int) -> np.ndarray:
+    """(n,) torque on the drive of a joint of a unit first moment along an axis of a body, per unit of gravity."""
+    moment = _unit_moment(frames, gravity, body, axis)
+    if robot.coupling is None:
+        return (frames.z[joint] * moment).sum(0)
+    turned = robot.coupling[: body + 1, joint]  # by this drive, of the joints before the body
+    return np.einsum("j,jin,in->n", turned, frames.z[: body + 1], moment)
+
+
+def bar_torque(state, joint: int) -> np.ndarray:
+    """(n,) torque of uniform bars on the drive of a joint (from 0), in units of the greatest about that joint."""
+    robot = state.robot
+    if robot.coupling is None:
+        return _bar_torque_about(state, joint)
+    total_share = max(_shares_from(robot, joint).sum(), _NO_BAR_MM)
+    torque = np.zeros(state.n)
+    for other in np.flatnonzero(robot.coupling[:, joint]):
+        share = _shares_from(robot, other).sum() / total_share
+        torque += robot.coupling[other, joint] * share * _bar_torque_about(state, other)
+    return torque
+
+
+def _bar_torque_about(state, joint: int) -> np.ndarray:
+    moments, shares = bar_moments(state, joint)
+    return np.einsum("b,bin,in->n", shares, moments, state.frames.z[joint])
 
 
 def _unit_moment(frames, gravity, body: int, axis: int) -> np.ndarray:
@@ -187,13 +212,11 @@ class GravityCompliance(Effect):
 
     def basis(self, state):
         joint = self.number - 1
-        moments, shares = bar_moments(state, joint)
-        sag = np.einsum("b,bin,in->n", shares, moments, state.frames.z[joint])
         columns = [
-            _unit_torque(state.frames, state.gravity, joint, body, axis)
+            _unit_torque(state.robot, state.frames, state.gravity, joint, body, axis)
             for body, axis in base_columns(state.robot, joint)
         ]
-        return np.stack([sag, *columns])[:, None]
+        return np.stack([bar_torque(state, joint), *columns])[:, None]
 
     def moments_of(self, other: "GravityCompliance", chain) -> np.ndarray:
         """(P, P') parameters for those of another joint's law under the same first moments.
@@ -429,6 +452,7 @@ __all__ = [
     "GravityPedestal",
     "about_axis",
     "bar_moments",
+    "bar_torque",
     "bar_shares",
     "bearing_like_root",
     "base_columns",

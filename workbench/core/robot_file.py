@@ -15,10 +15,15 @@ Range = Annotated[list[Finite], Field(min_length=2, max_length=2)]
 
 
 class Coupled(Section):
-    """`coupled`: the joint variable gets `ratio` times the reading of `joint` in addition."""
+    """`coupled`: the joint variable gets `ratio` times the reading of `joint` in addition.
+
+    `mechanical`: whether the drive of `joint` moves this joint, by a linkage or through gears, so that its errors and
+    its compliance act on both; otherwise only the controller counts so. Left out: the recording decides.
+    """
 
     joint: int
     ratio: Finite
+    mechanical: bool | None = None
 
 
 class Payload(Section):

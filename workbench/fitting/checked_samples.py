@@ -17,7 +17,6 @@ from workbench.core.errors import InputError
 from workbench.core.model import Model
 from workbench.fitting.plausibility import check_plausibility
 from workbench.fitting.plausibility.far_geometry import CAUSE, OTHER_ROBOT
-from workbench.fitting.plausibility.gravity_direction import direction_name
 from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.fitting.start_ambiguity import ambiguity_sentence
 
@@ -75,10 +74,10 @@ def check_samples(
 ) -> CheckedSamples:
     """The samples of a recording and its nominal robot, after the plausibility check of the rows to be fitted.
 
-    trust_data: what would be refused is a warning instead. Without it, a direction of gravity that explains the
-    deflections replaces that of the robot file, in robot and recording, with a warning. fit_samples, test_samples:
-    sample numbers, as of `workbench.jobs.robot.calibrate.calibrate`. Raises InputError where the recorded data cannot
-    be right.
+    trust_data: what would be refused is a warning instead. Without it, a direction of gravity and mechanical
+    couplings that explain the recording replace those of the robot file, in robot and recording, with a warning.
+    fit_samples, test_samples: sample numbers, as of `workbench.jobs.robot.calibrate.calibrate`. Raises InputError
+    where the recorded data cannot be right.
     """
     samples = samples_of(recording)
     robot = load_robot(recording.robot, f"robot of {recording.name}")
@@ -88,8 +87,8 @@ def check_samples(
     fitted = samples.select(rows_to_fit(samples, fit_samples, test_samples))
     suspicions, far, jumps = [], [], {}
     for suspicion in check_plausibility(robot, fitted):
-        if suspicion.gravity and not trust_data:
-            robot, samples = _with_gravity(robot, samples, suspicion)
+        if suspicion.robot_keys and not trust_data:
+            robot, samples = _with_keys(samples, suspicion)
             continue
         if suspicion.certain and not trust_data:
             raise InputError(naming_option(suspicion.sentence))
@@ -105,17 +104,14 @@ def check_samples(
     return CheckedSamples(robot, samples, tuple(suspicions), " ".join(far), jumps)
 
 
-def _with_gravity(robot: Robot, samples: Recording, suspicion: Suspicion):
-    """Robot and samples with the direction of gravity that explains the deflections, and a warning that says so.
+def _with_keys(samples: Recording, suspicion: Suspicion) -> tuple[Robot, Recording]:
+    """Robot and samples with the keys of the robot file that explain the recording, and a warning that says so.
 
-    Under a wrong direction the loads of all joints are wrong, and other effects would be estimated in their place.
+    Under a wrong direction of gravity, or with drives on wrong joints, other effects would be estimated in their place.
     """
-    direction = np.array(suspicion.gravity)
-    keys = {**whole_keys(samples.robot), "gravity": direction.tolist()}
-    robot = replace(robot, gravity=direction / np.linalg.norm(direction))
-    sentence = f"{suspicion.sentence} This result uses gravity along {direction_name(direction)}."
-    warnings = (*samples.warnings, sentence)
-    return robot, replace(samples, robot=keys, warnings=warnings)
+    keys = {**whole_keys(samples.robot), **suspicion.robot_keys}
+    warnings = (*samples.warnings, f"{suspicion.sentence} This result uses {suspicion.use}.")
+    return load_robot(keys), replace(samples, robot=keys, warnings=warnings)
 
 
 def rows_to_fit(

@@ -227,7 +227,7 @@ def scale_of_reading(model, values: np.ndarray, covariance: np.ndarray, curve: J
     ]
     laws = np.concatenate([effect.basis(model.chain.state)[:, 0] for effect, _ in own])
     chosen = np.concatenate([numbers for _, numbers in own])
-    angle = model.chain.variables[curve.number - 1]
+    angle = model.chain.state.drive_angles[curve.number - 1]
     scale = reading_scale(laws, values[chosen], covariance[np.ix_(chosen, chosen)], angle)
     return {} if scale is None else {"reading_scale": (scale.factor, scale.std)}
 
@@ -235,7 +235,8 @@ def scale_of_reading(model, values: np.ndarray, covariance: np.ndarray, curve: J
 def spectrum(effect: JointCurve, coefficients: np.ndarray, chain) -> dict:
     """Size of an error curve on the visited angles, its dominant cycles and how much of it they repeat, for the row of
     its first term."""
-    error = effect.curve(coefficients, chain.variables[effect.number - 1])
+    angle = chain.state.drive_angles[effect.number - 1]
+    error = effect.curve(coefficients, angle)
     ratio = float(chain.robot.gear_ratio[effect.number - 1])
     found = dominant_cycles(effect, coefficients, gear_ratio=ratio)
     cycles = [(c.order, c.amplitude, c.per_motor_revolution) for c in found]

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from robot_model.effects import elastic, transmission
 from robot_model.mjcf import TERMS
+from robot_model.robot import Robot
 from robot_model.statics import STANDARD_GRAVITY
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
@@ -103,7 +104,8 @@ def _is_in_bodies(effect: Effect, arm: CalibratedArm) -> bool:
     """Whether the bodies and the gravity of the file hold what a term makes."""
     if type(effect) is elastic.FirstMoment:
         return _masses(arm)[0][_moment_body(effect, arm)] > 0
-    return type(effect) in (elastic.MountTilt, transmission.ConstantTerm)
+    is_in_lengths = type(effect) in (elastic.MountTilt, transmission.ConstantTerm)
+    return is_in_lengths and _is_carried(effect, arm)
 
 
 def left_out(arm: CalibratedArm) -> list[str]:
@@ -123,8 +125,18 @@ def control_terms(arm: CalibratedArm) -> list[Effect]:
 
 
 def _is_carried(effect, arm: CalibratedArm) -> bool:
-    """Whether the file holds a term: the law itself, and not one of its variants with further parameters."""
-    return type(effect) in _CARRIED
+    """Whether the file holds a term: the law itself, and not one of its variants with further parameters.
+
+    A spring between two bodies is that of one joint: a drive that moves several is not held.
+    """
+    if type(effect) not in _CARRIED:
+        return False
+    return effect.port != "joint" or not _moves_several(arm.robot, effect.number - 1)
+
+
+def _moves_several(robot: Robot, joint: int) -> bool:
+    """Whether the drive of a joint (from 0) moves further joints."""
+    return robot.coupling is not None and np.count_nonzero(robot.coupling[:, joint]) > 1
 
 
 def _values(arm: CalibratedArm, effect: Effect, *names: str) -> list[float]:
@@ -226,7 +238,8 @@ def _link(parent, here, link, arm, found: Compliances, after) -> tuple[ET.Elemen
     number = k + 1
     body = _body(parent, f"link_{number}", here)
     _joint(body, arm.robot, k, _stiffness(arm.robot, k, found))
-    constants = [e for e in _of_kind(arm, transmission.ConstantTerm) if e.number == number]
+    terms = _of_kind(arm, transmission.ConstantTerm)
+    constants = [e for e in terms if e.number == number and _is_carried(e, arm)]
     offset = sum(_values(arm, effect, "k0")[0] for effect in constants)
     after = _screw(offset, arm.robot.prismatic[k]) @ after
     if found.bearing.get(number):
@@ -270,7 +283,7 @@ def _joint(body, robot, k, stiffness: float) -> None:
 
 def _stiffness(robot, k, found: Compliances) -> float:
     """N m/rad of joint k + 1, N/m of a slide, whose compliance is in mm/N."""
-    compliance = found.joint.get(k + 1, 0.0)
+    compliance = 0.0 if _moves_several(robot, k) else found.joint.get(k + 1, 0.0)
     unit = 1e-3 if robot.prismatic[k] else 1.0
     return 1 / (compliance * unit) if compliance else RIGID_NM_RAD
 

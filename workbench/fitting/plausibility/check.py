@@ -11,6 +11,7 @@ from workbench.fitting.plausibility.change_points import (
     find_new_setup,
     time_order,
 )
+from workbench.fitting.plausibility.coupled_drives import coupled_drives
 from workbench.fitting.plausibility.far_geometry import FAR, far_geometry
 from workbench.fitting.plausibility.fitting import (
     FAILURES,
@@ -59,6 +60,7 @@ def check_plausibility(robot, recording) -> tuple[Suspicion, ...]:
         fit = fit_recording(robot, recording.select(even_rows(recording, _ROWS)))
         if np.isfinite(fit.scale):
             found += _gravity_or_fit(robot, recording, fit, good_scale(robot, recording))
+            found += _of_drives(robot, recording, fit)
     except (np.linalg.LinAlgError, InputError):
         pass  # too little data for any fit: the calibration says which parameters are undetermined
     return tuple(sorted(found, key=lambda suspicion: not suspicion.certain))
@@ -76,6 +78,17 @@ def _gravity_or_fit(robot, recording, fit: Fit, scale_of_good_fit) -> list[Suspi
     if fit.core < scale_of_good_fit or gravity.held_out_mm > scale_of_good_fit:
         others = _fit_suspicions(robot, recording, fit, scale_of_good_fit)
     return [gravity_suspicion(robot, gravity), *others]
+
+
+def _of_drives(robot, recording, fit: Fit) -> list[Suspicion]:
+    """What the recording decides about the couplings of the robot file."""
+    if fit.core > good_scale(robot, recording):
+        return []
+    try:
+        drives = coupled_drives(robot, recording, fit)
+    except FAILURES:
+        return []
+    return [] if drives is None else [drives]
 
 
 def _fit_suspicions(robot, recording, fit: Fit, scale_of_good_fit) -> list[Suspicion]:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from robot_model.effects.transmission import TransmissionHarmonic
-from robot_model.effects.unknown_masses import bar_moments
+from robot_model.effects.unknown_masses import bar_torque
 from workbench.core.distributions import signed_rank_sf
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
@@ -70,7 +70,8 @@ def gravity_suspicion(robot, found: GravityDirection) -> Suspicion:
         f"{direction_name(robot.gravity)}, which the file states or leaves to the default; write gravity = [{key}]"
         f"{estimated if _axis_of(found.direction) is None else ''} into the robot file, or check mass_kg and com_mm."
     )
-    return Suspicion(sentence, False, CAUSE, gravity=direction)
+    use = f"gravity along {direction_name(found.direction)}"
+    return Suspicion(sentence, False, CAUSE, robot_keys={"gravity": list(direction)}, use=use)
 
 
 def direction_name(direction: np.ndarray) -> str:
@@ -269,6 +270,7 @@ def _unit_loads(chain) -> np.ndarray:
     """
     state, turns = chain.state, ~chain.robot.prismatic[:, None]
     levers = (state.link_levers.torque + state.load_levers.torque).swapaxes(0, 1)
+    levers = chain.robot.drive_torque(levers)
     stated = np.where(turns, levers, 0.0)
     if chain.robot.mass.any():
         return stated
@@ -278,11 +280,7 @@ def _unit_loads(chain) -> np.ndarray:
 
 def _bar_torques(state) -> np.ndarray:
     """(J, poses) torques of links that are uniform bars, in units of the greatest that each joint can have."""
-    torques = np.zeros((state.robot.joints, state.n))
-    for joint in range(state.robot.joints):
-        moments, shares = bar_moments(state, joint)
-        torques[joint] = np.einsum("b,bin,in->n", shares, moments, state.frames.z[joint])
-    return torques
+    return np.stack([bar_torque(state, joint) for joint in range(state.robot.joints)])
 
 
 def _prior(robot, recording, parameters: Parameters, others: int, size: int) -> np.ndarray:

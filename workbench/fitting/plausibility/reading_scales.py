@@ -166,7 +166,7 @@ class _Linear:
     def at(cls, robot, recording, fit: Fit) -> "_Linear":
         parameters, lever = fit.parameters, lever_of(robot, recording)
         _, rows = fit.model.linearise(parameters)
-        joints = fit.model.evaluate(parameters).rows("joint", np.arange(robot.joints))
+        joints = fit.model.evaluate(parameters).joint_rows()
         readings = np.tensordot(robot.mixing.T, joints, 1)
         size = max(fit.scale, _LEAST_MM)
         root = 1 / np.sqrt(1 + (fit.mismatch / (_CAUCHY * size)) ** 2)

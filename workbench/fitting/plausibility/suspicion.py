@@ -1,6 +1,7 @@
 """What looks wrong with a recording: one sentence, how certain it is, and the cause in one word."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
@@ -12,8 +13,9 @@ class Suspicion:
     well as plausible geometry errors allow, and the data as recorded do not. A calibration then refuses.
     `cause`: the kind of mistake as one term, for example "joint-sign" or "rows-shifted". `alternatives`: causes that
     the sentence names as equally good explanations. `rows`: indices of the rows that the sentence names, () where it
-    is about all rows. `instant`: sample numbers before and after a jump; None where nothing jumps. `gravity`: direction
-    in the root frame that explains the deflections, () where the sentence is about something else.
+    is about all rows. `instant`: sample numbers before and after a jump; None where nothing jumps. `robot_keys`:
+    keys of robot.toml that explain the recording and replace those of the file, with the words `use` for them; empty
+    where the sentence is about something else.
     """
 
     sentence: str
@@ -22,4 +24,5 @@ class Suspicion:
     alternatives: tuple[str, ...] = ()
     rows: tuple[int, ...] = ()
     instant: tuple[int, int] | None = None
-    gravity: tuple[float, ...] = ()
+    robot_keys: Mapping = field(default_factory=dict)
+    use: str = ""

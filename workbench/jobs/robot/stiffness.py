@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from robot_model.chain import Frames, forward
+from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.core.text.csv_text import csv_text
 from workbench.files.exports.mdh import calibrated_geometry
@@ -100,16 +101,26 @@ def cartesian_stiffness(
     frames = forward(arm.robot, variables, calibrated_geometry(arm), links=True)
     point = frames.point(np.asarray(tool_point, float))
     parts = {part: np.zeros((variables.shape[1], 6, 6)) for part in PARTS}
-    for part, compliance, axis, origin in _springs(arm, found, frames):
-        parts[part] += compliance * _outer(axis, point - origin)
+    for number, compliance in found.joint.items():
+        parts["joint"] += compliance * _outer(_drive_twist(arm.robot, frames, number, point))
+    for part, compliance, axis, origin in _springs(found, frames):
+        parts[part] += compliance * _outer(_twist(axis, point - origin))
     return CartesianStiffness(parts, point.T)
 
 
-def _springs(arm: CalibratedArm, found: Compliances, frames: Frames):
-    """(part, rad/(N m), axis (3, n), point on it (3, n)) of every spring; a slide has no rotation and is left out."""
-    for number, compliance in found.joint.items():
-        if not arm.robot.prismatic[number - 1]:
-            yield "joint", compliance, frames.z[number - 1], frames.z_origin[number - 1]
+def _drive_twist(robot: Robot, frames: Frames, number: int, point: np.ndarray) -> np.ndarray:
+    """(6, n) twist at a point (3, n) per unit of a drive's motion; 0 of a slide, which has no rotation."""
+    moves = np.eye(robot.joints) if robot.coupling is None else robot.coupling
+    twist = np.zeros((6, point.shape[1]))
+    for joint in np.flatnonzero(moves[:, number - 1]):
+        if not robot.prismatic[joint]:
+            turn = _twist(frames.z[joint], point - frames.z_origin[joint])
+            twist += moves[joint, number - 1] * turn
+    return twist
+
+
+def _springs(found: Compliances, frames: Frames):
+    """(part, rad/(N m), axis (3, n), point on it (3, n)) of every spring but those of the drives."""
     for number, compliance in found.bearing.items():
         for axis in _across(frames.z[number - 1], frames.x[number - 1]):
             yield "bearing", compliance, axis, frames.z_origin[number - 1]
@@ -137,11 +148,14 @@ def _across(along: np.ndarray, *hints: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return first, np.cross(along, first, axis=0)
 
 
-def _outer(axis: np.ndarray, lever: np.ndarray) -> np.ndarray:
-    """(n, 6, 6) twist in mm and rad per rad, times torque in N m per N and N m."""
-    moved = np.cross(axis, lever, axis=0)
-    twist = np.concatenate([moved, axis])
-    torque = np.concatenate([moved * 1e-3, axis])
+def _twist(axis: np.ndarray, lever: np.ndarray) -> np.ndarray:
+    """(6, n) mm and rad per radian about an axis (3, n), at a lever (3, n) mm from it."""
+    return np.concatenate([np.cross(axis, lever, axis=0), axis])
+
+
+def _outer(twist: np.ndarray) -> np.ndarray:
+    """(n, 6, 6) twist (6, n) in mm and rad per rad, times the torque in N m per N and N m of the same lever."""
+    torque = twist * np.array([1e-3] * 3 + [1.0] * 3)[:, None]
     return np.einsum("in,jn->nij", twist, torque)
 
 

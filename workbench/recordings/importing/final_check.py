@@ -48,7 +48,7 @@ def check_fit(
         rows = _implausible_rows(robot, recording, of_sample, trust_data)
         return (*said, *far, *rows, *_copied_rows(whole, lines))
     found = check_plausibility(robot, recording)
-    if found and all(suspicion.gravity for suspicion in found):
+    if found and all(suspicion.robot_keys for suspicion in found):
         return tuple(suspicion.sentence for suspicion in found)
     sentence = found[0].sentence if found else _sentence(robot, best)
     if best is None and not found:

@@ -72,12 +72,14 @@ class CorrectedArm:
             fields[name] = np.array(fields[name])
         for name in ("limits", "gear_ratio"):
             fields[name] = np.array(fields[name], float)  # None is nan: unknown
+        if fields["coupling"] is not None:
+            fields["coupling"] = np.array(fields["coupling"])
         self.robot = Robot(**fields)
         self.values = data["values"]
         self.load_centre = np.array(data["load_centre"], float)
         self.ranges, self.largest = data["ranges"], data["largest_correction"]
         self.rows = float(data["rows"])
-        self.task = Task.of(self.robot, self.values)
+        self.task = Task.of(self.robot, self.values, self.ranges)
         self.effects, self.observed, self.control = tuple(effects), tuple(observed), tuple(control)
 
     def nominal_poses(self, readings) -> np.ndarray:
@@ -121,9 +123,7 @@ class CorrectedArm:
         Terms on joints that are no springs are in them: transmission errors, backlash, couplings, curves.
         """
         chain, model, parameters = self._model(self._radians(readings), covariates, self.control)
-        targets = chain.variables.copy()
-        for port_indices, change in model.deltas(parameters).values():
-            targets[port_indices] += change
+        targets = chain.moved_variables(model.deltas(parameters))
         mixing_diagonal = (
             np.diag(self.robot.mixing)
             if len(self.robot.mixing) == self.robot.mixing.shape[1]

@@ -100,7 +100,7 @@ def compensate(
     nominal = nominal_poses(arm.robot, readings)
     target = nominal if poses is None else np.asarray(poses, float)
     found = np.array(readings, float)
-    task = Task.of(arm.robot, arm.values)
+    task = Task.of(arm.robot, arm.values, arm.fitted_range)
     if poses is not None:
         found = _nominal_readings(arm.robot, found, target, anywhere, task)
         if anywhere:
@@ -285,7 +285,7 @@ def _reading_step(model, arm, task) -> tuple[np.ndarray, np.ndarray]:
 
 def _step(model, arm, residual):
     """(J, n) change of the joint variables that undoes the residual; effects hardly change over it."""
-    rows = model.evaluate(_parameters(model, arm)).rows("joint", np.arange(arm.robot.joints))
+    rows = model.evaluate(_parameters(model, arm)).joint_rows()
     scale = np.array([1.0, 1, 1, LEVER_MM, LEVER_MM, LEVER_MM])[:, None]
     weight = _joint_weights(arm)
     jacobian = np.transpose(rows * scale, (2, 1, 0)) * weight

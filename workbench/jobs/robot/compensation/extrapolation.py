@@ -7,6 +7,8 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.files.solution_file import CalibratedArm
 
+_ROUNDING = 1e-12  # of ratios of readings
+
 
 def extrapolation_mm(model: Model, parameters: Parameters, arm: CalibratedArm) -> np.ndarray:
     """(n,) mm: 1 sigma of the 3-D place of the measured point from what empirical functions leave open there.
@@ -31,13 +33,13 @@ def extrapolation_mm(model: Model, parameters: Parameters, arm: CalibratedArm) -
 def recorded_variables(arm: CalibratedArm) -> dict[str, tuple[float, float]]:
     """Joint variable (`q2`, rad or mm) -> lowest and highest recorded value.
 
-    Without the joints whose variable combines several readings, and empty where the solution states no ranges.
+    That of the joint's own drive. Without the joints whose drive combines several readings, and empty where the solution states no ranges.
     """
     recorded = arm.fitted_range or {}
     slides = sliding(arm.robot)
     found = {}
-    for k, row in enumerate(arm.robot.mixing):
-        readings = np.flatnonzero(row)
+    for k, row in enumerate(arm.robot.drive_motion(arm.robot.mixing)):
+        readings = np.flatnonzero(np.abs(row) > _ROUNDING)
         if len(readings) != 1:
             continue
         reading = int(readings[0])
