@@ -41,8 +41,8 @@ class Task:
     def of(cls, robot, values, ranges=None):
         """The task of an arm: its first calibrated point on the tool, or the origin of the flange.
 
-        values: parameters by key. ranges: column of samples.csv -> lowest and highest recorded value. The ranks are the largest of the nominal arm's over random configurations, so that a
-        singular posture does not count.
+        values: parameters by key. ranges: column of samples.csv -> lowest and highest recorded value. The ranks are
+        the largest of the nominal arm's over random configurations, so that a singular posture does not count.
         """
         points = list(calibrated_points(values).values())
         point = np.array(points[0] if points else [0.0, 0.0, 0.0])

@@ -316,6 +316,34 @@ def test_a_load_is_extrapolated_a_little_and_no_more(workbench, tmp_path, payloa
     assert (rows[0]["q1_deg"] == "") == (status == 1)
 
 
+def test_one_load_that_the_recording_does_not_state_is_its_load_and_counts_as_uncertain(
+    workbench, tmp_path
+):
+    elastic(tmp_path / "arm", fitted_range=RANGE)
+    targets = ("0,10,10,0,30,0", "5,15,10,0,40,0")
+    without, rows, _ = answer_of(
+        workbench, tmp_path, "\n".join((JOINTS, *targets)) + "\n", status=0
+    )
+    loaded = [f"{JOINTS},payload_kg", *(f"{target},3" for target in targets)]
+    answer, same, _ = answer_of(workbench, tmp_path, "\n".join(loaded) + "\n", status=0)
+    for one, other in zip(rows, same):
+        assert one["q2_deg"] == other["q2_deg"]
+        assert float(other["sigma_mm"]) > 0.1 > float(one["sigma_mm"])
+    assert "states none: it is taken to have been made with the same load" in str(
+        answer["warnings"]
+    )
+    answer, _, _ = answer_of(workbench, tmp_path, "\n".join(loaded) + "\n", "--max-sigma-mm", "0.1")
+    assert len(answer["refused"]) == 2
+
+
+def test_different_loads_are_refused_where_the_recording_states_none(workbench, tmp_path):
+    elastic(tmp_path / "arm", fitted_range=RANGE)
+    text = f"{JOINTS},payload_kg\n0,10,10,0,30,0,0\n5,15,10,0,40,0,3\n"
+    answer, _, _ = answer_of(workbench, tmp_path, text)
+    assert [one["row"] for one in answer["refused"]] == [2]
+    assert "deflects the arm, and the recording states no load" in answer["refused"][0]["why"]
+
+
 @pytest.mark.parametrize("cell", ["-1", "nan", "inf", "-inf"])
 def test_a_load_that_cannot_be_is_a_sentence(workbench, tmp_path, cell):
     elastic(tmp_path / "arm")

@@ -1,5 +1,7 @@
 """Corrections of arms that cannot move their tool in all six directions: position first, then orientation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -161,3 +163,18 @@ def test_an_arm_on_a_track_slides_rather_than_turns_far():
     assert made.reached.all()
     turned = np.rad2deg(np.abs(made.readings - aligned - scatter)[:, 1:])
     assert turned.max() < 2.0
+
+
+def test_a_joint_that_a_linkage_moves_is_held():
+    """The hand of a palletiser has a reading in the file and no drive: it stayed at 0 throughout the recording."""
+    joints = [*PALLETISER["joint"][:3], _joint(80, -90), _joint(d=120)]
+    joints[3] = joints[3] | {"coupled": {"joint": 3, "ratio": -1.0}}
+    arm = calibrated(PALLETISER | {"joint": joints})
+    still = {"q4_deg": (0.0, 0.0)}
+    assert Task.of(arm.robot, arm.values).ranks == (3, 2)
+    assert Task.of(arm.robot, arm.values, still).ranks == (3, 1)
+    readings = bent(arm) * [1, 1, 1, 0, 1]
+    free = compensate(arm, readings)
+    held = compensate(replace(arm, fitted_range=still), readings)
+    assert held.reached.all() and (held.readings[:, 3] == 0).all()
+    assert held.position_left_mm.max() < 1e-3 and (free.readings[:, 3] != 0).all()

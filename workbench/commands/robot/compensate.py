@@ -111,6 +111,7 @@ def command(
             judge_targets,
         )
         from workbench.jobs.robot.compensation.switched_off import switched_off_warning
+        from workbench.jobs.robot.compensation.unrecorded_load import with_unknown_load
         from workbench.machine.progress import paced
 
         tolerances = parse_tolerances(tolerance)
@@ -123,6 +124,7 @@ def command(
         found = compensate(
             arm, programme.readings, programme.poses, covariates, programme.anywhere, tick
         )
+        found = with_unknown_load(arm, programme, found, covariates)
         judged = judge_targets(arm, programme, found, limits)
         refused, forced = ({}, judged.refused) if force else (judged.refused, {})
         notes = [*stated, *judged.warnings, *_changes(arm, programme, found), *_forced(forced)]

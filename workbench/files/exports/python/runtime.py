@@ -72,8 +72,8 @@ class CorrectedArm:
             fields[name] = np.array(fields[name])
         for name in ("limits", "gear_ratio"):
             fields[name] = np.array(fields[name], float)  # None is nan: unknown
-        if fields["coupling"] is not None:
-            fields["coupling"] = np.array(fields["coupling"])
+        coupling = fields["coupling"]  # None is nan: every drive moves its own joint alone
+        fields["coupling"] = np.array(coupling) if isinstance(coupling, list) else None
         self.robot = Robot(**fields)
         self.values = data["values"]
         self.load_centre = np.array(data["load_centre"], float)

@@ -25,6 +25,13 @@ from workbench.jobs.robot.compensation.compensate import (
 )
 from workbench.jobs.robot.compensation.revolutions import recorded_middle
 from workbench.jobs.robot.compensation.singularity import reading_words, singular_joint
+from workbench.jobs.robot.compensation.unrecorded_load import (
+    LOAD,
+    deflection_mm,
+    is_load_unrecorded,
+    only_stated_load,
+    unknown_load_words,
+)
 
 _CORRECT_THE_INPUT = "correct the recording or the robot file and calibrate again, or add --force"
 _NOMINAL_SUFFICES = (
@@ -46,7 +53,6 @@ _NEAR, _FAR = 0.1, 1.0
 _LEAST_TURN, _LEAST_SLIDE = np.deg2rad(10.0), 100.0
 LARGEST_JOINT_DEG = 10.0
 """Change of a joint angle by a correction of at most one degree: ten times as much is a nearly singular posture."""
-_LOAD = "payload_kg"
 # postures (rad about the middle of the recorded readings) at which a load must move the flange, and by how much
 _POSTURES, _LEAST_MM = 9, 1e-3
 _NAMED_TARGETS = 6
@@ -200,13 +206,13 @@ def covariates_of(arm: CalibratedArm, programme) -> Mapping[str, np.ndarray]:
     """The columns of a programme that the model may read: those that the recording of the calibration had.
 
     A model that was fitted with a temperature takes hours where it finds none, and the reverse; so a column that it
-    reads must be there; a target has no history, so that sides of approach may be left out. Raises InputError where one
-    is not.
+    reads must be there; a target has no history, so that sides of approach may be left out. A load that only the
+    targets state, the same for all, is that of the recording. Raises InputError where a column is missing.
     """
     if arm.fitted_range is None:
         return programme.covariates
     sides = set(approaches_read(arm.acting_effects))
-    needed = covariates_read(arm) | ({_LOAD} if _reads_load(arm) else set())
+    needed = covariates_read(arm) | ({LOAD} if _reads_load(arm) else set())
     for name in sorted(needed - set(programme.covariates) - sides):
         low, high = arm.fitted_range[name]
         raise complaint(
@@ -215,19 +221,21 @@ def covariates_of(arm: CalibratedArm, programme) -> Mapping[str, np.ndarray]:
             "no such column",
             "add it with the values that hold when the programme runs",
         )
-    known = {*arm.fitted_range, *sides, _LOAD}
+    known = {*arm.fitted_range, *sides, LOAD}
+    if only_stated_load(arm, programme):
+        known.remove(LOAD)
     return {name: values for name, values in programme.covariates.items() if name in known}
 
 
 def _reads_load(arm: CalibratedArm) -> bool:
     """Whether the recorded load moves the flange: without the column a target would count as unloaded."""
-    load = max(arm.fitted_range.get(_LOAD, (0.0, 0.0)))
+    load = max(arm.fitted_range.get(LOAD, (0.0, 0.0)))
     if not load or not any(effect.elastic for effect in arm.acting_effects):
         return False
     middle = {name: sum(ends) / 2 for name, ends in arm.fitted_range.items()}
     readings = recorded_middle(arm) + np.linspace(-0.5, 0.5, _POSTURES)[:, None]
     loaded, unloaded = (
-        actual_poses(arm, readings, middle | {_LOAD: mass})[:, :3, 3] for mass in (load, 0.0)
+        actual_poses(arm, readings, middle | {LOAD: mass})[:, :3, 3] for mass in (load, 0.0)
     )
     return bool(np.abs(loaded - unloaded).max() > _LEAST_MM)
 
@@ -242,10 +250,16 @@ def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judge
     def refuse(row, reason):
         refused.setdefault(int(row), []).append(reason)
 
+    shift = deflection_mm(arm, programme, found, covariates_of(arm, programme))
+    sigma = found.sigma_mm
+    if (
+        limits.sigma_mm is None
+    ):  # of a load that may be another one, the user is told: it condemns no single target
+        sigma = np.sqrt(np.maximum(sigma**2 - shift**2, 0.0))
     for words, values, largest, unit in (
         ("its correction", found.position_mm, limits.correction_mm, "mm"),
         ("its correction", found.rotation_deg, limits.correction_deg, "deg"),
-        ("the standard uncertainty", found.sigma_mm, limits.largest_sigma_mm(arm), "mm"),
+        ("the standard uncertainty", sigma, limits.largest_sigma_mm(arm), "mm"),
     ):
         for row in np.flatnonzero(found.reached & ~(values <= largest)):
             refuse(row, f"{words} of {values[row]:.3g} {unit} exceeds {largest:.3g} {unit}")
@@ -266,7 +280,8 @@ def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judge
         *_worst_assumed(arm, programme),
         *_unknown_sides(arm, programme, found),
     ]
-    for covered in _coverages(arm, programme, found):
+    warnings += unknown_load_words(arm, programme, shift)
+    for covered in _coverages(arm, programme, found, bool(shift.any())):
         is_refused = found.reached & (covered.outside > _FAR) & covered.is_read
         for row in np.flatnonzero(is_refused):
             refuse(row, covered.reason(row))
@@ -369,8 +384,14 @@ class _Coverage:
     unit: str
     outside: np.ndarray
     is_read: bool
+    is_recorded: bool = True
 
     def reason(self, k: int) -> str:
+        if not self.is_recorded:
+            return (
+                f"{self.name} of {self.values[k]:.4g} {self.unit} deflects the arm, and the recording states no load; "
+                f"add the column {LOAD} to the recording and calibrate again"
+            )
         return f"{self.name} of {self.values[k]:.4g} {self.unit} is far outside {self._range()}, which was recorded"
 
     def warning(self, rows: np.ndarray) -> list[str]:
@@ -393,11 +414,12 @@ class _Coverage:
         return f"{self.low:.4g} to {self.high:.4g} {self.unit}".strip()
 
 
-def _coverages(arm: CalibratedArm, programme, found) -> list[_Coverage]:
+def _coverages(arm: CalibratedArm, programme, found, is_load_uncertain: bool) -> list[_Coverage]:
+    """is_load_uncertain: the uncertainty contains what the load of the targets may deflect."""
     if arm.fitted_range is None:
         return []
     return [
-        _load(arm, programme, len(found.reached)),
+        *([] if is_load_uncertain else [_load(arm, programme, len(found.reached))]),
         *_other_covariates(arm, programme),
         *_joints(arm, found),
     ]
@@ -406,11 +428,14 @@ def _coverages(arm: CalibratedArm, programme, found) -> list[_Coverage]:
 def _load(arm, programme, n) -> _Coverage:
     """The whole load on the flange: that of the empty tool is part of what bends the arm."""
     tool = arm.robot.payload_mass
-    low, high = (tool + value for value in arm.fitted_range.get(_LOAD, (0.0, 0.0)))
-    values = tool + programme.covariates.get(_LOAD, np.zeros(n))
+    low, high = (tool + value for value in arm.fitted_range.get(LOAD, (0.0, 0.0)))
+    values = tool + programme.covariates.get(LOAD, np.zeros(n))
     is_read = any(effect.elastic for effect in arm.acting_effects)
     outside = _outside(values, low, high, max(high - low, high))
-    return _Coverage("the load on the flange", values, low, high, "kg", outside, is_read)
+    is_recorded = not is_load_unrecorded(arm)
+    return _Coverage(
+        "the load on the flange", values, low, high, "kg", outside, is_read, is_recorded
+    )
 
 
 def _other_covariates(arm, programme):
@@ -418,7 +443,7 @@ def _other_covariates(arm, programme):
     for name, (low, high) in arm.fitted_range.items():
         values = programme.covariates.get(name)
         is_temperature = Covariate.of(name).kind == "temperature"
-        if name == _LOAD or values is None or not (name in read or is_temperature):
+        if name == LOAD or values is None or not (name in read or is_temperature):
             continue
         outside = _outside(values, low, high, high - low)
         yield _Coverage(name, values, low, high, "", outside, name in read)

@@ -33,7 +33,8 @@ def extrapolation_mm(model: Model, parameters: Parameters, arm: CalibratedArm) -
 def recorded_variables(arm: CalibratedArm) -> dict[str, tuple[float, float]]:
     """Joint variable (`q2`, rad or mm) -> lowest and highest recorded value.
 
-    That of the joint's own drive. Without the joints whose drive combines several readings, and empty where the solution states no ranges.
+    That of the joint's own drive, without drives that combine several readings. Empty where
+    the solution states no ranges.
     """
     recorded = arm.fitted_range or {}
     slides = sliding(arm.robot)

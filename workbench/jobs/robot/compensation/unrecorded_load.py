@@ -1,0 +1,60 @@
+"""Targets that state a load, of an arm whose recording states none: the load of the calibration is then not known."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from workbench.files.solution_file import CalibratedArm
+from workbench.jobs.robot.compensation.compensate import Compensated, actual_poses
+
+LOAD = "payload_kg"
+_LEAST_MM = 1e-6  # below it nothing deflects
+
+
+def is_load_unrecorded(arm: CalibratedArm) -> bool:
+    """Whether neither recording nor robot file states what was on the flange; False where ranges are not known."""
+    is_stated = arm.fitted_range is None or LOAD in arm.fitted_range
+    return not is_stated and not arm.robot.payload_mass
+
+
+def only_stated_load(arm: CalibratedArm, programme) -> float:
+    """The load (kg) that all targets of a programme state and the recording does not; 0 where there is none.
+
+    It is taken to be the load of the recording, which the estimated parameters contain.
+    """
+    loads = np.unique(programme.covariates.get(LOAD, 0.0))
+    return float(loads[0]) if is_load_unrecorded(arm) and len(loads) == 1 else 0.0
+
+
+def with_unknown_load(arm: CalibratedArm, programme, found: Compensated, covariates) -> Compensated:
+    """The corrections with the deflection by a load that the recording may have been made without, in `sigma_mm`."""
+    shift = deflection_mm(arm, programme, found, covariates)
+    return replace(
+        found,
+        sigma_mm=np.hypot(found.sigma_mm, shift),
+        uncertainty_mm=np.hypot(found.uncertainty_mm, shift),
+    )
+
+
+def deflection_mm(arm: CalibratedArm, programme, found: Compensated, covariates) -> np.ndarray:
+    """(n,) mm: how far the load that only the targets state moves the flange; 0 where the model cannot tell."""
+    load = only_stated_load(arm, programme)
+    readings = np.nan_to_num(found.readings)
+    if not load:
+        return np.zeros(len(readings))
+    loads = (np.zeros(len(readings)), np.full(len(readings), load))
+    ends = [actual_poses(arm, readings, {**covariates, LOAD: mass}) for mass in loads]
+    shift = np.linalg.norm(ends[1][:, :3, 3] - ends[0][:, :3, 3], axis=1)
+    return np.where(shift > _LEAST_MM, shift, 0.0)
+
+
+def unknown_load_words(arm: CalibratedArm, programme, shift: np.ndarray) -> list[str]:
+    """What is to be said of a load that only the targets state; shift (n,): of `deflection_mm`."""
+    if not shift.any():
+        return []
+    load = only_stated_load(arm, programme)
+    return [
+        f"The targets state a load of {load:.4g} kg, and the recording of the calibration states none: it is taken to "
+        f"have been made with the same load. If it was not, the load moves the flange by up to {shift.max():.2g} mm, "
+        f"which sigma_mm contains. Add the column {LOAD} to the recording and calibrate again."
+    ]
