@@ -103,7 +103,6 @@ def command(
         from workbench.files.solution_file import read_solution, without_terms
         from workbench.files.targets import as_csv, corrected_columns, doubts
         from workbench.fitting.verdicts.verdict import parse_tolerances
-        from workbench.jobs.robot.compensation.compensate import compensate
         from workbench.jobs.robot.compensation.correction_limits import (
             Limits,
             checked,
@@ -111,7 +110,7 @@ def command(
             judge_targets,
         )
         from workbench.jobs.robot.compensation.switched_off import switched_off_warning
-        from workbench.jobs.robot.compensation.unrecorded_load import with_unknown_load
+        from workbench.jobs.robot.compensation.unrecorded_load import compensate_programme
         from workbench.machine.progress import paced
 
         tolerances = parse_tolerances(tolerance)
@@ -121,10 +120,7 @@ def command(
         programme, stated = _read_targets(arm, targets, map, start, force)
         covariates = covariates_of(arm, programme)
         tick = paced(say, f"inverting the model at {len(programme.readings)} targets, step")
-        found = compensate(
-            arm, programme.readings, programme.poses, covariates, programme.anywhere, tick
-        )
-        found = with_unknown_load(arm, programme, found, covariates)
+        found = compensate_programme(arm, programme, covariates, tick)
         judged = judge_targets(arm, programme, found, limits)
         refused, forced = ({}, judged.refused) if force else (judged.refused, {})
         notes = [*stated, *judged.warnings, *_changes(arm, programme, found), *_forced(forced)]

@@ -217,7 +217,6 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
     from workbench.files.exports.check import check_program
     from workbench.files.exports.programs import Program, program_text
     from workbench.files.targets import read_programme
-    from workbench.jobs.robot.compensation.compensate import compensate
     from workbench.jobs.robot.compensation.correction_limits import (
         Limits,
         covariates_of,
@@ -225,7 +224,7 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
     )
     from workbench.jobs.robot.compensation.stated_configuration import configured
     from workbench.jobs.robot.compensation.target_units import check_units
-    from workbench.jobs.robot.compensation.unrecorded_load import with_unknown_load
+    from workbench.jobs.robot.compensation.unrecorded_load import compensate_programme
     from workbench.jobs.robot.session_clock import targets_on_session_clock
 
     programme = read_programme(options.targets, arm.robot, options.map)
@@ -234,8 +233,7 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
     programme, late = targets_on_session_clock(arm, programme)
     programme, said = configured(programme, arm, options.start)
     covariates = covariates_of(arm, programme)
-    found = compensate(arm, programme.readings, programme.poses, covariates, programme.anywhere)
-    found = with_unknown_load(arm, programme, found, covariates)
+    found = compensate_programme(arm, programme, covariates)
     refused = {} if options.force else judge_targets(arm, programme, found, Limits()).refused
     for k in (~found.reached).nonzero()[0]:
         unattainable = f"it is not attainable with {arm.robot.mixing.shape[1]} joints"

@@ -254,7 +254,7 @@ def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judge
     sigma = found.sigma_mm
     if (
         limits.sigma_mm is None
-    ):  # of a load that may be another one, the user is told: it condemns no single target
+    ):  # a warning states what another load would do: no single target is at fault
         sigma = np.sqrt(np.maximum(sigma**2 - shift**2, 0.0))
     for words, values, largest, unit in (
         ("its correction", found.position_mm, limits.correction_mm, "mm"),

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from workbench.files.solution_file import CalibratedArm
-from workbench.jobs.robot.compensation.compensate import Compensated, actual_poses
+from workbench.jobs.robot.compensation.compensate import Compensated, actual_poses, compensate
 
 LOAD = "payload_kg"
 _LEAST_MM = 1e-6  # below it nothing deflects
@@ -26,8 +26,15 @@ def only_stated_load(arm: CalibratedArm, programme) -> float:
     return float(loads[0]) if is_load_unrecorded(arm) and len(loads) == 1 else 0.0
 
 
-def with_unknown_load(arm: CalibratedArm, programme, found: Compensated, covariates) -> Compensated:
-    """The corrections with the deflection by a load that the recording may have been made without, in `sigma_mm`."""
+def compensate_programme(arm: CalibratedArm, programme, covariates, progress=None) -> Compensated:
+    """The corrections of a programme; a load that the recording may have been made without counts in `sigma_mm`.
+
+    programme: `workbench.files.targets.Programme`; covariates, progress: as of `compensate`.
+    """
+    more = {} if progress is None else {"progress": progress}
+    found = compensate(
+        arm, programme.readings, programme.poses, covariates, programme.anywhere, **more
+    )
     shift = deflection_mm(arm, programme, found, covariates)
     return replace(
         found,
